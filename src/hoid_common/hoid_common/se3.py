@@ -1,0 +1,115 @@
+"""Rigid transforms as (..., 4, 4) arrays; twists are (..., 6), rotation first (rad), then translation (m).
+
+Formulas: Barfoot, State Estimation for Robotics, ch. 7; all functions take whole arrays.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.values import FloatArray
+
+_SMALL_ANGLE_RAD = 1e-6
+
+
+def hat(w: FloatArray) -> FloatArray:
+    """Return the (..., 3, 3) skew matrices of (..., 3) vectors: hat(w) @ x = cross(w, x)."""
+    out = np.zeros((*w.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = w[..., 2], -w[..., 1], w[..., 0]
+    return out
+
+
+def exp(twist: FloatArray) -> FloatArray:
+    """Return the transforms (..., 4, 4) of twists (..., 6) = (rotation vector, translation part)."""
+    w, v = twist[..., :3], twist[..., 3:]
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    small = angle < _SMALL_ANGLE_RAD
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1.0 - angle**2 / 6, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    c = np.where(small, 1 / 6 - angle**2 / 120, (1 - a) / safe**2)
+    W = hat(w)
+    W2 = W @ W
+    T = np.zeros((*twist.shape[:-1], 4, 4))
+    T[..., :3, :3] = np.eye(3) + a * W + b * W2
+    T[..., :3, 3] = ((np.eye(3) + b * W + c * W2) @ v[..., None])[..., 0]
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def log(T: FloatArray) -> FloatArray:
+    """Return the twists (..., 6) of transforms (..., 4, 4); the rotation angle is in [0, pi]."""
+    quat = quat_xyzw_from_rotation(T[..., :3, :3])
+    quat = quat * np.where(quat[..., 3:] < 0, -1.0, 1.0)
+    sine = np.linalg.norm(quat[..., :3], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, quat[..., 3:])
+    small = sine < _SMALL_ANGLE_RAD
+    w = quat[..., :3] * np.where(small, 2.0, angle / np.where(small, 1.0, sine))
+    half = np.where(small, 1.0, 0.5 * angle)[..., None]
+    k = np.where(
+        small[..., None],
+        1 / 12,
+        (1 - half / np.tan(np.where(small[..., None], 1.0, half))) / np.where(small, 1.0, angle)[..., None] ** 2,
+    )
+    W = hat(w)
+    V_inv = np.eye(3) - 0.5 * W + k * (W @ W)
+    return np.concatenate([w, (V_inv @ T[..., :3, 3, None])[..., 0]], axis=-1)
+
+
+def inverse(T: FloatArray) -> FloatArray:
+    """Return the inverse transforms of (..., 4, 4)."""
+    out = np.zeros_like(T)
+    R_t = np.swapaxes(T[..., :3, :3], -1, -2)
+    out[..., :3, :3] = R_t
+    out[..., :3, 3] = -(R_t @ T[..., :3, 3, None])[..., 0]
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def transform(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
+    """Return (N, 3) points of frame b in frame a."""
+    return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def orthonormalized(T: FloatArray) -> FloatArray:
+    """Return (4, 4) with the rotation projected to SO(3); chained products drift without it."""
+    u, _, vt = np.linalg.svd(T[:3, :3])
+    out = T.copy()
+    out[:3, :3] = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    return out
+
+
+def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
+    """Return unit quaternions (..., 4), order x y z w, of rotations (..., 3, 3) (Shepperd's method)."""
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    diag = np.stack([R[..., 0, 0], R[..., 1, 1], R[..., 2, 2], trace], axis=-1)
+    choice = np.argmax(diag, axis=-1)
+    m = R
+    x = np.stack([1 + 2 * m[..., 0, 0] - trace, m[..., 1, 0] + m[..., 0, 1],
+                  m[..., 2, 0] + m[..., 0, 2], m[..., 2, 1] - m[..., 1, 2]], axis=-1)
+    y = np.stack([m[..., 1, 0] + m[..., 0, 1], 1 + 2 * m[..., 1, 1] - trace,
+                  m[..., 2, 1] + m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]], axis=-1)
+    z = np.stack([m[..., 2, 0] + m[..., 0, 2], m[..., 2, 1] + m[..., 1, 2],
+                  1 + 2 * m[..., 2, 2] - trace, m[..., 1, 0] - m[..., 0, 1]], axis=-1)
+    w = np.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0],
+                  m[..., 1, 0] - m[..., 0, 1], 1 + trace], axis=-1)
+    candidates = np.stack([x, y, z, w], axis=-2)
+    quat = np.take_along_axis(candidates, choice[..., None, None], axis=-2)[..., 0, :]
+    return quat / np.linalg.norm(quat, axis=-1, keepdims=True)
+
+
+def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
+    """Return rotations (..., 3, 3) of quaternions (..., 4) of any non-zero norm."""
+    q = quat_xyzw / np.linalg.norm(quat_xyzw, axis=-1, keepdims=True)
+    V = hat(q[..., :3])
+    return np.eye(3) + 2 * q[..., 3, None, None] * V + 2 * (V @ V)
+
+
+def from_quat_translation(quat_xyzw: FloatArray, translation_m: FloatArray) -> FloatArray:
+    """Return transforms (..., 4, 4)."""
+    T = np.zeros((*quat_xyzw.shape[:-1], 4, 4))
+    T[..., :3, :3] = rotation_from_quat_xyzw(quat_xyzw)
+    T[..., :3, 3] = translation_m
+    T[..., 3, 3] = 1.0
+    return T

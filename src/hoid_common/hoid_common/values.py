@@ -1,0 +1,195 @@
+"""The values that stages hand to each other. They know no ROS; `hoid_common.ros.conversions` maps them to messages.
+
+Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are `(u, v)` with
+the origin at the centre of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2, y2 exclusive;
+stamps are integer nanoseconds. Index letters: i frame or keyframe, j map point, k feature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.errors import ConfigError, MessageError
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+ByteArray = NDArray[np.uint8]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+DESCRIPTOR_BYTES = 32
+PERSON = 'person'
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A pinhole camera with plumb-bob distortion, the model of sensor_msgs/CameraInfo.
+
+    Args:
+        distortion: k1, k2, p1, p2, k3 (OpenCV order); empty or all zero for a rectified camera.
+    """
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.fx_px, self.fy_px]).all() and min(self.fx_px, self.fy_px) > 0):
+            raise ConfigError(f'camera focal lengths must be positive, got fx={self.fx_px} fy={self.fy_px}')
+        if min(self.width_px, self.height_px) <= 0:
+            raise ConfigError(f'camera size must be positive, got {self.width_px}x{self.height_px}')
+
+    @cached_property
+    def matrix(self) -> FloatArray:
+        """Return K, (3, 3)."""
+        return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1.0]])
+
+    def undistort_px(self, uv_px: Float32Array) -> Float32Array:
+        """Return the (N, 2) pixels where a distortion-free camera with the same K sees the given ones."""
+        if not any(self.distortion) or len(uv_px) == 0:
+            return uv_px
+        out = cv2.undistortPoints(
+            uv_px.reshape(-1, 1, 2), self.matrix, np.array(self.distortion), P=self.matrix
+        )
+        return out.reshape(-1, 2).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class RgbdFrame:
+    """One colour image and the depth image registered to it."""
+
+    stamp_ns: int  # of the colour image
+    image_bgr: ByteArray  # (H, W, 3)
+    depth_m: Float32Array  # (H, W); 0 = no reading
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """What a detector saw in one image."""
+
+    stamp_ns: int  # of the image
+    boxes_xyxy_px: Float32Array  # (N, 4)
+    class_names: tuple[str, ...]  # N
+    scores: Float32Array  # (N,) in [0, 1]
+
+    def __post_init__(self) -> None:
+        n = len(self.class_names)
+        if self.boxes_xyxy_px.shape != (n, 4) or self.scores.shape != (n,):
+            raise MessageError(
+                f'detections: {n} classes, boxes {self.boxes_xyxy_px.shape}, scores {self.scores.shape} disagree'
+            )
+
+    def __len__(self) -> int:
+        return len(self.class_names)
+
+    @staticmethod
+    def none(stamp_ns: int) -> Detections:
+        """Return an empty set of detections."""
+        return Detections(stamp_ns, np.empty((0, 4), np.float32), (), np.empty(0, np.float32))
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """ORB features of one image, as structure of arrays; pixels are as imaged (not undistorted)."""
+
+    stamp_ns: int
+    uv_px: Float32Array  # (N, 2), level-0 pixels
+    depth_m: Float32Array  # (N,); 0 = no reading
+    octave: ByteArray  # (N,)
+    angle_deg: Float32Array  # (N,) in [0, 360)
+    response: Float32Array  # (N,)
+    descriptors: ByteArray  # (N, 32)
+    may_seed: BoolArray  # (N,); False near a mask's edge: good for tracking, not for new map points
+
+    def __post_init__(self) -> None:
+        n = len(self.octave)
+        shapes = {
+            'uv_px': (self.uv_px.shape, (n, 2)),
+            'depth_m': (self.depth_m.shape, (n,)),
+            'angle_deg': (self.angle_deg.shape, (n,)),
+            'response': (self.response.shape, (n,)),
+            'descriptors': (self.descriptors.shape, (n, DESCRIPTOR_BYTES)),
+            'may_seed': (self.may_seed.shape, (n,)),
+        }
+        for name, (got, want) in shapes.items():
+            if got != want:
+                raise MessageError(f'features: {name} has shape {got}, expected {want}')
+
+    def __len__(self) -> int:
+        return len(self.octave)
+
+    def select(self, keep: BoolArray | IntArray) -> Features:
+        """Return the features at a (N,) mask or list of indices."""
+        return Features(
+            self.stamp_ns,
+            self.uv_px[keep],
+            self.depth_m[keep],
+            self.octave[keep],
+            self.angle_deg[keep],
+            self.response[keep],
+            self.descriptors[keep],
+            self.may_seed[keep],
+        )
+
+
+class Reason(Enum):
+    """Why an object counts as dynamic (or does not); the values are those of hoid_msgs/DynamicObject."""
+
+    STATIC = 0
+    PERSON = 1
+    HANDLED = 2
+    PREDICTED = 3
+    REMEMBERED = 4
+
+
+@dataclass(frozen=True)
+class DynamicObject:
+    """One detected or predicted object and the filter's verdict on it."""
+
+    class_name: str
+    box_xyxy_px: tuple[float, float, float, float]
+    score: float
+    track_id: int  # -1 when the strategy does not track
+    reason: Reason
+    overlap_ratio: float = 0.0  # shared area / own area, over the people in view; in [0, 1]
+    depth_gap_m: float = float('nan')  # |object - person| at the sample boxes; NaN when unknown
+    center_camera_m: tuple[float, float, float] = (float('nan'),) * 3  # NaN when depth does not allow
+    size_m: tuple[float, float] = (float('nan'),) * 2  # width, height at that depth
+
+    @property
+    def is_dynamic(self) -> bool:
+        """Return whether features on the object are dropped."""
+        return self.reason is not Reason.STATIC
+
+
+@dataclass(frozen=True, eq=False)
+class FilterResult:
+    """What the filter makes of one frame."""
+
+    features: Features  # kept
+    objects: tuple[DynamicObject, ...]
+    removed_uv_px: Float32Array  # (M, 2), dropped features, for pictures
+    num_features_in: int
+    num_removed: int
+    stage_ms: dict[str, float] = field(default_factory=dict)  # 'extract', 'filter'
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses of the camera's optical frame in a fixed frame, in order of time."""
+
+    stamps_ns: IntArray  # (N,)
+    T_world_camera: FloatArray  # (N, 4, 4)
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
