@@ -89,12 +89,18 @@ def _check(owner: str, f: Field[Any], value: Any) -> None:
     default = f.default if f.default is not MISSING else value
     if type(value) is int and isinstance(default, float):
         value = float(value)
-    if not isinstance(value, type(default)) or isinstance(value, bool) != isinstance(default, bool):
+    if not isinstance(value, type(default)) or isinstance(value, bool) != isinstance(
+        default, bool
+    ):
         raise ConfigError(f'{owner}.{f.name} must be {type(default).__name__}, got {value!r}')
     if spec.choices and value not in spec.choices:
-        raise ConfigError(f'{owner}.{f.name} must be one of {", ".join(spec.choices)}, got {value!r}')
+        raise ConfigError(
+            f'{owner}.{f.name} must be one of {", ".join(spec.choices)}, got {value!r}'
+        )
     if isinstance(value, int | float) and not isinstance(value, bool):
         low = spec.minimum is None or value >= spec.minimum
         high = spec.maximum is None or value <= spec.maximum
         if not (low and high):  # also refuses NaN
-            raise ConfigError(f'{owner}.{f.name} must be in [{spec.minimum}, {spec.maximum}], got {value}')
+            raise ConfigError(
+                f'{owner}.{f.name} must be in [{spec.minimum}, {spec.maximum}], got {value}'
+            )

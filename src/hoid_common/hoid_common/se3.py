@@ -50,7 +50,8 @@ def log(T: FloatArray) -> FloatArray:
     k = np.where(
         small[..., None],
         1 / 12,
-        (1 - half / np.tan(np.where(small[..., None], 1.0, half))) / np.where(small, 1.0, angle)[..., None] ** 2,
+        (1 - half / np.tan(np.where(small[..., None], 1.0, half)))
+        / np.where(small, 1.0, angle)[..., None] ** 2,
     )
     W = hat(w)
     V_inv = np.eye(3) - 0.5 * W + k * (W @ W)
@@ -86,24 +87,52 @@ def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
     diag = np.stack([R[..., 0, 0], R[..., 1, 1], R[..., 2, 2], trace], axis=-1)
     choice = np.argmax(diag, axis=-1)
     m = R
-    x = np.stack([1 + 2 * m[..., 0, 0] - trace, m[..., 1, 0] + m[..., 0, 1],
-                  m[..., 2, 0] + m[..., 0, 2], m[..., 2, 1] - m[..., 1, 2]], axis=-1)
-    y = np.stack([m[..., 1, 0] + m[..., 0, 1], 1 + 2 * m[..., 1, 1] - trace,
-                  m[..., 2, 1] + m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]], axis=-1)
-    z = np.stack([m[..., 2, 0] + m[..., 0, 2], m[..., 2, 1] + m[..., 1, 2],
-                  1 + 2 * m[..., 2, 2] - trace, m[..., 1, 0] - m[..., 0, 1]], axis=-1)
-    w = np.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0],
-                  m[..., 1, 0] - m[..., 0, 1], 1 + trace], axis=-1)
+    x = np.stack(
+        [
+            1 + 2 * m[..., 0, 0] - trace,
+            m[..., 1, 0] + m[..., 0, 1],
+            m[..., 2, 0] + m[..., 0, 2],
+            m[..., 2, 1] - m[..., 1, 2],
+        ],
+        axis=-1,
+    )
+    y = np.stack(
+        [
+            m[..., 1, 0] + m[..., 0, 1],
+            1 + 2 * m[..., 1, 1] - trace,
+            m[..., 2, 1] + m[..., 1, 2],
+            m[..., 0, 2] - m[..., 2, 0],
+        ],
+        axis=-1,
+    )
+    z = np.stack(
+        [
+            m[..., 2, 0] + m[..., 0, 2],
+            m[..., 2, 1] + m[..., 1, 2],
+            1 + 2 * m[..., 2, 2] - trace,
+            m[..., 1, 0] - m[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    w = np.stack(
+        [
+            m[..., 2, 1] - m[..., 1, 2],
+            m[..., 0, 2] - m[..., 2, 0],
+            m[..., 1, 0] - m[..., 0, 1],
+            1 + trace,
+        ],
+        axis=-1,
+    )
     candidates = np.stack([x, y, z, w], axis=-2)
     quat = np.take_along_axis(candidates, choice[..., None, None], axis=-2)[..., 0, :]
-    return quat / np.linalg.norm(quat, axis=-1, keepdims=True)
+    return np.asarray(quat / np.linalg.norm(quat, axis=-1, keepdims=True))
 
 
 def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
     """Return rotations (..., 3, 3) of quaternions (..., 4) of any non-zero norm."""
     q = quat_xyzw / np.linalg.norm(quat_xyzw, axis=-1, keepdims=True)
     V = hat(q[..., :3])
-    return np.eye(3) + 2 * q[..., 3, None, None] * V + 2 * (V @ V)
+    return np.asarray(np.eye(3) + 2 * q[..., 3, None, None] * V + 2 * (V @ V))
 
 
 def from_quat_translation(quat_xyzw: FloatArray, translation_m: FloatArray) -> FloatArray:

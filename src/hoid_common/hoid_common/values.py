@@ -45,9 +45,13 @@ class CameraModel:
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.fx_px, self.fy_px]).all() and min(self.fx_px, self.fy_px) > 0):
-            raise ConfigError(f'camera focal lengths must be positive, got fx={self.fx_px} fy={self.fy_px}')
+            raise ConfigError(
+                f'camera focal lengths must be positive, got fx={self.fx_px} fy={self.fy_px}'
+            )
         if min(self.width_px, self.height_px) <= 0:
-            raise ConfigError(f'camera size must be positive, got {self.width_px}x{self.height_px}')
+            raise ConfigError(
+                f'camera size must be positive, got {self.width_px}x{self.height_px}'
+            )
 
     @cached_property
     def matrix(self) -> FloatArray:
@@ -61,7 +65,18 @@ class CameraModel:
         out = cv2.undistortPoints(
             uv_px.reshape(-1, 1, 2), self.matrix, np.array(self.distortion), P=self.matrix
         )
-        return out.reshape(-1, 2).astype(np.float32)
+        return np.asarray(out.reshape(-1, 2), np.float32)
+
+    def project_px(self, points_camera_m: FloatArray) -> FloatArray:
+        """Return the (N, 2) pixels, distortion included, of (N, 3) points with z > 0 in the optical frame."""
+        if any(self.distortion) and len(points_camera_m):
+            zero = np.zeros(3)
+            uv, _ = cv2.projectPoints(
+                points_camera_m, zero, zero, self.matrix, np.array(self.distortion)
+            )
+            return np.asarray(uv.reshape(-1, 2), np.float64)
+        xy = points_camera_m[:, :2] / points_camera_m[:, 2:]
+        return xy * (self.fx_px, self.fy_px) + (self.cx_px, self.cy_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +124,9 @@ class Features:
     angle_deg: Float32Array  # (N,) in [0, 360)
     response: Float32Array  # (N,)
     descriptors: ByteArray  # (N, 32)
-    may_seed: BoolArray  # (N,); False near a mask's edge: good for tracking, not for new map points
+    may_seed: (
+        BoolArray  # (N,); False near a mask's edge: good for tracking, not for new map points
+    )
 
     def __post_init__(self) -> None:
         n = len(self.octave)
@@ -163,7 +180,9 @@ class DynamicObject:
     reason: Reason
     overlap_ratio: float = 0.0  # shared area / own area, over the people in view; in [0, 1]
     depth_gap_m: float = float('nan')  # |object - person| at the sample boxes; NaN when unknown
-    center_camera_m: tuple[float, float, float] = (float('nan'),) * 3  # NaN when depth does not allow
+    center_camera_m: tuple[float, float, float] = (
+        float('nan'),
+    ) * 3  # NaN when depth does not allow
     size_m: tuple[float, float] = (float('nan'),) * 2  # width, height at that depth
 
     @property

@@ -1,0 +1,1 @@
+"""Dense map of the static room: coloured voxels, floor, navigation grid, export."""

@@ -1,0 +1,68 @@
+"""Occupancy grid for navigation, projected from the dense map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common import se3
+from hoid_common.values import FloatArray
+from rgbd_slam.dense.config import GridConfig
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # nav_msgs/OccupancyGrid
+_PGM = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}  # map_server's trinary mode
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Cells over the floor; row 0 is at the smallest y, as in nav_msgs/OccupancyGrid."""
+
+    cells: NDArray[np.int8]  # (H, W): FREE, OCCUPIED or UNKNOWN
+    resolution_m: float
+    T_map_origin: FloatArray  # (4, 4): corner of cell (0, 0), z up
+
+
+def project_grid(points_m: FloatArray, T_map_floor: FloatArray, config: GridConfig) -> Grid:
+    """Return the grid of (N, 3) map points over the floor.
+
+    A cell is occupied when enough points stand between the height limits over it, free when
+    only floor is seen.
+    """
+    p = se3.transform(se3.inverse(T_map_floor), points_m)
+    p = p[p[:, 2] < config.max_height_m]
+    if len(p) == 0:
+        return Grid(np.empty((0, 0), np.int8), config.resolution_m, T_map_floor)
+    cell = np.floor(p[:, :2] / config.resolution_m).astype(np.int64)
+    low = cell.min(0)
+    cell -= low
+    width, height = cell.max(0) + 1
+    flat = cell[:, 1] * width + cell[:, 0]
+    tall = p[:, 2] > config.min_height_m
+    obstacles = np.bincount(flat[tall], minlength=width * height)
+    floor = np.bincount(flat[~tall], minlength=width * height)
+    cells = np.full(width * height, UNKNOWN, np.int8)
+    cells[floor > 0] = FREE
+    cells[obstacles >= config.min_obstacle_points] = OCCUPIED
+    T_floor_origin = np.eye(4)
+    T_floor_origin[:2, 3] = low * config.resolution_m
+    return Grid(cells.reshape(height, width), config.resolution_m, T_map_floor @ T_floor_origin)
+
+
+def write_map_server(grid: Grid, stem: Path) -> None:
+    """Write `stem`.pgm and `stem`.yaml as Nav2's map server loads them (trinary mode)."""
+    image = np.full(grid.cells.shape, _PGM[UNKNOWN], np.uint8)
+    for value, gray in _PGM.items():
+        image[grid.cells == value] = gray
+    pgm = stem.with_suffix('.pgm')
+    cv2.imwrite(str(pgm), image[::-1])  # the image's first row is the largest y
+    x, y, _ = grid.T_map_origin[:3, 3]
+    yaw = float(np.arctan2(grid.T_map_origin[1, 0], grid.T_map_origin[0, 0]))
+    stem.with_suffix('.yaml').write_text(
+        f'image: {pgm.name}\nmode: trinary\nresolution: {grid.resolution_m}\n'
+        f'origin: [{x:.6f}, {y:.6f}, {yaw:.6f}]\n'
+        'negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n'
+    )

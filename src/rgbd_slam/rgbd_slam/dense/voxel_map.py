@@ -1,0 +1,198 @@
+"""Coloured voxels of the static room, carved by free space.
+
+Each image adds the surface it measures and takes away what it looks through, so that somebody
+who stood still and then left leaves nothing behind. A voxel is shown when enough of the images
+that look at it agree. The projective update follows Newcombe et al., KinectFusion (ISMAR 2011),
+sec. 3.3, with an occupancy count (Hornung et al., OctoMap, 2013) in place of a signed distance,
+which needs a fifth of the voxels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common import se3
+from hoid_common.values import (
+    BoolArray,
+    ByteArray,
+    CameraModel,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
+from rgbd_slam.dense.config import DenseConfig
+
+_KEY_BITS = 21  # per axis: +-26 km at 2.5 cm
+_KEY_OFFSET = 1 << (_KEY_BITS - 1)
+_EDGE_SLOPE = 0.06  # a depth step of more than this share of the depth is an edge
+_NOISE_PER_M2 = 0.003  # 1 sigma of a structured-light or time-of-flight reading at 1 m (m)
+_MAX_HITS = 30.0  # evidence is capped, so that a change of the room is seen within seconds
+_CARVE_FACTOR = 3.0  # looking through a voxel weighs more than measuring it
+
+
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """What can be trusted of one RGB-D image, every n-th pixel; see `VoxelMap.view_of`."""
+
+    depth_mm: NDArray[np.uint16]  # (h, w); 0 = no reading, dynamic, edge or too far
+    image_bgr: ByteArray  # (h, w, 3)
+
+
+class ColoredCloud(NamedTuple):
+    """Points with colour."""
+
+    points_m: Float32Array  # (N, 3), map frame
+    colors_bgr: ByteArray  # (N, 3)
+
+
+class _Surface(NamedTuple):
+    """What one image measures, gathered per voxel."""
+
+    keys: IntArray  # (M,), sorted
+    weighted: FloatArray  # (M, 7): sums of w*x, w*y, w*z, w*b, w*g, w*r, w
+
+
+class VoxelMap:
+    """A sparse voxel grid as structure of arrays, sorted by key."""
+
+    def __init__(self, camera: CameraModel, config: DenseConfig) -> None:
+        self._config = config
+        self._rays = _pixel_rays(camera, config.pixel_stride)
+        self._camera = camera
+        self._keys: IntArray = np.empty(0, np.int64)
+        self._sums: FloatArray = np.empty((0, 7))
+        self._hits: Float32Array = np.empty(0, np.float32)  # images that measured it, less carving
+        self._looks: Float32Array = np.empty(0, np.float32)  # images that looked at it
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def view_of(self, depth_m: Float32Array, image_bgr: ByteArray) -> DepthView:
+        """Return what can be trusted of depth (H, W), 0 where dynamic, and colour (H, W, 3)."""
+        stride = self._config.pixel_stride
+        return DepthView(
+            (self._reliable_depth(depth_m) * 1000 + 0.5).astype(np.uint16),
+            np.ascontiguousarray(image_bgr[::stride, ::stride]),
+        )
+
+    def integrate(self, view: DepthView, T_map_camera: FloatArray) -> None:
+        """Carve what the image looks through, then add the surface it measures."""
+        depth_m = view.depth_mm * np.float32(0.001)
+        self._carve(T_map_camera, depth_m)
+        self._add(self._measure(view.image_bgr, depth_m, T_map_camera))
+        self._forget()
+
+    def cloud(self) -> ColoredCloud:
+        """Return the voxels that enough images agree on."""
+        config = self._config
+        shown = self._hits >= config.min_hit_share * self._looks
+        sums = self._sums[shown & (self._hits >= config.min_views)]
+        mean = sums[:, :6] / sums[:, 6:]
+        return ColoredCloud(mean[:, :3].astype(np.float32), mean[:, 3:].round().astype(np.uint8))
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._keep(np.zeros(len(self), bool))
+
+    def _reliable_depth(self, depth_m: Float32Array) -> Float32Array:
+        """Return the strided depth with far readings and depth edges (flying pixels) set to 0."""
+        stride = self._config.pixel_stride
+        near = cv2.erode(depth_m, np.ones((3, 3), np.uint8))
+        far = cv2.dilate(depth_m, np.ones((3, 3), np.uint8))
+        good = (far - near < _EDGE_SLOPE * depth_m) & (depth_m < self._config.max_depth_m)
+        return np.ascontiguousarray(np.where(good, depth_m, np.float32(0))[::stride, ::stride])
+
+    def _carve(self, T_map_camera: FloatArray, depth_m: Float32Array) -> None:
+        if len(self) == 0:
+            return
+        index, gap_m, margin_m = self._look_at(T_map_camera, depth_m)
+        through = gap_m > margin_m
+        self._hits[index[through]] -= _CARVE_FACTOR
+        self._looks[index[np.abs(gap_m) <= margin_m]] += 1
+
+    def _look_at(
+        self, T_map_camera: FloatArray, depth_m: Float32Array
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return of the voxels in view: index, distance to the surface behind, noise band."""
+        stride = self._config.pixel_stride
+        camera = self._camera
+        points = se3.transform(se3.inverse(T_map_camera), self._sums[:, :3] / self._sums[:, 6:])
+        z = points[:, 2]
+        index = np.flatnonzero((z > 0.1) & (z < self._config.max_depth_m))
+        z = z[index]
+        col, row = np.rint(camera.project_px(points[index]) / stride).astype(np.int64).T
+        inside = (col >= 0) & (row >= 0) & (col < depth_m.shape[1]) & (row < depth_m.shape[0])
+        index, z, seen_m = index[inside], z[inside], depth_m[row[inside], col[inside]]
+        read = seen_m > 0
+        index, z, seen_m = index[read], z[read], seen_m[read]
+        margin = self._config.carve_margin_m + _NOISE_PER_M2 * z * z
+        return index, seen_m - z, margin
+
+    def _measure(
+        self, image_bgr: ByteArray, depth_m: Float32Array, T_map_camera: FloatArray
+    ) -> _Surface:
+        valid = depth_m > 0
+        z = depth_m[valid].astype(np.float64)
+        points = se3.transform(T_map_camera, self._rays[valid] * z[:, None])
+        colors = image_bgr[valid]
+        weight = 1.0 / z**4  # inverse variance: the noise grows with depth squared
+        keys, inverse = np.unique(_keys_of(points, self._config.voxel_m), return_inverse=True)
+        columns = [points[:, 0], points[:, 1], points[:, 2], *colors.T]
+        sums = [np.bincount(inverse, weight * c, len(keys)) for c in columns]
+        return _Surface(keys, np.stack([*sums, np.bincount(inverse, weight, len(keys))], axis=1))
+
+    def _add(self, surface: _Surface) -> None:
+        at = np.searchsorted(self._keys, surface.keys)
+        known = np.zeros(len(at), bool)
+        inside = at < len(self)
+        known[inside] = self._keys[at[inside]] == surface.keys[inside]
+        self._sums[at[known]] += surface.weighted[known]
+        self._hits[at[known]] = np.minimum(np.maximum(self._hits[at[known]], 0) + 1, _MAX_HITS)
+        fresh = ~known
+        ones = np.ones(int(fresh.sum()), np.float32)
+        self._keys = np.insert(self._keys, at[fresh], surface.keys[fresh])
+        self._sums = np.insert(self._sums, at[fresh], surface.weighted[fresh], axis=0)
+        self._hits = np.insert(self._hits, at[fresh], ones)
+        self._looks = np.insert(self._looks, at[fresh], ones)
+
+    def _forget(self) -> None:
+        """Drop carved voxels and, over the memory bound, those with the least evidence."""
+        capped = self._looks > _MAX_HITS
+        self._looks[capped] = _MAX_HITS
+        keep = self._hits > 0
+        if int(keep.sum()) > self._config.max_voxels:
+            keep[np.argsort(-self._hits, kind='stable')[self._config.max_voxels :]] = False
+        if not keep.all():
+            self._keep(keep)
+
+    def _keep(self, keep: BoolArray) -> None:
+        self._keys, self._sums = self._keys[keep], self._sums[keep]
+        self._hits, self._looks = self._hits[keep], self._looks[keep]
+
+
+def mask_boxes(depth_m: Float32Array, boxes_xyxy_px: Float32Array, margin_px: int) -> Float32Array:
+    """Return a copy of the depth (H, W) with 0 inside the (N, 4) boxes grown by the margin."""
+    out = depth_m.copy()
+    for x1, y1, x2, y2 in boxes_xyxy_px:  # a handful of dynamic objects
+        top, left = max(0, int(y1) - margin_px), max(0, int(x1) - margin_px)
+        out[top : int(np.ceil(y2)) + margin_px, left : int(np.ceil(x2)) + margin_px] = 0
+    return out
+
+
+def _pixel_rays(camera: CameraModel, stride: int) -> FloatArray:
+    """Return (h, w, 3) rays with z = 1 of the strided pixels, distortion removed."""
+    v, u = np.mgrid[0 : camera.height_px : stride, 0 : camera.width_px : stride]
+    uv = camera.undistort_px(np.stack([u, v], -1).reshape(-1, 2).astype(np.float32))
+    x = (uv[:, 0] - camera.cx_px) / camera.fx_px
+    y = (uv[:, 1] - camera.cy_px) / camera.fy_px
+    return np.stack([x, y, np.ones_like(x)], -1).reshape(*u.shape, 3).astype(np.float64)
+
+
+def _keys_of(points_m: FloatArray, voxel_m: float) -> IntArray:
+    cell = np.floor(points_m / voxel_m).astype(np.int64) + _KEY_OFFSET
+    return (cell[:, 0] << (2 * _KEY_BITS)) | (cell[:, 1] << _KEY_BITS) | cell[:, 2]
