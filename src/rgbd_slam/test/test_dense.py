@@ -1,0 +1,182 @@
+"""The dense map against scenes whose surfaces are known."""
+
+import cv2
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import CameraModel
+from rgbd_slam.dense.config import DenseConfig, GridConfig
+from rgbd_slam.dense.dense_mapper import DenseMapper
+from rgbd_slam.dense.export import packed_rgb, write_pcd, write_ply
+from rgbd_slam.dense.floor import find_floor
+from rgbd_slam.dense.grid import FREE, OCCUPIED, UNKNOWN, project_grid, write_map_server
+from rgbd_slam.dense.voxel_map import ColoredCloud, VoxelMap, mask_boxes
+
+CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
+CONFIG = DenseConfig(pixel_stride=1)
+BGR = np.full((120, 160, 3), (10, 20, 30), np.uint8)
+NO_BOXES = np.empty((0, 4), np.float32)
+
+
+def wall(depth_m: float) -> np.ndarray:
+    return np.full((120, 160), depth_m, np.float32)
+
+
+def fuse(voxels: VoxelMap, depth_m: np.ndarray, times: int) -> None:
+    for _ in range(times):
+        voxels.integrate(voxels.view_of(depth_m, BGR), np.eye(4))
+
+
+def test_a_wall_is_mapped_where_it_stands_with_its_color():
+    voxels = VoxelMap(CAMERA, CONFIG)
+    fuse(voxels, wall(2.0), 3)
+    cloud = voxels.cloud()
+    assert len(cloud.points_m) > 1000
+    np.testing.assert_allclose(cloud.points_m[:, 2], 2.0, atol=1e-3)
+    assert (cloud.colors_bgr == (10, 20, 30)).all()
+    assert abs(cloud.points_m[:, 0]).max() == pytest.approx(79.5 / 130 * 2, abs=0.02)
+
+
+def test_a_surface_seen_too_rarely_is_not_shown():
+    voxels = VoxelMap(CAMERA, CONFIG)
+    fuse(voxels, wall(2.0), CONFIG.min_views - 1)
+    assert len(voxels.cloud().points_m) == 0
+
+
+def test_somebody_who_stood_still_and_left_leaves_no_ghost():
+    voxels = VoxelMap(CAMERA, CONFIG)
+    occupied = wall(3.0)
+    occupied[30:100, 60:100] = 1.5
+    fuse(voxels, occupied, 9)  # 3 s at 3 Hz
+    assert (voxels.cloud().points_m[:, 2] < 2).any()
+    fuse(voxels, wall(3.0), 6)  # 2 s later
+    assert not (voxels.cloud().points_m[:, 2] < 2).any()
+
+
+def test_nothing_behind_a_surface_is_carved():
+    voxels = VoxelMap(CAMERA, CONFIG)
+    fuse(voxels, wall(3.0), 4)
+    before = len(voxels.cloud().points_m)
+    fuse(voxels, wall(1.0), 10)
+    assert (voxels.cloud().points_m[:, 2] > 2.9).sum() == before
+
+
+def test_depth_edges_far_readings_and_holes_are_left_out():
+    depth = wall(1.0)
+    depth[:, 80:] = 2.0
+    depth[:20] = 9.0
+    depth[100:] = 0
+    view = VoxelMap(CAMERA, CONFIG).view_of(depth, BGR)
+    assert (view.depth_mm[:, 79:81] == 0).all()
+    assert (view.depth_mm[:20] == 0).all()
+    assert (view.depth_mm[100:] == 0).all()
+    assert (view.depth_mm[30:90, :70] == 1000).all()
+
+
+def test_the_memory_bound_keeps_the_best_seen():
+    voxels = VoxelMap(CAMERA, DenseConfig(pixel_stride=1, max_voxels=1000))
+    fuse(voxels, wall(2.0), 3)
+    assert len(voxels) == 1000
+
+
+def test_distortion_of_the_camera_is_undone():
+    camera = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5, (0.2, -0.3, 0.001, -0.002, 0.1))
+    voxels = VoxelMap(camera, CONFIG)
+    fuse(voxels, wall(2.0), 1)
+    assert voxels.view_of(wall(2.0), BGR).depth_mm.shape == (120, 160)
+    fuse(voxels, wall(2.0), 5)
+    cloud = voxels.cloud()
+    uv = camera.project_px(cloud.points_m.astype(float))
+    assert (uv > -2).all()
+    assert (uv < (162, 122)).all()
+
+
+def test_a_corrected_keyframe_moves_what_it_saw():
+    mapper = DenseMapper(CAMERA, CONFIG)
+    for i in range(3):
+        mapper.add(wall(2.0), BGR, NO_BOXES, i, np.eye(4), np.eye(4))
+    T = se3.exp(np.array([0, 0, 0, 0.3, 0, 0.5]))
+    assert not mapper.correct({i: np.eye(4) for i in range(3)})
+    assert mapper.correct(dict.fromkeys(range(3), T))
+    np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 2.5, atol=1e-3)
+
+
+def test_views_of_culled_keyframes_go():
+    mapper = DenseMapper(CAMERA, CONFIG)
+    for i in range(4):
+        mapper.add(wall(2.0), BGR, NO_BOXES, i, np.eye(4), np.eye(4))
+    assert mapper.correct({0: se3.exp(np.array([0, 0, 0, 1.0, 0, 0]))})
+    assert len(mapper.cloud().points_m) == 0  # one view is left, too few to show
+
+
+def test_masked_boxes_are_left_out_with_their_margin():
+    masked = mask_boxes(wall(1.0), np.array([[50.2, 40.0, 60.7, 130.0]], np.float32), 5)
+    assert (masked[35:, 45:66] == 0).all()
+    assert masked[34, 50] == 1
+    assert masked[60, 44] == 1
+    assert masked[60, 66] == 1
+
+
+def room(rng: np.random.Generator) -> np.ndarray:
+    floor = np.c_[rng.uniform(0, 4, (4000, 2)), rng.normal(0, 0.005, 4000)]
+    table = np.c_[rng.uniform(1, 2, (3000, 2)), rng.normal(0.7, 0.005, 3000)]
+    walls = np.c_[rng.uniform(0, 4, 2000), np.full(2000, 4.0), rng.uniform(0, 2.4, 2000)]
+    return np.concatenate([floor, table, walls])
+
+
+def test_the_floor_is_found_below_a_larger_table_and_through_tilt():
+    points = room(np.random.default_rng(1))
+    T_map_room = se3.exp(np.array([0.08, -0.05, 0.4, 0.2, -0.3, -1.2]))
+    floor = find_floor(se3.transform(T_map_room, points), np.array([0, 0, 1.0]))
+    assert floor is not None
+    heights = se3.transform(se3.inverse(floor.T_map_floor) @ T_map_room, points[:4000])[:, 2]
+    np.testing.assert_allclose(heights, 0, atol=0.03)
+
+
+def test_a_table_alone_over_unseen_ground_is_no_floor_when_points_lie_below():
+    points = room(np.random.default_rng(2))[4000:]
+    points[-400:, 2] -= 1.5
+    assert find_floor(points, np.array([0, 0, 1.0])) is None
+
+
+def test_the_grid_knows_floor_obstacles_and_the_unseen():
+    points = room(np.random.default_rng(3))
+    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=0.1))
+    assert grid.T_map_origin[:2, 3] == pytest.approx([0, 0])
+    at = lambda x, y: grid.cells[int(y / 0.1), int(x / 0.1)]  # noqa: E731
+    assert at(3.05, 3.05) == FREE
+    assert at(1.55, 1.55) == OCCUPIED
+    assert grid.cells.shape == (41, 40)
+    assert set(np.unique(grid.cells)) <= {FREE, OCCUPIED, UNKNOWN}
+
+
+def test_heights_limit_what_is_an_obstacle():
+    points = np.array([[0.5, 0.5, 0.05]] * 3 + [[1.5, 0.5, 0.5]] * 3 + [[2.5, 0.5, 2.2]] * 3)
+    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0))
+    assert grid.cells.tolist() == [[FREE, OCCUPIED]]
+
+
+def test_map_server_files_read_back(tmp_path):
+    points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.5], [1.5, 0.5, 0.6], [0.5, 2.5, 0.0]])
+    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0))
+    write_map_server(grid, tmp_path / 'room')
+    image = cv2.imread(str(tmp_path / 'room.pgm'), cv2.IMREAD_UNCHANGED)
+    assert image.tolist() == [[254, 205], [205, 205], [254, 0]]
+    text = (tmp_path / 'room.yaml').read_text()
+    assert 'image: room.pgm' in text
+    assert 'origin: [0.000000, 0.000000, 0.000000]' in text
+
+
+def test_ply_and_pcd_hold_the_points(tmp_path):
+    cloud = ColoredCloud(
+        np.array([[1, 2, 3], [4, 5, 6]], np.float32), np.array([[1, 2, 3], [255, 0, 7]], np.uint8)
+    )
+    write_ply(tmp_path / 'a.ply', cloud)
+    body = (tmp_path / 'a.ply').read_bytes().split(b'end_header\n')[1]
+    assert len(body) == 2 * 15
+    assert body[12:15] == bytes([3, 2, 1])
+    write_pcd(tmp_path / 'a.pcd', cloud)
+    body = (tmp_path / 'a.pcd').read_bytes().split(b'DATA binary\n')[1]
+    assert np.frombuffer(body, '<f4').reshape(2, 4)[:, :3].tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert packed_rgb(cloud).view(np.uint32).tolist() == [0x030201, 0x0700FF]
