@@ -1,0 +1,83 @@
+import cv2
+import numpy as np
+import pytest
+
+from hoid_common.values import ByteArray, Float32Array
+from hoid_filter.config import ExtractionConfig
+from hoid_filter.extractor import OrbExtractor, sample_depth_m
+
+HEIGHT, WIDTH = 480, 640
+
+
+@pytest.fixture(scope='module')
+def image_gray() -> ByteArray:
+    rng = np.random.default_rng(7)
+    coarse = rng.integers(0, 256, (HEIGHT // 8, WIDTH // 8), dtype=np.uint8)
+    return cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+
+
+@pytest.fixture
+def depth_m() -> Float32Array:
+    return np.full((HEIGHT, WIDTH), 2.0, np.float32)
+
+
+def test_fills_the_budget_over_the_whole_image(
+    image_gray: ByteArray, depth_m: Float32Array
+) -> None:
+    features = OrbExtractor(ExtractionConfig()).extract(image_gray, depth_m, None, 5)
+    assert len(features) == 1000
+    assert features.stamp_ns == 5
+    assert features.depth_m.min() == features.depth_m.max() == 2.0
+    counts, *_ = np.histogram2d(*features.uv_px.T, bins=(8, 6), range=((0, WIDTH), (0, HEIGHT)))
+    assert counts.min() >= 5
+    assert np.bincount(features.octave).tolist() == [217, 181, 151, 126, 104, 88, 72, 61]
+
+
+def test_refills_the_budget_outside_the_mask(image_gray: ByteArray, depth_m: Float32Array) -> None:
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[:, 200:500] = 0
+    features = OrbExtractor(ExtractionConfig()).extract(image_gray, depth_m, mask, 0)
+    assert len(features) == 1000
+    columns = np.rint(features.uv_px[:, 0]).astype(int)
+    assert not ((columns > 201) & (columns < 498)).any()  # a coarse level's pixel is 3.6 wide
+
+
+def test_same_image_same_features(image_gray: ByteArray, depth_m: Float32Array) -> None:
+    first, second = (
+        OrbExtractor(ExtractionConfig()).extract(image_gray, depth_m, None, 0) for _ in range(2)
+    )
+    assert np.array_equal(first.uv_px, second.uv_px)
+    assert np.array_equal(first.descriptors, second.descriptors)
+
+
+def test_rotated_image_gives_rotated_features(
+    image_gray: ByteArray, depth_m: Float32Array
+) -> None:
+    """A quarter turn moves positions exactly, turns angles by 90 degrees and keeps descriptors."""
+    square = image_gray[:, :HEIGHT].copy()
+    depth = depth_m[:, :HEIGHT]
+    config = ExtractionConfig(num_levels=1)
+    plain = OrbExtractor(config).extract(square, depth, None, 0)
+    turned = OrbExtractor(config).extract(np.rot90(square, -1).copy(), depth, None, 0)
+    expected = np.column_stack([HEIGHT - 1 - plain.uv_px[:, 1], plain.uv_px[:, 0]])
+    gaps = np.abs(expected[:, None] - turned.uv_px[None]).sum(2)
+    i, k = np.nonzero(gaps < 0.5)
+    assert len(i) > 600
+    turn_deg = (turned.angle_deg[k] - plain.angle_deg[i]) % 360
+    assert np.median(np.abs(turn_deg - 90)) < 1
+    distance = np.bitwise_count(plain.descriptors[i] ^ turned.descriptors[k]).sum(1)
+    assert np.median(distance) < 20
+
+
+def test_blank_image_gives_no_features(depth_m: Float32Array) -> None:
+    features = OrbExtractor(ExtractionConfig()).extract(
+        np.full((HEIGHT, WIDTH), 90, np.uint8), depth_m, None, 0
+    )
+    assert len(features) == 0
+    assert features.descriptors.shape == (0, 32)
+
+
+def test_depth_is_that_of_the_nearest_pixel_and_zero_when_unknown() -> None:
+    depth_m = np.array([[1.0, 2.0], [np.nan, -1.0]], np.float32)
+    uv_px = np.array([[0.4, 0.4], [0.6, 0.0], [0.0, 1.0], [1.0, 1.0]], np.float32)
+    assert sample_depth_m(depth_m, uv_px).tolist() == [1.0, 2.0, 0.0, 0.0]
