@@ -1,0 +1,1 @@
+"""TUM folders and rendered scenes to MCAP bags; info, play and record."""

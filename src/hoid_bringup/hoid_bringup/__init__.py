@@ -1,0 +1,1 @@
+"""Command line, offline pipeline, live replay, evaluation, launch files."""

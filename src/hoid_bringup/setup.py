@@ -1,0 +1,27 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'hoid_bringup'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Command line, offline pipeline, live replay, evaluation, launch files',
+    maintainer='HOID maintainers',
+    maintainer_email='hoid@example.com',
+    license='Apache-2.0',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/launch', glob('launch/*.py')),
+        (f'share/{NAME}/rviz', glob('rviz/*.rviz')),
+        (f'share/{NAME}/foxglove', glob('foxglove/*.json')),
+    ],
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # without it `colcon test` runs no test at all
+    zip_safe=True,
+    entry_points={'console_scripts': ['hoid = hoid_bringup.cli:main']},
+)

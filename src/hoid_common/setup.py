@@ -1,0 +1,23 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'hoid_common'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='What the HOID packages share: values, geometry, configuration, ROS seam',
+    maintainer='HOID maintainers',
+    maintainer_email='hoid@example.com',
+    license='Apache-2.0',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+    ],
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # without it `colcon test` runs no test at all
+    zip_safe=True,
+)

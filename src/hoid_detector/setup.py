@@ -1,0 +1,26 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'hoid_detector'
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='People and objects in colour images, by any ONNX model of the YOLO family',
+    maintainer='HOID maintainers',
+    maintainer_email='hoid@example.com',
+    license='Apache-2.0',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['models/*.onnx']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/launch', glob('launch/*.py')),
+    ],
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # without it `colcon test` runs no test at all
+    zip_safe=True,
+    entry_points={'console_scripts': ['hoid_detector_node = hoid_detector.node:main']},
+)

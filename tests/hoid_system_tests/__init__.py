@@ -1,0 +1,1 @@
+"""Topic-level, replay and fault tests of the HOID suite."""
