@@ -1,0 +1,141 @@
+"""`trajectory.png`: the path from above, from the side, and its error over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from hoid_bringup.evaluation import AlignedTrajectory
+from hoid_common.values import FloatArray, IntArray, Trajectory
+
+_NS = 1e9
+_GAP_S = 0.25  # a longer silence is drawn as a break in the line
+_TRUTH = '#b4b9c2'
+_PATH = '#2563a8'
+_ERROR_MAP = 'plasma'
+_SIZE_IN = (12.0, 8.2)
+_DPI = 110
+_MIN_SPAN_M = 0.05
+
+
+def plot_run(
+    path: Path, estimate: Trajectory, aligned: AlignedTrajectory | None, title: str
+) -> None:
+    """Write a picture of a run as PNG.
+
+    Args:
+        path: The file, replaced when it is there.
+        estimate: All poses of the run in the map frame (z up), drawn when there is no truth.
+        aligned: The same moved onto the ground truth, or None without one.
+        title: What was run, in one line.
+    """
+    figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
+    FigureCanvasAgg(figure)
+    rows = figure.add_gridspec(2, 2, height_ratios=(2.6, 1.0))
+    above, side = figure.add_subplot(rows[0, 0]), figure.add_subplot(rows[0, 1])
+    bottom = figure.add_subplot(rows[1, :])
+    if aligned is None:
+        _draw_estimate(above, side, bottom, estimate)
+    else:
+        _draw_errors(figure, above, side, bottom, aligned)
+    _label(above, 'from above', 'x [m]', 'y [m]')
+    _label(side, 'from the side', 'x [m]', 'z [m]')
+    figure.suptitle(title, fontsize=12, fontweight='bold')
+    figure.savefig(path, format='png', metadata={'Software': None})
+
+
+def _draw_errors(
+    figure: Figure, above: Axes, side: Axes, bottom: Axes, aligned: AlignedTrajectory
+) -> None:
+    """Draw the estimate coloured by its distance from the truth, over the truth in grey."""
+    xyz_m = aligned.T_world_camera[:, :3, 3]
+    true_m = aligned.T_world_camera_true[:, :3, 3]
+    error_cm = 100 * aligned.error_m
+    norm = Normalize(0.0, max(float(np.percentile(error_cm, 99)), 1e-3))
+    joined = _joined(aligned.stamps_ns)
+    for axes, plane in ((above, (0, 1)), (side, (0, 2))):
+        _path(axes, true_m[:, plane], joined, color=_TRUTH, width=3.2, label='ground truth')
+        lines = _path(axes, xyz_m[:, plane], joined, values=error_cm, norm=norm)
+        axes.plot(*xyz_m[0, plane], 'o', color='black', ms=5, zorder=4, label='start')
+        _fit(axes, np.concatenate([xyz_m, true_m])[:, plane])
+    figure.colorbar(lines, ax=[above, side], label='error [cm]', extend='max', shrink=0.9)
+    above.legend(loc='best', fontsize=9, framealpha=0.9)
+    stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / _NS
+    _path(bottom, np.stack([stamps_s, error_cm], axis=1), joined, values=error_cm, norm=norm)
+    rmse_cm = float(np.sqrt(np.mean(error_cm**2)))
+    bottom.axhline(rmse_cm, color=_TRUTH, ls='--', lw=1.3, label=f'RMSE {rmse_cm:.2f} cm')
+    bottom.legend(loc='upper right', fontsize=9)
+    bottom.set(xlim=(0, max(stamps_s[-1], 0.1)), ylim=(0, 1.08 * max(error_cm.max(), 1e-3)))
+    _label(bottom, '', 'time [s]', 'error [cm]')
+
+
+def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) -> None:
+    """Draw a path without truth; below it the speed, in which jumps show."""
+    _label(bottom, '', 'time [s]', 'speed [m/s]')
+    if len(estimate) < 2:
+        above.text(0.5, 0.5, 'no trajectory', ha='center', transform=above.transAxes)
+        return
+    xyz_m = estimate.T_world_camera[:, :3, 3]
+    joined = _joined(estimate.stamps_ns)
+    for axes, plane in ((above, (0, 1)), (side, (0, 2))):
+        _path(axes, xyz_m[:, plane], joined, color=_PATH, width=1.8, label='estimate')
+        axes.plot(*xyz_m[0, plane], 'o', color='black', ms=5, zorder=4, label='start')
+        _fit(axes, xyz_m[:, plane])
+    above.legend(loc='best', fontsize=9, framealpha=0.9)
+    stamps_s = (estimate.stamps_ns - estimate.stamps_ns[0]) / _NS
+    speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1) / np.diff(stamps_s)
+    points = np.stack([stamps_s[1:], speed], axis=1)
+    _path(bottom, points, joined[1:], color=_PATH, width=1.2, label='speed')
+    bottom.set(xlim=(0, stamps_s[-1]), ylim=(0, 1.08 * max(speed.max(), 1e-3)))
+
+
+def _joined(stamps_ns: IntArray) -> FloatArray:
+    """Return (N-1,) 1 where consecutive poses belong to one stroke, NaN over a gap."""
+    return np.where(np.diff(stamps_ns) <= _GAP_S * _NS, 1.0, np.nan)
+
+
+def _path(
+    axes: Axes,
+    points: FloatArray,
+    joined: FloatArray,
+    *,
+    color: str | None = None,
+    width: float = 2.0,
+    label: str | None = None,
+    values: FloatArray | None = None,
+    norm: Normalize | None = None,
+) -> LineCollection:
+    """Add the (N, 2) points as one stroke, of one colour or coloured by (N,) values."""
+    segments = np.stack([points[:-1], points[1:]], axis=1) * joined[:, None, None]
+    lines = LineCollection(list(segments), linewidths=width, capstyle='round', label=label)
+    if values is None:
+        lines.set_color(color or _PATH)
+    else:
+        lines.set(cmap=_ERROR_MAP, norm=norm)
+        lines.set_array(0.5 * (values[:-1] + values[1:]))
+        lines.set_zorder(3)
+    axes.add_collection(lines)
+    return lines
+
+
+def _fit(axes: Axes, points: FloatArray) -> None:
+    """Show all (N, 2) points at equal scale, with room around them."""
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    axes.update_datalim([*points, center - _MIN_SPAN_M, center + _MIN_SPAN_M])
+    axes.margins(0.06)
+    axes.autoscale_view()
+    axes.set_aspect('equal', adjustable='datalim')
+
+
+def _label(axes: Axes, title: str, x: str, y: str) -> None:
+    axes.set(xlabel=x, ylabel=y)
+    axes.set_title(title, fontsize=11, loc='left')
+    axes.grid(visible=True, color='#e3e5e8', lw=0.7)
+    axes.set_axisbelow(True)
+    axes.spines[['top', 'right']].set_visible(False)
