@@ -1,1 +1,4 @@
-"""RGB-D SLAM on ORB features: tracking, mapping, and the map they share. Knows no ROS outside `node.py`."""
+"""RGB-D SLAM on ORB features: tracking, mapping, and the map they share.
+
+Knows no ROS outside `node.py`.
+"""

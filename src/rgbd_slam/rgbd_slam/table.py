@@ -1,0 +1,101 @@
+"""A growing structure of arrays: freed rows are used again, changed rows can be traced."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.values import BoolArray, IntArray
+
+Column = NDArray[Any]
+DEAD = -1  # uid of a row that holds nothing
+
+
+class TableRows(NamedTuple):
+    """A copy of some rows of a table, as sent from one copy of a map to another."""
+
+    capacity: int
+    rows: IntArray  # (M,)
+    columns: tuple[Column, ...]  # (M, ...) each, in the order of `Table.columns`
+
+
+class Table:
+    """Rows in parallel arrays, addressed by index; `uid` tells whether a row is still the same element.
+
+    Indices are reused after `release`, so whoever keeps one across a change of the map keeps the
+    `uid` beside it.
+    """
+
+    columns: ClassVar[tuple[str, ...]] = ('uid', 'version')
+
+    def __init__(self, capacity: int) -> None:
+        self.uid: IntArray = np.full(capacity, DEAD, np.int64)  # (N,) unique for all time
+        self.version: IntArray = np.zeros(
+            capacity, np.int64
+        )  # (N,) of the map at the row's last change
+        self._next_uid = 0
+
+    @property
+    def capacity(self) -> int:
+        """Return the number of rows, dead ones included."""
+        return len(self.uid)
+
+    @property
+    def alive(self) -> BoolArray:
+        """Return the (capacity,) mask of rows that hold an element."""
+        return np.not_equal(self.uid, DEAD)
+
+    def indices(self) -> IntArray:
+        """Return the live rows in ascending order."""
+        return np.flatnonzero(self.uid != DEAD)
+
+    def __len__(self) -> int:
+        return int(np.count_nonzero(self.uid != DEAD))
+
+    def index_of(self, uid: int) -> int | None:
+        """Return the row of an element, or None when it is gone."""
+        rows = np.flatnonzero(self.uid == uid)
+        return int(rows[0]) if uid != DEAD and len(rows) else None
+
+    def allocate(self, count: int, version: int) -> IntArray:
+        """Take (count,) dead rows, lowest first so that runs repeat, and give them new uids."""
+        rows = np.flatnonzero(self.uid == DEAD)[:count]
+        while len(rows) < count:
+            self.grow(2 * self.capacity)
+            rows = np.flatnonzero(self.uid == DEAD)[:count]
+        self.uid[rows] = self._next_uid + np.arange(count)
+        self.version[rows] = version
+        self._next_uid += count
+        return rows
+
+    def release(self, rows: IntArray, version: int) -> None:
+        """Mark rows as dead."""
+        self.uid[rows] = DEAD
+        self.version[rows] = version
+
+    def grow(self, capacity: int) -> None:
+        """Enlarge every column to `capacity` rows; new rows are dead."""
+        for name in self.columns:
+            old: Column = getattr(self, name)
+            new = np.zeros((capacity, *old.shape[1:]), old.dtype)
+            new[: len(old)] = old
+            setattr(self, name, new)
+        self.uid[np.arange(capacity) >= len(old)] = DEAD
+
+    def rows_since(self, version: int) -> TableRows:
+        """Return copies of the rows that changed after `version` (dead ones too)."""
+        rows = np.flatnonzero(self.version > version)
+        return TableRows(
+            self.capacity, rows, tuple(getattr(self, name)[rows] for name in self.columns)
+        )
+
+    def put_rows(self, change: TableRows) -> None:
+        """Overwrite rows with those of another copy of the same table."""
+        if change.capacity > self.capacity:
+            self.grow(change.capacity)
+        for name, values in zip(self.columns, change.columns, strict=True):
+            getattr(self, name)[change.rows] = values
+        if len(change.rows):
+            self._next_uid = max(self._next_uid, int(self.uid.max()) + 1)
