@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from hoid_bringup.supervisor import ProcessExit, ProcessSpec, Supervisor
+
+STUBBORN = (
+    'import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN);'
+    'signal.signal(signal.SIGTERM, signal.SIG_IGN); print("ready", flush=True); time.sleep(60)'
+)
+
+
+def python(name: str, code: str) -> ProcessSpec:
+    return ProcessSpec(name, (sys.executable, '-c', code))
+
+
+def wait_for(path: Path, text: str) -> None:
+    deadline_s = time.monotonic() + 10
+    while not (path.exists() and text in path.read_text()):
+        assert time.monotonic() < deadline_s, f'{path} never said {text}'
+        time.sleep(0.01)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_a_child_that_ignores_signals_is_killed_in_time(tmp_path: Path) -> None:
+    supervisor = Supervisor([python('stubborn', STUBBORN)], log_dir=tmp_path)
+    with supervisor:
+        wait_for(tmp_path / 'stubborn.log', 'ready')
+        pid = supervisor.pids['stubborn']
+        start_s = time.monotonic()
+        supervisor.stop(grace_s=0.2)
+    assert not is_alive(pid)
+    assert time.monotonic() - start_s < 2.0
+
+
+def test_an_early_end_is_reported_with_its_status() -> None:
+    with Supervisor([python('short', 'raise SystemExit(3)'), python('long', 'input()')]) as group:
+        exits: list[ProcessExit] = []
+        while len(exits) < 2:
+            exits += group.poll()
+            time.sleep(0.01)
+    assert {e.name: e.status for e in exits} == {'short': 3, 'long': 1}  # stdin is closed
+    assert str(ProcessExit('slam', -signal.SIGKILL)) == 'slam ended (signal SIGKILL)'
+
+
+def test_a_dead_child_is_restarted(tmp_path: Path) -> None:
+    spec = python('phoenix', 'import os; print(os.getpid(), flush=True); os._exit(1)')
+    with Supervisor([spec], restart=True, log_dir=tmp_path) as group:
+        deadline_s = time.monotonic() + 10
+        while len((tmp_path / 'phoenix.log').read_text().split()) < 2:
+            group.poll()
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
