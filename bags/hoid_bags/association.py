@@ -1,0 +1,38 @@
+"""Pairing of colour and depth images by their stamps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.values import IntArray
+
+MAX_PAIR_GAP_NS = 20_000_000
+"""The TUM benchmark's own limit: well under the 33 ms between images of one stream."""
+
+
+def associate(
+    first_ns: IntArray, second_ns: IntArray, max_gap_ns: int = MAX_PAIR_GAP_NS
+) -> IntArray:
+    """Return the pairs (N, 2) of indices whose stamps lie less than `max_gap_ns` apart.
+
+    As in the TUM benchmark's tool: the closest pairs are taken first, and no image is used twice.
+    The pairs are in order of the first index.
+
+    Args:
+        first_ns: (A,) in order of time.
+        second_ns: (B,) in order of time.
+    """
+    low = np.searchsorted(second_ns, first_ns - max_gap_ns, side='right')
+    high = np.searchsorted(second_ns, first_ns + max_gap_ns, side='left')
+    counts = high - low
+    i = np.repeat(np.arange(len(first_ns)), counts)
+    j = np.arange(len(i)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(low, counts)
+    order = np.lexsort((j, i, np.abs(first_ns[i] - second_ns[j])))
+    partner = np.full(len(first_ns), -1, np.int64)
+    taken = np.zeros(len(second_ns), bool)
+    for candidate in order:
+        a, b = i[candidate], j[candidate]
+        if partner[a] < 0 and not taken[b]:
+            partner[a], taken[b] = b, True
+    paired = np.flatnonzero(partner >= 0)
+    return np.column_stack([paired, partner[paired]])

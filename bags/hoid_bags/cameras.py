@@ -1,0 +1,115 @@
+"""Known cameras by name, and cameras from ROS `camera_info` YAML files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.values import CameraModel
+
+TUM_DEPTH_UNITS_PER_M = 5000.0
+"""Of the published PNG files of all three cameras.
+
+ORB-SLAM divides freiburg 2 by 5208; the files already hold the benchmark's own scale correction,
+so 5000 is what their authors say.
+"""
+
+_FR1 = CameraModel(
+    640, 480, 517.306408, 516.469215, 318.643040, 255.313989,
+    (0.262383, -0.953104, -0.005358, 0.002628, 1.163314),
+)  # fmt: skip
+_FR2 = CameraModel(
+    640, 480, 520.908620, 521.007327, 325.141442, 249.701764,
+    (0.231222, -0.784899, -0.003257, -0.000105, 0.917205),
+)  # fmt: skip
+_FR3 = CameraModel(640, 480, 535.4, 539.2, 320.1, 247.6)
+TUM_CAMERAS = {'fr1': _FR1, 'fr2': _FR2, 'fr3': _FR3}
+"""Intrinsics that the TUM RGB-D benchmark publishes for its three colour cameras."""
+
+_TUM_NAME = re.compile(r'(?<![a-z])(?:freiburg|fr)[ _-]?([123])(?![0-9])', re.IGNORECASE)
+_DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')
+
+
+def camera_from_name(name: str) -> CameraModel | None:
+    """Return the TUM camera that the name of a recording speaks of, or None.
+
+    `rgbd_dataset_freiburg1_xyz`, `fr1_xyz` and `fr1` all mean freiburg 1.
+    """
+    match = _TUM_NAME.search(name)
+    return TUM_CAMERAS[f'fr{match.group(1)}'] if match else None
+
+
+def find_camera(requested: str) -> CameraModel:
+    """Return the camera for an option's text: fr1, fr2, fr3 or the path of a YAML file.
+
+    Raises:
+        InputError: neither a known name nor a readable camera file.
+    """
+    known = TUM_CAMERAS.get(requested.lower())
+    if known is not None:
+        return known
+    path = Path(requested)
+    if not path.exists():
+        raise InputError(
+            f'camera "{requested}": neither {", ".join(TUM_CAMERAS)} nor a file; check the path'
+        )
+    return read_camera_yaml(path)
+
+
+def read_camera_yaml(path: Path) -> CameraModel:
+    """Return the camera of a file as `camera_calibration` and `camera_info_manager` write it.
+
+    Raises:
+        InputError: the file cannot be read, or an entry is missing or makes no camera.
+    """
+    try:
+        loaded = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error.strerror}') from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from error
+    if not isinstance(loaded, dict):
+        raise InputError(
+            f'{path}: expected a camera_info mapping with image_width and camera_matrix'
+        )
+    k = _numbers(path, loaded, 'camera_matrix', count=9)
+    model = loaded.get('distortion_model', 'plumb_bob')
+    if model not in _DISTORTION_MODELS:
+        raise InputError(
+            f'{path}: distortion_model "{model}" is not one of {", ".join(_DISTORTION_MODELS)}'
+        )
+    distortion = (
+        _numbers(path, loaded, 'distortion_coefficients')
+        if 'distortion_coefficients' in loaded
+        else ()
+    )
+    size = [_positive_int(path, loaded, key) for key in ('image_width', 'image_height')]
+    try:
+        return CameraModel(size[0], size[1], k[0], k[4], k[2], k[5], distortion)
+    except ConfigError as error:
+        raise InputError(f'{path}: camera_matrix: {error}') from error
+
+
+def _positive_int(path: Path, loaded: dict[str, Any], key: str) -> int:
+    value = loaded.get(key)
+    if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
+        raise InputError(f'{path}: {key} must be a positive whole number, got {value!r}')
+    return value
+
+
+def _numbers(
+    path: Path, loaded: dict[str, Any], key: str, count: int | None = None
+) -> tuple[float, ...]:
+    matrix = loaded.get(key)
+    data = matrix.get('data') if isinstance(matrix, dict) else None
+    if not isinstance(data, list) or not all(isinstance(x, int | float) for x in data):
+        raise InputError(
+            f'{path}: {key}.data is missing or not a list of numbers (focal lengths stand there)'
+        )
+    if count is not None and len(data) != count:
+        raise InputError(f'{path}: {key}.data has {len(data)} numbers, expected {count}')
+    return tuple(float(x) for x in data)

@@ -1,0 +1,102 @@
+"""Image files of recordings, decoded once they are known to be whole and of the right kind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.errors import InputError
+from hoid_common.values import ByteArray, CameraModel, Float32Array
+
+DepthUnits = NDArray[np.uint16]
+
+_PNG_START, _PNG_END = b'\x89PNG\r\n\x1a\n', b'IEND\xaeB`\x82'
+_JPEG_START, _JPEG_END = b'\xff\xd8\xff', b'\xff\xd9'
+
+
+def read_image_bytes(path: Path) -> bytes:
+    """Return the content of an image file.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error.strerror}') from error
+
+
+def is_png(data: bytes) -> bool:
+    """Return whether bytes begin as a PNG does."""
+    return data.startswith(_PNG_START)
+
+
+def is_jpeg(data: bytes) -> bool:
+    """Return whether bytes begin as a JPEG does."""
+    return data.startswith(_JPEG_START)
+
+
+def check_whole(data: bytes, name: object) -> None:
+    """Raise InputError when a PNG or JPEG lacks its end.
+
+    Looked for before decoding: some decoders fill the missing part with grey and say nothing,
+    others write to the terminal.
+    """
+    truncated = (is_png(data) and _PNG_END not in data[-64:]) or (
+        is_jpeg(data) and _JPEG_END not in data[-1024:]
+    )
+    if truncated or not data:
+        raise InputError(f'{name}: truncated image ({len(data)} bytes); fetch the file again')
+
+
+def decode_color(data: bytes, name: object) -> ByteArray:
+    """Return (H, W, 3) uint8, order BGR, of a PNG or JPEG.
+
+    Raises:
+        InputError: truncated, or no image.
+    """
+    check_whole(data, name)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError(f'{name}: not an image that can be decoded')
+    return cast('ByteArray', image)
+
+
+def decode_depth(data: bytes, name: object) -> DepthUnits:
+    """Return (H, W) uint16 of a 16-bit grey PNG.
+
+    Raises:
+        InputError: truncated, no image, or of another kind.
+    """
+    check_whole(data, name)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InputError(f'{name}: not an image that can be decoded')
+    if image.dtype != np.uint16 or image.ndim != 2:
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        raise InputError(
+            f'{name}: depth must be 16-bit grey,'
+            f' got {image.dtype.itemsize * 8}-bit with {channels} channel(s)'
+        )
+    return cast('DepthUnits', image)
+
+
+def check_size(
+    image: ByteArray | DepthUnits | Float32Array, camera: CameraModel, name: object
+) -> None:
+    """Raise InputError unless an image has the camera's size."""
+    height, width = image.shape[:2]
+    if (width, height) != (camera.width_px, camera.height_px):
+        raise InputError(
+            f'{name}: image is {width}x{height}, the camera {camera.width_px}x{camera.height_px};'
+            ' give the camera of this recording with --camera'
+        )
+
+
+def depth_m_from_units(depth: DepthUnits, units_per_m: float) -> Float32Array:
+    """Return metres, the float32 nearest to value / units."""
+    return np.divide(depth, np.float32(units_per_m), dtype=np.float32)
