@@ -1,0 +1,164 @@
+"""Which keyframes show what an image shows: multi-table hashing of ORB descriptors.
+
+Locality-sensitive hashing (Indyk and Motwani, STOC 1998; of ORB: Rublee et al., ICCV 2011): each
+table keys a descriptor by a fixed choice of its bits, so that near descriptors often share a key.
+It needs no vocabulary to train or ship, and every vote is a descriptor match checked by distance,
+which tells places apart by a factor where bags of words differ by per cents
+(docs/place_recognition.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.config import Config, param
+from hoid_common.values import DESCRIPTOR_BYTES, ByteArray, IntArray
+
+_REMOVED = -1
+_HASH_SEED = 12345  # the choice of bits is part of the method, not of a run
+_MERGE_SHARE = 0.25  # of the large segment that the small one may reach
+_ROW_BITS = np.uint64(32)
+
+WordArray = NDArray[np.uint64]
+
+
+@dataclass(frozen=True)
+class PlaceConfig(Config):
+    """How keyframes are indexed and looked up."""
+
+    num_tables: int = param(4, 'hash tables: more find more matches', minimum=1, maximum=16)
+    key_bits: int = param(20, 'descriptor bits in a key', minimum=8, maximum=30)
+    max_features: int = param(400, 'features used of a keyframe or a query', minimum=50)
+    max_hamming: int = param(40, 'bits by which a match may differ', minimum=1, maximum=128)
+    max_bucket: int = param(200, 'descriptors that make a key too common to use', minimum=8)
+
+
+class PlaceVotes(NamedTuple):
+    """Keyframes that share descriptors with a query, most first (equal ones by uid)."""
+
+    uids: IntArray  # (K,)
+    votes: IntArray  # (K,) features of the query that have a match in the keyframe
+
+
+class PlaceIndex:
+    """Keyframes by what they look like; grows and shrinks with the map.
+
+    A segment holds, for each of T tables, the sorted numbers `key << 32 | pool row`. New
+    descriptors go to a small segment that joins the large one when it has reached a share of it:
+    adding is cheap on average, and a query searches two sorted arrays a table.
+    """
+
+    def __init__(self, config: PlaceConfig) -> None:
+        self._config = config
+        rng = np.random.default_rng(_HASH_SEED)
+        orders = [rng.permutation(8 * DESCRIPTOR_BYTES) for _ in range(config.num_tables)]
+        self._bits = np.stack(orders)[:, : config.key_bits]  # (T, B)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget every keyframe."""
+        self._members: set[int] = set()
+        self._pending: list[tuple[int, WordArray]] = []
+        self._words: WordArray = np.empty((0, DESCRIPTOR_BYTES // 8), np.uint64)  # (M, 4) the pool
+        self._uid: IntArray = np.empty(0, np.int64)  # (M,) keyframe of each, or _REMOVED
+        self._large: WordArray = np.empty((len(self._bits), 0), np.uint64)
+        self._small = self._large
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def __contains__(self, uid: int) -> bool:
+        return uid in self._members
+
+    def uids(self) -> IntArray:
+        """Return the uids of all keyframes, ascending."""
+        return np.array(sorted(self._members), np.int64)
+
+    def add(self, uid: int, descriptors: ByteArray) -> None:
+        """Index a keyframe by its (N, 32) descriptors, or an even choice of `max_features`."""
+        self._members.add(uid)
+        self._pending.append((uid, self._chosen(descriptors)))
+
+    def remove(self, uid: int) -> None:
+        """Forget a keyframe; one that is not there is fine."""
+        if uid in self._members:
+            self._members.discard(uid)
+            self._pending = [entry for entry in self._pending if entry[0] != uid]
+            self._uid[self._uid == uid] = _REMOVED
+
+    def query(self, descriptors: ByteArray) -> PlaceVotes:
+        """Return the keyframes that share descriptors with an image of (N, 32)."""
+        self._take_pending()
+        words = self._chosen(descriptors)
+        keys = self._keys(words)
+        parts = [self._collisions(segment, keys) for segment in (self._large, self._small)]
+        query, row = (np.concatenate(column) for column in zip(*parts, strict=True))
+        uid = self._uid[row]
+        near = hamming(words[query], self._words[row]) <= self._config.max_hamming
+        near &= uid != _REMOVED
+        # A pair found in two tables counts once.
+        pairs = np.unique(uid[near] * len(words) + query[near])
+        uids, votes = np.unique(pairs // max(len(words), 1), return_counts=True)
+        order = np.argsort(-votes, kind='stable')
+        return PlaceVotes(uids[order], votes[order])
+
+    def _chosen(self, descriptors: ByteArray) -> WordArray:
+        count = min(len(descriptors), self._config.max_features)
+        rows = np.linspace(0, len(descriptors) - 1, count).astype(np.int64)
+        return np.ascontiguousarray(descriptors[rows]).view(np.uint64)
+
+    def _keys(self, words: WordArray) -> WordArray:
+        """Return (T, N) keys, already shifted above the bits of the pool row."""
+        bits = np.unpackbits(words.view(np.uint8), axis=1).T[self._bits]  # (T, B, N)
+        packed = np.packbits(bits, axis=1, bitorder='little').astype(np.uint64)
+        shifts = _ROW_BITS + 8 * np.arange(packed.shape[1], dtype=np.uint64)
+        keys: WordArray = (packed << shifts[:, None]).sum(1)
+        return keys
+
+    def _collisions(self, segment: WordArray, keys: WordArray) -> tuple[IntArray, IntArray]:
+        """Return (C,) queries and (C,) pool rows under one key, but for too common keys."""
+        ends = keys + (np.uint64(1) << _ROW_BITS)
+        tables = range(len(keys))
+        low = np.stack([np.searchsorted(segment[t], keys[t]) for t in tables])
+        count = np.stack([np.searchsorted(segment[t], ends[t]) for t in tables]) - low
+        count[count > self._config.max_bucket] = 0
+        start = (low + segment.shape[1] * np.arange(len(keys))[:, None]).ravel()
+        flat = count.ravel()
+        offset = np.arange(flat.sum()) - np.repeat(np.cumsum(flat) - flat, flat)
+        found = segment.ravel()[np.repeat(start, flat) + offset]
+        query = np.repeat(np.tile(np.arange(keys.shape[1]), len(keys)), flat)
+        return query, (found & np.uint64(0xFFFFFFFF)).astype(np.int64)
+
+    def _take_pending(self) -> None:
+        if not self._pending:
+            return
+        sizes = [len(words) for _, words in self._pending]
+        words = np.concatenate([words for _, words in self._pending])
+        rows = np.arange(len(self._uid), len(self._uid) + len(words), dtype=np.uint64)
+        self._uid = np.concatenate([self._uid, np.repeat([u for u, _ in self._pending], sizes)])
+        self._words = np.concatenate([self._words, words])
+        self._pending = []
+        self._small = np.sort(np.concatenate([self._small, self._keys(words) | rows], axis=1))
+        if self._small.shape[1] > _MERGE_SHARE * self._large.shape[1]:
+            self._merge()
+
+    def _merge(self) -> None:
+        """Join the segments and drop what was removed."""
+        kept = np.flatnonzero(self._uid != _REMOVED)
+        self._words, self._uid = self._words[kept], self._uid[kept]
+        rows = np.arange(len(kept), dtype=np.uint64)
+        self._large = np.sort(self._keys(self._words) | rows)
+        self._small = self._large[:, :0]
+
+
+def hamming(a: WordArray, b: WordArray) -> NDArray[np.uint32]:
+    """Return (M,) distances of rows of (M, 4) arrays, summed in lanes as a row sum is slow."""
+    counts = np.bitwise_count(a ^ b).view(np.uint32)[:, 0]
+    mask = np.uint32(0x00FF00FF)
+    lanes = (counts & mask) + ((counts >> np.uint32(8)) & mask)
+    distance: NDArray[np.uint32] = (lanes & np.uint32(0xFFFF)) + (lanes >> np.uint32(16))
+    return distance

@@ -1,0 +1,98 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rgbd_slam.place_recognition import PlaceConfig, PlaceIndex, hamming
+
+
+def _descriptors(seed, count=300):
+    return np.random.default_rng(seed).integers(0, 256, (count, 32), dtype=np.uint8)
+
+
+def _seen_again(descriptors, seed, flip=0.06):
+    """Return the descriptors with each bit flipped with a probability, as another view would."""
+    flips = np.random.default_rng(seed).random((len(descriptors), 256)) < flip
+    return descriptors ^ np.packbits(flips, axis=1)
+
+
+def _index_of(num_places):
+    index = PlaceIndex(PlaceConfig())
+    for uid in range(num_places):
+        index.add(uid, _descriptors(uid))
+    return index
+
+
+def test_an_identical_image_gets_all_votes_and_strangers_none():
+    votes = _index_of(40).query(_descriptors(17))
+    assert votes.uids.tolist() == [17]
+    assert votes.votes.tolist() == [300]
+
+
+def test_a_noisy_view_finds_its_place_among_many():
+    index = _index_of(60)
+    for uid in (0, 31, 59):
+        votes = index.query(_seen_again(_descriptors(uid), seed=1))
+        assert votes.uids[0] == uid
+        assert votes.votes[0] > 100
+
+
+def test_votes_come_most_first_and_equal_ones_by_uid():
+    index = PlaceIndex(PlaceConfig())
+    place = _descriptors(3)
+    for uid, count in ((9, 100), (4, 300), (7, 100)):
+        index.add(uid, place[:count])
+    votes = index.query(place)
+    assert votes.uids.tolist() == [4, 7, 9]
+    assert votes.votes.tolist() == [300, 100, 100]
+
+
+def test_a_removed_keyframe_is_not_found_before_and_after_merging():
+    index = _index_of(5)
+    index.query(_descriptors(2))
+    index.remove(2)
+    assert 2 not in index
+    assert len(index.query(_descriptors(2)).uids) == 0
+    for uid in range(10, 30):  # enough to make the segments join, which drops the removed rows
+        index.add(uid, _descriptors(uid))
+        index.query(_descriptors(uid))
+    assert len(index.query(_descriptors(2)).uids) == 0
+    assert index.query(_descriptors(4)).uids.tolist() == [4]
+
+
+def test_removing_a_keyframe_that_was_never_queried_or_never_added():
+    index = PlaceIndex(PlaceConfig())
+    index.add(1, _descriptors(1))
+    index.remove(1)
+    index.remove(2)
+    assert len(index) == 0
+    assert len(index.query(_descriptors(1)).uids) == 0
+
+
+def test_a_key_shared_by_too_many_descriptors_says_nothing():
+    config = PlaceConfig(max_bucket=8)
+    index = PlaceIndex(config)
+    common = np.tile(_descriptors(0, 1), (50, 1))
+    index.add(1, common)
+    assert len(index.query(common).uids) == 0
+
+
+def test_an_image_without_features_matches_nothing():
+    assert len(_index_of(3).query(np.empty((0, 32), np.uint8)).uids) == 0
+
+
+def test_more_features_than_the_limit_are_thinned_evenly():
+    index = PlaceIndex(PlaceConfig(max_features=100))
+    place = _descriptors(0, 1000)
+    index.add(1, place)
+    assert index.query(place).votes.tolist() == [100]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 20))
+def test_hamming_counts_the_bits_that_differ(seed, count):
+    rng = np.random.default_rng(seed)
+    a, b = rng.integers(0, 256, (2, count, 32), dtype=np.uint8)
+    if seed % 3 == 0:
+        b = ~a  # all 256 bits: the sum must not wrap around
+    expected = np.unpackbits(a ^ b, axis=1).sum(1)
+    assert hamming(a.view(np.uint64), b.view(np.uint64)).tolist() == expected.tolist()
