@@ -1,0 +1,74 @@
+"""Messages to values and back: `x_from_msg` and `x_to_msg` pairs.
+
+`from` functions raise MessageError with one line that names the field at fault; `to` functions
+take a Header, as every output carries the stamp and frame of the image it came from.
+"""
+
+from hoid_common.ros.conversions.camera import camera_from_msg, camera_to_msg
+from hoid_common.ros.conversions.clouds import Cloud, cloud_from_msg, cloud_to_msg
+from hoid_common.ros.conversions.detections import detections_from_msg, detections_to_msg
+from hoid_common.ros.conversions.features import (
+    FeatureCounts,
+    feature_counts_from_msg,
+    features_from_msg,
+    features_to_msg,
+)
+from hoid_common.ros.conversions.geometry import (
+    odometry_from_msg,
+    odometry_to_msg,
+    path_from_msg,
+    path_to_msg,
+    pose_from_msg,
+    pose_stamped_to_msg,
+    pose_to_msg,
+    transform_from_msg,
+    transform_to_msg,
+    twist_from_msg,
+    twist_to_msg,
+)
+from hoid_common.ros.conversions.headers import header_to_msg, stamp_from_msg, stamp_to_msg
+from hoid_common.ros.conversions.images import (
+    color_from_msg,
+    color_to_msg,
+    compressed_color_to_msg,
+    compressed_depth_to_msg,
+    depth_from_msg,
+    depth_to_msg,
+)
+from hoid_common.ros.conversions.objects import dynamic_objects_from_msg, dynamic_objects_to_msg
+
+__all__ = [
+    'Cloud',
+    'FeatureCounts',
+    'camera_from_msg',
+    'camera_to_msg',
+    'cloud_from_msg',
+    'cloud_to_msg',
+    'color_from_msg',
+    'color_to_msg',
+    'compressed_color_to_msg',
+    'compressed_depth_to_msg',
+    'depth_from_msg',
+    'depth_to_msg',
+    'detections_from_msg',
+    'detections_to_msg',
+    'dynamic_objects_from_msg',
+    'dynamic_objects_to_msg',
+    'feature_counts_from_msg',
+    'features_from_msg',
+    'features_to_msg',
+    'header_to_msg',
+    'odometry_from_msg',
+    'odometry_to_msg',
+    'path_from_msg',
+    'path_to_msg',
+    'pose_from_msg',
+    'pose_stamped_to_msg',
+    'pose_to_msg',
+    'stamp_from_msg',
+    'stamp_to_msg',
+    'transform_from_msg',
+    'transform_to_msg',
+    'twist_from_msg',
+    'twist_to_msg',
+]

@@ -1,0 +1,79 @@
+"""sensor_msgs/PointCloud2, with or without colour."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+
+from hoid_common.errors import MessageError
+from hoid_common.ros.conversions.arrays import bytes_field
+from hoid_common.values import ByteArray, Float32Array
+
+_XYZ = [
+    PointField(name=n, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+    for i, n in enumerate('xyz')
+]
+# Colour is 0x00RRGGBB in the bits of a float32, RViz's and PCL's custom.
+_RGB = PointField(name='rgb', offset=12, datatype=PointField.FLOAT32, count=1)
+
+
+class Cloud(NamedTuple):
+    """Points in the header's frame."""
+
+    points_m: Float32Array  # (N, 3)
+    colors_bgr: ByteArray | None = None  # (N, 3)
+
+
+def cloud_from_msg(msg: PointCloud2) -> Cloud:
+    """Return x, y, z and, when there, rgb; other fields are passed over."""
+    offsets = {
+        field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32
+    }
+    if not {'x', 'y', 'z'} <= offsets.keys() or msg.is_bigendian:
+        raise MessageError(
+            f'cloud has fields {sorted(offsets)}; float32 x, y, z in little endian are needed'
+        )
+    n = msg.width * msg.height
+    if len(msg.data) != n * msg.point_step:
+        raise MessageError(
+            f'cloud holds {len(msg.data)} bytes, {n} points take {n * msg.point_step}'
+        )
+    names = [name for name in ('x', 'y', 'z', 'rgb') if name in offsets]
+    layout = np.dtype(
+        {
+            'names': names,
+            'formats': ['<u4' if name == 'rgb' else '<f4' for name in names],
+            'offsets': [offsets[name] for name in names],
+            'itemsize': msg.point_step,
+        }
+    )
+    table = np.frombuffer(msg.data, layout, n)
+    points = np.stack([table['x'], table['y'], table['z']], axis=1)
+    if 'rgb' not in offsets:
+        return Cloud(points)
+    rgb = np.ascontiguousarray(table['rgb'])
+    return Cloud(points, rgb.view(np.uint8).reshape(n, 4)[:, :3].copy())
+
+
+def cloud_to_msg(cloud: Cloud, header: Header) -> PointCloud2:
+    """Return an unordered cloud with fields x, y, z and, when there are colours, rgb."""
+    n = len(cloud.points_m)
+    step = 12 if cloud.colors_bgr is None else 16
+    table = np.zeros((n, step), np.uint8)
+    table[:, :12] = np.ascontiguousarray(cloud.points_m, np.float32).view(np.uint8).reshape(n, 12)
+    if cloud.colors_bgr is not None:
+        table[:, 12:15] = cloud.colors_bgr
+    return PointCloud2(
+        header=header,
+        height=1,
+        width=n,
+        fields=_XYZ if cloud.colors_bgr is None else [*_XYZ, _RGB],
+        is_bigendian=False,
+        point_step=step,
+        row_step=step * n,
+        data=bytes_field(table),
+        is_dense=True,
+    )

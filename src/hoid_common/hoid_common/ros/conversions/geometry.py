@@ -1,0 +1,156 @@
+"""Poses, transforms, odometry and paths.
+
+The suite orders twists and covariances rotation first; ROS orders them translation first. Only
+this module reorders.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    TransformStamped,
+    Twist,
+    Vector3,
+)
+from nav_msgs.msg import Odometry, Path
+from std_msgs.msg import Header
+
+from hoid_common import se3
+from hoid_common.errors import MessageError
+from hoid_common.ros.conversions.headers import stamp_from_msg, stamp_to_msg
+from hoid_common.values import FloatArray, IntArray
+
+_ROS_ORDER = [3, 4, 5, 0, 1, 2]  # its own inverse
+
+
+def pose_from_msg(msg: Pose) -> FloatArray:
+    """Return the (4, 4) transform; a quaternion of norm 0 or a NaN raises MessageError."""
+    return _transform(msg.orientation, msg.position, 'pose')
+
+
+def pose_to_msg(T_a_b: FloatArray) -> Pose:
+    """Return the pose of frame b in frame a, for a (4, 4) transform."""
+    x, y, z = T_a_b[:3, 3].tolist()
+    return Pose(position=Point(x=x, y=y, z=z), orientation=_quaternion(T_a_b))
+
+
+def pose_stamped_to_msg(T_a_b: FloatArray, header: Header) -> PoseStamped:
+    """Return the stamped pose of frame b in the header's frame a."""
+    return PoseStamped(header=header, pose=pose_to_msg(T_a_b))
+
+
+def transform_from_msg(msg: TransformStamped) -> FloatArray:
+    """Return T_parent_child, (4, 4)."""
+    return _transform(msg.transform.rotation, msg.transform.translation, 'transform')
+
+
+def transform_to_msg(
+    T_parent_child: FloatArray, stamp_ns: int, parent: str, child: str
+) -> TransformStamped:
+    """Return an edge of the frame tree."""
+    msg = TransformStamped(child_frame_id=child)
+    msg.header.stamp = stamp_to_msg(stamp_ns)
+    msg.header.frame_id = parent
+    x, y, z = T_parent_child[:3, 3].tolist()
+    msg.transform.translation = Vector3(x=x, y=y, z=z)
+    msg.transform.rotation = _quaternion(T_parent_child)
+    return msg
+
+
+def twist_from_msg(msg: Twist) -> FloatArray:
+    """Return (6,): angular (rad/s), then linear (m/s) velocity."""
+    w, v = msg.angular, msg.linear
+    return np.array([w.x, w.y, w.z, v.x, v.y, v.z])
+
+
+def twist_to_msg(twist: FloatArray) -> Twist:
+    """Return the message of (6,): angular (rad/s), then linear (m/s) velocity."""
+    wx, wy, wz, vx, vy, vz = twist.tolist()
+    return Twist(linear=Vector3(x=vx, y=vy, z=vz), angular=Vector3(x=wx, y=wy, z=wz))
+
+
+def odometry_from_msg(msg: Odometry) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return T_odom_base (4, 4), its covariance and the twist, as `odometry_to_msg` takes them."""
+    T_odom_base = pose_from_msg(msg.pose.pose)
+    covariance = np.array(msg.pose.covariance).reshape(6, 6)[np.ix_(_ROS_ORDER, _ROS_ORDER)]
+    A = _block_rotation(T_odom_base)
+    return T_odom_base, A.T @ covariance @ A, twist_from_msg(msg.twist.twist)
+
+
+def odometry_to_msg(
+    T_odom_base: FloatArray,
+    covariance: FloatArray,
+    twist: FloatArray,
+    header: Header,
+    child_frame_id: str,
+) -> Odometry:
+    """Return the message.
+
+    Args:
+        covariance: (6, 6) of a small motion in the base frame, rotation (rad²) first, then
+            translation (m²), as GTSAM gives it for T_odom_base. ROS wants it along the axes of
+            the header's frame: it is turned here.
+        twist: (6,) in the base frame: angular (rad/s), then linear (m/s).
+        header: stamp of the image; frame_id is the odometry's frame.
+    """
+    A = _block_rotation(T_odom_base)
+    turned = (A @ covariance @ A.T)[np.ix_(_ROS_ORDER, _ROS_ORDER)]
+    msg = Odometry(header=header, child_frame_id=child_frame_id)
+    msg.pose.pose = pose_to_msg(T_odom_base)
+    msg.pose.covariance = turned.ravel()
+    msg.twist.twist = twist_to_msg(twist)
+    return msg
+
+
+def path_from_msg(msg: Path) -> tuple[IntArray, FloatArray]:
+    """Return stamps in ns (N,) and transforms (N, 4, 4)."""
+    stamps = np.array([stamp_from_msg(pose.header.stamp) for pose in msg.poses], np.int64)
+    T = [pose_from_msg(pose.pose) for pose in msg.poses]
+    return stamps, np.array(T, np.float64).reshape(-1, 4, 4)
+
+
+def path_to_msg(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> Path:
+    """Return the path of poses (N, 4, 4) at stamps (N,) in the header's frame."""
+    quats = se3.quat_xyzw_from_rotation(T_map_base[:, :3, :3]).tolist()
+    places = T_map_base[:, :3, 3].tolist()
+    msg = Path(header=header)
+    # One check of the whole list when it is set, none per pose.
+    msg.poses = [
+        PoseStamped(
+            header=Header(stamp=stamp_to_msg(stamp), frame_id=header.frame_id),
+            pose=Pose(
+                position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)
+            ),
+        )
+        for stamp, (x, y, z), (qx, qy, qz, qw) in zip(
+            stamps_ns.tolist(), places, quats, strict=True
+        )
+    ]
+    return msg
+
+
+def _transform(rotation: Quaternion, translation: Any, what: str) -> FloatArray:
+    quat = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
+    place = np.array([translation.x, translation.y, translation.z])
+    if not (np.isfinite(place).all() and 0.5 < np.linalg.norm(quat) < 2.0):  # False for NaN
+        raise MessageError(
+            f'{what} is no rigid motion: quaternion {quat.tolist()} at {place.tolist()}'
+        )
+    return se3.from_quat_translation(quat, place)
+
+
+def _quaternion(T: FloatArray) -> Quaternion:
+    x, y, z, w = se3.quat_xyzw_from_rotation(T[:3, :3]).tolist()
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def _block_rotation(T: FloatArray) -> FloatArray:
+    A = np.zeros((6, 6))
+    A[:3, :3] = A[3:, 3:] = T[:3, :3]
+    return A

@@ -1,0 +1,24 @@
+"""Stamps and headers."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
+
+_NS_PER_S = 1_000_000_000
+
+
+def stamp_from_msg(stamp: Time) -> int:
+    """Return nanoseconds."""
+    return int(stamp.sec) * _NS_PER_S + int(stamp.nanosec)
+
+
+def stamp_to_msg(stamp_ns: int) -> Time:
+    """Return the message of nanoseconds."""
+    sec, nanosec = divmod(stamp_ns, _NS_PER_S)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
+    """Return a header, for what has no message that it came from."""
+    return Header(stamp=stamp_to_msg(stamp_ns), frame_id=frame_id)

@@ -1,0 +1,70 @@
+"""Colour and depth pictures; the pixels themselves are `hoid_common.images`' matter."""
+
+from __future__ import annotations
+
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
+
+from hoid_common import images
+from hoid_common.errors import MessageError
+from hoid_common.ros.conversions.arrays import bytes_field
+from hoid_common.values import ByteArray, Float32Array
+
+
+def color_from_msg(msg: Image | CompressedImage) -> ByteArray:
+    """Return the (H, W, 3) BGR picture; see `images.decode_color` for the encodings."""
+    if isinstance(msg, CompressedImage):
+        return images.decode_compressed_color(msg.data)
+    return images.decode_color(msg)
+
+
+def color_to_msg(image_bgr: ByteArray, header: Header) -> Image:
+    """Return a bgr8 message of a (H, W, 3) picture."""
+    return _image_to_msg(image_bgr, 'bgr8', header)
+
+
+def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) -> CompressedImage:
+    """Return a JPEG message of a (H, W, 3) picture; quality in [1, 100]."""
+    jpeg = images.encode_jpeg(image_bgr, quality)
+    return CompressedImage(
+        header=header, format='bgr8; jpeg compressed bgr8', data=bytes_field(jpeg)
+    )
+
+
+def depth_from_msg(msg: Image | CompressedImage) -> Float32Array:
+    """Return (H, W) metres; 0 = no reading. See `images.decode_depth` for the encodings."""
+    if isinstance(msg, CompressedImage):
+        return images.decode_compressed_depth(msg.format, msg.data)
+    return images.decode_depth(msg)
+
+
+def depth_to_msg(depth_m: Float32Array, header: Header) -> Image:
+    """Return a 16UC1 message where whole millimetres say the same as the (H, W) m, else 32FC1."""
+    depth_mm = images.depth_mm_or_none(depth_m)
+    if depth_mm is None:
+        return _image_to_msg(depth_m, '32FC1', header)
+    return _image_to_msg(depth_mm, '16UC1', header)
+
+
+def compressed_depth_to_msg(depth_m: Float32Array, header: Header) -> CompressedImage:
+    """Return a compressedDepth message of (H, W) m; other than whole mm raise MessageError."""
+    depth_mm = images.depth_mm_or_none(depth_m)
+    if depth_mm is None:
+        raise MessageError('depth is not in whole millimetres; send it raw to keep it exact')
+    return CompressedImage(
+        header=header,
+        format=images.COMPRESSED_DEPTH_FORMAT,
+        data=bytes_field(images.encode_compressed_depth(depth_mm)),
+    )
+
+
+def _image_to_msg(pixels: images.Pixels, encoding: str, header: Header) -> Image:
+    return Image(
+        header=header,
+        height=pixels.shape[0],
+        width=pixels.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        step=pixels.itemsize * pixels.size // pixels.shape[0],
+        data=bytes_field(pixels),
+    )

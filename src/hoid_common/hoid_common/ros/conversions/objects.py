@@ -1,0 +1,64 @@
+"""hoid_msgs/DynamicObjectArray."""
+
+from __future__ import annotations
+
+from hoid_msgs.msg import DynamicObject as DynamicObjectMsg
+from hoid_msgs.msg import DynamicObjectArray
+from std_msgs.msg import Header
+
+from hoid_common.errors import MessageError
+from hoid_common.values import DynamicObject, Reason
+
+
+def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ...]:
+    """Return the filter's verdicts; an unknown reason raises MessageError."""
+    return tuple(_object_from_msg(obj) for obj in msg.objects)
+
+
+def dynamic_objects_to_msg(
+    objects: tuple[DynamicObject, ...], header: Header, image_size_px: tuple[int, int]
+) -> DynamicObjectArray:
+    """Return the message; `image_size_px` is width, height of the image of the boxes."""
+    return DynamicObjectArray(
+        header=header,
+        image_width=image_size_px[0],
+        image_height=image_size_px[1],
+        objects=[_object_to_msg(obj) for obj in objects],
+    )
+
+
+def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
+    if msg.reason not in {reason.value for reason in Reason}:
+        raise MessageError(f'dynamic_objects.reason is {msg.reason}; see hoid_msgs/DynamicObject')
+    x, y, z = (float(value) for value in msg.center_camera_m)
+    width, height = (float(value) for value in msg.size_m)
+    return DynamicObject(
+        msg.class_name,
+        (msg.x_min, msg.y_min, msg.x_max, msg.y_max),
+        msg.score,
+        msg.track_id,
+        Reason(msg.reason),
+        msg.overlap_ratio,
+        msg.depth_gap_m,
+        (x, y, z),
+        (width, height),
+    )
+
+
+def _object_to_msg(obj: DynamicObject) -> DynamicObjectMsg:
+    x_min, y_min, x_max, y_max = (float(value) for value in obj.box_xyxy_px)
+    return DynamicObjectMsg(
+        class_name=obj.class_name,
+        score=float(obj.score),
+        track_id=obj.track_id,
+        dynamic=obj.is_dynamic,
+        reason=obj.reason.value,
+        x_min=x_min,
+        y_min=y_min,
+        x_max=x_max,
+        y_max=y_max,
+        overlap_ratio=float(obj.overlap_ratio),
+        depth_gap_m=float(obj.depth_gap_m),
+        center_camera_m=[float(value) for value in obj.center_camera_m],
+        size_m=[float(value) for value in obj.size_m],
+    )

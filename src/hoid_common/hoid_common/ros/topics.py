@@ -1,0 +1,51 @@
+"""Each topic name once; relative but for the global ones, so that a namespace moves them."""
+
+from __future__ import annotations
+
+RGB_IMAGE = 'rgb/image'
+CAMERA_INFO = 'rgb/camera_info'
+DEPTH_IMAGE = 'depth/image'
+IMU = 'imu'
+
+DETECTIONS = 'detections'
+FEATURES = 'features'
+DYNAMIC_OBJECTS = 'dynamic_objects'
+DEBUG_IMAGE = '~/debug_image'
+
+ODOM = 'odom'
+PATH = 'path'
+MAP_POINTS = 'map_points'
+CLOUD_MAP = 'cloud_map'
+GRID_MAP = 'grid_map'
+KEYFRAMES = 'keyframes'
+SLAM_STATUS = 'slam_status'
+TRACKED_OBJECTS = 'tracked_objects'  # hoid_msgs/TrackedObjectArray
+TRACKED_OBJECT_MARKERS = 'tracked_objects/markers'  # visualization_msgs/MarkerArray
+
+# Truth, in bags of recordings that have it; never on /tf, where it would fight the estimate.
+GROUND_TRUTH = 'ground_truth'
+TRUE_DETECTIONS = 'detections_gt'
+
+TF = '/tf'
+TF_STATIC = '/tf_static'
+CLOCK = '/clock'
+DIAGNOSTICS = '/diagnostics'
+
+# Services of rgbd_slam
+RESET = '~/reset'
+PAUSE = '~/pause'
+RESUME = '~/resume'
+SET_MODE = '~/set_mode'
+SAVE_MAP = '~/save_map'
+LOAD_MAP = '~/load_map'
+SAVE_TRAJECTORY = '~/save_trajectory'
+
+
+def compressed(topic: str) -> str:
+    """Return the topic of JPEG or PNG pictures that image_transport puts beside a raw one."""
+    return f'{topic}/compressed'
+
+
+def compressed_depth(topic: str) -> str:
+    """Return the topic of losslessly packed depth that image_transport puts beside a raw one."""
+    return f'{topic}/compressedDepth'
