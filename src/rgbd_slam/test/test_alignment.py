@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hoid_common import se3
+from hoid_common.values import CameraModel
+from rgbd_slam.alignment import AlignmentConfig, AlignmentStatus, align_image, align_points
+from rgbd_slam.frame import StereoCamera
+
+CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0), 0.075)
+T_CAMERA_POINTS = se3.exp(np.array([0.2, -0.4, 0.1, 0.5, -0.2, 0.3]))
+
+
+def _scene(count=120, seed=0, wrong=0.5, depth_share=1.0, noise_px=0.3):
+    """Return measurement, depth, points, and which matches are right, at T_CAMERA_POINTS."""
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(0.8, 3.0, count)
+    uv = np.stack([rng.uniform(20, 620, count), rng.uniform(20, 460, count)], 1)
+    in_camera = CAMERA.back_project(uv, depth)
+    points = se3.transform(se3.inverse(T_CAMERA_POINTS), in_camera)
+    right = rng.random(count) >= wrong
+    points[~right] = points[rng.permutation(count)[: (~right).sum()]] + 0.3
+    disparity = CAMERA.baseline_px_m / depth + rng.normal(
+        0, 0.06, count
+    )  # a Kinect's, 13 mm at 3 m
+    measurement = CAMERA.project(in_camera) + rng.normal(0, noise_px, (count, 3))
+    measurement[:, 2] = measurement[:, 0] - disparity
+    has_depth = rng.random(count) < depth_share
+    depth = np.where(has_depth, CAMERA.baseline_px_m / (measurement[:, 0] - measurement[:, 2]), 0)
+    measurement[~has_depth, 2] = np.nan
+    return measurement.astype(np.float32), depth.astype(np.float32), points, right
+
+
+def _aligned(measurement, depth, points, seed=0, **config):
+    return align_image(
+        measurement,
+        np.ones(len(points)),
+        depth,
+        points,
+        CAMERA,
+        AlignmentConfig(**config),
+        np.random.default_rng(seed),
+    )
+
+
+def _error(T):
+    twist = se3.log(se3.inverse(T_CAMERA_POINTS) @ T)
+    return np.rad2deg(np.linalg.norm(twist[:3])), np.linalg.norm(twist[3:])
+
+
+def test_horn_alignment_recovers_a_known_transform_exactly():
+    points = np.random.default_rng(0).normal(size=(7, 3))
+    T = align_points(se3.transform(T_CAMERA_POINTS, points), points)
+    np.testing.assert_allclose(T, T_CAMERA_POINTS, atol=1e-12)
+
+
+def test_horn_alignment_of_a_quarter_turn_by_hand():
+    b = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    a = np.array([[1.0, 2, 3], [1, 3, 3], [0, 2, 3]])
+    expected = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
+    np.testing.assert_allclose(align_points(a, b), expected, atol=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**31), st.integers(3, 10))
+def test_horn_alignment_is_a_rotation_even_of_mirrored_or_flat_points(seed, count):
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(2, 4, count, 3))
+    a[1] = b[1] * [1, 1, -1]
+    b[2, :, 2] = 0
+    R = align_points(a, b)[:, :3, :3]
+    np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), np.tile(np.eye(3), (4, 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize('depth_share', [1.0, 0.5, 0.0])
+def test_a_pose_is_found_among_half_wrong_matches(depth_share):
+    measurement, depth, points, right = _scene(depth_share=depth_share)
+    result = _aligned(measurement, depth, points)
+    assert result.status is AlignmentStatus.OK
+    angle_deg, gap_m = _error(result.T_camera_points)
+    assert angle_deg < 0.5
+    assert gap_m < 0.02
+    assert result.inliers[right].mean() > 0.9
+    assert result.inliers[~right].mean() < 0.1
+
+
+def test_eighty_percent_wrong_matches():
+    measurement, depth, points, right = _scene(count=250, wrong=0.8)
+    result = _aligned(measurement, depth, points, hypotheses=600)
+    assert result.status is AlignmentStatus.OK
+    assert _error(result.T_camera_points)[1] < 0.02
+    assert result.inliers[right].mean() > 0.9
+
+
+def test_the_same_seed_gives_the_same_answer():
+    scene = _scene()[:3]
+    first, second = _aligned(*scene, seed=3), _aligned(*scene, seed=3)
+    assert (first.T_camera_points == second.T_camera_points).all()
+
+
+def test_random_matches_give_no_pose():
+    measurement, depth, points, _ = _scene(wrong=1.0)
+    points = np.random.default_rng(5).permutation(points)
+    result = _aligned(measurement, depth, points)
+    assert result.status is AlignmentStatus.TOO_FEW_INLIERS
+    assert not result.inliers.any()
+
+
+def test_too_few_matches_are_said():
+    measurement, depth, points, _ = _scene(count=8, wrong=0.0)
+    assert _aligned(measurement, depth, points).status is AlignmentStatus.TOO_FEW_MATCHES
+
+
+def test_points_behind_the_camera_are_no_inliers():
+    measurement, depth, points, _ = _scene(wrong=0.0)
+    points[:40] = se3.transform(
+        se3.inverse(T_CAMERA_POINTS), -CAMERA.back_project(measurement[:40], depth[:40])
+    )
+    result = _aligned(measurement, depth, points)
+    assert result.status is AlignmentStatus.OK
+    assert not result.inliers[:40].any()
+    assert result.inliers[40:].mean() > 0.9
