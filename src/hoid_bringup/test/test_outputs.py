@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from hoid_bags.trajectory_io import read_tum
+from hoid_bringup.outputs import staged, write_outputs
+from hoid_bringup.summary import FilterCounts, MapCounts, RunResult, Spread
+from hoid_common.errors import InputError
+from hoid_common.values import Trajectory
+
+CONTRACT = """frames_total frames_processed frames_tracked coverage ate_rmse_m ate_online_rmse_m
+    rpe_trans_1s_rmse_m rpe_rot_1s_rmse_deg keyframes map_points loops relocalizations
+    stage_ms latency_ms peak_rss_mb filter versions"""
+
+
+def spiral(n: int) -> Trajectory:
+    T = np.tile(np.eye(4), (n, 1, 1))
+    s = 0.06 * np.arange(n)
+    T[:, :3, 3] = np.stack([np.cos(s), np.sin(s), 0.1 * s], axis=1)
+    return Trajectory(10**18 + 33_333_333 * np.arange(n), T)
+
+
+def result(final: Trajectory, truth: Trajectory | None) -> RunResult:
+    return RunResult(
+        input_name='spiral',
+        options={'filter': 'none', 'seed': 0},
+        frames_total=100,
+        frames_processed=100,
+        final=final,
+        online=final,
+        keyframes=Trajectory(final.stamps_ns[::10], final.T_world_camera[::10]),
+        map_points_m=np.array([[1.0, 2, 3], [4, 5, 6]]),
+        ground_truth=truth,
+        map_counts=MapCounts(9, 2, 1, 0),
+        filter_counts=FilterCounts(100_000, 20, 3),
+        stage_ms={'frame': [1.0, 2, 3], 'detect': []},
+        peak_rss_mb=321.04,
+    )
+
+
+def test_all_files_of_the_contract(tmp_path: Path) -> None:
+    out = tmp_path / 'a run' / 'deep'
+    summary = write_outputs(out, result(spiral(90), spiral(100)))
+    assert summary.coverage == 0.9
+    assert summary.ate_rmse_m == 0.0
+    assert sorted(p.name for p in out.iterdir()) == [
+        'keyframes.txt',
+        'map.ply',
+        'summary.json',
+        'trajectory.png',
+        'trajectory.txt',
+        'trajectory_online.txt',
+    ]
+    loaded = json.loads((out / 'summary.json').read_text())
+    assert set(CONTRACT.split()) <= set(loaded)
+    assert loaded['stage_ms'] == {'frame': {'median': 2.0, 'p95': 2.9}, 'detect': None}
+    assert loaded['filter'] == {
+        'features_in': 100_000,
+        'features_removed': 20,
+        'objects_dynamic': 3,
+    }
+    assert loaded['latency_ms'] is None
+    assert len(read_tum(out / 'trajectory.txt')) == 90
+    assert cv2.imread(str(out / 'trajectory.png')).shape[1] > 1000
+    ply = (out / 'map.ply').read_bytes()
+    assert b'element vertex 2\n' in ply
+    assert np.frombuffer(ply[-24:], '<f4').tolist() == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize('num_tracked', [0, 2])
+def test_a_run_that_tracked_nothing_has_null_errors(tmp_path: Path, num_tracked: int) -> None:
+    summary = write_outputs(tmp_path, result(spiral(num_tracked), spiral(100)))
+    assert summary.ate_rmse_m is None
+    assert summary.frames_tracked == num_tracked
+
+
+def test_without_ground_truth_errors_are_null(tmp_path: Path) -> None:
+    write_outputs(tmp_path, result(spiral(90), None))
+    loaded = json.loads((tmp_path / 'summary.json').read_text())
+    assert loaded['ate_rmse_m'] is None
+    assert loaded['rpe_rot_1s_rmse_deg'] is None
+
+
+def write_until_full(out_dir: Path) -> None:
+    with staged(out_dir) as stage:
+        (stage / 'new.txt').write_text('half')
+        raise OSError(28, 'No space left on device')
+
+
+def test_a_full_disk_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / 'old.txt').write_text('kept')
+    with pytest.raises(InputError, match='No space left'):
+        write_until_full(tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ['old.txt']
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / 'out').write_text('')
+    with pytest.raises(InputError, match='out: cannot be written to'):
+        write_outputs(tmp_path / 'out', result(spiral(9), None))
+
+
+def test_spread() -> None:
+    assert Spread.of([3.0, 1.0, 2.0]) == Spread(2.0, 2.9)
+    assert Spread.of([]) is None
