@@ -1,0 +1,64 @@
+"""Names of a model's classes: from a file, from the model's metadata, or COCO's."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from pathlib import Path
+
+from hoid_common.errors import ModelError
+
+COCO = (
+    'person', 'bicycle', 'car', 'motorcycle', 'airplane', 'bus', 'train', 'truck', 'boat',
+    'traffic light', 'fire hydrant', 'stop sign', 'parking meter', 'bench', 'bird', 'cat', 'dog',
+    'horse', 'sheep', 'cow', 'elephant', 'bear', 'zebra', 'giraffe', 'backpack', 'umbrella',
+    'handbag', 'tie', 'suitcase', 'frisbee', 'skis', 'snowboard', 'sports ball', 'kite',
+    'baseball bat', 'baseball glove', 'skateboard', 'surfboard', 'tennis racket', 'bottle',
+    'wine glass', 'cup', 'fork', 'knife', 'spoon', 'bowl', 'banana', 'apple', 'sandwich', 'orange',
+    'broccoli', 'carrot', 'hot dog', 'pizza', 'donut', 'cake', 'chair', 'couch', 'potted plant',
+    'bed', 'dining table', 'toilet', 'tv', 'laptop', 'mouse', 'remote', 'keyboard', 'cell phone',
+    'microwave', 'oven', 'toaster', 'sink', 'refrigerator', 'book', 'clock', 'vase', 'scissors',
+    'teddy bear', 'hair drier', 'toothbrush',
+)  # fmt: skip
+
+_METADATA_KEYS = ('names', 'class_names', 'classes', 'labels')
+
+
+def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | None:
+    """Return the names in the file if one is given, else those in the metadata, else None."""
+    return names_in_file(Path(file)) if file else names_in_metadata(metadata)
+
+
+def names_in_file(path: Path) -> tuple[str, ...]:
+    """Return the lines of a text file; raises ModelError where there are none."""
+    try:
+        lines = path.read_text(encoding='utf-8').splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f'class_names_file {path} cannot be read: {error}') from error
+    names = tuple(line.strip() for line in lines if line.strip())
+    if not names:
+        raise ModelError(f'class_names_file {path} is empty: write one class name a line')
+    return names
+
+
+def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
+    """Return the names that exporters leave in a model: a dict or list literal, or a,b,c."""
+    for key in _METADATA_KEYS:
+        if text := metadata.get(key):
+            return _parse(key, text)
+    return None
+
+
+def _parse(key: str, text: str) -> tuple[str, ...]:
+    try:
+        value = ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        value = [name.strip() for name in text.split(',')]
+    if isinstance(value, dict):
+        by_index = {int(index): str(name) for index, name in value.items()}
+        if sorted(by_index) != list(range(len(by_index))):
+            raise ModelError(f'model metadata "{key}": class indices {sorted(by_index)} have gaps')
+        value = [by_index[index] for index in range(len(by_index))]
+    if not isinstance(value, list | tuple) or not value:
+        raise ModelError(f'model metadata "{key}" is no list of class names: {text[:60]!r}')
+    return tuple(str(name) for name in value)

@@ -1,0 +1,168 @@
+"""Network outputs to candidate boxes, one small class for each form that outputs come in.
+
+All return boxes (x1, y1, x2, y2) in pixels of the network input. Only what reaches the score
+threshold is decoded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.values import BoolArray, Float32Array, IntArray
+
+Size = tuple[int, int]  # (width, height) of the network input, px
+Outputs = Sequence[NDArray[Any]]
+
+
+class Candidates(NamedTuple):
+    """Boxes before suppression."""
+
+    boxes_xyxy_px: Float32Array  # (N, 4), of the network input
+    scores: Float32Array  # (N,)
+    class_ids: IntArray  # (N,)
+
+    def select(self, keep: BoolArray | IntArray) -> Candidates:
+        """Return the candidates at a (N,) mask or list of indices."""
+        return Candidates(self.boxes_xyxy_px[keep], self.scores[keep], self.class_ids[keep])
+
+
+class Decoder(Protocol):
+    """Turns the outputs of one run of a network into candidates."""
+
+    def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
+        """Return the candidates whose score is at least the threshold."""
+
+
+@dataclass(frozen=True)
+class AnchorDecoder:
+    """(cx, cy, w, h, [objectness,] class scores) for each of N anchors: YOLO 5 to 11, YOLOX."""
+
+    anchors_last: bool  # (C, N), else (N, C)
+    objectness: bool  # the score is objectness * class score
+    normalized: bool  # fractions of the input, else pixels
+    raw_strides_px: tuple[int, ...] = ()  # YOLOX: boxes relative to the cells of these grids
+
+    def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
+        """Return the candidates whose score is at least the threshold."""
+        table = _float32(outputs[0])[0]
+        channels = table if self.anchors_last else table.T
+        if self.objectness:  # no class score is above 1, so objectness alone excludes most anchors
+            rows = np.flatnonzero(channels[4] >= score_threshold)
+            class_scores = channels[5:, rows] * channels[4, rows]
+        else:
+            rows = np.flatnonzero(channels[4:].max(axis=0) >= score_threshold)
+            class_scores = channels[4:, rows]
+        boxes = channels[:4, rows]
+        if self.raw_strides_px:
+            boxes = _from_cells(
+                boxes, *(g[..., rows] for g in cells(size_wh, self.raw_strides_px))
+            )
+        best = _best_class(_xyxy_from_cxcywh(boxes.T), class_scores.T, score_threshold)
+        return _in_pixels(best, size_wh, normalized=self.normalized)
+
+
+@dataclass(frozen=True)
+class EndToEndDecoder:
+    """One table of finished boxes, as YOLOv10 or YOLOv7 write it.
+
+    Columns x1, y1, x2, y2, score, class; or image, x1, y1, x2, y2, class, score.
+    """
+
+    normalized: bool
+
+    def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
+        """Return the candidates whose score is at least the threshold."""
+        table = _float32(outputs[0])
+        table = table.reshape(-1, table.shape[-1])
+        if table.shape[1] == 7:
+            boxes, class_ids, scores = table[:, 1:5], table[:, 5], table[:, 6]
+        else:
+            boxes, scores, class_ids = table[:, :4], table[:, 4], table[:, 5]
+        keep = scores >= score_threshold
+        found = Candidates(boxes[keep], scores[keep], class_ids[keep].astype(np.int64))
+        return _in_pixels(found, size_wh, normalized=self.normalized)
+
+
+@dataclass(frozen=True)
+class SplitDecoder:
+    """Finished boxes, labels and scores as outputs of their own, each at a place in the list."""
+
+    boxes: int  # (1, N, 4), x1 y1 x2 y2
+    labels: int  # (1, N)
+    scores: int  # (1, N)
+    count: int | None  # (1, 1): how many rows are meant
+    normalized: bool
+
+    def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
+        """Return the candidates whose score is at least the threshold."""
+        count = None if self.count is None else int(outputs[self.count].reshape(-1)[0])
+        found = Candidates(
+            _float32(outputs[self.boxes]).reshape(-1, 4)[:count],
+            _float32(outputs[self.scores]).reshape(-1)[:count],
+            outputs[self.labels].reshape(-1)[:count].astype(np.int64),
+        )
+        keep = found.scores >= score_threshold
+        return _in_pixels(found.select(keep), size_wh, normalized=self.normalized)
+
+
+@dataclass(frozen=True)
+class LogitsDecoder:
+    """Class logits (1, N, C) and normalised boxes (1, N, 4), cx, cy, w, h: DETR's family."""
+
+    boxes: int
+    logits: int
+
+    def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
+        """Return the candidates whose score is at least the threshold."""
+        logits = np.clip(_float32(outputs[self.logits])[0], -80, 80)
+        boxes = _xyxy_from_cxcywh(_float32(outputs[self.boxes])[0])
+        best = _best_class(boxes, 1 / (1 + np.exp(-logits)), score_threshold)
+        return _in_pixels(best, size_wh, normalized=True)
+
+
+@lru_cache(maxsize=8)
+def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Float32Array]:
+    """Return column and row (2, N) and stride (N,) of each cell of the grids, row by row."""
+    grids = [
+        np.mgrid[: size_wh[1] // s, : size_wh[0] // s][::-1].reshape(2, -1) for s in strides_px
+    ]
+    strides = np.repeat(strides_px, [grid.shape[1] for grid in grids])
+    return np.concatenate(grids, axis=1).astype(np.float32), strides.astype(np.float32)
+
+
+def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array) -> Float32Array:
+    """Return (4, N) cx, cy, w, h in pixels from centre offsets and log sizes in cells.
+
+    Ge et al., YOLOX: Exceeding YOLO Series in 2021.
+    """
+    with np.errstate(over='ignore'):  # infinite sizes are dropped with all that is not finite
+        return np.concatenate([boxes[:2] + cell, np.exp(boxes[2:])]) * stride_px
+
+
+def _best_class(
+    boxes_xyxy: Float32Array, class_scores: Float32Array, threshold: float
+) -> Candidates:
+    class_ids = class_scores.argmax(axis=1)
+    scores = np.take_along_axis(class_scores, class_ids[:, None], axis=1)[:, 0]
+    return Candidates(boxes_xyxy, scores, class_ids).select(scores >= threshold)
+
+
+def _xyxy_from_cxcywh(boxes: Float32Array) -> Float32Array:
+    half = boxes[:, 2:] / 2
+    return np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
+
+
+def _in_pixels(found: Candidates, size_wh: Size, *, normalized: bool) -> Candidates:
+    if not normalized:
+        return found
+    return found._replace(boxes_xyxy_px=found.boxes_xyxy_px * np.array(size_wh * 2, np.float32))
+
+
+def _float32(output: NDArray[Any]) -> Float32Array:
+    return np.asarray(output, np.float32)

@@ -1,0 +1,134 @@
+"""An ONNX model in onnxruntime: where it runs, what goes in, what comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+from onnxruntime.capi import (
+    onnxruntime_pybind11_state as ort_errors,
+)
+
+from hoid_common.errors import ConfigError, ModelError
+
+_PROVIDERS = {  # in the order in which they are tried when none is asked for
+    'tensorrt': 'TensorrtExecutionProvider',
+    'cuda': 'CUDAExecutionProvider',
+    'openvino': 'OpenVINOExecutionProvider',
+    'cpu': 'CPUExecutionProvider',
+}
+_NAMES = {long: short for short, long in _PROVIDERS.items()}
+_DTYPES: dict[str, type[np.floating[Any]]] = {
+    'tensor(float)': np.float32,
+    'tensor(float16)': np.float16,
+}
+_ORT_ERRORS = (
+    ort_errors.EPFail,
+    ort_errors.Fail,
+    ort_errors.InvalidArgument,
+    ort_errors.InvalidGraph,
+    ort_errors.InvalidProtobuf,
+    ort_errors.NoModel,
+    ort_errors.NoSuchFile,
+    ort_errors.NotImplemented,
+    ort_errors.RuntimeException,
+)
+
+
+class Network:
+    """A model with one image input (1, 3, H, W) and, for some, the size of the image.
+
+    Args:
+        path: of the ONNX file.
+        providers: short names in order of preference; empty takes the best that is installed.
+        threads: of the CPU; 0 takes one per core.
+
+    Raises:
+        ModelError: the file is missing, no ONNX model, or its inputs are none of a detector's.
+        ConfigError: a provider of that name does not exist.
+    """
+
+    def __init__(self, path: Path, providers: Sequence[str], threads: int) -> None:
+        self.path = path
+        asked = _provider_order(providers)
+        installed = ort.get_available_providers()
+        usable = [name for name in asked if name in installed]
+        self._session = _open(path, list(dict.fromkeys([*usable, _PROVIDERS['cpu']])), threads)
+        running = self._session.get_providers()[0]
+        self.provider = _NAMES.get(running, running)
+        wanted = asked[0] if providers else (usable or asked[-1:])[0]
+        self.provider_warning = _provider_warning(wanted, running, installed)
+        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
+        self.output_names = tuple(output.name for output in self._session.get_outputs())
+        self._image, self._size_input = _inputs(path, self._session.get_inputs())
+        self.dtype = _DTYPES[self._image.type]
+        height, width = self._image.shape[2:]
+        fixed = isinstance(height, int) and isinstance(width, int) and min(height, width) > 0
+        self.size_wh: tuple[int, int] | None = (width, height) if fixed else None  # None: any size
+
+    def run(self, blob: NDArray[np.floating[Any]]) -> list[NDArray[Any]]:
+        """Return the outputs for an input (1, 3, H, W); raises ModelError where it fails."""
+        feeds: dict[str, NDArray[Any]] = {self._image.name: blob}
+        if self._size_input is not None:
+            size_wh = np.array([blob.shape[:1:-1]])
+            kind = np.int64 if 'int64' in self._size_input.type else np.int32
+            feeds[self._size_input.name] = size_wh.astype(kind)
+        try:
+            outputs: list[NDArray[Any]] = self._session.run(None, feeds)
+        except _ORT_ERRORS as error:
+            size = 'x'.join(map(str, blob.shape))
+            raise ModelError(f'{self.path}: fails on input {size}: {_one_line(error)}') from error
+        return outputs
+
+
+def _provider_order(providers: Sequence[str]) -> list[str]:
+    for name in providers:
+        if name not in _PROVIDERS:
+            known = ', '.join(_PROVIDERS)
+            raise ConfigError(f'providers: "{name}" is not one of {known}')
+    return [_PROVIDERS[name] for name in providers or _PROVIDERS]
+
+
+def _provider_warning(wanted: str, running: str, installed: Sequence[str]) -> str:
+    if wanted == running:
+        return ''
+    names = ', '.join(_NAMES.get(name, name) for name in installed)
+    reason = 'it failed to start' if wanted in installed else f'this onnxruntime has only {names}'
+    return f'the network runs on {_NAMES.get(running, running)}, not on {_NAMES[wanted]}: {reason}'
+
+
+def _open(path: Path, providers: list[str], threads: int) -> ort.InferenceSession:
+    if not path.is_file():
+        raise ModelError(f'detector model {path} does not exist')
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    # Spinning threads would take the cores from the tracker while the network waits for an image.
+    options.add_session_config_entry('session.intra_op.allow_spinning', '0')
+    try:
+        return ort.InferenceSession(str(path), options, providers=providers)
+    except _ORT_ERRORS as error:
+        raise ModelError(f'{path} is no usable ONNX model: {_one_line(error)}') from error
+
+
+def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort.NodeArg | None]:
+    """Return the image input and, where there is one, the input for the image's size."""
+    images = [i for i in inputs if len(i.shape) == 4 and i.shape[1] == 3 and i.type in _DTYPES]
+    sizes = [
+        i for i in inputs if len(i.shape) == 2 and i.type in ('tensor(int64)', 'tensor(int32)')
+    ]
+    if len(images) != 1 or len(images) + len(sizes) != len(inputs) or len(sizes) > 1:
+        found = ', '.join(f'{i.name} {i.type} {i.shape}' for i in inputs)
+        raise ModelError(
+            f'{path}: input is no image (1, 3, height, width) of floats: found {found}'
+        )
+    return images[0], sizes[0] if sizes else None
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(str(error).split())[:300]

@@ -1,0 +1,77 @@
+"""The network input, value by value, and boxes there and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hoid_detector.letterbox import Letterbox, Preprocessing, open_size, placed
+
+SIDES = st.integers(8, 2000)
+
+
+@pytest.mark.parametrize(
+    ('rgb', 'unit', 'placement', 'rows', 'pixel'),
+    [
+        (True, True, 'centered', slice(2, 6), (30 / 255, 20 / 255, 10 / 255)),
+        (False, False, 'top_left', slice(0, 4), (10, 20, 30)),
+        (True, False, 'stretch', slice(0, 8), (30, 20, 10)),
+    ],
+)
+def test_input_has_the_image_in_its_place_and_grey_elsewhere(
+    rgb: bool, unit: bool, placement: str, rows: slice, pixel: tuple[float, ...]
+) -> None:
+    letterbox = Letterbox(Preprocessing(rgb, unit, placement), np.float32)
+    image = np.empty((4, 8, 3), np.uint8)
+    image[:] = 10, 20, 30
+    blob, _ = letterbox(image, (8, 8))
+    assert blob.shape == (1, 3, 8, 8)
+    expected = np.full((1, 3, 8, 8), 114 / 255 if unit else 114, np.float32)
+    expected[0, :, rows] = np.array(pixel)[:, None, None]
+    np.testing.assert_allclose(blob, expected, rtol=1e-6)
+
+
+def test_buffer_is_cleared_when_the_image_changes_its_shape() -> None:
+    letterbox = Letterbox(Preprocessing(True, False, 'centered'), np.float32)
+    letterbox(np.full((8, 8, 3), 255, np.uint8), (8, 8))
+    blob, _ = letterbox(np.zeros((4, 8, 3), np.uint8), (8, 8))
+    assert (blob[0, :, :2] == 114).all()
+    assert (blob[0, :, 2:6] == 0).all()
+
+
+def test_half_floats_hold_the_same_values() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (8, 8, 3), np.uint8)
+    preprocessing = Preprocessing(True, True, 'stretch')
+    half = Letterbox(preprocessing, np.float16)(image, (8, 8))[0]
+    full = Letterbox(preprocessing, np.float32)(image, (8, 8))[0]
+    assert half.dtype == np.float16
+    np.testing.assert_allclose(half, full, atol=1e-3)
+
+
+@settings(deadline=None)
+@given(SIDES, SIDES, SIDES, SIDES, st.sampled_from(['centered', 'top_left', 'stretch']))
+def test_boxes_come_back(
+    width: int, height: int, to_width: int, to_height: int, placement: str
+) -> None:
+    place = placed((width, height), (to_width, to_height), placement)
+    assert place.left_px + place.width_px <= to_width
+    assert place.top_px + place.height_px <= to_height
+    box = np.array([[0, 0, width, height], [width / 4, 0, width / 2, height / 3]])
+    scale = np.array([place.scale_x, place.scale_y] * 2)
+    there = box * scale + np.array([place.left_px, place.top_px] * 2)
+    back = place.boxes_to_image(there.astype(np.float32))
+    np.testing.assert_allclose(back, box, atol=1e-3 * max(width, height))
+
+
+@given(SIDES, SIDES, st.integers(32, 1280))
+def test_open_input_holds_the_image_and_wastes_less_than_a_stride(
+    width: int, height: int, longest: int
+) -> None:
+    got = open_size((width, height), longest)
+    scale = longest / max(width, height)
+    for side, network in zip((width, height), got, strict=True):
+        assert network % 32 == 0
+        assert round(side * scale) <= network
+        assert network < max(1, round(side * scale)) + 32

@@ -1,0 +1,186 @@
+"""The detector around the network: input, class names, run-time changes, bad input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hoid_common.errors import ConfigError, MessageError, ModelError
+from hoid_detector.bench import time_detection
+from hoid_detector.config import DetectorConfig
+from hoid_detector.onnx_detector import OnnxDetector
+
+IMAGE = np.full((128, 192, 3), 60, np.uint8)
+
+
+def table(*rows: tuple[float, ...]) -> dict[str, Any]:
+    """Return an end-to-end output: x1, y1, x2, y2 of the 96 x 64 input, score, class."""
+    return {'output0': np.array(rows, np.float32)[None]}
+
+
+ROWS = (
+    (10.0, 20.0, 30.0, 60.0, 0.9, 0.0),
+    (50.0, 8.0, 90.0, 24.0, 0.6, 2.0),
+    (40.0, 8.0, 60.0, 24.0, 0.3, 56.0),
+)
+
+
+def test_thresholds_classes_and_number_change_at_run_time(make_model: Any) -> None:
+    detector = OnnxDetector(make_model(table(*ROWS)), DetectorConfig())
+    assert detector.detect(IMAGE, 0).class_names == ('person', 'car', 'chair')
+    detector.reconfigure(DetectorConfig(score_threshold=0.5))
+    assert detector.detect(IMAGE, 0).class_names == ('person', 'car')
+    detector.reconfigure(DetectorConfig(classes=('chair', 'person')))
+    assert detector.detect(IMAGE, 0).class_names == ('person', 'chair')
+    detector.reconfigure(DetectorConfig(max_detections=1))
+    assert detector.detect(IMAGE, 0).class_names == ('person',)
+    with pytest.raises(ConfigError, match='the model knows no "unicorn"'):
+        detector.reconfigure(DetectorConfig(classes=('unicorn',)))
+    assert detector.config.max_detections == 1
+
+
+def test_nms_threshold_changes_at_run_time(make_model: Any) -> None:
+    output = np.zeros((1, 84, 126), np.float32)
+    output[0, :4, 5] = (48, 32, 20, 20)
+    output[0, :4, 6] = (53, 32, 20, 20)  # IoU 0.6
+    output[0, 4, 5:7] = 0.9, 0.8
+    detector = OnnxDetector(make_model({'output0': output}), DetectorConfig())
+    assert len(detector.detect(IMAGE, 0)) == 1
+    detector.reconfigure(DetectorConfig(nms_iou=0.7))
+    assert len(detector.detect(IMAGE, 0)) == 2
+
+
+def test_unusable_boxes_are_dropped_and_the_others_clipped(make_model: Any) -> None:
+    rows = (
+        (-20.0, -20.0, 48.0, 100.0, 1.3, 0.0),
+        (10.0, np.nan, 20.0, 20.0, 0.9, 0.0),
+        (10.0, 10.0, np.inf, 20.0, 0.9, 0.0),
+        (30.0, 10.0, 20.0, 20.0, 0.9, 0.0),  # inverted
+        (200.0, 10.0, 220.0, 20.0, 0.9, 0.0),  # outside
+        (10.0, 10.0, 20.0, 20.0, np.nan, 0.0),
+        (10.0, 10.0, 20.0, 20.0, 0.9, -1.0),
+        (10.0, 10.0, 20.0, 20.0, 0.8, 123.0),
+    )
+    found = OnnxDetector(make_model(table(*rows)), DetectorConfig()).detect(IMAGE, 0)
+    assert found.class_names == ('person', 'class 123')
+    np.testing.assert_array_equal(found.boxes_xyxy_px[0], [0, 0, 96, 128])
+    np.testing.assert_array_equal(found.scores, np.array([1.0, 0.8], np.float32))
+
+
+def test_letterbox_padding_is_taken_off(make_model: Any) -> None:
+    detector = OnnxDetector(make_model(table((36.0, 0.0, 48.0, 32.0, 0.9, 0.0))), DetectorConfig())
+    found = detector.detect(np.zeros((128, 64, 3), np.uint8), 0)  # 32 x 64, between 32 wide pads
+    np.testing.assert_allclose(found.boxes_xyxy_px, [[8, 0, 32, 64]])
+
+
+def test_class_names_come_from_metadata_file_or_coco(make_model: Any, tmp_path: Path) -> None:
+    rows = table((10.0, 20.0, 30.0, 60.0, 0.9, 1.0))
+    assert OnnxDetector(make_model(rows), DetectorConfig()).class_names[77] == 'teddy bear'
+    for text in ("{0: 'a', 1: 'b'}", '["a", "b"]', 'a, b'):
+        path = make_model(rows, metadata={'names': text})
+        assert OnnxDetector(path, DetectorConfig()).class_names == ('a', 'b')
+    file = tmp_path / 'names.txt'
+    file.write_text('x\ny z\n\n', encoding='utf-8')
+    config = DetectorConfig(class_names_file=str(file))
+    assert OnnxDetector(path, config).detect(IMAGE, 0).class_names == ('y z',)
+
+
+@pytest.mark.parametrize(
+    ('metadata', 'names', 'message'),
+    [
+        ({}, None, 'has 3 classes and does not name them: give class_names_file'),
+        ({'names': "{0: 'a', 2: 'b'}"}, None, r'class indices \[0, 2\] have gaps'),
+        ({'names': '7'}, None, 'is no list of class names'),
+        ({'names': "['a']"}, None, 'and 1 class names'),
+        ({}, '', 'is empty: write one class name a line'),
+    ],
+)
+def test_wrong_class_names_are_refused(
+    metadata: dict[str, str], names: str | None, message: str, make_model: Any, tmp_path: Path
+) -> None:
+    file = tmp_path / 'names.txt'
+    if names is not None:
+        file.write_text(names, encoding='utf-8')
+    path = make_model({'output0': np.zeros((1, 7, 126), np.float32)}, metadata=metadata)
+    config = DetectorConfig(class_names_file=str(file) if names is not None else '')
+    with pytest.raises(ModelError, match=message):
+        OnnxDetector(path, config)
+
+
+@pytest.mark.parametrize(
+    ('content', 'message'), [(None, 'does not exist'), (b'no model', 'is no usable ONNX model')]
+)
+def test_unreadable_model_is_refused(content: bytes | None, message: str, tmp_path: Path) -> None:
+    path = tmp_path / 'broken.onnx'
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ModelError, match=message) as error:
+        OnnxDetector(path, DetectorConfig())
+    assert '\n' not in str(error.value)
+
+
+def test_wrong_image_is_refused(make_model: Any) -> None:
+    detector = OnnxDetector(make_model(table(*ROWS)), DetectorConfig())
+    with pytest.raises(MessageError, match=r'got \(4, 4\)'):
+        detector.detect(np.zeros((4, 4), np.uint8), 0)
+    with pytest.raises(MessageError, match=r'got \(0, 4, 3\)'):
+        detector.detect(np.zeros((0, 4, 3), np.uint8), 0)
+
+
+def test_provider_that_is_not_there_is_said(make_model: Any) -> None:
+    path = make_model(table(*ROWS))
+    network = OnnxDetector(path, DetectorConfig(providers=('tensorrt', 'cpu'))).network
+    if network.provider == 'cpu':
+        assert network.provider_warning.startswith('the network runs on cpu, not on tensorrt: ')
+    for providers in ((), ('cpu',)):
+        network = OnnxDetector(path, DetectorConfig(providers=providers)).network
+        assert network.provider_warning == '' or network.provider != 'cpu'
+    with pytest.raises(ConfigError, match='"coral" is not one of tensorrt, cuda, openvino, cpu'):
+        OnnxDetector(path, DetectorConfig(providers=('coral',)))
+
+
+def test_model_of_open_size_gets_the_smallest_input_that_holds_the_image(make_model: Any) -> None:
+    """The network answers with the lower right quarter of whatever input it was given."""
+    onnx = pytest.importorskip('onnx')
+    h = onnx.helper
+    to_float = onnx.TensorProto.FLOAT
+    array = onnx.numpy_helper.from_array
+    constants = [
+        array(np.array([3, 2], np.int64), 'wh'),
+        array(np.array(0.5, np.float32), 'half'),
+        array(np.array([0.9, 0], np.float32), 'rest'),
+        array(np.array([1, 1, 6], np.int64), 'as_table'),
+    ]
+    nodes = [
+        h.make_node('Shape', ['images'], ['shape']),
+        h.make_node('Gather', ['shape', 'wh'], ['size_int']),
+        h.make_node('Cast', ['size_int'], ['size'], to=to_float),
+        h.make_node('Mul', ['size', 'half'], ['middle']),
+        h.make_node('Concat', ['middle', 'size', 'rest'], ['row'], axis=0),
+        h.make_node('Reshape', ['row', 'as_table'], ['output0']),
+    ]
+    image = h.make_tensor_value_info('images', to_float, ['batch', 3, 'height', 'width'])
+    result = h.make_tensor_value_info('output0', to_float, [1, 1, 6])
+    path = make_model.save(onnx, h.make_graph(nodes, 'open', [image], [result], constants), {})
+    detector = OnnxDetector(path, DetectorConfig(input_size_px=320))
+    found = detector.detect(np.zeros((480, 640, 3), np.uint8), 0)  # 320 x 256, 8 rows of padding
+    np.testing.assert_allclose(found.boxes_xyxy_px, [[320, 240, 640, 480]])
+    found = detector.detect(np.zeros((640, 640, 3), np.uint8), 0)
+    np.testing.assert_allclose(found.boxes_xyxy_px, [[320, 320, 640, 640]])
+
+
+def test_network_failure_is_one_line(make_model: Any) -> None:
+    detector = OnnxDetector(make_model(table(*ROWS)), DetectorConfig())
+    with pytest.raises(ModelError, match='fails on input 1x3x7x7') as error:
+        detector.network.run(np.zeros((1, 3, 7, 7), np.float32))
+    assert '\n' not in str(error.value)
+
+
+def test_bench_separates_the_network_from_the_rest(make_model: Any) -> None:
+    times = time_detection(OnnxDetector(make_model(table(*ROWS)), DetectorConfig()), [IMAGE] * 3)
+    assert times.num_images == 3
+    assert 0 < times.network_median_ms < times.detect_median_ms
+    assert 0 < times.overhead_median_ms <= times.detect_median_ms
