@@ -3,24 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
 import cv2
 import numpy as np
 
-from hoid_common.values import DESCRIPTOR_BYTES, ByteArray, Features, Float32Array, IntArray
+from hoid_common.values import (
+    DESCRIPTOR_BYTES,
+    BoolArray,
+    ByteArray,
+    Features,
+    Float32Array,
+    IntArray,
+)
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.spread import octave_budgets, spread_evenly
 
 _PATCH_PX = 31  # of the descriptor, as in the ORB paper
 
 
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """The corners of one image, before any choice."""
+
+    image_gray: ByteArray  # (H, W)
+    key_points: Sequence[cv2.KeyPoint]  # K
+    uv_px: Float32Array  # (K, 2), level-0 pixels
+    octave: ByteArray  # (K,)
+    response: Float32Array  # (K,)
+
+    def __len__(self) -> int:
+        return len(self.octave)
+
+
 class OrbExtractor:
     """Finds corners in a pyramid, masks, spreads and describes them (Rublee et al., 2011)."""
 
     def __init__(self, config: ExtractionConfig) -> None:
-        self._config = config
         # FAST's own score: the Harris score crowds the corners into few strongly textured places.
         self._orb = cv2.ORB.create(
             nfeatures=config.num_candidates,
@@ -47,17 +68,53 @@ class OrbExtractor:
             depth_m: (H, W); 0 or NaN = no reading.
             keep_mask: (H, W), 0 where no feature may lie; None for the whole image.
         """
-        found = self._orb.detect(image_gray, keep_mask)
-        area_px = image_gray.size if keep_mask is None else cv2.countNonZero(keep_mask)
-        kept = self._spread(found, float(area_px))
-        described, descriptors = self._orb.compute(image_gray, [found[k] for k in kept])
-        return _to_features(described, descriptors, depth_m, stamp_ns)
+        corners = self.detect(image_gray)
+        chosen = self.choose(corners, keep_mask)
+        return self.describe(corners, chosen, depth_m, stamp_ns)
 
-    def _spread(self, found: Sequence[cv2.KeyPoint], area_px: float) -> IntArray:
-        uv_px = _positions(found)
-        octave = np.fromiter(map(attrgetter('octave'), found), np.uint8, len(found))
-        response = np.fromiter(map(attrgetter('response'), found), np.float32, len(found))
-        return spread_evenly(uv_px, octave, response, self._budgets, area_px)
+    def detect(self, image_gray: ByteArray) -> Corners:
+        """Return the corners of an (H, W) image on all levels of its pyramid."""
+        found = self._orb.detect(image_gray)
+        return Corners(
+            image_gray,
+            found,
+            _positions(found),
+            _attribute(found, 'octave', np.uint8),
+            _attribute(found, 'response', np.float32),
+        )
+
+    def choose(self, corners: Corners, keep_mask: ByteArray | None) -> IntArray:
+        """Return the indices of the corners to keep, spread over the part of the image to keep."""
+        if keep_mask is None:
+            area_px = corners.image_gray.size
+            among = np.arange(len(corners))
+        else:
+            area_px = cv2.countNonZero(keep_mask)
+            among = np.flatnonzero(lies_in(keep_mask, corners.uv_px))
+        kept = spread_evenly(
+            corners.uv_px[among],
+            corners.octave[among],
+            corners.response[among],
+            self._budgets,
+            float(area_px),
+        )
+        return among[kept]
+
+    def describe(
+        self, corners: Corners, chosen: IntArray, depth_m: Float32Array, stamp_ns: int
+    ) -> Features:
+        """Return the features at the chosen corners."""
+        points, descriptors = self._orb.compute(
+            corners.image_gray, [corners.key_points[k] for k in chosen.tolist()]
+        )
+        return _to_features(points, descriptors, depth_m, stamp_ns)
+
+
+def lies_in(mask: ByteArray, uv_px: Float32Array) -> BoolArray:
+    """Return the (N,) flags of the pixels where an (H, W) mask is not 0."""
+    column, row = np.rint(uv_px).astype(np.int64).T
+    inside: BoolArray = mask[row, column] > 0
+    return inside
 
 
 def _positions(points: Sequence[cv2.KeyPoint]) -> Float32Array:
@@ -83,9 +140,7 @@ def _to_features(
         octave=_attribute(points, 'octave', np.uint8),
         angle_deg=_attribute(points, 'angle', np.float32),
         response=_attribute(points, 'response', np.float32),
-        descriptors=np.empty((0, DESCRIPTOR_BYTES), np.uint8)
-        if descriptors is None
-        else descriptors,
+        descriptors=descriptors if num else np.empty((0, DESCRIPTOR_BYTES), np.uint8),
         may_seed=np.ones(num, np.bool_),
     )
 

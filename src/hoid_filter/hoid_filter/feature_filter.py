@@ -1,0 +1,150 @@
+"""From an RGB-D image and what a detector saw in it to the features of the static world."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections import Counter
+
+import cv2
+import numpy as np
+
+from hoid_common.errors import MessageError
+from hoid_common.values import (
+    CameraModel,
+    Detections,
+    DynamicObject,
+    Features,
+    FilterResult,
+    Float32Array,
+    RgbdFrame,
+)
+from hoid_filter.config import FilterConfig
+from hoid_filter.extractor import Corners, OrbExtractor, lies_in
+from hoid_filter.prediction import BoxPredictor
+from hoid_filter.registry import make_strategy
+from hoid_filter.sanitize import sanitize
+from hoid_filter.scene import Scene, Verdict
+
+
+class FeatureFilter:
+    """Finds corners, judges objects, masks the dynamic ones, spreads and describes the rest."""
+
+    def __init__(self, config: FilterConfig, camera: CameraModel | None = None) -> None:
+        """Take the camera, if known, for the 3-D centres of objects."""
+        self._config = config
+        self.camera = camera
+        self._extractor = OrbExtractor(config.extraction)
+        self._strategy = make_strategy(config)
+        self._predictor = BoxPredictor(config.prediction_limit_s)
+        self.counters: Counter[str] = Counter()
+
+    def process(
+        self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
+    ) -> FilterResult:
+        """Return the features of the static world and the verdict on every object.
+
+        Args:
+            frame: images of equal size, in order of time.
+            detections: of this image, or older ones to be predicted to it; None when the detector
+                said nothing (which is not the same as seeing nothing).
+            for_picture: also report where the features were that the verdict removed.
+        """
+        _check_sizes(frame)
+        start = time.thread_time()
+        gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
+        corners = self._extractor.detect(np.asarray(gray, np.uint8))
+        found = time.thread_time()
+        verdict = self._judge(frame, detections, corners)
+        num_removed = _count_removed(corners, verdict)
+        judged = time.thread_time()
+        chosen = self._extractor.choose(corners, verdict.keep_mask)
+        features = self._extractor.describe(corners, chosen, frame.depth_m, frame.stamp_ns)
+        features = _with_seeds(features, verdict)
+        done = time.thread_time()
+        return FilterResult(
+            features=features,
+            objects=self._objects(verdict),
+            removed_uv_px=self._removed(corners, verdict, for_picture),
+            num_features_in=len(corners),
+            num_removed=num_removed,
+            stage_ms={
+                'extract': (found - start + done - judged) * 1e3,
+                'filter': (judged - found) * 1e3,
+            },
+        )
+
+    def _judge(self, frame: RgbdFrame, detections: Detections | None, corners: Corners) -> Verdict:
+        height, width = frame.depth_m.shape
+        if detections is not None:
+            fit = sanitize(detections, width, height, self._config.max_detections)
+            self.counters['detections refused'] += fit.num_refused
+            self.counters['detections clipped'] += fit.num_clipped
+            self._predictor.observe(fit.detections)
+            detections = fit.detections
+        detected = detections is not None and detections.stamp_ns == frame.stamp_ns
+        if detections is None or not detected:
+            predicted = self._predictor.predict(frame.stamp_ns)
+            detections = sanitize(predicted, width, height, self._config.max_detections).detections
+        return self._strategy.judge(
+            Scene(
+                frame.stamp_ns,
+                detections,
+                detected,
+                frame.depth_m,
+                corners.uv_px,
+                self._config.sample_box_px,
+            )
+        )
+
+    def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
+        """Return where the features were that would have been chosen had nothing been masked."""
+        if not wanted or verdict.keep_mask is None:
+            return np.empty((0, 2), np.float32)
+        uv_px = corners.uv_px[self._extractor.choose(corners, None)]
+        return uv_px[~lies_in(verdict.keep_mask, uv_px)]
+
+    def _objects(self, verdict: Verdict) -> tuple[DynamicObject, ...]:
+        boxes = verdict.boxes_xyxy_px.astype(np.float64)
+        centers = np.full((len(boxes), 3), np.nan)
+        sizes = np.full((len(boxes), 2), np.nan)
+        if self.camera is not None:
+            focal_px = np.array([self.camera.fx_px, self.camera.fy_px])
+            principal_px = np.array([self.camera.cx_px, self.camera.cy_px])
+            middle_px = (boxes[:, :2] + boxes[:, 2:]) / 2
+            centers[:, :2] = (middle_px - principal_px) / focal_px * verdict.depths_m[:, None]
+            centers[:, 2] = verdict.depths_m
+            sizes = (boxes[:, 2:] - boxes[:, :2]) / focal_px * verdict.depths_m[:, None]
+        rows = zip(
+            verdict.class_names,
+            map(tuple, boxes.tolist()),
+            verdict.scores.tolist(),
+            verdict.track_ids.tolist(),
+            verdict.reasons,
+            verdict.overlap_ratios.tolist(),
+            verdict.depth_gaps_m.tolist(),
+            map(tuple, centers.tolist()),
+            map(tuple, sizes.tolist()),
+            strict=True,
+        )
+        return tuple(DynamicObject(*row) for row in rows)
+
+
+def _check_sizes(frame: RgbdFrame) -> None:
+    if frame.image_bgr.shape[:2] != frame.depth_m.shape:
+        raise MessageError(
+            f'depth image is {frame.depth_m.shape[1]}x{frame.depth_m.shape[0]} but colour is '
+            f'{frame.image_bgr.shape[1]}x{frame.image_bgr.shape[0]}: register depth to colour'
+        )
+
+
+def _count_removed(corners: Corners, verdict: Verdict) -> int:
+    if verdict.keep_mask is None:
+        return 0
+    return len(corners) - int(np.count_nonzero(lies_in(verdict.keep_mask, corners.uv_px)))
+
+
+def _with_seeds(features: Features, verdict: Verdict) -> Features:
+    if verdict.seed_mask is None:
+        return features
+    return dataclasses.replace(features, may_seed=lies_in(verdict.seed_mask, features.uv_px))

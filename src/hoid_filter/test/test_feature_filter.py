@@ -1,0 +1,82 @@
+import cv2
+import numpy as np
+import pytest
+
+from hoid_common.errors import MessageError
+from hoid_common.values import CameraModel, Reason, RgbdFrame
+from hoid_filter.config import FilterConfig
+from hoid_filter.feature_filter import FeatureFilter
+
+from .helpers import detections
+
+HEIGHT, WIDTH = 480, 640
+CAMERA = CameraModel(WIDTH, HEIGHT, 500.0, 500.0, 320.0, 240.0)
+PERSON_BOX = (100.0, 50.0, 300.0, 450.0)
+
+
+@pytest.fixture(scope='module')
+def frame() -> RgbdFrame:
+    rng = np.random.default_rng(3)
+    coarse = rng.integers(0, 256, (HEIGHT // 8, WIDTH // 8, 3), dtype=np.uint8)
+    image = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+    return RgbdFrame(1_000, image, np.full((HEIGHT, WIDTH), 2.0, np.float32))
+
+
+def test_no_feature_in_a_dynamic_box_and_the_budget_refilled(frame: RgbdFrame) -> None:
+    found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
+    result = FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA).process(
+        frame, found, for_picture=True
+    )
+    u, v = np.rint(result.features.uv_px).T
+    inside = (u >= 100) & (u < 300) & (v >= 50) & (v < 450)
+    assert not inside.any()
+    assert len(result.features) == 1000
+    assert 0 < result.num_removed < result.num_features_in
+    x, y = np.rint(result.removed_uv_px).T
+    assert len(x) > 100
+    assert ((x >= 100) & (x < 300) & (y >= 50) & (y < 450)).all()
+
+
+def test_object_has_its_place_in_the_camera_frame(frame: RgbdFrame) -> None:
+    found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
+    (person,) = (
+        FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA).process(frame, found).objects
+    )
+    assert person.reason is Reason.PERSON
+    assert person.is_dynamic
+    assert person.center_camera_m == pytest.approx((-0.48, 0.04, 2.0))
+    assert person.size_m == pytest.approx((0.8, 1.6))
+
+
+def test_without_a_camera_places_are_unknown(frame: RgbdFrame) -> None:
+    found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
+    (person,) = FeatureFilter(FilterConfig(strategy='person')).process(frame, found).objects
+    assert np.isnan(person.center_camera_m).all()
+
+
+def test_silent_detector_is_bridged_by_prediction(frame: RgbdFrame) -> None:
+    feature_filter = FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA)
+    found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
+    feature_filter.process(frame, found)
+    later = RgbdFrame(frame.stamp_ns + 33_000_000, frame.image_bgr, frame.depth_m)
+    (person,) = feature_filter.process(later, None).objects
+    assert person.reason is Reason.PREDICTED
+    assert person.is_dynamic
+    much_later = RgbdFrame(frame.stamp_ns + 10**10, frame.image_bgr, frame.depth_m)
+    assert feature_filter.process(much_later, None).objects == ()
+
+
+def test_bad_boxes_are_counted(frame: RgbdFrame) -> None:
+    feature_filter = FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA)
+    found = detections(
+        ('person', (50.0, 50.0, 20.0, 90.0)), ('cup', (600.0, 10.0, 700.0, 50.0)), stamp_ns=1_000
+    )
+    feature_filter.process(frame, found)
+    assert feature_filter.counters['detections refused'] == 1
+    assert feature_filter.counters['detections clipped'] == 1
+
+
+def test_depth_of_another_size_is_refused(frame: RgbdFrame) -> None:
+    small = RgbdFrame(0, frame.image_bgr, np.ones((240, 320), np.float32))
+    with pytest.raises(MessageError, match='320x240 but colour is 640x480'):
+        FeatureFilter(FilterConfig()).process(small, None)
