@@ -1,0 +1,95 @@
+"""hoid_msgs/SlamStatus, and keyframes as markers."""
+
+from __future__ import annotations
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from hoid_msgs.msg import SlamStatus as SlamStatusMsg
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from hoid_common.errors import MessageError
+from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
+from hoid_common.values import FloatArray
+
+_WIDTH_M, _HEIGHT_M, _DEPTH_M = 0.05, 0.0375, 0.05
+_LINE_M = 0.003
+_COLOR = ColorRGBA(r=0.35, g=0.75, b=1.0, a=0.8)
+_CORNERS = np.array(
+    [
+        [-_WIDTH_M, -_HEIGHT_M],
+        [_WIDTH_M, -_HEIGHT_M],
+        [_WIDTH_M, _HEIGHT_M],
+        [-_WIDTH_M, _HEIGHT_M],
+    ]
+)
+
+
+def slam_status_from_msg(msg: SlamStatusMsg) -> SlamStatus:
+    """Return the report; an unknown state and times without names raise MessageError."""
+    if len(msg.stage_names) != len(msg.stage_ms):
+        raise MessageError(
+            f'slam_status has {len(msg.stage_names)} stage_names and {len(msg.stage_ms)} stage_ms'
+        )
+    try:
+        state, mode = SlamState(msg.state), SlamMode(msg.mode)
+    except ValueError as error:
+        raise MessageError(f'slam_status: {error}; see hoid_msgs/SlamStatus') from error
+    return SlamStatus(
+        state,
+        mode,
+        msg.message,
+        msg.tracked_points,
+        msg.inliers,
+        msg.keyframes,
+        msg.map_points,
+        msg.mapper_queue,
+        msg.loops,
+        msg.relocalizations,
+        msg.frames_processed,
+        msg.frames_dropped,
+        dict(zip(msg.stage_names, msg.stage_ms, strict=True)),
+    )
+
+
+def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
+    """Return the message of an image's report."""
+    return SlamStatusMsg(
+        header=header,
+        state=status.state.value,
+        mode=status.mode.value,
+        message=status.message,
+        tracked_points=status.tracked_points,
+        inliers=status.inliers,
+        keyframes=status.keyframes,
+        map_points=status.map_points,
+        mapper_queue=status.mapper_queue,
+        loops=status.loops,
+        relocalizations=status.relocalizations,
+        frames_processed=status.frames_processed,
+        frames_dropped=status.frames_dropped,
+        stage_names=list(status.stage_ms),
+        stage_ms=list(status.stage_ms.values()),
+    )
+
+
+def keyframes_to_msg(T_map_camera: FloatArray, header: Header) -> MarkerArray:
+    """Return the (N, 4, 4) cameras as one marker of small pyramids that open along their view."""
+    lines_m = _pyramid_lines()
+    placed = lines_m @ np.swapaxes(T_map_camera[:, :3, :3], 1, 2) + T_map_camera[:, None, :3, 3]
+    marker = Marker(header=header, ns='keyframes', id=0, type=Marker.LINE_LIST)
+    # An empty list of lines is an error to RViz.
+    marker.action = Marker.ADD if len(T_map_camera) else Marker.DELETE
+    marker.pose.orientation.w = 1.0
+    marker.scale = Vector3(x=_LINE_M, y=0.0, z=0.0)
+    marker.color = _COLOR
+    marker.points = [Point(x=x, y=y, z=z) for x, y, z in placed.reshape(-1, 3).tolist()]
+    return MarkerArray(markers=[marker])
+
+
+def _pyramid_lines() -> FloatArray:
+    """Return (16, 3): the ends of eight lines in the optical frame."""
+    base = np.hstack([_CORNERS, np.full((4, 1), _DEPTH_M)])
+    sides = np.stack([np.zeros((4, 3)), base], axis=1)
+    rim = np.stack([base, np.roll(base, -1, axis=0)], axis=1)
+    return np.concatenate([sides, rim]).reshape(16, 3)

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.static_frames import StaticFrames
+from hoid_common.values import FloatArray
+
+
+def shift(x: float, y: float, yaw: float = 0.0) -> FloatArray:
+    T = se3.exp(np.array([0, 0, yaw, 0, 0, 0.0]))
+    T[:2, 3] = x, y
+    return T
+
+
+def test_chains_up_down_and_across() -> None:
+    frames = StaticFrames()
+    frames.add('base', 'mast', shift(0, 1, np.pi / 2))
+    frames.add('mast', 'camera', shift(2, 0))
+    frames.add('base', 'lidar', shift(5, 0))
+    mast_camera, base_camera = shift(2, 0), shift(0, 1, np.pi / 2) @ shift(2, 0)
+    lidar_camera = shift(-5, 0) @ base_camera
+    for a, b, expected in (
+        ('mast', 'camera', mast_camera),
+        ('base', 'camera', base_camera),
+        ('camera', 'base', se3.inverse(base_camera)),
+        ('lidar', 'camera', lidar_camera),
+        ('camera', 'camera', np.eye(4)),
+    ):
+        found = frames.find(a, b)
+        assert found is not None
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_unknown_frames_and_loops_give_none() -> None:
+    frames = StaticFrames()
+    frames.add('a', 'b', np.eye(4))
+    frames.add('b', 'a', np.eye(4))
+    assert frames.find('a', 'elsewhere') is None
+    assert frames.find('x', 'y') is None
+
+
+def test_the_latest_edge_counts() -> None:
+    frames = StaticFrames()
+    frames.add('base', 'camera', shift(1, 0))
+    frames.add('base', 'camera', shift(3, 0))
+    found = frames.find('base', 'camera')
+    assert found is not None
+    assert found[0, 3] == 3
