@@ -1,7 +1,7 @@
 """Configuration as frozen dataclasses: the one place of each default, description and range.
 
-A stage's dataclass derives from `Config` and declares each field with `param(...)`. Nested configs become dotted
-names (`extraction.num_features`), the same in Python, YAML and ROS parameters.
+A stage's dataclass derives from `Config` and declares each field with `param(...)`. Nested configs
+become dotted names (`extraction.num_features`), the same in Python, YAML and ROS parameters.
 """
 
 from __future__ import annotations
@@ -54,8 +54,13 @@ class Config:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if _SPEC in f.metadata:
-                _check(type(self).__name__, f, getattr(self, f.name))
+            if _SPEC not in f.metadata:
+                continue
+            value = getattr(self, f.name)
+            if type(value) is int and isinstance(f.default, float):
+                value = float(value)  # `3` in a YAML file
+                object.__setattr__(self, f.name, value)
+            _check(type(self).__name__, f, value)
 
     def params(self, prefix: str = '') -> Iterator[Param]:
         """Yield every leaf in order of declaration."""
@@ -67,7 +72,7 @@ class Config:
                 yield Param(f'{prefix}{f.name}', value, f.metadata[_SPEC])
 
     def updated(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy with the given dotted names replaced; an unknown name raises ConfigError."""
+        """Return a copy with the dotted names replaced; an unknown one raises ConfigError."""
         here: dict[str, Any] = {}
         nested: dict[str, dict[str, Any]] = {}
         names = {f.name for f in fields(self)}
@@ -87,8 +92,6 @@ class Config:
 def _check(owner: str, f: Field[Any], value: Any) -> None:
     spec: ParamSpec = f.metadata[_SPEC]
     default = f.default if f.default is not MISSING else value
-    if type(value) is int and isinstance(default, float):
-        value = float(value)
     if not isinstance(value, type(default)) or isinstance(value, bool) != isinstance(
         default, bool
     ):

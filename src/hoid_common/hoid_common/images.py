@@ -36,7 +36,11 @@ _TO_BGR = {
     'rgba8': cv2.COLOR_RGBA2BGR,
 }
 _CHANNELS = {'bgr8': 3, '8UC3': 3, 'rgb8': 3, 'mono8': 1, '8UC1': 1, 'bgra8': 4, 'rgba8': 4}
-_DEPTH_TYPES = {'16UC1': np.dtype('u2'), 'mono16': np.dtype('u2'), '32FC1': np.dtype('f4')}
+_DEPTH_TYPES: dict[str, np.dtype[Any]] = {
+    '16UC1': np.dtype('u2'),
+    'mono16': np.dtype('u2'),
+    '32FC1': np.dtype('f4'),
+}
 
 
 class RawImage(Protocol):
@@ -91,7 +95,7 @@ def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
         raise MessageError(
             f'compressed depth has format "{format_}"; use "16UC1; compressedDepth png" or 32FC1'
         )
-    raw = memoryview(data).cast('B')
+    raw = np.frombuffer(data, np.uint8)
     if len(raw) <= _COMPRESSED_DEPTH_HEADER.size:
         raise MessageError(f'compressed depth holds {len(raw)} bytes, too few for its header')
     pixels = _imdecode(
@@ -104,7 +108,7 @@ def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
         )
     if encoding == '16UC1':
         return _metres(pixels)
-    _, quant_a, quant_b = _COMPRESSED_DEPTH_HEADER.unpack_from(raw)
+    _, quant_a, quant_b = _COMPRESSED_DEPTH_HEADER.unpack_from(raw.data)
     with np.errstate(divide='ignore', invalid='ignore'):
         depth_m = quant_a / (pixels.astype(np.float32) - np.float32(quant_b))
     return _metres(np.where(pixels == 0, np.float32(0), depth_m.astype(np.float32)))
@@ -160,7 +164,8 @@ def _pixels(image: RawImage, dtype: np.dtype[Any], channels: int) -> NDArray[Any
 
 def _metres(depth: NDArray[Any]) -> Float32Array:
     if depth.dtype == np.uint16:
-        return np.divide(depth, np.float32(MM_PER_M), dtype=np.float32)
+        metres: Float32Array = np.divide(depth, np.float32(MM_PER_M), dtype=np.float32)
+        return metres
     usable = (depth > 0) & (depth < np.inf)  # False for NaN
     return cast('Float32Array', depth if usable.all() else np.where(usable, depth, np.float32(0)))
 

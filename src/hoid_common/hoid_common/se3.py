@@ -1,4 +1,4 @@
-"""Rigid transforms as (..., 4, 4) arrays; twists are (..., 6), rotation first (rad), then translation (m).
+"""Rigid transforms as (..., 4, 4) arrays; twists are (..., 6), rotation (rad) first, then m.
 
 Formulas: Barfoot, State Estimation for Robotics, ch. 7; all functions take whole arrays.
 """
@@ -9,11 +9,11 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 
-_SMALL_ANGLE_RAD = 1e-6
+_SMALL_ANGLE_RAD = 1e-4  # series of two terms are exact below
 
 
 def hat(w: FloatArray) -> FloatArray:
-    """Return the (..., 3, 3) skew matrices of (..., 3) vectors: hat(w) @ x = cross(w, x)."""
+    """Return the (..., 3, 3) skew matrices of (..., 3) vectors, for which W @ x = cross(w, x)."""
     out = np.zeros((*w.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
     out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = w[..., 2], -w[..., 1], w[..., 0]
@@ -21,13 +21,13 @@ def hat(w: FloatArray) -> FloatArray:
 
 
 def exp(twist: FloatArray) -> FloatArray:
-    """Return the transforms (..., 4, 4) of twists (..., 6) = (rotation vector, translation part)."""
+    """Return the transforms (..., 4, 4) of twists (..., 6): rotation vector, then translation."""
     w, v = twist[..., :3], twist[..., 3:]
     angle = np.linalg.norm(w, axis=-1)[..., None, None]
     small = angle < _SMALL_ANGLE_RAD
     safe = np.where(small, 1.0, angle)
     a = np.where(small, 1.0 - angle**2 / 6, np.sin(safe) / safe)
-    b = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 0.5 - angle**2 / 24, 2 * (np.sin(safe / 2) / safe) ** 2)
     c = np.where(small, 1 / 6 - angle**2 / 120, (1 - a) / safe**2)
     W = hat(w)
     W2 = W @ W
@@ -45,7 +45,7 @@ def log(T: FloatArray) -> FloatArray:
     sine = np.linalg.norm(quat[..., :3], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, quat[..., 3:])
     small = sine < _SMALL_ANGLE_RAD
-    w = quat[..., :3] * np.where(small, 2.0, angle / np.where(small, 1.0, sine))
+    w = quat[..., :3] * np.where(small, 2.0 + sine**2 / 3, angle / np.where(small, 1.0, sine))
     half = np.where(small, 1.0, 0.5 * angle)[..., None]
     k = np.where(
         small[..., None],
@@ -82,7 +82,7 @@ def orthonormalized(T: FloatArray) -> FloatArray:
 
 
 def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
-    """Return unit quaternions (..., 4), order x y z w, of rotations (..., 3, 3) (Shepperd's method)."""
+    """Return unit quaternions (..., 4), x y z w, of rotations (..., 3, 3) (Shepperd's method)."""
     trace = np.trace(R, axis1=-2, axis2=-1)
     diag = np.stack([R[..., 0, 0], R[..., 1, 1], R[..., 2, 2], trace], axis=-1)
     choice = np.argmax(diag, axis=-1)

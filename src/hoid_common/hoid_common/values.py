@@ -1,8 +1,9 @@
-"""The values that stages hand to each other. They know no ROS; `hoid_common.ros.conversions` maps them to messages.
+"""The values that stages hand to each other; `hoid_common.ros.conversions` has their messages.
 
-Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are `(u, v)` with
-the origin at the centre of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2, y2 exclusive;
-stamps are integer nanoseconds. Index letters: i frame or keyframe, j map point, k feature.
+Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are `(u, v)`
+with the origin at the centre of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2, y2
+exclusive; stamps are integer nanoseconds. Index letters: i frame or keyframe, j map point, k
+feature.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class CameraModel:
         return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1.0]])
 
     def undistort_px(self, uv_px: Float32Array) -> Float32Array:
-        """Return the (N, 2) pixels where a distortion-free camera with the same K sees the given ones."""
+        """Return the (N, 2) pixels where a camera with this K and no distortion sees them."""
         if not any(self.distortion) or len(uv_px) == 0:
             return uv_px
         out = cv2.undistortPoints(
@@ -68,7 +69,7 @@ class CameraModel:
         return np.asarray(out.reshape(-1, 2), np.float32)
 
     def project_px(self, points_camera_m: FloatArray) -> FloatArray:
-        """Return the (N, 2) pixels, distortion included, of (N, 3) points with z > 0 in the optical frame."""
+        """Return the (N, 2) pixels, as imaged, of (N, 3) points (z > 0) in the optical frame."""
         if any(self.distortion) and len(points_camera_m):
             zero = np.zeros(3)
             uv, _ = cv2.projectPoints(
@@ -101,7 +102,8 @@ class Detections:
         n = len(self.class_names)
         if self.boxes_xyxy_px.shape != (n, 4) or self.scores.shape != (n,):
             raise MessageError(
-                f'detections: {n} classes, boxes {self.boxes_xyxy_px.shape}, scores {self.scores.shape} disagree'
+                f'detections: {n} classes, boxes {self.boxes_xyxy_px.shape}, '
+                f'scores {self.scores.shape} disagree'
             )
 
     def __len__(self) -> int:
@@ -115,7 +117,7 @@ class Detections:
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """ORB features of one image, as structure of arrays; pixels are as imaged (not undistorted)."""
+    """ORB features of one image as structure of arrays; pixels as imaged (not undistorted)."""
 
     stamp_ns: int
     uv_px: Float32Array  # (N, 2), level-0 pixels
@@ -160,7 +162,7 @@ class Features:
 
 
 class Reason(Enum):
-    """Why an object counts as dynamic (or does not); the values are those of hoid_msgs/DynamicObject."""
+    """Why an object counts as dynamic or not; the values are those of hoid_msgs/DynamicObject."""
 
     STATIC = 0
     PERSON = 1

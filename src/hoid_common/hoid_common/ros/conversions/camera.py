@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
@@ -39,7 +37,7 @@ def camera_from_msg(msg: CameraInfo) -> CameraModel:
 
 def camera_to_msg(camera: CameraModel, header: Header) -> CameraInfo:
     """Return the message of a camera whose pictures are not rectified."""
-    K = cast('list[float]', camera.matrix.ravel().tolist())
+    K = camera.matrix.ravel().tolist()
     P = np.hstack([camera.matrix, np.zeros((3, 1))]).ravel().tolist()
     distortion = list(camera.distortion) or [0.0] * 5
     return CameraInfo(

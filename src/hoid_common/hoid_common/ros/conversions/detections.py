@@ -16,10 +16,7 @@ MAX_DETECTIONS = 1000  # more than any detector gives; keeps a hostile message f
 
 
 def detections_from_msg(msg: DetectionArray) -> Detections:
-    """Return the boxes as they are; `hoid_common.boxes.clean` takes out what is unusable.
-
-    More than MAX_DETECTIONS raise MessageError.
-    """
+    """Return the boxes as they are; more than MAX_DETECTIONS raise MessageError."""
     boxes = msg.detections
     if len(boxes) > MAX_DETECTIONS:
         raise MessageError(f'detections has {len(boxes)} elements, more than {MAX_DETECTIONS}')

@@ -1,0 +1,49 @@
+"""Say in plain words which input is missing, and why it may be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+_TIMEOUT_S = 2.0
+
+
+@dataclass
+class InputWatch:
+    """When an input was last heard."""
+
+    what: str  # such as "depth images"
+    topic: str
+    reliability: str  # what we ask for: "best_effort" or "reliable"
+    since_s: float  # steady time of the subscription
+    last_s: float | None = None  # steady time of the newest message
+    num_received: int = 0
+
+    def heard(self, now_s: float) -> None:
+        """Note a message."""
+        self.last_s = now_s
+        self.num_received += 1
+
+    def is_missing(self, now_s: float) -> bool:
+        """Return whether it has been silent for too long."""
+        return self._silent_s(now_s) > _TIMEOUT_S
+
+    def complaint(self, now_s: float, offered: Sequence[str]) -> str:
+        """Return one line on the missing input.
+
+        Args:
+            offered: the reliability that each publisher of the topic offers.
+        """
+        yet = ' yet' if self.last_s is None else ''
+        head = f'no {self.what}{yet} for {self._silent_s(now_s):.1f} s on {self.topic}'
+        if not offered:
+            return f'{head}: no publisher'
+        plural = 's' if len(offered) > 1 else ''
+        kinds = ', '.join(sorted(set(offered)))
+        return (
+            f'{head}: {len(offered)} publisher{plural}, reliability {kinds}, '
+            f'we ask for {self.reliability}'
+        )
+
+    def _silent_s(self, now_s: float) -> float:
+        return now_s - (self.since_s if self.last_s is None else self.last_s)

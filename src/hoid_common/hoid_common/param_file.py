@@ -1,0 +1,43 @@
+"""ROS parameter files read without ROS: for the offline pipeline, and to check shipped ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hoid_common.errors import ConfigError
+
+
+def load_params(path: Path, node_name: str) -> dict[str, Any]:
+    """Return the dotted names and values that a parameter file holds for a node.
+
+    Sections that fit are `/**`, the node's name, or a name that ends in `/` and the node's name.
+    """
+    try:
+        content = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be read ({error.strerror})') from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f'{path}: is not YAML ({str(error).splitlines()[0]})') from error
+    if not isinstance(content, Mapping):
+        raise ConfigError(f'{path}: is not a ROS parameter file')
+    values: dict[str, Any] = {}
+    for section, body in content.items():
+        if section == '/**' or str(section).rsplit('/', maxsplit=1)[-1] == node_name:
+            if not isinstance(body, Mapping) or not isinstance(
+                body.get('ros__parameters'), Mapping
+            ):
+                raise ConfigError(f'{path}: section "{section}" has no "ros__parameters"')
+            values |= _flat(body['ros__parameters'])
+    return values
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}', tuple(value) if isinstance(value, list) else value

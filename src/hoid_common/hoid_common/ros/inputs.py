@@ -1,0 +1,82 @@
+"""Subscriptions: QoS and transport by parameter, silence and bad messages reported."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CompressedImage, Image
+
+from hoid_common.config import Config, param
+from hoid_common.errors import HoidError
+from hoid_common.ros import qos, topics
+from hoid_common.ros.diagnostics import Diagnostics
+
+Callback = Callable[[Any], None]
+
+
+@dataclass(frozen=True)
+class InputConfig(Config):
+    """How a node listens."""
+
+    reliability: str = param(
+        qos.BEST_EFFORT,
+        'reliability that is asked of publishers; best_effort hears all of them',
+        choices=(qos.BEST_EFFORT, qos.RELIABLE),
+    )
+    queue_length: int = param(5, 'messages kept per input while busy', minimum=1, maximum=1000)
+    compressed: bool = param(
+        default=False, description='take images from .../compressed and .../compressedDepth'
+    )
+
+
+class Inputs:
+    """Makes the subscriptions of a node.
+
+    Every callback may raise HoidError: the message is then refused, counted and logged, and the
+    node lives on.
+    """
+
+    def __init__(self, node: Node, config: InputConfig, diagnostics: Diagnostics) -> None:
+        self._node = node
+        self._config = config
+        self._diagnostics = diagnostics
+
+    def color(self, callback: Callback, topic: str = topics.RGB_IMAGE) -> Subscription:
+        """Subscribe to colour; the callback gets what `conversions.color_from_msg` takes."""
+        if self._config.compressed:
+            topic = topics.compressed(topic)
+        return self.messages(self._image_type, topic, callback, 'colour images')
+
+    def depth(self, callback: Callback, topic: str = topics.DEPTH_IMAGE) -> Subscription:
+        """Subscribe to depth; the callback gets what `conversions.depth_from_msg` takes."""
+        if self._config.compressed:
+            topic = topics.compressed_depth(topic)
+        return self.messages(self._image_type, topic, callback, 'depth images')
+
+    def messages(
+        self, type_: type[Any], topic: str, callback: Callback, what: str
+    ) -> Subscription:
+        """Subscribe to a topic whose messages are called `what`, in the plural."""
+        reliability = self._config.reliability
+
+        def guarded(msg: Any) -> None:
+            watch.heard(time.monotonic())
+            try:
+                callback(msg)
+            except HoidError as error:
+                self._diagnostics.report(error, f'{what} refused')
+
+        profile = qos.input_qos(reliability, self._config.queue_length)
+        subscription = self._node.create_subscription(type_, topic, guarded, profile)
+        watch = self._diagnostics.watch(subscription, what, reliability)
+        return subscription
+
+    @property
+    def _image_type(self) -> type[Any]:
+        type_: type[Any] = CompressedImage if self._config.compressed else Image
+        return type_

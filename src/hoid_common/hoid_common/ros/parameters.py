@@ -1,0 +1,113 @@
+"""ROS parameters generated from a `Config`, where names, defaults and ranges stand.
+
+The node is to be made with `automatically_declare_parameters_from_overrides=True`, which lets a
+misspelt name in a parameter file be noticed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, Generic, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from hoid_common.config import Config, Param
+from hoid_common.errors import ConfigError
+
+C = TypeVar('C', bound=Config)
+
+_INT64_MAX = 2**63 - 1
+_OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+
+
+class Parameters(Generic[C]):
+    """Keeps a config and a node's parameters the same.
+
+    Args:
+        defaults: the config whose leaves become parameters.
+        on_change: called with the new config after parameters were set at run time.
+    """
+
+    def __init__(
+        self, node: Node, defaults: C, on_change: Callable[[C], None] | None = None
+    ) -> None:
+        given = {name: p.value for name, p in node.get_parameters_by_prefix('').items()}
+        names = {leaf.name for leaf in defaults.params()}
+        self._names = names
+        self._on_change = on_change
+        self._config = defaults.updated(
+            {name: _from_ros(value) for name, value in given.items() if name in names}
+        )
+        for leaf in self._config.params():
+            if leaf.name in given:
+                node.undeclare_parameter(leaf.name)
+            node.declare_parameter(
+                leaf.name, _to_ros(leaf.value), _descriptor(leaf), ignore_override=True
+            )
+        for name in sorted(given.keys() - names):
+            if not name.startswith(_OF_ROS):
+                node.get_logger().warning(f'parameter "{name}" is not known here; no effect')
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._apply)
+
+    @property
+    def config(self) -> C:
+        """Return the config as it is now."""
+        return self._config
+
+    def _updated(self, parameters: Iterable[Parameter]) -> C:
+        return self._config.updated(
+            {p.name: _from_ros(p.value) for p in parameters if p.name in self._names}
+        )
+
+    def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            self._updated(parameters)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, parameters: list[Parameter]) -> None:
+        new = self._updated(parameters)
+        if new != self._config:
+            self._config = new
+            if self._on_change is not None:
+                self._on_change(new)
+
+
+def _from_ros(value: Any) -> Any:
+    return value if isinstance(value, bool | int | float | str) else tuple(value)
+
+
+def _to_ros(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _descriptor(leaf: Param) -> ParameterDescriptor:
+    spec = leaf.spec
+    descriptor = ParameterDescriptor(
+        description=spec.description,
+        read_only=spec.read_only,
+        # An empty list has no type of its own; the config checks what comes.
+        dynamic_typing=isinstance(leaf.value, tuple),
+        additional_constraints=f'one of {", ".join(spec.choices)}' if spec.choices else '',
+    )
+    if spec.minimum is None and spec.maximum is None:
+        return descriptor
+    if isinstance(leaf.value, float):
+        low = -math.inf if spec.minimum is None else float(spec.minimum)
+        high = math.inf if spec.maximum is None else float(spec.maximum)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif isinstance(leaf.value, int):
+        first = -_INT64_MAX if spec.minimum is None else math.ceil(spec.minimum)
+        last = _INT64_MAX if spec.maximum is None else math.floor(spec.maximum)
+        descriptor.integer_range = [IntegerRange(from_value=first, to_value=last)]
+    return descriptor

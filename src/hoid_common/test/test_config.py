@@ -1,0 +1,111 @@
+from dataclasses import FrozenInstanceError, dataclass
+from pathlib import Path
+
+import pytest
+
+from hoid_common.config import Config, param
+from hoid_common.errors import ConfigError
+from hoid_common.param_file import load_params
+
+
+@dataclass(frozen=True)
+class Inner(Config):
+    share: float = param(0.5, 'a share', minimum=0.0, maximum=1.0, read_only=False)
+    classes: tuple[str, ...] = param(('cup',), 'classes')
+
+
+@dataclass(frozen=True)
+class Outer(Config):
+    count: int = param(3, 'a number', minimum=1)
+    mode: str = param('fast', 'a mode', choices=('fast', 'slow'))
+    enabled: bool = param(default=True, description='a switch')
+    inner: Inner = Inner()
+
+
+def test_leaves_have_dotted_names_in_order():
+    assert [(p.name, p.value) for p in Outer().params()] == [
+        ('count', 3),
+        ('mode', 'fast'),
+        ('enabled', True),
+        ('inner.share', 0.5),
+        ('inner.classes', ('cup',)),
+    ]
+
+
+def test_specs_come_along():
+    specs = {p.name: p.spec for p in Outer().params()}
+    assert specs['inner.share'].maximum == 1.0
+    assert not specs['inner.share'].read_only
+    assert specs['mode'].choices == ('fast', 'slow')
+
+
+def test_updated_replaces_nested_values_only_there():
+    new = Outer().updated({'inner.share': 0.25, 'mode': 'slow'})
+    assert (new.inner.share, new.mode, new.count, new.inner.classes) == (0.25, 'slow', 3, ('cup',))
+    assert Outer().inner.share == 0.5
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'said'),
+    [
+        ('inner.share', 1.5, r'Inner\.share must be in \[0\.0, 1\.0\], got 1\.5'),
+        ('inner.share', float('nan'), r'Inner\.share must be in'),
+        ('count', 0, r'Outer\.count must be in \[1, None\], got 0'),
+        ('count', 2.5, r'Outer\.count must be int, got 2\.5'),
+        ('count', True, r'Outer\.count must be int, got True'),
+        ('enabled', 1, r'Outer\.enabled must be bool, got 1'),
+        ('mode', 'lazy', r'Outer\.mode must be one of fast, slow, got .lazy.'),
+        ('inner.classes', 'cup', r'Inner\.classes must be tuple'),
+        ('speed', 1, r'Outer has no parameter "speed"'),
+        ('inner.speed', 1, r'Inner has no parameter "speed"'),
+    ],
+)
+def test_unusable_values_are_named(name, value, said):
+    with pytest.raises(ConfigError, match=said):
+        Outer().updated({name: value})
+
+
+def test_whole_numbers_become_floats_where_floats_are_meant():
+    share = Outer().updated({'inner.share': 1}).inner.share
+    assert isinstance(share, float)
+    assert share == 1.0
+
+
+def test_configs_are_frozen():
+    with pytest.raises(FrozenInstanceError):
+        Outer().count = 4  # type: ignore[misc]
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / 'params.yaml'
+    path.write_text(text)
+    return path
+
+
+def test_parameter_files_hold_sections_of_several_nodes(tmp_path):
+    path = write(
+        tmp_path,
+        '/**: {ros__parameters: {count: 7}}\n'
+        '/robot/outer: {ros__parameters: {inner: {share: 1, classes: [a, b]}}}\n'
+        'other: {ros__parameters: {count: 9}}\n',
+    )
+    config = Outer().updated(load_params(path, 'outer'))
+    assert (config.count, config.inner.share, config.inner.classes) == (7, 1.0, ('a', 'b'))
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('a: [', 'is not YAML'),
+        ('- 1', 'is not a ROS parameter file'),
+        ('outer: {count: 1}', 'section "outer" has no "ros__parameters"'),
+    ],
+)
+def test_bad_parameter_files_are_named(tmp_path, text, said):
+    with pytest.raises(ConfigError, match=said):
+        load_params(write(tmp_path, text), 'outer')
+
+
+def test_missing_parameter_file(tmp_path):
+    with pytest.raises(ConfigError, match=r'none\.yaml: cannot be read \(No such file'):
+        load_params(tmp_path / 'none.yaml', 'outer')

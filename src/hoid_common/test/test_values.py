@@ -1,0 +1,136 @@
+import numpy as np
+import pytest
+
+from hoid_common.errors import ConfigError, MessageError
+from hoid_common.input_watch import InputWatch
+from hoid_common.throttle import Throttle
+from hoid_common.values import CameraModel, Detections, DynamicObject, Features, Reason
+
+DISTORTION = (0.262383, -0.953104, -0.005358, 0.002628, 1.163314)
+
+
+def camera(distortion=()):
+    return CameraModel(640, 480, 517.3, 516.5, 318.6, 255.3, distortion)
+
+
+def test_camera_matrix():
+    np.testing.assert_array_equal(
+        camera().matrix, [[517.3, 0, 318.6], [0, 516.5, 255.3], [0, 0, 1]]
+    )
+
+
+def test_projection_of_known_points():
+    points = np.array([[0, 0, 2.0], [1, 0, 2], [0, -1, 4]])
+    np.testing.assert_allclose(
+        camera().project_px(points),
+        [[318.6, 255.3], [318.6 + 517.3 / 2, 255.3], [318.6, 255.3 - 516.5 / 4]],
+        rtol=1e-6,
+    )
+
+
+def test_distortion_is_taken_out_again():
+    points = np.random.default_rng(0).uniform([-0.8, -0.6, 2], [0.8, 0.6, 3], (50, 3))
+    imaged = camera(DISTORTION).project_px(points)
+    ideal = camera().project_px(points)
+    assert np.abs(imaged - ideal).max() > 0.5
+    np.testing.assert_allclose(camera(DISTORTION).undistort_px(imaged), ideal, atol=0.02)
+
+
+def test_no_distortion_costs_nothing():
+    uv = np.zeros((3, 2), np.float32)
+    assert camera().undistort_px(uv) is uv
+
+
+@pytest.mark.parametrize('bad', [{'fx_px': 0.0}, {'fy_px': float('nan')}, {'width_px': 0}])
+def test_cameras_that_cannot_be_are_refused(bad):
+    fields = {'width_px': 640, 'height_px': 480, 'fx_px': 1.0, 'fy_px': 1.0}
+    with pytest.raises(ConfigError, match='must be positive'):
+        CameraModel(**(fields | bad), cx_px=0.0, cy_px=0.0)
+
+
+def detections(xyxy, scores, names=None):
+    return Detections(
+        7,
+        np.array(xyxy, np.float32).reshape(-1, 4),
+        tuple(names or ['person'] * len(scores)),
+        np.array(scores, np.float32),
+    )
+
+
+def test_detections_of_other_lengths_are_refused():
+    with pytest.raises(MessageError, match='1 classes'):
+        detections([[0, 0, 1, 1]], [0.5, 0.5], ['person'])
+
+
+def test_no_detections():
+    none = Detections.none(3)
+    assert (len(none), none.stamp_ns, none.boxes_xyxy_px.shape) == (0, 3, (0, 4))
+
+
+def features(n):
+    return Features(
+        5,
+        np.arange(2 * n, dtype=np.float32).reshape(n, 2),
+        np.ones(n, np.float32),
+        np.zeros(n, np.uint8),
+        np.zeros(n, np.float32),
+        np.arange(n, dtype=np.float32),
+        np.zeros((n, 32), np.uint8),
+        np.ones(n, np.bool_),
+    )
+
+
+def test_selected_features_stay_together():
+    chosen = features(4).select(np.array([False, True, False, True]))
+    np.testing.assert_array_equal(chosen.response, [1, 3])
+    np.testing.assert_array_equal(chosen.uv_px, [[2, 3], [6, 7]])
+    assert chosen.stamp_ns == 5
+
+
+def test_features_of_other_lengths_are_refused():
+    good = features(3)
+    with pytest.raises(MessageError, match=r'depth_m has shape \(2,\), expected \(3,\)'):
+        Features(
+            0,
+            good.uv_px,
+            good.depth_m[:2],
+            good.octave,
+            good.angle_deg,
+            good.response,
+            good.descriptors,
+            good.may_seed,
+        )
+
+
+@pytest.mark.parametrize('reason', Reason)
+def test_all_reasons_but_one_are_dynamic(reason):
+    obj = DynamicObject('cup', (0, 0, 1, 1), 0.5, -1, reason)
+    assert obj.is_dynamic == (reason is not Reason.STATIC)
+
+
+def test_throttle_counts_what_it_holds_back():
+    throttle = Throttle(5.0)
+    assert throttle.allow('a', 0.0) == 0
+    assert throttle.allow('a', 1.0) is None
+    assert throttle.allow('b', 1.0) == 0
+    assert throttle.allow('a', 4.9) is None
+    assert throttle.allow('a', 5.0) == 2
+    assert throttle.allow('a', 20.0) == 0
+
+
+def test_a_missing_input_is_said_in_plain_words():
+    watch = InputWatch('depth images', '/depth/image', 'reliable', since_s=100.0)
+    assert not watch.is_missing(101.0)
+    assert watch.is_missing(103.2)
+    assert watch.complaint(103.2, []) == (
+        'no depth images yet for 3.2 s on /depth/image: no publisher'
+    )
+    watch.heard(104.0)
+    assert not watch.is_missing(105.0)
+    assert watch.complaint(107.2, ['best_effort']) == (
+        'no depth images for 3.2 s on /depth/image: 1 publisher, reliability best_effort, '
+        'we ask for reliable'
+    )
+    assert '2 publishers, reliability best_effort, reliable,' in watch.complaint(
+        110.0, ['reliable', 'best_effort']
+    )
