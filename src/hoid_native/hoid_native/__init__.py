@@ -1,0 +1,9 @@
+"""Kernels in C++, for the loops where numpy is measured to be too slow (docs/architecture.md).
+
+Plain functions over numpy arrays; the library has a C interface and is loaded with ctypes, so that
+it needs no Python headers and serves every Python version.
+"""
+
+from hoid_native.kernels import fast_corners, match_by_projection, orientations_deg
+
+__all__ = ['fast_corners', 'match_by_projection', 'orientations_deg']

@@ -1,0 +1,179 @@
+// FAST-9/16 corners with their score and 3x3 non-maximum suppression, on one pyramid level.
+//
+// Rosten and Drummond, "Machine learning for high-speed corner detection", ECCV 2006: a pixel is a
+// corner when 9 contiguous pixels of the circle of radius 3 are all brighter than it by more than
+// the threshold, or all darker. The score is the largest threshold at which it still is one.
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define MULTIVERSION __attribute__((target_clones("avx2", "default")))
+#else
+#define MULTIVERSION
+#endif
+#define ALWAYS_INLINE __attribute__((always_inline)) inline
+
+namespace {
+
+constexpr int kCircle = 16;
+constexpr int kRadius = 3;
+constexpr int kLanes = 32;
+constexpr int kOffsetX[kCircle] = {0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1};
+constexpr int kOffsetY[kCircle] = {-3, -3, -2, -1, 0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3};
+
+// One byte for each of the pixels of a block; operators work on all of them at once.
+using Lanes = uint8_t __attribute__((vector_size(kLanes)));
+using Words = uint64_t __attribute__((vector_size(kLanes)));
+
+ALWAYS_INLINE Lanes load(const uint8_t* at)
+{
+  Lanes lanes;
+  std::memcpy(&lanes, at, kLanes);
+  return lanes;
+}
+
+ALWAYS_INLINE Lanes smaller(Lanes a, Lanes b) { return a < b ? a : b; }
+
+ALWAYS_INLINE Lanes larger(Lanes a, Lanes b) { return a > b ? a : b; }
+
+// a - b, not below 0.
+ALWAYS_INLINE Lanes excess(Lanes a, Lanes b) { return larger(a, b) - b; }
+
+ALWAYS_INLINE bool any_above(Lanes lanes, uint8_t threshold)
+{
+  const Words over = reinterpret_cast<Words>(excess(lanes, Lanes{} + threshold));
+  return (over[0] | over[1] | over[2] | over[3]) != 0;
+}
+
+// For each pixel, the most by which all of some 9 contiguous circle pixels exceed it.
+ALWAYS_INLINE Lanes best_arc(const Lanes* gain)
+{
+  Lanes two[kCircle], four[kCircle];
+  for (int k = 0; k < kCircle; ++k) {
+    two[k] = smaller(gain[k], gain[(k + 1) % kCircle]);
+  }
+  for (int k = 0; k < kCircle; ++k) {
+    four[k] = smaller(two[k], two[(k + 2) % kCircle]);
+  }
+  Lanes best{};
+  for (int k = 0; k < kCircle; ++k) {
+    const Lanes eight = smaller(four[k], four[(k + 4) % kCircle]);
+    best = larger(best, smaller(eight, gain[(k + 8) % kCircle]));
+  }
+  return best;
+}
+
+// Of any 9 contiguous circle pixels at least two neighbouring compass points are members.
+ALWAYS_INLINE Lanes bound(const Lanes* gain)
+{
+  const Lanes vertical = larger(gain[0], gain[8]), horizontal = larger(gain[4], gain[12]);
+  return smaller(vertical, horizontal);
+}
+
+// For each pixel of a block, the largest threshold at which it is a corner, plus one; pixels of a
+// block without any corner at `threshold` may all be 0.
+ALWAYS_INLINE Lanes scores_of(const uint8_t* at, const int* offset, uint8_t threshold)
+{
+  const Lanes center = load(at);
+  Lanes brighter[kCircle], darker[kCircle];
+  for (int k = 0; k < kCircle; k += 4) {
+    const Lanes ring = load(at + offset[k]);
+    brighter[k] = excess(ring, center);
+    darker[k] = excess(center, ring);
+  }
+  if (!any_above(larger(bound(brighter), bound(darker)), threshold)) {
+    return Lanes{};
+  }
+  for (int k = 0; k < kCircle; ++k) {
+    if (k % 4 != 0) {
+      const Lanes ring = load(at + offset[k]);
+      brighter[k] = excess(ring, center);
+      darker[k] = excess(center, ring);
+    }
+  }
+  return larger(best_arc(brighter), best_arc(darker));
+}
+
+struct Row
+{
+  std::vector<uint8_t> score;
+  std::vector<int> columns;
+};
+
+void clear(Row& row)
+{
+  for (const int x : row.columns) {
+    row.score[x] = 0;
+  }
+  row.columns.clear();
+}
+
+bool is_peak(const Row& above, const Row& row, const Row& below, int x)
+{
+  const uint8_t mine = row.score[x];
+  const uint8_t* a = above.score.data() + x;
+  const uint8_t* b = below.score.data() + x;
+  return mine > row.score[x - 1] && mine > row.score[x + 1] && mine > a[-1] && mine > a[0] &&
+         mine > a[1] && mine > b[-1] && mine > b[0] && mine > b[1];
+}
+
+}  // namespace
+
+// Write the corners (x, y, score) of a (height, width) image, at least `border` >= 3 pixels from
+// its edge, in raster order; return how many there are, at most `capacity`.
+extern "C" MULTIVERSION int32_t hoid_fast_corners(
+  const uint8_t* image, int32_t width, int32_t height, int32_t stride, int32_t threshold,
+  int32_t border, int32_t capacity, int32_t* x_out, int32_t* y_out, uint8_t* score_out)
+{
+  int offset[kCircle];
+  for (int k = 0; k < kCircle; ++k) {
+    offset[k] = kOffsetY[k] * stride + kOffsetX[k];
+  }
+  const int margin = std::max<int>(border, kRadius);
+  Row rows[3];
+  for (Row& row : rows) {
+    row.score.assign(width, 0);
+    row.columns.reserve(width);
+  }
+  int count = 0;
+  // Non-maximum suppression runs one row behind detection; scores one pixel beyond the border
+  // are not known there, as a corner outside the border does not compete.
+  for (int y = margin; y <= height - margin; ++y) {
+    Row& row = rows[y % 3];
+    clear(row);
+    if (y < height - margin) {
+      const uint8_t* line = image + static_cast<std::ptrdiff_t>(y) * stride;
+      const int last = width - margin - kLanes;
+      for (int x = margin; x < width - margin; x += kLanes) {
+        const int start = std::max(std::min(x, last), 0);  // the last block overlaps its neighbour
+        const Lanes score = scores_of(line + start, offset, static_cast<uint8_t>(threshold));
+        if (!any_above(score, static_cast<uint8_t>(threshold))) {
+          continue;
+        }
+        for (int lane = x - start; lane < kLanes; ++lane) {
+          if (score[lane] > threshold) {
+            row.score[start + lane] = score[lane];
+            row.columns.push_back(start + lane);
+          }
+        }
+      }
+    }
+    const Row& middle = rows[(y + 2) % 3];
+    const Row& above = rows[(y + 1) % 3];
+    for (const int x : middle.columns) {
+      if (y > margin && is_peak(above, middle, row, x)) {
+        if (count == capacity) {
+          return count;
+        }
+        x_out[count] = x;
+        y_out[count] = y - 1;
+        score_out[count++] = static_cast<uint8_t>(middle.score[x] - 1);
+      }
+    }
+  }
+  return count;
+}

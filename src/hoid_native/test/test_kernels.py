@@ -1,0 +1,172 @@
+"""The kernels against OpenCV and against the plainest code that says the same."""
+
+import cv2
+import numpy as np
+import pytest
+from hoid_native import fast_corners, match_by_projection, orientations_deg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+
+def textured(seed, height=97, width=131):
+    noise = np.random.default_rng(seed).integers(0, 256, (height, width)).astype(np.uint8)
+    return cv2.GaussianBlur(noise, (0, 0), 1.2)
+
+
+def opencv_corners(image, threshold, border):
+    found = cv2.FastFeatureDetector.create(threshold, True).detect(image)
+    height, width = image.shape
+    return {
+        (int(p.pt[0]), int(p.pt[1])): int(p.response)
+        for p in found
+        if border <= p.pt[0] < width - border and border <= p.pt[1] < height - border
+    }
+
+
+@pytest.mark.parametrize('threshold', [1, 7, 20, 60])
+@pytest.mark.parametrize('size', [(97, 131), (64, 40), (120, 321)])
+def test_corners_and_scores_are_those_of_opencv(threshold, size):
+    image = textured(threshold, *size)
+    corners = fast_corners(image, threshold, 3)
+    mine = dict(
+        zip(
+            zip(corners.x.tolist(), corners.y.tolist(), strict=True),
+            corners.score.tolist(),
+            strict=True,
+        )
+    )
+    assert mine == opencv_corners(image, threshold, 3)
+    assert mine or threshold > 20
+
+
+def test_a_strided_view_is_read_as_it_is():
+    image = textured(5)
+    view = image[5:90, 7:120]
+    corners = fast_corners(view, 7, 3)
+    copied = fast_corners(view.copy(), 7, 3)
+    assert corners.x.tolist() == copied.x.tolist()
+    assert corners.y.tolist() == copied.y.tolist()
+
+
+def test_too_small_an_image_has_no_corners():
+    assert len(fast_corners(textured(1, 20, 20), 7, 3).x) == 0
+
+
+def test_white_and_black_images_saturate_without_corners():
+    for value in (0, 255):
+        assert len(fast_corners(np.full((80, 80), value, np.uint8), 7, 3).x) == 0
+
+
+@pytest.mark.parametrize('angle_deg', [0, 30, 90, 135, 200, 359])
+def test_orientation_points_along_the_gradient(angle_deg):
+    v, u = np.mgrid[-40:41, -40:41]
+    ramp = np.cos(np.radians(angle_deg)) * u + np.sin(np.radians(angle_deg)) * v
+    image = np.clip(np.rint(128 + 4 * ramp), 0, 255).astype(np.uint8)
+    (found,) = orientations_deg(image, np.array([40]), np.array([40]))
+    assert (found - angle_deg + 180) % 360 - 180 == pytest.approx(0, abs=0.5)
+    assert 0 <= found < 360
+
+
+def test_orientation_is_that_of_opencv():
+    image = textured(3, 200, 200)
+    points = cv2.ORB.create(nlevels=1, nfeatures=50, edgeThreshold=31).detect(image)
+    x, y = np.rint(cv2.KeyPoint.convert(points)).astype(np.int32).T
+    difference = orientations_deg(image, x, y) - [p.angle for p in points]
+    assert np.abs((difference + 180) % 360 - 180).max() < 0.1
+
+
+def test_orientation_near_the_edge_is_refused():
+    with pytest.raises(ValueError, match='15 px'):
+        orientations_deg(textured(1), np.array([14]), np.array([50]))
+
+
+def brute_force(proj, radius, low, high, wanted, measured, octave, known, free, most, ratio):
+    """Return the pairs by the definition, one query and feature after the other."""
+    wins = {}
+    for q in range(len(radius)):
+        near = []
+        for k in range(len(octave)):
+            inside = (np.abs(measured[k, :2] - proj[:2, q]) < radius[q]).all()
+            apart = abs(measured[k, 2] - proj[2, q])
+            if inside and low[q] <= octave[k] <= high[q] and free[k] and not apart > radius[q]:
+                near.append((int(np.bitwise_count(wanted[q] ^ known[k]).sum()), k))
+        if not near:
+            continue
+        near.sort(key=lambda pair: pair[0])
+        (best, k), second = near[0], near[1] if len(near) > 1 else (999, -1)
+        tied = second[0] == best
+        rival = second[1] >= 0 and octave[second[1]] == octave[k] and best > ratio * second[0]
+        if best <= most and not rival and not tied:
+            wins.setdefault(k, []).append((best, q))
+    return {(min(queries)[1], k) for k, queries in wins.items()}
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), ratio=st.sampled_from([1.0, 0.9, 0.6]))
+def test_matches_are_those_of_the_definition(seed, ratio):
+    rng = np.random.default_rng(seed)
+    num_q, num_k = rng.integers(1, 25), rng.integers(0, 40)
+    measured = rng.uniform(0, 120, (num_k, 3)).astype(np.float32)
+    measured[rng.random(num_k) < 0.4, 2] = np.nan
+    known = rng.integers(0, 256, (num_k, 32)).astype(np.uint8)
+    octave = rng.integers(0, 4, num_k).astype(np.uint8)
+    source = rng.integers(0, max(num_k, 1), num_q)
+    wanted = rng.integers(0, 256, (num_q, 32)).astype(np.uint8)
+    proj = rng.uniform(-30, 150, (3, num_q))
+    if num_k:
+        wanted = known[source] ^ (rng.random((num_q, 32)) < 0.3).astype(np.uint8)
+        proj = measured[source].T.astype(np.float64) + rng.normal(0, 4, (3, num_q))
+    radius = rng.uniform(1, 60, num_q)
+    low = rng.integers(0, 3, num_q).astype(np.int8)
+    high = (low + 1).astype(np.int8)
+    free = rng.random(num_k) < 0.8
+    found = match_by_projection(
+        proj, radius, low, high, wanted, measured, octave, known, free, 60, ratio
+    )
+    expected = brute_force(
+        proj, radius, low, high, wanted, measured, octave, known, free, 60, ratio
+    )
+    mine = set(zip(found.q.tolist(), found.k.tolist(), strict=True))
+    assert len(set(found.k.tolist())) == len(found.k)
+    assert expected <= mine or ratio == 1.0
+    for q, k, distance in zip(found.q, found.k, found.distance, strict=True):
+        assert distance == np.bitwise_count(wanted[q] ^ known[k]).sum() <= 60
+    assert mine == expected
+
+
+def test_no_features_give_no_matches():
+    none = match_by_projection(
+        np.zeros((3, 1)),
+        np.ones(1),
+        np.zeros(1, np.int8),
+        np.ones(1, np.int8),
+        np.zeros((1, 32), np.uint8),
+        np.empty((0, 3), np.float32),
+        np.empty(0, np.uint8),
+        np.empty((0, 32), np.uint8),
+        None,
+        60,
+        1.0,
+    )
+    assert len(none.q) == 0
+
+
+def test_a_contested_feature_goes_to_the_nearer_query():
+    known = np.zeros((1, 32), np.uint8)
+    wanted = np.zeros((2, 32), np.uint8)
+    wanted[0, 0] = 0b111
+    wanted[1, 0] = 0b1
+    pairs = match_by_projection(
+        np.full((3, 2), 10.0),
+        np.full(2, 5.0),
+        np.zeros(2, np.int8),
+        np.zeros(2, np.int8),
+        wanted,
+        np.array([[10, 10, np.nan]], np.float32),
+        np.zeros(1, np.uint8),
+        known,
+        None,
+        60,
+        1.0,
+    )
+    assert (pairs.q.tolist(), pairs.k.tolist(), pairs.distance.tolist()) == ([1], [0], [1])
