@@ -1,0 +1,150 @@
+"""A TUM folder to an MCAP bag that `ros2 bag play` accepts."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import NamedTuple
+
+from tqdm import tqdm
+
+from hoid_bags import bag_messages
+from hoid_bags.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
+from hoid_bags.bag_writer import BagWriter
+from hoid_bags.cameras import TUM_DEPTH_UNITS_PER_M
+from hoid_bags.encoding import (
+    JPEG,
+    PNG,
+    RAW,
+    ColorEncoder,
+    DepthEncoder,
+    choose_depth_encoder,
+)
+from hoid_bags.tum_folder import TumFolder, open_tum_folder
+from hoid_common.config import Config, param
+from hoid_common.ros import topics
+from hoid_common.values import CameraModel
+
+ACCELEROMETER = f'{topics.IMU}/accelerometer'
+
+
+@dataclass(frozen=True)
+class ConvertConfig(Config):
+    """How a folder becomes a bag.
+
+    Raw images are the default: live nodes then spend nothing on decoding. Packing the chunks makes
+    a bag 1.4 to 2.8 times smaller but costs the player 3.8 ms a frame instead of 0.3 ms.
+    """
+
+    rgb: str = param(RAW, 'Colour images as raw, png or jpeg', choices=(RAW, PNG, JPEG))
+    depth: str = param(RAW, 'Depth images as raw or png', choices=(RAW, PNG))
+    jpeg_quality: int = param(95, 'Of JPEGs made from other files', minimum=1, maximum=100)
+    depth_units_per_m: float = param(TUM_DEPTH_UNITS_PER_M, 'Of the depth files', minimum=1e-3)
+    round_depth: bool = param(False, 'Round depth to mm where it is finer')
+    compress: bool = param(False, 'Pack the chunks of the bag with zstd')
+
+
+class _Stamped(NamedTuple):
+    stamp_ns: int
+    topic: str
+    message: Message
+
+
+def convert(
+    folder: Path,
+    bag: Path,
+    config: ConvertConfig | None = None,
+    camera: CameraModel | None = None,
+    *,
+    show_progress: bool = False,
+) -> None:
+    """Convert a TUM folder; memory does not grow with its length.
+
+    Args:
+        folder: The recording.
+        bag: The folder to make.
+        config: How.
+        camera: Of the recording; None takes it from the folder's name.
+        show_progress: Whether to draw a progress bar on stderr.
+
+    Raises:
+        InputError: the recording or one of its files cannot be used, or the bag cannot be written;
+            then nothing of the bag is left.
+    """
+    config = config or ConvertConfig()
+    source = open_tum_folder(folder, camera, config.depth_units_per_m)
+    color = ColorEncoder(source.camera, config.rgb, config.jpeg_quality)
+    with BagWriter(bag, compress=config.compress) as writer:
+        depth = choose_depth_encoder(
+            source.depth,
+            source.camera,
+            config.depth,
+            config.depth_units_per_m,
+            round_to_mm=config.round_depth,
+        )
+        _add_topics(writer, source, color, depth)
+        # Ties keep this order: a node that gets an image has its camera already.
+        streams = (
+            _camera_stream(source),
+            _color_stream(source, color),
+            _depth_stream(source, depth),
+            _truth_stream(source),
+            _accelerometer_stream(source),
+        )
+        merged = heapq.merge(*streams, key=attrgetter('stamp_ns'))
+        total = 2 * len(source.color) + len(source.depth) + _num_extras(source)
+        for item in tqdm(merged, total=total, unit='msg', disable=not show_progress):
+            writer.write(item.topic, item.stamp_ns, item.message)
+
+
+def _add_topics(
+    writer: BagWriter, source: TumFolder, color: ColorEncoder, depth: DepthEncoder
+) -> None:
+    writer.add_topic(topics.CAMERA_INFO, CAMERA_INFO)
+    writer.add_topic(color.topic, color.type_name)
+    writer.add_topic(depth.topic, depth.type_name)
+    if source.ground_truth is not None:
+        writer.add_topic(topics.GROUND_TRUTH, POSE_STAMPED)
+    if source.accelerometer is not None:
+        writer.add_topic(ACCELEROMETER, IMU)
+
+
+def _num_extras(source: TumFolder) -> int:
+    truth, accelerometer = source.ground_truth, source.accelerometer
+    return (0 if truth is None else len(truth)) + (
+        0 if accelerometer is None else len(accelerometer.stamps_ns)
+    )
+
+
+def _camera_stream(source: TumFolder) -> Iterator[_Stamped]:
+    for image in source.color:
+        message = bag_messages.camera_info(image.stamp_ns, source.camera)
+        yield _Stamped(image.stamp_ns, topics.CAMERA_INFO, message)
+
+
+def _color_stream(source: TumFolder, encoder: ColorEncoder) -> Iterator[_Stamped]:
+    for image in source.color:
+        yield _Stamped(image.stamp_ns, encoder.topic, encoder.message(image))
+
+
+def _depth_stream(source: TumFolder, encoder: DepthEncoder) -> Iterator[_Stamped]:
+    for image in source.depth:
+        yield _Stamped(image.stamp_ns, encoder.topic, encoder.message(image))
+
+
+def _truth_stream(source: TumFolder) -> Iterator[_Stamped]:
+    truth = source.ground_truth
+    if truth is not None:
+        for stamp_ns, pose in zip(truth.stamps_ns.tolist(), truth.T_world_camera, strict=True):
+            message = bag_messages.pose_stamped(stamp_ns, pose)
+            yield _Stamped(stamp_ns, topics.GROUND_TRUTH, message)
+
+
+def _accelerometer_stream(source: TumFolder) -> Iterator[_Stamped]:
+    table = source.accelerometer
+    if table is not None:
+        for stamp_ns, values in zip(table.stamps_ns.tolist(), table.values, strict=True):
+            yield _Stamped(stamp_ns, ACCELEROMETER, bag_messages.imu(stamp_ns, values))
