@@ -30,7 +30,7 @@ class DetectorConfig(Config):
         (), 'Names of the classes to report; empty reports all', read_only=False
     )
     max_detections: int = param(
-        100, 'Most boxes reported of one image', minimum=1, maximum=10000, read_only=False
+        100, 'Most boxes reported of one image', minimum=1, maximum=1000, read_only=False
     )
     providers: tuple[str, ...] = param(
         (),

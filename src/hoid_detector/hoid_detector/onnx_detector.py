@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hoid_common.errors import ConfigError, MessageError, ModelError
 from hoid_common.values import BoolArray, ByteArray, Detections, IntArray
@@ -33,9 +35,9 @@ class OnnxDetector:
         self.network = Network(model, config.providers, config.threads)
         self.layout, self.class_names = _understood(self.network, config)
         self._letterbox = Letterbox(self.layout.preprocessing, self.network.dtype)
-        self._config = config
-        self._reported = _reported(self.class_names, config.classes)
+        self.reconfigure(config)
         self.network_ms = 0.0  # of the latest call, wall time
+        self.detect_ms = 0.0  # of the latest call, wall time, the network's included
         _LOG.info('%s', self.description)
         if self.network.provider_warning:
             _LOG.warning('%s', self.network.provider_warning)
@@ -58,8 +60,17 @@ class OnnxDetector:
 
     def reconfigure(self, config: DetectorConfig) -> None:
         """Take over what may change at run time: thresholds, classes, number of boxes."""
-        self._reported = _reported(self.class_names, config.classes)
+        if objection := self.objection(config.classes):
+            raise ConfigError(objection)
+        names = np.array(self.class_names)
+        self._reported = np.isin(names, config.classes) if config.classes else None
         self._config = config
+
+    def objection(self, classes: tuple[str, ...]) -> str:
+        """Return why these cannot be the classes to report, or nothing."""
+        unknown = [name for name in classes if name not in self.class_names]
+        known = ', '.join(self.class_names)
+        return f'classes: the model knows no "{unknown[0]}"; it knows {known}' if unknown else ''
 
     def detect(self, image_bgr: ByteArray, stamp_ns: int) -> Detections:
         """Return what is seen in an image (H, W, 3), strongest first; boxes lie within the image.
@@ -68,25 +79,30 @@ class OnnxDetector:
         """
         if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or 0 in image_bgr.shape:
             raise MessageError(f'image must be (height, width, 3), got {image_bgr.shape}')
+        start_s = time.perf_counter()
         config = self._config
         size_wh = _input_size(self.network, image_bgr.shape[1::-1], config)
         blob, place = self._letterbox(image_bgr, size_wh)
-        start = time.perf_counter()
-        outputs = self.network.run(blob)
-        self.network_ms = (time.perf_counter() - start) * 1e3
+        outputs = self._infer(blob)
         found = self.layout.decode(outputs, size_wh, config.score_threshold)
-        found = found.select(_is_finite(found) & self._is_reported(found))
-        found = _in_image(found, place)
-        kept = _strongest(found, self.layout, config)
-        return self._detections(found.select(kept), stamp_ns)
+        found = _in_image(found.select(_is_finite(found) & self._is_reported(found)), place)
+        found = found.select(_strongest(found, self.layout, config))
+        self.detect_ms = (time.perf_counter() - start_s) * 1e3
+        return self._named(found, stamp_ns)
+
+    def _infer(self, blob: NDArray[np.floating[Any]]) -> list[NDArray[Any]]:
+        start_s = time.perf_counter()
+        outputs = self.network.run(blob)
+        self.network_ms = (time.perf_counter() - start_s) * 1e3
+        return outputs
 
     def _is_reported(self, found: Candidates) -> BoolArray:
-        if self._reported is None:
+        if self._reported is None:  # all classes
             return np.ones(len(found.scores), np.bool_)
         known = found.class_ids < len(self._reported)
         return known & self._reported[np.where(known, found.class_ids, 0)]
 
-    def _detections(self, found: Candidates, stamp_ns: int) -> Detections:
+    def _named(self, found: Candidates, stamp_ns: int) -> Detections:
         names = self.class_names
         return Detections(
             stamp_ns,
@@ -126,15 +142,6 @@ def _input_size(network: Network, image_wh: Size, config: DetectorConfig) -> Siz
     return network.size_wh or open_size(image_wh, config.input_size_px)
 
 
-def _reported(names: tuple[str, ...], wanted: tuple[str, ...]) -> BoolArray | None:
-    """Return which class ids are reported, (C,); None for all."""
-    if unknown := [name for name in wanted if name not in names]:
-        raise ConfigError(
-            f'classes: the model knows no "{unknown[0]}"; it knows {", ".join(names)}'
-        )
-    return np.isin(np.array(names), wanted) if wanted else None
-
-
 def _is_finite(found: Candidates) -> BoolArray:
     """Return which candidates are finite and of a class, (N,)."""
     finite = np.isfinite(found.boxes_xyxy_px).all(axis=1) & np.isfinite(found.scores)
@@ -144,7 +151,7 @@ def _is_finite(found: Candidates) -> BoolArray:
 def _in_image(found: Candidates, place: Placement) -> Candidates:
     """Return those that show at least a pixel of the image, in its pixels."""
     boxes = place.boxes_to_image(found.boxes_xyxy_px)
-    shown: BoolArray = (boxes[:, 2:] - boxes[:, :2] >= 1).all(axis=1)
+    shown = np.all(boxes[:, 2:] - boxes[:, :2] >= 1, axis=1)
     return found._replace(boxes_xyxy_px=boxes).select(shown)
 
 

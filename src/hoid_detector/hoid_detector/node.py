@@ -1,0 +1,149 @@
+"""The node: colour images in, detections out; the newest image wins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from hoid_msgs.msg import DetectionArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool
+
+from hoid_common.config import param
+from hoid_common.errors import ConfigError, HoidError
+from hoid_common.ros import conversions, qos, topics
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.inputs import InputConfig, Inputs
+from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.parameters import Parameters
+from hoid_common.ros.run import run_node
+from hoid_common.values import ByteArray, Detections
+from hoid_detector.config import DetectorConfig
+from hoid_detector.drawing import draw_detections
+from hoid_detector.model_path import find_model
+from hoid_detector.newest_wins import NewestWins
+from hoid_detector.onnx_detector import OnnxDetector
+
+
+@dataclass(frozen=True)
+class NodeConfig(DetectorConfig):
+    """Parameters of the node."""
+
+    model: str = param('', 'ONNX file or name of a known model; empty looks in the usual places')
+    autostart: bool = param(True, 'become active at once; false waits for a lifecycle manager')
+    input: InputConfig = field(default_factory=InputConfig)
+
+
+_Seen = tuple[Header, ByteArray, Detections, float]  # the last: ms it took
+
+
+class DetectorNode(LifecycleNode):
+    """Detects in a thread of its own; all that is ROS happens in the executor's."""
+
+    def __init__(self) -> None:
+        super().__init__('hoid_detector', automatically_declare_parameters_from_overrides=True)
+        bridge_logging(self)
+        self._detector: OnnxDetector | None = None
+        self._active, self._enabled = False, True
+        self._failure: HoidError | None = None
+        self._parameters = Parameters(self, NodeConfig(), self._reconfigure)
+        self.add_on_set_parameters_callback(self._check_classes)
+        self._diagnostics = Diagnostics(self)
+        self._done = self.create_guard_condition(self._publish)
+        self._worker = NewestWins(self._detect, self._done.trigger)
+        self._detections = self.create_publisher(DetectionArray, topics.DETECTIONS, qos.OUTPUT)
+        self._debug_image = self.create_publisher(Image, topics.DEBUG_IMAGE, qos.OUTPUT)
+        self.create_service(SetBool, '~/enable', self._enable)
+        Inputs(self, self._parameters.config.input, self._diagnostics).color(self._take)
+        if self._parameters.config.autostart:
+            self._start()
+
+    def destroy_node(self) -> None:
+        """End the worker first: it must not wake a node that is gone."""
+        self._worker.close()
+        super().destroy_node()
+
+    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the model."""
+        config = self._parameters.config
+        try:
+            self._detector = OnnxDetector(find_model(config.model), config)
+        except HoidError as error:
+            self._failure = error
+            self._diagnostics.set_problem('model', str(error), severe=True)
+            return TransitionCallbackReturn.FAILURE
+        self._diagnostics.clear_problem('model')
+        self._diagnostics.set_value('model', self._detector.description)
+        if warning := self._detector.network.provider_warning:
+            self._diagnostics.set_problem('provider', warning)
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Take images."""
+        self._active = True
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Take no more images."""
+        self._active = False
+        self._worker.clear()
+        return TransitionCallbackReturn.SUCCESS
+
+    on_shutdown = on_deactivate
+
+    def _start(self) -> None:
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            if trigger() != TransitionCallbackReturn.SUCCESS:
+                raise self._failure or ConfigError('hoid_detector could not become active')
+
+    def _take(self, msg: Image | CompressedImage) -> None:
+        if self._active and self._enabled:
+            self._worker.offer(msg)
+
+    def _detect(self, msg: Image | CompressedImage) -> _Seen:
+        assert self._detector is not None
+        image_bgr = conversions.color_from_msg(msg)
+        detections = self._detector.detect(image_bgr, conversions.stamp_from_msg(msg.header.stamp))
+        return msg.header, image_bgr, detections, self._detector.detect_ms
+
+    def _publish(self) -> None:
+        try:
+            seen = self._worker.finish()
+        except HoidError as error:
+            self._diagnostics.report(error, 'images refused')
+            return
+        if seen is None or self._detector is None:
+            return
+        header, image_bgr, detections, detect_ms = seen
+        size_px, names = image_bgr.shape[1::-1], self._detector.class_names
+        msg = conversions.detections_to_msg(detections, header, size_px, names, detect_ms)
+        self._detections.publish(msg)
+        if self._debug_image.get_subscription_count():
+            picture = draw_detections(image_bgr, detections)
+            self._debug_image.publish(conversions.color_to_msg(picture, header))
+        self._diagnostics.count('images processed')
+        self._diagnostics.set_count('images dropped for newer ones', self._worker.num_dropped)
+        self._diagnostics.set_value('time per image', f'{detect_ms:.1f} ms')
+
+    def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._enabled = request.data
+        response.success, response.message = True, 'detecting' if request.data else 'stopped'
+        self._diagnostics.set_value('asked for by ~/enable', response.message)
+        return response
+
+    def _check_classes(self, parameters: list[Parameter]) -> SetParametersResult:
+        wanted = [tuple(p.value) for p in parameters if p.name == 'classes']
+        reason = self._detector.objection(wanted[0]) if wanted and self._detector else ''
+        return SetParametersResult(successful=not reason, reason=reason)
+
+    def _reconfigure(self, config: NodeConfig) -> None:
+        if self._detector is not None:
+            self._detector.reconfigure(config)
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(DetectorNode)

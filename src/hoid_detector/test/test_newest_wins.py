@@ -1,0 +1,71 @@
+"""Never late by a queue: what is begun, what waits, what is dropped."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from hoid_common.errors import MessageError
+from hoid_detector.newest_wins import NewestWins
+
+
+class Bench:
+    """A worker whose work ends when the test says so."""
+
+    def __init__(self) -> None:
+        self.woken = threading.Semaphore(0)
+        self.may_end = threading.Semaphore(0)
+        self.worker = NewestWins(self._work, self.woken.release)
+
+    def _work(self, item: int) -> int:
+        assert self.may_end.acquire(timeout=5)
+        if item < 0:
+            raise MessageError('item is negative')
+        return 10 * item
+
+    def end_one(self) -> int | None:
+        self.may_end.release()
+        assert self.woken.acquire(timeout=5)
+        return self.worker.finish()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.may_end.release(10)
+    bench.worker.close()
+
+
+def test_newest_of_those_that_came_meanwhile_is_next(bench: Bench) -> None:
+    for item in (1, 2, 3, 4):
+        bench.worker.offer(item)
+    assert bench.worker.num_dropped == 2
+    assert bench.worker.finish() is None  # still at work
+    assert bench.end_one() == 10
+    assert bench.end_one() == 40
+    assert bench.worker.finish() is None
+    bench.worker.offer(5)
+    assert bench.end_one() == 50
+    assert bench.worker.num_dropped == 2
+
+
+def test_error_of_one_item_comes_out_and_the_next_is_worked_on(bench: Bench) -> None:
+    bench.worker.offer(-1)
+    bench.worker.offer(2)
+    with pytest.raises(MessageError, match='negative'):
+        bench.end_one()
+    assert bench.end_one() == 20
+
+
+def test_clear_forgets_all(bench: Bench) -> None:
+    bench.worker.offer(1)
+    bench.worker.offer(2)
+    bench.may_end.release()
+    bench.worker.clear()
+    assert bench.woken.acquire(timeout=5)
+    assert bench.worker.finish() is None
+    bench.worker.offer(3)
+    assert bench.end_one() == 30
