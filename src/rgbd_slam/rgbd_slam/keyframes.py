@@ -27,7 +27,7 @@ _FEATURE_COLUMNS = (
 
 
 class KeyframeTable(Table):
-    """Rows are keyframes, index letter i; feature columns are padded: (capacity, max features, ...).
+    """Rows are keyframes, index letter i; feature columns are (capacity, max features, ...).
 
     `point_of_feature` is the one record of what observes what; it is searched by masks over whole
     rows, which costs 0.3 ms for 200 keyframes and needs no second list to be kept in step.

@@ -53,7 +53,7 @@ class SlamMap:
         self.keyframes = KeyframeTable()
         self.points = PointTable()
         self.version = 1
-        self.octave_scale = scale_factor ** np.arange(num_octaves)
+        self.octave_scale = np.power(scale_factor, np.arange(num_octaves, dtype=np.float64))
         self._redirects: list[Redirect] = []
 
     # ---- keyframes
@@ -196,6 +196,10 @@ class SlamMap:
         kf.version[np.unique(seen.i)] = self.version
         points.version[new] = self.version
         points.release(old, self.version)
+
+    def refresh(self, j: IntArray) -> None:
+        """Derive the viewing direction, scale range and descriptor of points `j` anew."""
+        refresh_points(self, j)
 
     def _mask(self, j: IntArray) -> BoolArray:
         """Return (capacity + 1,) flags of points; NO_POINT = -1 indexes the last, always False."""

@@ -64,7 +64,7 @@ def typical_descriptors(descriptors: ByteArray, starts: IntArray) -> ByteArray:
             it is large.
     """
     ends = np.r_[starts[1:], len(descriptors)]
-    out = descriptors[ends - 1].copy()
+    out: ByteArray = descriptors[ends - 1].copy()
     size = np.minimum(ends - starts, _MAX_COMPARED)
     words = np.ascontiguousarray(descriptors).view(np.uint64)
     for n in range(3, _MAX_COMPARED + 1):  # with two, both are as typical: the newest is kept

@@ -22,7 +22,7 @@ class TableRows(NamedTuple):
 
 
 class Table:
-    """Rows in parallel arrays, addressed by index; `uid` tells whether a row is still the same element.
+    """Rows in parallel arrays, addressed by index; `uid` tells if a row is still the same.
 
     Indices are reused after `release`, so whoever keeps one across a change of the map keeps the
     `uid` beside it.

@@ -1,0 +1,109 @@
+"""Parameters of tracking and mapping: the only place of their defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hoid_common.config import Config, param
+
+
+@dataclass(frozen=True)
+class CameraConfig(Config):
+    """How the optimisers see the camera and its features."""
+
+    baseline_m: float = param(
+        0.075, 'Baseline of the virtual stereo pair that stands for depth', minimum=0.001,
+        maximum=1.0,
+    )  # fmt: skip
+    close_baselines: float = param(
+        40.0, 'Depth is trusted to make points up to this many baselines', minimum=1.0,
+        maximum=1000.0,
+    )  # fmt: skip
+    scale_factor: float = param(
+        1.2, 'Scale between two octaves, as in extraction', minimum=1.01, maximum=2.0
+    )
+    num_octaves: int = param(8, 'Octaves, as in extraction', minimum=1, maximum=16)
+
+
+@dataclass(frozen=True)
+class TrackingConfig(Config):
+    """From the features of one image to its pose."""
+
+    last_frame_radius_px: float = param(
+        15.0, 'Search window around points of the last frame, at octave 0', minimum=1.0,
+        maximum=200.0,
+    )  # fmt: skip
+    wide_radius_px: float = param(
+        30.0, 'The same, tried again when matches are few', minimum=1.0, maximum=400.0
+    )
+    few_matches: int = param(40, 'Fewer matches than this are few', minimum=4, maximum=1000)
+    local_map_radius: float = param(
+        3.0, 'Search window around points of the local map, in units of ORB-SLAM', minimum=0.5,
+        maximum=20.0,
+    )  # fmt: skip
+    max_hamming: int = param(
+        100, 'Descriptors that differ by more never match', minimum=1, maximum=256
+    )
+    local_map_ratio: float = param(
+        0.8, 'Best over second best distance, same octave', minimum=0.1, maximum=1.0
+    )
+    min_inliers: int = param(30, 'With fewer the frame is not tracked', minimum=4, maximum=1000)
+    max_local_keyframes: int = param(
+        24, 'Keyframes whose points make the local map', minimum=2, maximum=500
+    )
+
+
+@dataclass(frozen=True)
+class KeyframeConfig(Config):
+    """When a frame becomes a keyframe."""
+
+    reference_share: float = param(
+        0.75, 'Insert when fewer of the reference keyframe\'s points are tracked', minimum=0.1,
+        maximum=1.0,
+    )  # fmt: skip
+    min_close_tracked: int = param(
+        100,
+        'Insert when fewer close points are tracked and many could be',
+        minimum=0,
+        maximum=5000,
+    )
+    min_close_new: int = param(
+        70, 'Close features without a point that count as many', minimum=0, maximum=5000
+    )
+    min_new_points: int = param(
+        100, 'Depth points to make in a keyframe even beyond the close limit', minimum=0,
+        maximum=5000,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MappingConfig(Config):
+    """What is done with a keyframe."""
+
+    neighbours: int = param(10, 'Keyframes into which points are fused', minimum=1, maximum=100)
+    fuse_radius_px: float = param(3.0, 'Search window of fusing', minimum=0.5, maximum=20.0)
+    max_hamming: int = param(50, 'Of fusing', minimum=1, maximum=256)
+    window: int = param(8, 'Keyframes that local bundle adjustment moves', minimum=2, maximum=100)
+    fixed_window: int = param(
+        12, 'Keyframes that it holds and whose observations it uses', minimum=1, maximum=200
+    )
+    iterations: int = param(5, 'Of local bundle adjustment, twice', minimum=1, maximum=50)
+    min_found_ratio: float = param(
+        0.25, 'Young points tracked in less of the frames that should see them go', minimum=0.0,
+        maximum=1.0,
+    )  # fmt: skip
+    redundant_share: float = param(
+        0.9, 'A keyframe goes when so much of it is seen by three others as well', minimum=0.5,
+        maximum=1.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SlamConfig(Config):
+    """All of it."""
+
+    seed: int = param(0, 'Of everything that samples at random', minimum=0)
+    camera: CameraConfig = CameraConfig()
+    tracking: TrackingConfig = TrackingConfig()
+    keyframes: KeyframeConfig = KeyframeConfig()
+    mapping: MappingConfig = MappingConfig()

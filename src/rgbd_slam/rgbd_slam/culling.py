@@ -1,0 +1,52 @@
+"""Which points and keyframes leave the map (ORB-SLAM's rules)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rgbd_slam.config import MappingConfig
+from rgbd_slam.keyframes import NO_POINT
+from rgbd_slam.map import SlamMap
+
+_YOUNG = 3  # keyframes that a point has to prove itself
+_MIN_AGE = 2
+_MIN_WEIGHT = 3  # observations must exceed it, one with depth counting twice
+_MIN_OBSERVERS = 3  # besides the keyframe itself
+
+
+def cull_young_points(slam_map: SlamMap, i: int, config: MappingConfig) -> None:
+    """Remove recent points that frames do not find, or that later keyframes do not see."""
+    points, uid = slam_map.points, slam_map.keyframes.uid[i]
+    j = points.indices()
+    age = uid - points.first_keyframe_uid[j]
+    j, age = j[age <= _YOUNG], age[age <= _YOUNG]
+    weight = points.num_observations[j] + points.num_stereo[j]
+    lost = points.num_found[j] < config.min_found_ratio * points.num_visible[j]
+    unseen = (age >= _MIN_AGE) & (weight <= _MIN_WEIGHT)
+    slam_map.remove_points(j[lost | unseen])
+
+
+def cull_keyframes(slam_map: SlamMap, i: int, config: MappingConfig, close_limit_m: float) -> None:
+    """Remove neighbours of `i` nearly all of whose close points three others see as finely."""
+    for neighbour in slam_map.covisible(i, min_shared=15).tolist():
+        if _is_redundant(slam_map, neighbour, config.redundant_share, close_limit_m):
+            slam_map.remove_keyframe(neighbour)
+
+
+def _is_redundant(slam_map: SlamMap, i: int, share: float, close_limit_m: float) -> bool:
+    keyframes, points = slam_map.keyframes, slam_map.points
+    if keyframes.index_of(int(keyframes.parent_uid[i])) is None:
+        return False  # the root of a map holds its frame
+    j = keyframes.point_of_feature[i]
+    depth = keyframes.depth_m[i]
+    k = np.flatnonzero((j != NO_POINT) & (depth > 0) & (depth < close_limit_m))
+    j = j[k].astype(np.int64)
+    many = points.num_observations[j] > _MIN_OBSERVERS
+    octave = np.zeros(points.capacity, np.int64)
+    octave[j] = keyframes.octave[i, k]
+    others = slam_map.covisible(i)
+    seen = slam_map.observations_of(j[many], others)
+    fine = keyframes.octave[seen.i, seen.k] <= octave[seen.j] + 1
+    observers = np.bincount(seen.j[fine], minlength=points.capacity)
+    redundant = np.count_nonzero(observers[j[many]] >= _MIN_OBSERVERS)
+    return bool(redundant > share * len(j))

@@ -1,0 +1,95 @@
+"""Local mapping: what a new keyframe does to the map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import FloatArray, IntArray
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.culling import cull_keyframes, cull_young_points
+from rgbd_slam.frame import Frame, StereoCamera
+from rgbd_slam.fusing import fuse_into_neighbours
+from rgbd_slam.keyframes import NO_POINT
+from rgbd_slam.map import SlamMap
+from rgbd_slam.window import adjust_window
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframeRequest:
+    """A frame to make a keyframe of, and what was tracked since the last one."""
+
+    frame: Frame
+    T_reference_camera: FloatArray  # (4, 4)
+    reference_uid: int
+    points: IntArray  # (N,) point seen by each feature, or NO_POINT
+    point_uids: IntArray  # (N,)
+    visible: IntArray  # points with repetition, by how often frames should have seen them
+    found: IntArray  # and how often they did
+
+
+class Mapper:
+    """Owns the map and takes keyframes in."""
+
+    def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: SlamConfig) -> None:
+        self.map = slam_map
+        self._camera = camera
+        self._config = config
+        self._young: list[IntArray] = []
+        self._close_limit_m = config.camera.close_baselines * config.camera.baseline_m
+
+    def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
+        """Make the first keyframe of a map, with points at all depths, and return it."""
+        i = self.map.add_keyframe(frame, T_map_camera, map_id)
+        self._add_depth_points(i, np.inf)
+        return i
+
+    def insert(self, request: KeyframeRequest) -> int | None:
+        """Take in a keyframe and settle its neighbourhood; None when its reference is gone."""
+        i = self._add(request)
+        if i is None:
+            return None
+        cull_young_points(self.map, i, self._config.mapping)
+        self._add_depth_points(i, self._close_limit_m)
+        self.map.update_connections(i)
+        fuse_into_neighbours(self.map, self._camera, i, self._config.mapping)
+        self.map.update_connections(i)
+        adjust_window(self.map, self._camera, i, self._config.mapping)
+        cull_keyframes(self.map, i, self._config.mapping, self._close_limit_m)
+        return i
+
+    def _add(self, request: KeyframeRequest) -> int | None:
+        """Store the keyframe with the observations whose points are still in the map."""
+        keyframes, points = self.map.keyframes, self.map.points
+        reference = keyframes.index_of(request.reference_uid)
+        if reference is None:
+            return None
+        np.add.at(points.num_visible, request.visible, 1)
+        np.add.at(points.num_found, request.found, 1)
+        T_map_camera = keyframes.T_map_camera[reference] @ request.T_reference_camera
+        i = self.map.add_keyframe(
+            request.frame, se3.orthonormalized(T_map_camera), int(keyframes.map_id[reference]),
+            reference,
+        )  # fmt: skip
+        same = (request.points != NO_POINT) & (points.uid[request.points] == request.point_uids)
+        k = np.flatnonzero(same)
+        self.map.observe(i, k, request.points[k])
+        self.map.refresh(request.points[k])
+        return i
+
+    def _add_depth_points(self, i: int, limit_m: float) -> None:
+        """Make points of the features with depth that see none, the nearest first."""
+        keyframes = self.map.keyframes
+        n = int(keyframes.num_features[i])
+        depth = keyframes.depth_m[i, :n]
+        free = (depth > 0) & (keyframes.point_of_feature[i, :n] == NO_POINT)
+        k = np.flatnonzero(free & keyframes.may_seed[i, :n])
+        k = k[np.argsort(depth[k], kind='stable')]
+        have = int(np.count_nonzero((depth > 0) & (depth < limit_m) & ~free))
+        wanted = max(self._config.keyframes.min_new_points - have, 0)
+        close = int(np.count_nonzero(depth[k] < limit_m))
+        k = np.sort(k[: max(close, wanted)])
+        camera_m = self._camera.back_project(keyframes.measurement_px[i, k, :2], depth[k])
+        self.map.add_points(i, k, se3.transform(keyframes.T_map_camera[i], camera_m))

@@ -1,0 +1,187 @@
+"""RGB-D SLAM: features in, poses and a map out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import ByteArray, CameraModel, Features, FloatArray, Trajectory
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.frame import Frame, StereoCamera
+from rgbd_slam.keyframe_policy import needs_keyframe
+from rgbd_slam.map import SlamMap
+from rgbd_slam.mapper import KeyframeRequest, Mapper
+from rgbd_slam.pose_optimizer import covariance
+from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
+from rgbd_slam.tracker import PointTally, Tracker, Tracking
+from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_trajectory
+
+_MS = 1e3
+_MIN_FIRST_FEATURES = 100  # with depth, to start a map
+
+
+class TrackingState(Enum):
+    """Whether the pose is known; the values are those of hoid_msgs/SlamStatus."""
+
+    NOT_INITIALIZED = 0
+    TRACKING = 1
+    LOST = 2
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingResult:
+    """What one frame gave."""
+
+    stamp_ns: int
+    state: TrackingState
+    T_map_camera: FloatArray | None = None  # (4, 4); jumps when the map is corrected
+    T_odom_camera: FloatArray | None = None  # (4, 4); never jumps
+    covariance: FloatArray | None = None  # (6, 6) of a small motion in the camera's frame,
+    # rotation first [rad^2, m^2]
+    num_tracked: int = 0  # map points matched
+    num_inliers: int = 0  # of them, those that fit the pose
+    is_keyframe: bool = False
+    stage_ms: dict[str, float] = field(default_factory=dict)  # 'track', 'map'; thread CPU time
+
+
+@dataclass(frozen=True)
+class SlamStats:
+    """Counts of the map and of events."""
+
+    num_keyframes: int
+    num_map_points: int
+    num_loops: int = 0
+    num_relocalizations: int = 0
+
+
+class RgbdSlam:
+    """Keyframe SLAM on the features of RGB-D images (Mur-Artal and Tardos, T-RO 2017)."""
+
+    def __init__(self, camera: CameraModel, config: SlamConfig) -> None:
+        self._config = config
+        self._model = camera
+        self._camera = StereoCamera.from_model(camera, config.camera.baseline_m)
+        self._map = SlamMap(config.camera.scale_factor, config.camera.num_octaves)
+        self._tracker = Tracker(self._camera, self._map, config.tracking)
+        self._mapper = Mapper(self._camera, self._map, config)
+        self._trajectory = TrajectoryRecorder()
+        self._last: TrackedFrame | None = None
+        self._T_camera_last = np.eye(4)
+        self._T_odom_camera = np.eye(4)
+        self._tallies: list[PointTally] = []
+
+    def process(
+        self,
+        features: Features,
+        image_bgr: ByteArray | None = None,  # noqa: ARG002 - for rotation from the image
+    ) -> TrackingResult:
+        """Track one frame, and map it when it shows something new."""
+        start_s = time.thread_time()
+        frame = Frame.from_features(features, self._model, self._camera)
+        if self._last is None:
+            return self._start(frame)
+        tracking = self._tracker.track(frame, self._last, self._T_camera_last)
+        if tracking is None:
+            self._T_camera_last = np.eye(4)
+            return TrackingResult(frame.stamp_ns, TrackingState.LOST)
+        self._advance(tracking)
+        insert = needs_keyframe(
+            tracking, self._map, self._config.keyframes,
+            self._config.camera.close_baselines * self._config.camera.baseline_m,
+        )  # fmt: skip
+        tracked_s = time.thread_time()
+        T_map_camera = tracking.tracked.T_map_camera
+        if insert:
+            self._insert_keyframe(tracking)
+        mapped_s = time.thread_time()
+        return TrackingResult(
+            frame.stamp_ns,
+            TrackingState.TRACKING,
+            T_map_camera,
+            self._T_odom_camera,
+            covariance(tracking.estimate),
+            tracking.num_matches,
+            tracking.num_inliers,
+            insert,
+            {'track': _MS * (tracked_s - start_s), 'map': _MS * (mapped_s - tracked_s)},
+        )
+
+    def _start(self, frame: Frame) -> TrackingResult:
+        if np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_FIRST_FEATURES:
+            return TrackingResult(frame.stamp_ns, TrackingState.NOT_INITIALIZED)
+        i = self._mapper.start_map(frame, np.eye(4), 0)
+        points = self._map.keyframes.point_of_feature[i, : len(frame)].astype(np.int64)
+        self._last = tracked_frame(frame, np.eye(4), points, self._map, i)
+        self._record(self._last)
+        return TrackingResult(
+            frame.stamp_ns, TrackingState.TRACKING, np.eye(4), self._T_odom_camera,
+            np.zeros((6, 6)), len(points), len(points), is_keyframe=True,
+        )  # fmt: skip
+
+    def _advance(self, tracking: Tracking) -> None:
+        """Take the motion since the last frame, both poses by the map as it is now."""
+        assert self._last is not None
+        T_map_last = self._last.current_pose(self._map)
+        T_last_camera = se3.inverse(T_map_last) @ tracking.tracked.T_map_camera
+        self._T_camera_last = se3.orthonormalized(se3.inverse(T_last_camera))
+        self._T_odom_camera = se3.orthonormalized(self._T_odom_camera @ T_last_camera)
+        self._last = tracking.tracked
+        self._tallies.append(tracking.tally)
+        self._record(tracking.tracked)
+
+    def _insert_keyframe(self, tracking: Tracking) -> None:
+        tracked = tracking.tracked
+        request = KeyframeRequest(
+            tracked.frame,
+            tracked.T_reference_camera,
+            tracked.reference_uid,
+            tracked.points,
+            tracked.point_uids,
+            np.concatenate([tally.visible for tally in self._tallies]),
+            np.concatenate([tally.found for tally in self._tallies]),
+        )
+        self._tallies = []
+        i = self._mapper.insert(request)
+        self._trajectory.redirect(self._map.take_redirects())
+        if i is not None:
+            keyframes = self._map.keyframes
+            points = keyframes.point_of_feature[i, : len(tracked.frame)].astype(np.int64)
+            self._last = tracked_frame(
+                tracked.frame, keyframes.T_map_camera[i].copy(), points, self._map, i
+            )
+
+    def _record(self, tracked: TrackedFrame) -> None:
+        self._trajectory.add(
+            tracked.frame.stamp_ns,
+            tracked.T_map_camera,
+            tracked.reference_uid,
+            tracked.T_reference_camera,
+        )
+
+    def finish(self) -> None:
+        """Let the map settle after the last frame."""
+
+    def trajectory_online(self) -> Trajectory:
+        """Return the poses as they were given out."""
+        return self._trajectory.online()
+
+    def trajectory_final(self) -> Trajectory:
+        """Return the poses of all tracked frames by the map as it is now."""
+        return self._trajectory.final(self._map.keyframes)
+
+    def keyframe_trajectory(self) -> Trajectory:
+        """Return the poses of the keyframes."""
+        return keyframe_trajectory(self._map.keyframes)
+
+    def map_points_m(self) -> FloatArray:
+        """Return (N, 3) map points."""
+        return self._map.points.position_m[self._map.points.indices()]
+
+    @property
+    def stats(self) -> SlamStats:
+        """Return counts of the map and of events."""
+        return SlamStats(len(self._map.keyframes), len(self._map.points))

@@ -1,0 +1,65 @@
+"""A frame with a pose and the map points it sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import FloatArray, IntArray
+from rgbd_slam.frame import Frame
+from rgbd_slam.keyframes import NO_POINT
+from rgbd_slam.map import SlamMap
+from rgbd_slam.matching import FeatureGrid
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFrame:
+    """What the tracker knows of a frame after tracking it.
+
+    Map rows may be reused later: `points` come with their uids, the reference keyframe is a uid.
+    """
+
+    frame: Frame
+    T_map_camera: FloatArray  # (4, 4), by the map as it was then
+    points: IntArray  # (N,) point seen by each feature, or NO_POINT
+    point_uids: IntArray  # (N,)
+    reference_uid: int  # keyframe
+    T_reference_camera: FloatArray  # (4, 4)
+
+    @cached_property
+    def grid(self) -> FeatureGrid:
+        """Return the frame's features sorted for search."""
+        return FeatureGrid(self.frame)
+
+    def current_points(self, slam_map: SlamMap) -> IntArray:
+        """Return `points` without those that have left the map since."""
+        points = self.points
+        stale = slam_map.points.uid[points] != self.point_uids
+        return np.where(stale | (points == NO_POINT), NO_POINT, points)
+
+    def current_pose(self, slam_map: SlamMap) -> FloatArray:
+        """Return T_map_camera by the map as it is now."""
+        keyframes = slam_map.keyframes
+        i = keyframes.index_of(self.reference_uid)
+        if i is None:
+            return self.T_map_camera
+        pose: FloatArray = keyframes.T_map_camera[i] @ self.T_reference_camera
+        return pose
+
+
+def tracked_frame(
+    frame: Frame, T_map_camera: FloatArray, points: IntArray, slam_map: SlamMap, reference: int
+) -> TrackedFrame:
+    """Return a frame whose pose hangs on keyframe `reference`."""
+    keyframes = slam_map.keyframes
+    return TrackedFrame(
+        frame,
+        T_map_camera,
+        points,
+        slam_map.points.uid[points],
+        int(keyframes.uid[reference]),
+        se3.inverse(keyframes.T_map_camera[reference]) @ T_map_camera,
+    )
