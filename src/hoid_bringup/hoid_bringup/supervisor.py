@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 GRACE_S = 4.0
 _POLL_S = 0.02
-_RESTART_PAUSE_S = 1.0
+RESTART_PAUSE_S = 1.0
 _BYTES_PER_MB = 2**20
 
 
@@ -56,15 +56,22 @@ class Supervisor:
 
     Args:
         specs: What to start.
-        restart: Start a dead child anew, at most once a second, instead of leaving it dead.
+        restart: Start a dead child anew instead of leaving it dead.
+        restart_pause_s: How long after its end.
         log_dir: Folder that gets one file of output per child; None lets them write here.
     """
 
     def __init__(
-        self, specs: Sequence[ProcessSpec], *, restart: bool = False, log_dir: Path | None = None
+        self,
+        specs: Sequence[ProcessSpec],
+        *,
+        restart: bool = False,
+        restart_pause_s: float = RESTART_PAUSE_S,
+        log_dir: Path | None = None,
     ) -> None:
         self._specs = {spec.name: spec for spec in specs}
         self._restart = restart
+        self._restart_pause_s = restart_pause_s
         self._log_dir = log_dir
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._due_s: dict[str, float] = {}  # monotonic time at which a dead child starts anew
@@ -108,7 +115,7 @@ class Supervisor:
             del self._running[name]
             exits.append(ProcessExit(name, status))
             if self._restart:
-                self._due_s[name] = now_s + _RESTART_PAUSE_S
+                self._due_s[name] = now_s + self._restart_pause_s
         for name, due_s in list(self._due_s.items()):
             if now_s >= due_s:
                 del self._due_s[name]

@@ -66,7 +66,9 @@ def test_all_files_of_the_contract(tmp_path: Path) -> None:
     }
     assert loaded['latency_ms'] is None
     assert len(read_tum(out / 'trajectory.txt')) == 90
-    assert cv2.imread(str(out / 'trajectory.png')).shape[1] > 1000
+    picture = cv2.imread(str(out / 'trajectory.png'))
+    assert picture is not None
+    assert picture.shape[1] > 1000
     ply = (out / 'map.ply').read_bytes()
     assert b'element vertex 2\n' in ply
     assert np.frombuffer(ply[-24:], '<f4').tolist() == [1, 2, 3, 4, 5, 6]

@@ -56,7 +56,7 @@ def test_an_early_end_is_reported_with_its_status() -> None:
 
 def test_a_dead_child_is_restarted(tmp_path: Path) -> None:
     spec = python('phoenix', 'import os; print(os.getpid(), flush=True); os._exit(1)')
-    with Supervisor([spec], restart=True, log_dir=tmp_path) as group:
+    with Supervisor([spec], restart=True, restart_pause_s=0.05, log_dir=tmp_path) as group:
         deadline_s = time.monotonic() + 10
         while len((tmp_path / 'phoenix.log').read_text().split()) < 2:
             group.poll()

@@ -1,0 +1,83 @@
+"""`hoid`: one command line for the whole suite.
+
+Each command's code is imported only when it is chosen, so that `hoid --help` and short commands
+start at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+
+from hoid_common.errors import HoidError
+
+_OK, _FAILED, _INTERRUPTED = 0, 1, 130
+_THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
+
+
+@dataclass(frozen=True)
+class Command:
+    """A sub-command; its module has `add_<name>_arguments(parser)` and `<name>_command(args)`."""
+
+    module: str
+    help: str
+
+
+COMMANDS = {
+    'demo': Command('hoid_bringup.demo', 'render a scene, replay it live with and without filter'),
+    'convert': Command('hoid_bags.commands', 'turn a TUM folder into an MCAP bag'),
+    'synth': Command('hoid_bags.synth.commands', 'render a scene with people into a bag'),
+    'info': Command('hoid_bags.commands', "list a bag's topics"),
+    'play': Command('hoid_bags.commands', 'play a bag on topics'),
+    'record': Command('hoid_bags.commands', 'record topics into a bag'),
+    'nodes': Command('hoid_bringup.nodes', 'run the three nodes for a live robot'),
+    'run': Command('hoid_bringup.commands', 'process a recording offline, every frame'),
+    'replay': Command('hoid_bringup.commands', 'play a recording through the live nodes'),
+    'evaluate': Command('hoid_bringup.commands', 'compare a trajectory with the truth'),
+    'bench': Command('hoid_benchmarks.commands', 'measure: speed of a stage, or all experiments'),
+    'pictures': Command('hoid_filter.pictures', 'draw what the filter sees and decides'),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line and return its status: 1 for an error said in one line, 2 for usage."""
+    for variable in _THREAD_VARIABLES:  # small matrices: more threads only cost
+        os.environ.setdefault(variable, '1')
+    argv = list(sys.argv[1:] if argv is None else argv)
+    args = _parser(argv).parse_args(argv)
+    logging.basicConfig(
+        level=logging.DEBUG if args.verbose else logging.WARNING,
+        format='%(levelname)s %(name)s: %(message)s',
+    )
+    try:
+        getattr(import_module(COMMANDS[args.command].module), f'{args.command}_command')(args)
+    except HoidError as error:
+        if args.verbose:
+            logging.getLogger(__name__).exception('failed')
+        sys.stderr.write(f'hoid {args.command}: {error}\n')
+        return _FAILED
+    except KeyboardInterrupt:
+        sys.stderr.write(f'hoid {args.command}: interrupted\n')
+        return _INTERRUPTED
+    except BrokenPipeError:  # `hoid info BAG | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _OK
+    return _OK
+
+
+def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
+    """Build the parser; only the chosen command gets its arguments, which needs its module."""
+    parser = argparse.ArgumentParser(prog='hoid', description='RGB-D SLAM among moving people.')
+    parser.add_argument('-v', '--verbose', action='store_true', help='say more, with tracebacks')
+    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    chosen = next((word for word in argv if not word.startswith('-')), None)
+    for name, command in COMMANDS.items():
+        sub = commands.add_parser(name, help=command.help, description=f'{command.help}.')
+        if name == chosen:
+            getattr(import_module(command.module), f'add_{name}_arguments')(sub)
+    return parser

@@ -1,0 +1,109 @@
+"""The commands `run`, `replay` and `evaluate`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from hoid_bags.trajectory_io import read_tum
+from hoid_bringup.evaluation import Evaluation, evaluate
+from hoid_bringup.offline import run_offline
+from hoid_bringup.options import (
+    add_method_arguments,
+    add_recording_arguments,
+    recording,
+    run_config,
+)
+from hoid_bringup.run_config import TRUTH, RunConfig
+from hoid_bringup.summary import Summary
+from hoid_common.errors import InputError
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid run`."""
+    add_recording_arguments(parser)
+    parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='results go here')
+    add_method_arguments(parser)
+
+
+def run_command(args: argparse.Namespace) -> None:
+    """Process a recording offline."""
+    config = run_config(args)
+    sequence = recording(args)
+    say_detections(config)
+    summary = run_offline(sequence, config, args.out)
+    print(report(summary, args.out))
+    if sequence.fault:
+        raise InputError(sequence.fault)
+
+
+def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid evaluate`."""
+    parser.add_argument('estimate', type=Path, metavar='ESTIMATE', help='TUM-format trajectory')
+    parser.add_argument('groundtruth', type=Path, metavar='GROUNDTRUTH', help='the same, true')
+    parser.add_argument(
+        '--frames', type=int, metavar='N', help='images in the recording, for the coverage'
+    )
+    parser.add_argument(
+        '--json', type=Path, metavar='FILE', help='write the numbers there as well'
+    )
+
+
+def evaluate_command(args: argparse.Namespace) -> None:
+    """Compare a trajectory with the truth."""
+    result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), args.frames)
+    print(evaluation_report(result))
+    if args.json is not None:
+        try:
+            args.json.write_text(json.dumps(asdict(result), indent=2) + '\n', encoding='utf-8')
+        except OSError as error:
+            raise InputError(f'{args.json}: cannot be written: {error.strerror}') from error
+
+
+def say_detections(config: RunConfig) -> None:
+    """Say it when boxes are exact: such a result says nothing about a detector."""
+    if config.needs_detections and config.model == TRUTH:
+        print("detections: the rendered scene's exact boxes, no detector runs")
+
+
+def report(summary: Summary, out_dir: Path) -> str:
+    """Return a run's result in a few lines."""
+    s = summary
+    lines = [
+        f'tracked    {s.frames_tracked} of {s.frames_total} frames ({100 * s.coverage:.1f} %)',
+        f'processed  {s.frames_processed} frames',
+        f'map        {s.keyframes} keyframes, {s.map_points} points, {s.loops} loops',
+    ]
+    if s.ate_rmse_m is not None:
+        online = s.ate_online_rmse_m
+        lines.append(
+            f'ATE RMSE   {s.ate_rmse_m:.4f} m'
+            + (f' (online {online:.4f} m)' if online is not None else '')
+        )
+    if s.rpe_trans_1s_rmse_m is not None:
+        lines.append(f'RPE 1 s    {s.rpe_trans_1s_rmse_m:.4f} m, {s.rpe_rot_1s_rmse_deg:.3f} deg')
+    times = (('frame', s.stage_ms.get('frame')), ('latency', s.latency_ms))
+    lines += [
+        f'{name:10s} {spread.median:.1f} ms median, {spread.p95:.1f} ms p95'
+        for name, spread in times
+        if spread is not None
+    ]
+    lines.append(f'results    {out_dir}')
+    return '\n'.join(lines)
+
+
+def evaluation_report(result: Evaluation) -> str:
+    """Return an evaluation in a few lines."""
+    r = result
+    spread = f'mean {r.ate_mean_m:.4f}, median {r.ate_median_m:.4f}, max {r.ate_max_m:.4f}'
+    lines = [
+        f'poses      {r.num_pairs} matched, coverage {100 * r.coverage:.1f} %',
+        f'ATE        RMSE {r.ate_rmse_m:.4f} m, {spread}',
+    ]
+    if r.rpe_trans_1s_rmse_m is not None:
+        lines.append(
+            f'RPE 1 s    RMSE {r.rpe_trans_1s_rmse_m:.4f} m, {r.rpe_rot_1s_rmse_deg:.3f} deg'
+        )
+    return '\n'.join(lines)

@@ -1,0 +1,130 @@
+"""The whole suite in one process: every frame, in order, and the same result every time."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hoid_bags.sequence import Sequence
+from hoid_bringup.detection_source import detection_source
+from hoid_bringup.outputs import write_outputs
+from hoid_bringup.progress import progress
+from hoid_bringup.run_config import RunConfig
+from hoid_bringup.summary import FilterCounts, MapCounts, RunResult, Summary
+from hoid_common.values import FilterResult, RgbdFrame
+from hoid_filter.feature_filter import FeatureFilter
+from rgbd_slam.frames import RobotFrames
+from rgbd_slam.slam import RgbdSlam, TrackingResult
+
+_MS = 1e3
+_KIB_PER_MB = 1024
+
+
+class OfflinePipeline:
+    """Detector, filter and SLAM, one call a frame."""
+
+    def __init__(self, sequence: Sequence, config: RunConfig) -> None:
+        self._detect = detection_source(sequence, config)
+        self._filter = FeatureFilter(config.filter, sequence.camera)
+        self._slam = RgbdSlam(sequence.camera, config.slam)
+        self._features_in = self._features_removed = self._objects_dynamic = 0
+        self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
+        self.num_processed = 0
+
+    def process(self, frame: RgbdFrame) -> TrackingResult:
+        """Run one frame through all stages."""
+        start_s = time.perf_counter()  # the network has threads of its own: wall clock
+        detections = self._detect(frame)
+        detect_ms = _MS * (time.perf_counter() - start_s)
+        filtered = self._filter.process(frame, detections)
+        start_s = time.thread_time()
+        tracking = self._slam.process(filtered.features, frame.image_bgr)
+        track_ms = _MS * (time.thread_time() - start_s)
+        self._count(filtered)
+        self._time(filtered, tracking, track_ms)
+        if detections is not None:
+            self.stage_ms['detect'].append(detect_ms)
+        return tracking
+
+    def _count(self, filtered: FilterResult) -> None:
+        self.num_processed += 1
+        self._features_in += filtered.num_features_in
+        self._features_removed += filtered.num_removed
+        self._objects_dynamic += sum(item.is_dynamic for item in filtered.objects)
+
+    def _time(self, filtered: FilterResult, tracking: TrackingResult, slam_ms: float) -> None:
+        stages = {**filtered.stage_ms, **tracking.stage_ms}
+        stages.setdefault('track', slam_ms)
+        stages['frame'] = stages['extract'] + stages['filter'] + stages['track']
+        for name, spent_ms in stages.items():
+            self.stage_ms[name].append(spent_ms)
+
+    def finish(self, sequence: Sequence, options: Mapping[str, Any]) -> RunResult:
+        """Let the map settle and return all results, in the z-up map frame."""
+        self._slam.finish()
+        frames = RobotFrames()
+        stats = self._slam.stats
+        return RunResult(
+            input_name=sequence.name,
+            options=options,
+            frames_total=len(sequence),
+            frames_processed=self.num_processed,
+            final=frames.cameras(self._slam.trajectory_final()),
+            online=frames.cameras(self._slam.trajectory_online()),
+            keyframes=frames.cameras(self._slam.keyframe_trajectory()),
+            map_points_m=frames.points_m(self._slam.map_points_m()),
+            ground_truth=sequence.ground_truth,
+            map_counts=MapCounts(
+                stats.num_keyframes,
+                stats.num_map_points,
+                stats.num_loops,
+                stats.num_relocalizations,
+            ),
+            filter_counts=FilterCounts(
+                self._features_in, self._features_removed, self._objects_dynamic
+            ),
+            stage_ms=self.stage_ms,
+            peak_rss_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _KIB_PER_MB,
+        )
+
+
+def run_offline(
+    sequence: Sequence,
+    config: RunConfig,
+    out_dir: Path,
+    *,
+    options: Mapping[str, Any] | None = None,
+    show_progress: bool = True,
+) -> Summary:
+    """Run every frame of a recording and write the results.
+
+    Args:
+        sequence: The recording.
+        config: Parameters of all stages.
+        out_dir: Where the files go; made when missing.
+        options: What to note in the summary as asked for; the changed parameters by default.
+        show_progress: Whether to draw a progress bar on stderr.
+
+    Raises:
+        HoidError: The recording, the model or the output folder is unusable.
+    """
+    pipeline = OfflinePipeline(sequence, config)
+    bar = progress(sequence, len(sequence), 'frames', show=show_progress)
+    for frame in bar:
+        tracking = pipeline.process(frame)
+        bar.set_postfix_str(tracking.state.name.lower(), refresh=False)
+    noted = options if options is not None else changed_parameters(config)
+    return write_outputs(out_dir, pipeline.finish(sequence, noted))
+
+
+def changed_parameters(config: RunConfig) -> dict[str, Any]:
+    """Return the filter's strategy, the seed, and every parameter that is not at its default."""
+    default = {p.name: p.value for p in RunConfig().params()}
+    changed = {p.name: p.value for p in config.params() if p.value != default[p.name]}
+    for name in ('filter.strategy', 'slam.seed'):
+        changed.pop(name, None)
+    return {'filter': config.filter.strategy, 'seed': config.slam.seed, **changed}

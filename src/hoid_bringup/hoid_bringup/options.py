@@ -1,0 +1,101 @@
+"""Options that `run`, `replay` and the experiments share, and the configuration they make."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hoid_bags.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
+from hoid_bags.sequence import Sequence, open_sequence
+from hoid_bringup.run_config import TRUTH, RunConfig
+from hoid_common.errors import ConfigError
+
+_SHORTCUTS = {
+    'filter': 'filter.strategy',
+    'detector': 'model',
+    'min_interaction_area': 'filter.min_interaction_area',
+    'depth_limit': 'filter.depth_limit_m',
+    'seed': 'slam.seed',
+}
+
+
+def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the recording and how to read it."""
+    parser.add_argument('input', metavar='INPUT', type=Path, help='TUM folder or bag')
+    parser.add_argument(
+        '--camera',
+        metavar='fr1|fr2|fr3|YAML',
+        help="camera of a folder: TUM's, or a camera_info YAML (default: by the folder's name)",
+    )
+    parser.add_argument(
+        '--depth-factor',
+        type=float,
+        default=TUM_DEPTH_UNITS_PER_M,
+        metavar='N',
+        help="depth units per metre of a folder's images (default: %(default)g)",
+    )
+
+
+def add_method_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the choice of filter and detector and every other parameter."""
+    strategies = ', '.join(_choices('filter.strategy'))
+    parser.add_argument('--filter', metavar='STRATEGY', help=f'one of {strategies}')
+    parser.add_argument(
+        '--detector',
+        metavar='MODEL',
+        help=f'ONNX file; "{TRUTH}": the exact boxes of a rendered bag (default: usual places)',
+    )
+    parser.add_argument('--min-interaction-area', type=float, metavar='A', help='share in [0, 1]')
+    parser.add_argument('--depth-limit', type=float, metavar='M', help='m, of the 3-D rule')
+    parser.add_argument('--seed', type=int, metavar='N', help='of everything random')
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='any parameter by its dotted name, such as filter.extraction.num_features=500',
+    )
+
+
+def recording(args: argparse.Namespace) -> Sequence:
+    """Open the recording that the options name.
+
+    Raises:
+        InputError: It cannot be used.
+    """
+    camera = find_camera(args.camera) if args.camera else None
+    return open_sequence(args.input, camera, args.depth_factor)
+
+
+def run_config(args: argparse.Namespace) -> RunConfig:
+    """Return the configuration that the options make.
+
+    Raises:
+        ConfigError: A name is unknown or a value out of range.
+    """
+    values: dict[str, Any] = {
+        name: getattr(args, option)
+        for option, name in _SHORTCUTS.items()
+        if getattr(args, option) is not None
+    }
+    values.update(_assignment(text) for text in args.set)
+    return RunConfig().updated(values)
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    """Return name and value of `name=value`; the value is read as YAML, as in a parameter file."""
+    name, sign, value_text = text.partition('=')
+    if not sign:
+        raise ConfigError(f'--set {text}: expected NAME=VALUE')
+    try:
+        value = yaml.safe_load(value_text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f'--set {text}: "{value_text}" is not a value') from error
+    return name, tuple(value) if isinstance(value, list) else value
+
+
+def _choices(name: str) -> tuple[str, ...]:
+    return next(p.spec.choices for p in RunConfig().params() if p.name == name)

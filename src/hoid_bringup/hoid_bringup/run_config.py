@@ -1,0 +1,28 @@
+"""One configuration for a whole run: the stages' own, side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from hoid_common.config import Config, param
+from hoid_detector.config import DetectorConfig
+from hoid_filter.config import FilterConfig
+from rgbd_slam.config import SlamConfig
+
+TRUTH = 'truth'
+"""As a model: the exact boxes that a rendered bag brings, in place of a detector's."""
+
+
+@dataclass(frozen=True)
+class RunConfig(Config):
+    """Parameters of an offline run or a replay; nested names are those of the nodes."""
+
+    model: str = param('', f'Detector model file, "{TRUTH}", or empty for the usual places')
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
+    filter: FilterConfig = field(default_factory=FilterConfig)
+    slam: SlamConfig = field(default_factory=SlamConfig)
+
+    @property
+    def needs_detections(self) -> bool:
+        """Return whether the filter looks at boxes at all."""
+        return self.filter.strategy != 'none'

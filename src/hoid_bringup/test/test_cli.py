@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoid_bags.trajectory_io import write_tum
+from hoid_bringup import cli
+from hoid_common.values import Trajectory
+
+
+def write_line(path: Path, n: int = 60) -> Path:
+    T = np.tile(np.eye(4), (n, 1, 1))
+    s = 0.1 * np.arange(n)
+    T[:, :3, 3] = np.stack([s, np.sin(s), np.cos(s)], axis=1)
+    write_tum(path, Trajectory(10**18 + 33_333_333 * np.arange(n), T))
+    return path
+
+
+def test_evaluate_prints_and_writes_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_line(tmp_path / 'a b.txt')
+    out = tmp_path / 'numbers.json'
+    assert cli.main(['evaluate', str(path), str(path), '--json', str(out)]) == 0
+    assert 'RMSE 0.0000 m' in capsys.readouterr().out
+    assert '"num_pairs": 60' in out.read_text()
+
+
+@pytest.mark.parametrize(
+    ('argv', 'said'),
+    [
+        (['run', 'nowhere', '--out', 'x'], 'nowhere: no such'),
+        (['run', '.', '--out', 'x', '--filter', 'magic'], 'must be one of none, person'),
+        (['run', '.', '--out', 'x', '--min-interaction-area', '2'], 'must be in [0.0, 1.0]'),
+        (['run', '.', '--out', 'x', '--set', 'filter.nonsense=1'], 'no parameter "nonsense"'),
+        (['run', '.', '--out', 'x', '--set', 'oops'], 'expected NAME=VALUE'),
+        (['evaluate', 'missing.txt', 'missing.txt'], 'missing.txt: no such file'),
+    ],
+)
+def test_an_error_is_one_line_and_status_1(
+    argv: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(argv) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f'hoid {argv[0]}: ')
+    assert said in error
+    assert error.count('\n') == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('argv', [[], ['fly'], ['run'], ['evaluate', 'one']])
+def test_wrong_usage_is_status_2(argv: list[str]) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        cli.main(argv)
+    assert exit_info.value.code == 2
+
+
+def test_interruption_is_status_130(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def interrupted(_path: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('hoid_bringup.commands.read_tum', interrupted)
+    assert cli.main(['evaluate', str(tmp_path), str(tmp_path)]) == 130
