@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hoid_common.errors import InputError
+from rgbd_slam.map_directory import path_in
+from rgbd_slam.stream_gaps import StreamGaps
+
+MS = 1_000_000
+
+
+def test_missing_images_are_counted_at_the_streams_own_rate() -> None:
+    gaps = StreamGaps()
+    stamps_ms = [0, 33, 67, 100, 133, 167, 200, 300, 333, 500]  # 2 missing, then 4
+    for stamp_ms in stamps_ms:
+        gaps.add(stamp_ms * MS)
+    assert gaps.num_missing == 6
+
+
+def test_jitter_and_a_restarted_bag_are_no_gaps() -> None:
+    gaps = StreamGaps()
+    for start_ms in (0, 0):
+        for i in range(40):
+            gaps.add((start_ms + 33 * i + (-1) ** i * 5) * MS)
+    assert gaps.num_missing == 0
+
+
+def test_files_stay_in_their_folder(tmp_path: Path) -> None:
+    folder = tmp_path / 'maps'
+    assert path_in(str(folder), '', 'map') == folder / 'map'
+    assert path_in(str(folder), 'lab 2', 'map') == folder / 'lab 2'
+    assert folder.is_dir()
+    for name in ('../x', '/etc/passwd', 'a/b', '..', '.', 'a\0b'):
+        with pytest.raises(InputError, match='no plain file name'):
+            path_in(str(folder), name, 'map')
+
+
+def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(InputError, match='cannot be made'):
+        path_in(str(tmp_path / 'file' / 'maps'), 'a', 'map')
