@@ -7,29 +7,19 @@ Either way within RANSAC (Fischler and Bolles, 1981), with all hypotheses made a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from hoid_common.config import Config, param
 from hoid_common.values import BoolArray, Float32Array, FloatArray
 from rgbd_slam.frame import StereoCamera
+from rgbd_slam.place_config import AlignmentConfig
 
 _SAMPLE = 3
 _REFINED = 5  # hypotheses with most inliers that are refined
 _REFINEMENTS = 4
-
-
-@dataclass(frozen=True)
-class AlignmentConfig(Config):
-    """RANSAC over feature matches."""
-
-    hypotheses: int = param(200, 'samples tried', minimum=10, maximum=5000)
-    max_error_px: float = param(4.0, 'error of an inlier in octave 0', minimum=0.5, maximum=20.0)
-    min_inliers: int = param(15, 'matches that must agree', minimum=6)
 
 
 class AlignmentStatus(Enum):

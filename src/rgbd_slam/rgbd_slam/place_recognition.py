@@ -3,38 +3,29 @@
 Locality-sensitive hashing (Indyk and Motwani, STOC 1998; of ORB: Rublee et al., ICCV 2011): each
 table keys a descriptor by a fixed choice of its bits, so that near descriptors often share a key.
 It needs no vocabulary to train or ship, and every vote is a descriptor match checked by distance,
-which tells places apart by a factor where bags of words differ by per cents
+which tells places apart by a factor where bags of descriptors differ by per cents
 (docs/place_recognition.md).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.config import Config, param
 from hoid_common.values import DESCRIPTOR_BYTES, ByteArray, IntArray
+from rgbd_slam.keyframes import NO_POINT
+from rgbd_slam.map import SlamMap
+from rgbd_slam.matching import hamming
+from rgbd_slam.place_config import IndexConfig
 
 _REMOVED = -1
 _HASH_SEED = 12345  # the choice of bits is part of the method, not of a run
 _MERGE_SHARE = 0.25  # of the large segment that the small one may reach
 _ROW_BITS = np.uint64(32)
 
-WordArray = NDArray[np.uint64]
-
-
-@dataclass(frozen=True)
-class PlaceConfig(Config):
-    """How keyframes are indexed and looked up."""
-
-    num_tables: int = param(4, 'hash tables: more find more matches', minimum=1, maximum=16)
-    key_bits: int = param(20, 'descriptor bits in a key', minimum=8, maximum=30)
-    max_features: int = param(400, 'features used of a keyframe or a query', minimum=50)
-    max_hamming: int = param(40, 'bits by which a match may differ', minimum=1, maximum=128)
-    max_bucket: int = param(200, 'descriptors that make a key too common to use', minimum=8)
+KeyArray = NDArray[np.uint64]
 
 
 class PlaceVotes(NamedTuple):
@@ -52,7 +43,7 @@ class PlaceIndex:
     adding is cheap on average, and a query searches two sorted arrays a table.
     """
 
-    def __init__(self, config: PlaceConfig) -> None:
+    def __init__(self, config: IndexConfig) -> None:
         self._config = config
         rng = np.random.default_rng(_HASH_SEED)
         orders = [rng.permutation(8 * DESCRIPTOR_BYTES) for _ in range(config.num_tables)]
@@ -62,10 +53,10 @@ class PlaceIndex:
     def clear(self) -> None:
         """Forget every keyframe."""
         self._members: set[int] = set()
-        self._pending: list[tuple[int, WordArray]] = []
-        self._words: WordArray = np.empty((0, DESCRIPTOR_BYTES // 8), np.uint64)  # (M, 4) the pool
+        self._pending: list[tuple[int, ByteArray]] = []
+        self._pool: ByteArray = np.empty((0, DESCRIPTOR_BYTES), np.uint8)  # (M, 32)
         self._uid: IntArray = np.empty(0, np.int64)  # (M,) keyframe of each, or _REMOVED
-        self._large: WordArray = np.empty((len(self._bits), 0), np.uint64)
+        self._large: KeyArray = np.empty((len(self._bits), 0), np.uint64)
         self._small = self._large
 
     def __len__(self) -> int:
@@ -74,9 +65,15 @@ class PlaceIndex:
     def __contains__(self, uid: int) -> bool:
         return uid in self._members
 
-    def uids(self) -> IntArray:
-        """Return the uids of all keyframes, ascending."""
-        return np.array(sorted(self._members), np.int64)
+    def follow(self, slam_map: SlamMap) -> None:
+        """Take in the keyframes new in a map, by their features that see points; drop the gone."""
+        keyframes = slam_map.keyframes
+        row_of = {int(keyframes.uid[i]): i for i in keyframes.indices()}
+        for uid in self._members - row_of.keys():
+            self.remove(uid)
+        for uid in sorted(row_of.keys() - self._members):
+            i = row_of[uid]
+            self.add(uid, keyframes.descriptors[i, keyframes.point_of_feature[i] != NO_POINT])
 
     def add(self, uid: int, descriptors: ByteArray) -> None:
         """Index a keyframe by its (N, 32) descriptors, or an even choice of `max_features`."""
@@ -93,33 +90,33 @@ class PlaceIndex:
     def query(self, descriptors: ByteArray) -> PlaceVotes:
         """Return the keyframes that share descriptors with an image of (N, 32)."""
         self._take_pending()
-        words = self._chosen(descriptors)
-        keys = self._keys(words)
+        descriptors = self._chosen(descriptors)
+        keys = self._keys(descriptors)
         parts = [self._collisions(segment, keys) for segment in (self._large, self._small)]
         query, row = (np.concatenate(column) for column in zip(*parts, strict=True))
         uid = self._uid[row]
-        near = hamming(words[query], self._words[row]) <= self._config.max_hamming
+        near = hamming(descriptors[query], self._pool[row]) <= self._config.max_hamming
         near &= uid != _REMOVED
         # A pair found in two tables counts once.
-        pairs = np.unique(uid[near] * len(words) + query[near])
-        uids, votes = np.unique(pairs // max(len(words), 1), return_counts=True)
+        pairs = np.unique(uid[near] * len(descriptors) + query[near])
+        uids, votes = np.unique(pairs // max(len(descriptors), 1), return_counts=True)
         order = np.argsort(-votes, kind='stable')
         return PlaceVotes(uids[order], votes[order])
 
-    def _chosen(self, descriptors: ByteArray) -> WordArray:
+    def _chosen(self, descriptors: ByteArray) -> ByteArray:
         count = min(len(descriptors), self._config.max_features)
         rows = np.linspace(0, len(descriptors) - 1, count).astype(np.int64)
-        return np.ascontiguousarray(descriptors[rows]).view(np.uint64)
+        return descriptors[rows]
 
-    def _keys(self, words: WordArray) -> WordArray:
+    def _keys(self, descriptors: ByteArray) -> KeyArray:
         """Return (T, N) keys, already shifted above the bits of the pool row."""
-        bits = np.unpackbits(words.view(np.uint8), axis=1).T[self._bits]  # (T, B, N)
+        bits = np.unpackbits(descriptors, axis=1).T[self._bits]  # (T, B, N)
         packed = np.packbits(bits, axis=1, bitorder='little').astype(np.uint64)
         shifts = _ROW_BITS + 8 * np.arange(packed.shape[1], dtype=np.uint64)
-        keys: WordArray = (packed << shifts[:, None]).sum(1)
+        keys: KeyArray = (packed << shifts[:, None]).sum(1)
         return keys
 
-    def _collisions(self, segment: WordArray, keys: WordArray) -> tuple[IntArray, IntArray]:
+    def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
         """Return (C,) queries and (C,) pool rows under one key, but for too common keys."""
         ends = keys + (np.uint64(1) << _ROW_BITS)
         tables = range(len(keys))
@@ -136,29 +133,21 @@ class PlaceIndex:
     def _take_pending(self) -> None:
         if not self._pending:
             return
-        sizes = [len(words) for _, words in self._pending]
-        words = np.concatenate([words for _, words in self._pending])
-        rows = np.arange(len(self._uid), len(self._uid) + len(words), dtype=np.uint64)
+        sizes = [len(descriptors) for _, descriptors in self._pending]
+        descriptors = np.concatenate([descriptors for _, descriptors in self._pending])
+        rows = np.arange(len(self._uid), len(self._uid) + len(descriptors), dtype=np.uint64)
         self._uid = np.concatenate([self._uid, np.repeat([u for u, _ in self._pending], sizes)])
-        self._words = np.concatenate([self._words, words])
+        self._pool = np.concatenate([self._pool, descriptors])
         self._pending = []
-        self._small = np.sort(np.concatenate([self._small, self._keys(words) | rows], axis=1))
+        new = self._keys(descriptors) | rows
+        self._small = np.sort(np.concatenate([self._small, new], axis=1))
         if self._small.shape[1] > _MERGE_SHARE * self._large.shape[1]:
             self._merge()
 
     def _merge(self) -> None:
         """Join the segments and drop what was removed."""
         kept = np.flatnonzero(self._uid != _REMOVED)
-        self._words, self._uid = self._words[kept], self._uid[kept]
+        self._pool, self._uid = self._pool[kept], self._uid[kept]
         rows = np.arange(len(kept), dtype=np.uint64)
-        self._large = np.sort(self._keys(self._words) | rows)
+        self._large = np.sort(self._keys(self._pool) | rows)
         self._small = self._large[:, :0]
-
-
-def hamming(a: WordArray, b: WordArray) -> NDArray[np.uint32]:
-    """Return (M,) distances of rows of (M, 4) arrays, summed in lanes as a row sum is slow."""
-    counts = np.bitwise_count(a ^ b).view(np.uint32)[:, 0]
-    mask = np.uint32(0x00FF00FF)
-    lanes = (counts & mask) + ((counts >> np.uint32(8)) & mask)
-    distance: NDArray[np.uint32] = (lanes & np.uint32(0xFFFF)) + (lanes >> np.uint32(16))
-    return distance

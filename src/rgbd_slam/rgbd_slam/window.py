@@ -46,6 +46,22 @@ def _solve(
     j: IntArray,
     iterations: int,
 ) -> None:
+    problem, seen = bundle_problem(slam_map, cameras, num_free, j)
+    solution = adjust(camera, problem, iterations)
+    slam_map.set_poses(cameras[:num_free], se3.inverse(solution.T_camera_map[:num_free]))
+    slam_map.set_positions(j, solution.points_m.T)
+    _forget(slam_map, Observations(*(part[solution.outliers] for part in seen)))
+    slam_map.refresh(j)
+
+
+def bundle_problem(
+    slam_map: SlamMap, cameras: IntArray, num_free: int, j: IntArray
+) -> tuple[BundleProblem, Observations]:
+    """Return keyframes (C,), points (P,) and what the ones see of the others, row by row.
+
+    Args:
+        num_free: how many of the keyframes, the first, may move.
+    """
     keyframes, points = slam_map.keyframes, slam_map.points
     seen = slam_map.observations_of(j, cameras)
     problem = BundleProblem(
@@ -57,11 +73,7 @@ def _solve(
         np.ascontiguousarray(keyframes.measurement_px[seen.i, seen.k].T, np.float64),
         slam_map.octave_scale[keyframes.octave[seen.i, seen.k]] ** -2.0,
     )
-    solution = adjust(camera, problem, iterations)
-    slam_map.set_poses(cameras[:num_free], se3.inverse(solution.T_camera_map[:num_free]))
-    slam_map.set_positions(j, solution.points_m.T)
-    _forget(slam_map, Observations(*(part[solution.outliers] for part in seen)))
-    slam_map.refresh(j)
+    return problem, seen
 
 
 def _positions(rows: IntArray, capacity: int) -> IntArray:

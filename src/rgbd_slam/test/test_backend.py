@@ -1,0 +1,136 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import CameraModel
+from rgbd_slam.backend.bundle import adjust_sparse
+from rgbd_slam.backend.pose_graph import PoseGraph
+from rgbd_slam.frame import StereoCamera
+from rgbd_slam.local_ba import BundleProblem, adjust
+
+CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0), 0.075)
+
+
+def _ring(count=12, radius_m=2.0):
+    """Return (count, 4, 4) poses on a circle, each turned along with it."""
+    angle = 2 * np.pi * np.arange(count) / count
+    T = se3.exp(np.stack([0 * angle, angle, 0 * angle, 0 * angle, 0 * angle, 0 * angle], 1))
+    T[:, 0, 3], T[:, 2, 3] = radius_m * np.sin(angle), radius_m * np.cos(angle)
+    return T
+
+
+def _drifted(truth, drift):
+    """Return poses chained from the true steps, each followed by the same error."""
+    out = [truth[0]]
+    for a, b in pairwise(truth):
+        out.append(out[-1] @ se3.inverse(a) @ b @ se3.exp(drift))
+    return np.array(out)
+
+
+def test_a_consistent_pose_graph_stays_where_it_is():
+    poses = _ring()
+    graph = PoseGraph()
+    for uid, T in enumerate(poses):
+        graph.add_keyframe(uid, T, fixed=uid == 0)
+    for a in range(len(poses)):
+        b = (a + 1) % len(poses)
+        graph.add_constraint(a, b, se3.inverse(poses[a]) @ poses[b], 0.01, 0.01)
+    solution = graph.optimize()
+    np.testing.assert_allclose(solution.T_map_camera, poses, atol=1e-9)
+    assert solution.error_after < 1e-12
+
+
+def test_a_loop_edge_takes_out_the_drift_of_a_ring():
+    truth = _ring(24)
+    poses = _drifted(truth, np.array([0.0, 0.006, 0.0, 0.004, 0.0, 0.006]))
+    graph = PoseGraph()
+    for uid, T in enumerate(poses):
+        graph.add_keyframe(100 + uid, T, fixed=uid == 0)
+    for a in range(len(poses) - 1):
+        graph.add_constraint(100 + a, 101 + a, se3.inverse(poses[a]) @ poses[a + 1], 0.01, 0.01)
+    loop = se3.inverse(truth[-1]) @ truth[0]
+    graph.add_constraint(123, 100, loop, 0.001, 0.001)
+    solution = graph.optimize()
+    assert solution.uids.tolist() == list(range(100, 124))
+    before = np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1)
+    after = np.linalg.norm(solution.T_map_camera[:, :3, 3] - truth[:, :3, 3], axis=1)
+    assert after.max() < 0.2 * before.max()
+    closing = se3.inverse(solution.T_map_camera[-1]) @ solution.T_map_camera[0]
+    assert np.linalg.norm(se3.log(se3.inverse(loop) @ closing)) < 0.01
+
+
+def test_two_edges_that_disagree_meet_where_their_sigmas_say():
+    graph = PoseGraph()
+    here, there = np.eye(4), se3.exp(np.array([0, 0, 0, 1.0, 0, 0]))
+    further = se3.exp(np.array([0, 0, 0, 2.0, 0, 0]))
+    graph.add_keyframe(0, here, fixed=True)
+    graph.add_keyframe(1, there)
+    graph.add_constraint(0, 1, there, 0.01, 0.1)
+    graph.add_constraint(0, 1, further, 0.01, 0.2)
+    x = graph.optimize().T_map_camera[1, 0, 3]
+    # Weights 100 and 25: (100 * 1 + 25 * 2) / 125.
+    assert x == pytest.approx(1.2, abs=1e-6)
+
+
+def _bundle(seed=0, wrong=0.0):
+    """Return true poses and points, and a problem that starts beside them."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([-2, -1.5, 2], [2, 1.5, 4], (150, 3))
+    twists = rng.normal(0, 0.08, (6, 6))
+    twists[5] = 0.0
+    T_camera_map = se3.exp(twists)
+    camera, point, measured = [], [], []
+    for i, T in enumerate(T_camera_map):
+        pixel = CAMERA.project(se3.transform(T, points))
+        seen = (pixel[:, :2] > 0).all(1) & (pixel[:, 0] < 640) & (pixel[:, 1] < 480)
+        camera.append(np.full(seen.sum(), i))
+        point.append(np.flatnonzero(seen))
+        measured.append(pixel[seen])
+    camera, point, measured = map(np.concatenate, (camera, point, measured))
+    often = np.bincount(point)[point] > 3
+    camera, point, measured = camera[often], point[often], measured[often]
+    counted = np.unique(point)
+    point = np.searchsorted(counted, point)
+    points = points[counted]
+    measured[rng.random(len(measured)) < 0.3, 2] = np.nan
+    false = rng.random(len(measured)) < wrong
+    measured[false] += rng.choice([-40.0, 40.0], (false.sum(), 3))
+    start = se3.exp(rng.normal(0, 0.01, (6, 6))) @ T_camera_map
+    start[5] = T_camera_map[5]
+    problem = BundleProblem(
+        start, 5, (points + rng.normal(0, 0.02, points.shape)).T, camera, point, measured.T,
+        1.44 ** -rng.integers(0, 8, len(camera)).astype(float),
+    )  # fmt: skip
+    return T_camera_map, points, problem, false
+
+
+def test_sparse_adjustment_recovers_known_poses_and_points():
+    T_camera_map, points, problem, _ = _bundle()
+    solution = adjust_sparse(CAMERA, problem, 20)
+    np.testing.assert_allclose(solution.T_camera_map, T_camera_map, atol=1e-5)
+    np.testing.assert_allclose(solution.points_m.T, points, atol=1e-3)
+    assert solution.cost_after < 1e-3 < solution.cost_before
+    assert not solution.outliers.any()
+
+
+def test_sparse_adjustment_tells_false_observations():
+    T_camera_map, _, problem, false = _bundle(wrong=0.03)
+    solution = adjust_sparse(CAMERA, problem, 30)
+    assert solution.outliers[false].mean() > 0.98
+    assert solution.outliers[~false].mean() < 0.05
+    np.testing.assert_allclose(
+        solution.T_camera_map[:5, :3, 3], T_camera_map[:5, :3, 3], atol=0.01
+    )
+
+
+def test_sparse_and_dense_adjustment_agree():
+    rng = np.random.default_rng(1)
+    _, _, problem, _ = _bundle(seed=2)
+    problem.measured_px[:] += rng.normal(0, 0.5, problem.measured_px.shape)
+    sparse, dense = adjust_sparse(CAMERA, problem, 30), adjust(CAMERA, problem, 30)
+    assert sparse.cost_before == pytest.approx(dense.cost_before, rel=1e-6)
+    np.testing.assert_allclose(
+        sparse.T_camera_map[:, :3, 3], dense.T_camera_map[:, :3, 3], atol=2e-3
+    )
