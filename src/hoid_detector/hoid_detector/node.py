@@ -49,7 +49,7 @@ class DetectorNode(LifecycleNode):
         self._detector: OnnxDetector | None = None
         self._active, self._enabled = False, True
         self._failure: HoidError | None = None
-        self._parameters = Parameters(self, NodeConfig(), self._reconfigure)
+        self._settings = Parameters(self, NodeConfig(), self._reconfigure)
         self.add_on_set_parameters_callback(self._check_classes)
         self._diagnostics = Diagnostics(self)
         self._done = self.create_guard_condition(self._publish)
@@ -57,8 +57,8 @@ class DetectorNode(LifecycleNode):
         self._detections = self.create_publisher(DetectionArray, topics.DETECTIONS, qos.OUTPUT)
         self._debug_image = self.create_publisher(Image, topics.DEBUG_IMAGE, qos.OUTPUT)
         self.create_service(SetBool, '~/enable', self._enable)
-        Inputs(self, self._parameters.config.input, self._diagnostics).color(self._take)
-        if self._parameters.config.autostart:
+        Inputs(self, self._settings.config.input, self._diagnostics).color(self._take)
+        if self._settings.config.autostart:
             self._start()
 
     def destroy_node(self) -> None:
@@ -68,7 +68,7 @@ class DetectorNode(LifecycleNode):
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Load the model."""
-        config = self._parameters.config
+        config = self._settings.config
         try:
             self._detector = OnnxDetector(find_model(config.model), config)
         except HoidError as error:

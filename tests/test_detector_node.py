@@ -1,0 +1,342 @@
+"""The detector node on real topics: values, drops, services, parameters, lifecycle, bad input."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from domain_coordinator import domain_id  # type: ignore[import-untyped]
+from hoid_msgs.msg import DetectionArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CompressedImage, Image
+from std_srvs.srv import SetBool
+
+from hoid_common.errors import ModelError
+from hoid_common.ros import conversions, qos
+from hoid_common.values import ByteArray
+from hoid_detector.node import DetectorNode
+
+ROWS = ((10.0, 20.0, 30.0, 60.0, 0.9, 0.0), (50.0, 8.0, 90.0, 24.0, 0.6, 41.0))
+IMAGE = np.full((128, 192, 3), 60, np.uint8)  # twice the network's size
+FRAME = 'camera_color_optical_frame'
+STAMP_NS = 1_305_031_102_175_304_123
+
+
+def write_model(path: Path, *, work: int = 0) -> Path:
+    """Write a network 96 x 64 that sees ROWS in every image, after `work` multiplications."""
+    onnx = pytest.importorskip('onnx', reason='builds its models with the onnx package')
+    h, f32 = onnx.helper, onnx.TensorProto.FLOAT
+    array = onnx.numpy_helper.from_array
+    side = 1000
+    constants = [
+        array(np.array(ROWS, np.float32)[None], 'rows'),
+        array(np.full((side, side), 1e-6, np.float32), 'square'),
+        array(np.array(0, np.float32), 'zero'),
+    ]
+    nodes = [h.make_node('ReduceMean', ['images'], ['mean'], keepdims=0)]
+    nodes.append(h.make_node('Mul', ['square', 'mean'], ['product0']))
+    nodes += [
+        h.make_node('MatMul', [f'product{i}', 'square'], [f'product{i + 1}']) for i in range(work)
+    ]
+    nodes.append(h.make_node('ReduceMean', [f'product{work}'], ['worked'], keepdims=0))
+    nodes.append(h.make_node('Mul', ['worked', 'zero'], ['nothing']))
+    nodes.append(h.make_node('Add', ['rows', 'nothing'], ['output0']))
+    image = h.make_tensor_value_info('images', f32, [1, 3, 64, 96])
+    result = h.make_tensor_value_info('output0', f32, [1, len(ROWS), 6])
+    graph = h.make_graph(nodes, 'known', [image], [result], constants)
+    model = h.make_model(graph, opset_imports=[h.make_opsetid('', 17)], ir_version=8)
+    onnx.save(model, path)
+    return path
+
+
+class Bench:
+    """A detector node and a peer that talks to it, spun by one executor in this thread."""
+
+    def __init__(self) -> None:
+        self.executor = SingleThreadedExecutor()
+        self.peer = Node('peer')
+        self.executor.add_node(self.peer)
+        self.detections: list[DetectionArray] = []
+        self.diagnostics: list[DiagnosticStatus] = []
+        keep = self.detections.append
+        self.peer.create_subscription(DetectionArray, 'detections', keep, qos.OUTPUT)
+        self.peer.create_subscription(
+            DiagnosticArray, '/diagnostics', lambda m: self.diagnostics.extend(m.status), 10
+        )
+        self.images = self.peer.create_publisher(Image, 'rgb/image', qos.OUTPUT)
+        self.node: DetectorNode | None = None
+
+    def start(self) -> DetectorNode:
+        self.node = DetectorNode()
+        self.executor.add_node(self.node)
+        self.until(lambda: self.images.get_subscription_count() or None)
+        self.until(lambda: self.peer.count_publishers('detections') or None)
+        return self.node
+
+    def until(self, condition: Callable[[], Any], limit_s: float = 15.0) -> Any:
+        """Spin until the condition gives something, and return that."""
+        end_s = time.monotonic() + limit_s
+        while time.monotonic() < end_s:
+            if (value := condition()) not in (None, False):
+                return value
+            self.executor.spin_once(timeout_sec=0.02)
+        raise AssertionError('nothing came in time')
+
+    def spin(self, duration_s: float) -> None:
+        end_s = time.monotonic() + duration_s
+        while time.monotonic() < end_s:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def send(self, image: ByteArray, stamp_ns: int = STAMP_NS, **changes: Any) -> None:
+        msg = conversions.color_to_msg(image, conversions.header_to_msg(stamp_ns, FRAME))
+        for name, value in changes.items():
+            setattr(msg, name, value)
+        self.images.publish(msg)
+
+    def answer(self) -> DetectionArray:
+        """Return the next detections; they may come from a model that is slow under load."""
+        return self.until(lambda: self.detections.pop(0) if self.detections else None)
+
+    def call(self, type_: Any, name: str, request: Any) -> Any:
+        client = self.peer.create_client(type_, name)
+        self.until(lambda: client.service_is_ready() or None)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def values(self) -> dict[str, str]:
+        """Return what the node says of itself from now on."""
+        self.diagnostics.clear()
+        status = self.until(lambda: self.diagnostics[-1] if self.diagnostics else None)
+        return {'level': status.level, 'message': status.message} | {
+            v.key: v.value for v in status.values
+        }
+
+    def close(self) -> None:
+        for node in (self.node, self.peer):
+            if node is not None:
+                self.executor.remove_node(node)
+                node.destroy_node()
+        self.executor.shutdown()
+
+
+MakeBench = Callable[..., Bench]
+
+
+@pytest.fixture
+def make_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench]:
+    """Return a function that starts ROS with parameters for the node."""
+    benches: list[Bench] = []
+    with domain_id() as domain:
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+        def make(*, work: int = 0, **parameters: object) -> Bench:
+            model = parameters.pop('model', None) or write_model(tmp_path / 'm.onnx', work=work)
+            args = ['--ros-args', '-p', f'model:={model}']
+            for name, value in parameters.items():
+                args += ['-p', f'{name.replace("__", ".")}:={value}']
+            rclpy.init(args=args)
+            benches.append(Bench())
+            return benches[-1]
+
+        yield make
+        for bench in benches:
+            bench.close()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def bench(make_bench: MakeBench) -> Bench:
+    bench = make_bench()
+    bench.start()
+    return bench
+
+
+def test_image_gives_detections_with_its_stamp_and_frame(bench: Bench) -> None:
+    bench.send(IMAGE)
+    msg = bench.answer()
+    assert conversions.stamp_from_msg(msg.header.stamp) == STAMP_NS
+    assert msg.header.frame_id == FRAME
+    assert (msg.image_width, msg.image_height) == (192, 128)
+    assert msg.inference_ms > 0
+    found = [
+        (d.class_name, d.class_id, d.x_min, d.y_min, d.x_max, d.y_max) for d in msg.detections
+    ]
+    assert found == [('person', 0, 20, 40, 60, 120), ('cup', 41, 100, 16, 180, 48)]
+    assert [d.score for d in msg.detections] == pytest.approx([0.9, 0.6])
+
+
+def test_compressed_images_by_parameter(make_bench: MakeBench) -> None:
+    bench = make_bench(input__compressed='true')
+    bench.images = bench.peer.create_publisher(CompressedImage, 'rgb/image/compressed', qos.OUTPUT)
+    bench.start()
+    header = conversions.header_to_msg(STAMP_NS, FRAME)
+    bench.images.publish(conversions.compressed_color_to_msg(IMAGE, header, 90))
+    msg = bench.answer()
+    assert conversions.stamp_from_msg(msg.header.stamp) == STAMP_NS
+    assert [d.class_name for d in msg.detections] == ['person', 'cup']
+
+
+def test_newest_image_wins_and_dropped_ones_are_counted(make_bench: MakeBench) -> None:
+    bench = make_bench(work=10)  # some 100 ms
+    bench.start()
+    bench.send(IMAGE, 1)
+    bench.spin(0.02)
+    for stamp_ns in range(2, 7):
+        bench.send(IMAGE, stamp_ns)
+        bench.spin(0.001)
+    first, second = bench.answer(), bench.answer()
+    stamps = [conversions.stamp_from_msg(m.header.stamp) for m in (first, second)]
+    assert stamps == [1, 6]
+    bench.spin(0.3)
+    assert bench.detections == []
+    values = bench.values()
+    assert values['images dropped for newer ones'] == '4'
+    assert values['images processed'] == '2'
+
+
+def test_debug_image_only_while_someone_listens(bench: Bench) -> None:
+    bench.send(IMAGE)
+    bench.answer()
+    pictures: list[Image] = []
+    bench.peer.create_subscription(Image, 'hoid_detector/debug_image', pictures.append, qos.OUTPUT)
+    bench.until(lambda: bench.peer.count_publishers('/hoid_detector/debug_image') or None)
+    bench.spin(0.5)
+    assert pictures == []
+    bench.send(IMAGE, 5)
+    picture = bench.until(lambda: pictures.pop() if pictures else None)
+    assert conversions.stamp_from_msg(picture.header.stamp) == 5
+    drawn = conversions.color_from_msg(picture)
+    assert drawn.shape == IMAGE.shape
+    assert drawn[80, 20].argmax() == 2  # the person's edge is red
+    assert (drawn[90:110, 30:50] == 60).all()
+
+
+def test_enable_service_stops_and_restarts(bench: Bench) -> None:
+    off = bench.call(SetBool, 'hoid_detector/enable', SetBool.Request(data=False))
+    assert (off.success, off.message) == (True, 'stopped')
+    bench.send(IMAGE, 1)
+    bench.spin(0.5)
+    assert bench.detections == []
+    bench.call(SetBool, 'hoid_detector/enable', SetBool.Request(data=True))
+    bench.send(IMAGE, 2)
+    assert conversions.stamp_from_msg(bench.answer().header.stamp) == 2
+
+
+def set_parameter(bench: Bench, name: str, value: object) -> Any:
+    request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+    return bench.call(SetParameters, 'hoid_detector/set_parameters', request).results[0]
+
+
+def classes_seen(bench: Bench) -> list[str]:
+    bench.send(IMAGE)
+    return [d.class_name for d in bench.answer().detections]
+
+
+def test_parameters_change_at_run_time(bench: Bench) -> None:
+    assert set_parameter(bench, 'score_threshold', 0.7).successful
+    assert classes_seen(bench) == ['person']
+    assert set_parameter(bench, 'score_threshold', 0.1).successful
+    assert set_parameter(bench, 'classes', ['cup', 'book']).successful
+    assert classes_seen(bench) == ['cup']
+    assert set_parameter(bench, 'max_detections', 1).successful
+    assert set_parameter(bench, 'nms_iou', 0.9).successful
+    refused = set_parameter(bench, 'classes', ['unicorn'])
+    assert not refused.successful
+    assert refused.reason.startswith('classes: the model knows no "unicorn"; it knows person, ')
+    assert not set_parameter(bench, 'score_threshold', 1.5).successful
+    assert not set_parameter(bench, 'threads', 2).successful  # read only
+    assert classes_seen(bench) == ['cup']
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'encoding': 'yuv422'}, 'encoding'),
+        ({'step': 10}, 'step'),
+        ({'height': 4000}, 'bytes'),
+        ({'width': 0, 'height': 0}, 'empty'),
+    ],
+)
+def test_wrong_image_is_refused_and_counted(
+    bench: Bench, changes: dict[str, Any], words: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bench.send(IMAGE, 1, **changes)
+    bench.until(lambda: bench.values().get('images refused') == '1')
+    assert words in capfd.readouterr().err
+    bench.send(IMAGE, 2)
+    assert conversions.stamp_from_msg(bench.answer().header.stamp) == 2
+
+
+def test_silence_is_said_in_plain_words(bench: Bench) -> None:
+    bench.peer.destroy_publisher(bench.images)
+    told = bench.until(lambda: (v := bench.values())['message'] != 'running' and v)
+    assert told['message'].startswith('no colour images yet for ')
+    assert told['message'].endswith(' s on /rgb/image: no publisher')
+    assert told['model'].startswith('m.onnx: end_to_end, 80 classes, input 96x64 float32')
+
+
+def state(bench: Bench) -> str:
+    reply = bench.call(GetState, 'hoid_detector/get_state', GetState.Request())
+    return str(reply.current_state.label)
+
+
+def change_state(bench: Bench, transition: int) -> bool:
+    request = ChangeState.Request(transition=Transition(id=transition))
+    return bool(bench.call(ChangeState, 'hoid_detector/change_state', request).success)
+
+
+def test_it_activates_itself(bench: Bench) -> None:
+    assert state(bench) == 'active'
+
+
+def test_lifecycle_manager_drives_it(make_bench: MakeBench) -> None:
+    bench = make_bench(autostart='false')
+    bench.start()
+    assert state(bench) == 'unconfigured'
+    assert change_state(bench, Transition.TRANSITION_CONFIGURE)
+    bench.send(IMAGE, 1)
+    bench.spin(0.5)
+    assert bench.detections == []
+    assert change_state(bench, Transition.TRANSITION_ACTIVATE)
+    bench.send(IMAGE, 2)
+    assert conversions.stamp_from_msg(bench.answer().header.stamp) == 2
+    assert change_state(bench, Transition.TRANSITION_DEACTIVATE)
+    bench.send(IMAGE, 3)
+    bench.spin(0.5)
+    assert bench.detections == []
+    assert change_state(bench, Transition.TRANSITION_CLEANUP)
+    assert change_state(bench, Transition.TRANSITION_CONFIGURE)
+    assert change_state(bench, Transition.TRANSITION_ACTIVATE)
+    bench.send(IMAGE, 4)
+    assert conversions.stamp_from_msg(bench.answer().header.stamp) == 4
+    assert change_state(bench, Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert state(bench) == 'finalized'
+
+
+def test_missing_model_ends_the_node_or_fails_the_manager(
+    make_bench: MakeBench, tmp_path: Path
+) -> None:
+    bench = make_bench(model=tmp_path / 'gone.onnx', autostart='false')
+    bench.start()
+    assert not change_state(bench, Transition.TRANSITION_CONFIGURE)
+    assert state(bench) == 'unconfigured'
+    values = bench.values()
+    assert values['level'] == DiagnosticStatus.ERROR
+    assert 'gone.onnx does not exist: give the path of an ONNX file' in values['message']
+    rclpy.shutdown()
+    rclpy.init(args=['--ros-args', '-p', f'model:={tmp_path / "gone.onnx"}'])
+    with pytest.raises(ModelError, match='does not exist'):
+        DetectorNode()
