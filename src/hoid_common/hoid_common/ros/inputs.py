@@ -4,34 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image
 
-from hoid_common.config import Config, param
 from hoid_common.errors import HoidError
+from hoid_common.input_config import InputConfig
 from hoid_common.ros import qos, topics
 from hoid_common.ros.diagnostics import Diagnostics
 
+__all__ = ['InputConfig', 'Inputs']
+
 Callback = Callable[[Any], None]
-
-
-@dataclass(frozen=True)
-class InputConfig(Config):
-    """How a node listens."""
-
-    reliability: str = param(
-        qos.BEST_EFFORT,
-        'reliability that is asked of publishers; best_effort hears all of them',
-        choices=(qos.BEST_EFFORT, qos.RELIABLE),
-    )
-    queue_length: int = param(5, 'messages kept per input while busy', minimum=1, maximum=1000)
-    compressed: bool = param(
-        default=False, description='take images from .../compressed and .../compressedDepth'
-    )
 
 
 class Inputs:

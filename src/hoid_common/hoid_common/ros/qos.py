@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-BEST_EFFORT = 'best_effort'
-RELIABLE = 'reliable'
+from hoid_common.input_config import RELIABLE
 
 # Results: nothing is lost while a subscriber keeps up.
 OUTPUT = QoSProfile(

@@ -1,0 +1,23 @@
+.PHONY: demo test lint format lock
+
+demo:  ## Render a scene, replay it live through the three nodes, print the result
+	@./hoid demo
+
+test:  ## Unit tests, then the tests on topics and of whole replays
+	@./hoid dev python -m pytest src bags benchmarks
+	@./hoid dev python -m pytest tests
+
+lint:  ## Style and types
+	@./hoid dev ruff check .
+	@./hoid dev ruff format --check .
+	@./hoid dev mypy src bags benchmarks tests
+
+format:
+	@./hoid dev ruff check --fix .
+	@./hoid dev ruff format .
+
+lock:  ## Pin the Python packages anew (needs uv)
+	cd requirements && pin="uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --upgrade" && \
+	  $$pin runtime.in -o runtime.lock && \
+	  $$pin ros.in -c runtime.lock -o ros.lock && \
+	  $$pin dev.in -c runtime.lock -c ros.lock -o dev.lock
