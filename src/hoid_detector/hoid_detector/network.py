@@ -96,7 +96,7 @@ def _provider_order(providers: Sequence[str]) -> list[str]:
 def _provider_warning(wanted: str, running: str, installed: Sequence[str]) -> str:
     if wanted == running:
         return ''
-    names = ', '.join(_NAMES.get(name, name) for name in installed)
+    names = ', '.join(_NAMES[name] for name in installed if name in _NAMES)
     reason = 'it failed to start' if wanted in installed else f'this onnxruntime has only {names}'
     return f'the network runs on {_NAMES.get(running, running)}, not on {_NAMES[wanted]}: {reason}'
 

@@ -73,7 +73,8 @@ class DetectorNode(LifecycleNode):
             self._detector = OnnxDetector(find_model(config.model), config)
         except HoidError as error:
             self._failure = error
-            self._diagnostics.set_problem('model', str(error), severe=True)
+            if not config.autostart:  # else the process ends with it
+                self._diagnostics.set_problem('model', str(error), severe=True)
             return TransitionCallbackReturn.FAILURE
         self._diagnostics.clear_problem('model')
         self._diagnostics.set_value('model', self._detector.description)

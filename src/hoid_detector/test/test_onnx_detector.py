@@ -134,12 +134,32 @@ def test_provider_that_is_not_there_is_said(make_model: Any) -> None:
     path = make_model(table(*ROWS))
     network = OnnxDetector(path, DetectorConfig(providers=('tensorrt', 'cpu'))).network
     if network.provider == 'cpu':
-        assert network.provider_warning.startswith('the network runs on cpu, not on tensorrt: ')
+        reason = network.provider_warning.removeprefix(
+            'the network runs on cpu, not on tensorrt: '
+        )
+        assert reason.startswith(('this onnxruntime has only ', 'it failed to start'))
     for providers in ((), ('cpu',)):
         network = OnnxDetector(path, DetectorConfig(providers=providers)).network
         assert network.provider_warning == '' or network.provider != 'cpu'
     with pytest.raises(ConfigError, match='"coral" is not one of tensorrt, cuda, openvino, cpu'):
         OnnxDetector(path, DetectorConfig(providers=('coral',)))
+
+
+@pytest.mark.filterwarnings('ignore:Specified provider')
+def test_provider_that_fails_to_start_is_said(
+    make_model: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    installed = ['TensorrtExecutionProvider', 'CPUExecutionProvider']
+    monkeypatch.setattr('onnxruntime.get_available_providers', lambda: installed)
+    network = OnnxDetector(make_model(table(*ROWS)), DetectorConfig()).network
+    if network.provider == 'cpu':
+        expected = 'the network runs on cpu, not on tensorrt: it failed to start'
+        assert network.provider_warning == expected
+
+
+def test_finished_output_may_have_no_rows(make_model: Any) -> None:
+    path = make_model({'output': np.zeros((0, 7), np.float32)})
+    assert len(OnnxDetector(path, DetectorConfig()).detect(IMAGE, 0)) == 0
 
 
 def test_model_of_open_size_gets_the_smallest_input_that_holds_the_image(make_model: Any) -> None:
