@@ -29,9 +29,6 @@ class ExtractionConfig(Config):
     fast_threshold: int = param(
         7, 'Grey-level contrast that makes a corner', minimum=1, maximum=100
     )
-    num_candidates: int = param(
-        3000, 'Corners from which the spread-out features are chosen', minimum=50, maximum=100000
-    )
     border_px: int = param(19, 'Margin without features, at every level', minimum=16, maximum=100)
 
 

@@ -2,55 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from operator import attrgetter
-from typing import Any
-
 import cv2
 import numpy as np
 
 from hoid_common.values import (
     DESCRIPTOR_BYTES,
-    BoolArray,
     ByteArray,
     Features,
     Float32Array,
     IntArray,
 )
 from hoid_filter.config import ExtractionConfig
+from hoid_filter.pyramid import Corners, build_pyramid, find_corners, flat_pixels
 from hoid_filter.spread import octave_budgets, spread_evenly
+from hoid_native import orientations_deg
 
 _PATCH_PX = 31  # of the descriptor, as in the ORB paper
-
-
-@dataclass(frozen=True, eq=False)
-class Corners:
-    """The corners of one image, before any choice."""
-
-    image_gray: ByteArray  # (H, W)
-    key_points: Sequence[cv2.KeyPoint]  # K
-    uv_px: Float32Array  # (K, 2), level-0 pixels
-    octave: ByteArray  # (K,)
-    response: Float32Array  # (K,)
-
-    def __len__(self) -> int:
-        return len(self.octave)
 
 
 class OrbExtractor:
     """Finds corners in a pyramid, masks, spreads and describes them (Rublee et al., 2011)."""
 
     def __init__(self, config: ExtractionConfig) -> None:
-        # FAST's own score: the Harris score crowds the corners into few strongly textured places.
-        self._orb = cv2.ORB.create(
-            nfeatures=config.num_candidates,
+        self._config = config
+        self._describer = cv2.ORB.create(
+            nfeatures=config.num_features,
             scaleFactor=config.scale_factor,
             nlevels=config.num_levels,
             edgeThreshold=config.border_px,
-            scoreType=cv2.ORB_FAST_SCORE,
             patchSize=_PATCH_PX,
-            fastThreshold=config.fast_threshold,
         )
         self._budgets = octave_budgets(config.num_features, config.num_levels, config.scale_factor)
 
@@ -69,84 +49,91 @@ class OrbExtractor:
             keep_mask: (H, W), 0 where no feature may lie; None for the whole image.
         """
         corners = self.detect(image_gray)
-        chosen = self.choose(corners, keep_mask)
+        chosen = self.choose(corners, keep_mask, usable_corners(corners, keep_mask))
         return self.describe(corners, chosen, depth_m, stamp_ns)
 
     def detect(self, image_gray: ByteArray) -> Corners:
         """Return the corners of an (H, W) image on all levels of its pyramid."""
-        found = self._orb.detect(image_gray)
-        return Corners(
-            image_gray,
-            found,
-            _positions(found),
-            _attribute(found, 'octave', np.uint8),
-            _attribute(found, 'response', np.float32),
-        )
+        config = self._config
+        pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)
+        return find_corners(pyramid, config.fast_threshold, config.border_px)
 
-    def choose(self, corners: Corners, keep_mask: ByteArray | None) -> IntArray:
-        """Return the indices of the corners to keep, spread over the part of the image to keep."""
-        if keep_mask is None:
-            area_px = corners.image_gray.size
-            among = np.arange(len(corners))
-        else:
-            area_px = cv2.countNonZero(keep_mask)
-            among = np.flatnonzero(lies_in(keep_mask, corners.uv_px))
+    def choose(self, corners: Corners, keep_mask: ByteArray | None, usable: IntArray) -> IntArray:
+        """Return the indices of the corners to keep, spread over the part of the image to keep.
+
+        Args:
+            keep_mask: (H, W), 0 where no feature may lie; None for the whole image.
+            usable: indices, ascending, of the corners in it, as of `usable_corners`.
+        """
+        image_area_px = corners.pyramid.levels[0].size
+        area_px = image_area_px if keep_mask is None else cv2.countNonZero(keep_mask)
         kept = spread_evenly(
-            corners.uv_px[among],
-            corners.octave[among],
-            corners.response[among],
+            corners.uv_px[usable],
+            corners.octave[usable],
+            corners.score[usable],
             self._budgets,
             float(area_px),
         )
-        return among[kept]
+        return usable[kept]
 
     def describe(
         self, corners: Corners, chosen: IntArray, depth_m: Float32Array, stamp_ns: int
     ) -> Features:
-        """Return the features at the chosen corners."""
-        points, descriptors = self._orb.compute(
-            corners.image_gray, [corners.key_points[k] for k in chosen.tolist()]
+        """Return the features at the chosen corners, which are in order of octave."""
+        angle_deg = _orientations_deg(corners, chosen)
+        uv_px = corners.uv_px[chosen]
+        return Features(
+            stamp_ns=stamp_ns,
+            uv_px=uv_px,
+            depth_m=sample_depth_m(depth_m, uv_px),
+            octave=corners.octave[chosen],
+            angle_deg=angle_deg,
+            response=corners.score[chosen].astype(np.float32),
+            descriptors=self._descriptors(corners, chosen, angle_deg),
+            may_seed=np.ones(len(chosen), np.bool_),
         )
-        return _to_features(points, descriptors, depth_m, stamp_ns)
+
+    def _descriptors(
+        self, corners: Corners, chosen: IntArray, angle_deg: Float32Array
+    ) -> ByteArray:
+        if len(chosen) == 0:
+            return np.empty((0, DESCRIPTOR_BYTES), np.uint8)
+        octave = corners.octave[chosen]
+        # OpenCV divides by the nominal scale and rounds to find the level's pixel again.
+        scale = self._config.scale_factor ** octave[:, None].astype(np.float64)
+        nominal_px = corners.xy_px[chosen] * scale
+        points = [
+            cv2.KeyPoint(u, v, _PATCH_PX, angle, 1.0, level)
+            for (u, v), angle, level in zip(
+                nominal_px.tolist(), angle_deg.tolist(), octave.tolist(), strict=True
+            )
+        ]
+        described, descriptors = self._describer.compute(corners.pyramid.levels[0], points)
+        if len(described) != len(points):
+            raise AssertionError('a corner within the border was not described')
+        return np.asarray(descriptors, np.uint8)
 
 
-def lies_in(mask: ByteArray, uv_px: Float32Array) -> BoolArray:
-    """Return the (N,) flags of the pixels where an (H, W) mask is not 0."""
-    column, row = np.rint(uv_px).astype(np.int64).T
-    inside: BoolArray = mask[row, column] > 0
-    return inside
-
-
-def _positions(points: Sequence[cv2.KeyPoint]) -> Float32Array:
-    return np.asarray(cv2.KeyPoint.convert(points), np.float32).reshape(-1, 2)
-
-
-def _attribute(points: Sequence[cv2.KeyPoint], name: str, dtype: Any) -> Any:
-    return np.fromiter(map(attrgetter(name), points), dtype, len(points))
-
-
-def _to_features(
-    points: Sequence[cv2.KeyPoint],
-    descriptors: Any,
-    depth_m: Float32Array,
-    stamp_ns: int,
-) -> Features:
-    num = len(points)
-    uv_px = _positions(points)
-    return Features(
-        stamp_ns=stamp_ns,
-        uv_px=uv_px,
-        depth_m=sample_depth_m(depth_m, uv_px),
-        octave=_attribute(points, 'octave', np.uint8),
-        angle_deg=_attribute(points, 'angle', np.float32),
-        response=_attribute(points, 'response', np.float32),
-        descriptors=descriptors if num else np.empty((0, DESCRIPTOR_BYTES), np.uint8),
-        may_seed=np.ones(num, np.bool_),
+def _orientations_deg(corners: Corners, chosen: IntArray) -> Float32Array:
+    octave = corners.octave[chosen]
+    xy_px = corners.xy_px[chosen]
+    ends = np.searchsorted(octave, np.arange(len(corners.pyramid.levels) + 1)).tolist()
+    return np.concatenate(
+        [
+            orientations_deg(level, xy_px[first:last, 0], xy_px[first:last, 1])
+            for level, first, last in zip(corners.pyramid.levels, ends, ends[1:], strict=False)
+        ]
     )
+
+
+def usable_corners(corners: Corners, keep_mask: ByteArray | None) -> IntArray:
+    """Return the indices, ascending, of the corners that an (H, W) mask keeps (all for None)."""
+    if keep_mask is None:
+        return np.arange(len(corners))
+    return np.flatnonzero(keep_mask.ravel()[corners.pixel])
 
 
 def sample_depth_m(depth_m: Float32Array, uv_px: Float32Array) -> Float32Array:
     """Return the (N,) depths of an (H, W) image's nearest pixels; 0 where there is no reading."""
-    column, row = np.rint(uv_px).astype(np.int64).T
-    values = depth_m[row, column]
+    values = depth_m.ravel()[flat_pixels(uv_px, depth_m.shape[1])]
     return np.where(values > 0, values, np.float32(0))  # NaN > 0 is false

@@ -20,11 +20,11 @@ from hoid_common.values import (
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig
-from hoid_filter.extractor import Corners, OrbExtractor, lies_in
-from hoid_filter.prediction import BoxPredictor
+from hoid_filter.extractor import OrbExtractor, usable_corners
+from hoid_filter.pyramid import Corners, flat_pixels
 from hoid_filter.registry import make_strategy
 from hoid_filter.sanitize import sanitize
-from hoid_filter.scene import Scene, Verdict
+from hoid_filter.scene import Verdict, View
 
 
 class FeatureFilter:
@@ -36,7 +36,6 @@ class FeatureFilter:
         self.camera = camera
         self._extractor = OrbExtractor(config.extraction)
         self._strategy = make_strategy(config)
-        self._predictor = BoxPredictor(config.prediction_limit_s)
         self.counters: Counter[str] = Counter()
 
     def process(
@@ -56,9 +55,9 @@ class FeatureFilter:
         corners = self._extractor.detect(np.asarray(gray, np.uint8))
         found = time.thread_time()
         verdict = self._judge(frame, detections, corners)
-        num_removed = _count_removed(corners, verdict)
+        usable = usable_corners(corners, verdict.keep_mask)
         judged = time.thread_time()
-        chosen = self._extractor.choose(corners, verdict.keep_mask)
+        chosen = self._extractor.choose(corners, verdict.keep_mask, usable)
         features = self._extractor.describe(corners, chosen, frame.depth_m, frame.stamp_ns)
         features = _with_seeds(features, verdict)
         done = time.thread_time()
@@ -67,7 +66,7 @@ class FeatureFilter:
             objects=self._objects(verdict),
             removed_uv_px=self._removed(corners, verdict, for_picture),
             num_features_in=len(corners),
-            num_removed=num_removed,
+            num_removed=len(corners) - len(usable),
             stage_ms={
                 'extract': (found - start + done - judged) * 1e3,
                 'filter': (judged - found) * 1e3,
@@ -80,29 +79,17 @@ class FeatureFilter:
             fit = sanitize(detections, width, height, self._config.max_detections)
             self.counters['detections refused'] += fit.num_refused
             self.counters['detections clipped'] += fit.num_clipped
-            self._predictor.observe(fit.detections)
             detections = fit.detections
-        detected = detections is not None and detections.stamp_ns == frame.stamp_ns
-        if detections is None or not detected:
-            predicted = self._predictor.predict(frame.stamp_ns)
-            detections = sanitize(predicted, width, height, self._config.max_detections).detections
-        return self._strategy.judge(
-            Scene(
-                frame.stamp_ns,
-                detections,
-                detected,
-                frame.depth_m,
-                corners.uv_px,
-                self._config.sample_box_px,
-            )
-        )
+        return self._strategy.judge(View(frame.stamp_ns, detections, frame.depth_m, corners.pixel))
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
         """Return where the features were that would have been chosen had nothing been masked."""
         if not wanted or verdict.keep_mask is None:
             return np.empty((0, 2), np.float32)
-        uv_px = corners.uv_px[self._extractor.choose(corners, None)]
-        return uv_px[~lies_in(verdict.keep_mask, uv_px)]
+        chosen = self._extractor.choose(corners, None, usable_corners(corners, None))
+        masked = verdict.keep_mask.ravel()[corners.pixel[chosen]] == 0
+        removed_uv_px: Float32Array = corners.uv_px[chosen[masked]]
+        return removed_uv_px
 
     def _objects(self, verdict: Verdict) -> tuple[DynamicObject, ...]:
         boxes = verdict.boxes_xyxy_px.astype(np.float64)
@@ -138,13 +125,8 @@ def _check_sizes(frame: RgbdFrame) -> None:
         )
 
 
-def _count_removed(corners: Corners, verdict: Verdict) -> int:
-    if verdict.keep_mask is None:
-        return 0
-    return len(corners) - int(np.count_nonzero(lies_in(verdict.keep_mask, corners.uv_px)))
-
-
 def _with_seeds(features: Features, verdict: Verdict) -> Features:
     if verdict.seed_mask is None:
         return features
-    return dataclasses.replace(features, may_seed=lies_in(verdict.seed_mask, features.uv_px))
+    pixels = flat_pixels(features.uv_px, verdict.seed_mask.shape[1])
+    return dataclasses.replace(features, may_seed=verdict.seed_mask.ravel()[pixels] > 0)

@@ -17,5 +17,5 @@ _IMAGE_RULES: dict[str, type[ImageRule]] = {
 def make_strategy(config: FilterConfig) -> Strategy:
     """Return a fresh strategy of the name that the config holds."""
     if config.strategy == 'none':
-        return NoFilter()
+        return NoFilter(config)
     return _IMAGE_RULES[config.strategy](config)

@@ -19,17 +19,27 @@ from hoid_common.values import (
     Reason,
 )
 from hoid_filter.depth_samples import sample_depths_m
+from hoid_filter.pyramid import Int32Array
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One image as a strategy gets it."""
+
+    stamp_ns: int
+    heard: Detections | None  # clipped; of this image or an older one; None: nothing was said
+    depth_m: Float32Array  # (H, W); 0 = no reading
+    corner_pixels: Int32Array  # (K,) of the corners found, as indices in the flat image
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One image as a strategy sees it: boxes inside the image, depth, and the corners found."""
+    """One image with the boxes brought to its stamp."""
 
-    stamp_ns: int
-    detections: Detections  # clipped to the image
+    detections: Detections  # at the image's stamp, inside the image
     detected: bool  # False: the boxes are predicted, the detector said nothing about this image
     depth_m: Float32Array  # (H, W); 0 = no reading
-    corners_uv_px: Float32Array  # (K, 2)
+    corner_pixels: Int32Array  # (K,) of the corners found, as indices in the flat image
     sample_box_px: int  # side of the box at the centre of each detection where depth is read
 
     @cached_property
@@ -64,7 +74,7 @@ class Verdict:
 class Strategy(Protocol):
     """Tells which objects are dynamic."""
 
-    def judge(self, scene: Scene) -> Verdict:
+    def judge(self, view: View) -> Verdict:
         """Return the verdict on one image; images come in order of time."""
 
 

@@ -6,6 +6,11 @@ import numpy as np
 
 from hoid_common.values import ByteArray, Float32Array, IntArray
 
+_INDEX_BITS = 20  # a million corners
+_WEAKNESS_BITS = 8
+_INDEX_MASK = (1 << _INDEX_BITS) - 1
+_CELL_BITS = 14  # cells along one side
+
 
 def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> IntArray:
     """Return the features of each octave, (num_levels,), in proportion to 1 / scale."""
@@ -17,11 +22,11 @@ def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> I
 def spread_evenly(
     uv_px: Float32Array,
     octave: ByteArray,
-    response: Float32Array,
+    score: ByteArray,
     budgets: IntArray,
     area_px: float,
 ) -> IntArray:
-    """Return the indices (ascending) of the features to keep, at most `budgets.sum()` of N.
+    """Return the indices (ascending) of the corners to keep, at most `budgets.sum()` of N.
 
     Each octave lays a grid of about as many cells as its budget over the area to fill. The
     strongest corner of every cell goes first, then the second of every cell, and so on until the
@@ -29,28 +34,36 @@ def spread_evenly(
 
     Args:
         uv_px: (N, 2) level-0 pixels, not negative.
+        score: (N,), higher is stronger.
         area_px: image area, in level-0 pixels, that the budget is to fill.
     """
-    num = len(octave)
-    total = int(budgets.sum())
+    num, total = len(octave), int(budgets.sum())
     if num <= total:
         return np.arange(num)
-    cell_px = np.sqrt(area_px / np.maximum(budgets, 1)).astype(np.float32)[octave]
-    cell = (uv_px / cell_px[:, None]).astype(np.int64)
-    key = (octave.astype(np.int64) << 40) | (cell[:, 1] << 20) | cell[:, 0]
-    by_cell = np.lexsort((-response, key))
-    rank = _rank_in_runs(key[by_cell])
-    order = np.lexsort((-response[by_cell], rank, octave[by_cell]))
-    place = _rank_in_runs(octave[by_cell][order])  # place in the octave's queue
-    surplus = place - budgets[octave[by_cell][order]]
-    kept = by_cell[order[np.argsort(np.maximum(surplus, -1), kind='stable')[:total]]]
-    return np.sort(kept)
+    per_px = np.sqrt(np.maximum(budgets, 1) / area_px).astype(np.float32)
+    cell = (uv_px * per_px[octave][:, None]).astype(np.int64)
+    level = octave.astype(np.int64)
+    place = (level << 2 * _CELL_BITS) | (cell[:, 1] << _CELL_BITS) | cell[:, 0]
+    # Whole keys are sorted, index included: several times as fast as a stable argsort, and as
+    # free of ties.
+    weakness = ((255 - score.astype(np.int64)) << _INDEX_BITS) | np.arange(num)
+    by_cell = np.sort((place << _WEAKNESS_BITS + _INDEX_BITS) | weakness) & _INDEX_MASK
+    rank = np.empty(num, np.int64)
+    rank[by_cell] = _rank_in_runs(place[by_cell])
+    queue_key = (((level << _INDEX_BITS) | rank) << _WEAKNESS_BITS + _INDEX_BITS) | weakness
+    queue = np.sort(queue_key) & _INDEX_MASK
+    surplus = _rank_in_runs(octave[queue]) - budgets[octave[queue]]
+    within = surplus < 0
+    kept, spare = queue[within], queue[~within]
+    missing = total - len(kept)
+    more = spare[np.argsort(surplus[~within], kind='stable')[:missing]] if missing else spare[:0]
+    return np.sort(np.concatenate([kept, more]))
 
 
 def _rank_in_runs(sorted_keys: IntArray | ByteArray) -> IntArray:
     """Return each element's position within its run of equal keys."""
     index = np.arange(len(sorted_keys))
-    starts = np.flatnonzero(np.diff(sorted_keys, prepend=sorted_keys[:1]) != 0)
     first = np.zeros(len(sorted_keys), np.int64)
+    starts = np.flatnonzero(sorted_keys[1:] != sorted_keys[:-1]) + 1
     first[starts] = starts
     return index - np.maximum.accumulate(first)

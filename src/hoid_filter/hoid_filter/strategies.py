@@ -11,7 +11,9 @@ import numpy as np
 from hoid_common.values import BoolArray, FloatArray, Reason
 from hoid_filter.config import FilterConfig
 from hoid_filter.overlap import overlap_ratios
-from hoid_filter.scene import Scene, Verdict, box_mask
+from hoid_filter.prediction import BoxPredictor
+from hoid_filter.sanitize import sanitize
+from hoid_filter.scene import Scene, Verdict, View, box_mask
 
 
 class Interaction(NamedTuple):
@@ -28,13 +30,15 @@ class ImageRule(ABC):
     def __init__(self, config: FilterConfig) -> None:
         self.config = config
         self._classes = frozenset(config.dynamic_classes)
+        self._predictor = BoxPredictor(config.prediction_limit_s)
 
     @abstractmethod
     def is_handled(self, interaction: Interaction) -> BoolArray:
         """Return the (N, M) flags of object and person who interact."""
 
-    def judge(self, scene: Scene) -> Verdict:
+    def judge(self, view: View) -> Verdict:
         """Return the verdict on every detection."""
+        scene = scene_of(view, self._predictor, self.config.sample_box_px)
         boxes = scene.detections.boxes_xyxy_px
         is_person = scene.is_person
         interaction = measure(scene)
@@ -65,8 +69,13 @@ class ImageRule(ABC):
 class NoFilter:
     """Takes everything for static, people too."""
 
-    def judge(self, scene: Scene) -> Verdict:
+    def __init__(self, config: FilterConfig) -> None:
+        self._predictor = BoxPredictor(config.prediction_limit_s)
+        self._sample_box_px = config.sample_box_px
+
+    def judge(self, view: View) -> Verdict:
         """Return a verdict that keeps the whole image."""
+        scene = scene_of(view, self._predictor, self._sample_box_px)
         num = len(scene.detections)
         return Verdict(
             boxes_xyxy_px=scene.detections.boxes_xyxy_px,
@@ -136,15 +145,27 @@ class Descriptor(ImageRule):
 def _count_corners(scene: Scene, first: FloatArray, last: FloatArray) -> FloatArray:
     """Return the corners with first <= (u, v) < last, for corner points (..., 2) of boxes."""
     height, width = scene.depth_m.shape
-    column, row = np.rint(scene.corners_uv_px).astype(np.int64).T
-    present = np.zeros((height, width), np.uint8)
-    present[row, column] = 1
-    total = cv2.integral(present)
+    present = np.zeros(height * width, np.uint8)
+    present[scene.corner_pixels] = 1
+    total = cv2.integral(present.reshape(height, width))
     x1, y1 = np.moveaxis(np.clip(np.ceil(first), 0, [width, height]).astype(np.int64), -1, 0)
     x2, y2 = np.moveaxis(np.clip(np.ceil(last), 0, [width, height]).astype(np.int64), -1, 0)
     x2, y2 = np.maximum(x1, x2), np.maximum(y1, y2)
     count: FloatArray = total[y2, x2] - total[y1, x2] - total[y2, x1] + total[y1, x1]
     return count
+
+
+def scene_of(view: View, predictor: BoxPredictor, sample_box_px: int) -> Scene:
+    """Return the view with boxes of its own stamp, predicted where they are older or missing."""
+    heard = view.heard
+    detected = heard is not None and heard.stamp_ns == view.stamp_ns
+    if heard is not None:
+        predictor.observe(heard)
+    if heard is None or not detected:
+        height, width = view.depth_m.shape
+        predicted = predictor.predict(view.stamp_ns)
+        heard = sanitize(predicted, width, height, len(predicted)).detections
+    return Scene(heard, detected, view.depth_m, view.corner_pixels, sample_box_px)
 
 
 def measure(scene: Scene) -> Interaction:

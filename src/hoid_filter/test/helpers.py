@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.values import Detections, Float32Array
-from hoid_filter.scene import Scene
+from hoid_filter.scene import View
 
 HEIGHT, WIDTH = 120, 160
 BoxTuple = tuple[float, float, float, float]
@@ -17,14 +17,15 @@ def detections(*rows: tuple[str, BoxTuple], stamp_ns: int = 0, score: float = 0.
     return Detections(stamp_ns, boxes, names, np.full(len(rows), score, np.float32))
 
 
-def scene(
-    found: Detections, depth_m: Float32Array | None = None, corners: Float32Array | None = None
-) -> Scene:
-    return Scene(
-        stamp_ns=found.stamp_ns,
-        detections=found,
-        detected=True,
+def view(
+    found: Detections | None,
+    depth_m: Float32Array | None = None,
+    corners_xy_px: tuple[tuple[int, int], ...] = (),
+    stamp_ns: int = 0,
+) -> View:
+    return View(
+        stamp_ns=stamp_ns if found is None else found.stamp_ns,
+        heard=found,
         depth_m=np.full((HEIGHT, WIDTH), 2.0, np.float32) if depth_m is None else depth_m,
-        corners_uv_px=np.empty((0, 2), np.float32) if corners is None else corners,
-        sample_box_px=10,
+        corner_pixels=np.array([y * WIDTH + x for x, y in corners_xy_px], np.int32),
     )

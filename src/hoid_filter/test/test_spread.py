@@ -19,8 +19,8 @@ def test_budgets_add_up(num: int, levels: int, scale: float) -> None:
 def test_weak_corner_alone_beats_strong_ones_in_a_crowd() -> None:
     crowd = np.column_stack([np.linspace(0, 9, 10), np.zeros(10)])
     uv_px = np.vstack([crowd, [[95.0, 95.0]]]).astype(np.float32)
-    response = np.r_[np.full(10, 50.0), 8.0].astype(np.float32)
-    kept = spread_evenly(uv_px, np.zeros(11, np.uint8), response, np.array([4]), 100.0 * 100.0)
+    score = np.r_[np.full(10, 50), 8].astype(np.uint8)
+    kept = spread_evenly(uv_px, np.zeros(11, np.uint8), score, np.array([4]), 100.0 * 100.0)
     assert 10 in kept
     assert len(kept) == 4
 
@@ -29,7 +29,7 @@ def test_budget_an_octave_cannot_use_goes_to_the_others() -> None:
     rng = np.random.default_rng(1)
     uv_px = rng.uniform(0, 100, (60, 2)).astype(np.float32)
     octave = np.r_[np.zeros(55), np.ones(5)].astype(np.uint8)
-    kept = spread_evenly(uv_px, octave, np.ones(60, np.float32), np.array([20, 20]), 1e4)
+    kept = spread_evenly(uv_px, octave, np.ones(60, np.uint8), np.array([20, 20]), 1e4)
     assert len(kept) == 40
     assert (octave[kept] == 1).sum() == 5
 
@@ -42,7 +42,7 @@ def test_keeps_the_budget_without_repeats(num: int, seed: int) -> None:
     kept = spread_evenly(
         rng.uniform(0, 300, (num, 2)).astype(np.float32),
         rng.integers(0, 3, num).astype(np.uint8),
-        rng.uniform(7, 99, num).astype(np.float32),
+        rng.integers(7, 99, num).astype(np.uint8),
         budgets,
         9e4,
     )

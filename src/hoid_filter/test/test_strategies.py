@@ -6,7 +6,7 @@ from hoid_filter.config import FilterConfig
 from hoid_filter.registry import make_strategy
 from hoid_filter.scene import Verdict
 
-from .helpers import HEIGHT, WIDTH, detections, scene
+from .helpers import HEIGHT, WIDTH, detections, view
 
 S, P, H = Reason.STATIC, Reason.PERSON, Reason.HANDLED
 PERSON_BOX = (0.0, 0.0, 44.0, 120.0)
@@ -14,8 +14,7 @@ PERSON_BOX = (0.0, 0.0, 44.0, 120.0)
 
 def judge(strategy: str, *rows: tuple, depth_m: Float32Array | None = None, **values) -> Verdict:
     config = FilterConfig(strategy=strategy, **values)
-    corners = np.array([[50.0, 50.0]], np.float32)
-    return make_strategy(config).judge(scene(detections(*rows), depth_m, corners))
+    return make_strategy(config).judge(view(detections(*rows), depth_m, ((50, 50),)))
 
 
 @pytest.mark.parametrize(
@@ -74,8 +73,8 @@ def test_descriptor_sees_a_person_within_the_window_of_a_key_point() -> None:
     rows = (('person', PERSON_BOX), ('cup', (48.0, 40.0, 70.0, 60.0)))  # key point at (50, 50)
     assert judge('descriptor', *rows).reasons == (P, H)
     near = FilterConfig().updated({'strategy': 'descriptor', 'descriptor.window_px': 10})
-    far_scene = scene(detections(*rows), corners=np.array([[50.0, 50.0]], np.float32))
-    assert make_strategy(near).judge(far_scene).reasons == (P, S)
+    far = view(detections(*rows), corners_xy_px=((50, 50),))
+    assert make_strategy(near).judge(far).reasons == (P, S)
 
 
 def test_mask_covers_dynamic_boxes_to_the_pixel() -> None:
