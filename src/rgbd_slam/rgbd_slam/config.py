@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from hoid_common.config import Config, param
+from rgbd_slam.place_config import PlaceConfig
 
 
 @dataclass(frozen=True)
@@ -107,3 +108,4 @@ class SlamConfig(Config):
     tracking: TrackingConfig = TrackingConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
     mapping: MappingConfig = MappingConfig()
+    places: PlaceConfig = field(default_factory=PlaceConfig)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.alignment import AlignmentStatus, align_image
 from rgbd_slam.frame import Frame, StereoCamera
@@ -22,7 +23,6 @@ from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.local_map import View, visible_points
 from rgbd_slam.map import SlamMap
 from rgbd_slam.matching import (
-    FeatureGrid,
     Matches,
     best_matches,
     match_by_projection,
@@ -54,6 +54,16 @@ class PlaceMatch(NamedTuple):
     j: IntArray  # (M,) points that they see
     num_visible: int = 0  # points that should be seen
     num_contradicted: int = 0  # of them, those that depth looks through
+
+    @property
+    def pose(self) -> FloatArray:
+        """Return T_map_camera, (4, 4)."""
+        return se3.inverse(self.T_camera_map)
+
+    @property
+    def position_m(self) -> FloatArray:
+        """Return (3,) where the camera is in the map."""
+        return self.pose[:3, 3]
 
     @property
     def found_share(self) -> float:
@@ -97,12 +107,11 @@ class PlaceVerifier:
         """Search the points of keyframes where a pose predicts them, and judge what is found."""
         seen = np.unique(self._map.keyframes.point_of_feature[keyframes])
         points = seen[seen != NO_POINT].astype(np.int64)
-        grid = FeatureGrid(frame)
         k = j = np.empty(0, np.int64)
         for radius in _GUIDED_RADII:
             view = visible_points(self._map, self._camera, T_camera_map, points, radius)
             matches = match_by_projection(
-                view.queries, frame, grid, self._config.max_hamming, self._config.ratio
+                view.queries, frame, self._config.max_hamming, self._config.ratio
             )
             if len(matches.k) < _MIN_GUIDED:
                 return PlaceMatch(PlaceStatus.TOO_FEW_FOUND, T_camera_map, k, j)
@@ -110,15 +119,11 @@ class PlaceVerifier:
             T_camera_map = estimate.T_camera_map
             k, j = matches.k[estimate.inliers], view.points[matches.q[estimate.inliers]]
         view = visible_points(self._map, self._camera, T_camera_map, points, 1.0)
-        return self._judged(
-            frame, grid, view, PlaceMatch(PlaceStatus.SAME_PLACE, T_camera_map, k, j)
-        )
+        return self._judged(frame, view, PlaceMatch(PlaceStatus.SAME_PLACE, T_camera_map, k, j))
 
-    def _judged(
-        self, frame: Frame, grid: FeatureGrid, view: View, found: PlaceMatch
-    ) -> PlaceMatch:
+    def _judged(self, frame: Frame, view: View, found: PlaceMatch) -> PlaceMatch:
         depth_m = to_camera(found.T_camera_map, self._map.points.position_m[view.points].T)[2]
-        space = check_free_space(view.queries.projection_px, depth_m, frame, grid)
+        space = check_free_space(view.queries.projection_px, depth_m, frame)
         contradicted = int(np.count_nonzero(space.contradict & ~np.isin(view.points, found.j)))
         found = found._replace(num_visible=len(view.points), num_contradicted=contradicted)
         config = self._config

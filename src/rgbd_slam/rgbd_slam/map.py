@@ -76,6 +76,16 @@ class SlamMap:
         self.keyframes.T_map_camera[i] = T_map_camera
         self.keyframes.version[i] = self.version
 
+    def set_parent(self, i: int, parent: int) -> None:
+        """Hang a keyframe on another in the spanning tree."""
+        self.keyframes.parent_uid[i] = self.keyframes.uid[parent]
+        self.keyframes.version[i] = self.version
+
+    def set_map_id(self, i: IntArray, j: IntArray, map_id: int) -> None:
+        """Make keyframes (N,) and points (M,) part of a map."""
+        self.keyframes.map_id[i] = self.points.map_id[j] = map_id
+        self.keyframes.version[i] = self.points.version[j] = self.version
+
     def remove_keyframe(self, i: int) -> None:
         """Take a keyframe out; its children, and the frames relative to it, pass to its parent.
 

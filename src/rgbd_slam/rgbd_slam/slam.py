@@ -184,4 +184,4 @@ class RgbdSlam:
     @property
     def stats(self) -> SlamStats:
         """Return counts of the map and of events."""
-        return SlamStats(len(self._map.keyframes), len(self._map.points))
+        return SlamStats(len(self._map.keyframes), len(self._map.points), self._mapper.num_loops)

@@ -1,0 +1,127 @@
+"""Bundle adjustment of a whole map, beside the mapping that goes on meanwhile.
+
+The problem is a copy of the map; its solution is laid over the map as it has become: keyframes and
+points made meanwhile follow the keyframe they hang on.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import IntArray
+from rgbd_slam.backend.bundle import adjust_sparse
+from rgbd_slam.essential_graph import move_map
+from rgbd_slam.frame import StereoCamera
+from rgbd_slam.local_ba import BundleProblem, BundleSolution
+from rgbd_slam.map import SlamMap
+from rgbd_slam.table import Table
+from rgbd_slam.window import bundle_problem
+
+
+class GlobalProblem(NamedTuple):
+    """A map's keyframes and points as a bundle, and what its rows are in the map."""
+
+    bundle: BundleProblem
+    keyframe_uids: IntArray  # (C,)
+    point_uids: IntArray  # (P,)
+
+
+def global_problem(slam_map: SlamMap, map_id: int) -> GlobalProblem:
+    """Copy a map; its first keyframe holds the frame."""
+    keyframes, points = slam_map.keyframes, slam_map.points
+    rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == map_id))
+    is_root = ~np.isin(keyframes.parent_uid[rows], keyframes.uid[rows])
+    cameras = np.r_[rows[~is_root], rows[is_root]]
+    seen = slam_map.observations_of(points.indices(), cameras).j
+    j = np.flatnonzero(np.bincount(seen, minlength=points.capacity) > 1)
+    bundle, _ = bundle_problem(slam_map, cameras, int(np.count_nonzero(~is_root)), j)
+    return GlobalProblem(bundle, keyframes.uid[cameras], points.uid[j])
+
+
+def lay_over(slam_map: SlamMap, problem: GlobalProblem, solution: BundleSolution) -> None:
+    """Move the map to a solution of what it was; what is new follows what it hangs on."""
+    keyframes, points = slam_map.keyframes, slam_map.points
+    rows, at = _still_there(keyframes, problem.keyframe_uids)
+    before = keyframes.T_map_camera.copy()
+    after = keyframes.T_map_camera.copy()
+    after[rows] = se3.inverse(solution.T_camera_map[at])
+    new = _hanging_on(slam_map, rows)
+    for i, parent in new:
+        after[i] = after[parent] @ se3.inverse(before[parent]) @ before[i]
+    moved = np.r_[rows, np.array([i for i, _ in new], np.int64)]
+    move_map(slam_map, moved, after[moved])
+    j, at = _still_there(points, problem.point_uids)
+    slam_map.set_positions(j, solution.points_m.T[at])
+    slam_map.refresh(j)
+
+
+def _still_there(table: Table, uids: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the rows that hold the given elements, and where in `uids` each is."""
+    rows = table.indices()
+    _, in_table, in_uids = np.intersect1d(table.uid[rows], uids, return_indices=True)
+    return rows[in_table], in_uids
+
+
+def _hanging_on(slam_map: SlamMap, rows: IntArray) -> list[tuple[int, int]]:
+    """Return descendants of `rows` in the tree, each with its parent, parents first."""
+    found: list[tuple[int, int]] = []
+    known = set(rows.tolist())
+    queue = rows.tolist()
+    while queue:
+        parent = queue.pop(0)
+        for child in slam_map.keyframes.children(parent).tolist():
+            if child not in known:
+                known.add(child)
+                found.append((child, parent))
+                queue.append(child)
+    return found
+
+
+class GlobalAdjuster:
+    """Adjusts whole maps: at once, or in a process of its own, as GTSAM holds the GIL."""
+
+    def __init__(
+        self, slam_map: SlamMap, camera: StereoCamera, iterations: int, *, background: bool
+    ) -> None:
+        self._map = slam_map
+        self._camera = camera
+        self._iterations = iterations
+        self._background = background
+        self._pool: ProcessPoolExecutor | None = None
+        self._running: tuple[GlobalProblem, Future[BundleSolution]] | None = None
+
+    def start(self, map_id: int) -> None:
+        """Begin to adjust a map; one still under way is outdated, and its result dropped."""
+        if self._iterations == 0:
+            return
+        problem = global_problem(self._map, map_id)
+        if problem.bundle.num_free == 0:
+            return
+        if not self._background:
+            solution = adjust_sparse(self._camera, problem.bundle, self._iterations)
+            lay_over(self._map, problem, solution)
+            return
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(1, get_context('spawn'))
+        future = self._pool.submit(adjust_sparse, self._camera, problem.bundle, self._iterations)
+        self._running = (problem, future)
+
+    def poll(self) -> bool:
+        """Lay a finished adjustment over the map; return whether there was one."""
+        if self._running is None or not self._running[1].done():
+            return False
+        problem, future = self._running
+        self._running = None
+        lay_over(self._map, problem, future.result())
+        return True
+
+    def close(self) -> None:
+        """End the process."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = None
