@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.values import BoolArray, FloatArray
+from rgbd_slam.feature_grid import FeatureGrid
 from rgbd_slam.frame import Frame
-from rgbd_slam.matching import FeatureGrid
 
 _WINDOW_PX = 12.0
 _MIN_READINGS = 2  # a single one may be a false reading at an edge
@@ -28,9 +28,7 @@ class FreeSpace(NamedTuple):
     contradict: BoolArray  # (N,) all readings near the pixel lie beyond the point
 
 
-def check_free_space(
-    projection_px: FloatArray, depth_m: FloatArray, frame: Frame, grid: FeatureGrid
-) -> FreeSpace:
+def check_free_space(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> FreeSpace:
     """Compare points with the depth readings of the features around them.
 
     Args:
@@ -38,7 +36,7 @@ def check_free_space(
         depth_m: (N,) of the points.
     """
     n = len(depth_m)
-    q, k = grid.search(projection_px[:2], np.full(n, _WINDOW_PX))
+    q, k = FeatureGrid(frame).search(projection_px[:2], np.full(n, _WINDOW_PX))
     read = frame.depth_m[k] > 0
     q, k = q[read], k[read]
     gap = frame.depth_m[k] - depth_m[q]

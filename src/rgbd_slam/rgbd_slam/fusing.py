@@ -11,7 +11,7 @@ from rgbd_slam.frame import StereoCamera
 from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.local_map import visible_points
 from rgbd_slam.map import SlamMap
-from rgbd_slam.matching import FeatureGrid, match_by_projection
+from rgbd_slam.matching import match_by_projection
 from rgbd_slam.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
 
@@ -39,7 +39,7 @@ def fuse(
     T_camera_map = se3.inverse(keyframes.T_map_camera[i])
     view = visible_points(slam_map, camera, T_camera_map, j, config.fuse_radius_px / 4.0)
     frame = keyframes.frame(i)
-    matches = match_by_projection(view.queries, frame, FeatureGrid(frame), config.max_hamming, 1.0)
+    matches = match_by_projection(view.queries, frame, config.max_hamming, 1.0)
     measured = frame.measurement_px[matches.k].T
     error2 = (measured - view.queries.projection_px[:, matches.q]) ** 2
     stereo = np.isfinite(measured[2])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.frame import Frame
 from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.map import SlamMap
-from rgbd_slam.matching import FeatureGrid
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +26,6 @@ class TrackedFrame:
     point_uids: IntArray  # (N,)
     reference_uid: int  # keyframe
     T_reference_camera: FloatArray  # (4, 4)
-
-    @cached_property
-    def grid(self) -> FeatureGrid:
-        """Return the frame's features sorted for search."""
-        return FeatureGrid(self.frame)
 
     def current_points(self, slam_map: SlamMap) -> IntArray:
         """Return `points` without those that have left the map since."""

@@ -15,7 +15,6 @@ from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.local_map import LocalMap, local_map, visible_points
 from rgbd_slam.map import SlamMap
 from rgbd_slam.matching import (
-    FeatureGrid,
     Matches,
     Queries,
     match_by_projection,
@@ -66,11 +65,10 @@ class Tracker:
             last: The frame before.
             T_camera_last: (4, 4) motion expected since.
         """
-        grid = FeatureGrid(frame)
         T_last_map = se3.inverse(last.current_pose(self._map))
-        first = self._from_last_frame(frame, grid, last, T_camera_last @ T_last_map)
+        first = self._from_last_frame(frame, last, T_camera_last @ T_last_map)
         if first is None:
-            first = self._from_last_frame(frame, grid, last, T_last_map)
+            first = self._from_last_frame(frame, last, T_last_map)
         if first is None:
             return None
         estimate, points = first
@@ -80,17 +78,17 @@ class Tracker:
         around = local_map(
             self._map, points[points != NO_POINT], reference, self._config.max_local_keyframes
         )
-        return self._from_local_map(frame, grid, estimate, points, around)
+        return self._from_local_map(frame, estimate, points, around)
 
     def _from_last_frame(
-        self, frame: Frame, grid: FeatureGrid, last: TrackedFrame, T_camera_map: FloatArray
+        self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray
     ) -> tuple[PoseEstimate, IntArray] | None:
         """Return a first pose from the points that the last frame saw."""
         config = self._config
         points = last.current_points(self._map)
         k_last = np.flatnonzero(points != NO_POINT)
         for radius_px in (config.last_frame_radius_px, config.wide_radius_px):
-            matches = self._match_last(frame, grid, last, k_last, points, T_camera_map, radius_px)
+            matches = self._match_last(frame, last, k_last, points, T_camera_map, radius_px)
             if len(matches.q) >= config.few_matches:
                 break
         found = np.full(len(frame), NO_POINT, np.int64)
@@ -103,7 +101,6 @@ class Tracker:
     def _match_last(
         self,
         frame: Frame,
-        grid: FeatureGrid,
         last: TrackedFrame,
         k_last: IntArray,
         points: IntArray,
@@ -125,7 +122,7 @@ class Tracker:
             octave + np.int8(1),
             table.descriptors[points[k_last]],
         )
-        matches = match_by_projection(queries, frame, grid, self._config.max_hamming, 1.0)
+        matches = match_by_projection(queries, frame, self._config.max_hamming, 1.0)
         consistent = rotation_consistent(
             last.frame.angle_deg[k_last[matches.q]], frame.angle_deg[matches.k]
         )
@@ -134,7 +131,6 @@ class Tracker:
     def _from_local_map(
         self,
         frame: Frame,
-        grid: FeatureGrid,
         estimate: PoseEstimate,
         points: IntArray,
         around: LocalMap,
@@ -146,7 +142,7 @@ class Tracker:
             self._map, self._camera, estimate.T_camera_map, others, self._config.local_map_radius
         )
         matches = match_by_projection(
-            view.queries, frame, grid, self._config.max_hamming, self._config.local_map_ratio,
+            view.queries, frame, self._config.max_hamming, self._config.local_map_ratio,
             free=points == NO_POINT,
         )  # fmt: skip
         points = points.copy()
