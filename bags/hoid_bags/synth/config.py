@@ -1,0 +1,64 @@
+"""What to render: the one place of each default of the synthetic scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hoid_common.config import Config, param
+from hoid_common.values import CameraModel
+
+EPOCH_NS = 1_700_000_000_000_000_000  # stamp of frame 0: recordings of one seed are equal to the byte
+FRAME_RATE_HZ = 30.0
+PATHS = ('room', 'loop', 'xyz', 'rpy', 'static')
+LAYOUTS = ('home', 'repeated')
+_VGA_WIDTH_PX = 640
+_VGA_FOCAL_PX = 525.0
+_DEFAULT_FRAMES = 300
+_LOOP_FRAMES = 1200
+
+
+@dataclass(frozen=True)
+class SceneConfig(Config):
+    """A scene and the recording of it; equal configs give identical bytes."""
+
+    seed: int = param(0, 'varies room, textures, people, objects and camera path', minimum=0)
+    num_frames: int = param(0, 'frames at 30 Hz; 0 = 300, or one whole loop (1200)', minimum=0)
+    width_px: int = param(640, 'image width; the height is 3/4 of it', minimum=64, maximum=1280)
+    path: str = param('room', 'how the camera moves', choices=PATHS)
+    layout: str = param('home', 'repeated: rows of identical furniture', choices=LAYOUTS)
+    num_people: int = param(2, 'people who walk and handle objects', minimum=0, maximum=6)
+    colour_noise: float = param(1.0, 'scale of the colour noise', minimum=0.0, maximum=10.0)
+    motion_blur: float = param(1.0, 'scale of the exposure time', minimum=0.0, maximum=10.0)
+    depth_noise: float = param(1.0, 'scale of the depth noise', minimum=0.0, maximum=10.0)
+    depth_holes: bool = param(True, 'leave out depth at edges, grazing and dark surfaces')
+
+    @property
+    def frames(self) -> int:
+        """Return the number of frames rendered."""
+        default = _LOOP_FRAMES if self.path == 'loop' else _DEFAULT_FRAMES
+        return self.num_frames or default
+
+    @property
+    def height_px(self) -> int:
+        """Return the image height."""
+        return self.width_px * 3 // 4
+
+    @property
+    def scale(self) -> float:
+        """Return the image size relative to VGA."""
+        return self.width_px / _VGA_WIDTH_PX
+
+    @property
+    def camera(self) -> CameraModel:
+        """Return the distortion-free camera."""
+        focal_px = _VGA_FOCAL_PX * self.scale
+        center = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
+        return CameraModel(self.width_px, self.height_px, focal_px, focal_px, *center)
+
+    def stamp_ns(self, i: int) -> int:
+        """Return the stamp of frame i."""
+        return EPOCH_NS + round(i * 1e9 / FRAME_RATE_HZ)
+
+    def time_s(self, i: int) -> float:
+        """Return the time of frame i since the first one."""
+        return i / FRAME_RATE_HZ

@@ -1,0 +1,177 @@
+"""Builds the world of a configuration: one room, or two rooms joined by two doorways."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hoid_bags.synth import furniture
+from hoid_bags.synth.atlas import Textures
+from hoid_bags.synth.body import dress
+from hoid_bags.synth.config import SceneConfig
+from hoid_bags.synth.mesh import box, merged
+from hoid_bags.synth.noise import Rng
+from hoid_bags.synth.palette import Studio
+from hoid_bags.synth.props import FLOOR_PROPS, TABLE_PROPS, Maker
+from hoid_bags.synth.rooms import DEPTH_M, HEIGHT_M, Furnisher
+from hoid_bags.synth.world import Lamp, PlacedProp, Rect, Spot, World, WorldBuilder, pose, resting_yaw
+from hoid_common.values import PERSON, FloatArray
+
+WIDTHS_M = (6.4, 5.8)
+PARTITION_M = 0.12
+DOORWAYS_M = ((0.55, 1.55), (3.92, 4.92))  # y ranges of the openings between the rooms
+LANES_Y_M = (1.05, 4.42)  # where one walks through them
+DOORWAY_HEIGHT_M = 2.1
+_TEXELS_PER_M = 260.0
+_NUM_TABLE_PROPS = 5
+_NUM_FLOOR_PROPS = 3
+_FLOOR_SPOTS = 9
+
+Place = Callable[[WorldBuilder, FloatArray], None]
+
+
+def build_world(config: SceneConfig) -> World:
+    """Build the world of a seed; the camera path decides whether there is a second room."""
+    rng = np.random.default_rng([config.seed, 1])
+    textures, builder = Textures(), WorldBuilder()
+    studio = Studio(textures, rng, _TEXELS_PER_M * min(config.scale, 1.0))
+    two = config.path == 'loop'
+    repeated = config.layout == 'repeated'
+    x0s = (0.0, WIDTHS_M[0] + PARTITION_M)[: 1 + two]
+    for k, x0 in enumerate(x0s):
+        _furnish(Furnisher(studio, builder, x0, WIDTHS_M[k]), k, two, repeated)
+    rooms = tuple((x0, 0.0, x0 + w, DEPTH_M) for x0, w in zip(x0s, WIDTHS_M, strict=False))
+    doorways = _partition(studio, builder) if two else ()
+    builder.spots += _floor_spots(rng, builder.obstacles, rooms, two)
+    props, free = _place_props(studio, builder, rng)
+    people = Studio(textures, np.random.default_rng([config.seed, 3]), studio.texels_per_m)
+    wardrobes = tuple(dress(people) for _ in range(config.num_people))
+    instances = tuple(builder.new_instance(PERSON) for _ in wardrobes)
+    return World(
+        builder.mesh(), tuple(builder.class_names), props, free, tuple(builder.obstacles), rooms,
+        doorways, tuple(builder.lamps), wardrobes, instances, textures.pack(),
+    )
+
+
+def _furnish(f: Furnisher, k: int, two: bool, repeated: bool) -> None:
+    sides = ('left', 'right') if k == 0 else ('right', 'left')
+    if not two and f.rng.random() < 0.5:
+        sides = ('right', 'left')
+    accent = ('back', 'left', 'right', 'front')[int(f.rng.integers(0, 4))]
+    f.shell((sides[1],) if two else (), accent)
+    slots: list[tuple[float, Place]] = [
+        (1.5, f.desk), (1.1, f.bookshelf), (1.0, f.cupboard), (1.5, f.sideboard),
+    ]
+    if repeated:
+        slots = [(1.5, _repeating(f, f.desk))] * 3
+    spans = f.along('back', slots, 0.12, f.width_m - 0.12)
+    wide = [s for s in spans if s[1] - s[0] > 1.3]
+    f.pictures('back', wide, 1.42)
+    f.clock('back', float(np.mean(wide[0])))
+    f.couch(f.builder, f.wall_pose(sides[0], DEPTH_M / 2 + float(f.rng.uniform(-0.3, 0.3))))
+    f.pictures(sides[0], [(0.6, 1.4), (1.7, 3.9), (4.1, 5.2)], 1.15)
+    _window_side(f, sides[1], two)
+    f.table_group(f.width_m / 2 + float(f.rng.uniform(-0.15, 0.15)), 2.72)
+    near = 0.45 if sides[0] == 'left' else f.width_m - 0.45
+    f.standing(furniture.floor_lamp(f.studio, f.palette), near, 4.7, '', 0.16)
+    f.standing(furniture.plant(f.studio, f.palette, 1.15), f.width_m - near, 5.1, 'potted plant', 0.2)
+
+
+def _window_side(f: Furnisher, side: str, two: bool) -> None:
+    """Put window, pictures and a door on the wall opposite the sofa, or on the front wall when that is open."""
+    wall = 'front' if two else side
+    middle = f.width_m / 2 if two else DEPTH_M / 2
+    T = f.wall_pose(wall, middle)
+    f.builder.add(furniture.window(f.studio, f.palette, 1.7, 1.25), T)
+    inside = (T @ pose(0, -0.3, 1.5, 0))[:3, 3]
+    spread = [[-0.6, 0, -0.4], [0.6, 0, -0.4], [0, 0, 0.4]]
+    f.builder.lamps.append(Lamp(inside + np.array(spread) @ T[:3, :3].T, 1.5))
+    if two:
+        f.pictures('front', [(0.3, 1.4), (f.width_m - 1.4, f.width_m - 0.3)], 1.1)
+        f.pictures(side, [(1.8, 3.7)], 1.1)
+        return
+    f.builder.add(furniture.door(f.studio, f.palette), f.wall_pose(side, 0.75))
+    f.pictures(side, [(4.1, 5.3)] if side == 'left' else [(0.3, 1.4)], 1.1)
+    f.pictures('front', [(0.4, 2.6), (3.2, f.width_m - 0.4)], 1.0)
+
+
+def _repeating(f: Furnisher, place: Place) -> Place:
+    """Return a placer that draws the same random numbers every time: identical furniture."""
+    state = f.rng.bit_generator.state
+
+    def place_again(builder: WorldBuilder, T_world_thing: FloatArray) -> None:
+        now = f.rng.bit_generator.state
+        f.rng.bit_generator.state = state
+        place(builder, T_world_thing)
+        f.rng.bit_generator.state = now
+
+    return place_again
+
+
+def _partition(studio: Studio, builder: WorldBuilder) -> tuple[Rect, ...]:
+    x0, x1 = WIDTHS_M[0], WIDTHS_M[0] + PARTITION_M
+    paint = studio.plain((196.0, 206.0, 212.0))
+    (a, b), (c, d) = DOORWAYS_M
+    parts = [box((x0, y, 0), (x1, end, HEIGHT_M), paint, omit=('top', 'bottom'))
+             for y, end in ((0, a), (b, c), (d, DEPTH_M))]
+    parts += [box((x0, y, DOORWAY_HEIGHT_M), (x1, end, HEIGHT_M), paint) for y, end in DOORWAYS_M]
+    frame = studio.wood((90.0, 120.0, 150.0))
+    for y, end in DOORWAYS_M:
+        for side in (y, end):
+            parts.append(box((x0 - 0.02, side - 0.04, 0), (x1 + 0.02, side + 0.04, 2.14), frame))
+        parts.append(box((x0 - 0.02, y, 2.07), (x1 + 0.02, end, 2.14), frame))
+        parts.append(box((x0, y, -0.02), (x1, end, 0.004), frame))
+    builder.add(merged(parts), np.eye(4))
+    builder.obstacles += [(x0, y, x1, end) for y, end in ((0.0, a), (b, c), (d, DEPTH_M))]
+    return tuple((x0, y, x1, end) for y, end in DOORWAYS_M)
+
+
+def _floor_spots(
+    rng: Rng, obstacles: list[Rect], rooms: tuple[Rect, ...], two: bool
+) -> list[Spot]:
+    """Draw free places on the floor, off the lanes, with room to stand beside."""
+    rects = np.array(obstacles)
+    spots: list[Spot] = []
+    for _ in range(4000):
+        if len(spots) == _FLOOR_SPOTS * len(rooms):
+            break
+        room = rooms[int(rng.integers(0, len(rooms)))]
+        at = rng.uniform([room[0] + 0.4, 0.4], [room[2] - 0.4, DEPTH_M - 0.4])
+        middle = np.array([(room[0] + room[2]) / 2, at[1] + rng.uniform(-1, 1)])
+        way = (middle - at) / np.linalg.norm(middle - at)
+        stand = at + 0.5 * way
+        lane = min(abs(at[1] - y) for y in LANES_Y_M) < 0.55 if two else at[1] < 1.7
+        crowded = any(np.hypot(*(at - s.position_m[:2])) < 0.75 for s in spots)
+        if lane or crowded or _clearance(at, rects) < 0.36 or _clearance(stand, rects) < 0.3:
+            continue
+        heading = float(np.arctan2(-way[1], -way[0]))
+        spots.append(Spot((float(at[0]), float(at[1]), 0.0), (float(stand[0]), float(stand[1])), heading, True))
+    return spots
+
+
+def _clearance(at: FloatArray, rects: FloatArray) -> float:
+    gap = np.maximum(np.maximum(rects[:, :2] - at, at - rects[:, 2:]), 0)
+    return float(np.hypot(gap[:, 0], gap[:, 1]).min())
+
+
+def _place_props(
+    studio: Studio, builder: WorldBuilder, rng: Rng
+) -> tuple[tuple[PlacedProp, ...], tuple[Spot, ...]]:
+    """Put objects on a random choice of places; return them and the places left free."""
+    placed: list[PlacedProp] = []
+    free = [builder.spots[int(k)] for k in rng.permutation(len(builder.spots))]
+    palette = Furnisher(studio, builder, 0.0, WIDTHS_M[0]).palette
+    groups: list[tuple[tuple[Maker, ...], int, bool]] = [
+        (TABLE_PROPS, _NUM_TABLE_PROPS, False), (FLOOR_PROPS, _NUM_FLOOR_PROPS, True),
+    ]
+    for makers, count, on_floor in groups:
+        for k in rng.permutation(len(makers))[:count]:
+            spot = next((s for s in free if s.on_floor == on_floor), None)
+            if spot is None:
+                break
+            free.remove(spot)
+            prop = makers[int(k)](studio, palette)
+            yaw = resting_yaw(prop, spot) + float(rng.uniform(-0.4, 0.4))
+            placed.append(PlacedProp(prop, spot, yaw, builder.new_instance(prop.class_name)))
+    return tuple(placed), tuple(free)

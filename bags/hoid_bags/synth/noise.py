@@ -1,0 +1,78 @@
+"""Noise and tiling helpers that the procedural textures are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from hoid_common.values import ByteArray, Float32Array
+
+Rng = np.random.Generator
+Bgr = tuple[float, float, float]
+Shape = tuple[int, int]
+
+
+def value_noise(rng: Rng, shape: Shape, cells: tuple[float, float]) -> Float32Array:
+    """Return smooth tileable noise (H, W), about unit variance, with the given cell size (rows, columns) in px."""
+    grid_shape = [max(2, round(n / c)) for n, c in zip(shape, cells, strict=True)]
+    small = np.pad(rng.standard_normal(grid_shape, np.float32), 2, 'wrap')
+    y, x = (
+        ((np.arange(n, dtype=np.float32) + 0.5) * g / n + 1.5) for n, g in zip(shape, grid_shape, strict=True)
+    )
+    map_x, map_y = np.meshgrid(x.astype(np.float32), y.astype(np.float32))
+    return cv2.remap(small, map_x, map_y, cv2.INTER_CUBIC).astype(np.float32) * np.float32(1.3)
+
+
+def fractal(
+    rng: Rng, shape: Shape, cells: tuple[float, float], octaves: int = 4, gain: float = 0.6
+) -> Float32Array:
+    """Return tileable noise summed over octaves, unit variance."""
+    total = np.zeros(shape, np.float32)
+    for k in range(octaves):
+        size = (max(cells[0] / 2**k, 1.0), max(cells[1] / 2**k, 1.0))
+        total += np.float32(gain**k) * value_noise(rng, shape, size)
+    return total / max(float(total.std()), 1e-6)
+
+
+def grain(rng: Rng, shape: Shape) -> Float32Array:
+    """Return white noise (H, W)."""
+    return rng.standard_normal(shape, np.float32)
+
+
+def tinted(colour: Sequence[float], shade: Float32Array) -> Float32Array:
+    """Return (H, W, 3): a BGR colour times a shade."""
+    return np.asarray(colour, np.float32) * shade[..., None]
+
+
+def mixed(a: Float32Array | Bgr, b: Float32Array | Bgr, weight: Float32Array) -> Float32Array:
+    """Return a blended towards b by a weight (H, W) in [0, 1]."""
+    w = weight[..., None]
+    return (np.asarray(a, np.float32) * (1 - w) + np.asarray(b, np.float32) * w).astype(np.float32)
+
+
+def as_bytes(image: Float32Array) -> ByteArray:
+    """Return 0..255 floats as bytes."""
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def smoothstep(x: Float32Array) -> Float32Array:
+    """Return 0 below 0, 1 above 1, smooth between."""
+    x = np.clip(x, 0, 1)
+    return x * x * (3 - 2 * x)
+
+
+def hsv(hue_deg: float, saturation: float, value: float) -> Bgr:
+    """Return the BGR colour (0..255) of hue in degrees and saturation, value in [0, 1]."""
+    h = hue_deg / 60.0
+    channel = [
+        value * 255 * (1 - saturation * max(0.0, min(k, 4 - k, 1.0)))
+        for k in ((n + h) % 6 for n in (5, 3, 1))
+    ]
+    return channel[2], channel[1], channel[0]
+
+
+def any_colour(rng: Rng, saturation: tuple[float, float], value: tuple[float, float]) -> Bgr:
+    """Return a random BGR colour within ranges."""
+    return hsv(rng.uniform(0, 360), rng.uniform(*saturation), rng.uniform(*value))

@@ -1,0 +1,74 @@
+"""Everything that is decided before rendering: world, camera path, people's and objects' tracks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hoid_bags.synth.acting import BodyTrack, ObjectTrack, body_track, object_tracks
+from hoid_bags.synth.body import skin_mesh
+from hoid_bags.synth.camera_path import camera_poses
+from hoid_bags.synth.config import FRAME_RATE_HZ, SceneConfig
+from hoid_bags.synth.gait import Joints, joints
+from hoid_bags.synth.layout import WIDTHS_M, build_world
+from hoid_bags.synth.mesh import Mesh, merged
+from hoid_bags.synth.script import Part, Playwright
+from hoid_bags.synth.world import Rect, World
+from hoid_common.values import FloatArray
+
+_CAMERA_ZONE: Rect = (WIDTHS_M[0] / 2 - 1.6, 0.0, WIDTHS_M[0] / 2 + 1.6, 1.55)
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A whole recording before rendering; tracks have one row more than there are frames."""
+
+    config: SceneConfig
+    world: World
+    T_world_camera: FloatArray  # (N + 1, 4, 4)
+    parts: tuple[Part, ...]
+    bodies: tuple[BodyTrack, ...]
+    objects: tuple[ObjectTrack, ...]  # in the order of world.props
+
+    @cached_property
+    def static_mesh(self) -> Mesh:
+        """Return all that does not move during the recording."""
+        resting = [
+            placed.prop.mesh.as_instance(placed.instance).transformed(track.T_world_object[0])
+            for placed, track in zip(self.world.props, self.objects, strict=True)
+            if not track.handled.any()
+        ]
+        return merged([self.world.static, *resting])
+
+    def joints(self, person: int, i: int) -> Joints:
+        """Return a person's joints in frame i."""
+        return joints(self.bodies[person].stance(i), self.world.wardrobes[person].build)
+
+    def moving_mesh(self, i: int) -> Mesh | None:
+        """Return people and handled objects in frame i, the same faces in every frame; None when there are none."""
+        world = self.world
+        meshes = [
+            skin_mesh(self.joints(n, i), w).as_instance(instance)
+            for n, (w, instance) in enumerate(zip(world.wardrobes, world.person_instances, strict=True))
+        ]
+        meshes += [
+            placed.prop.mesh.as_instance(placed.instance).transformed(track.T_world_object[i])
+            for placed, track in zip(world.props, self.objects, strict=True)
+            if track.handled.any()
+        ]
+        return merged(meshes) if meshes else None
+
+
+def set_stage(config: SceneConfig) -> Stage:
+    """Build the world and write the play of a configuration."""
+    count = config.frames + 1
+    world = build_world(config)
+    T_world_camera = camera_poses(config, np.arange(count) / FRAME_RATE_HZ)
+    rng = np.random.default_rng([config.seed, 4])
+    keep_out = () if config.path == 'loop' else (_CAMERA_ZONE,)
+    parts = Playwright(world, T_world_camera, rng, keep_out).write(config.num_people)
+    bodies = [body_track(part, count, rng) for part in parts]
+    objects = object_tracks(world, parts, bodies, count)
+    return Stage(config, world, T_world_camera, tuple(parts), tuple(bodies), tuple(objects))
