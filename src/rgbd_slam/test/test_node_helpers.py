@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 
 from hoid_common.errors import InputError
+from hoid_common.param_file import load_params
 from rgbd_slam.map_directory import path_in
+from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.stream_gaps import StreamGaps
 
 MS = 1_000_000
@@ -41,3 +43,10 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
     with pytest.raises(InputError, match='cannot be made'):
         path_in(str(tmp_path / 'file' / 'maps'), 'a', 'map')
+
+
+def test_the_shipped_parameter_file_holds_the_defaults() -> None:
+    path = Path(__file__).parents[1] / 'config' / 'rgbd_slam.yaml'
+    values = load_params(path, 'rgbd_slam')
+    assert values
+    assert SlamNodeConfig().updated(values) == SlamNodeConfig()

@@ -1,0 +1,85 @@
+"""The node: features in; odometry, transforms, path and map out."""
+
+from __future__ import annotations
+
+from hoid_msgs.msg import Features
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
+
+from hoid_common.ros import conversions, topics
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.frame_tree import StaticFrameListener
+from hoid_common.ros.inputs import Inputs
+from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.parameters import Parameters
+from hoid_common.ros.run import run_node
+from hoid_common.values import CameraModel
+from rgbd_slam.frames import RobotFrames
+from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.ros.outputs import SlamOutputs
+from rgbd_slam.ros.services import SlamServices
+from rgbd_slam.session import SlamSession
+
+
+class RgbdSlamNode(Node):
+    """A shell around `SlamSession`, which starts when camera and base are known."""
+
+    def __init__(self) -> None:
+        super().__init__('rgbd_slam', automatically_declare_parameters_from_overrides=True)
+        bridge_logging(self)
+        self._config = Parameters(self, SlamNodeConfig()).config
+        self._diagnostics = Diagnostics(self)
+        self._camera: CameraModel | None = None
+        self._session: SlamSession | None = None
+        self._static = StaticFrameListener(self, self._diagnostics)
+        self._outputs = SlamOutputs(self, self._config)
+        self._answers = SlamServices(self, self._config, lambda: self._session, self._reset)
+        inputs = Inputs(self, self._config.input, self._diagnostics)
+        inputs.messages(CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos')
+        inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
+
+    def _on_camera(self, msg: CameraInfo) -> None:
+        self._camera = conversions.camera_from_msg(msg)
+        if self._session is not None and self._camera != self._session.camera:
+            self._diagnostics.set_problem(
+                'camera', 'the camera changed and its images do not fit the map; call ~/reset'
+            )
+
+    def _on_features(self, msg: Features) -> None:
+        session = self._session or self._start(msg.header.frame_id)
+        if session is None:
+            self._diagnostics.count('features before camera and base were known')
+            return
+        features = conversions.features_from_msg(msg)
+        done = session.process(features)
+        self._outputs.publish(done, msg.header)
+        if done.is_keyframe:
+            self._outputs.publish_map_if_due(session, features.stamp_ns)
+        self._diagnostics.set_value('state', done.status.state.name.lower())
+        self._diagnostics.set_count('images processed', done.status.frames_processed)
+        self._diagnostics.set_count('images missing', done.status.frames_dropped)
+
+    def _start(self, camera_frame: str) -> SlamSession | None:
+        """Return a session, or None while something that it needs is unknown."""
+        names = self._config.frames
+        T_base_camera = self._static.frames.find(names.base, camera_frame) if names.base else None
+        if names.base and T_base_camera is None:
+            self._diagnostics.set_problem(
+                'base', f'/tf_static does not join frames "{names.base}" and "{camera_frame}"'
+            )
+            return None
+        self._diagnostics.clear_problem('base')
+        if self._camera is None:
+            return None
+        frames = RobotFrames(T_base_camera, planar=names.planar)
+        self._session = SlamSession(self._camera, self._config, frames)
+        return self._session
+
+    def _reset(self) -> None:
+        self._session = None
+        self._diagnostics.clear_problem('camera')
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(RgbdSlamNode)

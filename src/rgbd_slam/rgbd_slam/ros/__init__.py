@@ -1,0 +1,1 @@
+"""What the node needs of ROS beside itself: outputs and services."""

@@ -1,0 +1,71 @@
+"""Everything that the node publishes."""
+
+from __future__ import annotations
+
+from hoid_msgs.msg import SlamStatus
+from nav_msgs.msg import Odometry, Path
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from hoid_common.ros import conversions, qos, topics
+from hoid_common.ros.conversions.slam import keyframes_to_msg, slam_status_to_msg
+from hoid_common.ros.frame_tree import TransformPublisher
+from rgbd_slam.frames import RobotPose
+from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.session import Processed, SlamSession
+
+_NS_PER_S = 1e9
+
+
+class SlamOutputs:
+    """Publishers of the node; every message carries the stamp of the image it came from."""
+
+    def __init__(self, node: Node, config: SlamNodeConfig) -> None:
+        self._frames = config.frames
+        self._map_period_ns = round(config.map_period_s * _NS_PER_S)
+        self._map_stamp_ns: int | None = None
+        self._transforms = TransformPublisher(node)
+        self._odom = node.create_publisher(Odometry, topics.ODOM, qos.OUTPUT)
+        self._status = node.create_publisher(SlamStatus, topics.SLAM_STATUS, qos.OUTPUT)
+        self._path = node.create_publisher(Path, topics.PATH, qos.LATCHED)
+        self._points = node.create_publisher(PointCloud2, topics.MAP_POINTS, qos.LATCHED)
+        self._keyframes = node.create_publisher(MarkerArray, topics.KEYFRAMES, qos.LATCHED)
+
+    def publish(self, done: Processed, header: Header) -> None:
+        """Publish what one image gave; the header is that of its features."""
+        if done.pose is not None:
+            self._publish_pose(done.pose, header)
+        self._status.publish(slam_status_to_msg(done.status, header))
+
+    def publish_map_if_due(self, session: SlamSession, stamp_ns: int) -> None:
+        """Publish the map unless it was published a moment ago, by the images' clock."""
+        last_ns = self._map_stamp_ns
+        if last_ns is None or not 0 <= stamp_ns - last_ns < self._map_period_ns:
+            self.publish_map(session, stamp_ns)
+
+    def publish_map(self, session: SlamSession, stamp_ns: int) -> None:
+        """Publish path, points and keyframes as the map says now."""
+        self._map_stamp_ns = stamp_ns
+        header = conversions.header_to_msg(stamp_ns, self._frames.map)
+        path, cloud = session.path(), conversions.Cloud(session.map_points_m())
+        self._path.publish(conversions.path_to_msg(path.stamps_ns, path.T_world_camera, header))
+        self._points.publish(conversions.cloud_to_msg(cloud, header))
+        self._keyframes.publish(keyframes_to_msg(session.keyframe_poses(), header))
+
+    def _publish_pose(self, pose: RobotPose, header: Header) -> None:
+        names = self._frames
+        base = names.base or header.frame_id
+        edges = []
+        if names.publish_map_to_odom:
+            edges.append((names.map, names.odom, pose.T_map_odom))
+        if names.publish_odom_to_base:
+            edges.append((names.odom, base, pose.T_odom_base))
+        self._transforms.send(conversions.stamp_from_msg(header.stamp), edges)
+        odom_header = Header(stamp=header.stamp, frame_id=names.odom)
+        self._odom.publish(
+            conversions.odometry_to_msg(
+                pose.T_odom_base, pose.covariance, pose.twist, odom_header, base
+            )
+        )

@@ -1,0 +1,120 @@
+"""The core as a node runs it: one map after another, paused and resumed, in a robot's frames."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.errors import ConfigError
+from hoid_common.slam_status import SlamState, SlamStatus
+from hoid_common.values import CameraModel, Features, Float32Array, FloatArray, Trajectory
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.frames import RobotFrames, RobotPose
+from rgbd_slam.slam import RgbdSlam, TrackingResult
+from rgbd_slam.stream_gaps import StreamGaps
+
+TRAJECTORY_KINDS = ('final', 'online', 'keyframes')
+
+
+class Processed(NamedTuple):
+    """What one image gave."""
+
+    status: SlamStatus
+    pose: RobotPose | None  # None while the pose is unknown
+    is_keyframe: bool
+
+
+class SlamSession:
+    """Feeds the core and says how it is doing.
+
+    Args:
+        camera: The camera of the images that the features come from.
+        config: Parameters of the core.
+        frames: Where the camera sits on the robot.
+    """
+
+    def __init__(self, camera: CameraModel, config: SlamConfig, frames: RobotFrames) -> None:
+        self.camera = camera
+        self.is_paused = False
+        self._config = config
+        self._frames = frames
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the map and all counts."""
+        self._slam = RgbdSlam(self.camera, self._config)
+        self._gaps = StreamGaps()
+        self._num_processed = 0
+
+    def process(self, features: Features) -> Processed:
+        """Track one image; a paused session only says that it is paused."""
+        if self.is_paused:
+            return Processed(self._status(SlamState.PAUSED), None, is_keyframe=False)
+        self._gaps.add(features.stamp_ns)
+        result = self._slam.process(features)
+        self._num_processed += 1
+        return Processed(
+            self._status(SlamState(result.state.value), result),
+            self._pose(result),
+            result.is_keyframe,
+        )
+
+    def trajectory(self, kind: str) -> Trajectory:
+        """Return the camera's poses in the map: final, online or keyframes.
+
+        Raises:
+            ConfigError: Another kind.
+        """
+        if kind == 'final':
+            self._slam.finish()
+            return self._frames.cameras(self._slam.trajectory_final())
+        if kind == 'online':
+            return self._frames.cameras(self._slam.trajectory_online())
+        if kind == 'keyframes':
+            return self._frames.cameras(self._slam.keyframe_trajectory())
+        raise ConfigError(f'no trajectory "{kind}"; use one of {", ".join(TRAJECTORY_KINDS)}')
+
+    def path(self) -> Trajectory:
+        """Return the base's poses at the keyframes, as the map says now."""
+        return self._frames.bases(self._slam.keyframe_trajectory())
+
+    def map_points_m(self) -> Float32Array:
+        """Return (N, 3) points in the map frame."""
+        return self._frames.points_m(self._slam.map_points_m()).astype(np.float32)
+
+    def keyframe_poses(self) -> FloatArray:
+        """Return (N, 4, 4) T_map_camera of the keyframes."""
+        return self.trajectory('keyframes').T_world_camera
+
+    def _pose(self, result: TrackingResult) -> RobotPose | None:
+        if result.T_map_camera is None or result.T_odom_camera is None:
+            return None
+        covariance = np.zeros((6, 6)) if result.covariance is None else result.covariance
+        return self._frames.place(
+            result.stamp_ns, result.T_map_camera, result.T_odom_camera, covariance
+        )
+
+    def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
+        stats = self._slam.stats
+        return SlamStatus(
+            state=state,
+            message=_MESSAGES[state],
+            tracked_points=result.num_tracked if result else 0,
+            inliers=result.num_inliers if result else 0,
+            keyframes=stats.num_keyframes,
+            map_points=stats.num_map_points,
+            loops=stats.num_loops,
+            relocalizations=stats.num_relocalizations,
+            frames_processed=self._num_processed,
+            frames_dropped=self._gaps.num_missing,
+            stage_ms=result.stage_ms if result else {},
+        )
+
+
+_MESSAGES = {
+    SlamState.NOT_INITIALIZED: 'waiting for an image with enough static features that have depth',
+    SlamState.TRACKING: '',
+    SlamState.LOST: 'too few map points are seen; looking for a known place',
+    SlamState.PAUSED: 'paused; ~/resume goes on',
+}
