@@ -16,6 +16,7 @@ from rgbd_slam.keyframe_policy import needs_keyframe
 from rgbd_slam.map import SlamMap
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 from rgbd_slam.pose_optimizer import covariance
+from rgbd_slam.relocalization import Relocalizer
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.tracker import PointTally, Tracker, Tracking
 from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_trajectory
@@ -68,6 +69,9 @@ class RgbdSlam:
         self._map = SlamMap(config.camera.scale_factor, config.camera.num_octaves)
         self._tracker = Tracker(self._camera, self._map, config.tracking)
         self._mapper = Mapper(self._camera, self._map, config)
+        self._relocalizer = Relocalizer(self._map, self._camera, self._tracker, config)
+        self._num_maps = 0
+        self._num_relocalizations = 0
         self._trajectory = TrajectoryRecorder()
         self._last: TrackedFrame | None = None
         self._T_camera_last = np.eye(4)
@@ -83,11 +87,12 @@ class RgbdSlam:
         start_s = time.thread_time()
         frame = Frame.from_features(features, self._model, self._camera)
         if self._last is None:
-            return self._start(frame)
+            return self._start(frame, np.eye(4))
         tracking = self._tracker.track(frame, self._last, self._T_camera_last)
         if tracking is None:
-            self._T_camera_last = np.eye(4)
-            return TrackingResult(frame.stamp_ns, TrackingState.LOST)
+            tracking = self._relocalized(frame)
+        if tracking is None:
+            return self._lost(frame)
         self._advance(tracking)
         insert = needs_keyframe(
             tracking, self._map, self._config.keyframes,
@@ -110,17 +115,37 @@ class RgbdSlam:
             {'track': _MS * (tracked_s - start_s), 'map': _MS * (mapped_s - tracked_s)},
         )
 
-    def _start(self, frame: Frame) -> TrackingResult:
+    def _start(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
+        """Start a map at a pose; the first one, or a new one after a loss."""
         if np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_FIRST_FEATURES:
-            return TrackingResult(frame.stamp_ns, TrackingState.NOT_INITIALIZED)
-        i = self._mapper.start_map(frame, np.eye(4), 0)
+            state = TrackingState.NOT_INITIALIZED if self._last is None else TrackingState.LOST
+            return TrackingResult(frame.stamp_ns, state)
+        i = self._mapper.start_map(frame, T_map_camera, self._num_maps)
+        self._num_maps += 1
         points = self._map.keyframes.point_of_feature[i, : len(frame)].astype(np.int64)
-        self._last = tracked_frame(frame, np.eye(4), points, self._map, i)
+        self._last = tracked_frame(frame, T_map_camera, points, self._map, i)
         self._record(self._last)
         return TrackingResult(
-            frame.stamp_ns, TrackingState.TRACKING, np.eye(4), self._T_odom_camera,
+            frame.stamp_ns, TrackingState.TRACKING, T_map_camera, self._T_odom_camera,
             np.zeros((6, 6)), len(points), len(points), is_keyframe=True,
         )  # fmt: skip
+
+    def _relocalized(self, frame: Frame) -> Tracking | None:
+        """Find a lost frame in the map; how it moved since the last one stays unknown."""
+        tracking = self._relocalizer.relocalize(frame)
+        if tracking is not None:
+            self._num_relocalizations += 1
+            self._last = tracking.tracked
+        return tracking
+
+    def _lost(self, frame: Frame) -> TrackingResult:
+        """Give up on a frame; when lost for long, map anew from where the camera was last."""
+        assert self._last is not None
+        self._T_camera_last = np.eye(4)
+        lost_s = 1e-9 * (frame.stamp_ns - self._last.frame.stamp_ns)
+        if lost_s > self._config.places.new_map_after_s:
+            return self._start(frame, self._last.current_pose(self._map))
+        return TrackingResult(frame.stamp_ns, TrackingState.LOST)
 
     def _advance(self, tracking: Tracking) -> None:
         """Take the motion since the last frame, both poses by the map as it is now."""
@@ -184,4 +209,9 @@ class RgbdSlam:
     @property
     def stats(self) -> SlamStats:
         """Return counts of the map and of events."""
-        return SlamStats(len(self._map.keyframes), len(self._map.points), self._mapper.num_loops)
+        return SlamStats(
+            len(self._map.keyframes),
+            len(self._map.points),
+            self._mapper.num_loops,
+            self._num_relocalizations,
+        )

@@ -75,10 +75,25 @@ class Tracker:
         reference = self._map.keyframes.index_of(last.reference_uid)
         if reference is None:
             return None
-        around = local_map(
-            self._map, points[points != NO_POINT], reference, self._config.max_local_keyframes
-        )
-        return self._from_local_map(frame, estimate, points, around)
+        return self._from_local_map(frame, estimate, points, self._around(points, reference))
+
+    def track_at(
+        self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference: int
+    ) -> Tracking | None:
+        """Track a frame by what it was found to see, as when it was lost.
+
+        Args:
+            frame: The frame.
+            T_camera_map: (4, 4) about where it is.
+            points: (N,) point seen by each feature, or NO_POINT.
+            reference: a keyframe that sees many of them.
+        """
+        estimate, points = self._optimize(frame, points, T_camera_map)
+        return self._from_local_map(frame, estimate, points, self._around(points, reference))
+
+    def _around(self, points: IntArray, reference: int) -> LocalMap:
+        seen = points[points != NO_POINT]
+        return local_map(self._map, seen, reference, self._config.max_local_keyframes)
 
     def _from_last_frame(
         self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray
