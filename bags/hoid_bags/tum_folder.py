@@ -20,7 +20,13 @@ from hoid_bags.images import (
     read_image_bytes,
 )
 from hoid_bags.trajectory_io import read_tum
-from hoid_bags.tum_text import NumberTable, check_increasing, read_numbers, read_rows
+from hoid_bags.tum_text import (
+    NumberTable,
+    check_increasing,
+    read_numbers,
+    read_rows,
+    without_repeats,
+)
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.values import CameraModel, RgbdFrame, Trajectory
 
@@ -130,6 +136,7 @@ def _read_list(folder: Path, name: str) -> tuple[ListedImage, ...]:
     rows = list(read_rows(path))
     if not rows:
         raise InputError(f'{path}: lists no images')
+    rows = without_repeats(rows)
     check_increasing(path, rows)
     for row in rows:
         if not row.text or not (folder / row.text).is_file():

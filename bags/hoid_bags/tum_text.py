@@ -54,6 +54,15 @@ def read_rows(path: Path) -> Iterator[Row]:
         yield Row(number, stamp_ns, rest.strip())
 
 
+def without_repeats(rows: list[Row]) -> list[Row]:
+    """Return the rows less those that say the same as the one before; some tools write such."""
+    return rows[:1] + [
+        row
+        for before, row in pairwise(rows)
+        if (row.stamp_ns, row.text) != (before.stamp_ns, before.text)
+    ]
+
+
 def check_increasing(path: Path, rows: list[Row]) -> None:
     """Raise InputError at the first stamp that is not later than the one before it."""
     for before, row in pairwise(rows):
