@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hoid_msgs.msg import Features
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 
@@ -32,8 +33,13 @@ class RgbdSlamNode(Node):
         self._camera: CameraModel | None = None
         self._session: SlamSession | None = None
         self._static = StaticFrameListener(self, self._diagnostics)
-        self._outputs = SlamOutputs(self, self._config)
+        self._outputs = SlamOutputs(self, self._config.frames)
         self._answers = SlamServices(self, self._config, lambda: self._session, self._reset)
+        # Wall time, and apart from the images: publishing a map must not hold odometry back.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._map_timer = self.create_timer(
+            self._config.map_period_s, self._publish_map, clock=steady
+        )
         inputs = Inputs(self, self._config.input, self._diagnostics)
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos')
         inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
@@ -50,14 +56,15 @@ class RgbdSlamNode(Node):
         if session is None:
             self._diagnostics.count('features before camera and base were known')
             return
-        features = conversions.features_from_msg(msg)
-        done = session.process(features)
+        done = session.process(conversions.features_from_msg(msg))
         self._outputs.publish(done, msg.header)
-        if done.is_keyframe:
-            self._outputs.publish_map_if_due(session, features.stamp_ns)
         self._diagnostics.set_value('state', done.status.state.name.lower())
         self._diagnostics.set_count('images processed', done.status.frames_processed)
         self._diagnostics.set_count('images missing', done.status.frames_dropped)
+
+    def _publish_map(self) -> None:
+        if self._session is not None and self._session.take_map_changed():
+            self._outputs.publish_map(self._session)
 
     def _start(self, camera_frame: str) -> SlamSession | None:
         """Return a session, or None while something that it needs is unknown."""

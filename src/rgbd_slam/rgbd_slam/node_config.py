@@ -35,7 +35,7 @@ class SlamNodeConfig(SlamConfig):
         '~/.ros/hoid', 'Folder of the files that services read and write; none lie outside'
     )
     map_period_s: float = param(
-        1.0, 'Map, path and keyframes are published at most so often', minimum=0.0, maximum=3600.0
+        1.0, 'Map, path and keyframes are published at most so often', minimum=0.05, maximum=3600.0
     )
     frames: FrameConfig = field(default_factory=FrameConfig)
     input: InputConfig = field(default_factory=InputConfig)

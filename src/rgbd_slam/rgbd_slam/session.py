@@ -11,7 +11,7 @@ from hoid_common.slam_status import SlamState, SlamStatus
 from hoid_common.values import CameraModel, Features, Float32Array, FloatArray, Trajectory
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frames import RobotFrames, RobotPose
-from rgbd_slam.slam import RgbdSlam, TrackingResult
+from rgbd_slam.slam import RgbdSlam, SlamStats, TrackingResult
 from rgbd_slam.stream_gaps import StreamGaps
 
 TRAJECTORY_KINDS = ('final', 'online', 'keyframes')
@@ -22,7 +22,6 @@ class Processed(NamedTuple):
 
     status: SlamStatus
     pose: RobotPose | None  # None while the pose is unknown
-    is_keyframe: bool
 
 
 class SlamSession:
@@ -46,19 +45,27 @@ class SlamSession:
         self._slam = RgbdSlam(self.camera, self._config)
         self._gaps = StreamGaps()
         self._num_processed = 0
+        self._map_changed = False
+        self._stats_shown: SlamStats | None = None
+        self.stamp_ns = 0  # of the latest image
 
     def process(self, features: Features) -> Processed:
         """Track one image; a paused session only says that it is paused."""
         if self.is_paused:
-            return Processed(self._status(SlamState.PAUSED), None, is_keyframe=False)
+            return Processed(self._status(SlamState.PAUSED), None)
+        self.stamp_ns = features.stamp_ns
         self._gaps.add(features.stamp_ns)
         result = self._slam.process(features)
         self._num_processed += 1
-        return Processed(
-            self._status(SlamState(result.state.value), result),
-            self._pose(result),
-            result.is_keyframe,
-        )
+        self._map_changed |= result.is_keyframe
+        return Processed(self._status(SlamState(result.state.value), result), self._pose(result))
+
+    def take_map_changed(self) -> bool:
+        """Return whether the map is another than at the last call."""
+        stats = self._slam.stats
+        changed = self._map_changed or stats != self._stats_shown
+        self._map_changed, self._stats_shown = False, stats
+        return changed
 
     def trajectory(self, kind: str) -> Trajectory:
         """Return the camera's poses in the map: final, online or keyframes.
@@ -68,6 +75,7 @@ class SlamSession:
         """
         if kind == 'final':
             self._slam.finish()
+            self._map_changed = True
             return self._frames.cameras(self._slam.trajectory_final())
         if kind == 'online':
             return self._frames.cameras(self._slam.trajectory_online())

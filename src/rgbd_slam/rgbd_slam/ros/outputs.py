@@ -13,19 +13,15 @@ from hoid_common.ros import conversions, qos, topics
 from hoid_common.ros.conversions.slam import keyframes_to_msg, slam_status_to_msg
 from hoid_common.ros.frame_tree import TransformPublisher
 from rgbd_slam.frames import RobotPose
-from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.node_config import FrameConfig
 from rgbd_slam.session import Processed, SlamSession
-
-_NS_PER_S = 1e9
 
 
 class SlamOutputs:
     """Publishers of the node; every message carries the stamp of the image it came from."""
 
-    def __init__(self, node: Node, config: SlamNodeConfig) -> None:
-        self._frames = config.frames
-        self._map_period_ns = round(config.map_period_s * _NS_PER_S)
-        self._map_stamp_ns: int | None = None
+    def __init__(self, node: Node, frames: FrameConfig) -> None:
+        self._frames = frames
         self._transforms = TransformPublisher(node)
         self._odom = node.create_publisher(Odometry, topics.ODOM, qos.OUTPUT)
         self._status = node.create_publisher(SlamStatus, topics.SLAM_STATUS, qos.OUTPUT)
@@ -39,16 +35,9 @@ class SlamOutputs:
             self._publish_pose(done.pose, header)
         self._status.publish(slam_status_to_msg(done.status, header))
 
-    def publish_map_if_due(self, session: SlamSession, stamp_ns: int) -> None:
-        """Publish the map unless it was published a moment ago, by the images' clock."""
-        last_ns = self._map_stamp_ns
-        if last_ns is None or not 0 <= stamp_ns - last_ns < self._map_period_ns:
-            self.publish_map(session, stamp_ns)
-
-    def publish_map(self, session: SlamSession, stamp_ns: int) -> None:
+    def publish_map(self, session: SlamSession) -> None:
         """Publish path, points and keyframes as the map says now."""
-        self._map_stamp_ns = stamp_ns
-        header = conversions.header_to_msg(stamp_ns, self._frames.map)
+        header = conversions.header_to_msg(session.stamp_ns, self._frames.map)
         path, cloud = session.path(), conversions.Cloud(session.map_points_m())
         self._path.publish(conversions.path_to_msg(path.stamps_ns, path.T_world_camera, header))
         self._points.publish(conversions.cloud_to_msg(cloud, header))
