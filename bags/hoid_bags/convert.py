@@ -96,7 +96,7 @@ def convert(
         )
         merged = heapq.merge(*streams, key=attrgetter('stamp_ns'))
         total = 2 * len(source.color) + len(source.depth) + _num_extras(source)
-        for item in tqdm(merged, total=total, unit='msg', disable=not show_progress):
+        for item in tqdm(merged, total=total, unit='msg', disable=None if show_progress else True):
             writer.write(item.topic, item.stamp_ns, item.message)
 
 

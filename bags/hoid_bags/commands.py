@@ -1,0 +1,171 @@
+"""The commands `convert`, `info`, `play` and `record`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from hoid_bags.cameras import find_camera
+from hoid_bags.convert import ConvertConfig, convert
+from hoid_bags.encoding import JPEG, PNG, RAW
+from hoid_bags.info import describe, summarize
+from hoid_bags.playback import PlayConfig
+from hoid_common.errors import ConfigError, InputError
+
+_CONVERT, _PLAY = ConvertConfig(), PlayConfig()
+
+
+def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid convert`."""
+    parser.add_argument('sequence', type=Path, metavar='SEQUENCE', help='TUM folder')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder to make')
+    parser.add_argument(
+        '--camera',
+        metavar='fr1|fr2|fr3|YAML',
+        help="TUM's camera, or a camera_info YAML (default: by the folder's name)",
+    )
+    parser.add_argument(
+        '--rgb', choices=(JPEG, PNG, RAW), default=_CONVERT.rgb, help='default: %(default)s'
+    )
+    parser.add_argument(
+        '--depth', choices=(PNG, RAW), default=_CONVERT.depth, help='default: %(default)s'
+    )
+    parser.add_argument(
+        '--depth-factor',
+        type=float,
+        default=_CONVERT.depth_units_per_m,
+        metavar='N',
+        help='depth units per metre (default: %(default)g)',
+    )
+    parser.add_argument(
+        '--round-depth', action='store_true', help='round depth to mm; PNG depth may need it'
+    )
+    parser.add_argument(
+        '--compress', action='store_true', help='pack with zstd: smaller, slower to play'
+    )
+
+
+def convert_command(args: argparse.Namespace) -> None:
+    """Turn a TUM folder into a bag."""
+    config = ConvertConfig(
+        rgb=args.rgb,
+        depth=args.depth,
+        depth_units_per_m=args.depth_factor,
+        round_depth=args.round_depth,
+        compress=args.compress,
+    )
+    camera = find_camera(args.camera) if args.camera else None
+    convert(args.sequence, args.bag, config, camera, show_progress=True)
+    print(describe(summarize(args.bag)))
+
+
+def add_info_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid info`."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='bag folder, .mcap or .db3 file')
+
+
+def info_command(args: argparse.Namespace) -> None:
+    """Print what is in a bag."""
+    summary = summarize(args.bag)
+    print(describe(summary))
+    if summary.fault is not None:
+        raise InputError(summary.fault)
+
+
+def add_play_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid play`."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='bag folder, .mcap or .db3 file')
+    parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC', help='only these')
+    parser.add_argument('--namespace', default='', metavar='NS', help='put before topics')
+    parser.add_argument(
+        '--rate', type=float, default=_PLAY.rate, metavar='R', help='times real time'
+    )
+    parser.add_argument(
+        '--loop', action='store_true', help='begin again at the end; stamps go on rising'
+    )
+    parser.add_argument(
+        '--start', type=float, default=_PLAY.start_s, metavar='S', help='s from the start'
+    )
+    parser.add_argument(
+        '--duration', type=float, default=_PLAY.duration_s, metavar='S', help='s; 0 = to the end'
+    )
+    parser.add_argument(
+        '--lockstep',
+        action='store_true',
+        help='hold each frame back until odometry for the one before is out',
+    )
+    parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
+    parser.add_argument(
+        '--wait',
+        type=float,
+        default=_PLAY.wait_s,
+        metavar='S',
+        help='longest wait for subscribers (default: %(default)g s)',
+    )
+    parser.add_argument(
+        '--require',
+        action='append',
+        default=[],
+        metavar='TOPIC=N',
+        help='begin only when TOPIC has N subscribers',
+    )
+
+
+def play_command(args: argparse.Namespace) -> None:
+    """Play a bag; the space bar pauses it on a terminal."""
+    from hoid_bags.play import play  # needs ROS, which convert and info do not
+
+    config = PlayConfig(
+        rate=args.rate,
+        loop=args.loop,
+        start_s=args.start,
+        duration_s=args.duration,
+        clock=not args.no_clock,
+        lockstep=args.lockstep,
+        wait_s=args.wait,
+    )
+    play(
+        args.bag,
+        config,
+        topic_names=tuple(args.topics),
+        namespace=args.namespace,
+        min_subscribers=dict(_requirement(text) for text in args.require),
+        show_progress=True,
+    )
+
+
+def add_record_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid record`."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder to make')
+    parser.add_argument(
+        '--topics', nargs='+', default=[], metavar='TOPIC', help="default: the suite's results"
+    )
+    parser.add_argument('--namespace', default='', metavar='NS', help='of relative topics')
+    parser.add_argument(
+        '--duration', type=float, default=0.0, metavar='S', help='s; 0 = until interrupted'
+    )
+    parser.add_argument(
+        '--use-sim-time', action='store_true', help='times by /clock instead of the wall'
+    )
+
+
+def record_command(args: argparse.Namespace) -> None:
+    """Record topics until Ctrl-C."""
+    from hoid_bags.record import RESULT_TOPICS, record  # needs ROS
+
+    count = record(
+        args.bag,
+        tuple(args.topics) or RESULT_TOPICS,
+        namespace=args.namespace,
+        duration_s=args.duration,
+        use_sim_time=args.use_sim_time,
+        show_progress=True,
+    )
+    print(f'{args.bag}: {count} messages')
+
+
+def _requirement(text: str) -> tuple[str, int]:
+    topic, _, count = text.rpartition('=')
+    if not topic or not count.isdecimal():
+        raise ConfigError(f'--require {text}: expected TOPIC=N, such as rgb/image=3')
+    return topic, int(count)

@@ -1,0 +1,42 @@
+"""Single keys from a terminal."""
+
+from __future__ import annotations
+
+import select
+import sys
+import termios
+import tty
+from types import TracebackType
+from typing import Self
+
+PAUSE_KEY = ' '
+
+
+class KeyPresses:
+    """Give the keys pressed since the last look; a context manager. Without a terminal: none."""
+
+    def __enter__(self) -> Self:
+        self._saved = None
+        if sys.stdin is not None and sys.stdin.isatty():
+            self._saved = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._saved is not None:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._saved)
+
+    def read(self) -> str:
+        """Return the keys pressed since the last call, without waiting."""
+        keys = ''
+        while self._saved is not None and select.select([sys.stdin], [], [], 0)[0]:
+            key = sys.stdin.read(1)
+            if not key:  # end of file
+                break
+            keys += key
+        return keys
