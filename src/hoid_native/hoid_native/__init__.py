@@ -4,6 +4,15 @@ Plain functions over numpy arrays; the library has a C interface and is loaded w
 it needs no Python headers and serves every Python version.
 """
 
+from hoid_native.geometry import Gates, Lens, adjust_bundle, optimize_pose
 from hoid_native.kernels import fast_corners, match_by_projection, orientations_deg
 
-__all__ = ['fast_corners', 'match_by_projection', 'orientations_deg']
+__all__ = [
+    'Gates',
+    'Lens',
+    'adjust_bundle',
+    'fast_corners',
+    'match_by_projection',
+    'optimize_pose',
+    'orientations_deg',
+]

@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 from ctypes import c_double, c_int32, c_void_p
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_native.library import load
+from hoid_native.library import declare
 
-_LIBRARY = load()
 _MAX_CORNERS_SHARE = 0.25  # of the pixels: non-maximum suppression leaves at most one of four
 
 
-def _declare(name: str, *arguments: Any) -> Any:
-    function = getattr(_LIBRARY, name)
-    function.argtypes = arguments
-    function.restype = c_int32
-    return function
-
-
-_fast_corners = _declare(
+_fast_corners = declare(
     'hoid_fast_corners', c_void_p, *[c_int32] * 6, c_void_p, c_void_p, c_void_p
 )
-_orientations = _declare(
+_orientations = declare(
     'hoid_orientations', c_void_p, c_int32, c_int32, c_void_p, c_void_p, c_void_p
 )
-_match_by_projection = _declare(
+_match_by_projection = declare(
     'hoid_match_by_projection',
     c_int32,
     *[c_void_p] * 7,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from ctypes import c_int32
 from pathlib import Path
+from typing import Any
 
 _FILE = 'libhoid_native.so'
 
 
-def load() -> ctypes.CDLL:
+def _load() -> ctypes.CDLL:
     """Load the library from this package, or from the workspace that this source tree built.
 
     Raises:
@@ -24,3 +26,14 @@ def load() -> ctypes.CDLL:
         if (folder / _FILE).is_file():
             return ctypes.CDLL(str(folder / _FILE))
     raise ImportError(f'{_FILE} is not built: run "make build", or colcon build and source it')
+
+
+_LIBRARY = _load()
+
+
+def declare(name: str, *arguments: Any) -> Any:
+    """Return a function of the library by its name and argument types; it returns an int32."""
+    function = getattr(_LIBRARY, name)
+    function.argtypes = arguments
+    function.restype = c_int32
+    return function

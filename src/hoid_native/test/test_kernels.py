@@ -3,9 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from hoid_native import fast_corners, match_by_projection, orientations_deg
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from hoid_native import fast_corners, match_by_projection, orientations_deg
 
 
 def textured(seed, height=97, width=131):

@@ -20,6 +20,7 @@ from hoid_common.values import (
     Float32Array,
     FloatArray,
 )
+from hoid_native import Lens
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,11 @@ class StereoCamera:
             camera.fx_px * baseline_m,
             bounds,
         )
+
+    @cached_property
+    def lens(self) -> Lens:
+        """Return what the optimisers need of it."""
+        return Lens(self.fx_px, self.fy_px, self.cx_px, self.cy_px, self.baseline_px_m)
 
     def project(self, points_camera_m: FloatArray) -> FloatArray:
         """Return (N, 3) u, v, u_right of (N, 3) points in front of the camera."""

@@ -29,7 +29,7 @@ from rgbd_slam.matching import (
     rotation_consistent,
 )
 from rgbd_slam.place_config import VerificationConfig
-from rgbd_slam.pose_optimizer import PoseEstimate, PoseOptimizer, PoseProblem
+from rgbd_slam.pose_optimizer import PoseEstimate, PoseProblem, optimize_pose
 from rgbd_slam.projection import to_camera
 
 _GUIDED_RADII = (4.0, 2.0)  # first as far as RANSAC's pose may be off, then close
@@ -81,7 +81,6 @@ class PlaceVerifier:
         self._camera = camera
         self._config = config
         self._seed = seed
-        self._optimizer = PoseOptimizer(camera)
 
     def verify(self, frame: Frame, candidate: int) -> PlaceMatch:
         """Look for what keyframe `candidate` and its neighbours see in a frame."""
@@ -160,8 +159,8 @@ class PlaceVerifier:
         self, frame: Frame, k: IntArray, j: IntArray, T_camera_map: FloatArray
     ) -> PoseEstimate:
         problem = PoseProblem(
-            np.ascontiguousarray(self._map.points.position_m[j].T),
-            np.ascontiguousarray(frame.measurement_px[k].T, np.float64),
+            self._map.points.position_m[j],
+            frame.measurement_px[k].astype(np.float64),
             self._map.octave_scale[frame.octave[k]] ** -2.0,
         )
-        return self._optimizer.optimize(problem, T_camera_map)
+        return optimize_pose(self._camera, problem, T_camera_map)

@@ -20,7 +20,7 @@ from rgbd_slam.matching import (
     match_by_projection,
     rotation_consistent,
 )
-from rgbd_slam.pose_optimizer import PoseEstimate, PoseOptimizer, PoseProblem
+from rgbd_slam.pose_optimizer import PoseEstimate, PoseProblem, optimize_pose
 from rgbd_slam.projection import project, to_camera
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 
@@ -52,7 +52,6 @@ class Tracker:
         self._camera = camera
         self._map = slam_map
         self._config = config
-        self._optimizer = PoseOptimizer(camera)
         self._inv_sigma2 = slam_map.octave_scale**-2.0
 
     def track(
@@ -178,11 +177,11 @@ class Tracker:
         """Return the pose that the matched points give, and the points without outliers."""
         k = np.flatnonzero(points != NO_POINT)
         problem = PoseProblem(
-            np.ascontiguousarray(self._map.points.position_m[points[k]].T),
-            np.ascontiguousarray(frame.measurement_px[k].T, np.float64),
+            self._map.points.position_m[points[k]],
+            frame.measurement_px[k].astype(np.float64),
             self._inv_sigma2[frame.octave[k]],
         )
-        estimate = self._optimizer.optimize(problem, T_camera_map)
+        estimate = optimize_pose(self._camera, problem, T_camera_map)
         kept = np.full(len(points), NO_POINT, np.int64)
         kept[k[estimate.inliers]] = points[k[estimate.inliers]]
         return estimate, kept

@@ -1,0 +1,158 @@
+"""Least squares on (u, v, u_right): the pose of one image, and a window of poses and points."""
+
+from __future__ import annotations
+
+from ctypes import c_int32, c_void_p
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_native.library import declare
+
+_optimize_pose = declare('hoid_optimize_pose', c_void_p, c_void_p, c_int32, *[c_void_p] * 6)
+_adjust_bundle = declare(
+    'hoid_adjust_bundle',
+    c_void_p,
+    c_void_p,
+    *[c_int32] * 4,
+    *[c_void_p] * 4,
+    c_int32,
+    *[c_void_p] * 4,
+)
+
+
+class Lens(NamedTuple):
+    """A pinhole camera with a virtual right column: u_right = u - disparity_px_m / depth_m."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    disparity_px_m: float
+
+
+class Gates(NamedTuple):
+    """Squared normalised residuals beyond which an observation is an outlier."""
+
+    mono: float  # without depth
+    stereo: float
+
+
+class PoseFit(NamedTuple):
+    """A pose and what supports it."""
+
+    T_camera_map: NDArray[np.float64]  # (4, 4)
+    inliers: NDArray[np.bool_]  # (N,)
+    information: NDArray[np.float64]  # (6, 6) of the left twist, rotation first
+
+
+class BundleFit(NamedTuple):
+    """Adjusted poses and points."""
+
+    T_camera_map: NDArray[np.float64]  # (C, 4, 4)
+    points_m: NDArray[np.float64]  # (P, 3)
+    chi2: NDArray[np.float64]  # (M,) at the end; infinite behind a camera
+    cost_before: float
+    cost_after: float
+
+
+def optimize_pose(
+    lens: Lens,
+    gates: Gates,
+    points_m: NDArray[np.float64],
+    measured_px: NDArray[np.float64],
+    inv_sigma2: NDArray[np.float64],
+    T_camera_map: NDArray[np.float64],
+) -> PoseFit:
+    """Return the pose that explains matches best: Gauss-Newton with a Huber kernel.
+
+    Args:
+        lens: Of the image.
+        gates: Of outliers, told anew after each of three rounds, and of the kernel.
+        points_m: (N, 3) in the map's frame.
+        measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+        inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+        T_camera_map: (4, 4) where to start.
+
+    """
+    n = len(inv_sigma2)
+    points, measured, weight = _rows(points_m, n), _rows(measured_px, n), _row(inv_sigma2)
+    T = np.array(T_camera_map, np.float64, order='C')
+    inliers, information = np.empty(n, np.bool_), np.empty((6, 6))
+    _optimize_pose(
+        *(np.array(part, np.float64).ctypes.data_as(c_void_p) for part in (lens, gates)),
+        n,
+        points.ctypes.data,
+        measured.ctypes.data,
+        weight.ctypes.data,
+        T.ctypes.data,
+        inliers.ctypes.data,
+        information.ctypes.data,
+    )
+    return PoseFit(T, inliers, information)
+
+
+def adjust_bundle(
+    lens: Lens,
+    gates: Gates,
+    T_camera_map: NDArray[np.float64],
+    num_free: int,
+    points_m: NDArray[np.float64],
+    camera: NDArray[np.int64],
+    point: NDArray[np.int64],
+    measured_px: NDArray[np.float64],
+    inv_sigma2: NDArray[np.float64],
+    iterations: int,
+) -> BundleFit:
+    """Adjust with a Huber kernel, leave out what does not fit, and adjust again.
+
+    Args:
+        lens: Of all images.
+        gates: Of outliers, and of the kernel.
+        T_camera_map: (C, 4, 4), the first `num_free` are moved.
+        num_free: How many cameras move.
+        points_m: (P, 3).
+        camera: (M,) which camera observes.
+        point: (M,) which point; once a camera at most.
+        measured_px: (M, 3) u, v, u_right; NaN u_right: no depth.
+        inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
+        iterations: Of each of the two, at most.
+
+    """
+    order = np.argsort(point, kind='stable')
+    num_points, m = len(points_m), len(order)
+    T, points = np.array(T_camera_map, np.float64), np.array(points_m, np.float64, order='C')
+    of_camera = np.ascontiguousarray(camera[order], np.int32)
+    of_point = np.ascontiguousarray(point[order], np.int32)
+    measured, weight = _rows(measured_px[order], m), _row(inv_sigma2[order])
+    chi2, costs = np.empty(m), np.empty(2)
+    _adjust_bundle(
+        *(np.array(part, np.float64).ctypes.data_as(c_void_p) for part in (lens, gates)),
+        len(T),
+        num_free,
+        num_points,
+        m,
+        of_camera.ctypes.data,
+        of_point.ctypes.data,
+        measured.ctypes.data,
+        weight.ctypes.data,
+        iterations,
+        T.ctypes.data,
+        points.ctypes.data,
+        chi2.ctypes.data,
+        costs.ctypes.data,
+    )
+    out = np.empty(m)
+    out[order] = chi2
+    return BundleFit(T, points, out, float(costs[0]), float(costs[1]))
+
+
+def _rows(array: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    if array.shape != (n, 3):
+        raise ValueError(f'expected {(n, 3)} coordinates, not {array.shape}')
+    return np.ascontiguousarray(array, np.float64)
+
+
+def _row(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.ascontiguousarray(array, np.float64)

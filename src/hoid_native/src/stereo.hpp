@@ -1,0 +1,118 @@
+// A camera with a virtual right column, its projection and its derivatives.
+//
+// A map point x_map is at x = R x_map + t in the camera, and projects to u, v and
+// u_right = u - disparity / z (Mur-Artal and Tardos, T-RO 2017, eq. 1). A twist (rotation first)
+// moves the pose from the left, so that x moves by -hat(x) w + v (Barfoot, State Estimation for
+// Robotics, eq. 7.180).
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define STEREO_MULTIVERSION __attribute__((target_clones("avx2", "default")))
+#else
+#define STEREO_MULTIVERSION
+#endif
+#define STEREO_INLINE __attribute__((always_inline)) inline
+
+namespace stereo {
+
+constexpr int kPose = 6;
+constexpr int kPoint = 3;
+constexpr int kRows = 3;  // u, v, u_right
+constexpr double kMinDepthM = 0.05;
+constexpr double kSmallAngleRad = 1e-4;
+
+// Five numbers as they come from Python.
+struct Camera
+{
+  double fx, fy, cx, cy, disparity_m;
+};
+
+// Row-major 4x4, T_camera_map.
+using Pose = double*;
+
+// What an observation says: NaN u_right is no depth. `weight` is 1 / variance.
+struct Observation
+{
+  const double* measured;
+  double weight;
+
+  STEREO_INLINE bool has_depth() const { return measured[2] == measured[2]; }
+};
+
+struct Gates
+{
+  double mono, stereo;
+
+  STEREO_INLINE double of(const Observation& seen) const
+  {
+    return seen.has_depth() ? stereo : mono;
+  }
+};
+
+STEREO_INLINE void to_camera(const double* T, const double* p, double* x)
+{
+  for (int r = 0; r < 3; ++r) {
+    x[r] = T[4 * r] * p[0] + T[4 * r + 1] * p[1] + T[4 * r + 2] * p[2] + T[4 * r + 3];
+  }
+}
+
+// Write measured - expected; the row of u_right is 0 without depth. Depth is held at its minimum.
+STEREO_INLINE void residual(
+  const Camera& camera, const double* x, const Observation& seen, double* out)
+{
+  const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
+  const double u = camera.fx * x[0] * inv_z + camera.cx;
+  out[0] = seen.measured[0] - u;
+  out[1] = seen.measured[1] - (camera.fy * x[1] * inv_z + camera.cy);
+  out[2] = seen.has_depth() ? seen.measured[2] - (u - camera.disparity_m * inv_z) : 0.0;
+}
+
+STEREO_INLINE double chi2(const Observation& seen, const double* e)
+{
+  return seen.weight * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2]);
+}
+
+// Derivatives of u, v, u_right by the point in the camera's frame, [row][coordinate].
+STEREO_INLINE void point_jacobian(
+  const Camera& camera, const double* x, bool has_depth, double J[kRows][kPoint])
+{
+  const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
+  const double fx = camera.fx * inv_z, fy = camera.fy * inv_z;
+  J[0][0] = fx;
+  J[0][1] = 0.0;
+  J[0][2] = -fx * x[0] * inv_z;
+  J[1][0] = 0.0;
+  J[1][1] = fy;
+  J[1][2] = -fy * x[1] * inv_z;
+  const double on = has_depth ? 1.0 : 0.0;
+  J[2][0] = on * fx;
+  J[2][1] = 0.0;
+  J[2][2] = on * (J[0][2] + camera.disparity_m * inv_z * inv_z);
+}
+
+// Derivatives by the pose's twist, [row][rotation, then translation], from those by the point.
+STEREO_INLINE void pose_jacobian(
+  const double* x, const double J_point[kRows][kPoint], double J[kRows][kPose])
+{
+  for (int r = 0; r < kRows; ++r) {
+    const double* d = J_point[r];
+    J[r][0] = d[2] * x[1] - d[1] * x[2];
+    J[r][1] = d[0] * x[2] - d[2] * x[0];
+    J[r][2] = d[1] * x[0] - d[0] * x[1];
+    J[r][3] = d[0];
+    J[r][4] = d[1];
+    J[r][5] = d[2];
+  }
+}
+
+// T <- exp(twist) T, with the rotation kept orthonormal.
+void move_pose(const double* twist, Pose T);
+
+// Solve A x = b for a symmetric positive definite A (n, n), row-major, which is overwritten by its
+// Cholesky factor; b becomes x. False when A is not positive definite.
+bool solve_positive(double* A, double* b, int n);
+
+}  // namespace stereo

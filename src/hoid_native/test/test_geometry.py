@@ -1,0 +1,115 @@
+"""Least squares kernels: known poses come back, derivatives are those of the projection."""
+
+import numpy as np
+import pytest
+
+from hoid_native import Gates, Lens, adjust_bundle, optimize_pose
+
+LENS = Lens(500.0, 510.0, 320.0, 240.0, 40.0)
+GATES = Gates(5.991, 7.815)
+
+
+def rotation(w):
+    """Rodrigues' formula."""
+    angle = np.linalg.norm(w)
+    W = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]]) / angle
+    return np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
+
+
+def pose(w, t):
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation(np.asarray(w, float)), t
+    return T
+
+
+def pixels(T, points):
+    x, y, z = (points @ T[:3, :3].T + T[:3, 3]).T
+    u = LENS.fx_px * x / z + LENS.cx_px
+    return np.stack([u, LENS.fy_px * y / z + LENS.cy_px, u - LENS.disparity_px_m / z], 1)
+
+
+def scene(seed, count):
+    rng = np.random.default_rng(seed)
+    return rng, rng.uniform([-1.5, -1, 1.5], [1.5, 1, 5], (count, 3))
+
+
+TRUTH = pose([0.1, -0.2, 0.15], [0.1, -0.05, 0.2])
+
+
+def test_pose_is_found_with_outliers_and_without_some_depths():
+    rng, points = scene(0, 120)
+    measured = pixels(TRUTH, points)
+    measured[::3, 2] = np.nan
+    measured[:25, :2] += rng.choice([-1, 1], (25, 2)) * rng.uniform(10, 60, (25, 2))
+    fit = optimize_pose(
+        LENS, GATES, points, measured, np.ones(120), pose([0.1, -0.1, 0.1], [0] * 3)
+    )
+    np.testing.assert_allclose(fit.T_camera_map, TRUTH, atol=1e-9)
+    assert fit.inliers.tolist() == [False] * 25 + [True] * 95
+
+
+def test_information_is_that_of_numeric_derivatives():
+    _, points = scene(1, 40)
+    measured = pixels(TRUTH, points)
+    measured[::2, 2] = np.nan
+    weight = np.linspace(0.3, 1, 40)
+    step = 1e-6
+    columns = []
+    for a in range(6):
+        twist = np.zeros(6)
+        twist[a] = step
+        moved = np.eye(4)
+        moved[:3, :3] = rotation(twist[:3]) if a < 3 else np.eye(3)
+        moved[:3, 3] = twist[3:]
+        back = np.linalg.inv(moved)
+        columns.append((pixels(moved @ TRUTH, points) - pixels(back @ TRUTH, points)) / (2 * step))
+    J = np.where(np.isfinite(measured)[..., None], np.stack(columns, -1), 0)
+    expected = np.einsum('kra,k,krb->ab', J, weight, J)
+    fit = optimize_pose(LENS, GATES, points, measured, weight, TRUTH)
+    np.testing.assert_allclose(fit.information, expected, rtol=1e-6, atol=1e-3)
+
+
+def test_points_behind_the_camera_are_outliers():
+    _, points = scene(2, 50)
+    measured = pixels(TRUTH, points)
+    points[:5, 2] -= 20
+    fit = optimize_pose(LENS, GATES, points, measured, np.ones(50), TRUTH)
+    assert fit.inliers.tolist() == [False] * 5 + [True] * 45
+
+
+def test_too_few_points_leave_the_pose_alone():
+    _, points = scene(3, 3)
+    fit = optimize_pose(LENS, GATES, points, pixels(TRUTH, points), np.ones(3), np.eye(4))
+    np.testing.assert_array_equal(fit.T_camera_map, np.eye(4))
+
+
+def test_coordinates_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match=r'\(4, 3\)'):
+        optimize_pose(LENS, GATES, np.zeros((3, 4)), np.zeros((4, 3)), np.ones(4), np.eye(4))
+
+
+def test_bundle_comes_back_to_the_truth():
+    rng, points = scene(4, 150)
+    poses = np.stack(
+        [TRUTH, *(pose([0.02 * i, 0.03, 0.01], [0.15 * i, 0, 0.02 * i]) for i in range(1, 5))]
+    )
+    camera, point = (part.ravel() for part in np.mgrid[:5, :150])
+    seen = rng.random(len(camera)) < 0.8
+    camera, point = camera[seen], point[seen]
+    measured = np.concatenate([pixels(T, points[point[camera == i]]) for i, T in enumerate(poses)])
+    measured[rng.random(len(camera)) < 0.3, 2] = np.nan
+    wrong = rng.random(len(camera)) < 0.03
+    measured[wrong, 1] += 40
+    start = poses.copy()
+    for i in range(3):
+        start[i] = pose(rng.normal(0, 0.01, 3), rng.normal(0, 0.01, 3)) @ poses[i]
+    fit = adjust_bundle(
+        LENS, GATES, start, 3, points + rng.normal(0, 0.01, points.shape), camera, point, measured,
+        np.ones(len(camera)), 15,
+    )  # fmt: skip
+    np.testing.assert_array_equal(fit.T_camera_map[3:], poses[3:])
+    np.testing.assert_allclose(fit.T_camera_map[:3], poses[:3], atol=1e-6)
+    well = np.bincount(point, minlength=150) >= 3
+    assert np.median(np.abs(fit.points_m - points)[well]) < 1e-6
+    assert ((fit.chi2 > GATES.mono) == wrong).mean() > 0.995
+    assert fit.cost_after < 0.02 * fit.cost_before
