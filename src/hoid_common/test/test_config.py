@@ -1,5 +1,6 @@
 from dataclasses import FrozenInstanceError, dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,7 @@ class Outer(Config):
     inner: Inner = Inner()
 
 
-def test_leaves_have_dotted_names_in_order():
+def test_leaves_have_dotted_names_in_order() -> None:
     assert [(p.name, p.value) for p in Outer().params()] == [
         ('count', 3),
         ('mode', 'fast'),
@@ -32,14 +33,14 @@ def test_leaves_have_dotted_names_in_order():
     ]
 
 
-def test_specs_come_along():
+def test_specs_come_along() -> None:
     specs = {p.name: p.spec for p in Outer().params()}
     assert specs['inner.share'].maximum == 1.0
     assert not specs['inner.share'].read_only
     assert specs['mode'].choices == ('fast', 'slow')
 
 
-def test_updated_replaces_nested_values_only_there():
+def test_updated_replaces_nested_values_only_there() -> None:
     new = Outer().updated({'inner.share': 0.25, 'mode': 'slow'})
     assert (new.inner.share, new.mode, new.count, new.inner.classes) == (0.25, 'slow', 3, ('cup',))
     assert Outer().inner.share == 0.5
@@ -60,18 +61,18 @@ def test_updated_replaces_nested_values_only_there():
         ('inner.speed', 1, r'Inner has no parameter "speed"'),
     ],
 )
-def test_unusable_values_are_named(name, value, said):
+def test_unusable_values_are_named(name: str, value: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         Outer().updated({name: value})
 
 
-def test_whole_numbers_become_floats_where_floats_are_meant():
+def test_whole_numbers_become_floats_where_floats_are_meant() -> None:
     share = Outer().updated({'inner.share': 1}).inner.share
     assert isinstance(share, float)
     assert share == 1.0
 
 
-def test_configs_are_frozen():
+def test_configs_are_frozen() -> None:
     with pytest.raises(FrozenInstanceError):
         Outer().count = 4  # type: ignore[misc]
 
@@ -82,7 +83,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def test_parameter_files_hold_sections_of_several_nodes(tmp_path):
+def test_parameter_files_hold_sections_of_several_nodes(tmp_path: Path) -> None:
     path = write(
         tmp_path,
         '/**: {ros__parameters: {count: 7}}\n'
@@ -101,11 +102,11 @@ def test_parameter_files_hold_sections_of_several_nodes(tmp_path):
         ('outer: {count: 1}', 'section "outer" has no "ros__parameters"'),
     ],
 )
-def test_bad_parameter_files_are_named(tmp_path, text, said):
+def test_bad_parameter_files_are_named(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         load_params(write(tmp_path, text), 'outer')
 
 
-def test_missing_parameter_file(tmp_path):
+def test_missing_parameter_file(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r'none\.yaml: cannot be read \(No such file'):
         load_params(tmp_path / 'none.yaml', 'outer')

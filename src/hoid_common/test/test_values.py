@@ -1,3 +1,6 @@
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,17 +12,17 @@ from hoid_common.values import CameraModel, Detections, DynamicObject, Features,
 DISTORTION = (0.262383, -0.953104, -0.005358, 0.002628, 1.163314)
 
 
-def camera(distortion=()):
+def camera(distortion: tuple[float, ...] = ()) -> CameraModel:
     return CameraModel(640, 480, 517.3, 516.5, 318.6, 255.3, distortion)
 
 
-def test_camera_matrix():
+def test_camera_matrix() -> None:
     np.testing.assert_array_equal(
         camera().matrix, [[517.3, 0, 318.6], [0, 516.5, 255.3], [0, 0, 1]]
     )
 
 
-def test_projection_of_known_points():
+def test_projection_of_known_points() -> None:
     points = np.array([[0, 0, 2.0], [1, 0, 2], [0, -1, 4]])
     np.testing.assert_allclose(
         camera().project_px(points),
@@ -28,27 +31,31 @@ def test_projection_of_known_points():
     )
 
 
-def test_distortion_is_taken_out_again():
+def test_distortion_is_taken_out_again() -> None:
     points = np.random.default_rng(0).uniform([-0.8, -0.6, 2], [0.8, 0.6, 3], (50, 3))
     imaged = camera(DISTORTION).project_px(points)
     ideal = camera().project_px(points)
     assert np.abs(imaged - ideal).max() > 0.5
-    np.testing.assert_allclose(camera(DISTORTION).undistort_px(imaged), ideal, atol=0.02)
+    np.testing.assert_allclose(
+        camera(DISTORTION).undistort_px(imaged.astype(np.float32)), ideal, atol=0.02
+    )
 
 
-def test_no_distortion_costs_nothing():
+def test_no_distortion_costs_nothing() -> None:
     uv = np.zeros((3, 2), np.float32)
     assert camera().undistort_px(uv) is uv
 
 
 @pytest.mark.parametrize('bad', [{'fx_px': 0.0}, {'fy_px': float('nan')}, {'width_px': 0}])
-def test_cameras_that_cannot_be_are_refused(bad):
+def test_cameras_that_cannot_be_are_refused(bad: dict[str, Any]) -> None:
     fields = {'width_px': 640, 'height_px': 480, 'fx_px': 1.0, 'fy_px': 1.0}
     with pytest.raises(ConfigError, match='must be positive'):
         CameraModel(**(fields | bad), cx_px=0.0, cy_px=0.0)
 
 
-def detections(xyxy, scores, names=None):
+def detections(
+    xyxy: Sequence[Sequence[float]], scores: Sequence[float], names: Sequence[str] | None = None
+) -> Detections:
     return Detections(
         7,
         np.array(xyxy, np.float32).reshape(-1, 4),
@@ -57,17 +64,17 @@ def detections(xyxy, scores, names=None):
     )
 
 
-def test_detections_of_other_lengths_are_refused():
+def test_detections_of_other_lengths_are_refused() -> None:
     with pytest.raises(MessageError, match='1 classes'):
         detections([[0, 0, 1, 1]], [0.5, 0.5], ['person'])
 
 
-def test_no_detections():
+def test_no_detections() -> None:
     none = Detections.none(3)
     assert (len(none), none.stamp_ns, none.boxes_xyxy_px.shape) == (0, 3, (0, 4))
 
 
-def features(n):
+def features(n: int) -> Features:
     return Features(
         5,
         np.arange(2 * n, dtype=np.float32).reshape(n, 2),
@@ -80,14 +87,14 @@ def features(n):
     )
 
 
-def test_selected_features_stay_together():
+def test_selected_features_stay_together() -> None:
     chosen = features(4).select(np.array([False, True, False, True]))
     np.testing.assert_array_equal(chosen.response, [1, 3])
     np.testing.assert_array_equal(chosen.uv_px, [[2, 3], [6, 7]])
     assert chosen.stamp_ns == 5
 
 
-def test_features_of_other_lengths_are_refused():
+def test_features_of_other_lengths_are_refused() -> None:
     good = features(3)
     with pytest.raises(MessageError, match=r'depth_m has shape \(2,\), expected \(3,\)'):
         Features(
@@ -103,12 +110,12 @@ def test_features_of_other_lengths_are_refused():
 
 
 @pytest.mark.parametrize('reason', Reason)
-def test_all_reasons_but_one_are_dynamic(reason):
+def test_all_reasons_but_one_are_dynamic(reason: Reason) -> None:
     obj = DynamicObject('cup', (0, 0, 1, 1), 0.5, -1, reason)
     assert obj.is_dynamic == (reason is not Reason.STATIC)
 
 
-def test_throttle_counts_what_it_holds_back():
+def test_throttle_counts_what_it_holds_back() -> None:
     throttle = Throttle(5.0)
     assert throttle.allow('a', 0.0) == 0
     assert throttle.allow('a', 1.0) is None
@@ -118,7 +125,7 @@ def test_throttle_counts_what_it_holds_back():
     assert throttle.allow('a', 20.0) == 0
 
 
-def test_a_missing_input_is_said_in_plain_words():
+def test_a_missing_input_is_said_in_plain_words() -> None:
     watch = InputWatch('depth images', '/depth/image', 'reliable', since_s=100.0)
     assert not watch.is_missing(101.0)
     assert watch.is_missing(103.2)

@@ -33,7 +33,9 @@ def features_from_msg(msg: FeaturesMsg) -> Features:
         byte_array(msg.octave, 'features.octave', n),
         float_array(msg.angle_deg, 'features.angle_deg', n),
         float_array(msg.response, 'features.response', n),
-        byte_array(msg.descriptors, 'features.descriptors', DESCRIPTOR_BYTES * n).reshape(n, -1),
+        byte_array(msg.descriptors, 'features.descriptors', DESCRIPTOR_BYTES * n).reshape(
+            n, DESCRIPTOR_BYTES
+        ),
         byte_array(msg.may_seed, 'features.may_seed', n).astype(np.bool_)
         if len(msg.may_seed)
         else np.ones(n, np.bool_),

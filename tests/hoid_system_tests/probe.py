@@ -1,0 +1,85 @@
+"""The test's own node: publishes, listens, calls services and waits with a limit."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+
+from hoid_common.ros import qos
+
+TIMEOUT_S = 15.0
+_DISCOVERY_S = 0.3
+
+
+class Probe:
+    """A node in a context of its own."""
+
+    def __init__(self, domain_id: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.node = rclpy.create_node('probe', context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def publisher(
+        self, type_: type[Any], topic: str, profile: QoSProfile = qos.OUTPUT, *, wait: bool = True
+    ) -> Publisher:
+        """Return a publisher; with `wait`, once somebody listens to it."""
+        publisher = self.node.create_publisher(type_, topic, profile)
+        if wait:
+            self.spin_until(
+                lambda: publisher.get_subscription_count() > 0, f'nobody listens to {topic}'
+            )
+            # It may still have to learn of us, and drops our messages until then.
+            self.spin_for(_DISCOVERY_S)
+        return publisher
+
+    def collect(
+        self, type_: type[Any], topic: str, profile: QoSProfile = qos.OUTPUT, *, wait: bool = True
+    ) -> list[Any]:
+        """Return the list that grows with each message; with `wait`, once somebody publishes."""
+        received: list[Any] = []
+        self.node.create_subscription(type_, topic, received.append, profile)
+        if wait:
+            self.spin_until(
+                lambda: self.node.count_publishers(self.node.resolve_topic_name(topic)) > 0,
+                f'nobody publishes {topic}',
+            )
+        return received
+
+    def call(self, type_: type[Any], name: str, request: Any) -> Any:
+        """Return a service's answer."""
+        client = self.node.create_client(type_, name)
+        self.spin_until(client.service_is_ready, f'nobody offers {name}')
+        future = client.call_async(request)
+        self.spin_until(future.done, f'{name} gives no answer')
+        self.node.destroy_client(client)
+        return future.result()
+
+    def spin_for(self, duration_s: float) -> None:
+        """Let messages come in."""
+        end_s = time.monotonic() + duration_s
+        while time.monotonic() < end_s:
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def spin_until(
+        self, done: Callable[[], bool], complaint: str, timeout_s: float = TIMEOUT_S
+    ) -> None:
+        """Let messages come in until `done()`; if it never is, fail with the complaint."""
+        end_s = time.monotonic() + timeout_s
+        while not done():
+            assert time.monotonic() < end_s, f'{complaint} within {timeout_s:.0f} s'
+            self._executor.spin_once(timeout_sec=0.02)

@@ -1,0 +1,38 @@
+"""Nodes as processes, started as an installed executable is, and always ended."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hoid_bringup.supervisor import ProcessSpec
+
+
+def executable(package: str, name: str) -> Path:
+    """Return an installed executable of a package in the sourced workspace."""
+    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
+        path = Path(prefix) / 'lib' / package / name
+        if path.is_file():
+            return path
+    raise FileNotFoundError(
+        f'{package}/{name} is not installed; build the workspace and source it'
+    )
+
+
+def node_spec(
+    package: str,
+    name: str,
+    params: Mapping[str, Any],
+    ros_args: Sequence[str] = (),
+) -> ProcessSpec:
+    """Return how to start `ros2 run package name` with parameters."""
+    argv = [sys.executable, str(executable(package, name)), '--ros-args', *ros_args]
+    for key, value in params.items():
+        text = yaml.safe_dump(value, default_flow_style=True).removesuffix('\n...\n').strip()
+        argv += ['-p', f'{key}:={text}']
+    return ProcessSpec(name, tuple(argv))

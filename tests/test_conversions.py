@@ -1,0 +1,303 @@
+"""Round trips and refusals of every conversion, on real messages through real serialisation."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, RegionOfInterest
+
+from hoid_common import se3
+from hoid_common.errors import MessageError
+from hoid_common.ros import conversions
+from hoid_common.ros.conversions import Cloud, FeatureCounts
+from hoid_common.values import (
+    CameraModel,
+    Detections,
+    DynamicObject,
+    Features,
+    FloatArray,
+    Reason,
+)
+
+HEADER = conversions.header_to_msg(1_305_031_102_160_407_123, 'camera')
+SIZE = (640, 480)
+NAN = float('nan')
+
+
+def sent(msg: Any) -> Any:
+    """What arrives at the other end."""
+    return deserialize_message(serialize_message(msg), type(msg))
+
+
+def test_header_keeps_nanoseconds() -> None:
+    msg = sent(HEADER)
+    assert conversions.stamp_from_msg(msg.stamp) == 1_305_031_102_160_407_123
+    assert (msg.stamp.nanosec, msg.frame_id) == (160_407_123, 'camera')
+
+
+def test_color_round_trip() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
+    msg = sent(conversions.color_to_msg(image, HEADER))
+    assert (msg.encoding, msg.width, msg.height, msg.step) == ('bgr8', 64, 48, 192)
+    assert msg.header == HEADER
+    np.testing.assert_array_equal(conversions.color_from_msg(msg), image)
+
+
+def test_compressed_color_round_trip() -> None:
+    image = np.full((48, 64, 3), (200, 100, 50), np.uint8)
+    msg = sent(conversions.compressed_color_to_msg(image, HEADER, quality=95))
+    assert msg.format == 'bgr8; jpeg compressed bgr8'
+    assert np.abs(conversions.color_from_msg(msg).astype(int) - image).max() <= 2
+
+
+def test_whole_millimetres_travel_as_16uc1() -> None:
+    depth = np.random.default_rng(0).integers(0, 10_000, (48, 64)).astype(np.float32) / np.float32(
+        1000
+    )
+    msg = sent(conversions.depth_to_msg(depth, HEADER))
+    assert (msg.encoding, msg.step) == ('16UC1', 128)
+    np.testing.assert_array_equal(conversions.depth_from_msg(msg), depth)
+    packed = sent(conversions.compressed_depth_to_msg(depth, HEADER))
+    assert packed.format == '16UC1; compressedDepth png'
+    np.testing.assert_array_equal(conversions.depth_from_msg(packed), depth)
+
+
+def test_finer_depth_travels_as_32fc1() -> None:
+    depth = np.random.default_rng(0).integers(0, 50_000, (48, 64)).astype(np.float32) / np.float32(
+        5000
+    )
+    msg = sent(conversions.depth_to_msg(depth, HEADER))
+    assert (msg.encoding, msg.step) == ('32FC1', 256)
+    np.testing.assert_array_equal(conversions.depth_from_msg(msg), depth)
+    with pytest.raises(MessageError, match='not in whole millimetres'):
+        conversions.compressed_depth_to_msg(depth, HEADER)
+
+
+def test_a_short_image_is_refused() -> None:
+    with pytest.raises(MessageError, match='holds 10 bytes'):
+        conversions.color_from_msg(
+            Image(height=2, width=2, encoding='bgr8', step=6, data=bytes(10))
+        )
+
+
+@pytest.mark.parametrize('distortion', [(), (0.26, -0.95, -0.005, 0.003, 1.16), (0.1,) * 8])
+def test_camera_round_trip(distortion: tuple[float, ...]) -> None:
+    camera = CameraModel(640, 480, 517.3, 516.5, 318.6, 255.3, distortion)
+    assert conversions.camera_from_msg(sent(conversions.camera_to_msg(camera, HEADER))) == camera
+
+
+@pytest.mark.parametrize(
+    ('change', 'said'),
+    [
+        ({'k': np.zeros(9)}, 'fx=0.0 fy=0.0'),
+        ({'width': 0}, '0x480'),
+        ({'distortion_model': 'equidistant'}, 'distortion_model "equidistant"'),
+        ({'binning_x': 2}, 'binning'),
+        ({'roi': RegionOfInterest(x_offset=1)}, 'region of interest'),
+    ],
+)
+def test_cameras_that_cannot_be_used_are_refused(change: dict[str, Any], said: str) -> None:
+    good = conversions.camera_to_msg(CameraModel(640, 480, 1, 1, 0, 0, (0.1,) * 5), HEADER)
+    fields = {name: getattr(good, name) for name in good.get_fields_and_field_types()}
+    with pytest.raises(MessageError, match=said):
+        conversions.camera_from_msg(CameraInfo(**(fields | change)))
+
+
+def test_detections_round_trip() -> None:
+    detections = Detections(
+        conversions.stamp_from_msg(HEADER.stamp),
+        np.array([[1.5, 2, 30, 40], [5, 6, 7, 8]], np.float32),
+        ('person', 'unicorn'),
+        np.array([0.75, 0.25], np.float32),
+    )
+    msg = sent(conversions.detections_to_msg(detections, HEADER, SIZE, ['cup', 'person'], 12.5))
+    assert [box.class_id for box in msg.detections] == [1, -1]
+    assert (msg.image_width, msg.image_height, msg.inference_ms) == (640, 480, 12.5)
+    back = conversions.detections_from_msg(msg)
+    assert (back.stamp_ns, back.class_names) == (detections.stamp_ns, detections.class_names)
+    np.testing.assert_array_equal(back.boxes_xyxy_px, detections.boxes_xyxy_px)
+    np.testing.assert_array_equal(back.scores, detections.scores)
+
+
+def test_no_detections_round_trip() -> None:
+    msg = sent(conversions.detections_to_msg(Detections.none(7), HEADER, SIZE))
+    assert len(conversions.detections_from_msg(msg)) == 0
+
+
+def test_a_flood_of_detections_is_refused() -> None:
+    many = Detections(
+        0, np.ones((1001, 4), np.float32), ('cup',) * 1001, np.ones(1001, np.float32)
+    )
+    msg = conversions.detections_to_msg(many, HEADER, SIZE)
+    with pytest.raises(MessageError, match='1001 elements, more than 1000'):
+        conversions.detections_from_msg(msg)
+
+
+def features(n: int, may_seed: Any = None) -> Features:
+    rng = np.random.default_rng(n)
+    return Features(
+        conversions.stamp_from_msg(HEADER.stamp),
+        rng.uniform(0, 479, (n, 2)).astype(np.float32),
+        rng.uniform(0, 5, n).astype(np.float32),
+        rng.integers(0, 8, n, np.uint8),
+        rng.uniform(0, 360, n).astype(np.float32),
+        rng.uniform(0, 1, n).astype(np.float32),
+        rng.integers(0, 256, (n, 32), np.uint8),
+        np.ones(n, np.bool_) if may_seed is None else np.array(may_seed),
+    )
+
+
+@pytest.mark.parametrize('n', [0, 1, 1000])
+def test_features_round_trip(n: int) -> None:
+    msg = sent(
+        conversions.features_to_msg(features(n), HEADER, SIZE, FeatureCounts(1200, 200, 8.5, 0.25))
+    )
+    assert len(msg.may_seed) == 0
+    assert conversions.feature_counts_from_msg(msg) == (1200, 200, 8.5, 0.25)
+    back = conversions.features_from_msg(msg)
+    for name in vars(features(n)):
+        np.testing.assert_array_equal(getattr(back, name), getattr(features(n), name))
+
+
+def test_seeds_round_trip() -> None:
+    msg = sent(conversions.features_to_msg(features(3, [True, False, True]), HEADER, SIZE))
+    assert conversions.features_from_msg(msg).may_seed.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ('field', 'value', 'said'),
+    [
+        ('uv_px', [1.0] * 5, 'features.uv_px has 5 elements, expected 6'),
+        ('depth_m', [1.0] * 4, 'features.depth_m has 4 elements, expected 3'),
+        ('descriptors', [1] * 95, 'features.descriptors has 95 elements, expected 96'),
+        ('may_seed', [1], 'features.may_seed has 1 elements, expected 3'),
+        ('uv_px', [1.0, 1, 2, NAN, 3, 3], 'features.uv_px: feature 1 at .* is outside 640x480'),
+        ('uv_px', [1.0, 1, 2, 2, 640, 3], 'features.uv_px: feature 2'),
+        ('depth_m', [1.0, -1.0, 1.0], 'features.depth_m: feature 1 has depth -1'),
+        ('depth_m', [1.0, 1.0, NAN], 'features.depth_m: feature 2 has depth nan'),
+    ],
+)
+def test_contradicting_features_are_refused(field: str, value: Any, said: str) -> None:
+    msg = conversions.features_to_msg(features(3), HEADER, SIZE)
+    setattr(
+        msg,
+        field,
+        value,
+    )
+    with pytest.raises(MessageError, match=said):
+        conversions.features_from_msg(msg)
+
+
+@pytest.mark.parametrize('reason', Reason)
+def test_dynamic_objects_round_trip(reason: Reason) -> None:
+    obj = DynamicObject(
+        'cup', (1.0, 2.0, 3.5, 4.0), 0.5, 7, reason, 0.25, 0.125, (1.0, -2.0, 3.0), (0.5, 0.75)
+    )
+    msg = sent(conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE))
+    assert msg.objects[0].dynamic == obj.is_dynamic
+    assert conversions.dynamic_objects_from_msg(msg) == (obj,)
+
+
+def test_unknown_depths_stay_nan() -> None:
+    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
+    msg = sent(conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE))
+    (back,) = conversions.dynamic_objects_from_msg(msg)
+    assert np.isnan([back.depth_gap_m, *back.center_camera_m, *back.size_m]).all()
+
+
+def test_an_unknown_reason_is_refused() -> None:
+    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
+    msg = conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE)
+    msg.objects[0].reason = 9
+    with pytest.raises(MessageError, match='reason is 9'):
+        conversions.dynamic_objects_from_msg(msg)
+
+
+motions = arrays(np.float64, 6, elements=st.floats(-3, 3)).map(se3.exp)
+
+
+@given(motions)
+def test_pose_and_transform_round_trip(T: FloatArray) -> None:
+    np.testing.assert_allclose(
+        conversions.pose_from_msg(sent(conversions.pose_to_msg(T))), T, atol=1e-12
+    )
+    msg = sent(conversions.transform_to_msg(T, 5, 'map', 'odom'))
+    assert (msg.header.frame_id, msg.child_frame_id, msg.header.stamp.nanosec) == (
+        'map',
+        'odom',
+        5,
+    )
+    np.testing.assert_allclose(conversions.transform_from_msg(msg), T, atol=1e-12)
+
+
+def test_a_pose_without_rotation_is_refused() -> None:
+    msg = conversions.pose_to_msg(np.eye(4))
+    msg.orientation.w = 0.0
+    with pytest.raises(MessageError, match='pose is no rigid motion'):
+        conversions.pose_from_msg(msg)
+
+
+@given(motions)
+def test_odometry_round_trip(T: FloatArray) -> None:
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(6, 6))
+    twist = rng.normal(size=6)
+    msg = sent(conversions.odometry_to_msg(T, root @ root.T, twist, HEADER, 'base'))
+    assert (msg.header, msg.child_frame_id) == (HEADER, 'base')
+    back_T, back_covariance, back_twist = conversions.odometry_from_msg(msg)
+    np.testing.assert_allclose(back_T, T, atol=1e-12)
+    np.testing.assert_allclose(back_covariance, root @ root.T, atol=1e-9)
+    np.testing.assert_array_equal(back_twist, twist)
+
+
+def test_covariance_in_ros_order_and_axes() -> None:
+    # The base looks along the odometry's y axis; it is unsure of its own x and of its yaw.
+    T = se3.exp(np.array([0, 0, np.pi / 2, 0, 0, 0]))
+    covariance = np.diag([0, 0, 0.03, 0.5, 0, 0])
+    msg = conversions.odometry_to_msg(T, covariance, np.arange(6.0), HEADER, 'base')
+    np.testing.assert_allclose(
+        np.diag(np.reshape(msg.pose.covariance, (6, 6))), [0, 0.5, 0, 0, 0, 0.03], atol=1e-15
+    )
+    assert (msg.twist.twist.angular.z, msg.twist.twist.linear.x) == (2.0, 3.0)
+
+
+def test_path_round_trip() -> None:
+    T = se3.exp(np.random.default_rng(0).normal(size=(5, 6)))
+    stamps = np.arange(5) * 33_000_000 + 1_305_031_102_000_000_000
+    msg = sent(conversions.path_to_msg(stamps, T, HEADER))
+    assert msg.poses[3].header.frame_id == 'camera'
+    back_stamps, back_T = conversions.path_from_msg(msg)
+    np.testing.assert_array_equal(back_stamps, stamps)
+    np.testing.assert_allclose(back_T, T, atol=1e-12)
+
+
+@pytest.mark.parametrize('n', [0, 1, 100])
+@pytest.mark.parametrize('colored', [False, True])
+def test_cloud_round_trip(n: int, colored: bool) -> None:
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(n, 3)).astype(np.float32)
+    cloud = Cloud(points, rng.integers(0, 256, (n, 3), np.uint8) if colored else None)
+    msg = sent(conversions.cloud_to_msg(cloud, HEADER))
+    assert (msg.width, msg.point_step) == (n, 16 if colored else 12)
+    back = conversions.cloud_from_msg(msg)
+    np.testing.assert_array_equal(back.points_m, points)
+    np.testing.assert_array_equal(back.colors_bgr, cloud.colors_bgr)
+
+
+def test_red_is_red_in_a_cloud() -> None:
+    cloud = Cloud(np.zeros((1, 3), np.float32), np.array([[0, 0, 255]], np.uint8))
+    msg = conversions.cloud_to_msg(cloud, HEADER)
+    assert int.from_bytes(bytes(msg.data)[12:16], 'little') == 0x00FF0000
+
+
+def test_clouds_that_contradict_themselves_are_refused() -> None:
+    with pytest.raises(MessageError, match='x, y, z'):
+        conversions.cloud_from_msg(PointCloud2())
+    msg = conversions.cloud_to_msg(Cloud(np.zeros((2, 3), np.float32)), HEADER)
+    msg.width = 3
+    with pytest.raises(MessageError, match='24 bytes, 3 points take 36'):
+        conversions.cloud_from_msg(msg)

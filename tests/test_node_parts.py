@@ -1,0 +1,327 @@
+"""Parameters, inputs, diagnostics, logging and the entry point, on a small node."""
+
+import logging
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CompressedImage, Image
+
+from hoid_common.config import Config, param
+from hoid_common.errors import ConfigError
+from hoid_common.input_config import InputConfig
+from hoid_common.ros import conversions, qos
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.inputs import Inputs
+from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.parameters import Parameters
+from hoid_common.ros.sync import Synchronizer
+from hoid_common.sync import Match, StampMatcher
+from hoid_system_tests.probe import Probe
+
+IMAGE = np.zeros((4, 6, 3), np.uint8)
+MS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Rule(Config):
+    share: float = param(0.5, 'a share', minimum=0.0, maximum=1.0, read_only=False)
+    classes: tuple[str, ...] = param((), 'classes', read_only=False)
+
+
+@dataclass(frozen=True)
+class Settings(Config):
+    number: int = param(3, 'a number', minimum=1, maximum=9)
+    mode: str = param('fast', 'a mode', choices=('fast', 'slow'), read_only=False)
+    rule: Rule = field(default_factory=Rule)
+    input: InputConfig = field(default_factory=InputConfig)
+
+
+class Sample(Node):
+    """Matches colour and depth, and refuses pictures that cannot be decoded."""
+
+    def __init__(self, context: Context, *args: str) -> None:
+        super().__init__(
+            'sample',
+            context=context,
+            cli_args=['--ros-args', *args],
+            automatically_declare_parameters_from_overrides=True,
+        )
+        self.changes: list[Settings] = []
+        self.matches: list[Match] = []
+        self.parameters = Parameters(self, Settings(), self.changes.append)
+        self.diagnostics = Diagnostics(self)
+        inputs = Inputs(self, self.parameters.config.input, self.diagnostics)
+        matcher = StampMatcher(('colour', 'depth'), 20 * MS)
+        self.sync = Synchronizer(matcher, self._on_match, self.diagnostics)
+        inputs.color(self.sync.input('colour'))
+        inputs.depth(self.sync.input('depth'))
+
+    def _on_match(self, match: Match) -> None:
+        conversions.color_from_msg(match.values[0])
+        conversions.depth_from_msg(match.values[1])
+        self.matches.append(match)
+
+
+class Bench:
+    """The sample node beside a probe."""
+
+    def __init__(self, domain_id: int, *args: str) -> None:
+        self.probe = Probe(domain_id)
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain_id)
+        self.node = Sample(self._context, *args)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        # One thread for both: whenever the probe waits, the node works as well.
+        self.probe.node.create_timer(0.002, lambda: self._executor.spin_once(timeout_sec=0.0))
+
+    def close(self) -> None:
+        self.probe.close()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def status(self) -> DiagnosticStatus:
+        return self.node.diagnostics.status()
+
+    def count(self, name: str) -> int:
+        values = {pair.key: pair.value for pair in self.status().values}
+        return int(values.get(name, '0'))
+
+
+@pytest.fixture
+def bench(domain_id: int) -> Iterator[Bench]:
+    bench = Bench(domain_id)
+    yield bench
+    bench.close()
+
+
+def started(domain_id: int, *args: str) -> Settings:
+    """The config of a node that is started with parameters."""
+    bench = Bench(domain_id, *args)
+    try:
+        return bench.node.parameters.config
+    finally:
+        bench.close()
+
+
+def test_defaults_are_the_configs(domain_id: int) -> None:
+    assert started(domain_id) == Settings()
+
+
+def test_parameters_come_from_the_command_line(domain_id: int) -> None:
+    config = started(
+        domain_id, '-p', 'number:=5', '-p', 'rule.share:=1', '-p', 'rule.classes:=[cup, book]'
+    )
+    assert (config.number, config.rule.share, config.rule.classes) == (5, 1.0, ('cup', 'book'))
+
+
+def test_parameters_come_from_a_file(domain_id: int, tmp_path: Path) -> None:
+    path = tmp_path / 'params.yaml'
+    path.write_text('sample: {ros__parameters: {rule: {share: 0.25}, mode: slow}}')
+    config = started(domain_id, '--params-file', str(path))
+    assert (config.rule.share, config.mode) == (0.25, 'slow')
+
+
+@pytest.mark.parametrize(
+    ('value', 'said'),
+    [
+        ('number:=10', r'number must be in \[1, 9\], got 10'),
+        ('number:=many', r'number must be int, got .many.'),
+        ('mode:=lazy', 'mode must be one of fast, slow'),
+    ],
+)
+def test_unusable_parameters_are_refused(domain_id: int, value: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        started(domain_id, '-p', value)
+
+
+def set_parameter(bench: Bench, name: str, value: Any) -> Any:
+    request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+    return bench.probe.call(SetParameters, 'sample/set_parameters', request).results[0]
+
+
+def test_parameters_change_at_run_time(bench: Bench) -> None:
+    assert set_parameter(bench, 'rule.share', 0.75).successful
+    assert set_parameter(bench, 'rule.classes', ['cup']).successful
+    assert bench.node.parameters.config.rule == Rule(0.75, ('cup',))
+    assert [change.rule.share for change in bench.node.changes] == [0.75, 0.75]
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'said'),
+    [
+        ('rule.share', 1.5, 'rule.share out of range Min: 0.0, Max: 1.0'),
+        ('mode', 'lazy', 'mode must be one of fast, slow'),
+        ('number', 4, 'read-only'),
+    ],
+)
+def test_unusable_changes_are_refused(bench: Bench, name: str, value: Any, said: str) -> None:
+    result = set_parameter(bench, name, value)
+    assert not result.successful
+    assert said in result.reason
+    assert bench.node.parameters.config == Settings()
+
+
+def test_parameters_describe_themselves(bench: Bench) -> None:
+    request = DescribeParameters.Request(names=['rule.share', 'number', 'mode'])
+    answer = bench.probe.call(DescribeParameters, 'sample/describe_parameters', request)
+    share, number, mode = answer.descriptors
+    assert (share.description, share.read_only) == ('a share', False)
+    assert share.floating_point_range[0].to_value == 1.0
+    assert (number.read_only, number.integer_range[0].to_value) == (True, 9)
+    assert mode.additional_constraints == 'one of fast, slow'
+
+
+def color(stamp_ms: int) -> Image:
+    return conversions.color_to_msg(IMAGE, conversions.header_to_msg(stamp_ms * MS, 'camera'))
+
+
+def depth(stamp_ms: int) -> Image:
+    metres = np.ones((4, 6), np.float32)
+    return conversions.depth_to_msg(metres, conversions.header_to_msg(stamp_ms * MS, 'camera'))
+
+
+def test_pairs_are_matched_and_the_rest_counted(bench: Bench) -> None:
+    colors = bench.probe.publisher(Image, 'rgb/image')
+    depths = bench.probe.publisher(Image, 'depth/image')
+    for stamp_ms in (1000, 1033, 1066):
+        colors.publish(color(stamp_ms))
+    for stamp_ms in (1010, 1076):
+        depths.publish(depth(stamp_ms))
+    bench.probe.spin_until(lambda: len(bench.node.matches) == 2, 'no two matches')
+    assert [match.stamp_ns for match in bench.node.matches] == [1000 * MS, 1066 * MS]
+    assert bench.node.matches[0].values[1].header.stamp.nanosec == 10 * MS
+    assert (bench.count('colour dropped'), bench.count('depth dropped')) == (1, 0)
+    assert bench.count('colour images received') == 3
+
+
+def test_a_bad_message_is_refused_and_the_node_lives_on(bench: Bench) -> None:
+    colors = bench.probe.publisher(Image, 'rgb/image')
+    depths = bench.probe.publisher(Image, 'depth/image')
+    bad = color(1000)
+    bad.encoding = 'yuv422'
+    colors.publish(bad)
+    depths.publish(depth(1000))
+    key = 'depth images refused'  # whichever message completes the pair
+    bench.probe.spin_until(
+        lambda: bench.count(key) + bench.count('colour images refused') == 1, 'nothing refused'
+    )
+    colors.publish(color(1033))
+    depths.publish(depth(1033))
+    bench.probe.spin_until(lambda: len(bench.node.matches) == 1, 'the node is dead')
+
+
+def test_compressed_images_by_parameter(domain_id: int) -> None:
+    bench = Bench(domain_id, '-p', 'input.compressed:=true')
+    colors = bench.probe.publisher(CompressedImage, 'rgb/image/compressed')
+    depths = bench.probe.publisher(CompressedImage, 'depth/image/compressedDepth')
+    header = conversions.header_to_msg(1000 * MS, 'camera')
+    colors.publish(conversions.compressed_color_to_msg(IMAGE, header, quality=90))
+    metres = np.ones((4, 6), np.float32)
+    depths.publish(conversions.compressed_depth_to_msg(metres, header))
+    bench.probe.spin_until(lambda: len(bench.node.matches) == 1, 'no match')
+    bench.close()
+
+
+def test_missing_inputs_are_said(bench: Bench) -> None:
+    heard = bench.probe.collect(DiagnosticArray, '/diagnostics')
+    complaint = 'on /depth/image: no publisher'
+    bench.probe.spin_until(
+        lambda: any(complaint in msg.status[0].message for msg in heard), 'nothing is said'
+    )
+    status = heard[-1].status[0]
+    assert status.level == DiagnosticStatus.WARN
+    assert status.name == '/sample'
+    assert 'no colour images yet for' in status.message
+
+
+def test_a_qos_mismatch_is_said(domain_id: int) -> None:
+    bench = Bench(domain_id, '-p', 'input.reliability:=reliable')
+    bench.probe.publisher(Image, 'depth/image', qos.input_qos('best_effort', 1), wait=False)
+    expected = 'on /depth/image: 1 publisher, reliability best_effort, we ask for reliable'
+    bench.probe.spin_until(lambda: expected in bench.status().message, 'nothing is said')
+    bench.close()
+
+
+def test_a_missing_clock_is_said(domain_id: int) -> None:
+    bench = Bench(domain_id, '-p', 'use_sim_time:=true')
+    assert 'no time came on /clock' in bench.status().message
+    bench.close()
+
+
+def test_problems_stand_until_they_are_taken_back(bench: Bench) -> None:
+    bench.node.diagnostics.set_problem('map', 'the map is full', severe=True)
+    assert bench.status().level == DiagnosticStatus.ERROR
+    assert bench.status().message == 'the map is full'
+    bench.node.diagnostics.clear_problem('map')
+    assert bench.status().level == DiagnosticStatus.OK
+
+
+def test_core_logging_reaches_the_nodes_logger(
+    bench: Bench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bridge_logging(bench.node)
+    logging.getLogger('some.core').warning('the lens is %s', 'dirty')
+    logging.getLogger('some.core').debug('not this')
+    said = capfd.readouterr().err
+    assert '[WARN]' in said
+    assert '[sample]: the lens is dirty' in said
+    assert 'not this' not in said
+
+
+NODE = """
+import sys
+from rclpy.node import Node
+from hoid_common.errors import ConfigError
+from hoid_common.ros.run import run_node
+
+class Tiny(Node):
+    def __init__(self):
+        super().__init__('tiny')
+        if len(sys.argv) > 1:
+            raise ConfigError('the focal length is 0; calibrate the camera')
+        self.create_timer(0.01, lambda: print('spins', flush=True) or self.destroy_timer)
+
+sys.exit(run_node(Tiny))
+"""
+
+
+@pytest.mark.usefixtures('domain_id')
+@pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
+def test_nodes_end_cleanly(sign: signal.Signals) -> None:
+    process = subprocess.Popen(
+        [sys.executable, '-c', NODE], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == 'spins\n'
+    process.send_signal(sign)
+    _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (0, '')
+
+
+@pytest.mark.usefixtures('domain_id')
+def test_a_node_that_cannot_start_says_why_in_one_line() -> None:
+    result = subprocess.run(
+        [sys.executable, '-c', NODE, 'fail'],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert result.stderr == 'error: the focal length is 0; calibrate the camera\n'
