@@ -13,9 +13,11 @@ from hoid_bringup.offline import run_offline
 from hoid_bringup.options import (
     add_method_arguments,
     add_recording_arguments,
+    playable_bag,
     recording,
     run_config,
 )
+from hoid_bringup.replay_plan import ReplayConfig
 from hoid_bringup.run_config import TRUTH, RunConfig
 from hoid_bringup.summary import Summary
 from hoid_common.errors import InputError
@@ -37,6 +39,27 @@ def run_command(args: argparse.Namespace) -> None:
     print(report(summary, args.out))
     if sequence.fault:
         raise InputError(sequence.fault)
+
+
+def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid replay`."""
+    add_run_arguments(parser)
+    parser.add_argument(
+        '--rate', type=float, default=ReplayConfig().rate, metavar='R', help='times real time'
+    )
+
+
+def replay_command(args: argparse.Namespace) -> None:
+    """Play a recording through the live nodes; a folder becomes a bag for the time of it."""
+    from hoid_bringup.replay import replay  # needs ROS, which the other commands do not
+
+    config = ReplayConfig(rate=args.rate, run=run_config(args))
+    say_detections(config.run)
+    with playable_bag(args) as bag:
+        summary = replay(bag, config, args.out)
+    print(report(summary, args.out))
+    if bag.fault:
+        raise InputError(bag.fault)
 
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:

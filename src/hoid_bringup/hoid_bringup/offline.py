@@ -117,14 +117,5 @@ def run_offline(
     for frame in bar:
         tracking = pipeline.process(frame)
         bar.set_postfix_str(tracking.state.name.lower(), refresh=False)
-    noted = options if options is not None else changed_parameters(config)
+    noted = options if options is not None else config.noted()
     return write_outputs(out_dir, pipeline.finish(sequence, noted))
-
-
-def changed_parameters(config: RunConfig) -> dict[str, Any]:
-    """Return the filter's strategy, the seed, and every parameter that is not at its default."""
-    default = {p.name: p.value for p in RunConfig().params()}
-    changed = {p.name: p.value for p in config.params() if p.value != default[p.name]}
-    for name in ('filter.strategy', 'slam.seed'):
-        changed.pop(name, None)
-    return {'filter': config.filter.strategy, 'seed': config.slam.seed, **changed}

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from hoid_bags.bag_sequence import BagSequence
 from hoid_bags.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
+from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.sequence import Sequence, open_sequence
+from hoid_bags.tum_folder import COLOR_LIST
 from hoid_bringup.run_config import TRUTH, RunConfig
-from hoid_common.errors import ConfigError
+from hoid_common.errors import ConfigError, InputError
 
 _SHORTCUTS = {
     'filter': 'filter.strategy',
@@ -68,6 +75,31 @@ def recording(args: argparse.Namespace) -> Sequence:
     """
     camera = find_camera(args.camera) if args.camera else None
     return open_sequence(args.input, camera, args.depth_factor)
+
+
+@contextmanager
+def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
+    """Give the recording as a bag; one made from a folder goes away at the end.
+
+    Raises:
+        InputError: It cannot be used.
+    """
+    camera = find_camera(args.camera) if args.camera else None
+    if not (args.input / COLOR_LIST).exists():
+        yield BagSequence(args.input, camera)
+        return
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.mkdtemp(prefix='.bag-', dir=args.out)
+    except OSError as error:
+        raise InputError(f'{args.out}: cannot be written to: {error.strerror}') from error
+    try:
+        path = Path(folder) / args.input.resolve().name
+        config = ConvertConfig(depth_units_per_m=args.depth_factor)
+        convert(args.input, path, config, camera, show_progress=True)
+        yield BagSequence(path)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def run_config(args: argparse.Namespace) -> RunConfig:

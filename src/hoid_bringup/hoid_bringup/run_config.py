@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from hoid_common.config import Config, param
 from hoid_detector.config import DetectorConfig
@@ -26,3 +27,15 @@ class RunConfig(Config):
     def needs_detections(self) -> bool:
         """Return whether the filter looks at boxes at all."""
         return self.filter.strategy != 'none'
+
+    def changed(self) -> dict[str, Any]:
+        """Return the parameters that are not at their defaults, by dotted name."""
+        default = {p.name: p.value for p in RunConfig().params()}
+        return {p.name: p.value for p in self.params() if p.value != default[p.name]}
+
+    def noted(self) -> dict[str, Any]:
+        """Return what a summary says of a run: strategy, seed, and what else was changed."""
+        rest = self.changed()
+        for name in ('filter.strategy', 'slam.seed'):
+            rest.pop(name, None)
+        return {'filter': self.filter.strategy, 'seed': self.slam.seed, **rest}

@@ -1,0 +1,173 @@
+"""Live replay: the nodes as processes, a bag played in real time, the results recorded."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from hoid_bags.bag_sequence import BagSequence
+from hoid_bags.ros_session import ros_session
+from hoid_bringup.live_recorder import LiveRecorder
+from hoid_bringup.node_specs import node_specs
+from hoid_bringup.outputs import write_outputs
+from hoid_bringup.progress import progress
+from hoid_bringup.replay_plan import BagNames, ReplayConfig, node_options, player_spec
+from hoid_bringup.ros_domain import own_domain
+from hoid_bringup.summary import MapCounts, RunResult, Summary
+from hoid_bringup.supervisor import ProcessExit, Supervisor, clean_shared_memory
+from hoid_common.errors import InputError
+
+_READY_LIMIT_S = 90.0
+_TICK_S = 0.25
+_QUIET_S = 2.0  # so long without a result, the nodes have nothing left to do
+
+
+def replay(
+    bag: BagSequence,
+    config: ReplayConfig,
+    out_dir: Path,
+    *,
+    options: Mapping[str, Any] | None = None,
+    show_progress: bool = True,
+) -> Summary:
+    """Play a bag through the live nodes and write the results.
+
+    Args:
+        bag: What is played.
+        config: Parameters of all stages, and the rate.
+        out_dir: Where the files go; the processes' own output lies in its folder `logs`.
+        options: What to note in the summary as asked for; the changed parameters by default.
+        show_progress: Whether to draw a progress bar on stderr.
+
+    Raises:
+        HoidError: The nodes cannot hear this bag, do not start or end early, or the output folder
+            is unusable.
+    """
+    noted = {**(options or config.run.noted()), 'rate': config.rate}
+    with _workplace(out_dir) as folder, own_domain():
+        live = _LiveRun(bag, config, folder, out_dir / 'logs')
+        try:
+            result = live.run(noted, show_progress=show_progress)
+        finally:
+            clean_shared_memory()
+    return write_outputs(out_dir, result)
+
+
+class _LiveRun:
+    """One replay, from starting the nodes to their last answer."""
+
+    def __init__(
+        self, bag: BagSequence, config: ReplayConfig, folder: Path, log_dir: Path
+    ) -> None:
+        self._bag, self._folder, self._log_dir = bag, folder, log_dir
+        shutil.rmtree(log_dir, ignore_errors=True)
+        self._nodes = node_specs(node_options(bag, config, folder), folder)
+        self._player = player_spec(bag, config)
+
+    def run(self, noted: Mapping[str, Any], *, show_progress: bool) -> RunResult:
+        """Start everything, listen until the bag is over, and ask for the results."""
+        with ros_session('hoid_replay') as node:
+            recorder = LiveRecorder(node, BagNames.of(self._bag).camera_info)
+            with Supervisor(self._nodes, log_dir=self._log_dir) as nodes:
+                self._wait_until_ready(recorder, nodes)
+                with Supervisor([self._player], log_dir=self._log_dir) as player:
+                    self._listen(recorder, nodes, player, show_progress=show_progress)
+                return self._result(recorder, nodes, noted)
+
+    def _wait_until_ready(self, recorder: LiveRecorder, nodes: Supervisor) -> None:
+        end_s = time.monotonic() + _READY_LIMIT_S
+        while not recorder.is_chain_joined():
+            recorder.spin(_TICK_S)
+            self._stop_on(nodes.poll())
+            if time.monotonic() > end_s:
+                raise InputError(
+                    f'the nodes were not ready after {_READY_LIMIT_S:g} s; see {self._log_dir}'
+                )
+
+    def _listen(
+        self,
+        recorder: LiveRecorder,
+        nodes: Supervisor,
+        player: Supervisor,
+        *,
+        show_progress: bool,
+    ) -> None:
+        """Record until the bag is over and the nodes have nothing left to do."""
+        metrics = recorder.metrics
+        with progress(None, len(self._bag), 'frames', show=show_progress) as bar:
+            while player.pids:
+                recorder.spin(_TICK_S)
+                self._stop_on(nodes.poll())
+                # The player of a damaged bag ends with an error after all that can be read.
+                ended = player.poll()
+                self._stop_on([e for e in ended if e.status != 0 and self._bag.fault is None])
+                bar.set_postfix_str(recorder.state_text(), refresh=False)
+                bar.update(metrics.num_processed - bar.n)
+            seen = -1
+            while seen != metrics.num_processed:
+                seen = metrics.num_processed
+                recorder.spin(_QUIET_S)
+            bar.update(seen - bar.n)
+
+    def _stop_on(self, exits: list[ProcessExit]) -> None:
+        for ended in exits:
+            raise InputError(f'{ended}: {_last_words(self._log_dir / f"{ended.name}.log")}')
+
+    def _result(
+        self, recorder: LiveRecorder, nodes: Supervisor, noted: Mapping[str, Any]
+    ) -> RunResult:
+        status, metrics = recorder.last_status, recorder.metrics
+        if status is None:
+            raise InputError(f'rgbd_slam processed no image; see {self._log_dir}')
+        final, online, keyframes = (
+            recorder.trajectory(kind, self._folder) for kind in ('final', 'online', 'keyframes')
+        )
+        points_m = recorder.latest_map_points_m()
+        self._stop_on(nodes.poll())
+        return RunResult(
+            input_name=self._bag.name,
+            options=noted,
+            frames_total=len(self._bag),
+            frames_processed=metrics.num_processed,
+            final=final,
+            online=online,
+            keyframes=keyframes,
+            map_points_m=points_m,
+            ground_truth=self._bag.ground_truth,
+            map_counts=MapCounts(
+                len(keyframes), len(points_m), status.loops, status.relocalizations
+            ),
+            filter_counts=metrics.filter_counts(),
+            stage_ms=metrics.stage_ms(),
+            peak_rss_mb=sum(nodes.peak_rss_mb().values()),
+            latency_ms=metrics.latency_ms(),
+        )
+
+
+def _last_words(log: Path) -> str:
+    """Return the last line of a process's output: its error, as all of them say it in one."""
+    try:
+        lines = log.read_text(encoding='utf-8', errors='replace').split('\n')
+    except OSError:
+        lines = []
+    said = [line.strip() for line in lines if line.strip()]
+    return said[-1].removeprefix('error: ') if said else 'it said nothing'
+
+
+@contextmanager
+def _workplace(out_dir: Path) -> Iterator[Path]:
+    """Give a folder for the nodes' files, within the output folder, and remove it afterwards."""
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.mkdtemp(prefix='.replay-', dir=out_dir)
+    except OSError as error:
+        raise InputError(f'{out_dir}: cannot be written to: {error.strerror}') from error
+    try:
+        yield Path(folder).resolve()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
