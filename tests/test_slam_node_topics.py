@@ -1,0 +1,268 @@
+"""rgbd_slam on real topics: exact features go in, poses of known value come out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from hoid_msgs.msg import Features as FeaturesMsg
+from hoid_msgs.msg import SlamStatus
+from hoid_msgs.srv import SaveTrajectory
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMsg
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
+
+from hoid_bags.trajectory_io import read_tum
+from hoid_bringup.supervisor import Supervisor
+from hoid_common import se3
+from hoid_common.ros import conversions, qos
+from hoid_common.values import FloatArray
+from hoid_system_tests.point_world import CAMERA, PointWorld
+from hoid_system_tests.probe import Probe
+
+START_NS = 1_305_031_102_175_304_123
+PERIOD_NS = 33_333_333
+OPTICAL = 'camera_color_optical_frame'
+T_BODY_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+def camera_at(i: int) -> FloatArray:
+    """Return T_world_camera of image i: 1 cm to the right and 5 mm forward each, turning."""
+    T = se3.exp(np.array([0.0, 0.004 * i, 0, 0, 0, 0]))
+    T[:3, 3] = 0.01 * i, 0.0, 0.005 * i
+    return T
+
+
+class Peer:
+    """Sends what the node needs and keeps what it says."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.probe, self.world, self.next = probe, PointWorld(), 0
+        self.odom = probe.collect(Odometry, 'odom', wait=False)
+        self.status = probe.collect(SlamStatus, 'slam_status', wait=False)
+        self.tf = probe.collect(TFMessage, '/tf', qos.TF, wait=False)
+        self.clouds = probe.collect(PointCloud2, 'map_points', qos.LATCHED, wait=False)
+        self.paths = probe.collect(PathMsg, 'path', qos.LATCHED, wait=False)
+        self.markers = probe.collect(MarkerArray, 'keyframes', qos.LATCHED, wait=False)
+        self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
+        self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')
+        self.features = probe.publisher(FeaturesMsg, 'features')
+
+    def message(self, i: int) -> FeaturesMsg:
+        stamp_ns = START_NS + i * PERIOD_NS
+        header = conversions.header_to_msg(stamp_ns, OPTICAL)
+        size_px = (CAMERA.width_px, CAMERA.height_px)
+        features = self.world.features(camera_at(i), stamp_ns)
+        return conversions.features_to_msg(features, header, size_px)
+
+    def send_camera(self) -> None:
+        header = conversions.header_to_msg(START_NS, OPTICAL)
+        self.camera.publish(conversions.camera_to_msg(CAMERA, header))
+        self.probe.spin_for(0.2)
+
+    def send(self, count: int) -> None:
+        """Send images one by one, each when the one before has been answered."""
+        for i in range(self.next, self.next + count):
+            before = len(self.status)
+            self.features.publish(self.message(i))
+            self.probe.spin_until(lambda: len(self.status) > before, 'no slam_status')  # noqa: B023
+        self.next += count
+
+    def call(self, name: str) -> str:
+        answer = self.probe.call(Trigger, f'rgbd_slam/{name}', Trigger.Request())
+        assert answer.success
+        return str(answer.message)
+
+    def count(self, key: str) -> int:
+        """Return a counter of the next diagnostics."""
+        self.diagnostics.clear()
+        self.probe.spin_until(lambda: bool(self.diagnostics), 'no diagnostics')
+        values = {v.key: v.value for v in self.diagnostics[-1].status[0].values}
+        return int(values.get(key, '0'))
+
+
+Start = Callable[..., Supervisor]
+
+
+@pytest.fixture
+def peer(start: Start, probe: Probe, tmp_path: Path) -> Iterator[Peer]:
+    """Return a peer of a running node that knows its camera."""
+    parameters = {'map_directory': str(tmp_path / 'my maps'), 'map_period_s': 0.2}
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
+    peer = Peer(probe)
+    peer.send_camera()
+    return peer
+
+
+def edges(tf: list[Any], stamp_ns: int) -> dict[tuple[str, str], FloatArray]:
+    return {
+        (t.header.frame_id, t.child_frame_id): conversions.transform_from_msg(t)
+        for message in tf
+        for t in message.transforms
+        if conversions.stamp_from_msg(t.header.stamp) == stamp_ns
+    }
+
+
+def test_odometry_transforms_and_status_of_each_image(peer: Peer) -> None:
+    peer.send(30)
+    peer.probe.spin_until(lambda: len(peer.odom) == 30, 'odometry is missing')
+    for i, msg in enumerate(peer.odom):
+        assert conversions.stamp_from_msg(msg.header.stamp) == START_NS + i * PERIOD_NS
+        assert (msg.header.frame_id, msg.child_frame_id) == ('odom', OPTICAL)
+        expected = T_BODY_OPTICAL @ camera_at(i)
+        T_odom_camera = conversions.pose_from_msg(msg.pose.pose)
+        np.testing.assert_allclose(T_odom_camera, expected, atol=0.004)
+    last = peer.odom[-1]
+    twist = conversions.twist_from_msg(last.twist.twist)  # in the optical frame
+    motion = se3.log(se3.inverse(camera_at(28)) @ camera_at(29))
+    np.testing.assert_allclose(twist, motion / (PERIOD_NS / 1e9), atol=0.06)
+    covariance = np.array(last.pose.covariance).reshape(6, 6)
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+    assert np.sqrt(covariance[0, 0]) < 0.02
+
+    stamp_ns = START_NS + 29 * PERIOD_NS
+    peer.probe.spin_until(lambda: bool(edges(peer.tf, stamp_ns)), 'no transforms')
+    tree = edges(peer.tf, stamp_ns)
+    assert set(tree) == {('map', 'odom'), ('odom', OPTICAL)}
+    T_map_camera = tree['map', 'odom'] @ tree['odom', OPTICAL]
+    np.testing.assert_allclose(T_map_camera, T_BODY_OPTICAL @ camera_at(29), atol=0.004)
+
+    status = peer.status[-1]
+    assert conversions.stamp_from_msg(status.header.stamp) == stamp_ns
+    assert status.header.frame_id == OPTICAL
+    assert status.state == SlamStatus.TRACKING
+    assert status.frames_processed == 30
+    assert status.frames_dropped == 0
+    assert status.tracked_points >= status.inliers > 200
+    assert status.keyframes >= 1
+    assert status.map_points > 200
+    assert 'track' in status.stage_names
+
+
+def test_the_map_is_published_and_kept_for_those_who_come_late(peer: Peer) -> None:
+    peer.send(10)
+    peer.probe.spin_until(lambda: bool(peer.clouds and peer.paths and peer.markers), 'no map')
+    late = peer.probe.collect(PointCloud2, 'map_points', qos.LATCHED)
+    peer.probe.spin_until(lambda: bool(late), 'nothing was kept')
+    assert late[-1].header.frame_id == 'map'
+    points_m = conversions.cloud_from_msg(late[-1]).points_m
+    assert len(points_m) > 200
+    world_m = se3.transform(T_BODY_OPTICAL, peer.world.points_m)
+    gaps_m = np.linalg.norm(points_m[:, None] - world_m[None], axis=2).min(axis=1)
+    assert np.median(gaps_m) < 0.005
+    stamps_ns, poses = conversions.path_from_msg(peer.paths[-1])
+    assert stamps_ns[0] == START_NS
+    np.testing.assert_allclose(poses[0], T_BODY_OPTICAL, atol=1e-9)
+    assert len(peer.markers[-1].markers[0].points) == 16 * len(stamps_ns)
+
+
+def test_pause_resume_and_reset(peer: Peer) -> None:
+    peer.send(3)
+    assert 'paused' in peer.call('pause')
+    peer.send(2)
+    assert peer.status[-1].state == SlamStatus.PAUSED
+    assert peer.status[-1].frames_processed == 3
+    assert 'running' in peer.call('resume')
+    peer.send(1)
+    assert peer.status[-1].state == SlamStatus.TRACKING
+    assert peer.status[-1].frames_processed == 4
+    peer.call('reset')
+    peer.send(1)
+    assert peer.status[-1].frames_processed == 1
+    assert peer.status[-1].keyframes == 1
+    peer.probe.spin_until(lambda: len(peer.odom) == 5, 'odometry is missing')
+    T_odom_camera = conversions.pose_from_msg(peer.odom[-1].pose.pose)
+    np.testing.assert_allclose(T_odom_camera, T_BODY_OPTICAL, atol=1e-9)
+
+
+@pytest.mark.parametrize(('kind', 'count'), [('final', 8), ('online', 8), ('keyframes', 1)])
+def test_trajectories_are_saved(peer: Peer, tmp_path: Path, kind: str, count: int) -> None:
+    peer.send(8)
+    request = SaveTrajectory.Request(name=f'{kind}.txt', kind=kind)
+    answer = peer.probe.call(SaveTrajectory, 'rgbd_slam/save_trajectory', request)
+    assert answer.success, answer.message
+    trajectory = read_tum(tmp_path / 'my maps' / f'{kind}.txt')
+    assert len(trajectory) >= count
+    assert trajectory.stamps_ns[0] == START_NS
+    i = len(trajectory) - 1 if kind != 'keyframes' else 0
+    expected = T_BODY_OPTICAL @ camera_at(i)
+    np.testing.assert_allclose(trajectory.T_world_camera[i], expected, atol=0.004)
+
+
+def test_saving_is_refused_outside_the_folder_and_before_the_first_image(peer: Peer) -> None:
+    for name, kind, said in (
+        ('a.txt', '', 'nothing has been tracked yet'),
+        ('../a.txt', '', 'no plain file name'),
+    ):
+        request = SaveTrajectory.Request(name=name, kind=kind)
+        answer = peer.probe.call(SaveTrajectory, 'rgbd_slam/save_trajectory', request)
+        assert not answer.success
+        assert said in answer.message
+    peer.send(1)
+    request = SaveTrajectory.Request(name='a.txt', kind='best')
+    answer = peer.probe.call(SaveTrajectory, 'rgbd_slam/save_trajectory', request)
+    assert not answer.success
+    assert 'no trajectory "best"' in answer.message
+
+
+def test_wrong_messages_are_refused_and_counted_and_the_node_lives_on(peer: Peer) -> None:
+    peer.send(2)
+    short, outside, nan = (peer.message(5) for _ in range(3))
+    short.depth_m = short.depth_m[:-1]
+    outside.uv_px[0] = 1e6
+    nan.depth_m[3] = float('nan')
+    for msg in (short, outside, nan):
+        peer.features.publish(msg)
+    peer.probe.spin_until(lambda: peer.count('features refused') == 3, 'not counted')
+    peer.send(2)
+    assert peer.status[-1].state == SlamStatus.TRACKING
+    assert peer.status[-1].frames_processed == 4
+
+
+def test_missing_images_are_counted(peer: Peer) -> None:
+    peer.send(10)
+    peer.next += 3
+    peer.send(1)
+    assert peer.status[-1].frames_dropped == 3
+    assert peer.status[-1].state == SlamStatus.TRACKING
+
+
+def test_a_base_frame_is_found_on_tf_static(start: Start, probe: Probe) -> None:
+    start('rgbd_slam', 'rgbd_slam_node', {'frames.base': 'base_link', 'frames.map': 'world'})
+    peer = Peer(probe)
+    peer.send_camera()
+    peer.features.publish(peer.message(0))
+    peer.probe.spin_until(
+        lambda: peer.count('features before camera and base were known') == 1, 'not counted'
+    )
+    assert 'does not join' in peer.diagnostics[-1].status[0].message
+    T_base_mast, T_mast_optical = np.eye(4), T_BODY_OPTICAL.copy()
+    T_base_mast[:3, 3] = 0.2, 0.0, 1.0
+    T_mast_optical[:3, 3] = 0.0, 0.05, 0.0
+    static = probe.publisher(TFMessage, '/tf_static', qos.TF_STATIC)
+    static.publish(
+        TFMessage(
+            transforms=[
+                conversions.transform_to_msg(T_base_mast, START_NS, 'base_link', 'mast'),
+                conversions.transform_to_msg(T_mast_optical, START_NS, 'mast', OPTICAL),
+            ]
+        )
+    )
+    probe.spin_for(0.3)
+    peer.send(10)
+    peer.probe.spin_until(lambda: len(peer.odom) == 10, 'odometry is missing')
+    assert peer.odom[-1].child_frame_id == 'base_link'
+    T_base_camera = T_base_mast @ T_mast_optical
+    expected = T_base_camera @ camera_at(9) @ se3.inverse(T_base_camera)
+    T_odom_base = conversions.pose_from_msg(peer.odom[-1].pose.pose)
+    np.testing.assert_allclose(T_odom_base, expected, atol=0.004)
+    stamp_ns = START_NS + 9 * PERIOD_NS
+    peer.probe.spin_until(lambda: bool(edges(peer.tf, stamp_ns)), 'no transforms')
+    assert set(edges(peer.tf, stamp_ns)) == {('world', 'odom'), ('odom', 'base_link')}
