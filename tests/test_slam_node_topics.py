@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +92,7 @@ Start = Callable[..., Supervisor]
 
 
 @pytest.fixture
-def peer(start: Start, probe: Probe, tmp_path: Path) -> Iterator[Peer]:
+def peer(start: Start, probe: Probe, tmp_path: Path) -> Peer:
     """Return a peer of a running node that knows its camera."""
     parameters = {'map_directory': str(tmp_path / 'my maps'), 'map_period_s': 0.2}
     start('rgbd_slam', 'rgbd_slam_node', parameters)
