@@ -45,8 +45,15 @@ class BodyTrack:
     def stance(self, i: int) -> Stance:
         """Return the stance in frame i."""
         return Stance(
-            self.xy_m[i], float(self.heading_rad[i]), float(self.walked_m[i]), float(self.stride[i]),
-            float(self.lean_rad[i]), float(self.drop_m[i]), float(self.gaze_rad[i]), self.hands_m[i], self.reach[i],
+            self.xy_m[i],
+            float(self.heading_rad[i]),
+            float(self.walked_m[i]),
+            float(self.stride[i]),
+            float(self.lean_rad[i]),
+            float(self.drop_m[i]),
+            float(self.gaze_rad[i]),
+            self.hands_m[i],
+            self.reach[i],
         )
 
 
@@ -60,8 +67,15 @@ def body_track(part: Part, count: int, rng: Rng) -> BodyTrack:
     gaze = 0.3 * np.sin(2 * np.pi * t[:, None] * [0.11, 0.23] + rng.uniform(0, 6, 2)).sum(1)
     zeros = np.zeros(count)
     return BodyTrack(
-        xy, _smoothed(heading, 15), np.cumsum(step) + rng.uniform(0, 2), np.clip(speed / _FULL_STRIDE_MPS, 0, 1),
-        zeros.copy(), zeros.copy(), gaze, np.zeros((count, 2, 3)), np.zeros((count, 2)),
+        xy,
+        _smoothed(heading, 15),
+        np.cumsum(step) + rng.uniform(0, 2),
+        np.clip(speed / _FULL_STRIDE_MPS, 0, 1),
+        zeros.copy(),
+        zeros.copy(),
+        gaze,
+        np.zeros((count, 2, 3)),
+        np.zeros((count, 2)),
     )
 
 
@@ -76,7 +90,9 @@ def _smoothed(values: FloatArray, width: int) -> FloatArray:
     return out.reshape(values.shape)
 
 
-def object_tracks(world: World, parts: list[Part], bodies: list[BodyTrack], count: int) -> list[ObjectTrack]:
+def object_tracks(
+    world: World, parts: list[Part], bodies: list[BodyTrack], count: int
+) -> list[ObjectTrack]:
     """Return every object's track; bend the carriers and set their hands on the way."""
     tracks = []
     for k, placed in enumerate(world.props):
@@ -95,7 +111,9 @@ def _ease(frames: IntArray, start: float, end: float) -> FloatArray:
     return np.asarray(x * x * (3 - 2 * x))
 
 
-def _handle(prop: Prop, h: Handling, yaw_rad: float, body: BodyTrack, n: int, track: ObjectTrack) -> float:
+def _handle(
+    prop: Prop, h: Handling, yaw_rad: float, body: BodyTrack, n: int, track: ObjectTrack
+) -> float:
     """Write one handling into the tracks; return the object's yaw at its new place."""
     count = len(track.handled)
     i = np.arange(count)

@@ -56,7 +56,9 @@ class Textures:
         self._glow: list[float] = []
         self._ir_dark: list[float] = []
 
-    def add(self, image: ByteArray, wrap: bool = False, glow: float = 0.0, ir_dark: float = 0.0) -> int:
+    def add(
+        self, image: ByteArray, wrap: bool = False, glow: float = 0.0, ir_dark: float = 0.0
+    ) -> int:
         """Register a texture; return its index. `wrap`: it repeats beyond its edges."""
         height, width = (max(_ALIGN_PX, round(n / _ALIGN_PX) * _ALIGN_PX) for n in image.shape[:2])
         resized = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)

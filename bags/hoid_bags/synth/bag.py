@@ -24,7 +24,9 @@ _TYPES = {
 }
 
 
-def write_bag(config: SceneConfig, bag: Path, workers: int = 1, *, show_progress: bool = False) -> None:
+def write_bag(
+    config: SceneConfig, bag: Path, workers: int = 1, *, show_progress: bool = False
+) -> None:
     """Render a scene into a bag.
 
     Args:

@@ -46,7 +46,9 @@ def _tremor(rng: Rng, t: FloatArray) -> FloatArray:
     return np.asarray((waves / rates**1.2).sum(-1))
 
 
-Path = tuple[FloatArray, FloatArray, FloatArray]  # position (N, 3), yaw (N,), pitch (N,), up is positive
+Path = tuple[
+    FloatArray, FloatArray, FloatArray
+]  # position (N, 3), yaw (N,), pitch (N,), up is positive
 
 
 def _look_at(position: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -55,7 +57,9 @@ def _look_at(position: FloatArray, target: FloatArray) -> tuple[FloatArray, Floa
     return np.arctan2(way[:, 1], way[:, 0]), np.arctan2(way[:, 2], flat)
 
 
-def _sweep(rng: Rng, t: FloatArray, amplitude: tuple[float, float, float], period_s: float) -> FloatArray:
+def _sweep(
+    rng: Rng, t: FloatArray, amplitude: tuple[float, float, float], period_s: float
+) -> FloatArray:
     middle = np.array([WIDTHS_M[0] / 2, _FRONT_Y_M, HEIGHT_M])
     periods = period_s * rng.uniform(0.85, 1.2, 3) * [1.0, 0.71, 0.57]
     phase = rng.uniform(0, 2 * np.pi, 3)
@@ -64,11 +68,16 @@ def _sweep(rng: Rng, t: FloatArray, amplitude: tuple[float, float, float], perio
 
 def _room(rng: Rng, t: FloatArray) -> Path:
     position = _sweep(rng, t, (1.15, 0.3, 0.14), 10.0)
-    target = np.stack([
-        WIDTHS_M[0] / 2 + 1.3 * _wander(rng, t, 0.16) - 0.25 * (position[:, 0] - WIDTHS_M[0] / 2),
-        np.full(len(t), 4.4),
-        0.95 + 0.25 * _wander(rng, t, 0.2),
-    ], -1)
+    target = np.stack(
+        [
+            WIDTHS_M[0] / 2
+            + 1.3 * _wander(rng, t, 0.16)
+            - 0.25 * (position[:, 0] - WIDTHS_M[0] / 2),
+            np.full(len(t), 4.4),
+            0.95 + 0.25 * _wander(rng, t, 0.2),
+        ],
+        -1,
+    )
     return position, *_look_at(position, target)
 
 
@@ -121,8 +130,12 @@ def _loop(rng: Rng, t: FloatArray) -> Path:
     s = t * LOOP_SPEED_MPS * 100
     laps, at = np.divmod(s, len(line))
     wrapped = np.concatenate([line, line[:1]])
-    position = np.stack([np.interp(at, np.arange(len(wrapped)), wrapped[:, k]) for k in range(2)], -1)
-    heading = np.interp(at, np.arange(len(wrapped)), np.append(heading, heading[0] + turn)) + laps * turn
+    position = np.stack(
+        [np.interp(at, np.arange(len(wrapped)), wrapped[:, k]) for k in range(2)], -1
+    )
+    heading = (
+        np.interp(at, np.arange(len(wrapped)), np.append(heading, heading[0] + turn)) + laps * turn
+    )
     height = HEIGHT_M + 0.05 * _wander(rng, t, 0.3)
     yaw = heading + np.radians(22) + np.radians(24) * _wander(rng, t, 0.14)
     pitch = np.radians(-8 + 4 * _wander(rng, t, 0.2))
@@ -130,7 +143,9 @@ def _loop(rng: Rng, t: FloatArray) -> Path:
     return np.concatenate([position + sway, height[:, None]], 1), yaw, pitch
 
 
-def _poses(position: FloatArray, yaw: FloatArray, pitch: FloatArray, roll: FloatArray) -> FloatArray:
+def _poses(
+    position: FloatArray, yaw: FloatArray, pitch: FloatArray, roll: FloatArray
+) -> FloatArray:
     z = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], -1)
     right = np.stack([np.sin(yaw), -np.cos(yaw), 0 * yaw], -1)
     down = np.cross(z, right)

@@ -16,20 +16,42 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hoid synth`."""
     default = SceneConfig()
     parser.add_argument('bag', metavar='BAG', type=Path, help='folder to make')
-    parser.add_argument('--seed', type=int, default=default.seed, help='varies everything (%(default)s)')
     parser.add_argument(
-        '--frames', type=int, default=default.num_frames, help='at 30 Hz; default 300, or one whole loop (1200)'
+        '--seed', type=int, default=default.seed, help='varies everything (%(default)s)'
     )
-    parser.add_argument('--path', choices=PATHS, default=default.path, help='camera motion (%(default)s)')
     parser.add_argument(
-        '--layout', choices=LAYOUTS, default=default.layout, help='repeated: identical furniture in rows'
+        '--frames',
+        type=int,
+        default=default.num_frames,
+        help='at 30 Hz; default 300, or one whole loop (1200)',
+    )
+    parser.add_argument(
+        '--path', choices=PATHS, default=default.path, help='camera motion (%(default)s)'
+    )
+    parser.add_argument(
+        '--layout',
+        choices=LAYOUTS,
+        default=default.layout,
+        help='repeated: identical furniture in rows',
     )
     people = parser.add_mutually_exclusive_group()
-    people.add_argument('--people', type=int, default=default.num_people, help='how many (%(default)s)')
-    people.add_argument('--no-people', dest='people', action='store_const', const=0, help='an empty home')
-    parser.add_argument('--width', type=int, default=default.width_px, help='of the images, px (%(default)s)')
+    people.add_argument(
+        '--people', type=int, default=default.num_people, help='how many (%(default)s)'
+    )
+    people.add_argument(
+        '--no-people', dest='people', action='store_const', const=0, help='an empty home'
+    )
     parser.add_argument(
-        '--workers', type=int, default=min(_MOST_WORKERS, os.cpu_count() or 1), help='processes (%(default)s)'
+        '--near', type=float, default=default.near_m, help='distance people seek, m (%(default)s)'
+    )
+    parser.add_argument(
+        '--width', type=int, default=default.width_px, help='of the images, px (%(default)s)'
+    )
+    parser.add_argument(
+        '--workers',
+        type=int,
+        default=min(_MOST_WORKERS, os.cpu_count() or 1),
+        help='processes (%(default)s)',
     )
 
 
@@ -42,5 +64,6 @@ def synth_command(args: argparse.Namespace) -> None:
         path=args.path,
         layout=args.layout,
         num_people=args.people,
+        near_m=args.near,
     )
     write_bag(config, args.bag, args.workers, show_progress=True)

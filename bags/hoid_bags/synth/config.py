@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from hoid_common.config import Config, param
 from hoid_common.values import CameraModel
 
-EPOCH_NS = 1_700_000_000_000_000_000  # stamp of frame 0: recordings of one seed are equal to the byte
+EPOCH_NS = (
+    1_700_000_000_000_000_000  # stamp of frame 0: recordings of one seed are equal to the byte
+)
 FRAME_RATE_HZ = 30.0
 PATHS = ('room', 'loop', 'xyz', 'rpy', 'static')
 LAYOUTS = ('home', 'repeated')
@@ -27,6 +29,9 @@ class SceneConfig(Config):
     path: str = param('room', 'how the camera moves', choices=PATHS)
     layout: str = param('home', 'repeated: rows of identical furniture', choices=LAYOUTS)
     num_people: int = param(2, 'people who walk and handle objects', minimum=0, maximum=6)
+    near_m: float = param(
+        1.7, 'distance from the camera that people seek', minimum=1.0, maximum=5.0
+    )
     colour_noise: float = param(1.0, 'scale of the colour noise', minimum=0.0, maximum=10.0)
     motion_blur: float = param(1.0, 'scale of the exposure time', minimum=0.0, maximum=10.0)
     depth_noise: float = param(1.0, 'scale of the depth noise', minimum=0.0, maximum=10.0)

@@ -40,26 +40,50 @@ def joints(at: Stance, build: Build) -> Joints:
     sway = 0.02 * at.stride * np.sin(2 * np.pi * cycle)
     root = np.array([*at.position_m, 0.0])
     height = build.leg_m * 0.985 + _ANKLE_M - at.drop_m - 0.02 * at.stride + bob
-    pelvis = root + height * up + sway * right - 0.22 * at.drop_m * forward - 0.1 * at.lean_rad * forward
+    pelvis = (
+        root
+        + height * up
+        + sway * right
+        - 0.22 * at.drop_m * forward
+        - 0.1 * at.lean_rad * forward
+    )
     spine = np.cos(at.lean_rad) * up + np.sin(at.lean_rad) * forward
     neck = pelvis + build.torso_m * spine
     twist = 0.05 * at.stride * np.cos(2 * np.pi * cycle)
     across = sides + np.array([[twist], [-twist]]) * forward
     shoulders = neck - 0.045 * spine + 0.108 * build.height_m * across * 1.04
-    hips = pelvis + 0.052 * build.height_m * (sides - 0.5 * np.array([[twist], [-twist]]) * forward) - 0.02 * up
+    hips = (
+        pelvis
+        + 0.052 * build.height_m * (sides - 0.5 * np.array([[twist], [-twist]]) * forward)
+        - 0.02 * up
+    )
     ankles, toes = _feet(at, build, root, forward, sides, cycle)
     wrists = _wrists(at, build, shoulders, forward, sides, cycle)
     elbow_pole = -0.7 * up - 0.35 * forward + 0.45 * sides
     head = neck + 0.04 * spine + 0.08 * build.height_m * (0.5 * spine + 0.5 * up) + 0.02 * forward
     return Joints(
-        forward, pelvis, neck, head, _head_pose(at, head), shoulders,
-        _middle(shoulders, wrists, build.arm_m / 2, elbow_pole), wrists, hips,
-        _middle(hips, ankles, build.leg_m / 2, np.stack([forward, forward])), ankles, toes,
+        forward,
+        pelvis,
+        neck,
+        head,
+        _head_pose(at, head),
+        shoulders,
+        _middle(shoulders, wrists, build.arm_m / 2, elbow_pole),
+        wrists,
+        hips,
+        _middle(hips, ankles, build.leg_m / 2, np.stack([forward, forward])),
+        ankles,
+        toes,
     )
 
 
 def _feet(
-    at: Stance, build: Build, root: FloatArray, forward: FloatArray, sides: FloatArray, cycle: float
+    at: Stance,
+    build: Build,
+    root: FloatArray,
+    forward: FloatArray,
+    sides: FloatArray,
+    cycle: float,
 ) -> tuple[FloatArray, FloatArray]:
     phase = np.mod(cycle + np.array([0.0, 0.5]), 1.0)
     length = STRIDE_PER_HEIGHT * build.height_m * _STANCE / 2
@@ -67,7 +91,9 @@ def _feet(
     eased = swing * swing * (3 - 2 * swing)
     ahead = np.where(phase < _STANCE, 1 - 2 * phase / _STANCE, 2 * eased - 1) * length * at.stride
     lift = at.stride * 0.1 * np.sin(np.pi * swing)
-    heel = at.stride * (0.05 * np.clip((phase - 0.4) / 0.2, 0, 1) * (1 - swing))  # heel off the ground
+    heel = at.stride * (
+        0.05 * np.clip((phase - 0.4) / 0.2, 0, 1) * (1 - swing)
+    )  # heel off the ground
     ankles = root + ahead[:, None] * forward + 0.05 * build.height_m * sides
     ankles = ankles + (_ANKLE_M + lift + heel)[:, None] * np.array([0, 0, 1.0])
     pitch = at.stride * (0.25 * np.sin(np.pi * swing) - 6 * heel)
@@ -76,11 +102,22 @@ def _feet(
 
 
 def _wrists(
-    at: Stance, build: Build, shoulders: FloatArray, forward: FloatArray, sides: FloatArray, cycle: float
+    at: Stance,
+    build: Build,
+    shoulders: FloatArray,
+    forward: FloatArray,
+    sides: FloatArray,
+    cycle: float,
 ) -> FloatArray:
-    swing = at.stride * 0.42 * np.cos(2 * np.pi * cycle + np.array([np.pi, 0.0])) + 0.08 + 0.5 * at.lean_rad
+    swing = (
+        at.stride * 0.42 * np.cos(2 * np.pi * cycle + np.array([np.pi, 0.0]))
+        + 0.08
+        + 0.5 * at.lean_rad
+    )
     length = build.arm_m * 0.965
-    hang = shoulders + length * (np.sin(swing)[:, None] * forward - np.cos(swing)[:, None] * np.array([0, 0, 1.0]))
+    hang = shoulders + length * (
+        np.sin(swing)[:, None] * forward - np.cos(swing)[:, None] * np.array([0, 0, 1.0])
+    )
     hang = hang + 0.07 * sides
     way = at.hands_m - shoulders
     distance = np.linalg.norm(way, axis=1, keepdims=True)

@@ -15,7 +15,16 @@ from hoid_bags.synth.noise import Rng
 from hoid_bags.synth.palette import Studio
 from hoid_bags.synth.props import FLOOR_PROPS, TABLE_PROPS, Maker
 from hoid_bags.synth.rooms import DEPTH_M, HEIGHT_M, Furnisher
-from hoid_bags.synth.world import Lamp, PlacedProp, Rect, Spot, World, WorldBuilder, pose, resting_yaw
+from hoid_bags.synth.world import (
+    Lamp,
+    PlacedProp,
+    Rect,
+    Spot,
+    World,
+    WorldBuilder,
+    pose,
+    resting_yaw,
+)
 from hoid_common.values import PERSON, FloatArray
 
 WIDTHS_M = (6.4, 5.8)
@@ -39,18 +48,28 @@ def build_world(config: SceneConfig) -> World:
     two = config.path == 'loop'
     repeated = config.layout == 'repeated'
     x0s = (0.0, WIDTHS_M[0] + PARTITION_M)[: 1 + two]
-    for k, x0 in enumerate(x0s):
-        _furnish(Furnisher(studio, builder, x0, WIDTHS_M[k]), k, two, repeated)
+    furnishers = [Furnisher(studio, builder, x0, w) for x0, w in zip(x0s, WIDTHS_M, strict=False)]
+    for k, furnisher in enumerate(furnishers):
+        _furnish(furnisher, k, two, repeated)
     rooms = tuple((x0, 0.0, x0 + w, DEPTH_M) for x0, w in zip(x0s, WIDTHS_M, strict=False))
-    doorways = _partition(studio, builder) if two else ()
+    doorways = _partition(furnishers[0]) if two else ()
     builder.spots += _floor_spots(rng, builder.obstacles, rooms, two)
-    props, free = _place_props(studio, builder, rng)
+    props, free = _place_props(furnishers[0], rng)
     people = Studio(textures, np.random.default_rng([config.seed, 3]), studio.texels_per_m)
     wardrobes = tuple(dress(people) for _ in range(config.num_people))
     instances = tuple(builder.new_instance(PERSON) for _ in wardrobes)
     return World(
-        builder.mesh(), tuple(builder.class_names), props, free, tuple(builder.obstacles), rooms,
-        doorways, tuple(builder.lamps), wardrobes, instances, textures.pack(),
+        builder.mesh(),
+        tuple(builder.class_names),
+        props,
+        free,
+        tuple(builder.obstacles),
+        rooms,
+        doorways,
+        tuple(builder.lamps),
+        wardrobes,
+        instances,
+        textures.pack(),
     )
 
 
@@ -61,21 +80,31 @@ def _furnish(f: Furnisher, k: int, two: bool, repeated: bool) -> None:
     accent = ('back', 'left', 'right', 'front')[int(f.rng.integers(0, 4))]
     f.shell((sides[1],) if two else (), accent)
     slots: list[tuple[float, Place]] = [
-        (1.5, f.desk), (1.1, f.bookshelf), (1.0, f.cupboard), (1.5, f.sideboard),
+        (1.5, f.desk),
+        (1.1, f.bookshelf),
+        (1.0, f.cupboard),
+        (1.5, f.sideboard),
     ]
     if repeated:
         slots = [(1.5, _repeating(f, f.desk))] * 3
     spans = f.along('back', slots, 0.12, f.width_m - 0.12)
     wide = [s for s in spans if s[1] - s[0] > 1.3]
     f.pictures('back', wide, 1.42)
-    f.clock('back', float(np.mean(wide[0])))
+    for span in [s for s in spans if s not in wide][:1]:
+        f.clock('back', float(np.mean(span)))
     f.couch(f.builder, f.wall_pose(sides[0], DEPTH_M / 2 + float(f.rng.uniform(-0.3, 0.3))))
     f.pictures(sides[0], [(0.6, 1.4), (1.7, 3.9), (4.1, 5.2)], 1.15)
     _window_side(f, sides[1], two)
-    f.table_group(f.width_m / 2 + float(f.rng.uniform(-0.15, 0.15)), 2.72)
+    aside = 0.0 if two else 1.05 if sides[0] == 'left' else -1.05
+    middle = f.width_m / 2 + aside + float(f.rng.uniform(-0.15, 0.15))
+    f.table_group(
+        middle, 2.72 if two else 3.15, 0.0 if two else np.pi / 2 + float(f.rng.uniform(-0.1, 0.1))
+    )
     near = 0.45 if sides[0] == 'left' else f.width_m - 0.45
     f.standing(furniture.floor_lamp(f.studio, f.palette), near, 4.7, '', 0.16)
-    f.standing(furniture.plant(f.studio, f.palette, 1.15), f.width_m - near, 5.1, 'potted plant', 0.2)
+    f.standing(
+        furniture.plant(f.studio, f.palette, 1.15), f.width_m - near, 5.1, 'potted plant', 0.2
+    )
 
 
 def _window_side(f: Furnisher, side: str, two: bool) -> None:
@@ -92,7 +121,7 @@ def _window_side(f: Furnisher, side: str, two: bool) -> None:
         f.pictures(side, [(1.8, 3.7)], 1.1)
         return
     f.builder.add(furniture.door(f.studio, f.palette), f.wall_pose(side, 0.75))
-    f.pictures(side, [(4.1, 5.3)] if side == 'left' else [(0.3, 1.4)], 1.1)
+    f.pictures(side, [(4.1, 5.3)], 1.1)
     f.pictures('front', [(0.4, 2.6), (3.2, f.width_m - 0.4)], 1.0)
 
 
@@ -109,21 +138,24 @@ def _repeating(f: Furnisher, place: Place) -> Place:
     return place_again
 
 
-def _partition(studio: Studio, builder: WorldBuilder) -> tuple[Rect, ...]:
+def _partition(f: Furnisher) -> tuple[Rect, ...]:
+    """Add the wall between the rooms; return its doorways."""
     x0, x1 = WIDTHS_M[0], WIDTHS_M[0] + PARTITION_M
-    paint = studio.plain((196.0, 206.0, 212.0))
+    paint = f.palette.accent
     (a, b), (c, d) = DOORWAYS_M
-    parts = [box((x0, y, 0), (x1, end, HEIGHT_M), paint, omit=('top', 'bottom'))
-             for y, end in ((0, a), (b, c), (d, DEPTH_M))]
+    parts = [
+        box((x0, y, 0), (x1, end, HEIGHT_M), paint, omit=('top', 'bottom'))
+        for y, end in ((0, a), (b, c), (d, DEPTH_M))
+    ]
     parts += [box((x0, y, DOORWAY_HEIGHT_M), (x1, end, HEIGHT_M), paint) for y, end in DOORWAYS_M]
-    frame = studio.wood((90.0, 120.0, 150.0))
+    frame = f.studio.wood((90.0, 120.0, 150.0))
     for y, end in DOORWAYS_M:
         for side in (y, end):
             parts.append(box((x0 - 0.02, side - 0.04, 0), (x1 + 0.02, side + 0.04, 2.14), frame))
         parts.append(box((x0 - 0.02, y, 2.07), (x1 + 0.02, end, 2.14), frame))
         parts.append(box((x0, y, -0.02), (x1, end, 0.004), frame))
-    builder.add(merged(parts), np.eye(4))
-    builder.obstacles += [(x0, y, x1, end) for y, end in ((0.0, a), (b, c), (d, DEPTH_M))]
+    f.builder.add(merged(parts), np.eye(4))
+    f.builder.obstacles += [(x0, y, x1, end) for y, end in ((0.0, a), (b, c), (d, DEPTH_M))]
     return tuple((x0, y, x1, end) for y, end in DOORWAYS_M)
 
 
@@ -146,7 +178,14 @@ def _floor_spots(
         if lane or crowded or _clearance(at, rects) < 0.36 or _clearance(stand, rects) < 0.3:
             continue
         heading = float(np.arctan2(-way[1], -way[0]))
-        spots.append(Spot((float(at[0]), float(at[1]), 0.0), (float(stand[0]), float(stand[1])), heading, True))
+        spots.append(
+            Spot(
+                (float(at[0]), float(at[1]), 0.0),
+                (float(stand[0]), float(stand[1])),
+                heading,
+                True,
+            )
+        )
     return spots
 
 
@@ -155,15 +194,14 @@ def _clearance(at: FloatArray, rects: FloatArray) -> float:
     return float(np.hypot(gap[:, 0], gap[:, 1]).min())
 
 
-def _place_props(
-    studio: Studio, builder: WorldBuilder, rng: Rng
-) -> tuple[tuple[PlacedProp, ...], tuple[Spot, ...]]:
+def _place_props(f: Furnisher, rng: Rng) -> tuple[tuple[PlacedProp, ...], tuple[Spot, ...]]:
     """Put objects on a random choice of places; return them and the places left free."""
     placed: list[PlacedProp] = []
+    builder = f.builder
     free = [builder.spots[int(k)] for k in rng.permutation(len(builder.spots))]
-    palette = Furnisher(studio, builder, 0.0, WIDTHS_M[0]).palette
     groups: list[tuple[tuple[Maker, ...], int, bool]] = [
-        (TABLE_PROPS, _NUM_TABLE_PROPS, False), (FLOOR_PROPS, _NUM_FLOOR_PROPS, True),
+        (TABLE_PROPS, _NUM_TABLE_PROPS, False),
+        (FLOOR_PROPS, _NUM_FLOOR_PROPS, True),
     ]
     for makers, count, on_floor in groups:
         for k in rng.permutation(len(makers))[:count]:
@@ -171,7 +209,7 @@ def _place_props(
             if spot is None:
                 break
             free.remove(spot)
-            prop = makers[int(k)](studio, palette)
+            prop = makers[int(k)](f.studio, f.palette)
             yaw = resting_yaw(prop, spot) + float(rng.uniform(-0.4, 0.4))
             placed.append(PlacedProp(prop, spot, yaw, builder.new_instance(prop.class_name)))
     return tuple(placed), tuple(free)

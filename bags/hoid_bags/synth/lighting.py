@@ -47,7 +47,9 @@ def openness(tracer: Tracer, mesh: Mesh) -> Float32Array:
     return total / _OCCLUSION_RAYS
 
 
-def direct(tracer: Tracer, vertices_m: Float32Array, normals: Float32Array, lamps: tuple[Lamp, ...]) -> Float32Array:
+def direct(
+    tracer: Tracer, vertices_m: Float32Array, normals: Float32Array, lamps: tuple[Lamp, ...]
+) -> Float32Array:
     """Return (V,) light that arrives from the lamps."""
     origin = vertices_m + _LIFT_M * normals
     total = np.zeros(len(origin), np.float32)

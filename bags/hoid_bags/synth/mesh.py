@@ -51,7 +51,9 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
         np.concatenate([m.vertices_m for m in meshes]),
         np.concatenate([m.normals for m in meshes]),
         np.concatenate([m.uv for m in meshes]),
-        np.concatenate([m.faces + int(n) for m, n in zip(meshes, starts, strict=True)], dtype=np.int32),
+        np.concatenate(
+            [m.faces + int(n) for m, n in zip(meshes, starts, strict=True)], dtype=np.int32
+        ),
         np.concatenate([m.texture for m in meshes]),
         np.concatenate([m.instance for m in meshes]),
     )
@@ -201,7 +203,10 @@ def ellipsoid(
     u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
     uv = np.stack([u, v], -1)
     if surface.size_m is not None:
-        uv = uv * [round(2 * np.pi * radii_m[0] / surface.size_m[0]) or 1, np.pi * radii_m[2] / surface.size_m[1]]
+        uv = uv * [
+            round(2 * np.pi * radii_m[0] / surface.size_m[0]) or 1,
+            np.pi * radii_m[2] / surface.size_m[1],
+        ]
     mesh = _flipped(grid(np.asarray(center, float) + unit * radii_m, uv, surface, closed=True))
     outwards = _unit(unit / np.asarray(radii_m)).reshape(-1, 3)
     return replace(mesh, normals=outwards.astype(np.float32))

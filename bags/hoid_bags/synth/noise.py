@@ -19,7 +19,8 @@ def value_noise(rng: Rng, shape: Shape, cells: tuple[float, float]) -> Float32Ar
     grid_shape = [max(2, round(n / c)) for n, c in zip(shape, cells, strict=True)]
     small = np.pad(rng.standard_normal(grid_shape, np.float32), 2, 'wrap')
     y, x = (
-        ((np.arange(n, dtype=np.float32) + 0.5) * g / n + 1.5) for n, g in zip(shape, grid_shape, strict=True)
+        ((np.arange(n, dtype=np.float32) + 0.5) * g / n + 1.5)
+        for n, g in zip(shape, grid_shape, strict=True)
     )
     map_x, map_y = np.meshgrid(x.astype(np.float32), y.astype(np.float32))
     return cv2.remap(small, map_x, map_y, cv2.INTER_CUBIC).astype(np.float32) * np.float32(1.3)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from hoid_bags.synth import prints, surfaces
 from hoid_bags.synth.atlas import Textures
 from hoid_bags.synth.mesh import Surface
@@ -24,6 +26,10 @@ class Studio:
         texels = self.texels_per_m * detail
         return max(16, round(height_m * texels)), max(16, round(width_m * texels))
 
+    def paint(self) -> Rng:
+        """Return a source for one picture, so that its number of texels does not change what follows."""
+        return np.random.default_rng(int(self.rng.integers(0, 1 << 62)))
+
     def tile(self, image: ByteArray, size_m: tuple[float, float], ir_dark: float = 0.0) -> Surface:
         """Return a repeating surface."""
         return Surface(self.textures.add(image, wrap=True, ir_dark=ir_dark), size_m)
@@ -34,11 +40,13 @@ class Studio:
 
     def plain(self, colour: Bgr, ir_dark: float = 0.0) -> Surface:
         """Return slightly stained paint, plastic or metal."""
-        return self.tile(surfaces.plaster(self.rng, self.shape(0.5, 0.5), colour), (0.5, 0.5), ir_dark)
+        return self.tile(
+            surfaces.plaster(self.paint(), self.shape(0.5, 0.5), colour), (0.5, 0.5), ir_dark
+        )
 
     def wood(self, colour: Bgr) -> Surface:
         """Return varnished wood."""
-        return self.tile(surfaces.wood(self.rng, self.shape(1.2, 0.8), colour), (1.2, 0.8))
+        return self.tile(surfaces.wood(self.paint(), self.shape(1.2, 0.8), colour), (1.2, 0.8))
 
 
 @dataclass(frozen=True)
@@ -70,11 +78,10 @@ def _cloth(studio: Studio) -> Surface:
     rng, shape = studio.rng, studio.shape(0.8, 0.8)
     colour = any_colour(rng, (0.25, 0.7), (0.35, 0.75))
     ink = any_colour(rng, (0.1, 0.7), (0.3, 0.95))
-    image = (
-        surfaces.cloth(rng, shape, colour),
-        surfaces.plaid(rng, shape, colour, ink),
-        surfaces.dotted(rng, shape, colour, ink, 12),
-    )[int(rng.integers(0, 3))]
+    patterned = (surfaces.plaid, surfaces.dotted)[int(rng.integers(0, 2))]
+    plain = rng.random() < 0.33
+    paint = studio.paint()
+    image = surfaces.cloth(paint, shape, colour) if plain else patterned(paint, shape, colour, ink)
     return studio.tile(image, (0.8, 0.8))
 
 
@@ -89,12 +96,18 @@ def make_palette(studio: Studio) -> Palette:
     floor_size = (2.4, 2.4)
     floor_shape = studio.shape(*floor_size, 0.8)
     floors = (surfaces.parquet, surfaces.parquet, surfaces.tiles, surfaces.carpet)
-    floor = floors[int(rng.integers(0, 4))](rng, floor_shape, wood_colour(rng, (0.45, 0.68)))
+    floor = floors[int(rng.integers(0, 4))](
+        studio.paint(), floor_shape, wood_colour(rng, (0.45, 0.68))
+    )
     return Palette(
-        wall=studio.tile(surfaces.plaster(rng, wide, wall), (3.0, 2.6)),
-        accent=studio.tile(surfaces.wallpaper(rng, studio.shape(1.5, 1.3), accent, ink), (1.5, 1.3)),
+        wall=studio.tile(surfaces.plaster(studio.paint(), wide, wall), (3.0, 2.6)),
+        accent=studio.tile(
+            surfaces.wallpaper(studio.paint(), studio.shape(1.5, 1.3), accent, ink), (1.5, 1.3)
+        ),
         floor=studio.tile(floor, floor_size),
-        ceiling=studio.tile(surfaces.plaster(rng, wide, (225.0, 228.0, 230.0)), (3.0, 2.6)),
+        ceiling=studio.tile(
+            surfaces.plaster(studio.paint(), wide, (225.0, 228.0, 230.0)), (3.0, 2.6)
+        ),
         wood=studio.wood(wood_colour(rng, (0.62, 0.82))),
         dark_wood=studio.wood(wood_colour(rng, (0.28, 0.45))),
         white=studio.plain((214.0, 218.0, 220.0)),
@@ -103,7 +116,11 @@ def make_palette(studio: Studio) -> Palette:
         upholstery=_cloth(studio),
         cushion=_cloth(studio),
         curtain=_cloth(studio),
-        leaf=studio.sheet(surfaces.leaf(rng, studio.shape(0.2, 0.5), hsv(rng.uniform(90, 130), 0.6, 0.5))),
+        leaf=studio.sheet(
+            surfaces.leaf(
+                studio.paint(), studio.shape(0.2, 0.5), hsv(rng.uniform(90, 130), 0.6, 0.5)
+            )
+        ),
         clay=studio.plain(hsv(rng.uniform(8, 30), 0.55, rng.uniform(0.5, 0.75))),
     )
 
@@ -112,6 +129,6 @@ def picture(studio: Studio, width_m: float, height_m: float) -> Surface:
     """Return a poster or a framed picture."""
     rng, shape = studio.rng, studio.shape(width_m, height_m, 1.5)
     if rng.random() < 0.45:
-        return studio.sheet(prints.poster(rng, shape))
-    image = (prints.landscape if rng.random() < 0.6 else prints.abstract)(rng, shape)
+        return studio.sheet(prints.poster(studio.paint(), shape))
+    image = (prints.landscape if rng.random() < 0.6 else prints.abstract)(studio.paint(), shape)
     return studio.sheet(prints.framed(image, wood_colour(rng, (0.2, 0.7)), (225.0, 230.0, 232.0)))

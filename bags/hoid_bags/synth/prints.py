@@ -39,7 +39,12 @@ def filled(shape: Shape, colour: Sequence[float]) -> ByteArray:
 
 
 def write(
-    image: ByteArray, text: str, at: tuple[float, float], height_px: float, colour: Bgr, font: int = 0
+    image: ByteArray,
+    text: str,
+    at: tuple[float, float],
+    height_px: float,
+    colour: Bgr,
+    font: int = 0,
 ) -> None:
     """Draw text with its lower left corner at (x, y)."""
     thickness = max(1, round(height_px / 9))
@@ -66,9 +71,13 @@ def _shapes(rng: Rng, image: ByteArray, count: int) -> None:
         size = int(rng.uniform(0.04, 0.3) * width)
         match int(rng.integers(0, 4)):
             case 0:
-                cv2.circle(image, (x, y), size, colour, -1 if rng.random() < 0.6 else 3, cv2.LINE_AA)
+                cv2.circle(
+                    image, (x, y), size, colour, -1 if rng.random() < 0.6 else 3, cv2.LINE_AA
+                )
             case 1:
-                cv2.rectangle(image, (x, y), (x + size, y + int(size * rng.uniform(0.3, 2))), colour, -1)
+                cv2.rectangle(
+                    image, (x, y), (x + size, y + int(size * rng.uniform(0.3, 2))), colour, -1
+                )
             case 2:
                 corners = rng.integers(-size, size + 1, (int(rng.integers(3, 6)), 2)) + [x, y]
                 cv2.fillPoly(image, [corners.astype(np.int32)], colour, cv2.LINE_AA)
@@ -92,9 +101,10 @@ def landscape(rng: Rng, shape: Shape) -> ByteArray:
     image = mixed(hsv(hue, 0.55, 0.9), hsv(rng.uniform(20, 60), 0.3, 1.0), smoothstep(v * 1.8))
     clouds = smoothstep(fractal(rng, shape, (40, 90), 5) * 0.7 - 0.3) * np.clip(1 - v * 2.2, 0, 1)
     image = mixed(image, (250.0, 250.0, 250.0), 0.8 * clouds)
+    ground, leap = rng.uniform(0, 360), rng.uniform(-50, 50)
     for k in range(5):
         ridge = 0.35 + 0.12 * k + 0.06 * fractal(rng, (1, width), (1, width / 3), 5)
-        colour = hsv(rng.uniform(70, 190), 0.25 + 0.1 * k, 0.75 - 0.11 * k)
+        colour = hsv((ground + k * leap) % 360, 0.25 + 0.1 * k, rng.uniform(0.55, 0.85) - 0.09 * k)
         shade = 1 + 0.16 * fractal(rng, shape, (12, 20), 4)
         image = mixed(image, tinted(colour, shade), smoothstep((v - ridge) * height / 2))
     return as_bytes(image)
@@ -115,7 +125,9 @@ def poster(rng: Rng, shape: Shape) -> ByteArray:
     letters = max(3, int((width - 2 * margin) / (size * 0.85)))
     title = f'{word(rng)} {word(rng)}'.upper()[:letters]
     write(image, title, (margin, height * 0.14), size, ink, int(rng.integers(0, 3)))
-    lines_of_text(rng, image, (margin, height * 0.77, width - margin, height * 0.97), height * 0.02, ink)
+    lines_of_text(
+        rng, image, (margin, height * 0.77, width - margin, height * 0.97), height * 0.02, ink
+    )
     return image
 
 
@@ -153,7 +165,13 @@ def _spine(rng: Rng, spine: ByteArray) -> None:
     for y in rng.uniform(0.05, 0.95, int(rng.integers(1, 4))):
         cv2.line(spine, (0, int(y * height)), (width, int(y * height)), ink, max(1, height // 60))
     title = np.zeros((width, height, 3), np.uint8)
-    write(title, word(rng, 14), (height * rng.uniform(0.1, 0.3), width * 0.72), width * 0.55, (255, 255, 255))
+    write(
+        title,
+        word(rng, 14),
+        (height * rng.uniform(0.1, 0.3), width * 0.72),
+        width * 0.55,
+        (255, 255, 255),
+    )
     mask = cv2.rotate(title, cv2.ROTATE_90_CLOCKWISE)[..., :1] / 255.0
     spine[:] = (spine * (1 - mask) + np.asarray(ink) * mask).astype(np.uint8)
     curve = 1 - 0.3 * np.abs(np.linspace(-1, 1, width)) ** 3
@@ -166,7 +184,10 @@ def screen(rng: Rng, shape: Shape) -> ByteArray:
     image = landscape(rng, shape)
     for _ in range(3):
         w, h = (int(n * rng.uniform(0.35, 0.6)) for n in (width, height))
-        x, y = int(rng.uniform(0.02, 0.98) * (width - w)), int(rng.uniform(0.02, 0.98) * (height - h))
+        x, y = (
+            int(rng.uniform(0.02, 0.98) * (width - w)),
+            int(rng.uniform(0.02, 0.98) * (height - h)),
+        )
         dark = rng.random() < 0.6
         cv2.rectangle(image, (x, y), (x + w, y + h), (40, 34, 30) if dark else (244, 244, 244), -1)
         cv2.rectangle(image, (x, y), (x + w, y + max(3, h // 14)), (150, 120, 90), -1)
@@ -187,7 +208,13 @@ def keyboard(rng: Rng, shape: Shape) -> ByteArray:
             key = width * (0.06 if rng.random() < 0.88 else 0.13)
             corner = (int(x + key * 0.86), y + int(height * 0.15))
             cv2.rectangle(image, (int(x), y), corner, (70, 68, 66), -1)
-            write(image, word(rng)[0], (x + key * 0.2, y + height * 0.12), height * 0.09, (215, 215, 215))
+            write(
+                image,
+                word(rng)[0],
+                (x + key * 0.2, y + height * 0.12),
+                height * 0.09,
+                (215, 215, 215),
+            )
             x += key
     return image
 
@@ -196,7 +223,13 @@ def paper(rng: Rng, shape: Shape) -> ByteArray:
     """Return a printed page."""
     image = filled(shape, (236, 240, 242))
     height, width = shape
-    lines_of_text(rng, image, (width * 0.1, height * 0.06, width * 0.9, height * 0.94), height * 0.03, (45, 40, 40))
+    lines_of_text(
+        rng,
+        image,
+        (width * 0.1, height * 0.06, width * 0.9, height * 0.94),
+        height * 0.03,
+        (45, 40, 40),
+    )
     return image
 
 
@@ -215,7 +248,9 @@ def rug(rng: Rng, shape: Shape) -> ByteArray:
         image = mixed(image, colour, smoothstep((limit - diamond) * 40))
     motif = np.cos(u * 34) * np.cos(v * 34 * height / width)
     image = mixed(image, colours[4], 0.7 * smoothstep((np.abs(motif) - 0.72) * 12))
-    image = mixed(image, colours[2], 0.6 * smoothstep((0.1 - np.abs(np.cos(u * 17) + np.cos(v * 17))) * 9))
+    image = mixed(
+        image, colours[2], 0.6 * smoothstep((0.1 - np.abs(np.cos(u * 17) + np.cos(v * 17))) * 9)
+    )
     pile = 1 + 0.08 * grain(rng, shape) + 0.09 * fractal(rng, shape, (30, 30), 4)
     return as_bytes(image * pile[..., None])
 
@@ -232,10 +267,14 @@ def face(rng: Rng, shape: Shape, skin: Bgr, hair: Bgr) -> ByteArray:
     lips = (0.62 * skin[0], 0.55 * skin[1], 0.9 * skin[2])
     for side in (-1, 1):
         x = 0.5 + 0.062 * side
-        cv2.ellipse(image, at(x, 0.455), at(0.026, 0.02), 0, 0, 360, (235, 238, 240), -1, cv2.LINE_AA)
+        cv2.ellipse(
+            image, at(x, 0.455), at(0.026, 0.02), 0, 0, 360, (235, 238, 240), -1, cv2.LINE_AA
+        )
         cv2.circle(image, at(x, 0.455), max(1, int(width * 0.012)), (45, 50, 60), -1, cv2.LINE_AA)
         cv2.ellipse(image, at(x, 0.42), at(0.04, 0.02), 0, 190, 350, hair, 2, cv2.LINE_AA)
-        cv2.ellipse(image, at(0.5 + 0.25 * side, 0.5), at(0.02, 0.05), 0, 0, 360, dark, 2, cv2.LINE_AA)
+        cv2.ellipse(
+            image, at(0.5 + 0.25 * side, 0.5), at(0.02, 0.05), 0, 0, 360, dark, 2, cv2.LINE_AA
+        )
         cv2.circle(image, at(0.5 + 0.012 * side, 0.56), max(1, int(width * 0.006)), dark, -1)
     cv2.line(image, at(0.5, 0.47), at(0.508, 0.55), dark, 1, cv2.LINE_AA)
     cv2.ellipse(image, at(0.5, 0.64), at(0.045, 0.018), 0, 0, 360, lips, -1, cv2.LINE_AA)
@@ -254,7 +293,14 @@ def clock(rng: Rng, shape: Shape) -> ByteArray:
         cv2.line(image, ends[0], ends[1], (30, 30, 30), 3, cv2.LINE_AA)
     for length, angle in zip((0.5, 0.8), rng.uniform(0, 2 * np.pi, 2), strict=True):
         end = center + radius * length * np.array([np.sin(angle), -np.cos(angle)])
-        cv2.line(image, center.astype(int).tolist(), end.astype(int).tolist(), (20, 20, 20), 4, cv2.LINE_AA)
+        cv2.line(
+            image,
+            center.astype(int).tolist(),
+            end.astype(int).tolist(),
+            (20, 20, 20),
+            4,
+            cv2.LINE_AA,
+        )
     return image
 
 
@@ -272,7 +318,13 @@ def label(rng: Rng, shape: Shape, base: Bgr, ink: Bgr) -> ByteArray:
 def cover(rng: Rng, shape: Shape) -> ByteArray:
     """Return a book's cover."""
     image = poster(rng, shape)
-    cv2.rectangle(image, (0, 0), (max(2, shape[1] // 14), shape[0]), any_colour(rng, (0.4, 0.9), (0.1, 0.5)), -1)
+    cv2.rectangle(
+        image,
+        (0, 0),
+        (max(2, shape[1] // 14), shape[0]),
+        any_colour(rng, (0.4, 0.9), (0.1, 0.5)),
+        -1,
+    )
     return image
 
 
@@ -298,7 +350,11 @@ def outdoors(rng: Rng, shape: Shape) -> ByteArray:
     image = as_bytes(bright)
     height, width = shape
     for x in (0.0, 0.5, 1.0):
-        cv2.line(image, (int(x * width), 0), (int(x * width), height), (225, 228, 230), width // 22)
+        cv2.line(
+            image, (int(x * width), 0), (int(x * width), height), (225, 228, 230), width // 22
+        )
     for y in (0.0, 0.35, 1.0):
-        cv2.line(image, (0, int(y * height)), (width, int(y * height)), (225, 228, 230), width // 22)
+        cv2.line(
+            image, (0, int(y * height)), (width, int(y * height)), (225, 228, 230), width // 22
+        )
     return image

@@ -78,7 +78,11 @@ class Renderer:
             self._instance = np.concatenate([mesh.instance, first.instance])
         self._shape = (config.height_px, config.width_px)
         v, u = np.mgrid[0 : config.height_px, 0 : config.width_px]
-        rays = ((u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px, np.ones(self._shape))
+        rays = (
+            (u - camera.cx_px) / camera.fx_px,
+            (v - camera.cy_px) / camera.fy_px,
+            np.ones(self._shape),
+        )
         self._rays = np.stack(rays, -1).reshape(-1, 3).astype(np.float32)
         self._ray_lengths = np.linalg.norm(self._rays, axis=1)
         self._exposure_phases = np.random.default_rng([config.seed, 5]).uniform(0, 2 * np.pi, 2)
@@ -95,8 +99,12 @@ class Renderer:
         cosine = self._cosine(hits, moving, view)
         footprint = hits.t**2 / (cosine * np.float32(self._config.camera.fx_px**2))
         colour = shading.shade(
-            shading.rows_of(self._table, hits.face), hits.barycentric, footprint, self._stage.world.atlas,
-            self._shadow(hits, moving, view), self._exposure(i),
+            shading.rows_of(self._table, hits.face),
+            hits.barycentric,
+            footprint,
+            self._stage.world.atlas,
+            self._shadow(hits, moving, view),
+            self._exposure(i),
         )
         flow = self._flow(i, hits, moving, view)
         texture = self._texture[hits.face]
@@ -113,7 +121,9 @@ class Renderer:
         light = lighting.light_moving(self._tracer, mesh, self._stage.world.lamps)
         shading.set_light(self._table[self._num_static :], mesh, light)
         steps = after.vertices_m - mesh.vertices_m
-        return _Moving(mesh, Tracer(mesh.vertices_m, mesh.faces), shading.face_normals(mesh), steps)
+        return _Moving(
+            mesh, Tracer(mesh.vertices_m, mesh.faces), shading.face_normals(mesh), steps
+        )
 
     def _overlay(self, hits: Hits, moving: _Moving, view: _View) -> None:
         """Let moving things hide what is behind them."""
@@ -146,13 +156,17 @@ class Renderer:
         return mask.ravel()
 
     def _cosine(self, hits: Hits, moving: _Moving | None, view: _View) -> Float32Array:
-        normals = self._normals if moving is None else np.concatenate([self._normals, moving.normals])
+        normals = (
+            self._normals if moving is None else np.concatenate([self._normals, moving.normals])
+        )
         along = np.einsum('ij,ij->i', np.take(normals, hits.face, axis=0), view.directions)
         return np.maximum(np.abs(along) / self._ray_lengths, np.float32(1e-3))
 
     def _exposure(self, i: int) -> float:
         """Return the gain of frame i: it wanders as an automatic exposure does."""
-        waves = np.sin(2 * np.pi * self._config.time_s(i) * np.array([0.13, 0.31]) + self._exposure_phases)
+        waves = np.sin(
+            2 * np.pi * self._config.time_s(i) * np.array([0.13, 0.31]) + self._exposure_phases
+        )
         return float(1.15 * (1 + _EXPOSURE_SWING * waves.sum()))
 
     def _coarse(self, values: NDArray[np.generic]) -> NDArray[np.generic]:

@@ -32,7 +32,9 @@ class FloorMap:
         self._blocked = _grown(walls)
         self._empty = walls
 
-    def route(self, start_m: Sequence[float], end_m: Sequence[float], around: Sequence[Rect] = ()) -> FloatArray:
+    def route(
+        self, start_m: Sequence[float], end_m: Sequence[float], around: Sequence[Rect] = ()
+    ) -> FloatArray:
         """Return (N, 2) points from start to end, (2, 2) straight ends included; empty when there is no way."""
         blocked = self._blocked
         if around:
@@ -70,7 +72,9 @@ def _grown(walls: np.ndarray) -> BoolArray:  # type: ignore[type-arg]
     return np.asarray(distance < BODY_RADIUS_M)
 
 
-def _a_star(blocked: BoolArray, start: tuple[int, int], end: tuple[int, int]) -> list[tuple[int, int]]:
+def _a_star(
+    blocked: BoolArray, start: tuple[int, int], end: tuple[int, int]
+) -> list[tuple[int, int]]:
     """Return the cells of a shortest way; start and end may lie in blocked cells."""
     rows, columns = blocked.shape
     cost = {start: 0.0}

@@ -85,7 +85,9 @@ def render(config: SceneConfig, workers: int = 1) -> Iterator[SynthFrame]:
         tasks = iter(range(0, config.frames, _FRAMES_PER_TASK))
         waiting: deque[Future[list[SynthFrame]]] = deque()
         for first in tasks:
-            waiting.append(pool.submit(_render_task, first, min(first + _FRAMES_PER_TASK, config.frames)))
+            waiting.append(
+                pool.submit(_render_task, first, min(first + _FRAMES_PER_TASK, config.frames))
+            )
             if len(waiting) > workers * _TASKS_AHEAD_PER_WORKER:
                 yield from waiting.popleft().result()
         while waiting:

@@ -18,7 +18,7 @@ _ACCELERATION_S = 0.45
 _TURN_S = 0.4
 _SPEED_MPS = (0.85, 1.25)
 _STAND_S = (3.1, 4.2)
-_CANDIDATES = 10
+_CANDIDATES = 14
 _ROLES = (('fetch', 'walk', 'fetch', 'stand'), ('stand', 'fetch', 'walk', 'fetch'))
 _CAMERA_CLEARANCE_M = 0.95
 _PEOPLE_CLEARANCE_M = 0.7
@@ -60,8 +60,15 @@ class _Scene:
 class Playwright:
     """Writes the parts, one action after the other, keeping people apart from each other and from the camera."""
 
-    def __init__(self, world: World, T_world_camera: FloatArray, rng: Rng, keep_out: tuple[Rect, ...]) -> None:
-        self._world, self._camera, self._rng = world, T_world_camera, rng
+    def __init__(
+        self,
+        world: World,
+        T_world_camera: FloatArray,
+        rng: Rng,
+        keep_out: tuple[Rect, ...],
+        near_m: float,
+    ) -> None:
+        self._world, self._camera, self._rng, self._near_m = world, T_world_camera, rng, near_m
         self._floor = FloorMap(world, keep_out)
         count = max(0, len(world.props) - _UNTOUCHED)
         self._free_props = {int(k) for k in rng.permutation(len(world.props))[:count]}
@@ -148,7 +155,9 @@ class Playwright:
             way = self._camera[min(first, len(self._camera) - 1), :2, 3] - np.array(end)
             facing = float(np.arctan2(way[1], way[0]))
         xy = np.concatenate([xy, np.tile(end, (stay, 1))])
-        return _Scene(xy, np.concatenate([heading, np.full(stay, facing)]), None, (first, first + stay))
+        return _Scene(
+            xy, np.concatenate([heading, np.full(stay, facing)]), None, (first, first + stay)
+        )
 
     def _draw_fetch(self, part: Part) -> _Scene | None:
         rng, frame = self._rng, len(part.xy_m)
@@ -164,12 +173,22 @@ class Playwright:
         grasp = round(GRASP_S * FRAME_RATE_HZ)
         to, heading = self._walk(self._start(part, source.stand_m), source.stand_m, around)
         carry, carry_heading = self._walk(source.stand_m, target.stand_m, around)
-        xy = np.concatenate([
-            to, np.tile(source.stand_m, (grasp, 1)), carry, np.tile(target.stand_m, (grasp, 1)),
-        ])
-        headings = np.concatenate([
-            heading, np.full(grasp, source.heading_rad), carry_heading, np.full(grasp, target.heading_rad),
-        ])
+        xy = np.concatenate(
+            [
+                to,
+                np.tile(source.stand_m, (grasp, 1)),
+                carry,
+                np.tile(target.stand_m, (grasp, 1)),
+            ]
+        )
+        headings = np.concatenate(
+            [
+                heading,
+                np.full(grasp, source.heading_rad),
+                carry_heading,
+                np.full(grasp, target.heading_rad),
+            ]
+        )
         take = frame + len(to)
         return _Scene(xy, headings, Handling(k, source, target, take, take + grasp + len(carry)))
 
@@ -181,7 +200,10 @@ class Playwright:
         return rects
 
     def _walk(
-        self, start_m: tuple[float, float], end_m: tuple[float, float], around: list[Rect] | tuple[()]
+        self,
+        start_m: tuple[float, float],
+        end_m: tuple[float, float],
+        around: list[Rect] | tuple[()],
     ) -> tuple[FloatArray, FloatArray]:
         points = self._floor.route(start_m, end_m, around)
         return walk_along(points, float(self._rng.uniform(*_SPEED_MPS)))
@@ -200,8 +222,9 @@ class Playwright:
             gap = np.linalg.norm(scene.xy_m - theirs, axis=1)
             cost += 20 * float(np.maximum(_PEOPLE_CLEARANCE_M - gap, 0).sum())
         ahead = np.einsum('ij,ij->i', way, T[:, :2, 2]) / np.maximum(distance, 1e-6)
-        seen = (ahead > np.cos(np.radians(26))) & (distance < 5)
-        return cost - 10 * float(seen.mean()) + 0.004 * len(scene.xy_m)
+        seen = ahead > np.cos(np.radians(27))
+        share = np.minimum(self._near_m / np.maximum(distance, 1e-6), 1) ** 2
+        return cost - 12 * float((seen * share).mean()) + 0.004 * len(scene.xy_m)
 
 
 def _square(spot: Spot, placed: PlacedProp) -> Rect:
@@ -222,5 +245,8 @@ def walk_along(points_m: FloatArray, speed_mps: float) -> tuple[FloatArray, Floa
     walked *= s[-1] / max(walked[-1], 1e-9)
     xy = np.stack([np.interp(walked, s, points_m[:, k]) for k in range(2)], -1)
     ahead, behind = np.minimum(walked + 0.15, s[-1]), np.maximum(walked - 0.15, 0)
-    way = [np.interp(ahead, s, points_m[:, k]) - np.interp(behind, s, points_m[:, k]) for k in range(2)]
+    way = [
+        np.interp(ahead, s, points_m[:, k]) - np.interp(behind, s, points_m[:, k])
+        for k in range(2)
+    ]
     return xy, np.arctan2(way[1], way[0])

@@ -34,7 +34,9 @@ def motion_blurred(image: Float32Array, flow_px: Float32Array) -> Float32Array:
     return total / np.float32(samples)
 
 
-def colour_image(image: Float32Array, flow_px: Float32Array, config: SceneConfig, rng: Rng) -> ByteArray:
+def colour_image(
+    image: Float32Array, flow_px: Float32Array, config: SceneConfig, rng: Rng
+) -> ByteArray:
     """Return the colour image (H, W, 3) as read out: lens and motion blur, shot and read noise."""
     soft = cv2.GaussianBlur(image, (0, 0), max(_LENS_SIGMA_PX * config.scale, 0.3))
     out = motion_blurred(np.asarray(soft, np.float32), flow_px)
@@ -69,9 +71,13 @@ def depth_image(
         rng.standard_normal((shape[0] // 3 + 1, shape[1] // 3 + 1), np.float32), shape[::-1]
     )
     noise = np.float32(1.1) * blotches + np.float32(0.5) * rng.standard_normal(shape, np.float32)
-    spread = np.float32(config.depth_noise) * (np.float32(0.0008) + np.float32(0.0017) * (z - np.float32(0.4)) ** 2)
+    spread = np.float32(config.depth_noise) * (
+        np.float32(0.0008) + np.float32(0.0017) * (z - np.float32(0.4)) ** 2
+    )
     read = np.maximum(z + np.minimum(spread, np.float32(0.08)) * noise, np.float32(0.1))
-    focal_baseline = np.float32(525.0 * _PROJECTOR_BASELINE_M)  # of the sensor, whatever the image size
+    focal_baseline = np.float32(
+        525.0 * _PROJECTOR_BASELINE_M
+    )  # of the sensor, whatever the image size
     if config.depth_noise > 0:
         step = np.float32(_DISPARITY_STEP_PX)
         read = focal_baseline / (np.round(focal_baseline / read / step) * step)
@@ -96,11 +102,16 @@ def _ragged(depth_m: Float32Array, config: SceneConfig, rng: Rng) -> Float32Arra
 
 
 def _holes(
-    depth_m: Float32Array, cosine: Float32Array, ir_dark: Float32Array, config: SceneConfig, rng: Rng
+    depth_m: Float32Array,
+    cosine: Float32Array,
+    ir_dark: Float32Array,
+    config: SceneConfig,
+    rng: Rng,
 ) -> BoolArray:
     """Return where the sensor gives no reading."""
     dots = cv2.resize(
-        rng.random((depth_m.shape[0] // 2 + 1, depth_m.shape[1] // 2 + 1), np.float32), depth_m.shape[::-1]
+        rng.random((depth_m.shape[0] // 2 + 1, depth_m.shape[1] // 2 + 1), np.float32),
+        depth_m.shape[::-1],
     )
     grazing = cosine < np.float32(_GRAZING_COSINE) * (np.float32(0.6) + np.float32(0.8) * dots)
     lost = dots < ir_dark + np.float32(0.0008)

@@ -8,17 +8,17 @@ from functools import cached_property
 import numpy as np
 
 from hoid_bags.synth.acting import BodyTrack, ObjectTrack, body_track, object_tracks
-from hoid_bags.synth.body import skin_mesh
+from hoid_bags.synth.body import Joints, skin_mesh
 from hoid_bags.synth.camera_path import camera_poses
 from hoid_bags.synth.config import FRAME_RATE_HZ, SceneConfig
-from hoid_bags.synth.gait import Joints, joints
+from hoid_bags.synth.gait import joints
 from hoid_bags.synth.layout import WIDTHS_M, build_world
 from hoid_bags.synth.mesh import Mesh, merged
 from hoid_bags.synth.script import Part, Playwright
 from hoid_bags.synth.world import Rect, World
 from hoid_common.values import FloatArray
 
-_CAMERA_ZONE: Rect = (WIDTHS_M[0] / 2 - 1.6, 0.0, WIDTHS_M[0] / 2 + 1.6, 1.55)
+_CAMERA_ZONE: Rect = (WIDTHS_M[0] / 2 - 1.6, 0.0, WIDTHS_M[0] / 2 + 1.6, 1.45)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,9 @@ class Stage:
         world = self.world
         meshes = [
             skin_mesh(self.joints(n, i), w).as_instance(instance)
-            for n, (w, instance) in enumerate(zip(world.wardrobes, world.person_instances, strict=True))
+            for n, (w, instance) in enumerate(
+                zip(world.wardrobes, world.person_instances, strict=True)
+            )
         ]
         meshes += [
             placed.prop.mesh.as_instance(placed.instance).transformed(track.T_world_object[i])
@@ -68,7 +70,9 @@ def set_stage(config: SceneConfig) -> Stage:
     T_world_camera = camera_poses(config, np.arange(count) / FRAME_RATE_HZ)
     rng = np.random.default_rng([config.seed, 4])
     keep_out = () if config.path == 'loop' else (_CAMERA_ZONE,)
-    parts = Playwright(world, T_world_camera, rng, keep_out).write(config.num_people)
+    parts = Playwright(world, T_world_camera, rng, keep_out, config.near_m).write(
+        config.num_people
+    )
     bodies = [body_track(part, count, rng) for part in parts]
     objects = object_tracks(world, parts, bodies, count)
     return Stage(config, world, T_world_camera, tuple(parts), tuple(bodies), tuple(objects))

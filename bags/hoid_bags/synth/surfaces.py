@@ -50,7 +50,9 @@ def wallpaper(rng: Rng, shape: Shape, colour: Bgr, ink: Bgr, motifs: int = 6) ->
 def _grain_of_wood(rng: Rng, shape: Shape, along_rows: bool) -> Float32Array:
     long, short = 240.0, 7.0
     cells = (short, long) if along_rows else (long, short)
-    rings = fractal(rng, shape, (short * 5, long * 1.5) if along_rows else (long * 1.5, short * 5), 3)
+    rings = fractal(
+        rng, shape, (short * 5, long * 1.5) if along_rows else (long * 1.5, short * 5), 3
+    )
     fine = fractal(rng, shape, cells, 3, 0.7)
     return (0.55 * np.sin(rings * 5) + 0.6 * fine).astype(np.float32)
 
@@ -58,7 +60,7 @@ def _grain_of_wood(rng: Rng, shape: Shape, along_rows: bool) -> Float32Array:
 def wood(rng: Rng, shape: Shape, colour: Bgr, contrast: float = 0.13) -> ByteArray:
     """Return varnished wood, grain along the columns' direction (u)."""
     shade = 1 + contrast * _grain_of_wood(rng, shape, along_rows=True)
-    knots = smoothstep((fractal(rng, shape, (50, 80), 2) - 2.2) * 3)
+    knots = smoothstep((fractal(rng, shape, (7, 14), 2) - 3.1) * 3)
     return as_bytes(tinted(colour, shade * (1 - 0.5 * knots)))
 
 
@@ -71,7 +73,9 @@ def parquet(rng: Rng, shape: Shape, colour: Bgr, planks: int = 12) -> ByteArray:
     shift = rng.integers(0, width, planks)
     plank_width = width / 2
     x = (u + shift[row]) % width
-    tone = rng.uniform(0.72, 1.18, (planks, 2)).astype(np.float32)[row, (x / plank_width).astype(int)]
+    tone = rng.uniform(0.72, 1.18, (planks, 2)).astype(np.float32)[
+        row, (x / plank_width).astype(int)
+    ]
     gap_v = np.minimum(v % plank_height, plank_height - v % plank_height)
     gap_u = np.minimum(x % plank_width, plank_width - x % plank_width)
     seam = smoothstep(1.6 - np.minimum(gap_v, gap_u).astype(np.float32))

@@ -28,7 +28,9 @@ class Tracer:
 
     def __init__(self, vertices_m: Float32Array, faces: NDArray[np.int32]) -> None:
         self._scene = EmbreeScene()
-        self._mesh = TriangleMesh(self._scene, np.ascontiguousarray(vertices_m), np.ascontiguousarray(faces))
+        self._mesh = TriangleMesh(
+            self._scene, np.ascontiguousarray(vertices_m), np.ascontiguousarray(faces)
+        )
 
     def first_hits(self, origin_m: FloatArray | Float32Array, directions: Float32Array) -> Hits:
         """Return the first hits of rays (N, 3) from one origin (3,) or one each (N, 3)."""
@@ -41,7 +43,9 @@ class Tracer:
         t[missed] = np.inf
         return Hits(t, face, np.stack([out['u'], out['v']], -1))
 
-    def distance(self, origins_m: Float32Array, directions: Float32Array, reach_m: float) -> Float32Array:
+    def distance(
+        self, origins_m: Float32Array, directions: Float32Array, reach_m: float
+    ) -> Float32Array:
         """Return how far unit rays (N, 3) go, at most `reach_m`."""
         t = self._scene.run(origins_m, np.ascontiguousarray(directions), query='DISTANCE')
         return np.minimum(np.asarray(t, np.float32), np.float32(reach_m))

@@ -69,7 +69,11 @@ def object_states(stage: Stage, i: int) -> tuple[ObjectState, ...]:
         x, y, z = se3.transform(track.T_world_object[i], middle[None])[0].tolist()
         states.append(
             ObjectState(
-                placed.instance, placed.prop.class_name, (x, y, z), bool(track.handled[i]), int(track.holder[i])
+                placed.instance,
+                placed.prop.class_name,
+                (x, y, z),
+                bool(track.handled[i]),
+                int(track.holder[i]),
             )
         )
     return tuple(states)

@@ -53,7 +53,9 @@ class World:
     """A furnished home: x and y along the walls, z up, origin in a corner on the floor."""
 
     static: Mesh  # everything that never moves
-    class_names: tuple[str, ...]  # by instance; '' for the background (0) and for what has no class
+    class_names: tuple[
+        str, ...
+    ]  # by instance; '' for the background (0) and for what has no class
     props: tuple[PlacedProp, ...]
     spots: tuple[Spot, ...]  # free places to put things down
     obstacles: tuple[Rect, ...]  # footprints of furniture
@@ -87,7 +89,11 @@ class WorldBuilder:
         return len(self.class_names) - 1
 
     def add(
-        self, mesh: Mesh, T_world_thing: FloatArray, class_name: str = '', footprint: Rect | None = None
+        self,
+        mesh: Mesh,
+        T_world_thing: FloatArray,
+        class_name: str = '',
+        footprint: Rect | None = None,
     ) -> None:
         """Place a mesh; with a class it becomes an instance, with a footprint (own frame) an obstacle."""
         if class_name:
