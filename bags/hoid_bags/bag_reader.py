@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from types import TracebackType
@@ -20,8 +21,8 @@ METADATA = 'metadata.yaml'
 
 # What reading bytes that make no sense ends in.
 _DAMAGE = (
-    ReaderError, ZstdError, OSError, ValueError, LookupError, TypeError, EOFError,
-    AssertionError, sqlite3.Error,
+    ReaderError, ZstdError, OSError, ValueError, LookupError, TypeError, EOFError, MemoryError,
+    OverflowError, AssertionError, struct.error, sqlite3.Error,
 )  # fmt: skip
 
 

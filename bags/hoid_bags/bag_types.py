@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -68,6 +69,22 @@ def deserialize(data: bytes | memoryview, type_name: str) -> Message:
     """Return the message of CDR bytes; arrays are numpy views of them."""
     ensure_type(type_name)
     return shared_typestore().deserialize_cdr(data, type_name)
+
+
+def message_class(topic: str, type_name: str) -> Any:
+    """Return the class that rclpy publishes a type with.
+
+    Raises:
+        InputError: it is not built here.
+    """
+    package, _, name = type_name.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
+        raise InputError(
+            f'topic "{topic}" has type "{type_name}", which is not known here;'
+            ' build and source its package, or choose other topics with --topics'
+        ) from error
 
 
 def _find_definition(type_name: str) -> Path:

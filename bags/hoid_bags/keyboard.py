@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import sys
 import termios
@@ -10,6 +11,8 @@ from types import TracebackType
 from typing import Self
 
 PAUSE_KEY = ' '
+
+_AT_ONCE = 64
 
 
 class KeyPresses:
@@ -35,8 +38,8 @@ class KeyPresses:
         """Return the keys pressed since the last call, without waiting."""
         keys = ''
         while self._saved is not None and select.select([sys.stdin], [], [], 0)[0]:
-            key = sys.stdin.read(1)
-            if not key:  # end of file
+            pressed = os.read(sys.stdin.fileno(), _AT_ONCE)  # stdin's own buffer hides from select
+            if not pressed:  # end of file
                 break
-            keys += key
+            keys += pressed.decode(errors='replace')
         return keys

@@ -18,11 +18,12 @@ from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from hoid_bags.bag_sequence import BagSequence
+from hoid_bags.bag_types import message_class
 from hoid_bags.keyboard import PAUSE_KEY, KeyPresses
 from hoid_bags.lockstep import LockstepGate
 from hoid_bags.playback import Cue, Pacer, PlayConfig, Score, open_score
 from hoid_bags.read_ahead import ReadAhead
-from hoid_bags.ros_session import live_name, message_class, ros_session, to_rclpy_qos
+from hoid_bags.ros_session import live_name, ros_session, to_rclpy_qos
 from hoid_bags.stamps import NS_PER_S
 from hoid_common.errors import InputError
 from hoid_common.ros import qos, topics

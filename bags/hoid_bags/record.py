@@ -13,8 +13,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from tqdm import tqdm
 
+from hoid_bags.bag_types import message_class
 from hoid_bags.bag_writer import BagWriter
-from hoid_bags.ros_session import from_rclpy_qos, message_class, ros_session
+from hoid_bags.ros_session import from_rclpy_qos, ros_session
 from hoid_common.errors import InputError
 from hoid_common.ros import topics
 

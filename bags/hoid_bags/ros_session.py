@@ -5,8 +5,6 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
-from typing import Any
 
 import rclpy
 from rclpy.node import Node
@@ -15,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosbags.interfaces import Qos, QosDurability, QosReliability
 
 from hoid_bags.bag_writer import reliable_qos
-from hoid_common.errors import ConfigError, InputError
+from hoid_common.errors import ConfigError
 from hoid_common.ros import topics
 
 _EXIT_LIMIT_S = 10
@@ -50,22 +48,6 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
         rclpy.try_shutdown()
         signal.alarm(0)
         signal.signal(signal.SIGTERM, previous)
-
-
-def message_class(topic: str, type_name: str) -> Any:
-    """Return the rclpy class of a type.
-
-    Raises:
-        InputError: it is not built here.
-    """
-    package, _, name = type_name.partition('/msg/')
-    try:
-        return getattr(import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(
-            f'topic "{topic}" has type "{type_name}", which is not known here;'
-            ' build and source its package, or choose other topics with --topics'
-        ) from error
 
 
 def to_rclpy_qos(qos: Qos | None) -> QoSProfile:

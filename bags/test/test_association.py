@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hoid_bags.association import associate
+
+STAMPS = st.lists(st.integers(0, 60), max_size=12, unique=True).map(sorted)
+
+
+def reference(first: list[int], second: list[int], max_gap: int) -> list[tuple[int, int]]:
+    """The TUM benchmark's rule in its plainest form."""
+    close = sorted(
+        (abs(a - b), i, j)
+        for i, a in enumerate(first)
+        for j, b in enumerate(second)
+        if abs(a - b) < max_gap
+    )
+    used_i: set[int] = set()
+    used_j: set[int] = set()
+    pairs = []
+    for _, i, j in close:
+        if i not in used_i and j not in used_j:
+            used_i.add(i)
+            used_j.add(j)
+            pairs.append((i, j))
+    return sorted(pairs)
+
+
+@given(STAMPS, STAMPS, st.integers(1, 20))
+def test_agrees_with_the_plain_rule(first: list[int], second: list[int], max_gap: int) -> None:
+    pairs = associate(np.array(first, np.int64), np.array(second, np.int64), max_gap)
+    assert [tuple(pair) for pair in pairs.tolist()] == reference(first, second, max_gap)
+
+
+def test_closest_first_and_the_limit_is_exclusive() -> None:
+    first = np.array([0, 10, 40])
+    second = np.array([8, 11, 60])
+    assert associate(first, second, 20).tolist() == [[0, 0], [1, 1]]

@@ -1,0 +1,219 @@
+"""Playing without ROS: what is due when, and what waits for what."""
+
+from __future__ import annotations
+
+import os
+import pty
+import struct
+import sys
+import threading
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoid_bags import bag_messages, bag_types
+from hoid_bags.bag_sequence import BagSequence, header_stamp_ns
+from hoid_bags.bag_writer import BagWriter
+from hoid_bags.keyboard import KeyPresses
+from hoid_bags.lockstep import LockstepGate
+from hoid_bags.playback import LOOP_GAP_NS, Cue, Pacer, PlayConfig, moved_header, open_score
+from hoid_bags.read_ahead import ReadAhead
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.values import CameraModel
+
+START_NS = 1_305_031_102_175_304_123 - 5_000_001
+PERIOD_NS = 33_333_333
+
+
+def cue(time_ns: int = 0, data: bytes = b'', topic: str = '/t') -> Cue:
+    return Cue(topic, time_ns, 0, data)
+
+
+def test_everything_is_played_in_order(whole_bag: Path) -> None:
+    score = open_score(whole_bag, PlayConfig())
+    cues = list(score.cues(loop=False))
+    assert len(cues) == 180
+    assert [c.time_ns for c in cues] == sorted(c.time_ns for c in cues)
+    assert cues[0].time_ns == START_NS
+    assert all(header_stamp_ns(c.data) == c.time_ns for c in cues)
+
+
+def test_a_part_is_played(whole_bag: Path) -> None:
+    config = PlayConfig(start_s=0.5, duration_s=0.25)
+    score = open_score(whole_bag, config, ('rgb/image', '/rgb/camera_info'))
+    cues = list(score.cues(loop=False))
+    assert {c.topic for c in cues} == {'/rgb/image', '/rgb/camera_info'}
+    first_ns = START_NS + 5_000_001
+    assert [(c.time_ns - first_ns) // PERIOD_NS for c in cues[::2]] == list(range(16, 23))
+
+
+def test_rounds_follow_each_other_with_rising_stamps(whole_bag: Path) -> None:
+    score = open_score(whole_bag, PlayConfig(loop=True, duration_s=0.2))
+    cues = list(islice(score.cues(loop=True), 100))
+    once = list(score.cues(loop=False))
+    times_ns = [c.time_ns for c in cues]
+    assert times_ns == sorted(times_ns)
+    assert all(header_stamp_ns(c.data) == c.time_ns for c in cues)
+    n = len(once)
+    assert cues[:n] == once
+    assert cues[n].time_ns - cues[0].time_ns == 200_000_000 + LOOP_GAP_NS
+    assert cues[n].data[12:] == once[0].data[12:]
+
+
+@pytest.mark.parametrize(
+    ('config', 'topics', 'said'),
+    [
+        (PlayConfig(start_s=100.0), (), '--start 100 s lies after its end'),
+        (PlayConfig(), ('/nothing',), 'has no topic "/nothing"'),
+    ],
+)
+def test_nothing_to_play(
+    whole_bag: Path, config: PlayConfig, topics: tuple[str, ...], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        open_score(whole_bag, config, topics)
+
+
+def test_a_cut_bag_is_played_to_the_cut(bag: Path) -> None:
+    file = bag / 'bag.mcap'
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    score = open_score(bag, PlayConfig())
+    assert score.fault is not None
+    assert 50 < len(list(score.cues(loop=False))) < 100
+
+
+@pytest.mark.parametrize('rate', [0.0, -1.0, float('nan')])
+def test_rates_that_make_no_sense(rate: float) -> None:
+    with pytest.raises(ConfigError, match='rate must be in'):
+        PlayConfig(rate=rate)
+
+
+@pytest.mark.parametrize('order', ['<', '>'])
+def test_moved_header_of_either_byte_order(order: str) -> None:
+    start = bytes([0, order == '<', 0, 0])
+    data = start + struct.pack(f'{order}iI', 10, 999_999_999) + b'rest'
+    moved = moved_header(data, 2)
+    assert moved == start + struct.pack(f'{order}iI', 11, 1) + b'rest'
+
+
+def test_pacer_keeps_the_rate_and_can_be_held() -> None:
+    now_s = [100.0]
+    pacer = Pacer(5_000_000_000, rate=2.0, now_s=lambda: now_s[0])
+    assert pacer.remaining_s(6_000_000_000) == 0.5
+    now_s[0] = 100.25
+    assert pacer.time_ns() == 5_500_000_000
+    pacer.hold()
+    now_s[0] = 110.0
+    pacer.hold()
+    assert pacer.is_held
+    assert pacer.time_ns() == 5_500_000_000
+    pacer.release()
+    now_s[0] = 110.25
+    pacer.release()
+    assert pacer.remaining_s(6_000_000_000) == 0.0
+    now_s[0] = 111.0
+    assert pacer.remaining_s(6_000_000_000) == -0.75
+
+
+def test_read_ahead_gives_all_in_order() -> None:
+    cues = [cue(i, bytes(i)) for i in range(200)]
+    with ReadAhead(iter(cues), limit_bytes=500) as ahead:
+        assert list(ahead) == cues
+
+
+def test_read_ahead_is_bounded_and_ends_when_nobody_reads() -> None:
+    given = []
+    full = threading.Event()
+
+    def endless() -> Iterator[Cue]:
+        while True:
+            given.append(1)
+            if len(given) == 11:
+                full.set()
+            yield cue(data=bytes(100))
+
+    with ReadAhead(endless(), limit_bytes=1000) as ahead:
+        next(iter(ahead))
+        assert full.wait(5)
+    assert len(given) <= 12
+
+
+def test_read_ahead_hands_errors_on() -> None:
+    def failing() -> Iterator[Cue]:
+        yield cue(1)
+        raise InputError('damaged')
+
+    seen = []
+    with pytest.raises(InputError, match='damaged'), ReadAhead(failing()) as ahead:
+        seen.extend(ahead)
+    assert seen == [cue(1)]
+
+
+@pytest.fixture
+def uneven(tmp_path: Path) -> Path:
+    """Colour at 1, 100, 200 and 300 ms; the depth of 1 and 300 comes before, 200 has none."""
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('rgb/image', bag_types.IMAGE)
+        writer.add_topic('depth/image', bag_types.IMAGE)
+        images = [(0, 'd'), (1, 'c'), (100, 'c'), (103, 'd'), (200, 'c'), (298, 'd'), (300, 'c')]
+        for ms, kind in images:
+            t_ns = 10**9 + ms * 10**6
+            shape, dtype = ((24, 32, 3), np.uint8) if kind == 'c' else ((24, 32), np.uint16)
+            message = bag_messages.image(
+                t_ns, np.zeros(shape, dtype), 'bgr8' if kind == 'c' else '16UC1'
+            )
+            writer.write('rgb/image' if kind == 'c' else 'depth/image', t_ns, message)
+    return tmp_path / 'bag'
+
+
+def test_a_frame_waits_for_the_answer_to_the_one_before(uneven: Path, camera: CameraModel) -> None:
+    gate = LockstepGate(BagSequence(uneven, camera))
+    cues = list(open_score(uneven, PlayConfig()).cues(loop=False))
+    answers_ms = {2: 1, 6: 100}  # before which cue, to which colour image
+    for i, c in enumerate(cues):
+        assert gate.blocks(c) == (i in answers_ms)
+        if i in answers_ms:
+            stamp_ns = 10**9 + answers_ms[i] * 10**6
+            gate.note_answer(stamp_ns - 1)  # to an older image
+            assert gate.blocks(c)
+            gate.note_answer(stamp_ns)
+            assert not gate.blocks(c)
+        gate.note_published(c)
+    assert (gate.num_answered, gate.num_unanswered) == (2, 0)
+
+
+def test_giving_up_lets_the_next_frame_pass(uneven: Path, camera: CameraModel) -> None:
+    gate = LockstepGate(BagSequence(uneven, camera))
+    cues = list(open_score(uneven, PlayConfig()).cues(loop=False))
+    gate.note_published(cues[0])
+    gate.note_published(cues[1])
+    assert gate.blocks(cues[2])
+    gate.give_up()
+    assert not gate.blocks(cues[2])
+    assert (gate.num_answered, gate.num_unanswered) == (0, 1)
+
+
+def test_lockstep_in_a_later_round(uneven: Path, camera: CameraModel) -> None:
+    gate = LockstepGate(BagSequence(uneven, camera))
+    cues = list(islice(open_score(uneven, PlayConfig()).cues(loop=True), 10))
+    gate.note_published(cues[7])
+    gate.note_published(cues[8])
+    assert gate.blocks(cues[9])
+    gate.note_answer(header_stamp_ns(cues[8].data))
+    assert not gate.blocks(cues[9])
+
+
+def test_keys_of_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs, 'r', buffering=1) as terminal, KeyPresses() as none:
+        assert none.read() == ''
+        monkeypatch.setattr(sys, 'stdin', terminal)
+        with KeyPresses() as keys:
+            assert keys.read() == ''
+            os.write(ours, b' ')
+            assert keys.read() == ' '
+            assert keys.read() == ''
+    os.close(ours)
