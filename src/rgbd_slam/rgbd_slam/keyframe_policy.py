@@ -15,9 +15,19 @@ _YOUNG_MAP = 2  # keyframes
 
 
 def needs_keyframe(
-    tracking: Tracking, slam_map: SlamMap, config: KeyframeConfig, close_limit_m: float
+    tracking: Tracking,
+    slam_map: SlamMap,
+    config: KeyframeConfig,
+    close_limit_m: float,
+    queue_length: int,
 ) -> bool:
-    """Return whether the frame shows so much new that the map should take it in."""
+    """Return whether the frame shows so much new that the map should take it in.
+
+    A mapper with `queue_length` keyframes to do gets no further one; by the time it is done, what
+    they add to the map is known, and often enough.
+    """
+    if queue_length > 0:
+        return False
     frame, points = tracking.tracked.frame, tracking.tracked.points
     i = slam_map.keyframes.index_of(tracking.tracked.reference_uid)
     if i is None or tracking.num_inliers <= _MIN_INLIERS:

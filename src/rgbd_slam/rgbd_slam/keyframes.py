@@ -43,6 +43,7 @@ class KeyframeTable(Table):
         'covisibility',
         *_FEATURE_COLUMNS,
     )
+    fixed: ClassVar[tuple[str, ...]] = ('stamp_ns', 'num_features', *_FEATURE_COLUMNS[1:])
 
     def __init__(self) -> None:
         n, f = _INITIAL_CAPACITY, _INITIAL_FEATURES
@@ -123,9 +124,8 @@ class KeyframeTable(Table):
 
     def put_rows(self, change: TableRows) -> None:
         """Overwrite rows with those of another copy; the covisibility stays symmetric."""
-        named = dict(zip(self.columns, change.columns, strict=True))
-        width = named['point_of_feature'].shape[1]
+        width = change.columns['point_of_feature'].shape[1]
         if width > self.max_features:
             self.grow_features(width)
         super().put_rows(change)
-        self.covisibility[:, change.rows] = named['covisibility'].T
+        self.covisibility[:, change.rows] = change.columns['covisibility'].T

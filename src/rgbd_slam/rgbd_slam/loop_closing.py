@@ -61,7 +61,7 @@ class LoopCloser:
 
     def process(self, i: int) -> LoopEvent:
         """Look whether a settled keyframe shows a place known from before, and act on it."""
-        self._adjuster.poll()
+        self.poll()
         if not self._config.enabled:
             return LoopEvent.NOTHING
         keyframes = self._map.keyframes
@@ -76,6 +76,10 @@ class LoopCloser:
             elif len(match.k) >= self._config.merge_inliers:
                 return self._merge(i, c, match)
         return LoopEvent.NOTHING
+
+    def poll(self) -> bool:
+        """Take in a global adjustment that has ended; return whether there was one."""
+        return self._adjuster.poll()
 
     def close(self) -> None:
         """End what runs in the background."""

@@ -8,6 +8,7 @@ point j in its feature k.
 
 from __future__ import annotations
 
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +38,9 @@ class Redirect(NamedTuple):
     T_parent_camera: FloatArray  # (4, 4), camera of the removed keyframe
 
 
+_REMEMBERED = 256  # removed keyframes: more than can be removed while a request is under way
+
+
 class MapChange(NamedTuple):
     """What brings a copy of the map up to date."""
 
@@ -55,6 +59,7 @@ class SlamMap:
         self.version = 1
         self.octave_scale = np.power(scale_factor, np.arange(num_octaves, dtype=np.float64))
         self._redirects: list[Redirect] = []
+        self._removed: deque[Redirect] = deque(maxlen=_REMEMBERED)
 
     # ---- keyframes
 
@@ -97,13 +102,23 @@ class SlamMap:
             raise ValueError(f'keyframe {i} is the root of its map and cannot be removed')
         self.unobserve(i, np.flatnonzero(kf.point_of_feature[i] != NO_POINT))
         T_parent_camera = se3.inverse(kf.T_map_camera[parent]) @ kf.T_map_camera[i]
-        self._redirects.append(Redirect(int(kf.uid[i]), int(kf.uid[parent]), T_parent_camera))
+        redirect = Redirect(int(kf.uid[i]), int(kf.uid[parent]), T_parent_camera)
+        self._redirects.append(redirect)
+        self._removed.append(redirect)
         children = kf.children(i)
         kf.parent_uid[children] = kf.uid[parent]
         touched = np.flatnonzero(kf.covisibility[i])
         kf.covisibility[i] = kf.covisibility[:, i] = 0
         kf.version[np.concatenate([children, touched])] = self.version
         kf.release(np.array([i]), self.version)
+
+    def redirected(self, uid: int, T_keyframe_camera: FloatArray) -> tuple[int, FloatArray]:
+        """Return where a pose hangs now that was given relative to a keyframe."""
+        for redirect in self._removed:
+            if redirect.uid == uid:
+                uid = redirect.parent_uid
+                T_keyframe_camera = redirect.T_parent_camera @ T_keyframe_camera
+        return uid, T_keyframe_camera
 
     def update_connections(self, i: int) -> None:
         """Count anew how many points keyframe `i` shares with every other one."""

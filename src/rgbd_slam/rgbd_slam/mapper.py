@@ -15,6 +15,7 @@ from rgbd_slam.fusing import fuse_into_neighbours
 from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.loop_closing import LoopCloser, LoopEvent
 from rgbd_slam.map import SlamMap
+from rgbd_slam.point_tallies import PointCounts
 from rgbd_slam.window import adjust_window
 
 
@@ -27,18 +28,24 @@ class KeyframeRequest:
     reference_uid: int
     points: IntArray  # (N,) point seen by each feature, or NO_POINT
     point_uids: IntArray  # (N,)
-    visible: IntArray  # points with repetition, by how often frames should have seen them
-    found: IntArray  # and how often they did
+    counts: PointCounts  # of the frames since the last keyframe
 
 
 class Mapper:
     """Owns the map and takes keyframes in."""
 
-    def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: SlamConfig) -> None:
+    def __init__(
+        self,
+        camera: StereoCamera,
+        slam_map: SlamMap,
+        config: SlamConfig,
+        *,
+        background: bool = False,
+    ) -> None:
         self.map = slam_map
         self._camera = camera
         self._config = config
-        self._closer = LoopCloser(slam_map, camera, config)
+        self._closer = LoopCloser(slam_map, camera, config, background=background)
         self.num_loops = 0
         self._close_limit_m = config.camera.close_baselines * config.camera.baseline_m
 
@@ -64,15 +71,28 @@ class Mapper:
         self.num_loops += event in {LoopEvent.CLOSED, LoopEvent.MERGED}
         return i
 
+    def poll(self) -> bool:
+        """Lay what the background has finished over the map; return whether there was any."""
+        return self._closer.poll()
+
+    def close(self) -> None:
+        """End what runs in the background."""
+        self._closer.close()
+
     def _add(self, request: KeyframeRequest) -> int | None:
         """Store the keyframe with the observations whose points are still in the map."""
         keyframes, points = self.map.keyframes, self.map.points
-        reference = keyframes.index_of(request.reference_uid)
+        uid, T_reference_camera = self.map.redirected(
+            request.reference_uid, request.T_reference_camera
+        )
+        reference = keyframes.index_of(uid)
         if reference is None:
             return None
-        np.add.at(points.num_visible, request.visible, 1)
-        np.add.at(points.num_found, request.found, 1)
-        T_map_camera = keyframes.T_map_camera[reference] @ request.T_reference_camera
+        counts = request.counts
+        same = points.uid[counts.points] == counts.uids
+        points.num_visible[counts.points[same]] += counts.visible[same]
+        points.num_found[counts.points[same]] += counts.found[same]
+        T_map_camera = keyframes.T_map_camera[reference] @ T_reference_camera
         i = self.map.add_keyframe(
             request.frame, se3.orthonormalized(T_map_camera), int(keyframes.map_id[reference]),
             reference,

@@ -13,12 +13,15 @@ from hoid_common.values import ByteArray, CameraModel, Features, FloatArray, Tra
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.keyframe_policy import needs_keyframe
-from rgbd_slam.map import SlamMap
-from rgbd_slam.mapper import KeyframeRequest, Mapper
+from rgbd_slam.map import Redirect, SlamMap
+from rgbd_slam.mapper import KeyframeRequest
+from rgbd_slam.mapper_link import InlineMapper, MapperLink
+from rgbd_slam.mapper_process import MapperProcess
+from rgbd_slam.point_tallies import PointTallies
 from rgbd_slam.pose_optimizer import covariance
 from rgbd_slam.relocalization import Relocalizer
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
-from rgbd_slam.tracker import PointTally, Tracker, Tracking
+from rgbd_slam.tracker import Tracker, Tracking
 from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_trajectory
 
 _MS = 1e3
@@ -60,15 +63,25 @@ class SlamStats:
 
 
 class RgbdSlam:
-    """Keyframe SLAM on the features of RGB-D images (Mur-Artal and Tardos, T-RO 2017)."""
+    """Keyframe SLAM on the features of RGB-D images (Mur-Artal and Tardos, T-RO 2017).
 
-    def __init__(self, camera: CameraModel, config: SlamConfig) -> None:
+    Args:
+        camera: The camera of the images that the features come from.
+        config: Parameters.
+        background: Map in a process of its own, as live; otherwise at once, so that runs repeat.
+            Call `close` in the end.
+    """
+
+    def __init__(
+        self, camera: CameraModel, config: SlamConfig, *, background: bool = False
+    ) -> None:
         self._config = config
         self._model = camera
         self._camera = StereoCamera.from_model(camera, config.camera.baseline_m)
         self._map = SlamMap(config.camera.scale_factor, config.camera.num_octaves)
         self._tracker = Tracker(self._camera, self._map, config.tracking)
-        self._mapper = Mapper(self._camera, self._map, config)
+        link = MapperProcess if background else InlineMapper
+        self._mapper: MapperLink = link(self._camera, self._map, config)
         self._relocalizer = Relocalizer(self._map, self._camera, self._tracker, config)
         self._num_maps = 0
         self._num_relocalizations = 0
@@ -76,7 +89,7 @@ class RgbdSlam:
         self._last: TrackedFrame | None = None
         self._T_camera_last = np.eye(4)
         self._T_odom_camera = np.eye(4)
-        self._tallies: list[PointTally] = []
+        self._tallies = PointTallies(self._map.points)
 
     def process(
         self,
@@ -86,6 +99,7 @@ class RgbdSlam:
         """Track one frame, and map it when it shows something new."""
         start_s = time.thread_time()
         frame = Frame.from_features(features, self._model, self._camera)
+        self._redirect(self._mapper.update())
         if self._last is None:
             return self._start(frame, np.eye(4))
         tracking = self._tracker.track(frame, self._last, self._T_camera_last)
@@ -97,6 +111,7 @@ class RgbdSlam:
         insert = needs_keyframe(
             tracking, self._map, self._config.keyframes,
             self._config.camera.close_baselines * self._config.camera.baseline_m,
+            self._mapper.queue_length,
         )  # fmt: skip
         tracked_s = time.thread_time()
         T_map_camera = tracking.tracked.T_map_camera
@@ -155,7 +170,7 @@ class RgbdSlam:
         self._T_camera_last = se3.orthonormalized(se3.inverse(T_last_camera))
         self._T_odom_camera = se3.orthonormalized(self._T_odom_camera @ T_last_camera)
         self._last = tracking.tracked
-        self._tallies.append(tracking.tally)
+        self._tallies.add(tracking.tally)
         self._record(tracking.tracked)
 
     def _insert_keyframe(self, tracking: Tracking) -> None:
@@ -166,12 +181,10 @@ class RgbdSlam:
             tracked.reference_uid,
             tracked.points,
             tracked.point_uids,
-            np.concatenate([tally.visible for tally in self._tallies]),
-            np.concatenate([tally.found for tally in self._tallies]),
+            self._tallies.take(),
         )
-        self._tallies = []
         i = self._mapper.insert(request)
-        self._trajectory.redirect(self._map.take_redirects())
+        self._redirect(self._mapper.update())
         if i is not None:
             keyframes = self._map.keyframes
             points = keyframes.point_of_feature[i, : len(tracked.frame)].astype(np.int64)
@@ -187,8 +200,24 @@ class RgbdSlam:
             tracked.T_reference_camera,
         )
 
+    def _redirect(self, redirects: tuple[Redirect, ...]) -> None:
+        """Hang what was relative to removed keyframes on those that took their place."""
+        self._trajectory.redirect(redirects)
+        if redirects and self._last is not None:
+            self._last = self._last.redirected(redirects)
+
     def finish(self) -> None:
         """Let the map settle after the last frame."""
+        self._redirect(self._mapper.finish())
+
+    def close(self) -> None:
+        """End what runs in the background; poses and map can still be read."""
+        self._mapper.close()
+
+    @property
+    def mapper_queue(self) -> int:
+        """Return how many keyframes wait for the mapper or are being taken in."""
+        return self._mapper.queue_length
 
     def trajectory_online(self) -> Trajectory:
         """Return the poses as they were given out."""

@@ -18,7 +18,9 @@ class TableRows(NamedTuple):
 
     capacity: int
     rows: IntArray  # (M,)
-    columns: tuple[Column, ...]  # (M, ...) each, in the order of `Table.columns`
+    columns: dict[str, Column]  # (M, ...) each
+    new_rows: IntArray  # (L,) of them, those that hold another element than before
+    fixed_columns: dict[str, Column]  # (L, ...) each
 
 
 class Table:
@@ -28,13 +30,15 @@ class Table:
     `uid` beside it.
     """
 
-    columns: ClassVar[tuple[str, ...]] = ('uid', 'version')
+    columns: ClassVar[tuple[str, ...]] = ('uid', 'version', 'born')
+    fixed: ClassVar[tuple[str, ...]] = ()  # of them, those that never change while a row lives
 
     def __init__(self, capacity: int) -> None:
         self.uid: IntArray = np.full(capacity, DEAD, np.int64)  # (N,) unique for all time
         self.version: IntArray = np.zeros(
             capacity, np.int64
         )  # (N,) of the map at the row's last change
+        self.born: IntArray = np.zeros(capacity, np.int64)  # (N,) version that allocated the row
         self._next_uid = 0
 
     @property
@@ -66,7 +70,7 @@ class Table:
             self.grow(2 * self.capacity)
             rows = np.flatnonzero(self.uid == DEAD)[:count]
         self.uid[rows] = self._next_uid + np.arange(count)
-        self.version[rows] = version
+        self.version[rows] = self.born[rows] = version
         self._next_uid += count
         return rows
 
@@ -87,15 +91,23 @@ class Table:
     def rows_since(self, version: int) -> TableRows:
         """Return copies of the rows that changed after `version` (dead ones too)."""
         rows = np.flatnonzero(self.version > version)
+        new_rows = rows[self.born[rows] > version]
+        changing = [name for name in self.columns if name not in self.fixed]
         return TableRows(
-            self.capacity, rows, tuple(getattr(self, name)[rows] for name in self.columns)
+            self.capacity,
+            rows,
+            {name: getattr(self, name)[rows] for name in changing},
+            new_rows,
+            {name: getattr(self, name)[new_rows] for name in self.fixed},
         )
 
     def put_rows(self, change: TableRows) -> None:
         """Overwrite rows with those of another copy of the same table."""
         if change.capacity > self.capacity:
             self.grow(change.capacity)
-        for name, values in zip(self.columns, change.columns, strict=True):
+        for name, values in change.columns.items():
             getattr(self, name)[change.rows] = values
+        for name, values in change.fixed_columns.items():
+            getattr(self, name)[change.new_rows] = values
         if len(change.rows):
             self._next_uid = max(self._next_uid, int(self.uid.max()) + 1)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.frame import Frame
 from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.map import SlamMap
+from rgbd_slam.map import Redirect, SlamMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,14 @@ class TrackedFrame:
             return self.T_map_camera
         pose: FloatArray = keyframes.T_map_camera[i] @ self.T_reference_camera
         return pose
+
+    def redirected(self, redirects: Iterable[Redirect]) -> TrackedFrame:
+        """Return the frame hung on what took the place of removed keyframes."""
+        uid, T = self.reference_uid, self.T_reference_camera
+        for redirect in redirects:
+            if redirect.uid == uid:
+                uid, T = redirect.parent_uid, redirect.T_parent_camera @ T
+        return replace(self, reference_uid=uid, T_reference_camera=T)
 
 
 def tracked_frame(

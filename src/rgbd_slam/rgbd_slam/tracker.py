@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,18 +19,12 @@ from rgbd_slam.matching import (
     match_by_projection,
     rotation_consistent,
 )
+from rgbd_slam.point_tallies import PointTally
 from rgbd_slam.pose_optimizer import PoseEstimate, PoseProblem, optimize_pose
 from rgbd_slam.projection import project, to_camera
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 
 _MIN_FIRST_INLIERS = 10  # of the frame-to-frame step; the local map must bring the rest
-
-
-class PointTally(NamedTuple):
-    """Map points that a frame should see, and those it does."""
-
-    visible: IntArray
-    found: IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,80 @@
+"""How the tracker hands keyframes to a mapper, wherever that runs."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from hoid_common.values import FloatArray
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.frame import Frame, StereoCamera
+from rgbd_slam.map import Redirect, SlamMap
+from rgbd_slam.mapper import KeyframeRequest, Mapper
+
+
+class MapperLink(Protocol):
+    """What the tracker needs of a mapper; the map it sees changes in these calls only."""
+
+    @property
+    def num_loops(self) -> int:
+        """Return how many loops were closed, and maps merged."""
+        ...
+
+    @property
+    def queue_length(self) -> int:
+        """Return how many keyframes wait for the mapper or are being taken in."""
+        ...
+
+    def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
+        """Make the first keyframe of a map and return its row."""
+        ...
+
+    def insert(self, request: KeyframeRequest) -> int | None:
+        """Hand a keyframe over; its row when that has been taken in at once."""
+        ...
+
+    def update(self) -> tuple[Redirect, ...]:
+        """Bring the map up to date, without waiting, and say what became of old keyframes."""
+        ...
+
+    def finish(self) -> tuple[Redirect, ...]:
+        """Wait until everything handed over is in the map."""
+        ...
+
+    def close(self) -> None:
+        """End what runs in the background."""
+        ...
+
+
+class InlineMapper:
+    """A mapper that does its work at once, so that runs repeat bit for bit."""
+
+    queue_length = 0
+
+    def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: SlamConfig) -> None:
+        self._map = slam_map
+        self._mapper = Mapper(camera, slam_map, config)
+
+    @property
+    def num_loops(self) -> int:
+        """Return how many loops were closed, and maps merged."""
+        return self._mapper.num_loops
+
+    def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
+        """Make the first keyframe of a map and return its row."""
+        return self._mapper.start_map(frame, T_map_camera, map_id)
+
+    def insert(self, request: KeyframeRequest) -> int | None:
+        """Take a keyframe in and return its row."""
+        return self._mapper.insert(request)
+
+    def update(self) -> tuple[Redirect, ...]:
+        """Say what became of keyframes removed since the last call."""
+        return self._map.take_redirects()
+
+    def finish(self) -> tuple[Redirect, ...]:
+        """Say the same; there is nothing to wait for."""
+        return self._map.take_redirects()
+
+    def close(self) -> None:
+        """End what runs in the background."""
+        self._mapper.close()

@@ -1,0 +1,102 @@
+"""The whole core on a synthetic room: known trajectories come back, inline and live."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.mapper_process import MapperProcess, MapperStoppedError
+from rgbd_slam.slam import RgbdSlam, TrackingState
+
+from .world import CAMERA, PERIOD_NS, World, position_errors_m, sway
+
+POSES = sway(90)
+
+
+def run(slam: RgbdSlam, period_s: float = 0.0) -> list[TrackingState]:
+    world = World()
+    states = []
+    for n, pose in enumerate(POSES):
+        states.append(slam.process(world.features(n * PERIOD_NS, pose)).state)
+        time.sleep(period_s)
+    slam.finish()
+    return states
+
+
+def test_a_known_trajectory_comes_back_and_repeats() -> None:
+    first, second = (RgbdSlam(CAMERA, SlamConfig()) for _ in range(2))
+    assert run(first) == run(second) == [TrackingState.TRACKING] * len(POSES)
+    for kind in ('trajectory_final', 'trajectory_online'):
+        one, other = getattr(first, kind)(), getattr(second, kind)()
+        np.testing.assert_array_equal(one.T_world_camera, other.T_world_camera)
+    errors = position_errors_m(first.trajectory_final(), POSES)
+    assert np.sqrt((errors**2).mean()) < 0.004
+    assert errors.max() < 0.012
+    assert 3 <= first.stats.num_keyframes < 40
+
+
+def test_mapping_in_a_process_of_its_own() -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig(), background=True)
+    link = slam._mapper
+    assert isinstance(link, MapperProcess)
+    assert set(run(slam, 0.005)) == {TrackingState.TRACKING}
+    assert slam.mapper_queue == 0
+    assert slam.stats.num_keyframes >= 3
+    errors = position_errors_m(slam.trajectory_final(), POSES)
+    assert np.sqrt((errors**2).mean()) < 0.008
+    slam.close()
+    assert not link._process.is_alive()
+    slam.close()
+    assert len(slam.trajectory_final()) == len(POSES)
+
+
+def test_a_dead_mapper_is_told() -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig(), background=True)
+    link = slam._mapper
+    assert isinstance(link, MapperProcess)
+    assert link.process_id is not None
+    os.kill(link.process_id, signal.SIGKILL)
+    link._process.join(5)
+    with pytest.raises(MapperStoppedError, match='restart'):
+        slam.process(World().features(0, POSES[0]))
+    slam.close()
+
+
+def test_the_mapper_dies_with_a_killed_tracker() -> None:
+    code = (
+        'import time\n'
+        'from rgbd_slam.config import SlamConfig\n'
+        'from rgbd_slam.frame import StereoCamera\n'
+        'from rgbd_slam.map import SlamMap\n'
+        'from rgbd_slam.mapper_process import MapperProcess\n'
+        'camera = StereoCamera(500.0, 500.0, 320.0, 240.0, 40.0, (0.0, 0.0, 640.0, 480.0))\n'
+        'if __name__ == "__main__":\n'
+        '    link = MapperProcess(camera, SlamMap(1.2, 8), SlamConfig())\n'
+        '    print(link.process_id, flush=True)\n'
+        '    time.sleep(60)\n'
+    )
+    environment = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        [sys.executable, '-c', code], stdout=subprocess.PIPE, text=True, env=environment
+    ) as tracker:
+        assert tracker.stdout is not None
+        mapper = int(tracker.stdout.readline())
+        tracker.kill()
+        deadline = time.monotonic() + 10
+        while is_running(mapper) and time.monotonic() < deadline:
+            time.sleep(0.02)
+    assert not is_running(mapper)
+
+
+def is_running(process: int) -> bool:
+    try:
+        status = Path(f'/proc/{process}/stat').read_text()
+    except FileNotFoundError:
+        return False
+    return status.rsplit(')', 1)[1].split()[0] != 'Z'

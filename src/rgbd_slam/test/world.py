@@ -1,0 +1,76 @@
+"""A room of points with descriptors, and what a camera sees of it: features with known answers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import CameraModel, Features, FloatArray, Trajectory
+
+CAMERA = CameraModel(640, 480, 520.0, 520.0, 320.0, 240.0)
+PERIOD_NS = 33_000_000
+_SCALE = 1.2
+_OCTAVES = 8
+
+
+class World:
+    """Points on the walls, the floor and the ceiling of a room of 4 x 2.4 x 5 m."""
+
+    def __init__(self, seed: int = 0, count: int = 9000) -> None:
+        rng = np.random.default_rng(seed)
+        self._rng = rng
+        self.points_m = rng.uniform([-2, -1.2, -2.5], [2, 1.2, 2.5], (count, 3))
+        side = rng.integers(0, 3, count)
+        snapped = np.take_along_axis(self.points_m, side[:, None], 1)[:, 0]
+        limit = np.array([2, 1.2, 2.5])[side]
+        self.points_m[np.arange(count), side] = np.where(snapped > 0, limit, -limit)
+        self.descriptors = rng.integers(0, 256, (count, 32), dtype=np.uint8)
+        self._angle_deg = rng.uniform(0, 360, count)
+        self._size_m = rng.uniform(1.0, 5.0, count)
+
+    def features(
+        self, stamp_ns: int, T_world_camera: FloatArray, noise_px: float = 0.3, limit: int = 900
+    ) -> Features:
+        """Return what a camera there sees; at most `limit` features."""
+        rng = self._rng
+        x = se3.transform(se3.inverse(T_world_camera), self.points_m)
+        j = np.flatnonzero(x[:, 2] > 0.3)
+        uv = CAMERA.project_px(x[j])
+        inside = ((uv > 4) & (uv < (636, 476))).all(1)
+        j, uv = j[inside], uv[inside]
+        j, uv = j[:limit], uv[:limit]
+        depth = x[j, 2]
+        octave = np.log(self._size_m[j] / np.linalg.norm(x[j], axis=1)) / np.log(_SCALE)
+        octave = np.clip(np.rint(octave), 0, _OCTAVES - 1).astype(np.uint8)
+        uv = uv + rng.normal(0, noise_px, uv.shape) * _SCALE ** octave[:, None]
+        read = depth + rng.normal(0, 0.0015, len(j)) * depth**2
+        flips = np.packbits(rng.random((len(j), 256)) < 0.04, axis=1)
+        return Features(
+            stamp_ns,
+            uv.astype(np.float32),
+            np.where(depth < 6, read, 0).astype(np.float32),
+            octave,
+            self._angle_deg[j].astype(np.float32),
+            np.ones(len(j), np.float32),
+            self.descriptors[j] ^ flips,
+            np.ones(len(j), np.bool_),
+        )
+
+
+def sway(count: int, turn_rad: float = 0.6, way_m: float = 0.8) -> FloatArray:
+    """Return (N, 4, 4) poses that sway to and fro, one full swing, starting at the identity."""
+    phase = np.linspace(0, 2 * np.pi, count)
+    twist = np.zeros((count, 6))
+    twist[:, 1] = turn_rad * np.sin(phase)
+    twist[:, 3] = way_m * np.sin(phase)
+    twist[:, 4] = 0.1 * np.sin(2 * phase)
+    twist[:, 5] = 0.3 * (np.cos(phase) - 1)
+    return se3.exp(twist)
+
+
+def position_errors_m(estimate: Trajectory, poses: FloatArray) -> FloatArray:
+    """Return (N,) distances of an estimate that starts with pose 0 at the identity."""
+    n = estimate.stamps_ns // PERIOD_NS
+    expected = se3.inverse(poses[0]) @ poses[n]
+    apart = estimate.T_world_camera[:, :3, 3] - expected[:, :3, 3]
+    return np.asarray(np.linalg.norm(apart, axis=1))
