@@ -1,7 +1,8 @@
-"""`trajectory.png`: the path from above, from the side, and its error over time."""
+"""Pictures of runs: the path from above, from the side, and its error over time."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter
 
 from hoid_bringup.evaluation import AlignedTrajectory
 from hoid_common.values import FloatArray, IntArray, Trajectory
@@ -18,10 +20,12 @@ _NS = 1e9
 _GAP_S = 0.25  # a longer silence is drawn as a break in the line
 _TRUTH = '#b4b9c2'
 _PATH = '#2563a8'
+_COLORS = ('#2563a8', '#c8553d', '#3c8d5a', '#8a6db1')
 _ERROR_MAP = 'plasma'
 _SIZE_IN = (12.0, 8.2)
 _DPI = 110
 _MIN_SPAN_M = 0.05
+_LEAST_SHOWN_CM = 0.1  # of a logarithmic axis
 
 
 def plot_run(
@@ -50,22 +54,40 @@ def plot_run(
     figure.savefig(path, format='png', metadata={'Software': None})
 
 
+def plot_comparison(path: Path, runs: Mapping[str, AlignedTrajectory], title: str) -> None:
+    """Write a picture of several runs of one recording side by side, at one scale of error."""
+    figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
+    FigureCanvasAgg(figure)
+    rows = figure.add_gridspec(2, len(runs), height_ratios=(2.6, 1.0))
+    bottom = figure.add_subplot(rows[1, :])
+    worst_cm = max(100 * float(np.percentile(run.error_m, 99)) for run in runs.values())
+    norm = Normalize(0.0, max(worst_cm, 1e-3))
+    above = [figure.add_subplot(rows[0, i]) for i in range(len(runs))]
+    for axes, (label, run), color in zip(above, runs.items(), _COLORS, strict=False):
+        lines = _draw_plane(axes, run, (0, 1), norm)
+        rmse_cm = 100 * float(np.sqrt(np.mean(run.error_m**2)))
+        _label(axes, f'{label}: ATE RMSE {rmse_cm:.2f} cm', 'x [m]', 'y [m]')
+        stamps_s = (run.stamps_ns - run.stamps_ns[0]) / _NS
+        bottom.plot(stamps_s, 100 * run.error_m, color=color, lw=1.8, label=label)
+    figure.colorbar(lines, ax=above, label='error [cm]', extend='max', shrink=0.9)
+    bottom.set(yscale='log', ylim=(_LEAST_SHOWN_CM, None))
+    bottom.yaxis.set_major_formatter(FormatStrFormatter('%g'))
+    bottom.legend(loc='upper right', fontsize=9)
+    _label(bottom, '', 'time [s]', 'error [cm]')
+    figure.suptitle(title, fontsize=12, fontweight='bold')
+    figure.savefig(path, format='png', metadata={'Software': None})
+
+
 def _draw_errors(
     figure: Figure, above: Axes, side: Axes, bottom: Axes, aligned: AlignedTrajectory
 ) -> None:
     """Draw the estimate coloured by its distance from the truth, over the truth in grey."""
-    xyz_m = aligned.T_world_camera[:, :3, 3]
-    true_m = aligned.T_world_camera_true[:, :3, 3]
     error_cm = 100 * aligned.error_m
     norm = Normalize(0.0, max(float(np.percentile(error_cm, 99)), 1e-3))
     joined = _joined(aligned.stamps_ns)
-    for axes, plane in ((above, (0, 1)), (side, (0, 2))):
-        _path(axes, true_m[:, plane], joined, color=_TRUTH, width=3.2, label='ground truth')
-        lines = _path(axes, xyz_m[:, plane], joined, values=error_cm, norm=norm)
-        axes.plot(*xyz_m[0, plane], 'o', color='black', ms=5, zorder=4, label='start')
-        _fit(axes, np.concatenate([xyz_m, true_m])[:, plane])
+    _draw_plane(above, aligned, (0, 1), norm)
+    lines = _draw_plane(side, aligned, (0, 2), norm)
     figure.colorbar(lines, ax=[above, side], label='error [cm]', extend='max', shrink=0.9)
-    above.legend(loc='best', fontsize=9, framealpha=0.9)
     stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / _NS
     _path(bottom, np.stack([stamps_s, error_cm], axis=1), joined, values=error_cm, norm=norm)
     rmse_cm = float(np.sqrt(np.mean(error_cm**2)))
@@ -73,6 +95,21 @@ def _draw_errors(
     bottom.legend(loc='upper right', fontsize=9)
     bottom.set(xlim=(0, max(stamps_s[-1], 0.1)), ylim=(0, 1.08 * max(error_cm.max(), 1e-3)))
     _label(bottom, '', 'time [s]', 'error [cm]')
+
+
+def _draw_plane(
+    axes: Axes, aligned: AlignedTrajectory, plane: tuple[int, int], norm: Normalize
+) -> LineCollection:
+    """Draw truth and estimate in a plane of two coordinates; return the coloured stroke."""
+    xyz_m = aligned.T_world_camera[:, :3, 3]
+    true_m = aligned.T_world_camera_true[:, :3, 3]
+    joined = _joined(aligned.stamps_ns)
+    _path(axes, true_m[:, plane], joined, color=_TRUTH, width=3.2, label='ground truth')
+    lines = _path(axes, xyz_m[:, plane], joined, values=100 * aligned.error_m, norm=norm)
+    axes.plot(*xyz_m[0, plane], 'o', color='black', ms=5, zorder=4, label='start')
+    _fit(axes, np.concatenate([xyz_m, true_m])[:, plane])
+    axes.legend(loc='best', fontsize=9, framealpha=0.9)
+    return lines
 
 
 def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) -> None:

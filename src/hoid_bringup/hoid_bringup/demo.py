@@ -1,0 +1,91 @@
+"""`hoid demo`: a rendered scene, replayed live with the filter and without."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from pathlib import Path
+
+from hoid_bags.bag_sequence import BagSequence
+from hoid_bags.synth.bag import write_bag
+from hoid_bags.synth.config import SceneConfig
+from hoid_bags.trajectory_io import read_tum
+from hoid_bringup.commands import say_detections
+from hoid_bringup.evaluation import align
+from hoid_bringup.plots import plot_comparison
+from hoid_bringup.replay_plan import ReplayConfig
+from hoid_bringup.run_config import TRUTH, RunConfig
+from hoid_bringup.summary import Spread, Summary
+from hoid_common.errors import InputError
+
+_WORKERS = 2
+_RUNS = {'with the filter': 'hoid2d', 'without': 'none'}
+
+
+def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid demo`."""
+    scene = SceneConfig()
+    parser.add_argument(
+        '--out', type=Path, default=Path('out/demo'), metavar='DIR', help='default: %(default)s'
+    )
+    parser.add_argument('--seed', type=int, default=scene.seed, metavar='N', help='of the scene')
+    parser.add_argument('--frames', type=int, default=300, metavar='N', help='at 30 Hz')
+    parser.add_argument('--detector', default=TRUTH, metavar='MODEL', help='default: %(default)s')
+
+
+def demo_command(args: argparse.Namespace) -> None:
+    """Show what the suite does, in a few minutes."""
+    from hoid_bringup.replay import replay  # needs ROS
+
+    bag_path = args.out / 'scene.bag'
+    scene = SceneConfig(seed=args.seed, num_frames=args.frames)
+    print(f'1/3  rendering {scene.frames} frames of a furnished home with two people')
+    shutil.rmtree(bag_path, ignore_errors=True)
+    write_bag(scene, bag_path, _WORKERS, show_progress=True)
+    bag = BagSequence(bag_path)
+    summaries = {}
+    for number, (label, strategy) in enumerate(_RUNS.items(), start=2):
+        config = RunConfig().updated({'filter.strategy': strategy, 'model': args.detector})
+        print(f'{number}/3  replaying it in real time through the live nodes, {label}')
+        say_detections(config)
+        summaries[label] = replay(bag, ReplayConfig(run=config), args.out / _folder(label))
+    picture = args.out / 'demo.png'
+    _draw(picture, bag, args.out)
+    print(_table(summaries))
+    print(f'\npicture      {picture}')
+    print(f'all results  {args.out}')
+
+
+def _folder(label: str) -> str:
+    return label.replace(' the ', '_')
+
+
+def _draw(path: Path, bag: BagSequence, out: Path) -> None:
+    truth = bag.ground_truth
+    if truth is None:
+        raise InputError(f'{bag.path}: has no ground truth')
+    runs = {
+        f'{label} ({strategy})': align(read_tum(out / _folder(label) / 'trajectory.txt'), truth)
+        for label, strategy in _RUNS.items()
+    }
+    plot_comparison(path, runs, 'Rendered home with two people, live')
+
+
+def _table(summaries: dict[str, Summary]) -> str:
+    """Return the numbers of both runs side by side."""
+    rows = [('', *summaries)]
+    every = list(summaries.values())
+    rows.append(('frames tracked', *(f'{s.frames_tracked} of {s.frames_total}' for s in every)))
+    rows.append(('coverage', *(f'{100 * s.coverage:.1f} %' for s in every)))
+    rows.append(('ATE RMSE', *(_metres(s.ate_rmse_m) for s in every)))
+    rows.append(('time per frame', *(_median_ms(s.stage_ms.get('frame')) for s in every)))
+    rows.append(('image to odometry', *(_median_ms(s.latency_ms) for s in every)))
+    return '\n' + '\n'.join(f'{a:20s}{b:>18s}{c:>18s}' for a, b, c in rows)
+
+
+def _metres(value_m: float | None) -> str:
+    return '-' if value_m is None else f'{value_m:.4f} m'
+
+
+def _median_ms(spread: Spread | None) -> str:
+    return '-' if spread is None else f'{spread.median:.1f} ms'

@@ -1,0 +1,93 @@
+"""`hoid nodes`: the three nodes for a live robot, supervised."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from hoid_bringup.camera_topics import CAMERA_TOPICS
+from hoid_bringup.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
+from hoid_bringup.supervisor import Supervisor, clean_shared_memory
+from hoid_common.errors import InputError
+
+_TICK_S = 0.2
+
+
+def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid nodes`."""
+    parser.add_argument('--params', type=Path, metavar='YAML', help='ROS parameter file')
+    parser.add_argument('--namespace', default='', metavar='NS', help='of nodes and topics')
+    parser.add_argument(
+        '--topics',
+        choices=tuple(CAMERA_TOPICS),
+        default='bag',
+        help="camera driver whose topics are taken (default: the suite's own names)",
+    )
+    parser.add_argument('--filter', metavar='STRATEGY', help='of the filter')
+    parser.add_argument('--detector', metavar='MODEL', help='ONNX file or name of a known model')
+    parser.add_argument('--base', metavar='FRAME', help="robot's base frame, on /tf_static")
+    parser.add_argument(
+        '--no-detector', action='store_true', help='it runs elsewhere, or nothing needs it'
+    )
+    parser.add_argument(
+        '--restart', action='store_true', help='start a dead node anew instead of ending all'
+    )
+    parser.add_argument('--sim-time', action='store_true', help='take the time from /clock')
+    parser.add_argument('--log-dir', type=Path, metavar='DIR', help='one file per node')
+
+
+def nodes_command(args: argparse.Namespace) -> None:
+    """Run until Ctrl-C or SIGTERM, which is the usual end, or until a node dies."""
+    options = _options(args)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with tempfile.TemporaryDirectory(prefix='hoid-') as folder, suppress(KeyboardInterrupt):
+        specs = node_specs(options, Path(folder))
+        try:
+            _supervise(Supervisor(specs, restart=args.restart, log_dir=args.log_dir), args.restart)
+        finally:
+            clean_shared_memory()
+
+
+def _supervise(supervisor: Supervisor, restart: bool) -> None:
+    """Watch the nodes for ever.
+
+    Raises:
+        InputError: One died, and it was not to be restarted.
+    """
+    with supervisor:
+        while True:
+            for ended in supervisor.poll():
+                if not restart:
+                    raise InputError(f'{ended}; its last lines above say why')
+                sys.stderr.write(f'hoid nodes: {ended}; starting it anew\n')
+            time.sleep(_TICK_S)
+
+
+def _options(args: argparse.Namespace) -> NodeOptions:
+    if args.params is not None and not args.params.is_file():
+        raise InputError(f'{args.params}: no such parameter file')
+    parameters: dict[str, dict[str, Any]] = {DETECTOR: {}, FILTER: {}, SLAM: {}}
+    for node, name, value in (
+        (DETECTOR, 'model', args.detector),
+        (FILTER, 'strategy', args.filter),
+        (SLAM, 'frames.base', args.base),
+    ):
+        if value is not None:
+            parameters[node][name] = value
+    own_names = CAMERA_TOPICS['bag'].remappings()
+    return NodeOptions(
+        nodes=(FILTER, SLAM) if args.no_detector else (DETECTOR, FILTER, SLAM),
+        namespace=args.namespace,
+        use_sim_time=args.sim_time,
+        params_file=args.params,
+        remappings=tuple(
+            pair for pair in CAMERA_TOPICS[args.topics].remappings() if pair not in own_names
+        ),
+        parameters=parameters,
+    )
