@@ -98,10 +98,11 @@ class Recorder:
 
     def _subscribe_new(self) -> None:
         for name, types in self._node.get_topic_names_and_types():
-            publishers = self._node.get_publishers_info_by_topic(name)
-            if name in self._awaited and publishers:
-                self._subscribe(name, types[0], _matching_qos(publishers))
-                self._awaited.remove(name)
+            if name in self._awaited:
+                publishers = self._node.get_publishers_info_by_topic(name)
+                if publishers:
+                    self._subscribe(name, types[0], _matching_qos(publishers))
+                    self._awaited.remove(name)
 
     def _subscribe(self, name: str, type_name: str, qos: QoSProfile) -> None:
         kind = message_class(name, type_name)

@@ -116,6 +116,8 @@ def open_tum_folder(
     """
     if not (np.isfinite(depth_units_per_m) and depth_units_per_m > 0):
         raise ConfigError(f'depth units per metre must be positive, got {depth_units_per_m}')
+    if not path.is_dir():
+        raise InputError(f'{path}: no such folder')
     color, depth = (_read_list(path, name) for name in (COLOR_LIST, DEPTH_LIST))
     camera = camera or camera_from_name(path.resolve().name)
     if camera is None:

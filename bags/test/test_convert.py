@@ -203,6 +203,12 @@ def test_millimetres_beyond_16_bits_are_not_whole(
     assert first_not_whole_mm(listed, 100.0) == listed[0].path  # cm, up to 130 m
 
 
+def test_a_missing_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='nowhere: no such folder'):
+        convert(tmp_path / 'nowhere', tmp_path / 'bag')
+    assert list(tmp_path.iterdir()) == []
+
+
 FAULTS: dict[str, Callable[[Path], object]] = {
     'truncated image': lambda f: _truncate(sorted((f / 'rgb').iterdir())[2]),
     'depth must be 16-bit': lambda f: cv2.imwrite(
