@@ -65,7 +65,13 @@ class Peer:
     def send_camera(self) -> None:
         header = conversions.header_to_msg(START_NS, OPTICAL)
         self.camera.publish(conversions.camera_to_msg(CAMERA, header))
-        self.probe.spin_for(0.2)
+
+    def begin(self) -> None:
+        """Send the camera and wait until the node is ready for images."""
+        self.send_camera()
+        self.probe.spin_until(lambda: bool(self.status), 'the node does not get ready', 60.0)
+        assert self.status[-1].state == SlamStatus.NOT_INITIALIZED
+        assert self.status[-1].frames_processed == 0
 
     def send(self, count: int) -> None:
         """Send images one by one, each when the one before has been answered."""
@@ -97,7 +103,7 @@ def peer(start: Start, probe: Probe, tmp_path: Path) -> Peer:
     parameters = {'map_directory': str(tmp_path / 'my maps'), 'map_period_s': 0.2}
     start('rgbd_slam', 'rgbd_slam_node', parameters)
     peer = Peer(probe)
-    peer.send_camera()
+    peer.begin()
     return peer
 
 
@@ -148,9 +154,9 @@ def test_odometry_transforms_and_status_of_each_image(peer: Peer) -> None:
 
 def test_the_map_is_published_and_kept_for_those_who_come_late(peer: Peer) -> None:
     peer.send(10)
-    peer.probe.spin_until(lambda: bool(peer.clouds and peer.paths and peer.markers), 'no map')
+    peer.probe.spin_until(lambda: bool(peer.paths and peer.paths[-1].poses), 'no map')
     late = peer.probe.collect(PointCloud2, 'map_points', qos.LATCHED)
-    peer.probe.spin_until(lambda: bool(late), 'nothing was kept')
+    peer.probe.spin_until(lambda: bool(late and late[-1].width), 'nothing was kept')
     assert late[-1].header.frame_id == 'map'
     points_m = conversions.cloud_from_msg(late[-1]).points_m
     assert len(points_m) > 200
@@ -196,20 +202,28 @@ def test_trajectories_are_saved(peer: Peer, tmp_path: Path, kind: str, count: in
     np.testing.assert_allclose(trajectory.T_world_camera[i], expected, atol=0.004)
 
 
-def test_saving_is_refused_outside_the_folder_and_before_the_first_image(peer: Peer) -> None:
+def test_saving_is_refused_outside_the_folder_and_of_unknown_kinds(peer: Peer) -> None:
+    peer.send(1)
     for name, kind, said in (
-        ('a.txt', '', 'nothing has been tracked yet'),
         ('../a.txt', '', 'no plain file name'),
+        ('/tmp/a.txt', '', 'no plain file name'),
+        ('a.txt', 'best', 'no trajectory "best"'),
     ):
         request = SaveTrajectory.Request(name=name, kind=kind)
         answer = peer.probe.call(SaveTrajectory, 'rgbd_slam/save_trajectory', request)
         assert not answer.success
         assert said in answer.message
-    peer.send(1)
-    request = SaveTrajectory.Request(name='a.txt', kind='best')
-    answer = peer.probe.call(SaveTrajectory, 'rgbd_slam/save_trajectory', request)
+
+
+def test_services_before_the_first_camera_info_say_so(start: Start, probe: Probe) -> None:
+    start('rgbd_slam', 'rgbd_slam_node')
+    answer = probe.call(
+        SaveTrajectory, 'rgbd_slam/save_trajectory', SaveTrajectory.Request(name='a.txt')
+    )
     assert not answer.success
-    assert 'no trajectory "best"' in answer.message
+    assert 'nothing has been tracked yet' in answer.message
+    answer = probe.call(Trigger, 'rgbd_slam/pause', Trigger.Request())
+    assert not answer.success
 
 
 def test_wrong_messages_are_refused_and_counted_and_the_node_lives_on(peer: Peer) -> None:
@@ -238,6 +252,7 @@ def test_a_base_frame_is_found_on_tf_static(start: Start, probe: Probe) -> None:
     start('rgbd_slam', 'rgbd_slam_node', {'frames.base': 'base_link', 'frames.map': 'world'})
     peer = Peer(probe)
     peer.send_camera()
+    peer.probe.spin_for(0.3)
     peer.features.publish(peer.message(0))
     peer.probe.spin_until(
         lambda: peer.count('features before camera and base were known') == 1, 'not counted'
@@ -256,6 +271,7 @@ def test_a_base_frame_is_found_on_tf_static(start: Start, probe: Probe) -> None:
         )
     )
     probe.spin_for(0.3)
+    peer.begin()
     peer.send(10)
     peer.probe.spin_until(lambda: len(peer.odom) == 10, 'odometry is missing')
     assert peer.odom[-1].child_frame_id == 'base_link'

@@ -49,6 +49,7 @@ class LiveRecorder:
         self._cloud: PointCloud2 | None = None
         self._num_clouds = 0
         self._save = node.create_client(SaveTrajectory, topics.SAVE_TRAJECTORY.replace('~', SLAM))
+        self._cameras = node.create_publisher(CameraInfo, camera_info, qos.OUTPUT)
         self._listen(CameraInfo, camera_info, self._on_camera, reliable=False)
         self._listen(Odometry, topics.ODOM, self._on_odometry)
         self._listen(SlamStatus, topics.SLAM_STATUS, self._on_status)
@@ -77,6 +78,15 @@ class LiveRecorder:
             and self._node.count_publishers(topics.ODOM) > 0
             and self._save.service_is_ready()
         )
+
+    def introduce_camera(self, message: bytes) -> bool:
+        """Publish a serialised camera info; return whether the SLAM node says that it is ready.
+
+        The node then starts its mapping process, for which the first images need not wait.
+        """
+        if self.last_status is None and self._cameras.get_subscription_count() > 1:
+            self._cameras.publish(message)
+        return self.last_status is not None
 
     def state_text(self) -> str:
         """Return the state of the SLAM node in a word."""
@@ -119,7 +129,7 @@ class LiveRecorder:
     def _on_status(self, msg: SlamStatus) -> None:
         self.last_stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
         self.last_status = slam_status_from_msg(msg)
-        if self.last_status.state is not SlamState.PAUSED:
+        if self.last_status.frames_processed and self.last_status.state is not SlamState.PAUSED:
             self.metrics.note_processed(self.last_stamp_ns)
             self.metrics.note_stages(self.last_stamp_ns, self.last_status.stage_ms)
 

@@ -66,6 +66,7 @@ class OfflinePipeline:
     def finish(self, sequence: Sequence, options: Mapping[str, Any]) -> RunResult:
         """Let the map settle and return all results, in the z-up map frame."""
         self._slam.finish()
+        self._slam.close()
         frames = RobotFrames()
         stats = self._slam.stats
         return RunResult(

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from hoid_bags.bag_reader import BagReader
 from hoid_bags.bag_sequence import BagSequence
 from hoid_bags.ros_session import ros_session
 from hoid_bringup.live_recorder import LiveRecorder
@@ -81,7 +82,10 @@ class _LiveRun:
 
     def _wait_until_ready(self, recorder: LiveRecorder, nodes: Supervisor) -> None:
         end_s = time.monotonic() + _READY_LIMIT_S
-        while not recorder.is_chain_joined():
+        topic = f'/{BagNames.of(self._bag).camera_info}'
+        with BagReader(self._bag.path) as reader:
+            camera_info = next(reader.messages([topic])).data
+        while not (recorder.is_chain_joined() and recorder.introduce_camera(camera_info)):
             recorder.spin(_TICK_S)
             self._stop_on(nodes.poll())
             if time.monotonic() > end_s:
@@ -122,7 +126,7 @@ class _LiveRun:
         self, recorder: LiveRecorder, nodes: Supervisor, noted: Mapping[str, Any]
     ) -> RunResult:
         status, metrics = recorder.last_status, recorder.metrics
-        if status is None:
+        if status is None or not metrics.num_processed:
             raise InputError(f'rgbd_slam processed no image; see {self._log_dir}')
         final, online, keyframes = (
             recorder.trajectory(kind, self._folder) for kind in ('final', 'online', 'keyframes')

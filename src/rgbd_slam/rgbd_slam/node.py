@@ -6,6 +6,7 @@ from hoid_msgs.msg import Features
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
 
 from hoid_common.ros import conversions, topics
 from hoid_common.ros.diagnostics import Diagnostics
@@ -16,10 +17,11 @@ from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.values import CameraModel
 from rgbd_slam.frames import RobotFrames
+from rgbd_slam.mapper_process import MapperStoppedError
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.services import SlamServices
-from rgbd_slam.session import SlamSession
+from rgbd_slam.session import Processed, SlamSession
 
 
 class RgbdSlamNode(Node):
@@ -30,7 +32,7 @@ class RgbdSlamNode(Node):
         bridge_logging(self)
         self._config = Parameters(self, SlamNodeConfig()).config
         self._diagnostics = Diagnostics(self)
-        self._camera: CameraModel | None = None
+        self._camera_info: CameraInfo | None = None  # the latest
         self._session: SlamSession | None = None
         self._static = StaticFrameListener(self, self._diagnostics)
         self._outputs = SlamOutputs(self, self._config.frames)
@@ -44,19 +46,30 @@ class RgbdSlamNode(Node):
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos')
         inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
 
+    def destroy_node(self) -> None:
+        """End the mapping process before the node."""
+        if self._session is not None:
+            self._session.close()
+        super().destroy_node()
+
     def _on_camera(self, msg: CameraInfo) -> None:
-        self._camera = conversions.camera_from_msg(msg)
-        if self._session is not None and self._camera != self._session.camera:
+        camera = conversions.camera_from_msg(msg)
+        self._camera_info = msg
+        if self._session is None:
+            self._session = self._start(camera, msg.header)
+        elif camera != self._session.camera:
             self._diagnostics.set_problem(
                 'camera', 'the camera changed and its images do not fit the map; call ~/reset'
             )
 
     def _on_features(self, msg: Features) -> None:
-        session = self._session or self._start(msg.header.frame_id)
-        if session is None:
+        if self._session is None:
             self._diagnostics.count('features before camera and base were known')
             return
-        done = session.process(conversions.features_from_msg(msg))
+        try:
+            done = self._session.process(conversions.features_from_msg(msg))
+        except MapperStoppedError as error:
+            raise SystemExit(f'error: {error}') from error  # a supervisor starts the node anew
         self._outputs.publish(done, msg.header)
         self._diagnostics.set_value('state', done.status.state.name.lower())
         self._diagnostics.set_count('images processed', done.status.frames_processed)
@@ -66,25 +79,30 @@ class RgbdSlamNode(Node):
         if self._session is not None and self._session.take_map_changed():
             self._outputs.publish_map(self._session)
 
-    def _start(self, camera_frame: str) -> SlamSession | None:
-        """Return a session, or None while something that it needs is unknown."""
+    def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
+        """Return a session, or None while the base is unknown; takes a second or two."""
         names = self._config.frames
-        T_base_camera = self._static.frames.find(names.base, camera_frame) if names.base else None
+        T_base_camera = (
+            self._static.frames.find(names.base, header.frame_id) if names.base else None
+        )
         if names.base and T_base_camera is None:
             self._diagnostics.set_problem(
-                'base', f'/tf_static does not join frames "{names.base}" and "{camera_frame}"'
+                'base', f'/tf_static does not join frames "{names.base}" and "{header.frame_id}"'
             )
             return None
         self._diagnostics.clear_problem('base')
-        if self._camera is None:
-            return None
         frames = RobotFrames(T_base_camera, planar=names.planar)
-        self._session = SlamSession(self._camera, self._config, frames)
-        return self._session
+        session = SlamSession(camera, self._config, frames, background=True)
+        self._outputs.publish(Processed(session.status(), None), header)
+        return session
 
     def _reset(self) -> None:
+        if self._session is not None:
+            self._session.close()
         self._session = None
         self._diagnostics.clear_problem('camera')
+        if self._camera_info is not None:
+            self._on_camera(self._camera_info)
 
 
 def main() -> int:

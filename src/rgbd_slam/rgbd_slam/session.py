@@ -15,6 +15,12 @@ from rgbd_slam.slam import RgbdSlam, SlamStats, TrackingResult
 from rgbd_slam.stream_gaps import StreamGaps
 
 TRAJECTORY_KINDS = ('final', 'online', 'keyframes')
+_MESSAGES = {
+    SlamState.NOT_INITIALIZED: 'waiting for an image with enough static features that have depth',
+    SlamState.TRACKING: '',
+    SlamState.LOST: 'too few map points are seen; looking for a known place',
+    SlamState.PAUSED: 'paused; ~/resume goes on',
+}
 
 
 class Processed(NamedTuple):
@@ -31,23 +37,34 @@ class SlamSession:
         camera: The camera of the images that the features come from.
         config: Parameters of the core.
         frames: Where the camera sits on the robot.
+        background: Map in a process of its own; `close` ends it.
     """
 
-    def __init__(self, camera: CameraModel, config: SlamConfig, frames: RobotFrames) -> None:
+    def __init__(
+        self,
+        camera: CameraModel,
+        config: SlamConfig,
+        frames: RobotFrames,
+        *,
+        background: bool = False,
+    ) -> None:
         self.camera = camera
         self.is_paused = False
         self._config = config
         self._frames = frames
-        self.reset()
+        self._background = background
+        self._map_changed = False
+        self._stats_shown: SlamStats | None = None
+        self._begin()
 
     def reset(self) -> None:
         """Forget the map and all counts."""
-        self._slam = RgbdSlam(self.camera, self._config)
-        self._gaps = StreamGaps()
-        self._num_processed = 0
-        self._map_changed = False
-        self._stats_shown: SlamStats | None = None
-        self.stamp_ns = 0  # of the latest image
+        self.close()
+        self._begin()
+
+    def close(self) -> None:
+        """End what runs in the background; the session is of no more use then."""
+        self._slam.close()
 
     def process(self, features: Features) -> Processed:
         """Track one image; a paused session only says that it is paused."""
@@ -59,6 +76,10 @@ class SlamSession:
         self._num_processed += 1
         self._map_changed |= result.is_keyframe
         return Processed(self._status(SlamState(result.state.value), result), self._pose(result))
+
+    def status(self) -> SlamStatus:
+        """Return how the session is doing between two images."""
+        return self._status(SlamState.PAUSED if self.is_paused else SlamState.NOT_INITIALIZED)
 
     def take_map_changed(self) -> bool:
         """Return whether the map is another than at the last call."""
@@ -95,6 +116,14 @@ class SlamSession:
         """Return (N, 4, 4) T_map_camera of the keyframes."""
         return self.trajectory('keyframes').T_world_camera
 
+    def _begin(self) -> None:
+        self._slam = RgbdSlam(self.camera, self._config, background=self._background)
+        self._gaps = StreamGaps()
+        self._num_processed = 0
+        self._map_changed = False
+        self._stats_shown = None
+        self.stamp_ns = 0  # of the latest image
+
     def _pose(self, result: TrackingResult) -> RobotPose | None:
         if result.T_map_camera is None or result.T_odom_camera is None:
             return None
@@ -112,17 +141,10 @@ class SlamSession:
             inliers=result.num_inliers if result else 0,
             keyframes=stats.num_keyframes,
             map_points=stats.num_map_points,
+            mapper_queue=self._slam.mapper_queue,
             loops=stats.num_loops,
             relocalizations=stats.num_relocalizations,
             frames_processed=self._num_processed,
             frames_dropped=self._gaps.num_missing,
             stage_ms=result.stage_ms if result else {},
         )
-
-
-_MESSAGES = {
-    SlamState.NOT_INITIALIZED: 'waiting for an image with enough static features that have depth',
-    SlamState.TRACKING: '',
-    SlamState.LOST: 'too few map points are seen; looking for a known place',
-    SlamState.PAUSED: 'paused; ~/resume goes on',
-}

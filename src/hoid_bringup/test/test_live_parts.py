@@ -1,0 +1,187 @@
+"""The parts of a live replay that know no ROS."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pytest
+import yaml
+
+from hoid_bags.bag_sequence import BagSequence
+from hoid_bags.bag_source import BagTopic
+from hoid_bags.bag_topics import RecordedTopics
+from hoid_bringup.camera_topics import CAMERA_TOPICS
+from hoid_bringup.live_metrics import LiveMetrics
+from hoid_bringup.node_specs import NodeOptions, node_specs, parameter_file
+from hoid_bringup.replay_plan import ReplayConfig, node_options, player_spec
+from hoid_bringup.ros_domain import own_domain
+from hoid_bringup.run_config import TRUTH, RunConfig
+from hoid_bringup.summary import FilterCounts
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.param_file import load_params
+
+IMAGE, PACKED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
+
+
+class FakeBag:
+    """What the plan looks at of a bag."""
+
+    path = Path('a bag')
+    name = 'a bag'
+
+    def __init__(
+        self,
+        color: str = '/rgb/image',
+        depth: str = '/depth/image',
+        info: str | None = '/rgb/camera_info',
+        truth: str | None = None,
+    ) -> None:
+        def topic(name: str | None) -> BagTopic | None:
+            return None if name is None else cast('BagTopic', BagTopicStub(name))
+
+        self.topics = RecordedTopics(
+            cast('BagTopic', topic(color)), cast('BagTopic', topic(depth)), topic(info), None,
+            topic(truth),
+        )  # fmt: skip
+
+
+class BagTopicStub:
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+def plan(bag: FakeBag, **changes: object) -> NodeOptions:
+    config = ReplayConfig(run=RunConfig().updated(changes))
+    return node_options(cast('BagSequence', bag), config, Path('folder'))
+
+
+def test_the_suites_own_bag_needs_no_remaps() -> None:
+    options = plan(FakeBag())
+    assert options.nodes == ('hoid_detector', 'hoid_filter', 'rgbd_slam')
+    assert options.remappings == ()
+    assert options.use_sim_time
+    assert options.parameters['rgbd_slam']['map_directory'] == 'folder'
+
+
+def test_foreign_and_packed_topics_are_remapped() -> None:
+    bag = FakeBag('/cam/color/compressed', '/cam/depth/compressedDepth', '/cam/info')
+    options = plan(bag)
+    assert dict(options.remappings) == {
+        'rgb/image': 'cam/color',
+        'depth/image': 'cam/depth',
+        'rgb/camera_info': 'cam/info',
+        'rgb/image/compressed': 'cam/color/compressed',
+        'depth/image/compressedDepth': 'cam/depth/compressedDepth',
+    }
+    assert options.parameters['hoid_filter']['input.compressed'] is True
+
+
+def test_exact_boxes_take_the_detectors_place() -> None:
+    options = plan(FakeBag(truth='/detections_gt'), model=TRUTH)
+    assert options.nodes == ('hoid_filter', 'rgbd_slam')
+    assert options.remappings == (('detections', 'detections_gt'),)
+    with pytest.raises(InputError, match='no exact boxes'):
+        plan(FakeBag(), model=TRUTH)
+
+
+def test_no_filter_needs_no_detector() -> None:
+    options = plan(FakeBag(), **{'filter.strategy': 'none', 'filter.depth_limit_m': 0.3})
+    assert options.nodes == ('hoid_filter', 'rgbd_slam')
+    assert options.parameters['hoid_filter']['strategy'] == 'none'
+    assert options.parameters['hoid_filter']['depth_limit_m'] == 0.3
+
+
+@pytest.mark.parametrize(
+    ('bag', 'said'),
+    [
+        (FakeBag(info=None), 'no camera_info'),
+        (FakeBag(color='/rgb/image/compressed'), 'only one of colour and depth'),
+    ],
+)
+def test_bags_that_nodes_cannot_hear_are_refused(bag: FakeBag, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        plan(bag)
+
+
+def test_the_player_waits_for_every_listener() -> None:
+    config = ReplayConfig(rate=2.0)
+    argv = player_spec(cast('BagSequence', FakeBag()), config).argv
+    assert argv[argv.index('--require') + 1] == 'rgb/image=2'
+    assert argv[argv.index('--rate') + 1] == '2.0'
+
+
+def test_parameters_reach_nodes_through_files(tmp_path: Path) -> None:
+    options = NodeOptions(
+        nodes=('rgbd_slam',),
+        namespace='robot1',
+        parameters={'rgbd_slam': {'tracking.min_inliers': 20, 'frames.base': 'base: link'}},
+        remappings=(('rgb/image', '/a b'),),
+    )
+    (spec,) = node_specs(options, tmp_path)
+    assert '__ns:=/robot1' in spec.argv
+    assert 'rgb/image:=/a b' in spec.argv
+    values = load_params(tmp_path / 'rgbd_slam.yaml', 'rgbd_slam')
+    assert values == {
+        'tracking.min_inliers': 20,
+        'frames.base': 'base: link',
+        'use_sim_time': False,
+    }
+
+
+def test_a_parameter_file_says_lists_and_refuses_empty_ones() -> None:
+    text = parameter_file({'classes': ('cup', 'book'), 'a.b': True})
+    assert yaml.safe_load(text)['/**']['ros__parameters'] == {
+        'classes': ['cup', 'book'],
+        'a': {'b': True},
+    }
+    with pytest.raises(ConfigError, match='empty list'):
+        parameter_file({'classes': ()})
+
+
+def test_domains_are_kept_apart_and_a_chosen_one_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv('ROS_DOMAIN_ID', raising=False)
+    with own_domain() as domain:
+        with socket.socket() as other, pytest.raises(OSError, match='in use'):
+            other.bind(('', 32768 + domain))
+        monkeypatch.setenv('ROS_DOMAIN_ID', '7')
+        with own_domain() as chosen:
+            assert chosen == 7
+    monkeypatch.setenv('ROS_DOMAIN_ID', 'seven')
+    with pytest.raises(ConfigError, match='not a number'), own_domain():
+        pass
+
+
+def test_metrics_by_stamp_in_any_order() -> None:
+    metrics = LiveMetrics()
+    metrics.note_odometry(1, 5_000_000)
+    metrics.note_sent(1, 2_000_000)
+    metrics.note_sent(2, 3_000_000)  # was dropped
+    metrics.note_odometry(3, 9_000_000)  # not seen leaving
+    assert metrics.latency_ms() == [3.0]
+    metrics.note_stages(1, {'track': 4.0, 'map': 7.0})
+    metrics.note_stages(1, {'extract': 8.0, 'filter': 0.5})
+    metrics.note_stages(2, {'extract': 9.0, 'filter': 0.5})
+    assert metrics.stage_ms() == {
+        'frame': [12.5],
+        'track': [4.0],
+        'map': [7.0],
+        'extract': [8.0, 9.0],
+        'filter': [0.5, 0.5],
+    }
+    metrics.note_processed(1)
+    metrics.note_processed(1)
+    assert metrics.num_processed == 1
+    metrics.note_features(1, 1000, 200)
+    metrics.note_features(2, 900, 100)
+    metrics.note_objects(2, 3)
+    assert metrics.filter_counts() == FilterCounts(1900, 300, 3)
+
+
+def test_camera_drivers_name_three_topics() -> None:
+    for name, camera in CAMERA_TOPICS.items():
+        targets = [target for _, target in camera.remappings()]
+        assert len(set(targets)) == 3, name
+        assert np.all([not t.startswith('/') for t in targets]) == (name == 'bag')
