@@ -36,7 +36,7 @@ class ConvertConfig(Config):
     """How a folder becomes a bag.
 
     Raw images are the default: live nodes then spend nothing on decoding. Packing the chunks makes
-    a bag 1.4 to 2.8 times smaller but costs the player 3.8 ms a frame instead of 0.3 ms.
+    a bag 1.4 to 2.9 times smaller but costs the player 3.8 ms a frame instead of 0.3 ms.
     """
 
     rgb: str = param(RAW, 'Colour images as raw, png or jpeg', choices=(RAW, PNG, JPEG))
