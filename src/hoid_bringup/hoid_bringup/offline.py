@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hoid_bags.sequence import Sequence
-from hoid_bringup.detection_source import detection_source
+from hoid_bringup.detection_source import DetectionSource, detection_source
 from hoid_bringup.outputs import write_outputs
 from hoid_bringup.progress import progress
 from hoid_bringup.run_config import RunConfig
@@ -27,8 +27,10 @@ _KIB_PER_MB = 1024
 class OfflinePipeline:
     """Detector, filter and SLAM, one call a frame."""
 
-    def __init__(self, sequence: Sequence, config: RunConfig) -> None:
-        self._detect = detection_source(sequence, config)
+    def __init__(
+        self, sequence: Sequence, config: RunConfig, detect: DetectionSource | None = None
+    ) -> None:
+        self._detect = detect or detection_source(sequence, config)
         self._filter = FeatureFilter(config.filter, sequence.camera)
         self._slam = RgbdSlam(sequence.camera, config.slam)
         self._features_in = self._features_removed = self._objects_dynamic = 0
@@ -98,6 +100,7 @@ def run_offline(
     config: RunConfig,
     out_dir: Path,
     *,
+    detect: DetectionSource | None = None,
     options: Mapping[str, Any] | None = None,
     show_progress: bool = True,
 ) -> Summary:
@@ -107,13 +110,14 @@ def run_offline(
         sequence: The recording.
         config: Parameters of all stages.
         out_dir: Where the files go; made when missing.
+        detect: Detections in place of those that the configuration asks for.
         options: What to note in the summary as asked for; the changed parameters by default.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
         HoidError: The recording, the model or the output folder is unusable.
     """
-    pipeline = OfflinePipeline(sequence, config)
+    pipeline = OfflinePipeline(sequence, config, detect)
     bar = progress(sequence, len(sequence), 'frames', show=show_progress)
     for frame in bar:
         tracking = pipeline.process(frame)

@@ -1,0 +1,1 @@
+"""The experiments: the paper's and ours, declared in files, run in one command."""
