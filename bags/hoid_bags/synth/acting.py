@@ -143,7 +143,7 @@ def _carried(prop: Prop, body: BodyTrack) -> FloatArray:
     c, s = np.cos(body.heading_rad), np.sin(body.heading_rad)
     x = body.xy_m[:, 0] + ahead * c + right * s
     y = body.xy_m[:, 1] + ahead * s - right * c
-    z = up + 0.012 * body.stride * np.cos(4 * np.pi * body.walked_m / 1.36)
+    z = up + 0.012 * body.stride * np.cos(4 * np.pi * body.walked_m / 1.22)
     return np.stack([x, y, z, body.heading_rad - np.pi / 2 + prop.hold_yaw_rad], -1)
 
 

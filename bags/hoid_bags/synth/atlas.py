@@ -1,4 +1,4 @@
-"""All textures of a scene in one image with its mip levels, so that one remap samples a whole frame."""
+"""All textures of a scene in one image with its mip levels: one remap samples a whole frame."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from hoid_common.values import ByteArray, Float32Array
 
@@ -16,10 +17,10 @@ _WIDTH_PX = 4096
 
 @dataclass(frozen=True, eq=False)
 class Atlas:
-    """Textures packed at level 0, halved level by level to its right; rows of `places` are textures."""
+    """Textures packed at level 0, halved level by level to its right."""
 
     image: ByteArray  # (H, W, 3) BGR
-    places: Float32Array  # (T, 4): x, y of the corner, width, height, level-0 px
+    places: Float32Array  # (T, 4) by texture: x, y, width, height at level 0, px
     glow: Float32Array  # (T,) 0 = lit by the lamps only .. 1 = shines by itself
     ir_dark: Float32Array  # (T,) 0 .. 1, share of depth readings lost on it
     level_offsets_px: Float32Array  # (LEVELS, 2): x, y
@@ -29,9 +30,9 @@ class Atlas:
         low = np.clip(level.astype(np.int32), 0, LEVELS - 2)
         weight = np.clip(level - low, 0, 1).astype(np.float32)[:, None]
         fine, coarse = self._lookup(xy_px, low), self._lookup(xy_px, low + 1)
-        return fine + (coarse - fine) * weight
+        return np.asarray(fine + (coarse - fine) * weight)
 
-    def _lookup(self, xy_px: Float32Array, level: np.ndarray) -> Float32Array:  # type: ignore[type-arg]
+    def _lookup(self, xy_px: Float32Array, level: NDArray[np.int32]) -> Float32Array:
         scale = np.ldexp(np.float32(1), -level).astype(np.float32)
         at = self.level_offsets_px[level]
         x = xy_px[:, 0] * scale + at[:, 0] - np.float32(0.5)

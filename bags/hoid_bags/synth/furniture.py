@@ -1,10 +1,10 @@
-"""Furniture in its own frame: x to the right, y to the back (the wall), z up; origin on the floor, mid back edge."""
+"""Furniture in its own frame: x right, y to the wall, z up; origin on the floor, mid back edge."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from hoid_bags.synth import prints, surfaces
+from hoid_bags.synth import pictures, prints, surfaces
 from hoid_bags.synth.mesh import Mesh, Surface, box, cylinder, ellipsoid, grid, merged, quad, tube
 from hoid_bags.synth.palette import Palette, Studio, wood_colour
 from hoid_common.values import ByteArray
@@ -224,7 +224,7 @@ def _leaf(
 
 def floor_lamp(studio: Studio, p: Palette) -> Mesh:
     """Return a standing lamp; origin below its foot's centre."""
-    shade = studio.sheet(prints.filled((32, 32), (170, 215, 240)), glow=0.8)
+    shade = studio.sheet(pictures.filled((32, 32), (170, 215, 240)), glow=0.8)
     centers = np.array([[0, 0, 1.35], [0, 0, 1.45], [0, 0, 1.7]])
     return merged(
         [
@@ -240,7 +240,7 @@ def floor_lamp(studio: Studio, p: Palette) -> Mesh:
 def window(studio: Studio, p: Palette, width_m: float, height_m: float) -> Mesh:
     """Return a window with folded curtains, on the wall plane y = 0; origin on the floor."""
     view = studio.sheet(
-        prints.outdoors(studio.paint(), studio.shape(width_m, height_m)), glow=0.85, ir_dark=0.8
+        pictures.outdoors(studio.paint(), studio.shape(width_m, height_m)), glow=0.85, ir_dark=0.8
     )
     w, low = width_m / 2, 0.85
     parts = [

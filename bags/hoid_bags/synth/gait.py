@@ -1,4 +1,4 @@
-"""From where a person stands and reaches to the joints: walking cycle, bending, two-link inverse kinematics."""
+"""From where a person stands and reaches to the joints: walking, bending, grasping."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from hoid_bags.synth.body import Build, Joints
 from hoid_common.values import FloatArray
 
-STRIDE_PER_HEIGHT = 0.78  # metres walked per cycle of two steps and metre of height
+STRIDE_PER_HEIGHT = 0.7  # metres walked per cycle of two steps and metre of height
 _STANCE = 0.6  # share of the cycle with the foot on the ground
 _ANKLE_M = 0.085
 
@@ -39,7 +39,7 @@ def joints(at: Stance, build: Build) -> Joints:
     bob = 0.018 * at.stride * np.cos(4 * np.pi * cycle)
     sway = 0.02 * at.stride * np.sin(2 * np.pi * cycle)
     root = np.array([*at.position_m, 0.0])
-    height = build.leg_m * 0.985 + _ANKLE_M - at.drop_m - 0.02 * at.stride + bob
+    height = build.leg_m * 0.985 + _ANKLE_M - at.drop_m - 0.05 * at.stride + bob
     pelvis = (
         root
         + height * up

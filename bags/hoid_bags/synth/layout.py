@@ -108,7 +108,7 @@ def _furnish(f: Furnisher, k: int, two: bool, repeated: bool) -> None:
 
 
 def _window_side(f: Furnisher, side: str, two: bool) -> None:
-    """Put window, pictures and a door on the wall opposite the sofa, or on the front wall when that is open."""
+    """Furnish the wall opposite the sofa; of two rooms, the front wall has the window."""
     wall = 'front' if two else side
     middle = f.width_m / 2 if two else DEPTH_M / 2
     T = f.wall_pose(wall, middle)

@@ -1,4 +1,4 @@
-"""Light at mesh vertices: lamps with soft shadows, and sky-like ambient light darkened in corners."""
+"""Light at mesh vertices: lamps with soft shadows, and ambient light that corners darken."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def openness(tracer: Tracer, mesh: Mesh) -> Float32Array:
     for direction in _hemisphere(_OCCLUSION_RAYS):
         distance = tracer.distance(origin, frames @ direction, _OCCLUSION_REACH_M)
         total += np.minimum(distance / _OCCLUSION_REACH_M, 1)
-    return total / _OCCLUSION_RAYS
+    return np.asarray(total / _OCCLUSION_RAYS, np.float32)
 
 
 def direct(
@@ -69,7 +69,7 @@ def direct(
 def bake(tracer: Tracer, mesh: Mesh, lamps: tuple[Lamp, ...]) -> Float32Array:
     """Return (V,) light of meshes that never move."""
     ambient = AMBIENT * (0.25 + 0.75 * openness(tracer, mesh))
-    return direct(tracer, mesh.vertices_m, mesh.normals, lamps) + ambient
+    return np.asarray(direct(tracer, mesh.vertices_m, mesh.normals, lamps) + ambient, np.float32)
 
 
 def light_moving(tracer: Tracer, mesh: Mesh, lamps: tuple[Lamp, ...]) -> Float32Array:

@@ -1,4 +1,4 @@
-"""Triangle meshes with texture coordinates, and the primitives that furniture and people are made of."""
+"""Triangle meshes with texture coordinates, and the primitives that things are made of."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from hoid_common.values import ByteArray, Float32Array, FloatArray
 
 CELL_M = 0.12  # edge of a mesh cell: light is baked at the vertices
+Vector = Sequence[float] | FloatArray
+
 _FACES = ('left', 'right', 'front', 'back', 'bottom', 'top')  # -x +x -y +y -z +z
 
 
@@ -60,7 +62,7 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def _unit(v: FloatArray) -> FloatArray:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12))
 
 
 def _tangent(points: FloatArray, axis: int, closed: bool) -> FloatArray:
@@ -98,9 +100,9 @@ def grid(points: FloatArray, uv: FloatArray, surface: Surface, closed: bool = Fa
 
 
 def quad(
-    origin: Sequence[float],
-    edge_u: Sequence[float],
-    edge_v: Sequence[float],
+    origin: Vector,
+    edge_u: Vector,
+    edge_v: Vector,
     surface: Surface,
     cell_m: float = CELL_M,
 ) -> Mesh:
@@ -125,7 +127,7 @@ def box(
     faces: Mapping[str, Surface] | None = None,
     omit: Sequence[str] = (),
 ) -> Mesh:
-    """Return an axis-aligned box; `faces` overrides left, right, front (-y), back, bottom or top."""
+    """Return an axis-aligned box; `faces` overrides left, right, front (-y), back, ...."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
     sides = {
@@ -143,7 +145,7 @@ def box(
 def tube(
     centers_m: FloatArray,
     radii_m: FloatArray,
-    side: Sequence[float],
+    side: Vector,
     surface: Surface,
     around: int = 14,
 ) -> Mesh:
@@ -187,8 +189,8 @@ def cylinder(
 
 
 def ellipsoid(
-    center: Sequence[float],
-    radii_m: Sequence[float],
+    center: Vector,
+    radii_m: Vector,
     surface: Surface,
     rows: int = 12,
     columns: int = 18,

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from hoid_common.values import ByteArray, Float32Array
 
 Rng = np.random.Generator
+Floats = NDArray[np.floating[Any]]
 Bgr = tuple[float, float, float]
 Shape = tuple[int, int]
 
 
 def value_noise(rng: Rng, shape: Shape, cells: tuple[float, float]) -> Float32Array:
-    """Return smooth tileable noise (H, W), about unit variance, with the given cell size (rows, columns) in px."""
+    """Return smooth tileable noise (H, W), about unit variance; `cells`: (rows, columns), px."""
     grid_shape = [max(2, round(n / c)) for n, c in zip(shape, cells, strict=True)]
     small = np.pad(rng.standard_normal(grid_shape, np.float32), 2, 'wrap')
     y, x = (
@@ -42,12 +45,12 @@ def grain(rng: Rng, shape: Shape) -> Float32Array:
     return rng.standard_normal(shape, np.float32)
 
 
-def tinted(colour: Sequence[float], shade: Float32Array) -> Float32Array:
+def tinted(colour: Sequence[float], shade: Floats) -> Float32Array:
     """Return (H, W, 3): a BGR colour times a shade."""
-    return np.asarray(colour, np.float32) * shade[..., None]
+    return np.asarray(np.asarray(colour, np.float32) * shade[..., None], np.float32)
 
 
-def mixed(a: Float32Array | Bgr, b: Float32Array | Bgr, weight: Float32Array) -> Float32Array:
+def mixed(a: Floats | Bgr, b: Floats | Bgr, weight: Floats) -> Float32Array:
     """Return a blended towards b by a weight (H, W) in [0, 1]."""
     w = weight[..., None]
     return (np.asarray(a, np.float32) * (1 - w) + np.asarray(b, np.float32) * w).astype(np.float32)
@@ -58,10 +61,10 @@ def as_bytes(image: Float32Array) -> ByteArray:
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
-def smoothstep(x: Float32Array) -> Float32Array:
+def smoothstep(x: Floats) -> Float32Array:
     """Return 0 below 0, 1 above 1, smooth between."""
     x = np.clip(x, 0, 1)
-    return x * x * (3 - 2 * x)
+    return np.asarray(x * x * (3 - 2 * x), np.float32)
 
 
 def hsv(hue_deg: float, saturation: float, value: float) -> Bgr:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoid_bags.synth import prints, surfaces
+from hoid_bags.synth import pictures, surfaces
 from hoid_bags.synth.atlas import Textures
 from hoid_bags.synth.mesh import Surface
 from hoid_bags.synth.noise import Bgr, Rng, any_colour, hsv
@@ -27,7 +27,7 @@ class Studio:
         return max(16, round(height_m * texels)), max(16, round(width_m * texels))
 
     def paint(self) -> Rng:
-        """Return a source for one picture, so that its number of texels does not change what follows."""
+        """Return a source for one picture: its number of texels must not change what follows."""
         return np.random.default_rng(int(self.rng.integers(0, 1 << 62)))
 
     def tile(self, image: ByteArray, size_m: tuple[float, float], ir_dark: float = 0.0) -> Surface:
@@ -129,6 +129,10 @@ def picture(studio: Studio, width_m: float, height_m: float) -> Surface:
     """Return a poster or a framed picture."""
     rng, shape = studio.rng, studio.shape(width_m, height_m, 1.5)
     if rng.random() < 0.45:
-        return studio.sheet(prints.poster(studio.paint(), shape))
-    image = (prints.landscape if rng.random() < 0.6 else prints.abstract)(studio.paint(), shape)
-    return studio.sheet(prints.framed(image, wood_colour(rng, (0.2, 0.7)), (225.0, 230.0, 232.0)))
+        return studio.sheet(pictures.poster(studio.paint(), shape))
+    image = (pictures.landscape if rng.random() < 0.6 else pictures.abstract)(
+        studio.paint(), shape
+    )
+    return studio.sheet(
+        pictures.framed(image, wood_colour(rng, (0.2, 0.7)), (225.0, 230.0, 232.0))
+    )

@@ -1,4 +1,4 @@
-"""Things that people pick up, carry and put down; origin below the middle, z up, front towards -y."""
+"""Things that people carry; origin below the middle, z up, front towards -y."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoid_bags.synth import prints, surfaces
+from hoid_bags.synth import pictures, prints, surfaces
 from hoid_bags.synth.furniture import chair, plant
 from hoid_bags.synth.mesh import Mesh, Surface, box, ellipsoid, merged, quad, tube
 from hoid_bags.synth.noise import any_colour, hsv
@@ -78,8 +78,8 @@ def bottle(studio: Studio, _: Palette) -> Prop:
 
 def book(studio: Studio, p: Palette) -> Prop:
     """Return a book lying flat."""
-    cover = studio.sheet(prints.cover(studio.paint(), studio.shape(0.2, 0.27, 2.0)))
-    back = studio.sheet(prints.filled((32, 32), any_colour(studio.rng, (0.3, 0.9), (0.2, 0.7))))
+    cover = studio.sheet(pictures.cover(studio.paint(), studio.shape(0.2, 0.27, 2.0)))
+    back = studio.sheet(pictures.filled((32, 32), any_colour(studio.rng, (0.3, 0.9), (0.2, 0.7))))
     mesh = box(
         (-0.1, -0.135, 0),
         (0.1, 0.135, 0.045),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -106,7 +107,7 @@ class Renderer:
             self._shadow(hits, moving, view),
             self._exposure(i),
         )
-        flow = self._flow(i, hits, moving, view)
+        flow = self._flow(i, hits, moving)
         texture = self._texture[hits.face]
         depth = hits.t.reshape(self._shape)
         dark = self._stage.world.atlas.ir_dark[texture].reshape(self._shape)
@@ -160,7 +161,7 @@ class Renderer:
             self._normals if moving is None else np.concatenate([self._normals, moving.normals])
         )
         along = np.einsum('ij,ij->i', np.take(normals, hits.face, axis=0), view.directions)
-        return np.maximum(np.abs(along) / self._ray_lengths, np.float32(1e-3))
+        return np.asarray(np.maximum(np.abs(along) / self._ray_lengths, 1e-3), np.float32)
 
     def _exposure(self, i: int) -> float:
         """Return the gain of frame i: it wanders as an automatic exposure does."""
@@ -169,18 +170,19 @@ class Renderer:
         )
         return float(1.15 * (1 + _EXPOSURE_SWING * waves.sum()))
 
-    def _coarse(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
-        image = values.reshape(*self._shape, *values.shape[1:])[::_COARSE, ::_COARSE]
-        return image.reshape(-1, *values.shape[1:])
+    def _coarse(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return every second pixel of every second row, of (N, ...) values."""
+        rest = values.shape[1:]
+        return values.reshape(*self._shape, *rest)[::_COARSE, ::_COARSE].reshape(-1, *rest)
 
-    def _fine(self, coarse: Float32Array, channels: int) -> Float32Array:
-        shape = tuple(-(-n // _COARSE) for n in self._shape)
-        image = coarse.reshape(*shape, channels) if channels > 1 else coarse.reshape(shape)
-        out = cv2.resize(image, self._shape[::-1], interpolation=cv2.INTER_LINEAR)
-        return np.asarray(out, np.float32)
+    def _fine(self, coarse: NDArray[Any]) -> Float32Array:
+        """Return (H, W, ...) values interpolated between coarse ones."""
+        shape = [-(-n // _COARSE) for n in self._shape]
+        image = coarse.reshape(*shape, *coarse.shape[1:])
+        return np.asarray(cv2.resize(image, self._shape[::-1]), np.float32)
 
     def _shadow(self, hits: Hits, moving: _Moving | None, view: _View) -> Float32Array:
-        """Return (N,) the share of light left by the soft shadows of moving things on resting ones."""
+        """Return (N,) the share of light that the shadows of moving things leave on the rest."""
         if moving is None:
             return np.ones(len(hits.t), np.float32)
         t, face = self._coarse(hits.t), self._coarse(hits.face)
@@ -195,11 +197,9 @@ class Renderer:
                 for point in lamp.points_m.astype(np.float32):
                     hidden += moving.tracer.occluded(origins, point - origins)
                 left[near] -= _SHADOW_DEPTH * hidden / lighting.CEILING_POINTS
-        shape = tuple(-(-n // _COARSE) for n in self._shape)
-        soft = cv2.blur(left.reshape(shape), (5, 5))
-        return self._fine(np.asarray(soft, np.float32), 1).ravel()
+        return np.asarray(cv2.blur(self._fine(left), (9, 9)), np.float32).ravel()
 
-    def _flow(self, i: int, hits: Hits, moving: _Moving | None, view: _View) -> Float32Array:
+    def _flow(self, i: int, hits: Hits, moving: _Moving | None) -> Float32Array:
         """Return (H, W, 2) how far image points move during the exposure, px."""
         T, T_next = self._stage.T_world_camera[i : i + 2]
         share = sensor.EXPOSURE_S * FRAME_RATE_HZ * self._config.motion_blur
@@ -217,11 +217,11 @@ class Renderer:
             step[own] += np.float32(share) * way @ T[:3, :3].astype(np.float32)
         scale = np.float32(self._config.camera.fx_px) / t
         flow = (step[:, :2] - rays[:, :2] * step[:, 2:]) * scale[:, None]
-        return self._fine(flow.astype(np.float32), 2)
+        return self._fine(flow.astype(np.float32))
 
 
 def _near(xy_m: Float32Array, mesh: Mesh) -> BoolArray:
-    """Return (N,) which floor positions are close enough to a moving instance to lie in its shadow."""
+    """Return (N,) which positions are close enough to a moving instance for its shadow."""
     near = np.zeros(len(xy_m), bool)
     for instance in np.unique(mesh.instance):
         own = mesh.vertices_m[mesh.faces[mesh.instance == instance, 0], :2]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hoid_bags.synth import furniture, prints
+from hoid_bags.synth import furniture, pictures, prints
 from hoid_bags.synth.mesh import Mesh, Surface, box, merged, quad
 from hoid_bags.synth.palette import Studio, make_palette, picture
 from hoid_bags.synth.world import Lamp, WorldBuilder, pose
@@ -27,7 +27,7 @@ class Furnisher:
         self.x0, self.width_m = x0, width_m
 
     def wall_pose(self, wall: str, along_m: float) -> FloatArray:
-        """Return the frame of furniture whose back is to a wall, `along_m` from the wall's left end."""
+        """Return the frame of furniture with its back to a wall, `along_m` from its left end."""
         x0, x1, y1 = self.x0, self.x0 + self.width_m, DEPTH_M
         return {
             'back': pose(x0 + along_m, y1, 0, 0),
@@ -60,9 +60,10 @@ class Furnisher:
         corners = [[-0.3, -0.3], [-0.3, 0.3], [0.3, -0.3], [0.3, 0.3]]
         middle = np.array([self.x0 + w / 2, d / 2, h - 0.12])
         self.builder.lamps.append(Lamp(middle + np.pad(corners, ((0, 0), (0, 1))), 3.2))
-        shade = self.studio.sheet(prints.filled((32, 32), (205, 230, 245)), glow=1.0)
+        shade = self.studio.sheet(pictures.filled((32, 32), (205, 230, 245)), glow=1.0)
         self.builder.add(
-            box((-0.3, -0.3, 0), (0.3, 0.3, 0.06), shade), pose(*middle[:2], h - 0.06, 0)
+            box((-0.3, -0.3, 0), (0.3, 0.3, 0.06), shade),
+            pose(float(middle[0]), float(middle[1]), h - 0.06, 0),
         )
 
     def hang(
@@ -199,7 +200,7 @@ class Furnisher:
     def along(
         self, wall: str, slots: list[Slot], start_m: float, end_m: float
     ) -> list[tuple[float, float]]:
-        """Place things along a wall in random order and gaps; return the spans above low things."""
+        """Place things along a wall in random order; return the spans that they cover."""
         order = self.rng.permutation(len(slots))
         free = end_m - start_m - sum(s[0] for s in slots)
         gaps = self.rng.dirichlet(np.full(len(slots) + 1, 2.0)) * max(free, 0.0)

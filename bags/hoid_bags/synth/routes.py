@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from hoid_bags.synth.mesh import Vector
 from hoid_bags.synth.world import Rect, World
-from hoid_common.values import BoolArray, FloatArray
+from hoid_common.values import BoolArray, ByteArray, FloatArray
 
 CELL_M = 0.1
 BODY_RADIUS_M = 0.27
@@ -32,16 +33,17 @@ class FloorMap:
         self._blocked = _grown(walls)
         self._empty = walls
 
-    def route(
-        self, start_m: Sequence[float], end_m: Sequence[float], around: Sequence[Rect] = ()
-    ) -> FloatArray:
-        """Return (N, 2) points from start to end, (2, 2) straight ends included; empty when there is no way."""
+    def route(self, start_m: Vector, end_m: Vector, around: Sequence[Rect] = ()) -> FloatArray:
+        """Return (N, 2) points from start to end; none when there is no way."""
         blocked = self._blocked
         if around:
             walls = self._empty.copy()
             for rect in around:
                 _fill(walls, rect, 1)
             blocked = _grown(walls)
+        straight = np.array([start_m, end_m], float)
+        if _line_free(straight[0], straight[1], blocked):
+            return straight
         cells = _a_star(blocked, self._cell(start_m), self._cell(end_m))
         if not cells:
             return np.empty((0, 2))
@@ -49,11 +51,11 @@ class FloorMap:
         points[0], points[-1] = start_m, end_m
         return _smoothed(_pulled(points, blocked))
 
-    def is_free(self, at_m: Sequence[float]) -> bool:
+    def is_free(self, at_m: Vector) -> bool:
         """Return whether one can stand there."""
         return not self._blocked[self._cell(at_m)]
 
-    def _cell(self, at_m: Sequence[float]) -> tuple[int, int]:
+    def _cell(self, at_m: Vector) -> tuple[int, int]:
         rows, columns = self._blocked.shape
         return (
             min(max(int(at_m[1] / CELL_M), 0), rows - 1),
@@ -61,12 +63,12 @@ class FloorMap:
         )
 
 
-def _fill(walls: np.ndarray, rect: Rect, value: int) -> None:  # type: ignore[type-arg]
+def _fill(walls: ByteArray, rect: Rect, value: int) -> None:
     x1, y1, x2, y2 = (max(0, round(v / CELL_M)) for v in rect)
     walls[y1 : max(y2, y1 + 1), x1 : max(x2, x1 + 1)] = value
 
 
-def _grown(walls: np.ndarray) -> BoolArray:  # type: ignore[type-arg]
+def _grown(walls: ByteArray) -> BoolArray:
     framed = cv2.copyMakeBorder(walls, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=[1])
     distance = cv2.distanceTransform(1 - framed, cv2.DIST_L2, 5)[1:-1, 1:-1] * CELL_M
     return np.asarray(distance < BODY_RADIUS_M)

@@ -1,4 +1,4 @@
-"""Who does what when: a play of walking, standing, fetching and putting down, written before it is rendered."""
+"""Who does what when: a play of walking, standing and carrying, written before it is rendered."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _UNTOUCHED = 3  # objects that nobody touches
 
 @dataclass(frozen=True)
 class Handling:
-    """An object's way: taken at a spot, carried, put down at another. Frames count from the start of the play."""
+    """An object's way: taken at one spot, put down at another; frames count from the start."""
 
     prop: int
     source: Spot
@@ -58,7 +58,7 @@ class _Scene:
 
 
 class Playwright:
-    """Writes the parts, one action after the other, keeping people apart from each other and from the camera."""
+    """Writes the parts, one action at a time; people keep clear of each other and the camera."""
 
     def __init__(
         self,
@@ -209,7 +209,7 @@ class Playwright:
         return walk_along(points, float(self._rng.uniform(*_SPEED_MPS)))
 
     def _cost(self, scene: _Scene, frame: int, others: list[Part]) -> float:
-        """Return how bad a continuation is: close encounters, being out of the picture, dawdling."""
+        """Return how bad a continuation is: close encounters, out of the picture, dawdling."""
         frames = np.minimum(np.arange(frame, frame + len(scene.xy_m)), len(self._camera) - 1)
         T = self._camera[frames]
         way = scene.xy_m - T[:, :2, 3]
@@ -233,7 +233,7 @@ def _square(spot: Spot, placed: PlacedProp) -> Rect:
 
 
 def walk_along(points_m: FloatArray, speed_mps: float) -> tuple[FloatArray, FloatArray]:
-    """Return positions (N, 2) and headings (N,) of a walk sampled at the frame rate: start, cruise, stop."""
+    """Return positions (N, 2) and headings (N,) of a walk at the frame rate."""
     if len(points_m) < 2:
         return np.empty((0, 2)), np.empty(0)
     s = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=1))])

@@ -1,4 +1,4 @@
-"""What an RGB-D camera makes of perfect images: blur, noise and exposure in colour; noise, steps and holes in depth."""
+"""What an RGB-D camera makes of perfect images: blur and noise; steps and holes in depth."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def depth_image(
 ) -> Float32Array:
     """Return the depth image (H, W) as read out, in whole millimetres.
 
-    Noise grows with the square of depth (Nguyen et al., 2012) and is correlated between neighbours; readings are
-    steps of an eighth of a pixel of disparity; there are none where the projector's light does not arrive.
+    Noise grows with the square of depth (Nguyen et al., 2012) and neighbours share it; readings
+    are steps of an eighth of a pixel of disparity, and missing where the projector does not shine.
 
     Args:
         depth_m: (H, W) true depth, inf where there is nothing.
@@ -119,11 +119,11 @@ def _holes(
 
 
 def shadowed(depth_m: Float32Array, config: SceneConfig) -> BoolArray:
-    """Return where something nearer hides a surface from the projector, which stands to the right of the camera."""
+    """Return where something nearer hides a surface from the projector, right of the camera."""
     reach_px = np.float32(config.camera.fx_px * _PROJECTOR_BASELINE_M)
     column = np.arange(depth_m.shape[1], dtype=np.float32)
     seen_at = column - reach_px / np.maximum(depth_m, np.float32(0.05))  # the projector's column
     nearest_left = np.minimum.accumulate(seen_at[:, ::-1], axis=1)[:, ::-1]
     behind = np.roll(nearest_left, -1, axis=1)
     behind[:, -1] = np.inf
-    return np.asarray(seen_at > behind + np.float32(1.0))
+    return np.asarray(seen_at > behind + np.float32(0.3))

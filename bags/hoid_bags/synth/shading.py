@@ -1,4 +1,4 @@
-"""From ray hits to colours: texture coordinates, mip levels and light, all affine over each triangle."""
+"""From ray hits to colours: texture coordinates and light, affine over each triangle."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ def face_vectors(mesh: Mesh) -> Float32Array:
 def face_normals(mesh: Mesh) -> Float32Array:
     """Return (F, 3) unit face normals."""
     out = face_vectors(mesh)
-    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), np.float32(1e-12))
+    length = np.linalg.norm(out, axis=1, keepdims=True)
+    return np.asarray(out / np.maximum(length, np.float32(1e-12)))
 
 
 def set_light(table: Float32Array, mesh: Mesh, light: Float32Array) -> None:

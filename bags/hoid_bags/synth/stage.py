@@ -1,4 +1,4 @@
-"""Everything that is decided before rendering: world, camera path, people's and objects' tracks."""
+"""What is decided before rendering: world, camera path, people's and objects' tracks."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Stage:
         return joints(self.bodies[person].stance(i), self.world.wardrobes[person].build)
 
     def moving_mesh(self, i: int) -> Mesh | None:
-        """Return people and handled objects in frame i, the same faces in every frame; None when there are none."""
+        """Return people and handled objects in frame i, with the same faces in every frame."""
         world = self.world
         meshes = [
             skin_mesh(self.joints(n, i), w).as_instance(instance)

@@ -104,13 +104,13 @@ def carpet(rng: Rng, shape: Shape, colour: Bgr) -> ByteArray:
 
 def _weave(shape: Shape) -> Float32Array:
     v, u = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32)
-    return (0.5 * np.sin(u * np.pi / 2) * np.sin(v * np.pi / 2)).astype(np.float32)
+    return np.asarray(0.5 * np.sin(u * np.pi / 2) * np.sin(v * np.pi / 2), np.float32)
 
 
 def folds(rng: Rng, shape: Shape, strength: float = 0.12) -> Float32Array:
     """Return the shading of creased cloth."""
     creases = 0.5 * fractal(rng, shape, (90, 30), 3) + 0.5 * fractal(rng, shape, (25, 80), 3)
-    return (1 + strength * creases + 0.05 * _weave(shape)).astype(np.float32)
+    return np.asarray(1 + strength * creases + 0.05 * _weave(shape), np.float32)
 
 
 def cloth(rng: Rng, shape: Shape, colour: Bgr) -> ByteArray:

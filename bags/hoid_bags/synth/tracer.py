@@ -51,7 +51,7 @@ class Tracer:
         return np.minimum(np.asarray(t, np.float32), np.float32(reach_m))
 
     def occluded(self, origins_m: Float32Array, ways_m: Float32Array) -> BoolArray:
-        """Return whether something stands on the way from origins to origins + ways, both (N, 3)."""
+        """Return whether something stands between origins and origins + ways, both (N, 3)."""
         limit = np.full(len(origins_m), 1.0, np.float32)
         hit = self._scene.run(origins_m, np.ascontiguousarray(ways_m), limit, query='OCCLUDED')
         return np.asarray(hit) >= 0

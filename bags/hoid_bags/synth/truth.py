@@ -1,4 +1,4 @@
-"""Exact truth about one rendered frame: boxes of visible pixels, who handles what, where everybody is."""
+"""Exact truth about one frame: boxes of visible pixels, who handles what, who is where."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from hoid_bags.synth.stage import Stage
 from hoid_common import se3
-from hoid_common.values import ByteArray, Detections, FloatArray
+from hoid_common.values import BoolArray, ByteArray, Detections, FloatArray
 
 MIN_VISIBLE_PX = 60  # at VGA; what shows less is not listed
 
@@ -48,7 +48,7 @@ def visible_objects(stage: Stage, i: int, stamp_ns: int, instances: ByteArray) -
     return VisibleObjects(tuple(shown), detections, tuple(k in held for k in shown))
 
 
-def _box(mask: np.ndarray) -> tuple[int, int, int, int]:  # type: ignore[type-arg]
+def _box(mask: BoolArray) -> tuple[int, int, int, int]:
     x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
     return x, y, x + width, y + height
 

@@ -95,7 +95,7 @@ class WorldBuilder:
         class_name: str = '',
         footprint: Rect | None = None,
     ) -> None:
-        """Place a mesh; with a class it becomes an instance, with a footprint (own frame) an obstacle."""
+        """Place a mesh; a class makes it an instance, a footprint (own frame) an obstacle."""
         if class_name:
             mesh = mesh.as_instance(self.new_instance(class_name))
         self.meshes.append(mesh.transformed(T_world_thing))
