@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.values import CameraModel
+from hoid_common.values import CameraModel, Trajectory
 from rgbd_slam.dense.config import DenseConfig, GridConfig
 from rgbd_slam.dense.dense_mapper import DenseMapper
 from rgbd_slam.dense.export import packed_rgb, write_pcd, write_ply
 from rgbd_slam.dense.floor import find_floor
 from rgbd_slam.dense.grid import FREE, OCCUPIED, UNKNOWN, project_grid, write_map_server
 from rgbd_slam.dense.voxel_map import ColoredCloud, VoxelMap, mask_boxes
+from rgbd_slam.frame_poses import FramePose
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 CONFIG = DenseConfig(pixel_stride=1)
@@ -92,22 +93,62 @@ def test_distortion_of_the_camera_is_undone():
     assert (uv < (162, 122)).all()
 
 
+def keyframes(*stamps_ns, T=None):
+    T = np.eye(4) if T is None else T
+    return Trajectory(np.array(stamps_ns, np.int64), np.array([T] * len(stamps_ns)))
+
+
+def add(mapper, stamp_ns, known, depth_m=2.0):
+    mapper.add(FramePose(stamp_ns, np.eye(4), known), wall(depth_m), BGR, NO_BOXES)
+
+
 def test_a_corrected_keyframe_moves_what_it_saw():
     mapper = DenseMapper(CAMERA, CONFIG)
     for i in range(3):
-        mapper.add(wall(2.0), BGR, NO_BOXES, i, np.eye(4), np.eye(4))
+        add(mapper, i, keyframes(*range(i + 1)))
     T = se3.exp(np.array([0, 0, 0, 0.3, 0, 0.5]))
-    assert not mapper.correct({i: np.eye(4) for i in range(3)})
-    assert mapper.correct(dict.fromkeys(range(3), T))
+    assert not mapper.correct(keyframes(0, 1, 2))
+    assert mapper.correct(keyframes(0, 1, 2, T=T))
     np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 2.5, atol=1e-3)
 
 
-def test_views_of_culled_keyframes_go():
+def test_small_corrections_wait_and_settling_takes_them():
     mapper = DenseMapper(CAMERA, CONFIG)
     for i in range(4):
-        mapper.add(wall(2.0), BGR, NO_BOXES, i, np.eye(4), np.eye(4))
-    assert mapper.correct({0: se3.exp(np.array([0, 0, 0, 1.0, 0, 0]))})
-    assert len(mapper.cloud().points_m) == 0  # one view is left, too few to show
+        add(mapper, i, keyframes(0))
+    moved = keyframes(0, T=se3.exp(np.array([0, 0, 0, 0, 0, 0.02])))
+    assert not mapper.correct(moved)
+    assert mapper.correct(moved, settle=True)
+    np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 2.02, atol=1e-3)
+
+
+def test_views_of_a_culled_keyframe_hang_on_one_that_stays():
+    mapper = DenseMapper(CAMERA, CONFIG)
+    for i in range(4):
+        add(mapper, i, keyframes(*range(i + 1)))
+    mapper.correct(keyframes(0, 3))
+    assert mapper.correct(keyframes(0, 3, T=se3.exp(np.array([0, 0, 0, 0, 0, 1.0]))))
+    np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 3.0, atol=1e-3)
+    assert mapper.num_views == 4
+
+
+def test_views_of_another_map_go():
+    mapper = DenseMapper(CAMERA, CONFIG)
+    for i in range(4):
+        add(mapper, i, keyframes(0))
+    mapper.correct(keyframes(100), settle=True)
+    assert mapper.num_views == 0
+    assert len(mapper.cloud().points_m) == 0
+
+
+def test_the_views_kept_are_few_and_apart():
+    mapper = DenseMapper(CAMERA, DenseConfig(pixel_stride=2, max_views=5))
+    for i in range(20):
+        T = se3.exp(np.array([0, 0, 0, 0.1 * (i // 4), 0, 0]))  # four at each of five places
+        mapper.add(FramePose(i, T, keyframes(0)), wall(2.0), BGR, NO_BOXES)
+    assert mapper.num_views == 5
+    mapper.correct(keyframes(0), settle=True)
+    assert np.ptp(mapper._voxels._sums[:, 0] / mapper._voxels._sums[:, 6]) > 2.7
 
 
 def test_masked_boxes_are_left_out_with_their_margin():
@@ -142,7 +183,7 @@ def test_a_table_alone_over_unseen_ground_is_no_floor_when_points_lie_below():
 
 def test_the_grid_knows_floor_obstacles_and_the_unseen():
     points = room(np.random.default_rng(3))
-    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=0.1))
+    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=0.1, obstacle_margin_m=0.0))
     assert grid.T_map_origin[:2, 3] == pytest.approx([0, 0])
     at = lambda x, y: grid.cells[int(y / 0.1), int(x / 0.1)]  # noqa: E731
     assert at(3.05, 3.05) == FREE
@@ -154,6 +195,14 @@ def test_the_grid_knows_floor_obstacles_and_the_unseen():
 def test_heights_limit_what_is_an_obstacle():
     points = np.array([[0.5, 0.5, 0.05]] * 3 + [[1.5, 0.5, 0.5]] * 3 + [[2.5, 0.5, 2.2]] * 3)
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0))
+    assert grid.cells.tolist() == [[FREE, OCCUPIED]]
+
+
+def test_obstacles_reach_a_little_farther_than_their_points():
+    points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0], [1.005, 0.5, 0.5]])
+    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0, obstacle_margin_m=0.01))
+    assert grid.cells.tolist() == [[OCCUPIED, OCCUPIED]]
+    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0, obstacle_margin_m=0.0))
     assert grid.cells.tolist() == [[FREE, OCCUPIED]]
 
 

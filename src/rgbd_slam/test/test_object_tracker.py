@@ -1,94 +1,165 @@
-"""Tracks of people and objects against motions that are known."""
+"""Tracks of people and objects in rendered depth images, against motions that are known."""
 
 import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.values import DynamicObject, Reason
+from hoid_common.values import CameraModel, DynamicObject, Reason
+from rgbd_slam.dense.floor import Floor
+from rgbd_slam.frames import T_BODY_OPTICAL
+from rgbd_slam.object_sighting import DepthScene, sight
 from rgbd_slam.object_tracker import ObjectState, ObjectTracker, ObjectTrackerConfig
 
-CONFIG = ObjectTrackerConfig(person_depth_m=0.0)
-SECOND_NS = 10**9
+CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
+CONFIG = ObjectTrackerConfig()
+WALL_M = 6.0
+RATE_HZ = 10.0
+FLOOR = Floor(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1.2], [0, 0, 0, 1]]), 1000)
 
 
-def seen(class_name, position, reason):
-    return DynamicObject(
-        class_name, (0, 0, 1, 1), 0.9, -1, reason, center_camera_m=tuple(position)
-    )
+def thing(class_name, ahead, left, up, size=0.2, reason=Reason.STATIC):
+    """A square that faces the camera, its middle given in the body frame."""
+    return class_name, (ahead, left, up), size, reason
 
 
-def follow(tracker, frames, T=None, rate_hz=30.0, start_s=0.0):
-    out = ()
-    for i, objects in enumerate(frames):
-        stamp_ns = round((start_s + i / rate_hz) * SECOND_NS)
-        out = tracker.update(objects, np.eye(4) if T is None else T, stamp_ns)
-    return out
+def person(ahead, left, up=-0.35, height=1.7):
+    return 'person', (ahead, left, up), (0.5, height), Reason.PERSON
+
+
+class World:
+    """Draws squares into a depth image and boxes them, nearest on top."""
+
+    def __init__(self, T_map_body=None):
+        self.T_map_camera = (np.eye(4) if T_map_body is None else T_map_body) @ T_BODY_OPTICAL
+        self.stamp_ns = 0
+        self.tracker = ObjectTracker(CONFIG)
+
+    def show(self, *things, floor=None):
+        depth = np.full((240, 320), WALL_M, np.float32)
+        seen = []
+        for class_name, (ahead, left, up), size, reason in sorted(things, key=lambda t: -t[1][0]):
+            width, height = np.broadcast_to(size, 2)
+            u, v = 159.5 - 260 * left / ahead, 119.5 - 260 * up / ahead
+            du, dv = 130 * width / ahead, 130 * height / ahead
+            box = np.clip([u - du, v - dv, u + du, v + dv], 0, [320, 240, 320, 240])
+            x1, y1, x2, y2 = np.rint(box).astype(int)
+            depth[y1:y2, x1:x2] = ahead
+            seen.append(DynamicObject(class_name, tuple(map(float, box)), 0.9, -1, reason))
+        scene = DepthScene.of(CAMERA, depth, self.T_map_camera)
+        out = self.tracker.update(seen, scene, self.stamp_ns, floor)
+        self.stamp_ns += round(1e9 / RATE_HZ)
+        return out
 
 
 def test_a_walking_person_has_position_and_velocity_in_the_map():
-    T = se3.exp(np.array([0.1, 0.4, -0.2, 1.0, 2.0, 3.0]))
-    frames = [[seen('person', (0.04 * i - 1, 0, 3), Reason.PERSON)] for i in range(45)]
-    (track,) = follow(ObjectTracker(CONFIG), frames, T)
+    T = se3.exp(np.array([0, 0, 0.4, 1.0, 2.0, 0.3]))
+    world = World(T)
+    for i in range(20):
+        tracks = world.show(person(3.0, 0.12 * i - 1))
+    (track,) = tracks
     assert track.state is ObjectState.PERSON
-    expected = se3.transform(T, np.array([[0.04 * 44 - 1, 0, 3]]))[0]
-    np.testing.assert_allclose(track.position_map_m, expected, atol=0.02)
-    np.testing.assert_allclose(track.velocity_map_mps, T[:3, 0] * 1.2, atol=0.1)
+    expected = se3.transform(T, np.array([[3.0, 0.12 * 19 - 1, -0.35]]))[0]
+    np.testing.assert_allclose(track.position_map_m, expected, atol=0.15)
+    np.testing.assert_allclose(track.velocity_map_mps, T[:3, 1] * 1.2, atol=0.2)
+
+
+def test_somebody_behind_a_table_stands_on_the_floor():
+    world = World()
+    for _ in range(5):
+        tracks = world.show(person(3.0, 0, up=0.15, height=0.7), floor=FLOOR)
+    (track,) = tracks
+    assert track.position_map_m[2] == pytest.approx((0.5 - 1.2) / 2, abs=0.03)
+    assert track.size_m[2] == pytest.approx(1.7, abs=0.05)
 
 
 def test_a_missed_person_is_predicted_then_forgotten():
-    tracker = ObjectTracker(CONFIG)
-    follow(tracker, [[seen('person', (0.04 * i, 0, 3), Reason.PERSON)] for i in range(45)])
-    (track,) = follow(tracker, [[]] * 15, start_s=1.5)
-    assert track.position_map_m[0] == pytest.approx(0.04 * 59, abs=0.15)
-    assert follow(tracker, [[]], start_s=4.0) == ()
+    world = World()
+    for i in range(15):
+        world.show(person(3.0, 0.1 * i - 1))
+    for _ in range(5):
+        (track,) = world.show()
+    assert track.position_map_m[1] == pytest.approx(0.4 + 0.32, abs=0.1)
+    for _ in range(10):
+        tracks = world.show()
+    assert tracks == ()
 
 
-def test_a_carried_object_gets_its_new_place():
-    tracker = ObjectTracker(CONFIG)
-    rest = [[seen('cup', (0, 0, 2), Reason.STATIC)]] * 10
-    (track,) = follow(tracker, rest)
-    assert track.state is ObjectState.AT_REST
-    carried = [[seen('cup', (0.03 * i, 0, 2), Reason.HANDLED)] for i in range(30)]
-    (track,) = follow(tracker, carried, start_s=1.0)
-    assert track.state is ObjectState.HANDLED
-    put_down = [[seen('cup', (0.9, 0, 2), Reason.STATIC)]] * 30
-    (moved,) = follow(tracker, put_down, start_s=2.0)
+def test_a_carried_object_gets_its_new_place_and_keeps_its_number():
+    world = World()
+    for _ in range(10):
+        tracks = world.show(thing('cup', 2.0, 0.8, 0))
+    (rest,) = tracks
+    assert rest.state is ObjectState.AT_REST
+    for i in range(16):
+        left = 0.8 - 0.1 * i
+        tracks = world.show(person(2.2, left), thing('cup', 2.0, left, 0, reason=Reason.HANDLED))
+    carried = next(track for track in tracks if track.class_name == 'cup')
+    assert carried.state is ObjectState.HANDLED
+    assert carried.velocity_map_mps[1] == pytest.approx(-1.0, abs=0.2)
+    for _ in range(15):
+        tracks = world.show(thing('cup', 2.0, -0.7, 0))
+    (moved,) = tracks
     assert moved.state is ObjectState.MOVED
-    assert moved.track_id == track.track_id
-    np.testing.assert_allclose(moved.position_map_m, (0.9, 0, 2), atol=0.03)
+    assert moved.track_id == rest.track_id
+    np.testing.assert_allclose(moved.position_map_m[1:], (-0.7, 0), atol=0.03)
     np.testing.assert_allclose(moved.velocity_map_mps, 0)
 
 
-def test_an_object_lifted_and_put_back_is_at_rest():
-    tracker = ObjectTracker(CONFIG)
-    follow(tracker, [[seen('cup', (0, 0, 2), Reason.STATIC)]] * 10)
-    follow(tracker, [[seen('cup', (0, 0.02, 2), Reason.HANDLED)]] * 30, start_s=1.0)
-    (track,) = follow(tracker, [[seen('cup', (0, 0, 2), Reason.STATIC)]] * 30, start_s=2.0)
+def test_an_object_put_down_after_it_was_out_of_sight_is_known_again():
+    world = World()
+    for _ in range(10):
+        tracks = world.show(thing('cup', 2.0, 0.8, 0))
+    (rest,) = tracks
+    for i in range(20):
+        world.show(person(2.2, 0.8 - 0.1 * i))  # carries the cup behind the back
+    for _ in range(15):
+        tracks = world.show(thing('cup', 2.0, -0.6, 0))
+    (moved,) = tracks
+    assert (moved.track_id, moved.state) == (rest.track_id, ObjectState.MOVED)
+
+
+def test_a_box_behind_a_person_is_not_handled():
+    world = World()
+    tv = thing('tv', 5.0, 0, 0, size=0.8)
+    for _ in range(10):
+        tracks = world.show(tv)
+    (rest,) = tracks
+    overlapped = thing('tv', 5.0, 0, 0, size=0.8, reason=Reason.HANDLED)
+    for i in range(20):
+        tracks = world.show(overlapped, person(2.0, 1.0 - 0.1 * i))
+    (track,) = [track for track in tracks if track.class_name == 'tv']
     assert track.state is ObjectState.AT_REST
+    np.testing.assert_allclose(track.position_map_m, rest.position_map_m, atol=0.02)
 
 
-def test_two_people_keep_their_ids_and_a_blip_is_not_published():
-    tracker = ObjectTracker(CONFIG)
-    frames = [
-        [
-            seen('person', (-1 + 0.01 * i, 0, 2), Reason.PERSON),
-            seen('person', (1, 0, 3), Reason.PERSON),
-        ]
-        for i in range(20)
-    ]
-    first = follow(tracker, frames[:10])
-    blip = [[*frames[10], seen('person', (0, 0, 9), Reason.PERSON)]]
-    second = follow(tracker, blip + frames[11:], start_s=0.34)
-    assert {t.track_id for t in first} == {t.track_id for t in second}
+def test_two_people_keep_their_numbers_and_a_blip_is_not_published():
+    world = World()
+    for i in range(10):
+        first = world.show(person(2.5, -0.8 + 0.03 * i), person(3.5, 1.0))
+    world.show(person(2.5, -0.5), person(3.5, 1.0), thing('cup', 1.5, 0.3, 0))
+    second = world.show(person(2.5, -0.45), person(3.5, 1.0))
+    assert [t.track_id for t in first] == [t.track_id for t in second]
     assert len(second) == 2
 
 
 def test_objects_without_depth_are_left_out():
-    tracker = ObjectTracker(CONFIG)
-    assert follow(tracker, [[seen('cup', (np.nan,) * 3, Reason.STATIC)]] * 5) == ()
+    depth = np.zeros((240, 320), np.float32)
+    scene = DepthScene.of(CAMERA, depth, T_BODY_OPTICAL)
+    cup = DynamicObject('cup', (100, 100, 150, 150), 0.9, -1, Reason.STATIC)
+    assert sight(cup, scene, None, None) is None
+
+
+def test_the_middle_of_an_object_lies_behind_its_surface():
+    world = World()
+    for _ in range(5):
+        tracks = world.show(thing('bottle', 2.0, 0.3, 0.1, size=(0.08, 0.3)))
+    (track,) = tracks
+    np.testing.assert_allclose(track.position_map_m, (2.04, 0.3, 0.1), atol=0.02)
+    assert track.size_m[2] == pytest.approx(0.3, abs=0.06)
 
 
 def test_memory_is_bounded():
-    tracker = ObjectTracker(ObjectTrackerConfig(max_objects=5, min_sightings=1))
-    crowd = [[seen('cup', (i, 0, 2), Reason.STATIC) for i in range(20)]]
-    assert len(follow(tracker, crowd)) == 5
+    world = World()
+    world.tracker = ObjectTracker(ObjectTrackerConfig(max_objects=5, min_sightings=1))
+    crowd = [thing('cup', 4.0, 0.45 * i - 2, 0) for i in range(9)]
+    assert len(world.show(*crowd)) == 5

@@ -18,7 +18,11 @@ class GridConfig(Config):
     max_height_m: float = param(
         1.80, 'Points higher than this above the floor are no obstacle (m).', minimum=0.05
     )
-    min_obstacle_points: int = param(2, 'Voxels in a cell that make it occupied.', minimum=1)
+    obstacle_margin_m: float = param(
+        0.01, 'Obstacles reach so much farther than their points, means over voxels (m).',
+        minimum=0.0, maximum=1.0,
+    )  # fmt: skip
+    min_obstacle_points: int = param(1, 'Voxels in a cell that make it occupied.', minimum=1)
 
 
 @dataclass(frozen=True)
@@ -42,13 +46,16 @@ class DenseConfig(Config):
     )
     min_views: int = param(3, 'Images that must agree before a voxel is shown.', minimum=1)
     min_hit_share: float = param(
-        0.4,
+        0.5,
         'Share of the images looking at a voxel that must have measured it.',
         minimum=0.0,
         maximum=1.0,
     )
     max_voxels: int = param(3_000_000, 'Memory bound; the least seen are dropped.', minimum=1000)
     max_views: int = param(
-        150, 'Keyframe images kept for fusing anew after a loop closure.', minimum=1
+        150, 'Images kept for fusing anew after a loop closure, about 0.4 MB each.', minimum=1
+    )
+    publish_period_s: float = param(
+        2.0, 'Cloud and grid are published at most so often (s).', minimum=0.1, maximum=3600.0
     )
     grid: GridConfig = field(default_factory=GridConfig)

@@ -13,7 +13,7 @@ _THICKNESS_M = 0.03
 _MAX_TILT_RAD = np.deg2rad(20.0)
 _MAX_SHARE_BELOW = 0.03  # of all points; more than that under a plane, and it is a table
 _MIN_SHARE = 0.03  # of all points on the floor, less is not believed
-_MAX_POINTS = 20000
+_MAX_POINTS = 6000
 
 
 class Floor(NamedTuple):
@@ -21,6 +21,11 @@ class Floor(NamedTuple):
 
     T_map_floor: FloatArray  # (4, 4)
     num_points: int
+
+    def height_m(self, x_m: float, y_m: float) -> float:
+        """Return z of the plane at a place in the map."""
+        normal, origin = self.T_map_floor[:3, 2], self.T_map_floor[:3, 3]
+        return float((normal @ origin - normal[0] * x_m - normal[1] * y_m) / normal[2])
 
 
 def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | None:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common import se3
-from hoid_common.values import FloatArray
+from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.dense.config import GridConfig
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # nav_msgs/OccupancyGrid
+_CORNERS = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], np.float64)
 _PGM = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}  # map_server's trinary mode
 
 
@@ -36,20 +37,29 @@ def project_grid(points_m: FloatArray, T_map_floor: FloatArray, config: GridConf
     p = p[p[:, 2] < config.max_height_m]
     if len(p) == 0:
         return Grid(np.empty((0, 0), np.int8), config.resolution_m, T_map_floor)
-    cell = np.floor(p[:, :2] / config.resolution_m).astype(np.int64)
-    low = cell.min(0)
-    cell -= low
-    width, height = cell.max(0) + 1
-    flat = cell[:, 1] * width + cell[:, 0]
-    tall = p[:, 2] > config.min_height_m
-    obstacles = np.bincount(flat[tall], minlength=width * height)
-    floor = np.bincount(flat[~tall], minlength=width * height)
-    cells = np.full(width * height, UNKNOWN, np.int8)
-    cells[floor > 0] = FREE
-    cells[obstacles >= config.min_obstacle_points] = OCCUPIED
+    is_tall = p[:, 2] > config.min_height_m
+    low = np.floor((p[:, :2].min(0) - config.obstacle_margin_m) / config.resolution_m)
+    high = np.floor((p[:, :2].max(0) + config.obstacle_margin_m) / config.resolution_m)
+    width, height = (high - low).astype(np.int64) + 1
+    counts = np.zeros((2, height, width), np.int64)
+    np.add.at(counts[0], _cells(p[~is_tall, :2], low, config.resolution_m), 1)
+    margin = config.obstacle_margin_m * _CORNERS if config.obstacle_margin_m else _CORNERS[:1] * 0
+    for offset in margin:
+        here = np.zeros_like(counts[1])
+        np.add.at(here, _cells(p[is_tall, :2] + offset, low, config.resolution_m), 1)
+        counts[1] = np.maximum(counts[1], here)
+    cells = np.full((height, width), UNKNOWN, np.int8)
+    cells[counts[0] > 0] = FREE
+    cells[counts[1] >= config.min_obstacle_points] = OCCUPIED
     T_floor_origin = np.eye(4)
     T_floor_origin[:2, 3] = low * config.resolution_m
-    return Grid(cells.reshape(height, width), config.resolution_m, T_map_floor @ T_floor_origin)
+    return Grid(cells, config.resolution_m, T_map_floor @ T_floor_origin)
+
+
+def _cells(xy_m: FloatArray, low: FloatArray, resolution_m: float) -> tuple[IntArray, IntArray]:
+    """Return rows and columns of (N, 2) points, counted from cell `low`."""
+    cell = (np.floor(xy_m / resolution_m) - low).astype(np.int64)
+    return cell[:, 1], cell[:, 0]
 
 
 def write_map_server(grid: Grid, stem: Path) -> None:

@@ -1,0 +1,70 @@
+"""All that is known of the room beyond the pose: dense map, floor, grid, people and objects."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Array, Trajectory
+from rgbd_slam.dense.config import DenseConfig
+from rgbd_slam.dense.dense_mapper import DenseMapper
+from rgbd_slam.dense.floor import Floor, find_floor
+from rgbd_slam.dense.grid import Grid, project_grid
+from rgbd_slam.dense.voxel_map import ColoredCloud
+from rgbd_slam.frame_poses import FramePose
+from rgbd_slam.object_sighting import DepthScene
+from rgbd_slam.object_tracker import ObjectTracker, ObjectTrackerConfig, TrackedObject
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class RoomMapper:
+    """Looks at posed images; the map frame has z up.
+
+    Args:
+        camera: Of depth and colour.
+        dense: Parameters of the dense map.
+        objects: Parameters of the object tracks.
+    """
+
+    def __init__(
+        self, camera: CameraModel, dense: DenseConfig, objects: ObjectTrackerConfig
+    ) -> None:
+        self._camera = camera
+        self._config = dense
+        self._mapper = DenseMapper(camera, dense)
+        self._tracker = ObjectTracker(objects)
+        self._floor: Floor | None = None
+
+    def fuse(
+        self,
+        pose: FramePose,
+        depth_m: Float32Array,
+        image_bgr: ByteArray,
+        objects: tuple[DynamicObject, ...],
+    ) -> None:
+        """Add an image (H, W) to the dense map, without the dynamic ones of its objects."""
+        boxes = [seen.box_xyxy_px for seen in objects if seen.is_dynamic]
+        self._mapper.add(pose, depth_m, image_bgr, np.array(boxes, np.float32).reshape(-1, 4))
+
+    def follow(
+        self, pose: FramePose, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
+    ) -> tuple[TrackedObject, ...]:
+        """Return the people and objects known after an image (H, W)."""
+        scene = DepthScene.of(self._camera, depth_m, pose.T_map_camera)
+        return self._tracker.update(objects, scene, pose.stamp_ns, self._floor)
+
+    def settle(self, keyframes: Trajectory) -> None:
+        """Fuse all kept images anew by the keyframes as the map says in the end."""
+        self._mapper.correct(keyframes, settle=True)
+
+    def cloud(self) -> ColoredCloud:
+        """Return the dense map's points."""
+        return self._mapper.cloud()
+
+    def grid(self, cloud: ColoredCloud) -> Grid | None:
+        """Return the grid over the floor of a cloud of this room; None while no floor is seen."""
+        points_m = cloud.points_m.astype(np.float64)
+        self._floor = find_floor(points_m, _UP) or self._floor
+        if self._floor is None:
+            return None
+        return project_grid(points_m, self._floor.T_map_floor, self._config.grid)
