@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hoid_common.config import Config, param
 
-STRATEGIES = ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor')
+STRATEGIES = ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor', 'hoid+')
 
 # COCO classes that people pick up, push or carry indoors.
 HANDLED_CLASSES = (
@@ -46,10 +46,67 @@ class DescriptorConfig(Config):
 
 
 @dataclass(frozen=True)
+class PlusConfig(Config):
+    """The strategy `hoid+`: what it adds to the paper, each part with a switch."""
+
+    bridge_misses: bool = param(
+        True, 'Predict the boxes of people and handled objects that are missed', read_only=False
+    )
+    coast_s: float = param(
+        0.4, 'How long a missed box is predicted', minimum=0.0, maximum=10.0, read_only=False
+    )
+    doubt_large_people: bool = param(
+        True, 'Do not believe a weak person over most of the image at once', read_only=False
+    )
+    doubt_area: float = param(
+        0.4, 'Share of the image that makes a weak person doubtful', minimum=0.0, maximum=1.0
+    )
+    doubt_score: float = param(0.5, 'Score below which a person is weak', minimum=0.0, maximum=1.0)
+    doubt_detections: int = param(
+        4, 'Detections that make a doubtful person believed', minimum=1, maximum=100
+    )
+    remember: bool = param(True, 'Hysteresis and memory of interaction', read_only=False)
+    release_area: float = param(
+        0.2, 'A handled object is let go when a person covers less than this share of it',
+        minimum=0.0, maximum=1.0,
+    )  # fmt: skip
+    rest_s: float = param(
+        1.0, 'How long an object is seen untouched before it counts as at rest',
+        minimum=0.0, maximum=60.0,
+    )  # fmt: skip
+    chains: bool = param(True, 'What lies on a handled object is handled', read_only=False)
+    reach_m: float = param(
+        0.6, "How far before a torso a handled object may be; behind: depth_limit_m",
+        minimum=0.0, maximum=10.0,
+    )  # fmt: skip
+    keep_background: bool = param(
+        True,
+        'Mask what depth shows to be the thing, not its whole box',
+        read_only=False,
+    )
+    person_depth_m: float = param(
+        0.45, "How far a person reaches before and behind the torso's depth",
+        minimum=0.05, maximum=2.0,
+    )  # fmt: skip
+    object_depth_m: float = param(
+        0.25, 'How far a handled object reaches before and behind its middle',
+        minimum=0.05, maximum=2.0,
+    )  # fmt: skip
+    guard_seeds: bool = param(True, 'Make no map points near a mask', read_only=False)
+    seed_margin_px: int = param(12, 'How near is near, for map points', minimum=0, maximum=200)
+    fall_back: bool = param(
+        True, 'Unmask in steps rather than leave too few features', read_only=False
+    )
+    min_static_corners: int = param(
+        100, 'Corners outside the mask that are too few', minimum=0, maximum=100000
+    )
+
+
+@dataclass(frozen=True)
 class FilterConfig(Config):
     """What is removed from the image before tracking, and how features are found."""
 
-    strategy: str = param('hoid2d', 'How dynamic objects are told', choices=STRATEGIES)
+    strategy: str = param('hoid+', 'How dynamic objects are told', choices=STRATEGIES)
     dynamic_classes: tuple[str, ...] = param(
         HANDLED_CLASSES, 'Classes that move when a person handles them; empty = every class'
     )
@@ -80,3 +137,4 @@ class FilterConfig(Config):
     )  # fmt: skip
     extraction: ExtractionConfig = ExtractionConfig()
     descriptor: DescriptorConfig = DescriptorConfig()
+    plus: PlusConfig = PlusConfig()

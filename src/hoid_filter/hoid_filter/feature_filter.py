@@ -56,6 +56,7 @@ class FeatureFilter:
         found = time.thread_time()
         verdict = self._judge(frame, detections, corners)
         usable = usable_corners(corners, verdict.keep_mask)
+        self.counters['frames with too few static features'] += verdict.fallback_step > 0
         judged = time.thread_time()
         chosen = self._extractor.choose(corners, verdict.keep_mask, usable)
         features = self._extractor.describe(corners, chosen, frame.depth_m, frame.stamp_ns)
@@ -80,7 +81,9 @@ class FeatureFilter:
             self.counters['detections refused'] += fit.num_refused
             self.counters['detections clipped'] += fit.num_clipped
             detections = fit.detections
-        return self._strategy.judge(View(frame.stamp_ns, detections, frame.depth_m, corners.pixel))
+        return self._strategy.judge(
+            View(frame.stamp_ns, detections, frame.depth_m, corners.pixel, self.camera)
+        )
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
         """Return where the features were that would have been chosen had nothing been masked."""

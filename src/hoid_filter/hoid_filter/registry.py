@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hoid_filter.config import FilterConfig
+from hoid_filter.hoid_plus import HoidPlus
 from hoid_filter.scene import Strategy
 from hoid_filter.strategies import Descriptor, Hoid2d, Hoid3d, ImageRule, NoFilter, PersonOnly
 
@@ -18,4 +19,6 @@ def make_strategy(config: FilterConfig) -> Strategy:
     """Return a fresh strategy of the name that the config holds."""
     if config.strategy == 'none':
         return NoFilter(config)
+    if config.strategy == 'hoid+':
+        return HoidPlus(config)
     return _IMAGE_RULES[config.strategy](config)

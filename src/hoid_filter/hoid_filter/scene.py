@@ -12,6 +12,7 @@ from hoid_common.values import (
     PERSON,
     BoolArray,
     ByteArray,
+    CameraModel,
     Detections,
     Float32Array,
     FloatArray,
@@ -30,6 +31,7 @@ class View:
     heard: Detections | None  # clipped; of this image or an older one; None: nothing was said
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: Int32Array  # (K,) of the corners found, as indices in the flat image
+    camera: CameraModel | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,7 @@ class Verdict:
     depth_gaps_m: FloatArray  # (N,), to the person who overlaps; NaN = unknown
     keep_mask: ByteArray | None  # (H, W), 0 = dynamic; None = the whole image is static
     seed_mask: ByteArray | None = None  # (H, W), 0 = no map seeds; None = wherever features are
+    fallback_step: int = 0  # how far the mask was relaxed for lack of static features
 
 
 class Strategy(Protocol):

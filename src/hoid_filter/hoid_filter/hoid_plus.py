@@ -1,0 +1,94 @@
+"""The strategy `hoid+`: the HOID rules with a memory, a sense of depth, and a way out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.values import PERSON, BoolArray, Detections, Float32Array, Reason
+from hoid_filter.config import FilterConfig
+from hoid_filter.depth_regions import shrink
+from hoid_filter.depth_samples import sample_depths_m
+from hoid_filter.interaction import Interactions, Situation, judge_interactions
+from hoid_filter.masking import Masks, cover, make_masks
+from hoid_filter.overlap import areas_px2, clip_boxes
+from hoid_filter.scene import Verdict, View
+from hoid_filter.torso import torso_depth_m
+from hoid_filter.tracks import BoxTracker, Patience, boxes_at
+
+_PERSON_WIDTH_M = 0.8  # what is wider is no person, unless the detector is sure of it
+
+
+class HoidPlus:
+    """Follows people and objects over time and masks those that move, no more than needed."""
+
+    def __init__(self, config: FilterConfig) -> None:
+        self._config = config
+        plus = config.plus
+        coast_s = plus.coast_s if plus.bridge_misses else 0.0
+        self._tracker = BoxTracker(Patience(coast_s, plus.rest_s, plus.doubt_detections))
+
+    def judge(self, view: View) -> Verdict:
+        """Return the verdict on what is detected, and on what is predicted to move (last)."""
+        plus = self._config.plus
+        small_depth_m = shrink(view.depth_m)
+        self._observe(view, small_depth_m)
+        situation = self._situation(view, small_depth_m)
+        found = judge_interactions(situation, self._config)
+        certainty = cover(situation, found.reasons, small_depth_m, plus)
+        masks = make_masks(certainty, view.corner_pixels, view.depth_m.shape, plus)
+        return _verdict(situation, found, masks)
+
+    def _observe(self, view: View, small_depth_m: Float32Array) -> None:
+        if view.heard is not None:
+            self._tracker.observe(view.heard, self._doubtful(view, view.heard, small_depth_m))
+
+    def _doubtful(
+        self, view: View, detections: Detections, small_depth_m: Float32Array
+    ) -> BoolArray:
+        """Return the (N,) flags of weak people over most of the image, too wide for a person."""
+        plus = self._config.plus
+        boxes = detections.boxes_xyxy_px.astype(np.float64)
+        names = np.array(detections.class_names)
+        suspect: BoolArray = (names == PERSON) & (detections.scores < plus.doubt_score)
+        suspect &= areas_px2(boxes) > plus.doubt_area * view.depth_m.size
+        suspect &= plus.doubt_large_people
+        if view.camera is not None:
+            for n in np.flatnonzero(suspect).tolist():
+                depth_m = torso_depth_m(small_depth_m, boxes[n])
+                width_m = (boxes[n, 2] - boxes[n, 0]) / view.camera.fx_px * depth_m
+                suspect[n] = not width_m <= _PERSON_WIDTH_M  # NaN: no support
+        return suspect
+
+    def _situation(self, view: View, small_depth_m: Float32Array) -> Situation:
+        height, width = view.depth_m.shape
+        tracks = self._tracker.advance(view.stamp_ns, width, height)
+        boxes = clip_boxes(boxes_at(tracks, view.stamp_ns), width, height)
+        depths_m = sample_depths_m(view.depth_m, boxes, self._config.sample_box_px)
+        for n, track in enumerate(tracks):
+            if track.is_person:
+                track.torso_m = torso_depth_m(small_depth_m, boxes[n], track.torso_m)
+                depths_m[n] = track.torso_m
+        return Situation(view.stamp_ns, tuple(tracks), boxes, depths_m)
+
+
+def _verdict(situation: Situation, found: Interactions, masks: Masks) -> Verdict:
+    """Return what is seen or dynamic; a static object that was missed is not reported."""
+    tracks = situation.tracks
+    shown = [
+        n
+        for n, track in enumerate(tracks)
+        if track.seen_ns == situation.stamp_ns or found.reasons[n] is not Reason.STATIC
+    ]
+    return Verdict(
+        boxes_xyxy_px=situation.boxes_xyxy_px[shown].astype(np.float32),
+        class_names=tuple(tracks[n].class_name for n in shown),
+        scores=np.array([tracks[n].score for n in shown], np.float32),
+        track_ids=np.array([tracks[n].track_id for n in shown], np.int64),
+        reasons=tuple(found.reasons[n] for n in shown),
+        overlap_ratios=found.overlap_ratios[shown],
+        depths_m=situation.depths_m[shown],
+        depth_gaps_m=found.depth_gaps_m[shown],
+        keep_mask=masks.keep,
+        seed_mask=masks.seed,
+        fallback_step=masks.step,
+    )

@@ -1,0 +1,104 @@
+"""The mask over what moves: no larger than needed, and smaller when little else is left."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from hoid_common.values import ByteArray, Float32Array, FloatArray, Reason
+from hoid_filter.config import PlusConfig
+from hoid_filter.depth_regions import SHRINK, DepthRegions, crop
+from hoid_filter.interaction import Situation
+from hoid_filter.pyramid import Int32Array
+
+_PATCH_MARGIN_PX = 8  # features this near see what moves in their patch
+_COAST_MARGIN = 0.1  # share of its size by which a predicted box may be off
+# How sure it is that what covers a pixel moves; the least sure is given back first.
+_CERTAINTY = {
+    Reason.REMEMBERED: 1,
+    Reason.PREDICTED: 2,
+    Reason.HANDLED: 2,
+    Reason.PERSON: 3,
+}
+
+
+class Masks(NamedTuple):
+    """Where features may lie and where map points may be made."""
+
+    keep: ByteArray | None = None  # (H, W), 0 = moves; None = the whole image is static
+    seed: ByteArray | None = None  # (H, W), 0 = no seeds; None = wherever features are
+    step: int = 0  # how far the mask was relaxed
+
+
+def make_masks(
+    certainty: ByteArray, corner_pixels: Int32Array, size_hw: tuple[int, ...], plus: PlusConfig
+) -> Masks:
+    """Return the masks of one image from what covers its pixels.
+
+    While fewer than `min_static_corners` are left, the mask gives back first its margin and what
+    is only remembered, then objects and predictions, then everything. Seeds stay away from all of
+    it: the tracker may look at a person's features, but the map never holds them.
+    """
+    if not certainty.any():
+        return Masks()
+    wide = _widen(certainty, _PATCH_MARGIN_PX)
+    seed = _enlarge(_widen(wide, plus.seed_margin_px), size_hw) if plus.guard_seeds else None
+    keep = _enlarge(wide, size_hw)
+    if not plus.fall_back:
+        return Masks(keep, seed)
+    for step in range(max(_CERTAINTY.values())):
+        if step > 0:
+            keep = _enlarge((certainty > step).view(np.uint8), size_hw)
+        if np.count_nonzero(keep.ravel()[corner_pixels]) >= plus.min_static_corners:
+            return Masks(keep, seed, step)
+    return Masks(None, _enlarge(wide, size_hw), step + 1)
+
+
+def cover(
+    situation: Situation,
+    reasons: tuple[Reason, ...],
+    small_depth_m: Float32Array,
+    plus: PlusConfig,
+) -> ByteArray:
+    """Return how sure it is that each pixel of the small image moves; 0 = static."""
+    certainty = np.zeros(small_depth_m.shape, np.uint8)
+    if all(reason is Reason.STATIC for reason in reasons):
+        return certainty
+    regions = DepthRegions(small_depth_m)
+    for n, (track, reason) in enumerate(zip(situation.tracks, reasons, strict=True)):
+        if reason is Reason.STATIC:
+            continue
+        sure = reason is not Reason.PREDICTED
+        box = situation.boxes_xyxy_px[n] if sure else _grown(situation.boxes_xyxy_px[n])
+        depth_m = float(situation.depths_m[n])
+        value = np.uint8(_CERTAINTY[reason])
+        if plus.keep_background and not np.isnan(depth_m):
+            reach_m = plus.person_depth_m if track.is_person else plus.object_depth_m
+            shown = regions.shown_in(box, depth_m, reach_m, sure=sure)
+            np.maximum(certainty, shown * value, out=certainty)
+        else:
+            area = crop(box, certainty.shape)
+            certainty[area] = np.maximum(certainty[area], value)
+    return certainty
+
+
+def _grown(box_xyxy_px: FloatArray) -> FloatArray:
+    more = _COAST_MARGIN * (box_xyxy_px[2:] - box_xyxy_px[:2])
+    grown: FloatArray = box_xyxy_px + np.concatenate([-more, more])
+    return grown
+
+
+def _widen(moves: ByteArray, margin_px: int) -> ByteArray:
+    """Return 1 within a margin of what is not 0."""
+    side = 2 * round(margin_px / SHRINK) + 1
+    kernel = np.ones((side, side), np.uint8)
+    return np.asarray(cv2.dilate(np.minimum(moves, 1), kernel), np.uint8)
+
+
+def _enlarge(moves: ByteArray, size_hw: tuple[int, ...]) -> ByteArray:
+    """Return the mask of full size, 255 where nothing moves."""
+    small = np.where(moves, np.uint8(0), np.uint8(255))
+    full = cv2.resize(small, size_hw[::-1], interpolation=cv2.INTER_NEAREST)
+    return np.asarray(full, np.uint8)

@@ -1,0 +1,48 @@
+"""How far a person is: the depth of the layer that fills the middle of the box."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hoid_common.values import Float32Array, FloatArray
+from hoid_filter.depth_regions import crop
+
+_BIN_M = 0.1
+_FARTHEST_M = 10.0
+_LAYER_BINS = 4  # a torso's thickness
+_NEARER_SHARE = 0.6  # of the largest layer: a nearer one that large is the person
+_MIDDLE = np.array([0.2, 0.1, 0.8, 0.9])  # part of a box that mostly shows the person: x1 y1 x2 y2
+_STEP_M = 0.5  # a torso's depth changes by less from image to image
+
+
+def torso_depth_m(
+    small_depth_m: Float32Array, box_xyxy_px: FloatArray, known_m: float = math.nan
+) -> float:
+    """Return the depth of a person in a box; NaN when no reading fits.
+
+    Args:
+        small_depth_m: (h, w), as `depth_regions.shrink` returns it.
+        known_m: depth of the same person a moment ago, or NaN.
+    """
+    size = box_xyxy_px[2:] - box_xyxy_px[:2]
+    middle = np.tile(box_xyxy_px[:2], 2) + np.tile(size, 2) * _MIDDLE
+    readings = small_depth_m[crop(middle, small_depth_m.shape)].ravel()
+    usable = (readings > 0) & (readings < _FARTHEST_M)
+    if not math.isnan(known_m):
+        usable &= np.abs(readings - known_m) < _STEP_M
+    readings = readings[usable]
+    if len(readings) == 0:
+        return math.nan
+    first_m = _first_layer(readings) * _BIN_M
+    inside = readings[(readings >= first_m) & (readings < first_m + _LAYER_BINS * _BIN_M)]
+    return float(np.median(inside))
+
+
+def _first_layer(readings_m: Float32Array) -> int:
+    """Return the bin where the nearest large layer begins."""
+    count = np.bincount((readings_m / _BIN_M).astype(np.int64), minlength=_LAYER_BINS)
+    layers = np.convolve(count, np.ones(_LAYER_BINS, np.int64))[_LAYER_BINS - 1 :]
+    first = int(np.argmax(layers >= _NEARER_SHARE * layers.max()))
+    return first + int(np.argmax(layers[first : first + _LAYER_BINS]))

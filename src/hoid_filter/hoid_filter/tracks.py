@@ -1,0 +1,147 @@
+"""People and objects followed over time in the image, through missed detections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hoid_common.values import PERSON, BoolArray, Detections, FloatArray
+from hoid_filter.overlap import areas_px2, clip_boxes, intersections_over_union
+from hoid_filter.prediction import match_greedily
+
+_MIN_IOU = 0.2  # of a predicted box and the detection of the same thing
+_MIN_IOU_DOUBTFUL = 0.5
+_OTHER_CLASS_PENALTY = 0.15  # detectors waver between classes of objects
+_VELOCITY_GAIN = 0.3  # of the alpha-beta filter: the edges of detected boxes jump by some pixels
+_MIN_VISIBLE = 0.15  # share of a box inside the image, else it has left
+_KNOWN_HITS = 3  # a thing seen less often ...
+_UNKNOWN_COAST_SHARE = 0.3  # ... is believed for less long when it is missed
+_NS = 1e-9
+
+
+@dataclass
+class Track:
+    """One thing: its box, its motion in the image, and what is known of it."""
+
+    track_id: int
+    class_name: str
+    score: float
+    box_xyxy_px: FloatArray  # (4,), as last detected
+    seen_ns: int  # when last detected
+    doubtful: bool = False  # not to be believed yet
+    hits: int = 1
+    velocity_px_s: FloatArray = field(default_factory=lambda: np.zeros(4))
+    torso_m: float = float('nan')  # depth of a person's torso
+    handled: bool = False
+    untouched_s: float = float('inf')  # time seen since it was last handled
+
+    @property
+    def is_person(self) -> bool:
+        """Return whether it moves by itself."""
+        return self.class_name == PERSON
+
+    def box_at(self, stamp_ns: int) -> FloatArray:
+        """Return the (4,) box expected at a stamp: where it was seen, moved on since."""
+        box = self.box_xyxy_px + self.velocity_px_s * ((stamp_ns - self.seen_ns) * _NS)
+        box[2:] = np.maximum(box[2:], box[:2] + 1.0)
+        return box
+
+    def observe(self, box: FloatArray, class_name: str, score: float, stamp_ns: int) -> None:
+        """Take in a detection."""
+        step_s = (stamp_ns - self.seen_ns) * _NS
+        if step_s > 0:
+            surprise = box - self.box_at(stamp_ns)
+            self.velocity_px_s = self.velocity_px_s + _VELOCITY_GAIN * surprise / step_s
+            self.untouched_s += step_s
+        self.box_xyxy_px, self.seen_ns = box, stamp_ns
+        self.class_name, self.score, self.hits = class_name, score, self.hits + 1
+
+
+@dataclass(frozen=True)
+class Patience:
+    """What the tracker believes without, or against, a detection."""
+
+    coast_s: float  # how long something known lives on without detections
+    rest_s: float  # how long an object is suspect after it was handled
+    doubt_hits: int  # detections that make a doubtful thing believed
+
+
+class BoxTracker:
+    """Associates detections with tracks by overlap and predicts the tracks that are missed."""
+
+    def __init__(self, patience: Patience) -> None:
+        self._patience = patience
+        self._tracks: list[Track] = []
+        self._next_id = 0
+
+    def observe(self, detections: Detections, doubtful: BoolArray) -> None:
+        """Update the tracks with what was detected at a stamp.
+
+        Args:
+            doubtful: (N,), True for detections to be believed only where they go on a track.
+        """
+        stamp_ns = detections.stamp_ns
+        boxes = detections.boxes_xyxy_px.astype(np.float64)
+        least = np.where(doubtful, _MIN_IOU_DOUBTFUL, _MIN_IOU)
+        likeness = self._likeness(detections, boxes)
+        i, k = match_greedily(np.where(likeness >= least, likeness, 0.0), _MIN_IOU)
+        names, scores = detections.class_names, detections.scores.tolist()
+        for at_track, at in zip(i.tolist(), k.tolist(), strict=True):
+            track = self._tracks[at_track]
+            track.observe(boxes[at], names[at], scores[at], stamp_ns)
+            track.doubtful &= bool(doubtful[at]) and track.hits < self._patience.doubt_hits
+        for at in sorted(set(range(len(names))) - set(k.tolist())):
+            doubt = bool(doubtful[at])
+            self._tracks.append(
+                Track(self._next_id, names[at], scores[at], boxes[at], stamp_ns, doubt)
+            )
+            self._next_id += 1
+
+    def _likeness(self, detections: Detections, boxes: FloatArray) -> FloatArray:
+        """Return the (T, N) overlaps of predicted and detected boxes of the same kind."""
+        if not self._tracks or not len(boxes):
+            return np.zeros((len(self._tracks), len(boxes)))
+        expected = boxes_at(self._tracks, detections.stamp_ns)
+        known = np.array([track.class_name for track in self._tracks])
+        seen = np.array(detections.class_names)
+        other_class = known[:, None] != seen
+        same_kind = (known == PERSON)[:, None] == (seen == PERSON)
+        iou = intersections_over_union(expected, boxes)
+        return np.where(same_kind, iou - _OTHER_CLASS_PENALTY * other_class, 0.0)
+
+    def advance(self, stamp_ns: int, width_px: int, height_px: int) -> list[Track]:
+        """Forget what was missed for too long or left the image; return the others.
+
+        What was detected at the stamp comes first.
+        """
+        visible = _visible_shares(boxes_at(self._tracks, stamp_ns), width_px, height_px)
+        self._tracks = [
+            track
+            for track, share in zip(self._tracks, visible.tolist(), strict=True)
+            if share > _MIN_VISIBLE and self._is_alive(track, stamp_ns)
+        ]
+        return sorted(self._tracks, key=lambda track: track.seen_ns != stamp_ns)
+
+    def _is_alive(self, track: Track, stamp_ns: int) -> bool:
+        """Return whether it was just seen, or moved when last seen and that is not long ago."""
+        missed_s = (stamp_ns - track.seen_ns) * _NS
+        if missed_s == 0:
+            return True
+        known = track.hits >= _KNOWN_HITS
+        if not track.is_person and not (known and track.untouched_s < self._patience.rest_s):
+            return False
+        return missed_s <= self._patience.coast_s * (1.0 if known else _UNKNOWN_COAST_SHARE)
+
+
+def boxes_at(tracks: list[Track], stamp_ns: int) -> FloatArray:
+    """Return the (T, 4) boxes expected at a stamp."""
+    if not tracks:
+        return np.empty((0, 4))
+    return np.stack([track.box_at(stamp_ns) for track in tracks])
+
+
+def _visible_shares(boxes_xyxy_px: FloatArray, width_px: int, height_px: int) -> FloatArray:
+    inside = areas_px2(clip_boxes(boxes_xyxy_px, width_px, height_px))
+    share: FloatArray = inside / areas_px2(boxes_xyxy_px)
+    return share
