@@ -1,0 +1,186 @@
+"""Loops, merged maps and relocalisation on worlds with a known answer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import FloatArray, IntArray
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.essential_graph import Loop, closed_poses, move_map, path_length_m
+from rgbd_slam.geometric_verification import PlaceStatus
+from rgbd_slam.loop_closing import LoopCloser, LoopEvent
+from rgbd_slam.map import SlamMap
+from rgbd_slam.map_merging import merge_maps
+from rgbd_slam.place_finder import PlaceFinder
+
+from .ring_world import CAMERA, RingWorld, drifted, mapped, ring_poses
+
+DRIFT = np.array([0.0, 0.002, 0.0, 0.006, 0.003, 0.0])
+LAPS = 1.06
+
+
+def _errors_m(slam_map: SlamMap, rows: IntArray, truth: FloatArray) -> FloatArray:
+    gap = slam_map.keyframes.T_map_camera[rows, :3, 3] - truth[:, :3, 3]
+    return np.asarray(np.linalg.norm(gap, axis=1))
+
+
+@pytest.fixture(scope='module')
+def drifting() -> tuple[SlamMap, IntArray, FloatArray]:
+    """Return a map of one lap and a little, whose end misses its beginning."""
+    truth = ring_poses(36, LAPS)
+    slam_map = SlamMap(1.2, 8)
+    rows = mapped(slam_map, RingWorld(), truth, drifted(truth, DRIFT))
+    return slam_map, rows, truth
+
+
+def _copy(slam_map: SlamMap) -> SlamMap:
+    fresh = SlamMap(1.2, 8)
+    fresh.apply(slam_map.changes_since(0))
+    return fresh
+
+
+def test_a_loop_is_closed_and_the_drift_is_gone(
+    drifting: tuple[SlamMap, IntArray, FloatArray],
+) -> None:
+    original, rows, truth = drifting
+    slam_map = _copy(original)
+    before = _errors_m(slam_map, rows, truth)
+    points_before = len(slam_map.points)
+    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    assert closer.process(int(rows[-1])) is LoopEvent.CLOSED
+    after = _errors_m(slam_map, rows, truth)
+    assert before.max() > 0.1
+    assert after.max() < 0.15 * before.max()
+    assert len(slam_map.points) < points_before - 100  # seen twice, one point now
+    assert slam_map.keyframes.covisibility[rows[-1], rows[0]] > 50
+
+
+def test_a_closed_loop_is_not_closed_again(
+    drifting: tuple[SlamMap, IntArray, FloatArray],
+) -> None:
+    original, rows, _ = drifting
+    slam_map = _copy(original)
+    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    closer.process(int(rows[-1]))
+    assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
+
+
+def test_more_drift_than_the_way_explains_is_no_loop(
+    drifting: tuple[SlamMap, IntArray, FloatArray],
+) -> None:
+    original, rows, _ = drifting
+    slam_map = _copy(original)
+    half = rows[len(rows) // 2 :]
+    shift = np.eye(4)
+    shift[0, 3] = 1.5
+    slam_map.set_poses(half, shift @ slam_map.keyframes.T_map_camera[half])
+    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
+
+
+def test_loops_can_be_switched_off(drifting: tuple[SlamMap, IntArray, FloatArray]) -> None:
+    original, rows, _ = drifting
+    config = SlamConfig().updated({'places.loops.enabled': False})
+    closer = LoopCloser(_copy(original), CAMERA, config)
+    assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
+
+
+def test_the_way_between_keyframes_follows_shared_points(
+    drifting: tuple[SlamMap, IntArray, FloatArray],
+) -> None:
+    slam_map, rows, truth = drifting
+    lap_m = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1).sum()
+    lap_rad = 2 * np.pi * LAPS * (len(rows) - 1) / len(rows)
+    way_m = path_length_m(slam_map, int(rows[0]), int(rows[-1]))
+    assert way_m == pytest.approx(lap_m + 0.3 * lap_rad, rel=0.1)
+
+
+def test_points_follow_their_keyframe_through_a_correction(
+    drifting: tuple[SlamMap, IntArray, FloatArray],
+) -> None:
+    original, rows, truth = drifting
+    slam_map = _copy(original)
+    keyframes, points = slam_map.keyframes, slam_map.points
+    i, k = rows[10], np.flatnonzero(keyframes.point_of_feature[rows[10]] >= 0)
+    j = keyframes.point_of_feature[i, k].astype(np.int64)
+    own = points.reference_keyframe_uid[j] == keyframes.uid[i]
+    seen_before = se3.transform(se3.inverse(keyframes.T_map_camera[i]), points.position_m[j])
+    move_map(slam_map, rows, truth)
+    seen_after = se3.transform(se3.inverse(truth[10]), points.position_m[j])
+    assert own.sum() > 5
+    np.testing.assert_allclose(seen_after[own], seen_before[own], atol=1e-9)
+
+
+def test_a_loop_edge_moves_the_end_to_where_it_was_measured(
+    drifting: tuple[SlamMap, IntArray, FloatArray],
+) -> None:
+    slam_map, rows, truth = drifting
+    uid = slam_map.keyframes.uid
+    loop = Loop(int(uid[rows[0]]), int(uid[rows[-1]]), se3.inverse(truth[0]) @ truth[-1])
+    keyframes, T = closed_poses(slam_map, 0, [loop], 100)
+    assert keyframes.tolist() == sorted(rows.tolist())
+    last = T[keyframes.tolist().index(int(rows[-1]))]
+    np.testing.assert_allclose(last[:3, 3], truth[-1, :3, 3], atol=0.01)
+    np.testing.assert_allclose(T[keyframes.tolist().index(int(rows[0]))], truth[0], atol=1e-9)
+
+
+def test_two_maps_become_one_in_the_frame_of_the_older() -> None:
+    world, slam_map = RingWorld(), SlamMap(1.2, 8)
+    truth = ring_poses(24, 0.5)
+    T_other = se3.exp(np.array([0.3, -1.0, 0.2, 2.0, 0.5, -1.0]))
+    old = mapped(slam_map, world, truth[:14], truth[:14])
+    new = mapped(slam_map, world, truth[10:], T_other @ truth[10:], map_id=1)
+    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    events = [closer.process(int(i)) for i in new]
+    assert events.count(LoopEvent.MERGED) == 1
+    keyframes = slam_map.keyframes
+    assert set(keyframes.map_id[np.r_[old, new]].tolist()) == {0}
+    assert (slam_map.points.map_id[slam_map.points.indices()] == 0).all()
+    assert _errors_m(slam_map, new, truth[10:]).max() < 0.02
+    alive = keyframes.indices()
+    roots = ~np.isin(keyframes.parent_uid[alive], keyframes.uid[alive])
+    assert roots.sum() == 1
+
+
+def test_the_older_map_keeps_its_frame_whichever_side_recognises() -> None:
+    slam_map, truth = SlamMap(1.2, 8), ring_poses(12, 0.2)
+    T_other = se3.exp(np.array([0.0, 0.5, 0.0, 1.0, 0.0, 0.0]))
+    old = mapped(slam_map, RingWorld(), truth[:6], truth[:6])
+    new = mapped(slam_map, RingWorld(), truth[6:], T_other @ truth[6:], map_id=1)
+    merge_maps(slam_map, int(old[5]), int(new[2]), se3.inverse(truth[8]) @ truth[5])
+    np.testing.assert_allclose(slam_map.keyframes.T_map_camera[new], truth[6:], atol=1e-9)
+    np.testing.assert_allclose(slam_map.keyframes.T_map_camera[old], truth[:6], atol=1e-12)
+    assert slam_map.keyframes.parent_uid[new[2]] == slam_map.keyframes.uid[old[5]]
+    assert slam_map.keyframes.parent_uid[new[0]] == slam_map.keyframes.uid[new[1]]
+
+
+def test_a_lost_frame_is_located() -> None:
+    world, slam_map = RingWorld(), SlamMap(1.2, 8)
+    truth = ring_poses(24)
+    mapped(slam_map, world, truth, truth)
+    finder = PlaceFinder(slam_map, CAMERA, SlamConfig().places, 0)
+    between = truth[7] @ se3.exp(np.array([0.02, 0.1, 0.05, 0.1, 0.05, -0.1]))
+    place = finder.locate(world.frame(between, 99)[0])
+    assert place is not None
+    assert place.match.status is PlaceStatus.SAME_PLACE
+    np.testing.assert_allclose(place.match.pose, between, atol=5e-3)
+
+
+def test_a_foreign_view_is_not_located() -> None:
+    slam_map, truth = SlamMap(1.2, 8), ring_poses(24)
+    mapped(slam_map, RingWorld(), truth, truth)
+    finder = PlaceFinder(slam_map, CAMERA, SlamConfig().places, 0)
+    assert finder.locate(RingWorld(seed=5).frame(truth[3], 99)[0]) is None
+
+
+def test_where_two_places_look_the_same_neither_is_believed() -> None:
+    world, slam_map = RingWorld(count=1500), SlamMap(1.2, 8)
+    half_turn = np.array([-1.0, 1.0, -1.0])
+    world.points_m = np.concatenate([world.points_m, half_turn * world.points_m])
+    world.descriptors = np.tile(world.descriptors, (2, 1))
+    truth = ring_poses(24)
+    mapped(slam_map, world, truth, truth)
+    finder = PlaceFinder(slam_map, CAMERA, SlamConfig().places, 0)
+    assert finder.locate(world.frame(truth[3], 99)[0]) is None
