@@ -47,13 +47,16 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--rate', type=float, default=ReplayConfig().rate, metavar='R', help='times real time'
     )
+    parser.add_argument(
+        '--lockstep', action='store_true', help='wait for each image: slow machines lose none'
+    )
 
 
 def replay_command(args: argparse.Namespace) -> None:
     """Play a recording through the live nodes; a folder becomes a bag for the time of it."""
     from hoid_bringup.replay import replay  # needs ROS, which the other commands do not
 
-    config = ReplayConfig(rate=args.rate, run=run_config(args))
+    config = ReplayConfig(rate=args.rate, lockstep=args.lockstep, run=run_config(args))
     say_detections(config.run)
     with playable_bag(args) as bag:
         summary = replay(bag, config, args.out)

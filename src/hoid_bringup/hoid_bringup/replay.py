@@ -49,7 +49,7 @@ def replay(
         HoidError: The nodes cannot hear this bag, do not start or end early, or the output folder
             is unusable.
     """
-    noted = {**(options or config.run.noted()), 'rate': config.rate}
+    noted = {**(options or config.run.noted()), 'rate': config.rate, 'lockstep': config.lockstep}
     with _workplace(out_dir) as folder, own_domain():
         live = _LiveRun(bag, config, folder, out_dir / 'logs')
         try:
@@ -136,7 +136,8 @@ class _LiveRun:
         return RunResult(
             input_name=self._bag.name,
             options=noted,
-            frames_total=len(self._bag),
+            # Live matching decides image by image and may pair a few more than the best matching.
+            frames_total=max(len(self._bag), metrics.num_processed),
             frames_processed=metrics.num_processed,
             final=final,
             online=online,

@@ -26,6 +26,7 @@ class ReplayConfig(Config):
     """How a recording is replayed."""
 
     rate: float = param(1.0, 'Times real time', minimum=0.01, maximum=100.0)
+    lockstep: bool = param(False, 'Hold each image back until the one before has its odometry')
     run: RunConfig = field(default_factory=RunConfig)
 
     @property
@@ -116,12 +117,13 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     """Return the player's command line; it begins when all nodes listen to the images."""
     color = bag.topics.color.name.lstrip('/')
     listeners = len(set(config.nodes) - {SLAM})
+    lockstep = ('--lockstep',) if config.lockstep else ()
     return ProcessSpec(
         PLAYER,
         (
             *(sys.executable, '-m', 'hoid_bringup', 'play', str(bag.path)),
             *('--rate', str(config.rate), '--wait', str(_SUBSCRIBER_LIMIT_S)),
-            *('--require', f'{color}={listeners}'),
+            *('--require', f'{color}={listeners}', *lockstep),
         ),
     )
 

@@ -146,7 +146,7 @@ class Supervisor:
             if output is not None:
                 stack.enter_context(output)  # the child keeps its own copy of the descriptor
             self._running[spec.name] = subprocess.Popen(
-                spec.argv,
+                (*_ending_with_parent(), *spec.argv),
                 env={**os.environ, **spec.env},
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -173,6 +173,12 @@ class Supervisor:
                 if process.poll() is not None:
                     del self._running[name]
             time.sleep(_POLL_S)
+
+
+def _ending_with_parent() -> tuple[str, ...]:
+    """Return what to put before a command so that it ends when this process is killed."""
+    tool = shutil.which('setpriv')  # of util-linux
+    return (tool, '--pdeathsig', 'TERM', '--') if tool is not None else ()
 
 
 def clean_shared_memory() -> None:

@@ -8,13 +8,15 @@ from __future__ import annotations
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
+from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from hoid_bringup.camera_topics import CAMERA_TOPICS
+from hoid_filter.config import FilterConfig
 from launch import LaunchContext, LaunchDescription
 
+STRATEGY = FilterConfig().strategy
 PARAMS = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'config', 'hoid.yaml'])
 RVIZ = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'rviz', 'hoid.rviz'])
 ARGUMENTS = (
@@ -30,7 +32,7 @@ ARGUMENTS = (
     DeclareLaunchArgument(
         'model', default_value='', description='detector, an ONNX file; empty: the usual places'
     ),
-    DeclareLaunchArgument('strategy', default_value='hoid+', description='of the filter'),
+    DeclareLaunchArgument('strategy', default_value=STRATEGY, description='of the filter'),
     DeclareLaunchArgument(
         'base_frame', default_value='', description="the robot's; empty: the camera's own"
     ),
@@ -56,12 +58,11 @@ def suite(context: LaunchContext) -> list[Node]:
     }
     shared = [
         ParameterFile(LaunchConfiguration('params_file'), allow_substs=True),
-        {
-            'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool),
-        },
+        {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)},
     ]
     return [
-        Node(
+        # A lifecycle node that activates itself (autostart), so that it needs no manager.
+        LifecycleNode(
             package='hoid_detector',
             executable='hoid_detector_node',
             name='hoid_detector',
@@ -80,7 +81,7 @@ def suite(context: LaunchContext) -> list[Node]:
             package='rgbd_slam',
             executable='rgbd_slam_node',
             name='rgbd_slam',
-            parameters=[*shared, {'base_frame': text('base_frame')}],
+            parameters=[*shared, {'frames.base': text('base_frame')}],
             **common,
         ),
         Node(

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -62,3 +63,25 @@ def test_a_dead_child_is_restarted(tmp_path: Path) -> None:
             group.poll()
             assert time.monotonic() < deadline_s
             time.sleep(0.01)
+
+
+def test_children_end_when_their_supervisor_is_killed(tmp_path: Path) -> None:
+    code = (
+        'import sys, time; from pathlib import Path; from hoid_bringup.supervisor import *;'
+        'spec = ProcessSpec("child", (sys.executable, "-c", "import time; time.sleep(60)"));'
+        'group = Supervisor([spec]).__enter__();'
+        f'Path({str(tmp_path / "pid")!r}).write_text(str(group.pids["child"]) + " ");'
+        'time.sleep(60)'
+    )
+    env = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+    parent = subprocess.Popen([sys.executable, '-c', code], env=env)
+    wait_for(tmp_path / 'pid', ' ')
+    pid = int((tmp_path / 'pid').read_text())
+    assert is_alive(pid)
+    time.sleep(0.2)  # the child is a moment old before it can be told
+    parent.kill()
+    parent.wait()
+    deadline_s = time.monotonic() + 5
+    while is_alive(pid):
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)

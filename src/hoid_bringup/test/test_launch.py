@@ -1,0 +1,86 @@
+"""The launch files with stand-ins for ROS's launch packages, which the wheels lack."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from unittest.mock import MagicMock
+
+import pytest
+
+from hoid_bringup.camera_topics import CAMERA_TOPICS
+from hoid_common.config import Config
+from hoid_common.param_file import load_params
+from hoid_detector.config import DetectorConfig
+from hoid_filter.config import FilterConfig
+from rgbd_slam.node_config import SlamNodeConfig
+
+SRC = Path(__file__).parents[2]
+MODULES = """launch launch.actions launch.conditions launch.substitutions launch_ros
+    launch_ros.actions launch_ros.parameter_descriptions launch_ros.substitutions"""
+
+
+OWN = sorted(p for p in SRC.glob('*/launch/*.launch.py') if p.parts[-3] != 'hoid_bringup')
+
+
+class Action:
+    """Keeps what an action or substitution was made with."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self.args, self.kwargs = args, kwargs
+
+    def perform(self, _context: object) -> str:
+        return 'realsense' if self.args == ('camera',) else ''
+
+
+def load(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Return the entities of a launch description."""
+    for name in MODULES.split():
+        module = ModuleType(name)
+        module.__getattr__ = lambda _name: Action  # type: ignore[method-assign]
+        monkeypatch.setitem(sys.modules, name, module)
+    description = runpy.run_path(str(path))['generate_launch_description']()
+    return list(description.args[0])
+
+
+def test_the_suite_starts_three_nodes_with_the_cameras_topics(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    *arguments, setup = load(SRC / 'hoid_bringup/launch/hoid.launch.py', monkeypatch)
+    nodes = setup.kwargs['function'](MagicMock())
+    packages = [node.kwargs['package'] for node in nodes]
+    assert packages == ['hoid_detector', 'hoid_filter', 'rgbd_slam', 'rviz2']
+    for node in nodes[:3]:
+        assert node.kwargs['executable'] == f'{node.kwargs["package"]}_node'
+        assert node.kwargs['remappings'] == CAMERA_TOPICS['realsense'].remappings()
+    declared = {argument.args[0] for argument in arguments}
+    assert {'namespace', 'params_file', 'camera', 'use_sim_time', 'base_frame'} <= declared
+
+
+@pytest.mark.parametrize('path', OWN, ids=lambda p: p.name)
+def test_a_nodes_own_launch_file(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = path.parents[1].name
+    node = load(path, monkeypatch)[-1]
+    assert node.kwargs['package'] == package
+    assert node.kwargs['executable'] == f'{package}_node'
+
+
+@pytest.mark.parametrize(
+    ('node', 'config'),
+    [
+        ('hoid_detector', DetectorConfig()),
+        ('hoid_filter', FilterConfig()),
+        ('rgbd_slam', SlamNodeConfig()),
+    ],
+)
+def test_the_suites_parameter_file_holds_the_defaults(node: str, config: Config) -> None:
+    values = load_params(SRC / 'hoid_bringup/config/hoid.yaml', node)
+    names = {p.name for p in config.params()}
+    of_the_node = {name for name in values if name == 'model' or name.startswith('input.')}
+    assert values.keys() <= names | of_the_node
+    known = {name: value for name, value in values.items() if name in names}
+    assert known
+    assert config.updated(known) == config
