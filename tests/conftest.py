@@ -1,3 +1,5 @@
+import itertools
+import random
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +25,9 @@ def _clean_machine() -> Iterator[None]:
 @pytest.fixture
 def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A domain of the test's own, for processes that it starts as well."""
-    with domain_coordinator.domain_id() as domain:
+    start = itertools.count(random.randrange(100))
+    # A random start: who runs something by hand tends to take a low number.
+    with domain_coordinator.domain_id(lambda: next(start) % 100 + 1) as domain:
         monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
         monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(PROFILE))

@@ -245,8 +245,7 @@ def test_missing_inputs_are_said(bench: Bench) -> None:
         lambda: any(complaint in msg.status[0].message for msg in heard), 'nothing is said'
     )
     status = heard[-1].status[0]
-    assert status.level == DiagnosticStatus.WARN
-    assert status.name == '/sample'
+    assert (status.level, status.name) == (DiagnosticStatus.WARN, '/sample')
     assert 'no colour images yet for' in status.message
 
 
