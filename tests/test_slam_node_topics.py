@@ -27,6 +27,7 @@ from hoid_common.values import FloatArray
 from hoid_system_tests.point_world import CAMERA, PointWorld
 from hoid_system_tests.probe import Probe
 
+NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}  # tested with images elsewhere
 START_NS = 1_305_031_102_175_304_123
 PERIOD_NS = 33_333_333
 OPTICAL = 'camera_color_optical_frame'
@@ -101,7 +102,7 @@ Start = Callable[..., Supervisor]
 def peer(start: Start, probe: Probe, tmp_path: Path) -> Peer:
     """Return a peer of a running node that knows its camera."""
     parameters = {'map_directory': str(tmp_path / 'my maps'), 'map_period_s': 0.2}
-    start('rgbd_slam', 'rgbd_slam_node', parameters)
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_ROOM)
     peer = Peer(probe)
     peer.begin()
     return peer
@@ -249,7 +250,11 @@ def test_missing_images_are_counted(peer: Peer) -> None:
 
 
 def test_a_base_frame_is_found_on_tf_static(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {'frames.base': 'base_link', 'frames.map': 'world'})
+    start(
+        'rgbd_slam',
+        'rgbd_slam_node',
+        {'frames.base': 'base_link', 'frames.map': 'world'} | NO_ROOM,
+    )
     peer = Peer(probe)
     peer.send_camera()
     peer.probe.spin_for(0.3)

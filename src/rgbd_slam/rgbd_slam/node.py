@@ -20,6 +20,7 @@ from rgbd_slam.frames import RobotFrames
 from rgbd_slam.mapper_process import MapperStoppedError
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.outputs import SlamOutputs
+from rgbd_slam.ros.room_link import RoomLink
 from rgbd_slam.ros.services import SlamServices
 from rgbd_slam.session import Processed, SlamSession
 
@@ -36,6 +37,7 @@ class RgbdSlamNode(Node):
         self._session: SlamSession | None = None
         self._static = StaticFrameListener(self, self._diagnostics)
         self._outputs = SlamOutputs(self, self._config.frames)
+        self._room = RoomLink(self, self._config, self._diagnostics)
         self._answers = SlamServices(self, self._config, lambda: self._session, self._reset)
         # Wall time, and apart from the images: publishing a map must not hold odometry back.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -47,9 +49,10 @@ class RgbdSlamNode(Node):
         inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
 
     def destroy_node(self) -> None:
-        """End the mapping process before the node."""
+        """End the mapping processes before the node."""
         if self._session is not None:
             self._session.close()
+        self._room.close()
         super().destroy_node()
 
     def _on_camera(self, msg: CameraInfo) -> None:
@@ -70,6 +73,7 @@ class RgbdSlamNode(Node):
             done = self._session.process(conversions.features_from_msg(msg))
         except MapperStoppedError as error:
             raise SystemExit(f'error: {error}') from error  # a supervisor starts the node anew
+        self._room.look(done.look)
         self._outputs.publish(done, msg.header)
         self._diagnostics.set_value('state', done.status.state.name.lower())
         self._diagnostics.set_count('images processed', done.status.frames_processed)
@@ -92,7 +96,10 @@ class RgbdSlamNode(Node):
             return None
         self._diagnostics.clear_problem('base')
         frames = RobotFrames(T_base_camera, planar=names.planar)
-        session = SlamSession(camera, self._config, frames, background=True)
+        session = SlamSession(
+            camera, self._config, frames, background=True, looks=self._room.looks()
+        )
+        self._room.start_map(camera)
         self._outputs.publish(Processed(session.status(), None), header)
         return session
 
@@ -100,6 +107,7 @@ class RgbdSlamNode(Node):
         if self._session is not None:
             self._session.close()
         self._session = None
+        self._room.clear()
         self._diagnostics.clear_problem('camera')
         if self._camera_info is not None:
             self._on_camera(self._camera_info)

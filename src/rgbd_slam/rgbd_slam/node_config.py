@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from hoid_common.config import Config, param
 from hoid_common.input_config import InputConfig
 from rgbd_slam.config import SlamConfig
+from rgbd_slam.dense.config import DenseConfig
+from rgbd_slam.object_tracker import ObjectTrackerConfig
 
 
 @dataclass(frozen=True)
@@ -39,3 +41,5 @@ class SlamNodeConfig(SlamConfig):
     )
     frames: FrameConfig = field(default_factory=FrameConfig)
     input: InputConfig = field(default_factory=InputConfig)
+    dense: DenseConfig = field(default_factory=DenseConfig)
+    objects: ObjectTrackerConfig = field(default_factory=ObjectTrackerConfig)

@@ -35,6 +35,11 @@ class RoomMapper:
         self._tracker = ObjectTracker(objects)
         self._floor: Floor | None = None
 
+    @property
+    def num_voxels(self) -> int:
+        """Return the size of the dense map."""
+        return len(self._mapper)
+
     def fuse(
         self,
         pose: FramePose,

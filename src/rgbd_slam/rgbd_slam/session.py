@@ -10,6 +10,7 @@ from hoid_common.errors import ConfigError
 from hoid_common.slam_status import SlamState, SlamStatus
 from hoid_common.values import CameraModel, Features, Float32Array, FloatArray, Trajectory
 from rgbd_slam.config import SlamConfig
+from rgbd_slam.frame_poses import FramePose, FramePoses
 from rgbd_slam.frames import RobotFrames, RobotPose
 from rgbd_slam.slam import RgbdSlam, SlamStats, TrackingResult
 from rgbd_slam.stream_gaps import StreamGaps
@@ -28,6 +29,7 @@ class Processed(NamedTuple):
 
     status: SlamStatus
     pose: RobotPose | None  # None while the pose is unknown
+    look: FramePose | None = None  # for the room mapper, when it is to look at the image
 
 
 class SlamSession:
@@ -38,6 +40,7 @@ class SlamSession:
         config: Parameters of the core.
         frames: Where the camera sits on the robot.
         background: Map in a process of its own; `close` ends it.
+        looks: Picks the images that the room mapper is to look at.
     """
 
     def __init__(
@@ -47,12 +50,14 @@ class SlamSession:
         frames: RobotFrames,
         *,
         background: bool = False,
+        looks: FramePoses | None = None,
     ) -> None:
         self.camera = camera
         self.is_paused = False
         self._config = config
         self._frames = frames
         self._background = background
+        self._looks = FramePoses(None, None) if looks is None else looks
         self._map_changed = False
         self._stats_shown: SlamStats | None = None
         self._begin()
@@ -75,7 +80,8 @@ class SlamSession:
         result = self._slam.process(features)
         self._num_processed += 1
         self._map_changed |= result.is_keyframe
-        return Processed(self._status(SlamState(result.state.value), result), self._pose(result))
+        status = self._status(SlamState(result.state.value), result)
+        return Processed(status, self._pose(result), self._look(result))
 
     def status(self) -> SlamStatus:
         """Return how the session is doing between two images."""
@@ -130,6 +136,16 @@ class SlamSession:
         covariance = np.zeros((6, 6)) if result.covariance is None else result.covariance
         return self._frames.place(
             result.stamp_ns, result.T_map_camera, result.T_odom_camera, covariance
+        )
+
+    def _look(self, result: TrackingResult) -> FramePose | None:
+        if result.T_map_camera is None:
+            return None
+        return self._looks.pick(
+            result.stamp_ns,
+            self._frames.T_map_core @ result.T_map_camera,
+            lambda: self.trajectory('keyframes'),
+            is_keyframe=result.is_keyframe,
         )
 
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:

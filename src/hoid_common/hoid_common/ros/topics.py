@@ -39,6 +39,8 @@ SET_MODE = '~/set_mode'
 SAVE_MAP = '~/save_map'
 LOAD_MAP = '~/load_map'
 SAVE_TRAJECTORY = '~/save_trajectory'
+SAVE_CLOUD = '~/save_cloud'
+SAVE_GRID = '~/save_grid'
 
 
 def compressed(topic: str) -> str:

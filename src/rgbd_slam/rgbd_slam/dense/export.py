@@ -41,3 +41,7 @@ def packed_rgb(cloud: ColoredCloud) -> Float32Array:
     """Return (N,) floats whose bits are 0x00RRGGBB, the `rgb` field of sensor_msgs/PointCloud2."""
     bgr = cloud.colors_bgr.astype(np.uint32)
     return (bgr[:, 2] << 16 | bgr[:, 1] << 8 | bgr[:, 0]).view(np.float32)
+
+
+CLOUD_WRITERS = {'.ply': write_ply, '.pcd': write_pcd}
+"""By file name ending."""

@@ -1,0 +1,83 @@
+"""The process that maps the room, as the SLAM node sees it: posed images go in, nothing waits.
+
+Images go to that process as they come from the camera, past the tracker: all it hears from the
+tracker is where some of them were taken. It ends when the pipe from the tracker does.
+"""
+
+from __future__ import annotations
+
+import atexit
+from multiprocessing import get_context
+from queue import SimpleQueue
+from threading import Thread
+
+from hoid_common.values import CameraModel
+from rgbd_slam.frame_poses import FramePose
+from rgbd_slam.ros.room_node import run_room
+from rgbd_slam.ros.room_setup import Clear, RoomMessage, RoomSetup
+
+_MAX_WAITING = 30  # poses that the process has not taken yet
+_END_S = 5.0
+
+
+class RoomProcess:
+    """Starts the process and hands poses over.
+
+    Args:
+        setup: What the process is to know from the start.
+    """
+
+    def __init__(self, setup: RoomSetup) -> None:
+        self.num_dropped = 0  # poses, because the process was behind
+        self._waiting: SimpleQueue[RoomMessage | None] = SimpleQueue()
+        context = get_context('spawn')
+        reader, self._writer = context.Pipe(duplex=False)
+        self._process = context.Process(target=run_room, args=(reader, setup), name='room')
+        self._process.start()
+        reader.close()
+        atexit.register(self.close)  # before multiprocessing waits for the process
+        self._sender = Thread(target=self._send, name='to room', daemon=True)
+        self._sender.start()
+
+    @property
+    def process_id(self) -> int | None:
+        """Return the id of the process."""
+        return self._process.pid
+
+    @property
+    def is_running(self) -> bool:
+        """Return whether the process is there."""
+        return self._process.is_alive()
+
+    def start_map(self, camera: CameraModel) -> None:
+        """Begin an empty map of what a camera sees."""
+        self._waiting.put(camera)
+
+    def clear(self) -> None:
+        """Forget the map until the next `start_map`."""
+        self._waiting.put(Clear())
+
+    def look(self, pose: FramePose) -> None:
+        """Say where an image was taken."""
+        if self._waiting.qsize() >= _MAX_WAITING:
+            self.num_dropped += 1
+        else:
+            self._waiting.put(pose)
+
+    def close(self) -> None:
+        """End the process, by force when it does not end by itself."""
+        atexit.unregister(self.close)
+        self._waiting.put(None)
+        self._sender.join(_END_S)
+        self._writer.close()
+        self._process.join(_END_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def _send(self) -> None:
+        try:
+            while (message := self._waiting.get()) is not None:
+                self._writer.send(message)
+        except OSError:
+            pass  # the process has ended; `is_running` says so

@@ -1,0 +1,29 @@
+"""What goes from the SLAM node to the process that maps the room."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from hoid_common.input_config import InputConfig
+from hoid_common.values import CameraModel
+from rgbd_slam.dense.config import DenseConfig
+from rgbd_slam.frame_poses import FramePose
+from rgbd_slam.object_tracker import ObjectTrackerConfig
+
+
+class RoomSetup(NamedTuple):
+    """What the process knows from the start."""
+
+    slam_node: str  # fully qualified name of the node that it belongs to
+    map_frame: str
+    map_directory: str
+    dense: DenseConfig
+    objects: ObjectTrackerConfig
+    input: InputConfig
+
+
+class Clear(NamedTuple):
+    """Forget the map."""
+
+
+RoomMessage = CameraModel | FramePose | Clear  # a camera begins a new map
