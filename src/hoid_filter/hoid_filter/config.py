@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hoid_common.config import Config, param
+from hoid_common.values import PERSON
 
 STRATEGIES = ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor', 'hoid+')
 
@@ -108,7 +109,7 @@ class FilterConfig(Config):
 
     strategy: str = param('hoid+', 'How dynamic objects are told', choices=STRATEGIES)
     dynamic_classes: tuple[str, ...] = param(
-        HANDLED_CLASSES, 'Classes that move when a person handles them; empty = every class'
+        HANDLED_CLASSES, "Classes that move when a person handles them; empty or '' = every class"
     )
     min_interaction_area: float = param(
         0.4,
@@ -138,3 +139,10 @@ class FilterConfig(Config):
     extraction: ExtractionConfig = ExtractionConfig()
     descriptor: DescriptorConfig = DescriptorConfig()
     plus: PlusConfig = PlusConfig()
+
+    def may_be_handled(self, class_name: str) -> bool:
+        """Return whether a thing of the class moves when a person handles it."""
+        if class_name == PERSON:
+            return False
+        # A parameter file cannot hold an empty list, but one with an empty name.
+        return class_name in self.dynamic_classes or not any(self.dynamic_classes)

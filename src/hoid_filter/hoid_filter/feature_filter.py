@@ -38,6 +38,11 @@ class FeatureFilter:
         self._strategy = make_strategy(config)
         self.counters: Counter[str] = Counter()
 
+    def reconfigure(self, config: FilterConfig) -> None:
+        """Take over parameters that may change at run time; what was remembered is forgotten."""
+        self._config = config
+        self._strategy = make_strategy(config)
+
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
     ) -> FilterResult:
@@ -49,7 +54,7 @@ class FeatureFilter:
                 said nothing (which is not the same as seeing nothing).
             for_picture: also report where the features were that the verdict removed.
         """
-        _check_sizes(frame)
+        check_sizes(frame)
         start = time.thread_time()
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
         corners = self._extractor.detect(np.asarray(gray, np.uint8))
@@ -120,7 +125,8 @@ class FeatureFilter:
         return tuple(DynamicObject(*row) for row in rows)
 
 
-def _check_sizes(frame: RgbdFrame) -> None:
+def check_sizes(frame: RgbdFrame) -> None:
+    """Raise MessageError when colour and depth are not of one size."""
     if frame.image_bgr.shape[:2] != frame.depth_m.shape:
         raise MessageError(
             f'depth image is {frame.depth_m.shape[1]}x{frame.depth_m.shape[0]} but colour is '

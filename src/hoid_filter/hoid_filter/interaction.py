@@ -47,7 +47,7 @@ def judge_interactions(situation: Situation, config: FilterConfig) -> Interactio
     tracks = situation.tracks
     num = len(tracks)
     is_person = situation.is_person
-    candidate = _candidates(situation, config)
+    candidate = _flags(config.may_be_handled(track.class_name) for track in tracks)
     overlap = overlap_ratios(situation.boxes_xyxy_px, situation.boxes_xyxy_px)
     gap_m = np.abs(situation.depths_m[:, None] - situation.depths_m)
     limit = np.full(num, config.min_interaction_area)
@@ -70,14 +70,6 @@ def judge_interactions(situation: Situation, config: FilterConfig) -> Interactio
         _reasons(situation, handled, config),
         np.where(alone | is_person, 0.0, overlap[index, partner]),
         np.where(alone | is_person, np.nan, gap_m[index, partner]),
-    )
-
-
-def _candidates(situation: Situation, config: FilterConfig) -> BoolArray:
-    listed = frozenset(config.dynamic_classes)
-    return _flags(
-        not track.is_person and (not listed or track.class_name in listed)
-        for track in situation.tracks
     )
 
 

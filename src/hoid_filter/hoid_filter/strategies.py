@@ -29,7 +29,6 @@ class ImageRule(ABC):
 
     def __init__(self, config: FilterConfig) -> None:
         self.config = config
-        self._classes = frozenset(config.dynamic_classes)
         self._predictor = BoxPredictor(config.prediction_limit_s)
 
     @abstractmethod
@@ -60,10 +59,7 @@ class ImageRule(ABC):
 
     def _is_candidate(self, scene: Scene) -> BoolArray:
         names = scene.detections.class_names
-        listed = np.fromiter(
-            (not self._classes or name in self._classes for name in names), np.bool_, len(names)
-        )
-        return listed & ~scene.is_person
+        return np.fromiter(map(self.config.may_be_handled, names), np.bool_, len(names))
 
 
 class NoFilter:

@@ -1,0 +1,70 @@
+"""The filter's verdict on a picture."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from hoid_common.values import ByteArray, DynamicObject, FilterResult, Float32Array, Reason
+
+Bgr = tuple[int, int, int]
+
+KEPT_BGR: Bgr = (80, 220, 60)
+TRACK_ONLY_BGR: Bgr = (60, 220, 220)
+REMOVED_BGR: Bgr = (60, 60, 240)
+REASON_BGR: dict[Reason, Bgr] = {
+    Reason.STATIC: (60, 190, 60),
+    Reason.PERSON: (60, 60, 230),
+    Reason.HANDLED: (0, 140, 255),
+    Reason.PREDICTED: (220, 60, 220),
+    Reason.REMEMBERED: (230, 200, 40),
+}
+_TEXT_BGR: Bgr = (255, 255, 255)
+_FONT, _FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
+_RADIUS_PX = 2
+
+
+def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
+    """Return a copy of the image (H, W, 3) with features and verdicts.
+
+    Kept features are green, those that make no map points yellow, removed ones red; boxes are
+    coloured by reason and labelled with class, score, overlap ratio and depth gap.
+    """
+    picture = image_bgr.copy()
+    seeds = result.features.may_seed
+    draw_points(picture, result.removed_uv_px, REMOVED_BGR)
+    draw_points(picture, result.features.uv_px[~seeds], TRACK_ONLY_BGR)
+    draw_points(picture, result.features.uv_px[seeds], KEPT_BGR)
+    for item in result.objects:
+        draw_object(picture, item)
+    return picture
+
+
+def draw_points(picture: ByteArray, uv_px: Float32Array, color: Bgr) -> None:
+    """Draw a small ring at each of (N, 2) positions."""
+    for center in np.rint(uv_px).astype(int).tolist():
+        cv2.circle(picture, center, _RADIUS_PX, color, 1, cv2.LINE_AA)
+
+
+def draw_object(picture: ByteArray, item: DynamicObject) -> None:
+    """Draw a box in the colour of its verdict, with what the verdict rests on."""
+    color = REASON_BGR[item.reason]
+    x1, y1, x2, y2 = (round(value) for value in item.box_xyxy_px)
+    cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), color, 2)
+    text = label(item)
+    (width, height), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
+    top = max(y1, height + 4)  # a label above the picture would not be seen
+    cv2.rectangle(picture, (x1, top - height - 4), (x1 + width + 2, top), color, cv2.FILLED)
+    cv2.putText(picture, text, (x1 + 1, top - 3), _FONT, _FONT_SCALE, _TEXT_BGR, 1, cv2.LINE_AA)
+
+
+def label(item: DynamicObject) -> str:
+    """Return class, score, and, for objects that overlap a person, by how much and how near."""
+    text = f'{item.class_name} {item.score:.2f}'
+    if item.overlap_ratio > 0:
+        text += f' {item.overlap_ratio:.0%}'
+        if not math.isnan(item.depth_gap_m):
+            text += f' {item.depth_gap_m:.2f} m'
+    return text

@@ -1,0 +1,147 @@
+"""The node: images and detections in, features of the static world and verdicts out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from hoid_msgs.msg import DetectionArray, DynamicObjectArray
+from hoid_msgs.msg import Features as FeaturesMsg
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+
+from hoid_common.config import param
+from hoid_common.errors import MessageError
+from hoid_common.ros import conversions, qos, topics
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.inputs import InputConfig, Inputs
+from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.parameters import Parameters
+from hoid_common.ros.run import run_node
+from hoid_common.ros.sync import Synchronizer
+from hoid_common.sync import Match, StampMatcher
+from hoid_common.values import FilterResult, RgbdFrame
+from hoid_filter.config import FilterConfig
+from hoid_filter.detection_gate import STOP, DetectionGate, GateConfig, Ready
+from hoid_filter.drawing import draw_result
+from hoid_filter.feature_filter import FeatureFilter, check_sizes
+
+_POLL_S = 0.02
+_LOST = 'detector lost'
+
+
+@dataclass(frozen=True)
+class NodeConfig(FilterConfig):
+    """Parameters of the node."""
+
+    sync_slop_s: float = param(
+        0.02, 'Largest difference between the stamps of colour and depth', minimum=0.0, maximum=1.0
+    )
+    detections: GateConfig = field(default_factory=GateConfig)
+    input: InputConfig = field(default_factory=InputConfig)
+
+
+class _Image(NamedTuple):
+    header: Header
+    frame: RgbdFrame
+    size_px: tuple[int, int]  # width, height
+
+
+class FilterNode(Node):
+    """Brings images, depth and detections together and publishes what the filter makes of them."""
+
+    def __init__(self) -> None:
+        super().__init__('hoid_filter', automatically_declare_parameters_from_overrides=True)
+        bridge_logging(self)
+        self._settings = Parameters(self, NodeConfig(), self._reconfigure)
+        config = self._settings.config
+        self._filter = FeatureFilter(config)
+        self._gate: DetectionGate[_Image] = DetectionGate(config.detections)
+        self._size_px: tuple[int, int] | None = None  # of the newest image
+        self._diagnostics = Diagnostics(self)
+        self._features = self.create_publisher(FeaturesMsg, topics.FEATURES, qos.OUTPUT)
+        self._objects = self.create_publisher(
+            DynamicObjectArray, topics.DYNAMIC_OBJECTS, qos.OUTPUT
+        )
+        self._debug_image = self.create_publisher(Image, topics.DEBUG_IMAGE, qos.OUTPUT)
+        self._subscribe(config)
+
+    def _subscribe(self, config: NodeConfig) -> None:
+        inputs = Inputs(self, config.input, self._diagnostics)
+        matcher = StampMatcher(('colour', 'depth'), int(config.sync_slop_s * 1e9))
+        images = Synchronizer(matcher, self._take_images, self._diagnostics)
+        inputs.color(images.input('colour'))
+        inputs.depth(images.input('depth'))
+        inputs.messages(CameraInfo, topics.CAMERA_INFO, self._take_camera, 'camera infos')
+        if config.strategy != 'none':
+            inputs.messages(DetectionArray, topics.DETECTIONS, self._take_detections, 'detections')
+            self.create_timer(_POLL_S, self._poll)
+
+    def _take_images(self, match: Match) -> None:
+        color, depth = match.values
+        pixels = conversions.color_from_msg(color), conversions.depth_from_msg(depth)
+        frame = RgbdFrame(conversions.stamp_from_msg(color.header.stamp), *pixels)
+        check_sizes(frame)
+        self._size_px = (frame.depth_m.shape[1], frame.depth_m.shape[0])
+        image = _Image(color.header, frame, self._size_px)
+        if self._settings.config.strategy == 'none':
+            self._process([Ready(image, None)])
+        else:
+            self._process(self._gate.add_image(frame.stamp_ns, image, time.monotonic()))
+
+    def _take_detections(self, msg: DetectionArray) -> None:
+        said = (msg.image_width, msg.image_height)
+        if self._size_px not in (None, said):
+            raise MessageError(f'detections are of a {said} px image, colour is {self._size_px}')
+        detections = conversions.detections_from_msg(msg)
+        self._process(self._gate.add_detections(detections, time.monotonic()))
+
+    def _take_camera(self, msg: CameraInfo) -> None:
+        self._filter.camera = conversions.camera_from_msg(msg)
+
+    def _poll(self) -> None:
+        self._process(self._gate.poll(time.monotonic()))
+        if not self._gate.is_lost:
+            self._diagnostics.clear_problem(_LOST)
+            return
+        then = 'stopped' if self._gate.config.on_loss == STOP else 'features are unfiltered'
+        self._diagnostics.set_problem(
+            _LOST,
+            f'no detections for {self._gate.silent_s:.1f} s: is the detector alive? {then}',
+            severe=True,
+        )
+
+    def _process(self, ready: list[Ready[_Image]]) -> None:
+        for image, detections in ready:
+            watched = self._debug_image.get_subscription_count() > 0
+            result = self._filter.process(image.frame, detections, for_picture=watched)
+            self._publish(image.header, image.size_px, result)
+            if watched:
+                picture = draw_result(image.frame.image_bgr, result)
+                self._debug_image.publish(conversions.color_to_msg(picture, image.header))
+
+    def _publish(self, header: Header, size_px: tuple[int, int], result: FilterResult) -> None:
+        counts = conversions.FeatureCounts(
+            result.num_features_in,
+            result.num_removed,
+            result.stage_ms['extract'],
+            result.stage_ms['filter'],
+        )
+        features = conversions.features_to_msg(result.features, header, size_px, counts)
+        self._features.publish(features)
+        self._objects.publish(conversions.dynamic_objects_to_msg(result.objects, header, size_px))
+        self._diagnostics.count('images filtered')
+        self._diagnostics.set_count('images without detections', self._gate.num_unanswered)
+        for name, number in self._filter.counters.items():
+            self._diagnostics.set_count(name, number)
+
+    def _reconfigure(self, config: NodeConfig) -> None:
+        self._gate.config = config.detections
+        self._filter.reconfigure(config)
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(FilterNode)
