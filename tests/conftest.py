@@ -1,13 +1,11 @@
-import itertools
-import random
+import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import domain_coordinator
 import pytest
 
+from hoid_bringup.ros_domain import own_domain
 from hoid_bringup.supervisor import Supervisor, clean_shared_memory
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import node_spec
@@ -25,10 +23,8 @@ def _clean_machine() -> Iterator[None]:
 @pytest.fixture
 def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A domain of the test's own, for processes that it starts as well."""
-    start = itertools.count(random.randrange(100))
-    # A random start: who runs something by hand tends to take a low number.
-    with domain_coordinator.domain_id(lambda: next(start) % 100 + 1) as domain:
-        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.delenv('ROS_DOMAIN_ID', raising=False)
+    with own_domain() as domain:
         monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(PROFILE))
         yield domain
@@ -44,13 +40,13 @@ def probe(domain_id: int) -> Iterator[Probe]:
 @pytest.fixture
 def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Supervisor]]:
     """Start nodes as processes: `start('package', 'executable', {'parameter': value})`."""
+    assert os.environ['ROS_DOMAIN_ID'] == str(domain_id)  # which they inherit
     running: list[Supervisor] = []
 
     def start_node(
         package: str, name: str, params: Mapping[str, Any] | None = None, **kwargs: Any
     ) -> Supervisor:
-        env = {'ROS_DOMAIN_ID': str(domain_id)}
-        spec = replace(node_spec(package, name, params or {}, **kwargs), env=env)
+        spec = node_spec(package, name, params or {}, **kwargs)
         supervisor = Supervisor([spec], log_dir=tmp_path / f'log_{len(running)}')
         running.append(supervisor.__enter__())
         return supervisor
