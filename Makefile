@@ -11,6 +11,7 @@ lint:  ## Style and types
 	@./hoid dev ruff check .
 	@./hoid dev ruff format --check .
 	@./hoid dev mypy src bags benchmarks tests
+	@for folder in src/*/test bags/test benchmarks/test; do ./hoid dev mypy $$folder/*.py || exit 1; done
 
 format:
 	@./hoid dev ruff check --fix .
