@@ -11,15 +11,20 @@ from hoid_bags.synth.bag import write_bag
 from hoid_bags.synth.config import SceneConfig
 from hoid_bags.trajectory_io import read_tum
 from hoid_bringup.commands import say_detections
+from hoid_bringup.detection_source import detection_source
 from hoid_bringup.evaluation import align
 from hoid_bringup.plots import plot_comparison
 from hoid_bringup.replay_plan import ReplayConfig
 from hoid_bringup.run_config import TRUTH, RunConfig
 from hoid_bringup.summary import Spread, Summary
 from hoid_common.errors import InputError
+from hoid_common.values import ByteArray
+from hoid_filter.drawing import draw_result
+from hoid_filter.feature_filter import FeatureFilter
 
 _WORKERS = 2
-_RUNS = {'with the filter': 'hoid2d', 'without': 'none'}
+_RUNS = {'with the filter': RunConfig().filter.strategy, 'without': 'none'}
+_NUM_SCENES = 4
 
 
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +55,8 @@ def demo_command(args: argparse.Namespace) -> None:
         say_detections(config)
         summaries[label] = replay(bag, ReplayConfig(run=config), args.out / _folder(label))
     picture = args.out / 'demo.png'
-    _draw(picture, bag, args.out)
+    config = RunConfig().updated({'model': args.detector})
+    _draw(picture, bag, args.out, config)
     print(_table(summaries))
     print(f'\npicture      {picture}')
     print(f'all results  {args.out}')
@@ -60,7 +66,20 @@ def _folder(label: str) -> str:
     return label.replace(' the ', '_')
 
 
-def _draw(path: Path, bag: BagSequence, out: Path) -> None:
+def _scenes(bag: BagSequence, config: RunConfig) -> list[ByteArray]:
+    """Return pictures of what the filter decides, the busiest of each part of the bag."""
+    detect = detection_source(bag, config)
+    feature_filter = FeatureFilter(config.filter, bag.camera)
+    best: dict[int, tuple[int, ByteArray]] = {}
+    for i, frame in enumerate(bag):
+        result = feature_filter.process(frame, detect(frame), for_picture=True)
+        part, score = i * _NUM_SCENES // len(bag), sum(o.is_dynamic for o in result.objects)
+        if score > best.get(part, (-1,))[0]:
+            best[part] = score, draw_result(frame.image_bgr, result)
+    return [picture for _, (_, picture) in sorted(best.items())]
+
+
+def _draw(path: Path, bag: BagSequence, out: Path, config: RunConfig) -> None:
     truth = bag.ground_truth
     if truth is None:
         raise InputError(f'{bag.path}: has no ground truth')
@@ -68,7 +87,7 @@ def _draw(path: Path, bag: BagSequence, out: Path) -> None:
         f'{label} ({strategy})': align(read_tum(out / _folder(label) / 'trajectory.txt'), truth)
         for label, strategy in _RUNS.items()
     }
-    plot_comparison(path, runs, 'Rendered home with two people, live')
+    plot_comparison(path, runs, 'Rendered home with two people, live', _scenes(bag, config))
 
 
 def _table(summaries: dict[str, Summary]) -> str:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FormatStrFormatter
 
 from hoid_bringup.evaluation import AlignedTrajectory
-from hoid_common.values import FloatArray, IntArray, Trajectory
+from hoid_common.values import ByteArray, FloatArray, IntArray, Trajectory
 
 _NS = 1e9
 _GAP_S = 0.25  # a longer silence is drawn as a break in the line
@@ -25,6 +27,8 @@ _ERROR_MAP = 'plasma'
 _SIZE_IN = (12.0, 8.2)
 _DPI = 110
 _MIN_SPAN_M = 0.05
+_PAD_IN = 0.12
+_STRIP_IN, _PATHS_IN = 2.4, 6.6  # heights of a row of thumbnails and of what is below
 _LEAST_SHOWN_CM = 0.1  # of a logarithmic axis
 
 
@@ -54,27 +58,50 @@ def plot_run(
     figure.savefig(path, format='png', metadata={'Software': None})
 
 
-def plot_comparison(path: Path, runs: Mapping[str, AlignedTrajectory], title: str) -> None:
-    """Write a picture of several runs of one recording side by side, at one scale of error."""
-    figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
+def plot_comparison(
+    path: Path,
+    runs: Mapping[str, AlignedTrajectory],
+    title: str,
+    thumbnails: Sequence[ByteArray] = (),
+) -> None:
+    """Write a picture of several runs of one recording side by side, at one scale of error.
+
+    Args:
+        path: The file, replaced when it is there.
+        runs: By label.
+        title: What was run, in one line.
+        thumbnails: (H, W, 3) BGR pictures for a row above.
+    """
+    strip_in = _STRIP_IN if thumbnails else 0.0
+    figure = Figure(figsize=(_SIZE_IN[0], _PATHS_IN + strip_in), dpi=_DPI, layout='constrained')
     FigureCanvasAgg(figure)
-    rows = figure.add_gridspec(2, len(runs), height_ratios=(2.6, 1.0))
-    bottom = figure.add_subplot(rows[1, :])
+    engine = cast('ConstrainedLayoutEngine', figure.get_layout_engine())
+    engine.set(w_pad=_PAD_IN)
+    figure.suptitle(title, fontsize=12, fontweight='bold')
+    paths: FigureBase = figure
+    if thumbnails:
+        parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(strip_in, _PATHS_IN))
+        strip, paths = parts[:, 0]
+        for i, image_bgr in enumerate(thumbnails):
+            axes = strip.add_subplot(1, len(thumbnails), i + 1)
+            axes.imshow(image_bgr[..., ::-1])
+            axes.set_axis_off()
+    rows = paths.add_gridspec(2, len(runs), height_ratios=(2.2, 1.0))
+    bottom = paths.add_subplot(rows[1, :])
     worst_cm = max(100 * float(np.percentile(run.error_m, 99)) for run in runs.values())
     norm = Normalize(0.0, max(worst_cm, 1e-3))
-    above = [figure.add_subplot(rows[0, i]) for i in range(len(runs))]
+    above = [paths.add_subplot(rows[0, i]) for i in range(len(runs))]
     for axes, (label, run), color in zip(above, runs.items(), _COLORS, strict=False):
         lines = _draw_plane(axes, run, (0, 1), norm)
         rmse_cm = 100 * float(np.sqrt(np.mean(run.error_m**2)))
         _label(axes, f'{label}: ATE RMSE {rmse_cm:.2f} cm', 'x [m]', 'y [m]')
         stamps_s = (run.stamps_ns - run.stamps_ns[0]) / _NS
         bottom.plot(stamps_s, 100 * run.error_m, color=color, lw=1.8, label=label)
-    figure.colorbar(lines, ax=above, label='error [cm]', extend='max', shrink=0.9)
+    paths.colorbar(lines, ax=above, label='error [cm]', extend='max', shrink=0.9)
     bottom.set(yscale='log', ylim=(_LEAST_SHOWN_CM, None))
     bottom.yaxis.set_major_formatter(FormatStrFormatter('%g'))
     bottom.legend(loc='upper right', fontsize=9)
     _label(bottom, '', 'time [s]', 'error [cm]')
-    figure.suptitle(title, fontsize=12, fontweight='bold')
     figure.savefig(path, format='png', metadata={'Software': None})
 
 
