@@ -23,11 +23,18 @@ from hoid_bringup.summary import Summary
 from hoid_common.errors import InputError
 
 
-def add_run_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid run`."""
+def _add_shared_arguments(parser: argparse.ArgumentParser) -> None:
     add_recording_arguments(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='results go here')
     add_method_arguments(parser)
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid run`."""
+    _add_shared_arguments(parser)
+    parser.add_argument(
+        '--dense', action='store_true', help='also write cloud.ply, and grid.pgm with grid.yaml'
+    )
 
 
 def run_command(args: argparse.Namespace) -> None:
@@ -35,7 +42,7 @@ def run_command(args: argparse.Namespace) -> None:
     config = run_config(args)
     sequence = recording(args)
     say_detections(config)
-    summary = run_offline(sequence, config, args.out)
+    summary = run_offline(sequence, config, args.out, dense=args.dense)
     print(report(summary, args.out))
     if sequence.fault:
         raise InputError(sequence.fault)
@@ -43,7 +50,7 @@ def run_command(args: argparse.Namespace) -> None:
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid replay`."""
-    add_run_arguments(parser)
+    _add_shared_arguments(parser)
     parser.add_argument(
         '--rate', type=float, default=ReplayConfig().rate, metavar='R', help='times real time'
     )

@@ -15,9 +15,11 @@ from hoid_bringup.outputs import write_outputs
 from hoid_bringup.progress import progress
 from hoid_bringup.run_config import RunConfig
 from hoid_bringup.summary import FilterCounts, MapCounts, RunResult, Summary
-from hoid_common.values import FilterResult, RgbdFrame
+from hoid_common.values import FilterResult, RgbdFrame, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
+from rgbd_slam.frame_poses import FramePoses
 from rgbd_slam.frames import RobotFrames
+from rgbd_slam.room_mapper import RoomMapper
 from rgbd_slam.slam import RgbdSlam, TrackingResult
 
 _MS = 1e3
@@ -25,14 +27,26 @@ _KIB_PER_MB = 1024
 
 
 class OfflinePipeline:
-    """Detector, filter and SLAM, one call a frame."""
+    """Detector, filter and SLAM, one call a frame.
+
+    Args:
+        dense: Whether to make the dense map and the grid too.
+    """
 
     def __init__(
-        self, sequence: Sequence, config: RunConfig, detect: DetectionSource | None = None
+        self,
+        sequence: Sequence,
+        config: RunConfig,
+        detect: DetectionSource | None = None,
+        *,
+        dense: bool = False,
     ) -> None:
         self._detect = detect or detection_source(sequence, config)
         self._filter = FeatureFilter(config.filter, sequence.camera)
         self._slam = RgbdSlam(sequence.camera, config.slam)
+        self._frames = RobotFrames()
+        self._looks = FramePoses(config.dense.rate_hz if dense else None, None)
+        self._room = RoomMapper(sequence.camera, config.dense, config.objects)
         self._features_in = self._features_removed = self._objects_dynamic = 0
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
@@ -46,11 +60,27 @@ class OfflinePipeline:
         start_s = time.thread_time()
         tracking = self._slam.process(filtered.features, frame.image_bgr)
         track_ms = _MS * (time.thread_time() - start_s)
+        self._fuse(frame, filtered, tracking)
         self._count(filtered)
         self._time(filtered, tracking, track_ms)
         if detections is not None:
             self.stage_ms['detect'].append(detect_ms)
         return tracking
+
+    def _fuse(self, frame: RgbdFrame, filtered: FilterResult, tracking: TrackingResult) -> None:
+        if tracking.T_map_camera is None:
+            return
+        pose = self._looks.pick(
+            frame.stamp_ns,
+            self._frames.T_map_core @ tracking.T_map_camera,
+            self._keyframes,
+            is_keyframe=tracking.is_keyframe,
+        )
+        if pose is not None:
+            self._room.fuse(pose, frame.depth_m, frame.image_bgr, filtered.objects)
+
+    def _keyframes(self) -> Trajectory:
+        return self._frames.cameras(self._slam.keyframe_trajectory())
 
     def _count(self, filtered: FilterResult) -> None:
         self.num_processed += 1
@@ -69,7 +99,9 @@ class OfflinePipeline:
         """Let the map settle and return all results, in the z-up map frame."""
         self._slam.finish()
         self._slam.close()
-        frames = RobotFrames()
+        frames, room = self._frames, self._room
+        room.settle(self._keyframes())
+        cloud = room.cloud() if room.num_voxels else None
         stats = self._slam.stats
         return RunResult(
             input_name=sequence.name,
@@ -78,8 +110,10 @@ class OfflinePipeline:
             frames_processed=self.num_processed,
             final=frames.cameras(self._slam.trajectory_final()),
             online=frames.cameras(self._slam.trajectory_online()),
-            keyframes=frames.cameras(self._slam.keyframe_trajectory()),
+            keyframes=self._keyframes(),
             map_points_m=frames.points_m(self._slam.map_points_m()),
+            cloud=cloud,
+            grid=room.grid(cloud) if cloud is not None else None,
             ground_truth=sequence.ground_truth,
             map_counts=MapCounts(
                 stats.num_keyframes,
@@ -101,6 +135,7 @@ def run_offline(
     out_dir: Path,
     *,
     detect: DetectionSource | None = None,
+    dense: bool = False,
     options: Mapping[str, Any] | None = None,
     show_progress: bool = True,
 ) -> Summary:
@@ -111,13 +146,14 @@ def run_offline(
         config: Parameters of all stages.
         out_dir: Where the files go; made when missing.
         detect: Detections in place of those that the configuration asks for.
+        dense: Whether to make the dense map and the grid too.
         options: What to note in the summary as asked for; the changed parameters by default.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
         HoidError: The recording, the model or the output folder is unusable.
     """
-    pipeline = OfflinePipeline(sequence, config, detect)
+    pipeline = OfflinePipeline(sequence, config, detect, dense=dense)
     bar = progress(sequence, len(sequence), 'frames', show=show_progress)
     for frame in bar:
         tracking = pipeline.process(frame)

@@ -16,6 +16,8 @@ from hoid_bringup.plots import plot_run
 from hoid_bringup.summary import RunResult, Summary, summarize
 from hoid_common.errors import InputError
 from hoid_common.values import FloatArray, Trajectory
+from rgbd_slam.dense import export
+from rgbd_slam.dense.grid import write_map_server
 
 
 def write_outputs(out_dir: Path, result: RunResult) -> Summary:
@@ -30,6 +32,10 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
         write_tum(stage / 'trajectory_online.txt', result.online)
         write_tum(stage / 'keyframes.txt', result.keyframes)
         write_ply(stage / 'map.ply', result.map_points_m)
+        if result.cloud is not None:
+            export.write_ply(stage / 'cloud.ply', result.cloud)
+        if result.grid is not None:
+            write_map_server(result.grid, stage / 'grid')
         aligned = _aligned_or_none(result.final, result.ground_truth)
         plot_run(stage / 'trajectory.png', result.final, aligned, _title(summary))
         (stage / 'summary.json').write_text(summary.to_json(), encoding='utf-8')

@@ -100,6 +100,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         remappings.append((topics.DETECTIONS, names.true_detections))
     changed = config.run.changed()
     of = {name: _under(changed, name) for name in ('detector', 'filter', 'slam')}
+    room = {name: changed[name] for name in changed if name.startswith(('dense.', 'objects.'))}
     listening = {'input.compressed': names.is_compressed}
     return NodeOptions(
         nodes=config.nodes,
@@ -108,7 +109,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         parameters={
             DETECTOR: {**of['detector'], 'model': config.run.model, **listening},
             FILTER: {**of['filter'], **listening},
-            SLAM: {**of['slam'], 'map_directory': str(folder)},
+            SLAM: {**of['slam'], **room, **listening, 'map_directory': str(folder)},
         },
     )
 
@@ -116,7 +117,9 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     """Return the player's command line; it begins when all nodes listen to the images."""
     color = bag.topics.color.name.lstrip('/')
-    listeners = len(set(config.nodes) - {SLAM})
+    run = config.run
+    looks = run.dense.enabled or run.objects.enabled  # SLAM alone does not look at images
+    listeners = len(config.nodes) - (not looks)
     lockstep = ('--lockstep',) if config.lockstep else ()
     return ProcessSpec(
         PLAYER,

@@ -9,6 +9,8 @@ from hoid_common.config import Config, param
 from hoid_detector.config import DetectorConfig
 from hoid_filter.config import FilterConfig
 from rgbd_slam.config import SlamConfig
+from rgbd_slam.dense.config import DenseConfig
+from rgbd_slam.object_tracker import ObjectTrackerConfig
 
 TRUTH = 'truth'
 """As a model: the exact boxes that a rendered bag brings, in place of a detector's."""
@@ -22,6 +24,8 @@ class RunConfig(Config):
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     filter: FilterConfig = field(default_factory=FilterConfig)
     slam: SlamConfig = field(default_factory=SlamConfig)
+    dense: DenseConfig = field(default_factory=DenseConfig)
+    objects: ObjectTrackerConfig = field(default_factory=ObjectTrackerConfig)
 
     @property
     def needs_detections(self) -> bool:

@@ -15,6 +15,8 @@ import numpy as np
 from hoid_bringup.evaluation import evaluate
 from hoid_common.errors import InputError
 from hoid_common.values import FloatArray, Trajectory
+from rgbd_slam.dense.grid import Grid
+from rgbd_slam.dense.voxel_map import ColoredCloud
 
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'rosbags', 'evo')
 
@@ -72,6 +74,8 @@ class RunResult:
     stage_ms: Mapping[str, Sequence[float]]  # per stage, one entry a frame
     peak_rss_mb: float
     latency_ms: Sequence[float] = ()  # image stamp to odometry, live only
+    cloud: ColoredCloud | None = None  # dense map, in the map frame
+    grid: Grid | None = None
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     config = RunConfig().updated({'filter.strategy': 'none'})
     first, second = (tmp_path_factory.mktemp(name) for name in 'ab')
     for out in (first, second):
-        run_offline(WallSequence(), config, out, show_progress=False)
+        run_offline(WallSequence(), config, out, dense=True, show_progress=False)
     return first, second
 
 
@@ -79,7 +79,13 @@ def test_a_known_path_is_recovered(runs: tuple[Path, Path]) -> None:
 
 
 def test_equal_runs_are_equal_to_the_byte(runs: tuple[Path, Path]) -> None:
-    for name in ('trajectory.txt', 'trajectory_online.txt', 'keyframes.txt', 'map.ply'):
+    for name in (
+        'trajectory.txt',
+        'trajectory_online.txt',
+        'keyframes.txt',
+        'map.ply',
+        'cloud.ply',
+    ):
         assert (runs[0] / name).read_bytes() == (runs[1] / name).read_bytes()
 
 
@@ -90,6 +96,22 @@ def test_the_map_is_z_up_with_the_camera_looking_along_x(runs: tuple[Path, Path]
     last = (runs[0] / 'trajectory.txt').read_text().splitlines()[-1].split()
     right, down = (s * STEP_M for s in WallSequence().step(FRAMES - 1))
     assert [float(v) for v in last[1:4]] == pytest.approx([0, -right, -down], abs=0.01)
+
+
+def test_the_dense_map_shows_the_wall_and_no_grid_without_a_floor(runs: tuple[Path, Path]) -> None:
+    ply = (runs[0] / 'cloud.ply').read_bytes()
+    layout = np.dtype([('xyz', '<f4', 3), ('rgb', 'u1', 3)])
+    points = np.frombuffer(ply[ply.index(b'end_header\n') + 11 :], layout)
+    assert len(points) > 2000
+    np.testing.assert_allclose(points['xyz'][:, 0], WALL_M, atol=0.02)
+    assert np.ptp(points['rgb']) > 100
+    assert not (runs[0] / 'grid.pgm').exists()
+
+
+def test_a_dense_map_is_made_on_demand_only(tmp_path: Path) -> None:
+    config = RunConfig().updated({'filter.strategy': 'none'})
+    run_offline(WallSequence(), config, tmp_path, show_progress=False)
+    assert not (tmp_path / 'cloud.ply').exists()
 
 
 def test_features_on_a_person_are_removed(tmp_path: Path) -> None:
