@@ -100,8 +100,8 @@ class Renderer:
         cosine = self._cosine(hits, moving, view)
         footprint = hits.t**2 / (cosine * np.float32(self._config.camera.fx_px**2))
         colour = shading.shade(
-            shading.rows_of(self._table, hits.face),
-            hits.barycentric,
+            self._table,
+            hits,
             footprint,
             self._stage.world.atlas,
             self._shadow(hits, moving, view),
