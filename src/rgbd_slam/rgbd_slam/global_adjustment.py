@@ -17,10 +17,13 @@ from hoid_common.values import IntArray
 from rgbd_slam.backend.bundle import adjust_sparse
 from rgbd_slam.essential_graph import move_map
 from rgbd_slam.frame import StereoCamera
-from rgbd_slam.local_ba import BundleProblem, BundleSolution
+from rgbd_slam.local_ba import BundleProblem, BundleSolution, adjust
 from rgbd_slam.map import SlamMap
 from rgbd_slam.table import Table
 from rgbd_slam.window import bundle_problem
+
+
+_DENSE_LIMIT = 500  # keyframes: dense time grows with their cube, memory with the square
 
 
 class GlobalProblem(NamedTuple):
@@ -41,6 +44,16 @@ def global_problem(slam_map: SlamMap, map_id: int) -> GlobalProblem:
     j = np.flatnonzero(np.bincount(seen, minlength=points.capacity) > 1)
     bundle, _ = bundle_problem(slam_map, cameras, int(np.count_nonzero(~is_root)), j)
     return GlobalProblem(bundle, keyframes.uid[cameras], points.uid[j])
+
+
+def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> BundleSolution:
+    """Adjust a bundle of any size: at equal cost the dense solver is 5 times as fast as GTSAM.
+
+    Measured on 309 keyframes, 18 000 points and 157 000 observations: 4.7 s and 24.7 s.
+    """
+    if len(bundle.T_camera_map) <= _DENSE_LIMIT:
+        return adjust(camera, bundle, max(iterations // 2, 1))  # it iterates twice, as outliers go
+    return adjust_sparse(camera, bundle, iterations)
 
 
 def lay_over(slam_map: SlamMap, problem: GlobalProblem, solution: BundleSolution) -> None:
@@ -103,12 +116,12 @@ class GlobalAdjuster:
         if problem.bundle.num_free == 0:
             return
         if not self._background:
-            solution = adjust_sparse(self._camera, problem.bundle, self._iterations)
+            solution = solve(self._camera, problem.bundle, self._iterations)
             lay_over(self._map, problem, solution)
             return
         if self._pool is None:
             self._pool = ProcessPoolExecutor(1, get_context('spawn'))
-        future = self._pool.submit(adjust_sparse, self._camera, problem.bundle, self._iterations)
+        future = self._pool.submit(solve, self._camera, problem.bundle, self._iterations)
         self._running = (problem, future)
 
     def poll(self) -> bool:
