@@ -4,6 +4,7 @@ import errno
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -41,15 +42,16 @@ def read_with_mcap(bag: Path) -> list[tuple[str, str, int, object]]:
         return [
             (channel.topic, schema.name, message.log_time, decoded)
             for schema, channel, message, decoded in reader.iter_decoded_messages()
+            if schema is not None
         ]
 
 
-def on(messages: list[tuple[str, str, int, object]], topic: str) -> list:
+def on(messages: list[tuple[str, str, int, object]], topic: str) -> list[Any]:
     return [message for name, _, _, message in messages if name == topic]
 
 
-def stamp_ns(message) -> int:
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+def stamp_ns(message: Any) -> int:
+    return int(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
 
 
 @pytest.mark.parametrize('compress', [False, True])
@@ -147,8 +149,13 @@ def test_files_of_another_encoding_are_encoded(
         on(read_with_rosbags(tmp_path / 'bag'), '/rgb/image/compressed'),
         strict=True,
     ):
-        pixels = cv2.imdecode(message.data, cv2.IMREAD_COLOR).astype(int)
-        off = np.abs(pixels - cv2.imread(str(listed.path))).mean()
+        pixels, written = (
+            cv2.imdecode(message.data, cv2.IMREAD_COLOR),
+            cv2.imread(str(listed.path)),
+        )
+        assert pixels is not None
+        assert written is not None
+        off = np.abs(pixels.astype(int) - written).mean()
         assert off == 0 if encoding == 'png' else off < 3
 
 

@@ -146,7 +146,7 @@ def test_read_ahead_hands_errors_on() -> None:
         yield cue(1)
         raise InputError('damaged')
 
-    seen = []
+    seen: list[Cue] = []
     with pytest.raises(InputError, match='damaged'), ReadAhead(failing()) as ahead:
         seen.extend(ahead)
     assert seen == [cue(1)]

@@ -41,9 +41,11 @@ def test_frames_are_the_files(make_folder: FolderMaker, camera: CameraModel) -> 
     for i, frame in enumerate(frames):
         color = cv2.imread(str(image(folder, 'rgb', i)))
         depth = cv2.imread(str(image(folder, 'depth', i)), cv2.IMREAD_UNCHANGED)
+        assert color is not None
+        assert depth is not None
         np.testing.assert_array_equal(frame.image_bgr, color)
         assert frame.depth_m.dtype == np.float32
-        np.testing.assert_array_equal(frame.depth_m, (depth / 5000.0).astype(np.float32))
+        np.testing.assert_array_equal(frame.depth_m, np.asarray(depth / 5000.0, np.float32))
     assert [frame.stamp_ns for frame in sequence] == [frame.stamp_ns for frame in frames]
 
 
@@ -62,7 +64,7 @@ def test_truth_and_accelerometer(
     truth, accelerometer = folder.ground_truth, folder.accelerometer
     assert truth is not None
     assert truth.stamps_ns.tolist() == [1_305_031_102_175_300_000, 1_305_031_102_200_000_000]
-    expected = [[0, -1, 0, 1.5], [1, 0, 0, -0.25], [0, 0, 1, 2.0], [0, 0, 0, 1]]
+    expected = np.array([[0, -1, 0, 1.5], [1, 0, 0, -0.25], [0, 0, 1, 2.0], [0, 0, 0, 1]])
     np.testing.assert_allclose(truth.T_world_camera[0], expected, atol=1e-12)
     assert accelerometer is not None
     assert accelerometer.stamps_ns.tolist() == [1_305_031_102_176_000_001]

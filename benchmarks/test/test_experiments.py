@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from hoid_benchmarks.check import check
 from hoid_benchmarks.literature import published
 from hoid_benchmarks.page import Head, Section, render_page
 from hoid_benchmarks.perturb import PerturbedSequence, cover_columns, perturb_detections
-from hoid_benchmarks.plan import Job, Perturbation, load_plan
+from hoid_benchmarks.plan import Job, Perturbation, Plan, load_plan
 from hoid_benchmarks.results import Result, key_value, read_result, spread, write_result
 from hoid_benchmarks.sequences import Store
 from hoid_benchmarks.tables import failures, make_table
@@ -43,32 +44,32 @@ experiments:
 
 
 @pytest.fixture
-def plan(tmp_path):
+def plan(tmp_path: Path) -> Plan:
     path = tmp_path / 'plan.yaml'
     path.write_text(PLAN)
     return load_plan(str(path))
 
 
-def result(job, ate, coverage=1.0):
-    return Result(job, {'ate_rmse_m': ate, 'coverage': coverage, 'ate_mean_m': ate})
+def result(job: Job, ate: float) -> Result:
+    return Result(job, {'ate_rmse_m': ate, 'coverage': 1.0, 'ate_mean_m': ate})
 
 
 @pytest.mark.parametrize('name', ['quick', 'full'])
-def test_shipped_plans_load_and_their_parameters_exist(name):
+def test_shipped_plans_load_and_their_parameters_exist(name: str) -> None:
     jobs = load_plan(name).jobs()
     assert jobs
     for job in jobs:
         RunConfig().updated({'filter.strategy': job.filter, **dict(job.parameters)})
 
 
-def test_jobs_are_shared_between_experiments_and_no_filter_needs_no_detector(plan):
+def test_jobs_are_shared_between_experiments_and_no_filter_needs_no_detector(plan: Plan) -> None:
     jobs = plan.jobs()
     assert len(jobs) == 2 + 4 + 2  # none: per seed; hoid2d: x and y; curve adds one setting
     assert all(job.detector == '' for job in jobs if job.filter == 'none')
     assert len({job.key for job in jobs}) == len(jobs)
 
 
-def test_unknown_plans_views_and_experiments_are_refused(plan, tmp_path):
+def test_unknown_plans_views_and_experiments_are_refused(plan: Plan, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match='full'):
         load_plan('nonsense')
     with pytest.raises(ConfigError, match='compare, curve'):
@@ -79,16 +80,17 @@ def test_unknown_plans_views_and_experiments_are_refused(plan, tmp_path):
         load_plan(str(bad))
 
 
-def test_results_survive_and_a_cut_off_one_is_none(tmp_path):
+def test_results_survive_and_a_cut_off_one_is_none(tmp_path: Path) -> None:
     job = Job('a', 'none', '', 0)
     assert read_result(tmp_path, job) is None
     write_result(tmp_path, result(job, 0.01))
     found = read_result(tmp_path, job)
+    assert found is not None
     assert found.summary['ate_rmse_m'] == 0.01
     assert read_result(tmp_path, replace(job, seed=1)) is None
 
 
-def test_spread_is_the_median_of_runs_that_ended_well():
+def test_spread_is_the_median_of_runs_that_ended_well() -> None:
     job = Job('a', 'none', '', 0)
     runs = [result(job, x) for x in (0.3, 0.1, 0.2)] + [Result(job, {}, 'died')]
     found = spread(runs, key_value('ate_rmse_m'))
@@ -96,7 +98,7 @@ def test_spread_is_the_median_of_runs_that_ended_well():
     assert math.isnan(spread(runs, key_value('stage_ms.track.median')).median)
 
 
-def test_the_comparison_states_improvement_in_percent(plan):
+def test_the_comparison_states_improvement_in_percent(plan: Plan) -> None:
     compare = plan.experiments[0]
     ate = {'none': 0.4, 'hoid2d': 0.02}
     table = make_table(compare, [result(j, ate[j.filter]) for j in compare.jobs])
@@ -107,7 +109,7 @@ def test_the_comparison_states_improvement_in_percent(plan):
     assert table.csv().splitlines()[0].startswith('sequence,filter')
 
 
-def test_failed_runs_are_rows_that_say_why(plan):
+def test_failed_runs_are_rows_that_say_why(plan: Plan) -> None:
     jobs = plan.experiments[0].jobs
     results = [Result(jobs[0], {}, 'sequence a is missing'), *(result(j, 1.0) for j in jobs[1:])]
     table = failures(results)
@@ -115,7 +117,7 @@ def test_failed_runs_are_rows_that_say_why(plan):
     assert len(table.rows) == 1
 
 
-def test_the_page_is_self_contained_and_escapes(plan):
+def test_the_page_is_self_contained_and_escapes(plan: Plan) -> None:
     sections = [
         Section(
             replace(e, about='a < b & c'),
@@ -134,13 +136,13 @@ def test_the_page_is_self_contained_and_escapes(plan):
         assert f'id="{target}"' in body
 
 
-def test_published_values_are_marked_as_not_rerun():
+def test_published_values_are_marked_as_not_rerun() -> None:
     table = published()
     assert 'not rerun' in table.title
     assert all(len(row) == len(table.columns) for row in table.rows)
 
 
-def test_commands_repeat_the_job():
+def test_commands_repeat_the_job() -> None:
     job = Job('a', 'hoid2d', 'x', 3, parameters=(('filter.min_interaction_area', 0.3),))
     words = command_of(job, 'PATH')
     assert words[:2] == ['run', 'PATH']
@@ -148,7 +150,7 @@ def test_commands_repeat_the_job():
     assert command_of(replace(job, live=True), 'PATH')[0] == 'replay'
 
 
-def test_bounds_hold_break_and_miss(tmp_path):
+def test_bounds_hold_break_and_miss(tmp_path: Path) -> None:
     bounds = tmp_path / 'bounds.yaml'
     rule = {'name': 'ate', 'value': 'ate_rmse_m', 'sequence': 'a', 'filter': 'none', 'max': 0.02}
     bounds.write_text(json.dumps({'bounds': [rule]}))
@@ -159,7 +161,7 @@ def test_bounds_hold_break_and_miss(tmp_path):
     assert 'died' in check([result(job, 0.01), Result(job, {}, 'died')], bounds)[0]
 
 
-def test_missing_sequences_say_where_to_get_them(tmp_path):
+def test_missing_sequences_say_where_to_get_them(tmp_path: Path) -> None:
     store = Store(tmp_path / 'shared', tmp_path / 'made')
     with pytest.raises(InputError, match='rgbd_dataset_freiburg3_walking_xyz'):
         store.find('fr3_walking_xyz')
@@ -174,10 +176,10 @@ class Recording:
     name, ground_truth, true_detections, fault = 'r', None, None, None
     camera = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return 90
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[RgbdFrame]:
         for i in range(90):
             yield RgbdFrame(
                 i * 33_333_333,
@@ -186,7 +188,7 @@ class Recording:
             )
 
 
-def test_perturbed_frames_are_the_same_each_time_and_as_hard_as_asked():
+def test_perturbed_frames_are_the_same_each_time_and_as_hard_as_asked() -> None:
     hard = PerturbedSequence(Recording(), Perturbation(depth_missing_share=0.3), 1)
     first, again = (np.stack([f.depth_m for f in hard]) for _ in range(2))
     np.testing.assert_array_equal(first, again)
@@ -195,41 +197,46 @@ def test_perturbed_frames_are_the_same_each_time_and_as_hard_as_asked():
     assert np.std([f.depth_m for f in noisy]) == pytest.approx(0.04, rel=0.05)
 
 
-def test_a_looped_recording_goes_forth_and_back_in_time_order():
+def test_a_looped_recording_goes_forth_and_back_in_time_order() -> None:
     looped = PerturbedSequence(Recording(), Perturbation(loops=3), 0)
     stamps = [f.stamp_ns for f in looped]
     assert len(stamps) == len(looped) == 270
     assert (np.diff(stamps) > 0).all()
 
 
-def test_the_cover_hides_its_share_of_the_width():
+def test_the_cover_hides_its_share_of_the_width() -> None:
     for stamp_ns in range(0, 10**10, 10**9):
         left, right = cover_columns(640, 0.4, stamp_ns)
         assert 0 <= left < right <= 640
         assert right - left == 256
 
 
-def detect(frame):
+def detect(frame: RgbdFrame) -> Detections:
     box = np.array([[1, 2, 3, 4]], np.float32)
     return Detections(frame.stamp_ns, box, ('person',), np.ones(1, np.float32))
 
 
-def outcomes(perturbation):
+def outcomes(perturbation: Perturbation) -> list[Detections | None]:
     source = perturb_detections(detect, perturbation, 0)
     return [source(frame) for frame in Recording()]
 
 
-def test_missed_detections_are_empty_and_late_ones_none():
-    missed = [len(d) == 0 for d in outcomes(Perturbation(missed_share=0.4))]
+def is_empty(found: Detections | None) -> bool:
+    return found is not None and len(found) == 0
+
+
+def test_missed_detections_are_empty_and_late_ones_none() -> None:
+    missed = [is_empty(d) for d in outcomes(Perturbation(missed_share=0.4))]
     assert np.mean(missed) == pytest.approx(0.4, abs=0.12)
     slow = outcomes(Perturbation(detector_hz=10.0))
     assert sum(d is not None for d in slow) == 30
-    run = [len(d) == 0 for d in outcomes(Perturbation(missed_run=10))]
+    run = [is_empty(d) for d in outcomes(Perturbation(missed_run=10))]
     assert sum(run) == 0  # the first run comes after 3 s
-    covered = outcomes(Perturbation(covered_share=0.5))
-    assert covered[0].class_names == ('person', 'person')
+    covered = outcomes(Perturbation(covered_share=0.5))[0]
+    assert covered is not None
+    assert covered.class_names == ('person', 'person')
 
 
-def test_every_named_plan_file_is_shipped():
+def test_every_named_plan_file_is_shipped() -> None:
     folder = Path(__file__).parents[1] / 'hoid_benchmarks' / 'experiments'
     assert {p.stem for p in folder.glob('*.yaml')} == {'quick', 'full'}

@@ -13,7 +13,8 @@ HEIGHT, WIDTH = 480, 640
 def image_gray() -> ByteArray:
     rng = np.random.default_rng(7)
     coarse = rng.integers(0, 256, (HEIGHT // 8, WIDTH // 8), dtype=np.uint8)
-    return cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+    resized = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(resized, np.uint8)
 
 
 @pytest.fixture
@@ -28,7 +29,8 @@ def test_fills_the_budget_over_the_whole_image(
     assert len(features) == 1000
     assert features.stamp_ns == 5
     assert features.depth_m.min() == features.depth_m.max() == 2.0
-    counts, *_ = np.histogram2d(*features.uv_px.T, bins=(8, 6), range=((0, WIDTH), (0, HEIGHT)))
+    u_px, v_px = features.uv_px.T
+    counts, *_ = np.histogram2d(u_px, v_px, bins=(8, 6), range=((0, WIDTH), (0, HEIGHT)))
     assert counts.min() >= 5
     assert np.bincount(features.octave).tolist() == [217, 181, 151, 126, 104, 88, 72, 61]
 

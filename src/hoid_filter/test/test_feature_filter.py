@@ -19,7 +19,8 @@ def frame() -> RgbdFrame:
     rng = np.random.default_rng(3)
     coarse = rng.integers(0, 256, (HEIGHT // 8, WIDTH // 8, 3), dtype=np.uint8)
     image = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
-    return RgbdFrame(1_000, image, np.full((HEIGHT, WIDTH), 2.0, np.float32))
+    color = np.asarray(image, np.uint8)
+    return RgbdFrame(1_000, color, np.full((HEIGHT, WIDTH), 2.0, np.float32))
 
 
 def test_no_feature_in_a_dynamic_box_and_the_budget_refilled(frame: RgbdFrame) -> None:

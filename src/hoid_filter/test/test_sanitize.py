@@ -37,7 +37,9 @@ def test_boxes_beyond_the_image_and_scores_beyond_one_are_clipped() -> None:
 def test_a_million_boxes_leave_the_best() -> None:
     num = 1_000_000
     scores = np.linspace(0, 1, num, dtype=np.float32)
-    flood = Detections(0, np.tile(np.float32([1, 1, 9, 9]), (num, 1)), ('cup',) * num, scores)
+    flood = Detections(
+        0, np.tile(np.array([1, 1, 9, 9], np.float32), (num, 1)), ('cup',) * num, scores
+    )
     fit, refused, _ = sanitize(flood, 160, 120, 300)
     assert len(fit) == 300
     assert fit.scores.min() > 0.99

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -6,13 +8,15 @@ from hoid_filter.config import FilterConfig
 from hoid_filter.registry import make_strategy
 from hoid_filter.scene import Verdict
 
-from .helpers import HEIGHT, WIDTH, detections, view
+from .helpers import HEIGHT, WIDTH, BoxTuple, detections, view
 
 S, P, H = Reason.STATIC, Reason.PERSON, Reason.HANDLED
 PERSON_BOX = (0.0, 0.0, 44.0, 120.0)
 
 
-def judge(strategy: str, *rows: tuple, depth_m: Float32Array | None = None, **values) -> Verdict:
+def judge(
+    strategy: str, *rows: tuple[str, BoxTuple], depth_m: Float32Array | None = None, **values: Any
+) -> Verdict:
     config = FilterConfig(strategy=strategy, **values)
     return make_strategy(config).judge(view(detections(*rows), depth_m, ((50, 50),)))
 

@@ -2,33 +2,36 @@
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
 from hoid_native import Gates, Lens, adjust_bundle, optimize_pose
 
 LENS = Lens(500.0, 510.0, 320.0, 240.0, 40.0)
 GATES = Gates(5.991, 7.815)
+FloatArray = NDArray[np.float64]
 
 
-def rotation(w):
+def rotation(w: FloatArray) -> FloatArray:
     """Rodrigues' formula."""
     angle = np.linalg.norm(w)
     W = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]]) / angle
-    return np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
+    turn: FloatArray = np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
+    return turn
 
 
-def pose(w, t):
+def pose(w: ArrayLike, t: ArrayLike) -> FloatArray:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = rotation(np.asarray(w, float)), t
     return T
 
 
-def pixels(T, points):
+def pixels(T: FloatArray, points: FloatArray) -> FloatArray:
     x, y, z = (points @ T[:3, :3].T + T[:3, 3]).T
     u = LENS.fx_px * x / z + LENS.cx_px
     return np.stack([u, LENS.fy_px * y / z + LENS.cy_px, u - LENS.disparity_px_m / z], 1)
 
 
-def scene(seed, count):
+def scene(seed: int, count: int) -> tuple[np.random.Generator, FloatArray]:
     rng = np.random.default_rng(seed)
     return rng, rng.uniform([-1.5, -1, 1.5], [1.5, 1, 5], (count, 3))
 
@@ -36,7 +39,7 @@ def scene(seed, count):
 TRUTH = pose([0.1, -0.2, 0.15], [0.1, -0.05, 0.2])
 
 
-def test_pose_is_found_with_outliers_and_without_some_depths():
+def test_pose_is_found_with_outliers_and_without_some_depths() -> None:
     rng, points = scene(0, 120)
     measured = pixels(TRUTH, points)
     measured[::3, 2] = np.nan
@@ -48,7 +51,7 @@ def test_pose_is_found_with_outliers_and_without_some_depths():
     assert fit.inliers.tolist() == [False] * 25 + [True] * 95
 
 
-def test_information_is_that_of_numeric_derivatives():
+def test_information_is_that_of_numeric_derivatives() -> None:
     _, points = scene(1, 40)
     measured = pixels(TRUTH, points)
     measured[::2, 2] = np.nan
@@ -69,7 +72,7 @@ def test_information_is_that_of_numeric_derivatives():
     np.testing.assert_allclose(fit.information, expected, rtol=1e-6, atol=1e-3)
 
 
-def test_points_behind_the_camera_are_outliers():
+def test_points_behind_the_camera_are_outliers() -> None:
     _, points = scene(2, 50)
     measured = pixels(TRUTH, points)
     points[:5, 2] -= 20
@@ -77,18 +80,18 @@ def test_points_behind_the_camera_are_outliers():
     assert fit.inliers.tolist() == [False] * 5 + [True] * 45
 
 
-def test_too_few_points_leave_the_pose_alone():
+def test_too_few_points_leave_the_pose_alone() -> None:
     _, points = scene(3, 3)
     fit = optimize_pose(LENS, GATES, points, pixels(TRUTH, points), np.ones(3), np.eye(4))
     np.testing.assert_array_equal(fit.T_camera_map, np.eye(4))
 
 
-def test_coordinates_of_another_shape_are_refused():
+def test_coordinates_of_another_shape_are_refused() -> None:
     with pytest.raises(ValueError, match=r'\(4, 3\)'):
         optimize_pose(LENS, GATES, np.zeros((3, 4)), np.zeros((4, 3)), np.ones(4), np.eye(4))
 
 
-def test_bundle_comes_back_to_the_truth():
+def test_bundle_comes_back_to_the_truth() -> None:
     rng, points = scene(4, 150)
     poses = np.stack(
         [TRUTH, *(pose([0.02 * i, 0.03, 0.01], [0.15 * i, 0, 0.02 * i]) for i in range(1, 5))]

@@ -5,16 +5,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from hoid_native import fast_corners, match_by_projection, orientations_deg
 
+ByteArray = NDArray[np.uint8]
 
-def textured(seed, height=97, width=131):
+
+def textured(seed: int, height: int = 97, width: int = 131) -> ByteArray:
     noise = np.random.default_rng(seed).integers(0, 256, (height, width)).astype(np.uint8)
-    return cv2.GaussianBlur(noise, (0, 0), 1.2)
+    return np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.2), np.uint8)
 
 
-def opencv_corners(image, threshold, border):
+def opencv_corners(image: ByteArray, threshold: int, border: int) -> dict[tuple[int, int], int]:
     found = cv2.FastFeatureDetector.create(threshold, True).detect(image)
     height, width = image.shape
     return {
@@ -26,7 +29,7 @@ def opencv_corners(image, threshold, border):
 
 @pytest.mark.parametrize('threshold', [1, 7, 20, 60])
 @pytest.mark.parametrize('size', [(97, 131), (64, 40), (120, 321)])
-def test_corners_and_scores_are_those_of_opencv(threshold, size):
+def test_corners_and_scores_are_those_of_opencv(threshold: int, size: tuple[int, int]) -> None:
     image = textured(threshold, *size)
     corners = fast_corners(image, threshold, 3)
     mine = dict(
@@ -40,7 +43,7 @@ def test_corners_and_scores_are_those_of_opencv(threshold, size):
     assert mine or threshold > 20
 
 
-def test_a_strided_view_is_read_as_it_is():
+def test_a_strided_view_is_read_as_it_is() -> None:
     image = textured(5)
     view = image[5:90, 7:120]
     corners = fast_corners(view, 7, 3)
@@ -49,26 +52,26 @@ def test_a_strided_view_is_read_as_it_is():
     assert corners.y.tolist() == copied.y.tolist()
 
 
-def test_too_small_an_image_has_no_corners():
+def test_too_small_an_image_has_no_corners() -> None:
     assert len(fast_corners(textured(1, 20, 20), 7, 3).x) == 0
 
 
-def test_white_and_black_images_saturate_without_corners():
+def test_white_and_black_images_saturate_without_corners() -> None:
     for value in (0, 255):
         assert len(fast_corners(np.full((80, 80), value, np.uint8), 7, 3).x) == 0
 
 
 @pytest.mark.parametrize('angle_deg', [0, 30, 90, 135, 200, 359])
-def test_orientation_points_along_the_gradient(angle_deg):
+def test_orientation_points_along_the_gradient(angle_deg: int) -> None:
     v, u = np.mgrid[-40:41, -40:41]
     ramp = np.cos(np.radians(angle_deg)) * u + np.sin(np.radians(angle_deg)) * v
     image = np.clip(np.rint(128 + 4 * ramp), 0, 255).astype(np.uint8)
-    (found,) = orientations_deg(image, np.array([40]), np.array([40]))
+    (found,) = orientations_deg(image, np.array([40], np.int32), np.array([40], np.int32))
     assert (found - angle_deg + 180) % 360 - 180 == pytest.approx(0, abs=0.5)
     assert 0 <= found < 360
 
 
-def test_orientation_is_that_of_opencv():
+def test_orientation_is_that_of_opencv() -> None:
     image = textured(3, 200, 200)
     points = cv2.ORB.create(nlevels=1, nfeatures=50, edgeThreshold=31).detect(image)
     x, y = np.rint(cv2.KeyPoint.convert(points)).astype(np.int32).T
@@ -76,14 +79,26 @@ def test_orientation_is_that_of_opencv():
     assert np.abs((difference + 180) % 360 - 180).max() < 0.1
 
 
-def test_orientation_near_the_edge_is_refused():
+def test_orientation_near_the_edge_is_refused() -> None:
     with pytest.raises(ValueError, match='15 px'):
-        orientations_deg(textured(1), np.array([14]), np.array([50]))
+        orientations_deg(textured(1), np.array([14], np.int32), np.array([50], np.int32))
 
 
-def brute_force(proj, radius, low, high, wanted, measured, octave, known, free, most, ratio):
+def brute_force(
+    proj: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    low: NDArray[np.int8],
+    high: NDArray[np.int8],
+    wanted: ByteArray,
+    measured: NDArray[np.float32],
+    octave: ByteArray,
+    known: ByteArray,
+    free: NDArray[np.bool_],
+    most: int,
+    ratio: float,
+) -> set[tuple[int, int]]:
     """Return the pairs by the definition, one query and feature after the other."""
-    wins = {}
+    wins: dict[int, list[tuple[int, int]]] = {}
     for q in range(len(radius)):
         near = []
         for k in range(len(octave)):
@@ -104,9 +119,9 @@ def brute_force(proj, radius, low, high, wanted, measured, octave, known, free, 
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10**6), ratio=st.sampled_from([1.0, 0.9, 0.6]))
-def test_matches_are_those_of_the_definition(seed, ratio):
+def test_matches_are_those_of_the_definition(seed: int, ratio: float) -> None:
     rng = np.random.default_rng(seed)
-    num_q, num_k = rng.integers(1, 25), rng.integers(0, 40)
+    num_q, num_k = int(rng.integers(1, 25)), int(rng.integers(0, 40))
     measured = rng.uniform(0, 120, (num_k, 3)).astype(np.float32)
     measured[rng.random(num_k) < 0.4, 2] = np.nan
     known = rng.integers(0, 256, (num_k, 32)).astype(np.uint8)
@@ -135,7 +150,7 @@ def test_matches_are_those_of_the_definition(seed, ratio):
     assert mine == expected
 
 
-def test_no_features_give_no_matches():
+def test_no_features_give_no_matches() -> None:
     none = match_by_projection(
         np.zeros((3, 1)),
         np.ones(1),
@@ -152,7 +167,7 @@ def test_no_features_give_no_matches():
     assert len(none.q) == 0
 
 
-def test_a_contested_feature_goes_to_the_nearer_query():
+def test_a_contested_feature_goes_to_the_nearer_query() -> None:
     known = np.zeros((1, 32), np.uint8)
     wanted = np.zeros((2, 32), np.uint8)
     wanted[0, 0] = 0b111

@@ -4,16 +4,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoid_common import se3
-from hoid_common.values import CameraModel
-from rgbd_slam.alignment import AlignmentStatus, align_image, align_points
+from hoid_common.values import BoolArray, CameraModel, Float32Array, FloatArray
+from rgbd_slam.alignment import Alignment, AlignmentStatus, align_image, align_points
 from rgbd_slam.frame import StereoCamera
 from rgbd_slam.place_config import AlignmentConfig
 
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0), 0.075)
+CONFIG = AlignmentConfig()
 T_CAMERA_POINTS = se3.exp(np.array([0.2, -0.4, 0.1, 0.5, -0.2, 0.3]))
 
 
-def _scene(count=120, seed=0, wrong=0.5, depth_share=1.0, noise_px=0.3):
+def _scene(
+    count: int = 120, seed: int = 0, wrong: float = 0.5, depth_share: float = 1.0
+) -> tuple[Float32Array, Float32Array, FloatArray, BoolArray]:
     """Return measurement, depth, points, and which matches are right, at T_CAMERA_POINTS."""
     rng = np.random.default_rng(seed)
     depth = rng.uniform(0.8, 3.0, count)
@@ -22,10 +25,9 @@ def _scene(count=120, seed=0, wrong=0.5, depth_share=1.0, noise_px=0.3):
     points = se3.transform(se3.inverse(T_CAMERA_POINTS), in_camera)
     right = rng.random(count) >= wrong
     points[~right] = points[rng.permutation(count)[: (~right).sum()]] + 0.3
-    disparity = CAMERA.baseline_px_m / depth + rng.normal(
-        0, 0.06, count
-    )  # a Kinect's, 13 mm at 3 m
-    measurement = CAMERA.project(in_camera) + rng.normal(0, noise_px, (count, 3))
+    # A Kinect's noise, 13 mm at 3 m.
+    disparity = CAMERA.baseline_px_m / depth + rng.normal(0, 0.06, count)
+    measurement = CAMERA.project(in_camera) + rng.normal(0, 0.3, (count, 3))
     measurement[:, 2] = measurement[:, 0] - disparity
     has_depth = rng.random(count) < depth_share
     depth = np.where(has_depth, CAMERA.baseline_px_m / (measurement[:, 0] - measurement[:, 2]), 0)
@@ -33,30 +35,36 @@ def _scene(count=120, seed=0, wrong=0.5, depth_share=1.0, noise_px=0.3):
     return measurement.astype(np.float32), depth.astype(np.float32), points, right
 
 
-def _aligned(measurement, depth, points, seed=0, **config):
+def _aligned(
+    measurement: Float32Array,
+    depth: Float32Array,
+    points: FloatArray,
+    seed: int = 0,
+    config: AlignmentConfig = CONFIG,
+) -> Alignment:
     return align_image(
         measurement,
         np.ones(len(points)),
         depth,
         points,
         CAMERA,
-        AlignmentConfig(**config),
+        config,
         np.random.default_rng(seed),
     )
 
 
-def _error(T):
+def _error(T: FloatArray) -> tuple[float, float]:
     twist = se3.log(se3.inverse(T_CAMERA_POINTS) @ T)
-    return np.rad2deg(np.linalg.norm(twist[:3])), np.linalg.norm(twist[3:])
+    return float(np.rad2deg(np.linalg.norm(twist[:3]))), float(np.linalg.norm(twist[3:]))
 
 
-def test_horn_alignment_recovers_a_known_transform_exactly():
+def test_horn_alignment_recovers_a_known_transform_exactly() -> None:
     points = np.random.default_rng(0).normal(size=(7, 3))
     T = align_points(se3.transform(T_CAMERA_POINTS, points), points)
     np.testing.assert_allclose(T, T_CAMERA_POINTS, atol=1e-12)
 
 
-def test_horn_alignment_of_a_quarter_turn_by_hand():
+def test_horn_alignment_of_a_quarter_turn_by_hand() -> None:
     b = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     a = np.array([[1.0, 2, 3], [1, 3, 3], [0, 2, 3]])
     expected = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
@@ -65,7 +73,9 @@ def test_horn_alignment_of_a_quarter_turn_by_hand():
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**31), st.integers(3, 10))
-def test_horn_alignment_is_a_rotation_even_of_mirrored_or_flat_points(seed, count):
+def test_horn_alignment_is_a_rotation_even_of_mirrored_or_flat_points(
+    seed: int, count: int
+) -> None:
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(2, 4, count, 3))
     a[1] = b[1] * [1, 1, -1]
@@ -76,7 +86,7 @@ def test_horn_alignment_is_a_rotation_even_of_mirrored_or_flat_points(seed, coun
 
 
 @pytest.mark.parametrize('depth_share', [1.0, 0.5, 0.0])
-def test_a_pose_is_found_among_half_wrong_matches(depth_share):
+def test_a_pose_is_found_among_half_wrong_matches(depth_share: float) -> None:
     measurement, depth, points, right = _scene(depth_share=depth_share)
     result = _aligned(measurement, depth, points)
     assert result.status is AlignmentStatus.OK
@@ -87,21 +97,21 @@ def test_a_pose_is_found_among_half_wrong_matches(depth_share):
     assert result.inliers[~right].mean() < 0.1
 
 
-def test_eighty_percent_wrong_matches():
+def test_eighty_percent_wrong_matches() -> None:
     measurement, depth, points, right = _scene(count=250, wrong=0.8)
-    result = _aligned(measurement, depth, points, hypotheses=600)
+    result = _aligned(measurement, depth, points, config=AlignmentConfig(hypotheses=600))
     assert result.status is AlignmentStatus.OK
     assert _error(result.T_camera_points)[1] < 0.02
     assert result.inliers[right].mean() > 0.9
 
 
-def test_the_same_seed_gives_the_same_answer():
-    scene = _scene()[:3]
-    first, second = _aligned(*scene, seed=3), _aligned(*scene, seed=3)
+def test_the_same_seed_gives_the_same_answer() -> None:
+    measurement, depth, points, _ = _scene()
+    first, second = (_aligned(measurement, depth, points, seed=3) for _ in range(2))
     assert (first.T_camera_points == second.T_camera_points).all()
 
 
-def test_random_matches_give_no_pose():
+def test_random_matches_give_no_pose() -> None:
     measurement, depth, points, _ = _scene(wrong=1.0)
     points = np.random.default_rng(5).permutation(points)
     result = _aligned(measurement, depth, points)
@@ -109,12 +119,12 @@ def test_random_matches_give_no_pose():
     assert not result.inliers.any()
 
 
-def test_too_few_matches_are_said():
+def test_too_few_matches_are_said() -> None:
     measurement, depth, points, _ = _scene(count=8, wrong=0.0)
     assert _aligned(measurement, depth, points).status is AlignmentStatus.TOO_FEW_MATCHES
 
 
-def test_points_behind_the_camera_are_no_inliers():
+def test_points_behind_the_camera_are_no_inliers() -> None:
     measurement, depth, points, _ = _scene(wrong=0.0)
     points[:40] = se3.transform(
         se3.inverse(T_CAMERA_POINTS), -CAMERA.back_project(measurement[:40], depth[:40])

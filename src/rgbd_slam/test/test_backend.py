@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.values import CameraModel
+from hoid_common.values import BoolArray, CameraModel, FloatArray
 from rgbd_slam.backend.bundle import adjust_sparse
 from rgbd_slam.backend.pose_graph import PoseGraph
 from rgbd_slam.frame import StereoCamera
@@ -13,7 +13,7 @@ from rgbd_slam.local_ba import BundleProblem, adjust
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0), 0.075)
 
 
-def _ring(count=12, radius_m=2.0):
+def _ring(count: int = 12, radius_m: float = 2.0) -> FloatArray:
     """Return (count, 4, 4) poses on a circle, each turned along with it."""
     angle = 2 * np.pi * np.arange(count) / count
     T = se3.exp(np.stack([0 * angle, angle, 0 * angle, 0 * angle, 0 * angle, 0 * angle], 1))
@@ -21,7 +21,7 @@ def _ring(count=12, radius_m=2.0):
     return T
 
 
-def _drifted(truth, drift):
+def _drifted(truth: FloatArray, drift: FloatArray) -> FloatArray:
     """Return poses chained from the true steps, each followed by the same error."""
     out = [truth[0]]
     for a, b in pairwise(truth):
@@ -29,7 +29,7 @@ def _drifted(truth, drift):
     return np.array(out)
 
 
-def test_a_consistent_pose_graph_stays_where_it_is():
+def test_a_consistent_pose_graph_stays_where_it_is() -> None:
     poses = _ring()
     graph = PoseGraph()
     for uid, T in enumerate(poses):
@@ -42,7 +42,7 @@ def test_a_consistent_pose_graph_stays_where_it_is():
     assert solution.error_after < 1e-12
 
 
-def test_a_loop_edge_takes_out_the_drift_of_a_ring():
+def test_a_loop_edge_takes_out_the_drift_of_a_ring() -> None:
     truth = _ring(24)
     poses = _drifted(truth, np.array([0.0, 0.006, 0.0, 0.004, 0.0, 0.006]))
     graph = PoseGraph()
@@ -61,7 +61,7 @@ def test_a_loop_edge_takes_out_the_drift_of_a_ring():
     assert np.linalg.norm(se3.log(se3.inverse(loop) @ closing)) < 0.01
 
 
-def test_two_edges_that_disagree_meet_where_their_sigmas_say():
+def test_two_edges_that_disagree_meet_where_their_sigmas_say() -> None:
     graph = PoseGraph()
     here, there = np.eye(4), se3.exp(np.array([0, 0, 0, 1.0, 0, 0]))
     further = se3.exp(np.array([0, 0, 0, 2.0, 0, 0]))
@@ -74,21 +74,19 @@ def test_two_edges_that_disagree_meet_where_their_sigmas_say():
     assert x == pytest.approx(1.2, abs=1e-6)
 
 
-def _bundle(seed=0, wrong=0.0):
+def _bundle(
+    seed: int = 0, wrong: float = 0.0
+) -> tuple[FloatArray, FloatArray, BundleProblem, BoolArray]:
     """Return true poses and points, and a problem that starts beside them."""
     rng = np.random.default_rng(seed)
     points = rng.uniform([-2, -1.5, 2], [2, 1.5, 4], (150, 3))
     twists = rng.normal(0, 0.08, (6, 6))
     twists[5] = 0.0
     T_camera_map = se3.exp(twists)
-    camera, point, measured = [], [], []
-    for i, T in enumerate(T_camera_map):
-        pixel = CAMERA.project(se3.transform(T, points))
-        seen = (pixel[:, :2] > 0).all(1) & (pixel[:, 0] < 640) & (pixel[:, 1] < 480)
-        camera.append(np.full(seen.sum(), i))
-        point.append(np.flatnonzero(seen))
-        measured.append(pixel[seen])
-    camera, point, measured = map(np.concatenate, (camera, point, measured))
+    pixel = np.stack([CAMERA.project(se3.transform(T, points)) for T in T_camera_map])
+    seen = (pixel[..., :2] > 0).all(2) & (pixel[..., 0] < 640) & (pixel[..., 1] < 480)
+    camera, point = np.nonzero(seen)
+    measured = pixel[seen]
     often = np.bincount(point)[point] > 3
     camera, point, measured = camera[often], point[often], measured[often]
     counted = np.unique(point)
@@ -106,7 +104,7 @@ def _bundle(seed=0, wrong=0.0):
     return T_camera_map, points, problem, false
 
 
-def test_sparse_adjustment_recovers_known_poses_and_points():
+def test_sparse_adjustment_recovers_known_poses_and_points() -> None:
     T_camera_map, points, problem, _ = _bundle()
     solution = adjust_sparse(CAMERA, problem, 20)
     np.testing.assert_allclose(solution.T_camera_map, T_camera_map, atol=1e-5)
@@ -115,7 +113,7 @@ def test_sparse_adjustment_recovers_known_poses_and_points():
     assert not solution.outliers.any()
 
 
-def test_sparse_adjustment_tells_false_observations():
+def test_sparse_adjustment_tells_false_observations() -> None:
     T_camera_map, _, problem, false = _bundle(wrong=0.03)
     solution = adjust_sparse(CAMERA, problem, 30)
     assert solution.outliers[false].mean() > 0.98
@@ -125,7 +123,7 @@ def test_sparse_adjustment_tells_false_observations():
     )
 
 
-def test_sparse_and_dense_adjustment_agree():
+def test_sparse_and_dense_adjustment_agree() -> None:
     rng = np.random.default_rng(1)
     _, _, problem, _ = _bundle(seed=2)
     problem.measured_px[:] += rng.normal(0, 0.5, problem.measured_px.shape)

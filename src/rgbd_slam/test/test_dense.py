@@ -1,11 +1,13 @@
 """The dense map against scenes whose surfaces are known."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.values import CameraModel, Trajectory
+from hoid_common.values import CameraModel, Float32Array, FloatArray, Trajectory
 from rgbd_slam.dense.config import DenseConfig, GridConfig
 from rgbd_slam.dense.dense_mapper import DenseMapper
 from rgbd_slam.dense.export import packed_rgb, write_pcd, write_ply
@@ -20,16 +22,16 @@ BGR = np.full((120, 160, 3), (10, 20, 30), np.uint8)
 NO_BOXES = np.empty((0, 4), np.float32)
 
 
-def wall(depth_m: float) -> np.ndarray:
+def wall(depth_m: float) -> Float32Array:
     return np.full((120, 160), depth_m, np.float32)
 
 
-def fuse(voxels: VoxelMap, depth_m: np.ndarray, times: int) -> None:
+def fuse(voxels: VoxelMap, depth_m: Float32Array, times: int) -> None:
     for _ in range(times):
         voxels.integrate(voxels.view_of(depth_m, BGR), np.eye(4))
 
 
-def test_a_wall_is_mapped_where_it_stands_with_its_color():
+def test_a_wall_is_mapped_where_it_stands_with_its_color() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     fuse(voxels, wall(2.0), 3)
     cloud = voxels.cloud()
@@ -39,13 +41,13 @@ def test_a_wall_is_mapped_where_it_stands_with_its_color():
     assert abs(cloud.points_m[:, 0]).max() == pytest.approx(79.5 / 130 * 2, abs=0.02)
 
 
-def test_a_surface_seen_too_rarely_is_not_shown():
+def test_a_surface_seen_too_rarely_is_not_shown() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     fuse(voxels, wall(2.0), CONFIG.min_views - 1)
     assert len(voxels.cloud().points_m) == 0
 
 
-def test_somebody_who_stood_still_and_left_leaves_no_ghost():
+def test_somebody_who_stood_still_and_left_leaves_no_ghost() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     occupied = wall(3.0)
     occupied[30:100, 60:100] = 1.5
@@ -55,7 +57,7 @@ def test_somebody_who_stood_still_and_left_leaves_no_ghost():
     assert not (voxels.cloud().points_m[:, 2] < 2).any()
 
 
-def test_nothing_behind_a_surface_is_carved():
+def test_nothing_behind_a_surface_is_carved() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     fuse(voxels, wall(3.0), 4)
     before = len(voxels.cloud().points_m)
@@ -63,7 +65,7 @@ def test_nothing_behind_a_surface_is_carved():
     assert (voxels.cloud().points_m[:, 2] > 2.9).sum() == before
 
 
-def test_depth_edges_far_readings_and_holes_are_left_out():
+def test_depth_edges_far_readings_and_holes_are_left_out() -> None:
     depth = wall(1.0)
     depth[:, 80:] = 2.0
     depth[:20] = 9.0
@@ -75,13 +77,13 @@ def test_depth_edges_far_readings_and_holes_are_left_out():
     assert (view.depth_mm[30:90, :70] == 1000).all()
 
 
-def test_the_memory_bound_keeps_the_best_seen():
+def test_the_memory_bound_keeps_the_best_seen() -> None:
     voxels = VoxelMap(CAMERA, DenseConfig(pixel_stride=1, max_voxels=1000))
     fuse(voxels, wall(2.0), 3)
     assert len(voxels) == 1000
 
 
-def test_distortion_of_the_camera_is_undone():
+def test_distortion_of_the_camera_is_undone() -> None:
     camera = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5, (0.2, -0.3, 0.001, -0.002, 0.1))
     voxels = VoxelMap(camera, CONFIG)
     fuse(voxels, wall(2.0), 1)
@@ -93,16 +95,16 @@ def test_distortion_of_the_camera_is_undone():
     assert (uv < (162, 122)).all()
 
 
-def keyframes(*stamps_ns, T=None):
+def keyframes(*stamps_ns: int, T: FloatArray | None = None) -> Trajectory:
     T = np.eye(4) if T is None else T
     return Trajectory(np.array(stamps_ns, np.int64), np.array([T] * len(stamps_ns)))
 
 
-def add(mapper, stamp_ns, known, depth_m=2.0):
-    mapper.add(FramePose(stamp_ns, np.eye(4), known), wall(depth_m), BGR, NO_BOXES)
+def add(mapper: DenseMapper, stamp_ns: int, known: Trajectory) -> None:
+    mapper.add(FramePose(stamp_ns, np.eye(4), known), wall(2.0), BGR, NO_BOXES)
 
 
-def test_a_corrected_keyframe_moves_what_it_saw():
+def test_a_corrected_keyframe_moves_what_it_saw() -> None:
     mapper = DenseMapper(CAMERA, CONFIG)
     for i in range(3):
         add(mapper, i, keyframes(*range(i + 1)))
@@ -112,7 +114,7 @@ def test_a_corrected_keyframe_moves_what_it_saw():
     np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 2.5, atol=1e-3)
 
 
-def test_small_corrections_wait_and_settling_takes_them():
+def test_small_corrections_wait_and_settling_takes_them() -> None:
     mapper = DenseMapper(CAMERA, CONFIG)
     for i in range(4):
         add(mapper, i, keyframes(0))
@@ -122,7 +124,7 @@ def test_small_corrections_wait_and_settling_takes_them():
     np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 2.02, atol=1e-3)
 
 
-def test_views_of_a_culled_keyframe_hang_on_one_that_stays():
+def test_views_of_a_culled_keyframe_hang_on_one_that_stays() -> None:
     mapper = DenseMapper(CAMERA, CONFIG)
     for i in range(4):
         add(mapper, i, keyframes(*range(i + 1)))
@@ -132,7 +134,7 @@ def test_views_of_a_culled_keyframe_hang_on_one_that_stays():
     assert mapper.num_views == 4
 
 
-def test_views_of_another_map_go():
+def test_views_of_another_map_go() -> None:
     mapper = DenseMapper(CAMERA, CONFIG)
     for i in range(4):
         add(mapper, i, keyframes(0))
@@ -141,7 +143,7 @@ def test_views_of_another_map_go():
     assert len(mapper.cloud().points_m) == 0
 
 
-def test_the_views_kept_are_few_and_apart():
+def test_the_views_kept_are_few_and_apart() -> None:
     mapper = DenseMapper(CAMERA, DenseConfig(pixel_stride=2, max_views=5))
     for i in range(20):
         T = se3.exp(np.array([0, 0, 0, 0.1 * (i // 4), 0, 0]))  # four at each of five places
@@ -151,7 +153,7 @@ def test_the_views_kept_are_few_and_apart():
     assert np.ptp(mapper._voxels._sums[:, 0] / mapper._voxels._sums[:, 6]) > 2.7
 
 
-def test_masked_boxes_are_left_out_with_their_margin():
+def test_masked_boxes_are_left_out_with_their_margin() -> None:
     masked = mask_boxes(wall(1.0), np.array([[50.2, 40.0, 60.7, 130.0]], np.float32), 5)
     assert (masked[35:, 45:66] == 0).all()
     assert masked[34, 50] == 1
@@ -159,14 +161,14 @@ def test_masked_boxes_are_left_out_with_their_margin():
     assert masked[60, 66] == 1
 
 
-def room(rng: np.random.Generator) -> np.ndarray:
+def room(rng: np.random.Generator) -> FloatArray:
     floor = np.c_[rng.uniform(0, 4, (4000, 2)), rng.normal(0, 0.005, 4000)]
     table = np.c_[rng.uniform(1, 2, (3000, 2)), rng.normal(0.7, 0.005, 3000)]
     walls = np.c_[rng.uniform(0, 4, 2000), np.full(2000, 4.0), rng.uniform(0, 2.4, 2000)]
     return np.concatenate([floor, table, walls])
 
 
-def test_the_floor_is_found_below_a_larger_table_and_through_tilt():
+def test_the_floor_is_found_below_a_larger_table_and_through_tilt() -> None:
     points = room(np.random.default_rng(1))
     T_map_room = se3.exp(np.array([0.08, -0.05, 0.4, 0.2, -0.3, -1.2]))
     floor = find_floor(se3.transform(T_map_room, points), np.array([0, 0, 1.0]))
@@ -175,30 +177,29 @@ def test_the_floor_is_found_below_a_larger_table_and_through_tilt():
     np.testing.assert_allclose(heights, 0, atol=0.03)
 
 
-def test_a_table_alone_over_unseen_ground_is_no_floor_when_points_lie_below():
+def test_a_table_alone_over_unseen_ground_is_no_floor_when_points_lie_below() -> None:
     points = room(np.random.default_rng(2))[4000:]
     points[-400:, 2] -= 1.5
     assert find_floor(points, np.array([0, 0, 1.0])) is None
 
 
-def test_the_grid_knows_floor_obstacles_and_the_unseen():
+def test_the_grid_knows_floor_obstacles_and_the_unseen() -> None:
     points = room(np.random.default_rng(3))
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=0.1, obstacle_margin_m=0.0))
     assert grid.T_map_origin[:2, 3] == pytest.approx([0, 0])
-    at = lambda x, y: grid.cells[int(y / 0.1), int(x / 0.1)]  # noqa: E731
-    assert at(3.05, 3.05) == FREE
-    assert at(1.55, 1.55) == OCCUPIED
+    assert grid.cells[30, 30] == FREE
+    assert grid.cells[15, 15] == OCCUPIED
     assert grid.cells.shape == (41, 40)
     assert set(np.unique(grid.cells)) <= {FREE, OCCUPIED, UNKNOWN}
 
 
-def test_heights_limit_what_is_an_obstacle():
+def test_heights_limit_what_is_an_obstacle() -> None:
     points = np.array([[0.5, 0.5, 0.05]] * 3 + [[1.5, 0.5, 0.5]] * 3 + [[2.5, 0.5, 2.2]] * 3)
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0))
     assert grid.cells.tolist() == [[FREE, OCCUPIED]]
 
 
-def test_obstacles_reach_a_little_farther_than_their_points():
+def test_obstacles_reach_a_little_farther_than_their_points() -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0], [1.005, 0.5, 0.5]])
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0, obstacle_margin_m=0.01))
     assert grid.cells.tolist() == [[OCCUPIED, OCCUPIED]]
@@ -206,18 +207,19 @@ def test_obstacles_reach_a_little_farther_than_their_points():
     assert grid.cells.tolist() == [[FREE, OCCUPIED]]
 
 
-def test_map_server_files_read_back(tmp_path):
+def test_map_server_files_read_back(tmp_path: Path) -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.5], [1.5, 0.5, 0.6], [0.5, 2.5, 0.0]])
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0))
     write_map_server(grid, tmp_path / 'room')
     image = cv2.imread(str(tmp_path / 'room.pgm'), cv2.IMREAD_UNCHANGED)
+    assert image is not None
     assert image.tolist() == [[254, 205], [205, 205], [254, 0]]
     text = (tmp_path / 'room.yaml').read_text()
     assert 'image: room.pgm' in text
     assert 'origin: [0.000000, 0.000000, 0.000000]' in text
 
 
-def test_ply_and_pcd_hold_the_points(tmp_path):
+def test_ply_and_pcd_hold_the_points(tmp_path: Path) -> None:
     cloud = ColoredCloud(
         np.array([[1, 2, 3], [4, 5, 6]], np.float32), np.array([[1, 2, 3], [255, 0, 7]], np.uint8)
     )

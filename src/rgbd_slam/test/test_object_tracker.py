@@ -1,14 +1,18 @@
 """Tracks of people and objects in rendered depth images, against motions that are known."""
 
+from __future__ import annotations
+
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.values import CameraModel, DynamicObject, Reason
+from hoid_common.values import CameraModel, DynamicObject, FloatArray, Reason
 from rgbd_slam.dense.floor import Floor
 from rgbd_slam.frames import T_BODY_OPTICAL
 from rgbd_slam.object_sighting import DepthScene, sight
-from rgbd_slam.object_tracker import ObjectState, ObjectTracker, ObjectTrackerConfig
+from rgbd_slam.object_tracker import ObjectState, ObjectTracker, ObjectTrackerConfig, TrackedObject
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
 CONFIG = ObjectTrackerConfig()
@@ -17,41 +21,50 @@ RATE_HZ = 10.0
 FLOOR = Floor(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1.2], [0, 0, 0, 1]]), 1000)
 
 
-def thing(class_name, ahead, left, up, size=0.2, reason=Reason.STATIC):
-    """A square that faces the camera, its middle given in the body frame."""
-    return class_name, (ahead, left, up), size, reason
+class Thing(NamedTuple):
+    """A rectangle that faces the camera, its middle given in the body frame."""
+
+    class_name: str
+    ahead: float
+    left: float
+    up: float
+    size_m: tuple[float, float] = (0.2, 0.2)  # width, height
+    reason: Reason = Reason.STATIC
 
 
-def person(ahead, left, up=-0.35, height=1.7):
-    return 'person', (ahead, left, up), (0.5, height), Reason.PERSON
+def person(ahead: float, left: float, up: float = -0.35, height: float = 1.7) -> Thing:
+    return Thing('person', ahead, left, up, (0.5, height), Reason.PERSON)
 
 
 class World:
-    """Draws squares into a depth image and boxes them, nearest on top."""
+    """Draws rectangles into a depth image and boxes them, nearest on top."""
 
-    def __init__(self, T_map_body=None):
+    def __init__(self, T_map_body: FloatArray | None = None) -> None:
         self.T_map_camera = (np.eye(4) if T_map_body is None else T_map_body) @ T_BODY_OPTICAL
         self.stamp_ns = 0
         self.tracker = ObjectTracker(CONFIG)
 
-    def show(self, *things, floor=None):
+    def show(self, *things: Thing, floor: Floor | None = None) -> tuple[TrackedObject, ...]:
         depth = np.full((240, 320), WALL_M, np.float32)
         seen = []
-        for class_name, (ahead, left, up), size, reason in sorted(things, key=lambda t: -t[1][0]):
-            width, height = np.broadcast_to(size, 2)
+        for class_name, ahead, left, up, (width, height), reason in sorted(
+            things, key=lambda t: -t.ahead
+        ):
             u, v = 159.5 - 260 * left / ahead, 119.5 - 260 * up / ahead
             du, dv = 130 * width / ahead, 130 * height / ahead
             box = np.clip([u - du, v - dv, u + du, v + dv], 0, [320, 240, 320, 240])
-            x1, y1, x2, y2 = np.rint(box).astype(int)
+            x1, y1, x2, y2 = np.rint(box).astype(int).tolist()
             depth[y1:y2, x1:x2] = ahead
-            seen.append(DynamicObject(class_name, tuple(map(float, box)), 0.9, -1, reason))
+            left_px, top_px, right_px, bottom_px = box.tolist()
+            box_px = (left_px, top_px, right_px, bottom_px)
+            seen.append(DynamicObject(class_name, box_px, 0.9, -1, reason))
         scene = DepthScene.of(CAMERA, depth, self.T_map_camera)
         out = self.tracker.update(seen, scene, self.stamp_ns, floor)
         self.stamp_ns += round(1e9 / RATE_HZ)
         return out
 
 
-def test_a_walking_person_has_position_and_velocity_in_the_map():
+def test_a_walking_person_has_position_and_velocity_in_the_map() -> None:
     T = se3.exp(np.array([0, 0, 0.4, 1.0, 2.0, 0.3]))
     world = World(T)
     for i in range(20):
@@ -63,7 +76,7 @@ def test_a_walking_person_has_position_and_velocity_in_the_map():
     np.testing.assert_allclose(track.velocity_map_mps, T[:3, 1] * 1.2, atol=0.2)
 
 
-def test_somebody_behind_a_table_stands_on_the_floor():
+def test_somebody_behind_a_table_stands_on_the_floor() -> None:
     world = World()
     for _ in range(5):
         tracks = world.show(person(3.0, 0, up=0.15, height=0.7), floor=FLOOR)
@@ -72,7 +85,7 @@ def test_somebody_behind_a_table_stands_on_the_floor():
     assert track.size_m[2] == pytest.approx(1.7, abs=0.05)
 
 
-def test_a_missed_person_is_predicted_then_forgotten():
+def test_a_missed_person_is_predicted_then_forgotten() -> None:
     world = World()
     for i in range(15):
         world.show(person(3.0, 0.1 * i - 1))
@@ -84,20 +97,20 @@ def test_a_missed_person_is_predicted_then_forgotten():
     assert tracks == ()
 
 
-def test_a_carried_object_gets_its_new_place_and_keeps_its_number():
+def test_a_carried_object_gets_its_new_place_and_keeps_its_number() -> None:
     world = World()
     for _ in range(10):
-        tracks = world.show(thing('cup', 2.0, 0.8, 0))
+        tracks = world.show(Thing('cup', 2.0, 0.8, 0))
     (rest,) = tracks
     assert rest.state is ObjectState.AT_REST
     for i in range(16):
         left = 0.8 - 0.1 * i
-        tracks = world.show(person(2.2, left), thing('cup', 2.0, left, 0, reason=Reason.HANDLED))
+        tracks = world.show(person(2.2, left), Thing('cup', 2.0, left, 0, reason=Reason.HANDLED))
     carried = next(track for track in tracks if track.class_name == 'cup')
     assert carried.state is ObjectState.HANDLED
     assert carried.velocity_map_mps[1] == pytest.approx(-1.0, abs=0.2)
     for _ in range(15):
-        tracks = world.show(thing('cup', 2.0, -0.7, 0))
+        tracks = world.show(Thing('cup', 2.0, -0.7, 0))
     (moved,) = tracks
     assert moved.state is ObjectState.MOVED
     assert moved.track_id == rest.track_id
@@ -105,26 +118,26 @@ def test_a_carried_object_gets_its_new_place_and_keeps_its_number():
     np.testing.assert_allclose(moved.velocity_map_mps, 0)
 
 
-def test_an_object_put_down_after_it_was_out_of_sight_is_known_again():
+def test_an_object_put_down_after_it_was_out_of_sight_is_known_again() -> None:
     world = World()
     for _ in range(10):
-        tracks = world.show(thing('cup', 2.0, 0.8, 0))
+        tracks = world.show(Thing('cup', 2.0, 0.8, 0))
     (rest,) = tracks
     for i in range(20):
         world.show(person(2.2, 0.8 - 0.1 * i))  # carries the cup behind the back
     for _ in range(15):
-        tracks = world.show(thing('cup', 2.0, -0.6, 0))
+        tracks = world.show(Thing('cup', 2.0, -0.6, 0))
     (moved,) = tracks
     assert (moved.track_id, moved.state) == (rest.track_id, ObjectState.MOVED)
 
 
-def test_a_box_behind_a_person_is_not_handled():
+def test_a_box_behind_a_person_is_not_handled() -> None:
     world = World()
-    tv = thing('tv', 5.0, 0, 0, size=0.8)
+    tv = Thing('tv', 5.0, 0, 0, size_m=(0.8, 0.8))
     for _ in range(10):
         tracks = world.show(tv)
     (rest,) = tracks
-    overlapped = thing('tv', 5.0, 0, 0, size=0.8, reason=Reason.HANDLED)
+    overlapped = Thing('tv', 5.0, 0, 0, size_m=(0.8, 0.8), reason=Reason.HANDLED)
     for i in range(20):
         tracks = world.show(overlapped, person(2.0, 1.0 - 0.1 * i))
     (track,) = [track for track in tracks if track.class_name == 'tv']
@@ -132,34 +145,34 @@ def test_a_box_behind_a_person_is_not_handled():
     np.testing.assert_allclose(track.position_map_m, rest.position_map_m, atol=0.02)
 
 
-def test_two_people_keep_their_numbers_and_a_blip_is_not_published():
+def test_two_people_keep_their_numbers_and_a_blip_is_not_published() -> None:
     world = World()
     for i in range(10):
         first = world.show(person(2.5, -0.8 + 0.03 * i), person(3.5, 1.0))
-    world.show(person(2.5, -0.5), person(3.5, 1.0), thing('cup', 1.5, 0.3, 0))
+    world.show(person(2.5, -0.5), person(3.5, 1.0), Thing('cup', 1.5, 0.3, 0))
     second = world.show(person(2.5, -0.45), person(3.5, 1.0))
     assert [t.track_id for t in first] == [t.track_id for t in second]
     assert len(second) == 2
 
 
-def test_objects_without_depth_are_left_out():
+def test_objects_without_depth_are_left_out() -> None:
     depth = np.zeros((240, 320), np.float32)
     scene = DepthScene.of(CAMERA, depth, T_BODY_OPTICAL)
     cup = DynamicObject('cup', (100, 100, 150, 150), 0.9, -1, Reason.STATIC)
     assert sight(cup, scene, None, None) is None
 
 
-def test_the_middle_of_an_object_lies_behind_its_surface():
+def test_the_middle_of_an_object_lies_behind_its_surface() -> None:
     world = World()
     for _ in range(5):
-        tracks = world.show(thing('bottle', 2.0, 0.3, 0.1, size=(0.08, 0.3)))
+        tracks = world.show(Thing('bottle', 2.0, 0.3, 0.1, size_m=(0.08, 0.3)))
     (track,) = tracks
     np.testing.assert_allclose(track.position_map_m, (2.04, 0.3, 0.1), atol=0.02)
     assert track.size_m[2] == pytest.approx(0.3, abs=0.06)
 
 
-def test_memory_is_bounded():
+def test_memory_is_bounded() -> None:
     world = World()
     world.tracker = ObjectTracker(ObjectTrackerConfig(max_objects=5, min_sightings=1))
-    crowd = [thing('cup', 4.0, 0.45 * i - 2, 0) for i in range(9)]
+    crowd = [Thing('cup', 4.0, 0.45 * i - 2, 0) for i in range(9)]
     assert len(world.show(*crowd)) == 5

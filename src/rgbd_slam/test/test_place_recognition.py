@@ -1,33 +1,34 @@
 import numpy as np
 
+from hoid_common.values import ByteArray
 from rgbd_slam.place_config import IndexConfig
 from rgbd_slam.place_recognition import PlaceIndex
 
 
-def _descriptors(seed, count=300):
+def _descriptors(seed: int, count: int = 300) -> ByteArray:
     return np.random.default_rng(seed).integers(0, 256, (count, 32), dtype=np.uint8)
 
 
-def _seen_again(descriptors, seed, flip=0.06):
+def _seen_again(descriptors: ByteArray, seed: int, flip: float = 0.06) -> ByteArray:
     """Return the descriptors with each bit flipped with a probability, as another view would."""
     flips = np.random.default_rng(seed).random((len(descriptors), 256)) < flip
     return descriptors ^ np.packbits(flips, axis=1)
 
 
-def _index_of(num_places):
+def _index_of(num_places: int) -> PlaceIndex:
     index = PlaceIndex(IndexConfig())
     for uid in range(num_places):
         index.add(uid, _descriptors(uid))
     return index
 
 
-def test_an_identical_image_gets_all_votes_and_strangers_none():
+def test_an_identical_image_gets_all_votes_and_strangers_none() -> None:
     votes = _index_of(40).query(_descriptors(17))
     assert votes.uids.tolist() == [17]
     assert votes.votes.tolist() == [300]
 
 
-def test_a_noisy_view_finds_its_place_among_many():
+def test_a_noisy_view_finds_its_place_among_many() -> None:
     index = _index_of(60)
     for uid in (0, 31, 59):
         votes = index.query(_seen_again(_descriptors(uid), seed=1))
@@ -35,7 +36,7 @@ def test_a_noisy_view_finds_its_place_among_many():
         assert votes.votes[0] > 100
 
 
-def test_votes_come_most_first_and_equal_ones_by_uid():
+def test_votes_come_most_first_and_equal_ones_by_uid() -> None:
     index = PlaceIndex(IndexConfig())
     place = _descriptors(3)
     for uid, count in ((9, 100), (4, 300), (7, 100)):
@@ -45,7 +46,7 @@ def test_votes_come_most_first_and_equal_ones_by_uid():
     assert votes.votes.tolist() == [300, 100, 100]
 
 
-def test_a_removed_keyframe_is_not_found_before_and_after_merging():
+def test_a_removed_keyframe_is_not_found_before_and_after_merging() -> None:
     index = _index_of(5)
     index.query(_descriptors(2))
     index.remove(2)
@@ -58,7 +59,7 @@ def test_a_removed_keyframe_is_not_found_before_and_after_merging():
     assert index.query(_descriptors(4)).uids.tolist() == [4]
 
 
-def test_removing_a_keyframe_that_was_never_queried_or_never_added():
+def test_removing_a_keyframe_that_was_never_queried_or_never_added() -> None:
     index = PlaceIndex(IndexConfig())
     index.add(1, _descriptors(1))
     index.remove(1)
@@ -67,7 +68,7 @@ def test_removing_a_keyframe_that_was_never_queried_or_never_added():
     assert len(index.query(_descriptors(1)).uids) == 0
 
 
-def test_a_key_shared_by_too_many_descriptors_says_nothing():
+def test_a_key_shared_by_too_many_descriptors_says_nothing() -> None:
     config = IndexConfig(max_bucket=8)
     index = PlaceIndex(config)
     common = np.tile(_descriptors(0, 1), (50, 1))
@@ -75,11 +76,11 @@ def test_a_key_shared_by_too_many_descriptors_says_nothing():
     assert len(index.query(common).uids) == 0
 
 
-def test_an_image_without_features_matches_nothing():
+def test_an_image_without_features_matches_nothing() -> None:
     assert len(_index_of(3).query(np.empty((0, 32), np.uint8)).uids) == 0
 
 
-def test_more_features_than_the_limit_are_thinned_evenly():
+def test_more_features_than_the_limit_are_thinned_evenly() -> None:
     index = PlaceIndex(IndexConfig(max_features=100))
     place = _descriptors(0, 1000)
     index.add(1, place)
