@@ -22,7 +22,6 @@ from rgbd_slam.map import SlamMap
 from rgbd_slam.table import Table
 from rgbd_slam.window import bundle_problem
 
-
 _DENSE_LIMIT = 500  # keyframes: dense time grows with their cube, memory with the square
 
 
