@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from domain_coordinator import domain_id  # type: ignore[import-untyped]
 from hoid_msgs.msg import DetectionArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -135,26 +134,23 @@ MakeBench = Callable[..., Bench]
 
 
 @pytest.fixture
-def make_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeBench]:
+def make_bench(tmp_path: Path, domain_id: int) -> Iterator[MakeBench]:
     """Return a function that starts ROS with parameters for the node."""
     benches: list[Bench] = []
-    with domain_id() as domain:
-        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
-        def make(*, work: int = 0, **parameters: object) -> Bench:
-            model = parameters.pop('model', None) or write_model(tmp_path / 'm.onnx', work=work)
-            args = ['--ros-args', '-p', f'model:={model}']
-            for name, value in parameters.items():
-                args += ['-p', f'{name.replace("__", ".")}:={value}']
-            rclpy.init(args=args)
-            benches.append(Bench())
-            return benches[-1]
+    def make(*, work: int = 0, **parameters: object) -> Bench:
+        model = parameters.pop('model', None) or write_model(tmp_path / 'm.onnx', work=work)
+        args = ['--ros-args', '-p', f'model:={model}']
+        for name, value in parameters.items():
+            args += ['-p', f'{name.replace("__", ".")}:={value}']
+        rclpy.init(args=args, domain_id=domain_id)
+        benches.append(Bench())
+        return benches[-1]
 
-        yield make
-        for bench in benches:
-            bench.close()
-        rclpy.try_shutdown()
+    yield make
+    for bench in benches:
+        bench.close()
+    rclpy.try_shutdown()
 
 
 @pytest.fixture
@@ -327,7 +323,7 @@ def test_lifecycle_manager_drives_it(make_bench: MakeBench) -> None:
 
 
 def test_missing_model_ends_the_node_or_fails_the_manager(
-    make_bench: MakeBench, tmp_path: Path
+    make_bench: MakeBench, domain_id: int, tmp_path: Path
 ) -> None:
     bench = make_bench(model=tmp_path / 'gone.onnx', autostart='false')
     bench.start()
@@ -337,6 +333,7 @@ def test_missing_model_ends_the_node_or_fails_the_manager(
     assert values['level'] == DiagnosticStatus.ERROR
     assert 'gone.onnx does not exist: give the path of an ONNX file' in values['message']
     rclpy.shutdown()
-    rclpy.init(args=['--ros-args', '-p', f'model:={tmp_path / "gone.onnx"}'])
+    args = ['--ros-args', '-p', f'model:={tmp_path / "gone.onnx"}']
+    rclpy.init(args=args, domain_id=domain_id)
     with pytest.raises(ModelError, match='does not exist'):
         DetectorNode()

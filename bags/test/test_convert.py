@@ -149,10 +149,8 @@ def test_files_of_another_encoding_are_encoded(
         on(read_with_rosbags(tmp_path / 'bag'), '/rgb/image/compressed'),
         strict=True,
     ):
-        pixels, written = (
-            cv2.imdecode(message.data, cv2.IMREAD_COLOR),
-            cv2.imread(str(listed.path)),
-        )
+        pixels = cv2.imdecode(message.data, cv2.IMREAD_COLOR)
+        written = cv2.imread(str(listed.path))
         assert pixels is not None
         assert written is not None
         off = np.abs(pixels.astype(int) - written).mean()
