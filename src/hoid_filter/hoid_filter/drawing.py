@@ -24,6 +24,8 @@ REASON_BGR: dict[Reason, Bgr] = {
 _TEXT_BGR: Bgr = (255, 255, 255)
 _FONT, _FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 _RADIUS_PX = 2
+_BAR_PX = 26
+_BAR_BGR: Bgr = (50, 50, 50)
 
 
 def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
@@ -68,3 +70,10 @@ def label(item: DynamicObject) -> str:
         if not math.isnan(item.depth_gap_m):
             text += f' {item.depth_gap_m:.2f} m'
     return text
+
+
+def draw_title(picture: ByteArray, text: str) -> ByteArray:
+    """Return the picture (H, W, 3) with a line of text in a bar above it."""
+    bar = np.full((_BAR_PX, picture.shape[1], 3), _BAR_BGR, np.uint8)
+    cv2.putText(bar, text, (8, _BAR_PX - 8), _FONT, 0.6, _TEXT_BGR, 1, cv2.LINE_AA)
+    return np.vstack([bar, picture])

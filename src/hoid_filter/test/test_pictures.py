@@ -1,0 +1,91 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.values import CameraModel, Detections, Reason, RgbdFrame, Trajectory
+from hoid_filter.config import FilterConfig
+from hoid_filter.drawing import KEPT_BGR, REASON_BGR
+from hoid_filter.pictures import draw_scenes, frame_numbers, write_sheets
+
+from .helpers import detections
+
+HEIGHT, WIDTH = 240, 320
+PERSON = (100.0, 60.0, 180.0, 220.0)
+CUP = (150.0, 100.0, 190.0, 140.0)  # a person covers 3/4 of it
+
+
+class Recording:
+    """Two grey frames with texture, a person at 2 m and a cup in front, at 1 m."""
+
+    name = 'two'
+    camera = CameraModel(WIDTH, HEIGHT, 250.0, 250.0, 160.0, 120.0)
+    ground_truth: Trajectory | None = None
+    true_detections = None
+    fault = None
+
+    def __len__(self) -> int:
+        return 2
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        grain = np.random.default_rng(0).integers(0, 256, (HEIGHT // 8, WIDTH // 8), np.uint8)
+        gray = np.asarray(cv2.resize(grain, (WIDTH, HEIGHT)), np.uint8)
+        image = np.dstack([gray, gray, gray])
+        depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
+        depth_m[100:140, 150:190] = 1.0
+        for n in range(2):
+            yield RgbdFrame(n * 33_000_000, image, depth_m)
+
+
+def seen(frame: RgbdFrame) -> Detections:
+    return detections(('person', PERSON), ('cup', CUP), stamp_ns=frame.stamp_ns)
+
+
+def has_color(picture: np.ndarray, x: int, y: int, bgr: tuple[int, int, int]) -> bool:
+    return bool((picture[y, x] == bgr).all())
+
+
+def num_kept(picture: np.ndarray, area: tuple[slice, slice]) -> int:
+    return int(np.count_nonzero((picture[area] == KEPT_BGR).all(axis=2)))
+
+
+def test_pictures_show_what_each_rule_decides() -> None:
+    config = FilterConfig(strategy='hoid2d')
+    ((number, scene),) = draw_scenes(Recording(), [1], seen, config)
+    assert number == 1
+    assert has_color(scene.verdict, 100, 180, REASON_BGR[Reason.PERSON])
+    assert has_color(scene.verdict, 189, 120, REASON_BGR[Reason.HANDLED])
+    assert has_color(scene.kept_2d, 189, 120, REASON_BGR[Reason.HANDLED])
+    assert has_color(scene.kept_3d, 189, 120, REASON_BGR[Reason.STATIC])
+    body, right = np.s_[150:210, 110:170], np.s_[104:136, 182:187]
+    assert num_kept(scene.everything, body) > 0
+    assert num_kept(scene.kept_2d, body) == 0
+    assert num_kept(scene.kept_2d, right) == 0
+    assert num_kept(scene.kept_3d, right) > 0
+
+
+def test_sheets_are_written(tmp_path: Path) -> None:
+    scenes = [scene for _, scene in draw_scenes(Recording(), [0, 1], seen, FilterConfig())]
+    paths = write_sheets(scenes, [0, 1], 'hoid+', tmp_path / 'new')
+    sizes = {path.stem: np.shape(cv2.imread(str(path)))[:2] for path in paths}
+    assert sizes == {'verdicts': (266, 640), 'features': (266, 640), 'rules': (532, 640)}
+
+
+def test_frames_are_chosen_or_spread() -> None:
+    assert frame_numbers(None, 101) == [25, 50, 75]
+    assert frame_numbers(None, 1) == [0]
+    assert frame_numbers([7, 3, 7], 10) == [7, 3]
+    with pytest.raises(ConfigError, match='--frames 10: the recording has 0 to 9'):
+        frame_numbers([10], 10)
+    with pytest.raises(InputError, match='no frames'):
+        frame_numbers(None, 0)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    scenes = [scene for _, scene in draw_scenes(Recording(), [0], seen, FilterConfig())]
+    with pytest.raises(InputError, match='file'):
+        write_sheets(scenes, [0], 'hoid+', tmp_path / 'file')
