@@ -4,11 +4,13 @@ import ast
 import re
 from functools import cache
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 MANIFESTS = sorted([*ROOT.glob('src/*/package.xml'), *ROOT.glob('[bt]*s/package.xml')])
+SETUPS = [m.parent / 'setup.py' for m in MANIFESTS if (m.parent / 'setup.py').exists()]
 # rosdep's name of each Python package that it knows; the others stand in requirements/.
 KEYS = {
     'cv2': 'python3-opencv',
@@ -24,10 +26,15 @@ KEYS = {
 OF_ROS = re.compile(r'.*_(msgs|srvs|interfaces)|rclpy|launch|launch_ros')
 
 
+def said(manifest: Path, tag: str) -> str | None:
+    """Return the text of an element of a package.xml."""
+    return ET.parse(manifest).findtext(tag)  # noqa: S314  # our own file
+
+
 @cache
 def names() -> frozenset[str]:
     """The workspace's own packages."""
-    return frozenset(re.search('<name>(.*)</name>', m.read_text())[1] for m in MANIFESTS)  # type: ignore[index]
+    return frozenset(said(manifest, 'name') or '' for manifest in MANIFESTS)
 
 
 def imported(folder: Path) -> set[str]:
@@ -57,10 +64,24 @@ def test_dependencies_are_complete(manifest: Path) -> None:
     assert needed <= declared
 
 
-@pytest.mark.parametrize(
-    'setup',
-    [m.parent / 'setup.py' for m in MANIFESTS if (m.parent / 'setup.py').exists()],
-    ids=lambda path: path.parent.name,
-)
+@pytest.mark.parametrize('setup', SETUPS, ids=lambda path: path.parent.name)
 def test_colcon_finds_the_tests(setup: Path) -> None:
     assert "extras_require={'test': ['pytest']}" in setup.read_text()
+
+
+@pytest.mark.parametrize('setup', SETUPS, ids=lambda path: path.parent.name)
+def test_setup_and_manifest_say_the_same(setup: Path) -> None:
+    told = dict(re.findall(r"^    (\w+)='(.*)',$", setup.read_text(), re.MULTILINE))
+    told |= dict(re.findall(r"^(NAME) = '(.*)'$", setup.read_text(), re.MULTILINE))
+    manifest = setup.with_name('package.xml')
+    assert told['NAME'] == said(manifest, 'name')
+    for name in ('version', 'description', 'maintainer', 'license'):
+        assert told[name] == said(manifest, name)
+    assert f'email="{told["maintainer_email"]}"' in manifest.read_text()
+
+
+@pytest.mark.parametrize('manifest', MANIFESTS, ids=lambda path: path.parent.name)
+def test_all_packages_have_one_version_and_the_licence_at_the_root(manifest: Path) -> None:
+    assert said(manifest, 'version') == said(MANIFESTS[0], 'version')
+    assert said(manifest, 'license') == 'Apache-2.0'
+    assert (ROOT / 'LICENSE').read_text().split()[:4] == ['Apache', 'License', 'Version', '2.0,']
