@@ -1,0 +1,1 @@
+"""Renders a training set, trains the detector for rendered scenes, measures it."""
