@@ -98,9 +98,10 @@ class PlusConfig(Config):
     fall_back: bool = param(
         True, 'Unmask in steps rather than leave too few features', read_only=False
     )
-    min_static_corners: int = param(
-        100, 'Corners outside the mask that are too few', minimum=0, maximum=100000
-    )
+    min_static_share: float = param(
+        0.2, 'Corners with depth outside the mask that are too few, as a share of num_features',
+        minimum=0.0, maximum=1.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,8 @@ class HoidPlus:
         situation = self._situation(view, small_depth_m)
         found = judge_interactions(situation, self._config)
         certainty = cover(situation, found.reasons, small_depth_m, plus)
-        masks = make_masks(certainty, view.corner_pixels, view.depth_m.shape, plus)
+        enough = plus.min_static_share * self._config.extraction.num_features
+        masks = make_masks(certainty, view, plus, enough)
         return _verdict(situation, found, masks)
 
     def _observe(self, view: View, small_depth_m: Float32Array) -> None:

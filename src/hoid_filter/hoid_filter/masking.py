@@ -11,7 +11,7 @@ from hoid_common.values import ByteArray, Float32Array, FloatArray, Reason
 from hoid_filter.config import PlusConfig
 from hoid_filter.depth_regions import SHRINK, DepthRegions, crop
 from hoid_filter.interaction import Situation
-from hoid_filter.pyramid import Int32Array
+from hoid_filter.scene import View
 
 _PATCH_MARGIN_PX = 8  # features this near see what moves in their patch
 _COAST_MARGIN = 0.1  # share of its size by which a predicted box may be off
@@ -32,26 +32,27 @@ class Masks(NamedTuple):
     step: int = 0  # how far the mask was relaxed
 
 
-def make_masks(
-    certainty: ByteArray, corner_pixels: Int32Array, size_hw: tuple[int, ...], plus: PlusConfig
-) -> Masks:
+def make_masks(certainty: ByteArray, view: View, plus: PlusConfig, enough: float) -> Masks:
     """Return the masks of one image from what covers its pixels.
 
-    While fewer than `min_static_corners` are left, the mask gives back first its margin and what
-    is only remembered, then objects and predictions, then everything. Seeds stay away from all of
-    it: the tracker may look at a person's features, but the map never holds them.
+    While fewer than `enough` corners with depth are left, the mask gives back first its margin and
+    what is only remembered, then objects and predictions, then everything. Seeds stay away from
+    all of it: the tracker may look at a person's features, but the map never holds them.
     """
     if not certainty.any():
         return Masks()
+    size_hw = view.depth_m.shape
     wide = _widen(certainty, _PATCH_MARGIN_PX)
     seed = _enlarge(_widen(wide, plus.seed_margin_px), size_hw) if plus.guard_seeds else None
     keep = _enlarge(wide, size_hw)
     if not plus.fall_back:
         return Masks(keep, seed)
+    # Corners without depth hold a pose by two equations, not three, and come late into the map.
+    corners = view.corner_pixels[view.depth_m.ravel()[view.corner_pixels] > 0]
     for step in range(max(_CERTAINTY.values())):
         if step > 0:
             keep = _enlarge((certainty > step).view(np.uint8), size_hw)
-        if np.count_nonzero(keep.ravel()[corner_pixels]) >= plus.min_static_corners:
+        if np.count_nonzero(keep.ravel()[corners]) >= enough:
             return Masks(keep, seed, step)
     return Masks(None, _enlarge(wide, size_hw), step + 1)
 
