@@ -1,0 +1,202 @@
+"""What hoid+ adds to the paper's rules, on scenes with known answers."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hoid_common.values import CameraModel, Detections, Float32Array, Reason
+from hoid_filter.config import FilterConfig
+from hoid_filter.hoid_plus import HoidPlus
+from hoid_filter.scene import Verdict
+
+from .helpers import HEIGHT, WIDTH, BoxTuple, detections, view
+
+FRAME_NS = 33_333_333
+QUARTER_S_NS = 250_000_000
+CAMERA = CameraModel(WIDTH, HEIGHT, 100.0, 100.0, 80.0, 60.0)
+PERSON: BoxTuple = (20.0, 10.0, 60.0, 110.0)
+HUGE: BoxTuple = (5.0, 5.0, 155.0, 115.0)
+
+
+def plus(**switches: object) -> HoidPlus:
+    """Without the fallback, as these scenes have no corners."""
+    values = {'fall_back': False, **switches}
+    return HoidPlus(FilterConfig().updated({f'plus.{k}': v for k, v in values.items()}))
+
+
+def cup_covered_by(share: float, stamp_ns: int) -> Detections:
+    left = 60.0 - 20.0 * share
+    cup = (left, 50.0, left + 20.0, 70.0)
+    return detections(('person', PERSON), ('cup', cup), stamp_ns=stamp_ns)
+
+
+def reasons(verdict: Verdict) -> dict[str, Reason]:
+    return dict(zip(verdict.class_names, verdict.reasons, strict=True))
+
+
+def walker(left: float) -> tuple[BoxTuple, Float32Array]:
+    """Return the box and the depth image of a person at 1.5 m before a wall at 3 m."""
+    depth_m = np.full((HEIGHT, WIDTH), 3.0, np.float32)
+    depth_m[10:110, round(left) : round(left) + 40] = 1.5
+    return (left, 10.0, left + 40.0, 110.0), depth_m
+
+
+def walk(strategy: HoidPlus, num_frames: int) -> tuple[float, int]:
+    """Show a person who walks by 3 px a frame; return the left edge and the stamp last seen."""
+    for n in range(num_frames):
+        left, stamp_ns = 10.0 + 3.0 * n, n * FRAME_NS
+        box, depth_m = walker(left)
+        strategy.judge(view(detections(('person', box), stamp_ns=stamp_ns), depth_m))
+    return left, stamp_ns
+
+
+def test_missed_person_is_predicted_along_the_motion() -> None:
+    strategy = plus()
+    left, stamp_ns = walk(strategy, 20)
+    expected, depth_m = walker(left + 9)
+    verdict = strategy.judge(view(Detections.none(stamp_ns + 3 * FRAME_NS), depth_m))
+    assert verdict.reasons == (Reason.PREDICTED,)
+    assert verdict.boxes_xyxy_px[0] == pytest.approx(expected, abs=0.1)
+    assert verdict.keep_mask is not None
+    middle = round(left) + 29
+    assert (verdict.keep_mask[14:106, middle - 15 : middle + 15] == 0).all()
+    assert (verdict.keep_mask[:, : middle - 40] == 255).all()
+
+
+def test_prediction_ends_after_its_time_and_can_be_switched_off() -> None:
+    for strategy, late_ns in ((plus(), 400_000_001), (plus(bridge_misses=False), 1)):
+        _, stamp_ns = walk(strategy, 20)
+        verdict = strategy.judge(view(Detections.none(stamp_ns + late_ns)))
+        assert verdict.reasons == ()
+        assert verdict.keep_mask is None
+
+
+def test_empty_detection_after_a_full_one_is_not_believed_at_once() -> None:
+    strategy = plus()
+    strategy.judge(view(detections(('person', PERSON), stamp_ns=0)))
+    assert strategy.judge(view(Detections.none(FRAME_NS))).reasons == (Reason.PREDICTED,)
+    # Seen only once, it is believed for less long than what was seen again and again.
+    assert strategy.judge(view(Detections.none(5 * FRAME_NS))).reasons == ()
+
+
+def test_returning_person_keeps_the_track() -> None:
+    strategy = plus()
+    left, stamp_ns = walk(strategy, 10)
+    strategy.judge(view(Detections.none(stamp_ns + FRAME_NS)))
+    box = (left + 6, 10.0, left + 46, 110.0)
+    back = strategy.judge(view(detections(('person', box), stamp_ns=stamp_ns + 2 * FRAME_NS)))
+    assert back.reasons == (Reason.PERSON,)
+    assert back.track_ids.tolist() == [0]
+
+
+def judge_huge(strategy: HoidPlus, depth_m: float, score: float, n: int = 0) -> Reason:
+    depth = np.full((HEIGHT, WIDTH), depth_m, np.float32)
+    found = detections(('person', HUGE), stamp_ns=n * FRAME_NS, score=score)
+    (reason,) = strategy.judge(dataclasses.replace(view(found, depth), camera=CAMERA)).reasons
+    return reason
+
+
+def test_weak_person_over_the_whole_image_is_not_believed_at_once() -> None:
+    strategy = plus()
+    found = [judge_huge(strategy, 2.0, 0.3, n) for n in range(4)]
+    assert found == [Reason.STATIC] * 3 + [Reason.PERSON]
+
+
+def test_large_person_is_believed_when_sure_or_near_or_the_switch_is_off() -> None:
+    assert judge_huge(plus(), 2.0, 0.9) is Reason.PERSON
+    assert judge_huge(plus(), 0.5, 0.3) is Reason.PERSON  # 0.75 m wide
+    assert judge_huge(plus(), 0.6, 0.3) is Reason.STATIC  # 0.9 m wide
+    assert judge_huge(plus(), 0.0, 0.3) is Reason.STATIC  # no reading
+    assert judge_huge(plus(doubt_large_people=False), 2.0, 0.3) is Reason.PERSON
+
+
+def test_handled_object_is_let_go_later_than_it_is_taken() -> None:
+    strategy = plus()
+    shares = (0.3, 0.5, 0.3)
+    found = [
+        reasons(strategy.judge(view(cup_covered_by(s, n * QUARTER_S_NS))))['cup']
+        for n, s in enumerate(shares)
+    ]
+    assert found == [Reason.STATIC, Reason.HANDLED, Reason.HANDLED]
+
+
+def test_object_put_down_is_suspect_until_seen_at_rest() -> None:
+    for strategy, num_remembered in ((plus(), 3), (plus(remember=False), 0)):
+        found = [
+            reasons(strategy.judge(view(cup_covered_by(s, n * QUARTER_S_NS))))['cup']
+            for n, s in enumerate((0.5, 0.1, 0.1, 0.1, 0.1))
+        ]
+        assert found[0] is Reason.HANDLED
+        assert found[1:].count(Reason.REMEMBERED) == num_remembered
+        assert found[4] is Reason.STATIC
+
+
+def judge_chain(strategy: HoidPlus, cup_depth_m: float) -> dict[str, Reason]:
+    """A person covers half of the chair, on which a cup stands out of the person's reach."""
+    depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
+    depth_m[80:100, 62:78] = cup_depth_m
+    found = detections(
+        ('person', PERSON),
+        ('chair', (40.0, 40.0, 80.0, 110.0)),
+        ('cup', (62.0, 80.0, 78.0, 100.0)),
+    )
+    return reasons(strategy.judge(view(found, depth_m)))
+
+
+def test_object_on_a_handled_object_is_handled() -> None:
+    assert judge_chain(plus(), 2.0)['cup'] is Reason.HANDLED
+    assert judge_chain(plus(), 2.5)['cup'] is Reason.STATIC
+    unchained = judge_chain(plus(chains=False), 2.0)
+    assert unchained == {
+        'person': Reason.PERSON, 'chair': Reason.HANDLED, 'cup': Reason.STATIC
+    }  # fmt: skip
+
+
+def test_object_far_from_the_person_in_depth_is_not_handled() -> None:
+    for cup_depth_m, reason in (
+        (1.5, Reason.HANDLED),
+        (2.1, Reason.HANDLED),
+        (2.5, Reason.STATIC),
+    ):
+        depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
+        depth_m[50:70, 50:70] = cup_depth_m
+        assert reasons(plus().judge(view(cup_covered_by(0.5, 0), depth_m)))['cup'] is reason
+
+
+def person_before_a_wall() -> tuple[Detections, Float32Array]:
+    depth_m = np.full((HEIGHT, WIDTH), 3.0, np.float32)
+    depth_m[10:110, 60:100] = 1.5
+    return detections(('person', (30.0, 10.0, 130.0, 110.0))), depth_m
+
+
+def test_background_in_a_persons_box_is_kept() -> None:
+    kept = plus().judge(view(*person_before_a_wall())).keep_mask
+    whole_box = plus(keep_background=False).judge(view(*person_before_a_wall())).keep_mask
+    assert kept is not None
+    assert whole_box is not None
+    assert (kept[14:106, 64:96] == 0).all()
+    assert (kept[14:106, 34:46] == 255).all()
+    assert (kept[14:106, 114:126] == 255).all()
+    assert (whole_box[14:106, 34:126] == 0).all()
+
+
+def test_no_map_points_within_a_margin_of_the_mask() -> None:
+    verdict = plus().judge(view(*person_before_a_wall()))
+    assert verdict.keep_mask is not None
+    assert verdict.seed_mask is not None
+    kept_columns = np.flatnonzero(verdict.keep_mask[60])
+    seed_columns = np.flatnonzero(verdict.seed_mask[60])
+    gap = set(kept_columns.tolist()) - set(seed_columns.tolist())
+    assert set(seed_columns.tolist()) <= set(kept_columns.tolist())
+    left_edge = kept_columns[kept_columns < 60].max() + 1
+    assert {n for n in gap if n < 60} == set(range(left_edge - 12, left_edge))
+    assert plus(guard_seeds=False).judge(view(*person_before_a_wall())).seed_mask is None
+
+
+def test_detector_that_says_nothing_is_bridged_like_a_miss() -> None:
+    strategy = plus()
+    _, stamp_ns = walk(strategy, 5)
+    assert strategy.judge(view(None, stamp_ns=stamp_ns + FRAME_NS)).reasons == (Reason.PREDICTED,)

@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+
+from hoid_filter.config import PlusConfig
+from hoid_filter.masking import make_masks
+from hoid_filter.scene import View
+
+from .helpers import HEIGHT, WIDTH, view
+
+REMEMBERED, HANDLED, PERSON = 1, 2, 3
+# Columns of the image, and of the small image, a quarter of that.
+PERSON_X, HANDLED_X, REMEMBERED_X, FREE_X = 20, 70, 110, 155
+
+
+def certainty() -> np.ndarray:
+    """From left to right: a person, a handled object, one remembered, and a free strip."""
+    small = np.zeros((HEIGHT // 4, WIDTH // 4), np.uint8)
+    small[:, :15], small[:, 15:25], small[:, 25:35] = PERSON, HANDLED, REMEMBERED
+    return small
+
+
+def seen(column: int, num_with_depth: int, num_without: int = 0) -> View:
+    """A view with corners in one column."""
+    rows = range(num_with_depth + num_without)
+    depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
+    depth_m[num_with_depth:] = 0.0
+    return view(None, depth_m, tuple((column, y) for y in rows))
+
+
+@pytest.mark.parametrize(
+    ('column', 'step', 'kept'),
+    [
+        (FREE_X, 0, {FREE_X}),
+        (REMEMBERED_X, 1, {REMEMBERED_X, FREE_X}),
+        (HANDLED_X, 2, {HANDLED_X, REMEMBERED_X, FREE_X}),
+    ],
+)
+def test_mask_gives_back_the_least_sure_first(column: int, step: int, kept: set[int]) -> None:
+    masks = make_masks(certainty(), seen(column, 10), PlusConfig(), enough=10)
+    assert masks.step == step
+    assert masks.keep is not None
+    columns = (PERSON_X, HANDLED_X, REMEMBERED_X, FREE_X)
+    assert {x for x in columns if masks.keep[60, x]} == kept
+    assert masks.seed is not None
+    assert not masks.seed.any()
+
+
+@pytest.mark.parametrize('guard_seeds', [True, False])
+def test_last_resort_tracks_everything_but_maps_nothing_of_it(guard_seeds: bool) -> None:
+    plus = PlusConfig(guard_seeds=guard_seeds)
+    masks = make_masks(certainty(), seen(PERSON_X, 10), plus, enough=10)
+    assert (masks.keep, masks.step) == (None, 3)
+    assert masks.seed is not None
+    assert not masks.seed[:, :140].any()
+
+
+def test_corners_without_depth_do_not_count() -> None:
+    assert make_masks(certainty(), seen(FREE_X, 9, 50), PlusConfig(), enough=10).step == 3
+    assert make_masks(certainty(), seen(FREE_X, 10, 50), PlusConfig(), enough=10).step == 0
+
+
+def test_without_the_fallback_the_mask_stays() -> None:
+    masks = make_masks(certainty(), seen(FREE_X, 0), PlusConfig(fall_back=False), enough=10)
+    assert masks.step == 0
+    assert masks.keep is not None
+    assert not masks.keep[:, :140].any()
+
+
+def test_nothing_moves_nothing_masked() -> None:
+    masks = make_masks(np.zeros((30, 40), np.uint8), seen(FREE_X, 0), PlusConfig(), enough=10)
+    assert (masks.keep, masks.seed, masks.step) == (None, None, 0)
