@@ -109,7 +109,9 @@ def test_bags_that_nodes_cannot_hear_are_refused(bag: FakeBag, said: str) -> Non
 def test_the_player_waits_for_every_listener() -> None:
     config = ReplayConfig(rate=2.0)
     argv = player_spec(cast('BagSequence', FakeBag()), config).argv
-    assert argv[argv.index('--require') + 1] == 'rgb/image=2'
+    assert (
+        argv[argv.index('--require') + 1] == 'rgb/image=3'
+    )  # detector, filter, and SLAM for its dense map
     assert argv[argv.index('--rate') + 1] == '2.0'
 
 

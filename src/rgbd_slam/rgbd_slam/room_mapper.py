@@ -8,7 +8,7 @@ from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Arr
 from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.dense.dense_mapper import DenseMapper
 from rgbd_slam.dense.floor import Floor, find_floor
-from rgbd_slam.dense.grid import Grid, project_grid
+from rgbd_slam.dense.grid import Grid, project_grid, without_unseen
 from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.frame_poses import FramePose
 from rgbd_slam.object_sighting import DepthScene
@@ -72,4 +72,6 @@ class RoomMapper:
         self._floor = find_floor(points_m, _UP) or self._floor
         if self._floor is None:
             return None
-        return project_grid(points_m, self._floor.T_map_floor, self._config.grid)
+        T_map_floor, config = self._floor.T_map_floor, self._config.grid
+        grid = project_grid(points_m, T_map_floor, config, self._mapper.doubtful_m())
+        return without_unseen(grid, config, self._mapper.is_clear)

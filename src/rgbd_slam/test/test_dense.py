@@ -12,7 +12,14 @@ from rgbd_slam.dense.config import DenseConfig, GridConfig
 from rgbd_slam.dense.dense_mapper import DenseMapper
 from rgbd_slam.dense.export import packed_rgb, write_pcd, write_ply
 from rgbd_slam.dense.floor import find_floor
-from rgbd_slam.dense.grid import FREE, OCCUPIED, UNKNOWN, project_grid, write_map_server
+from rgbd_slam.dense.grid import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    project_grid,
+    without_unseen,
+    write_map_server,
+)
 from rgbd_slam.dense.voxel_map import ColoredCloud, VoxelMap, mask_boxes
 from rgbd_slam.frame_poses import FramePose
 
@@ -57,6 +64,24 @@ def test_somebody_who_stood_still_and_left_leaves_no_ghost() -> None:
     assert not (voxels.cloud().points_m[:, 2] < 2).any()
 
 
+def test_what_is_too_far_to_map_still_carves():
+    voxels = VoxelMap(CAMERA, CONFIG)
+    occupied = wall(9.0)
+    occupied[30:100, 60:100] = 1.5
+    fuse(voxels, occupied, 9)
+    assert len(voxels.cloud().points_m) > 0
+    fuse(voxels, wall(9.0), 6)
+    assert len(voxels.cloud().points_m) == 0
+    assert len(voxels) == 0
+
+
+def test_space_is_clear_before_a_surface_only():
+    voxels = VoxelMap(CAMERA, CONFIG)
+    points = np.array([[0, 0, 1.0], [0, 0, 1.9], [0, 0, 1.99], [0, 0, 2.5], [5, 0, 1.0]])
+    clear = voxels.looks_through(points, voxels.view_of(wall(2.0), BGR), np.eye(4))
+    assert clear.tolist() == [True, True, False, False, False]
+
+
 def test_nothing_behind_a_surface_is_carved() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     fuse(voxels, wall(3.0), 4)
@@ -65,14 +90,12 @@ def test_nothing_behind_a_surface_is_carved() -> None:
     assert (voxels.cloud().points_m[:, 2] > 2.9).sum() == before
 
 
-def test_depth_edges_far_readings_and_holes_are_left_out() -> None:
+def test_depth_edges_and_holes_are_left_out() -> None:
     depth = wall(1.0)
     depth[:, 80:] = 2.0
-    depth[:20] = 9.0
     depth[100:] = 0
     view = VoxelMap(CAMERA, CONFIG).view_of(depth, BGR)
     assert (view.depth_mm[:, 79:81] == 0).all()
-    assert (view.depth_mm[:20] == 0).all()
     assert (view.depth_mm[100:] == 0).all()
     assert (view.depth_mm[30:90, :70] == 1000).all()
 
@@ -205,6 +228,29 @@ def test_obstacles_reach_a_little_farther_than_their_points() -> None:
     assert grid.cells.tolist() == [[OCCUPIED, OCCUPIED]]
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0, obstacle_margin_m=0.0))
     assert grid.cells.tolist() == [[FREE, OCCUPIED]]
+
+
+def test_floor_below_something_doubtful_is_not_free():
+    points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]])
+    doubtful = np.array([[1.5, 0.5, 0.7], [0.5, 0.5, 2.5], [9.0, 9.0, 0.5]])
+    config = GridConfig(resolution_m=1.0)
+    assert project_grid(points, np.eye(4), config, doubtful).cells.tolist() == [[FREE, UNKNOWN]]
+
+
+def test_floor_is_not_free_before_the_space_over_it_was_seen():
+    points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]])
+    config = GridConfig(resolution_m=1.0, clear_height_m=0.8)
+    grid = project_grid(points, np.eye(4), config)
+    low = without_unseen(grid, config, lambda p: (p[:, 0] < 1) | (p[:, 2] < 0.7))
+    assert low.cells.tolist() == [[FREE, UNKNOWN]]
+    assert without_unseen(grid, config, lambda p: p[:, 2] < 0.8).cells.tolist() == [[FREE, FREE]]
+
+
+def test_a_surface_on_the_border_of_two_voxels_is_not_lost():
+    voxels = VoxelMap(CAMERA, CONFIG)
+    for depth_m in (1.996, 2.004) * 3:  # 2.0 m is a multiple of the voxel's side
+        fuse(voxels, wall(depth_m), 1)
+    assert len(voxels.cloud().points_m) > 0.95 * len(voxels)
 
 
 def test_map_server_files_read_back(tmp_path: Path) -> None:

@@ -18,8 +18,12 @@ class GridConfig(Config):
     max_height_m: float = param(
         1.80, 'Points higher than this above the floor are no obstacle (m).', minimum=0.05
     )
+    clear_height_m: float = param(
+        0.8, 'A cell is free when the space over it was seen to be, up to this height (m).',
+        minimum=0.0, maximum=3.0,
+    )  # fmt: skip
     obstacle_margin_m: float = param(
-        0.01, 'Obstacles reach so much farther than their points, means over voxels (m).',
+        0.0, 'Obstacles reach so much farther than their points, means over voxels (m).',
         minimum=0.0, maximum=1.0,
     )  # fmt: skip
     min_obstacle_points: int = param(1, 'Voxels in a cell that make it occupied.', minimum=1)

@@ -8,6 +8,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import (
+    BoolArray,
     ByteArray,
     CameraModel,
     Float32Array,
@@ -110,6 +111,20 @@ class DenseMapper:
     def cloud(self) -> ColoredCloud:
         """Return the map's points in the map frame."""
         return self._voxels.cloud()
+
+    def doubtful_m(self) -> FloatArray:
+        """Return (N, 3) what was measured, but not by enough images to be shown."""
+        return self._voxels.doubtful_m()
+
+    def is_clear(self, points_m: FloatArray) -> BoolArray:
+        """Return which of (N, 3) points were seen to be free in one of the images kept."""
+        clear = np.zeros(len(points_m), np.bool_)
+        for view in reversed(self._stored):
+            left = np.flatnonzero(~clear)
+            if len(left) == 0:
+                break
+            clear[left] = self._voxels.looks_through(points_m[left], view.view, view.fused_at)
+        return clear
 
     def _limit_m(self, voxels: float) -> float:
         return voxels * self._config.voxel_m

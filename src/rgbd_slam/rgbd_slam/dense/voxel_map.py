@@ -32,6 +32,8 @@ _KEY_OFFSET = 1 << (_KEY_BITS - 1)
 _EDGE_SLOPE = 0.06  # a depth step of more than this share of the depth is an edge
 _NOISE_PER_M2 = 0.003  # 1 sigma of a structured-light or time-of-flight reading at 1 m (m)
 _MAX_HITS = 30.0  # evidence is capped, so that a change of the room is seen within seconds
+_CARVE_RANGE_M = 12.0  # a reading so far away says at least that nothing is near
+_CLEAR_M = 0.03  # a surface so much farther than a point leaves it free
 _CARVE_FACTOR = 3.0  # looking through a voxel weighs more than measuring it
 
 
@@ -83,45 +85,74 @@ class VoxelMap:
     def integrate(self, view: DepthView, T_map_camera: FloatArray) -> None:
         """Carve what the image looks through, then add the surface it measures."""
         depth_m = view.depth_mm * np.float32(0.001)
-        self._carve(T_map_camera, depth_m)
-        self._add(self._measure(view.image_bgr, depth_m, T_map_camera))
+        agrees = self._compare(T_map_camera, depth_m)
+        self._add(self._measure(view.image_bgr, depth_m, T_map_camera), agrees)
         self._forget()
 
     def cloud(self) -> ColoredCloud:
         """Return the voxels that enough images agree on."""
-        config = self._config
-        shown = self._hits >= config.min_hit_share * self._looks
-        sums = self._sums[shown & (self._hits >= config.min_views)]
+        sums = self._sums[self._is_shown()]
         mean = sums[:, :6] / sums[:, 6:]
         return ColoredCloud(mean[:, :3].astype(np.float32), mean[:, 3:].round().astype(np.uint8))
+
+    def doubtful_m(self) -> FloatArray:
+        """Return (N, 3) what was measured, but not by enough images to be shown."""
+        sums = self._sums[~self._is_shown()]
+        return np.asarray(sums[:, :3] / sums[:, 6:])
+
+    def _is_shown(self) -> BoolArray:
+        agreed = self._hits >= self._config.min_hit_share * self._looks
+        return np.asarray(agreed & (self._hits >= self._config.min_views))
 
     def clear(self) -> None:
         """Forget everything."""
         self._keep(np.zeros(len(self), bool))
 
     def _reliable_depth(self, depth_m: Float32Array) -> Float32Array:
-        """Return the strided depth with far readings and depth edges (flying pixels) set to 0."""
+        """Return the strided depth with depth edges (flying pixels) set to 0.
+
+        Far readings stay: they are no surface to map, but what is before them is free.
+        """
         stride = self._config.pixel_stride
         near = cv2.erode(depth_m, np.ones((3, 3), np.uint8))
         far = cv2.dilate(depth_m, np.ones((3, 3), np.uint8))
-        good = (far - near < _EDGE_SLOPE * depth_m) & (depth_m < self._config.max_depth_m)
+        good = (far - near < _EDGE_SLOPE * depth_m) & (depth_m < _CARVE_RANGE_M)
         return np.ascontiguousarray(np.where(good, depth_m, np.float32(0))[::stride, ::stride])
 
-    def _carve(self, T_map_camera: FloatArray, depth_m: Float32Array) -> None:
+    def _compare(self, T_map_camera: FloatArray, depth_m: Float32Array) -> BoolArray:
+        """Carve the voxels that the image looks through, and return (N,) which ones it confirms.
+
+        A surface on the border of two voxels is measured in either by turns: a voxel is confirmed
+        by what is measured within half a voxel of it, not by what falls into it.
+        """
+        agrees = np.zeros(len(self), np.bool_)
         if len(self) == 0:
-            return
-        index, gap_m, margin_m = self._look_at(T_map_camera, depth_m)
-        through = gap_m > margin_m
-        self._hits[index[through]] -= _CARVE_FACTOR
+            return agrees
+        points_m = self._sums[:, :3] / self._sums[:, 6:]
+        index, gap_m, noise_m = self._look_at(points_m, T_map_camera, depth_m)
+        margin_m = self._config.carve_margin_m + noise_m
+        self._hits[index[gap_m > margin_m]] -= _CARVE_FACTOR
         self._looks[index[np.abs(gap_m) <= margin_m]] += 1
+        agrees[index[np.abs(gap_m) <= 0.5 * self._config.voxel_m + noise_m]] = True
+        return agrees
+
+    def looks_through(
+        self, points_m: FloatArray, view: DepthView, T_map_camera: FloatArray
+    ) -> BoolArray:
+        """Return which of (N, 3) points an image shows to be free."""
+        out = np.zeros(len(points_m), np.bool_)
+        depth_m = view.depth_mm * np.float32(0.001)
+        index, gap_m, noise_m = self._look_at(points_m, T_map_camera, depth_m)
+        out[index[gap_m > _CLEAR_M + noise_m]] = True
+        return out
 
     def _look_at(
-        self, T_map_camera: FloatArray, depth_m: Float32Array
+        self, points_m: FloatArray, T_map_camera: FloatArray, depth_m: Float32Array
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return of the voxels in view: index, distance to the surface behind, noise band."""
+        """Return of the points in view: index, distance to the surface behind, its noise."""
         stride = self._config.pixel_stride
         camera = self._camera
-        points = se3.transform(se3.inverse(T_map_camera), self._sums[:, :3] / self._sums[:, 6:])
+        points = se3.transform(se3.inverse(T_map_camera), points_m)
         z = points[:, 2]
         index = np.flatnonzero((z > 0.1) & (z < self._config.max_depth_m))
         z = z[index]
@@ -130,13 +161,12 @@ class VoxelMap:
         index, z, seen_m = index[inside], z[inside], depth_m[row[inside], col[inside]]
         read = seen_m > 0
         index, z, seen_m = index[read], z[read], seen_m[read]
-        margin = self._config.carve_margin_m + _NOISE_PER_M2 * z * z
-        return index, seen_m - z, margin
+        return index, seen_m - z, _NOISE_PER_M2 * z * z
 
     def _measure(
         self, image_bgr: ByteArray, depth_m: Float32Array, T_map_camera: FloatArray
     ) -> _Surface:
-        valid = depth_m > 0
+        valid = (depth_m > 0) & (depth_m < self._config.max_depth_m)
         z = depth_m[valid].astype(np.float64)
         points = se3.transform(T_map_camera, self._rays[valid] * z[:, None])
         colors = image_bgr[valid]
@@ -146,13 +176,14 @@ class VoxelMap:
         sums = [np.bincount(inverse, weight * c, len(keys)) for c in columns]
         return _Surface(keys, np.stack([*sums, np.bincount(inverse, weight, len(keys))], axis=1))
 
-    def _add(self, surface: _Surface) -> None:
+    def _add(self, surface: _Surface, agrees: BoolArray) -> None:
         at = np.searchsorted(self._keys, surface.keys)
         known = np.zeros(len(at), bool)
         inside = at < len(self)
         known[inside] = self._keys[at[inside]] == surface.keys[inside]
         self._sums[at[known]] += surface.weighted[known]
-        self._hits[at[known]] = np.minimum(np.maximum(self._hits[at[known]], 0) + 1, _MAX_HITS)
+        agrees[at[known]] = True
+        self._hits[agrees] = np.minimum(np.maximum(self._hits[agrees], 0) + 1, _MAX_HITS)
         fresh = ~known
         ones = np.ones(int(fresh.sum()), np.float32)
         self._keys = np.insert(self._keys, at[fresh], surface.keys[fresh])
