@@ -6,7 +6,7 @@ import argparse
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +100,8 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
         yield BagSequence(path)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):
+            args.out.rmdir()  # goes only when nothing was written
 
 
 def run_config(args: argparse.Namespace) -> RunConfig:
