@@ -1,0 +1,75 @@
+"""A camera that sees nothing for a while, is carried elsewhere, or is lost for long."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import Features, FloatArray
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.slam import RgbdSlam, TrackingState
+
+from .world import CAMERA, PERIOD_NS, World, position_errors_m, sway
+
+POSES = sway(90)
+LOST, TRACKING = TrackingState.LOST, TrackingState.TRACKING
+
+
+def seen(world: World, n: int, pose: FloatArray, *, covered: bool = False) -> Features:
+    features = world.features(n * PERIOD_NS, pose)
+    return features.select(np.zeros(len(features), np.bool_)) if covered else features
+
+
+def rmse_m(slam: RgbdSlam, poses: FloatArray) -> float:
+    errors = position_errors_m(slam.trajectory_final(), poses)
+    return float(np.sqrt((errors**2).mean()))
+
+
+@pytest.mark.parametrize(
+    ('first', 'last'), [(30, 50), (40, 70)], ids=['covered lens', 'elsewhere afterwards']
+)
+def test_after_a_blackout_the_camera_is_found_at_once(first: int, last: int) -> None:
+    world, slam = World(), RgbdSlam(CAMERA, SlamConfig())
+    dark = range(first, last)
+    results = [slam.process(seen(world, n, T, covered=n in dark)) for n, T in enumerate(POSES)]
+    states = [r.state for r in results]
+    assert states[first:last] == [LOST] * len(dark)
+    assert states[:first] + states[last:] == [TRACKING] * (len(POSES) - len(dark))
+    assert slam.stats.num_relocalizations == 1
+    assert rmse_m(slam, POSES) < 0.015
+    before, after = results[first - 1].T_odom_camera, results[last].T_odom_camera
+    assert before is not None
+    assert after is not None
+    np.testing.assert_allclose(before, after, atol=1e-9)  # odometry never jumps
+
+
+def test_a_jump_to_a_known_place() -> None:
+    world, slam = World(), RgbdSlam(CAMERA, SlamConfig())
+    order = [*range(60), *range(15, 30)]
+    states = [slam.process(seen(world, n, POSES[at])).state for n, at in enumerate(order)]
+    assert states == [TRACKING] * len(order)
+    assert slam.stats.num_relocalizations == 1
+    assert rmse_m(slam, POSES[order]) < 0.015
+
+
+def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None:
+    """The camera turns round in the dark, maps what is there, and turns back in the light."""
+    config = SlamConfig().updated({'places.new_map_after_s': 0.2})
+    world, slam = World(), RgbdSlam(CAMERA, config)
+    dark = range(60, 70)
+    look = 0.8 * np.sin(np.linspace(0, 2 * np.pi, 60))
+    turned = np.linspace(0, np.pi, len(dark)), np.linspace(np.pi, -1.0, 100)
+    twist = np.zeros((170, 6))
+    twist[:, 1] = np.r_[look, *turned]
+    twist[:, 3] = 0.4 * np.sin(np.linspace(0, 20, 170))
+    poses = se3.exp(twist)
+    maps = []
+    for n, pose in enumerate(poses):
+        slam.process(seen(world, n, pose, covered=n in dark))
+        keyframes = slam._map.keyframes
+        maps.append(len(np.unique(keyframes.map_id[keyframes.indices()])))
+    assert max(maps) == 2
+    assert maps[-1] == 1
+    errors = position_errors_m(slam.trajectory_final(), poses)
+    assert errors[-30:].max() < 0.03  # back in the frame of the first map
