@@ -116,6 +116,7 @@ class _Clock:
         self._rng = rng
         self._last_ns = -_MISSED_EVERY_NS
         self._first_ns: int | None = None
+        self._num_asked = 0
 
     def is_due(self, stamp_ns: int, rate_hz: float) -> bool:
         due = rate_hz <= 0 or (stamp_ns - self._last_ns) * 1e-9 > 0.999 / rate_hz
@@ -128,6 +129,9 @@ class _Clock:
         since_ns = stamp_ns - self._first_ns
         in_run = since_ns % _MISSED_EVERY_NS < perturbation.missed_run * _FRAME_NS
         lost = self._rng.random() < perturbation.missed_share
+        self._num_asked += 1
+        if perturbation.missed_every > 0:
+            lost |= self._num_asked % perturbation.missed_every == 0
         return bool(lost or (in_run and since_ns >= _MISSED_EVERY_NS))
 
 

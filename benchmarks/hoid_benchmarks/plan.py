@@ -24,6 +24,7 @@ class Perturbation:
     """What is done to a recording or to its detections before the system sees them."""
 
     missed_share: float = 0.0  # of the frames whose detections are lost, at random
+    missed_every: int = 0  # 3: the detections of every third frame are lost
     missed_run: int = 0  # frames lost in a row, once every 3 s
     detector_hz: float = 0.0  # detections only so often; 0 = every frame
     depth_noise: float = 0.0  # added sigma (m) at 1 m, growing with depth squared

@@ -228,6 +228,8 @@ def is_empty(found: Detections | None) -> bool:
 def test_missed_detections_are_empty_and_late_ones_none() -> None:
     missed = [is_empty(d) for d in outcomes(Perturbation(missed_share=0.4))]
     assert np.mean(missed) == pytest.approx(0.4, abs=0.12)
+    third = [is_empty(d) for d in outcomes(Perturbation(missed_every=3))]
+    assert third[:6] == [False, False, True] * 2
     slow = outcomes(Perturbation(detector_hz=10.0))
     assert sum(d is not None for d in slow) == 30
     run = [is_empty(d) for d in outcomes(Perturbation(missed_run=10))]
