@@ -64,7 +64,7 @@ def test_somebody_who_stood_still_and_left_leaves_no_ghost() -> None:
     assert not (voxels.cloud().points_m[:, 2] < 2).any()
 
 
-def test_what_is_too_far_to_map_still_carves():
+def test_what_is_too_far_to_map_still_carves() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     occupied = wall(9.0)
     occupied[30:100, 60:100] = 1.5
@@ -75,7 +75,7 @@ def test_what_is_too_far_to_map_still_carves():
     assert len(voxels) == 0
 
 
-def test_space_is_clear_before_a_surface_only():
+def test_space_is_clear_before_a_surface_only() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     points = np.array([[0, 0, 1.0], [0, 0, 1.9], [0, 0, 1.99], [0, 0, 2.5], [5, 0, 1.0]])
     clear = voxels.looks_through(points, voxels.view_of(wall(2.0), BGR), np.eye(4))
@@ -230,14 +230,14 @@ def test_obstacles_reach_a_little_farther_than_their_points() -> None:
     assert grid.cells.tolist() == [[FREE, OCCUPIED]]
 
 
-def test_floor_below_something_doubtful_is_not_free():
+def test_floor_below_something_doubtful_is_not_free() -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]])
     doubtful = np.array([[1.5, 0.5, 0.7], [0.5, 0.5, 2.5], [9.0, 9.0, 0.5]])
     config = GridConfig(resolution_m=1.0)
     assert project_grid(points, np.eye(4), config, doubtful).cells.tolist() == [[FREE, UNKNOWN]]
 
 
-def test_floor_is_not_free_before_the_space_over_it_was_seen():
+def test_floor_is_not_free_before_the_space_over_it_was_seen() -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]])
     config = GridConfig(resolution_m=1.0, clear_height_m=0.8)
     grid = project_grid(points, np.eye(4), config)
@@ -246,7 +246,7 @@ def test_floor_is_not_free_before_the_space_over_it_was_seen():
     assert without_unseen(grid, config, lambda p: p[:, 2] < 0.8).cells.tolist() == [[FREE, FREE]]
 
 
-def test_a_surface_on_the_border_of_two_voxels_is_not_lost():
+def test_a_surface_on_the_border_of_two_voxels_is_not_lost() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     for depth_m in (1.996, 2.004) * 3:  # 2.0 m is a multiple of the voxel's side
         fuse(voxels, wall(depth_m), 1)
