@@ -150,6 +150,7 @@ class _LiveRun:
             filter_counts=metrics.filter_counts(),
             stage_ms=metrics.stage_ms(),
             peak_rss_mb=sum(nodes.peak_rss_mb().values()),
+            rss_by_node_mb=nodes.peak_rss_mb(),
             latency_ms=metrics.latency_ms(),
         )
 

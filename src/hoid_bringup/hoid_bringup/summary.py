@@ -6,7 +6,7 @@ import json
 import math
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -74,6 +74,7 @@ class RunResult:
     stage_ms: Mapping[str, Sequence[float]]  # per stage, one entry a frame
     peak_rss_mb: float
     latency_ms: Sequence[float] = ()  # image stamp to odometry, live only
+    rss_by_node_mb: Mapping[str, float] = field(default_factory=dict)  # with helpers; live only
     cloud: ColoredCloud | None = None  # dense map, in the map frame
     grid: Grid | None = None
 
@@ -98,6 +99,7 @@ class Summary:
     stage_ms: Mapping[str, Spread | None]
     latency_ms: Spread | None
     peak_rss_mb: float
+    peak_rss_by_node_mb: Mapping[str, float]
     filter: FilterCounts
     options: Mapping[str, Any]
     versions: Mapping[str, str]
@@ -126,6 +128,7 @@ def summarize(result: RunResult) -> Summary:
         stage_ms={name: Spread.of(values) for name, values in result.stage_ms.items()},
         latency_ms=Spread.of(result.latency_ms),
         peak_rss_mb=round(result.peak_rss_mb, 1),
+        peak_rss_by_node_mb={n: round(mb, 1) for n, mb in result.rss_by_node_mb.items()},
         filter=result.filter_counts,
         options=dict(result.options),
         versions=versions(),
