@@ -8,13 +8,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rosbags.interfaces import QosReliability
+
 from hoid_bags.bag_sequence import BagSequence
+from hoid_bags.bag_source import BagTopic
 from hoid_bags.bag_topics import base_name
 from hoid_bringup.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
 from hoid_bringup.run_config import TRUTH, RunConfig
 from hoid_bringup.supervisor import ProcessSpec
 from hoid_common.config import Config, param
 from hoid_common.errors import InputError
+from hoid_common.input_config import RELIABLE
 from hoid_common.ros import topics
 
 PLAYER = 'player'
@@ -50,6 +54,7 @@ class BagNames:
     camera_info: str
     true_detections: str | None
     is_compressed: bool
+    is_reliable: bool  # as played, so that whoever wants every message can have it
 
     @classmethod
     def of(cls, bag: BagSequence) -> BagNames:
@@ -74,6 +79,7 @@ class BagNames:
             found.camera_info.name.lstrip('/'),
             truth.name.lstrip('/') if truth is not None else None,
             packed[0],
+            not any(_is_best_effort(t) for t in (found.color, found.depth, found.camera_info)),
         )
 
 
@@ -101,7 +107,9 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
     changed = config.run.changed()
     of = {name: _under(changed, name) for name in ('detector', 'filter', 'slam')}
     room = {name: changed[name] for name in changed if name.startswith(('dense.', 'objects.'))}
-    listening = {'input.compressed': names.is_compressed}
+    listening: dict[str, Any] = {'input.compressed': names.is_compressed}
+    if config.lockstep and names.is_reliable:
+        listening['input.reliability'] = RELIABLE
     return NodeOptions(
         nodes=config.nodes,
         use_sim_time=True,
@@ -129,6 +137,10 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
             *('--require', f'{color}={listeners}', *lockstep),
         ),
     )
+
+
+def _is_best_effort(topic: BagTopic) -> bool:
+    return topic.qos is not None and topic.qos.reliability == QosReliability.BEST_EFFORT
 
 
 def _under(values: Mapping[str, Any], stage: str) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class FakeBag:
 
 class BagTopicStub:
     def __init__(self, name: str) -> None:
-        self.name = name
+        self.name, self.qos = name, None
 
 
 def plan(bag: FakeBag, **changes: object) -> NodeOptions:
@@ -113,6 +113,14 @@ def test_the_player_waits_for_every_listener() -> None:
         argv[argv.index('--require') + 1] == 'rgb/image=3'
     )  # detector, filter, and SLAM for its dense map
     assert argv[argv.index('--rate') + 1] == '2.0'
+
+
+def test_in_lockstep_no_message_may_be_lost() -> None:
+    config = ReplayConfig(lockstep=True)
+    bag = cast('BagSequence', FakeBag())
+    options = node_options(bag, config, Path('folder'))
+    assert all(p['input.reliability'] == 'reliable' for p in options.parameters.values())
+    assert '--lockstep' in player_spec(bag, config).argv
 
 
 def test_parameters_reach_nodes_through_files(tmp_path: Path) -> None:
