@@ -17,8 +17,9 @@ from hoid_bringup.plots import plot_comparison
 from hoid_bringup.replay_plan import ReplayConfig
 from hoid_bringup.run_config import TRUTH, RunConfig
 from hoid_bringup.summary import Spread, Summary
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, ModelError
 from hoid_common.values import ByteArray
+from hoid_detector.model_path import SYNTHETIC, find_model
 from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import FeatureFilter
 
@@ -35,7 +36,9 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--seed', type=int, default=scene.seed, metavar='N', help='of the scene')
     parser.add_argument('--frames', type=int, default=300, metavar='N', help='at 30 Hz')
-    parser.add_argument('--detector', default=TRUTH, metavar='MODEL', help='default: %(default)s')
+    parser.add_argument(
+        '--detector', default=_default_detector(), metavar='MODEL', help='default: %(default)s'
+    )
 
 
 def demo_command(args: argparse.Namespace) -> None:
@@ -60,6 +63,15 @@ def demo_command(args: argparse.Namespace) -> None:
     print(_table(summaries))
     print(f'\npicture      {picture}')
     print(f'all results  {args.out}')
+
+
+def _default_detector() -> str:
+    """Return the project's own detector for such scenes, or the exact boxes without one."""
+    try:
+        find_model(SYNTHETIC)
+    except ModelError:
+        return TRUTH
+    return SYNTHETIC
 
 
 def _folder(label: str) -> str:
