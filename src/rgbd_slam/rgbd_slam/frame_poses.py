@@ -20,6 +20,7 @@ class FramePose(NamedTuple):
     stamp_ns: int
     T_map_camera: FloatArray  # (4, 4)
     keyframes: Trajectory | None  # as the map said then; None when the image is not to be fused
+    follow: bool = True  # whether to look for people and objects
 
 
 class Rate:
@@ -74,13 +75,12 @@ class FramePoses:
         fused = None
         if self._fuse is not None and self._fuse.is_due(stamp_ns):
             fused = _placed(stamp_ns, T_map_camera, keyframes(), is_keyframe=is_keyframe)
-        looked_at = self._look is not None and self._look.is_due(stamp_ns)
-        if self._look is not None and looked_at:
-            self._look.take(stamp_ns)
         if self._fuse is not None and fused is not None:
             self._fuse.take(stamp_ns)
-            return fused
-        return FramePose(stamp_ns, T_map_camera, None) if looked_at else None
+        if self._look is not None and self._look.is_due(stamp_ns):
+            self._look.take(stamp_ns)
+            return fused or FramePose(stamp_ns, T_map_camera, None)
+        return None if fused is None else fused._replace(follow=False)
 
 
 def _placed(

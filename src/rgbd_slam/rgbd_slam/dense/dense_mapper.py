@@ -22,7 +22,8 @@ from rgbd_slam.frame_poses import FramePose
 
 _ROTATION_M_PER_RAD = 2.0  # a turn moves what is seen at that distance
 _FAR_VOXELS = 5.0  # a correction of more than this does not wait
-_WAIT_VIEWS = 10  # for small corrections: fusing anew takes about as long as fusing the first time
+_SMALL_VOXELS = 0.25  # one of less is not worth fusing anew, which costs as much as fusing did
+_WAIT_VIEWS, _WAIT_SHARE = 10, 1 / 3  # small ones wait for so many new views, of those kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +103,9 @@ class DenseMapper:
             (_moved_m(v.fused_at, T) for v, T in zip(self._stored, poses, strict=True)),
             default=0.0,
         )
-        is_due = self._num_since_fused >= _WAIT_VIEWS or moved_m > self._limit_m(_FAR_VOXELS)
-        if settle or (is_due and moved_m > self._limit_m(0.5)):
+        wait = max(_WAIT_VIEWS, _WAIT_SHARE * len(self._stored))
+        is_due = self._num_since_fused >= wait or moved_m > self._limit_m(_FAR_VOXELS)
+        if settle or (is_due and moved_m > self._limit_m(_SMALL_VOXELS)):
             self._fuse_anew(poses)
             return True
         return False

@@ -113,7 +113,7 @@ class RoomNode(Node):
             return
         depth_m = self._checked(conversions.depth_from_msg(depth))
         objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
-        if self._setup.objects.enabled:
+        if self._setup.objects.enabled and pose.follow:
             tracks = self._room.follow(pose, depth_m, objects)
             self._outputs.publish_objects(tracks, pose.stamp_ns)
         if pose.keyframes is not None:
