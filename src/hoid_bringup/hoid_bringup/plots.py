@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import FormatStrFormatter
+from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
 from hoid_bringup.evaluation import AlignedTrajectory
 from hoid_common.values import ByteArray, FloatArray, IntArray, Trajectory
@@ -100,6 +100,7 @@ def plot_comparison(
     paths.colorbar(lines, ax=above, label='error [cm]', extend='max', shrink=0.9)
     bottom.set(yscale='log', ylim=(_LEAST_SHOWN_CM, None))
     bottom.yaxis.set_major_formatter(FormatStrFormatter('%g'))
+    bottom.yaxis.set_minor_formatter(NullFormatter())
     bottom.legend(loc='upper right', fontsize=9)
     _label(bottom, '', 'time [s]', 'error [cm]')
     figure.savefig(path, format='png', metadata={'Software': None})
