@@ -1,9 +1,9 @@
 """Whether an image shows the place that a keyframe shows, and from where.
 
 Descriptors propose, geometry decides: RANSAC over the feature matches with the keyframe gives a
-pose, points of its neighbourhood are then searched where that pose predicts them, and at last
-the depth readings must not look through what the map says is there (ORB-SLAM's loop
-verification, Mur-Artal and Tardos, T-RO 2017, with the last step added).
+pose, points of its neighbourhood are then searched where that pose predicts them (ORB-SLAM's loop
+verification, Mur-Artal and Tardos, T-RO 2017), and at last enough of what should be there must
+have been found, and depth must not look through it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.alignment import AlignmentStatus, align_image
 from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.free_space import check_free_space
 from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.local_map import View, visible_points
 from rgbd_slam.map import SlamMap
@@ -31,6 +30,7 @@ from rgbd_slam.matching import (
 from rgbd_slam.place_config import VerificationConfig
 from rgbd_slam.pose_optimizer import PoseEstimate, PoseProblem, optimize_pose
 from rgbd_slam.projection import to_camera
+from rgbd_slam.visibility import chance_found, visibility
 
 _GUIDED_RADII = (4.0, 2.0)  # first as far as RANSAC's pose may be off, then close
 _MIN_GUIDED = 10  # matches that an optimisation is worth
@@ -52,8 +52,8 @@ class PlaceMatch(NamedTuple):
     T_camera_map: FloatArray  # (4, 4); identity without an alignment
     k: IntArray  # (M,) features of the image
     j: IntArray  # (M,) points that they see
-    num_visible: int = 0  # points that should be seen
-    num_contradicted: int = 0  # of them, those that depth looks through
+    found_share: float = 0.0  # of the points that should have been found there
+    contradicted_share: float = 0.0  # of the points in view, those that depth looks through
 
     @property
     def pose(self) -> FloatArray:
@@ -64,11 +64,6 @@ class PlaceMatch(NamedTuple):
     def position_m(self) -> FloatArray:
         """Return (3,) where the camera is in the map."""
         return self.pose[:3, 3]
-
-    @property
-    def found_share(self) -> float:
-        """Return the share of the points in view that were found."""
-        return len(self.k) / max(self.num_visible, 1)
 
 
 class PlaceVerifier:
@@ -121,14 +116,19 @@ class PlaceVerifier:
         return self._judged(frame, view, PlaceMatch(PlaceStatus.SAME_PLACE, T_camera_map, k, j))
 
     def _judged(self, frame: Frame, view: View, found: PlaceMatch) -> PlaceMatch:
-        depth_m = to_camera(found.T_camera_map, self._map.points.position_m[view.points].T)[2]
-        space = check_free_space(view.queries.projection_px, depth_m, frame)
-        contradicted = int(np.count_nonzero(space.contradict & ~np.isin(view.points, found.j)))
-        found = found._replace(num_visible=len(view.points), num_contradicted=contradicted)
-        config = self._config
+        points, config = self._map.points, self._config
+        depth_m = to_camera(found.T_camera_map, points.position_m[view.points].T)[2]
+        seen = visibility(view.queries.projection_px, depth_m, frame)
+        is_found = np.isin(view.points, found.j)
+        expected = float(chance_found(points, view.points[seen.observable]).sum())
+        contradicted = np.count_nonzero(seen.contradicted & ~is_found)
+        found = found._replace(
+            found_share=float(np.count_nonzero(is_found & seen.observable)) / max(expected, 1.0),
+            contradicted_share=float(contradicted) / max(len(view.points), 1),
+        )
         if len(found.k) < config.min_inliers or found.found_share < config.min_found_share:
             return found._replace(status=PlaceStatus.TOO_FEW_FOUND)
-        if contradicted > config.max_contradicted_share * len(view.points):
+        if found.contradicted_share > config.max_contradicted_share:
             return found._replace(status=PlaceStatus.CONTRADICTED)
         return found
 

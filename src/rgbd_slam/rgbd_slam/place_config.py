@@ -38,10 +38,10 @@ class VerificationConfig(Config):
     ratio: float = param(0.85, 'Best over second best distance', minimum=0.1, maximum=1.0)
     min_inliers: int = param(40, 'Points that must be found', minimum=10)
     min_found_share: float = param(
-        0.1, 'Of the points in view that must be found', minimum=0.0, maximum=1.0
+        0.5, 'Found of the points that should be', minimum=0.0, maximum=1.0
     )
     max_contradicted_share: float = param(
-        0.06, 'Of the points in view that depth may look through', minimum=0.0, maximum=1.0
+        0.1, 'Of the points in view that depth may look through', minimum=0.0, maximum=1.0
     )
     max_rival_share: float = param(
         0.6, 'Points found at the best place that another may have too', minimum=0.0, maximum=1.0
