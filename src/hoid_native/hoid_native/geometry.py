@@ -1,4 +1,8 @@
-"""Least squares on (u, v, u_right): the pose of one image, and a window of poses and points."""
+"""Least squares on pixels and disparities: the pose of one image, or poses and points.
+
+Pixels and the disparity u - u_right are independent measurements with robust kernels of their own;
+outliers are told on (u, v, u_right) (Mur-Artal and Tardos, T-RO 2017).
+"""
 
 from __future__ import annotations
 
@@ -30,6 +34,8 @@ class Lens(NamedTuple):
     cx_px: float
     cy_px: float
     disparity_px_m: float
+    disparity_noise_px: float  # standard deviation of measured disparities: a constant part,
+    relative_noise: float  # and a part that grows with the disparity
 
 
 class Gates(NamedTuple):

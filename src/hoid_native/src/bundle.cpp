@@ -89,11 +89,7 @@ public:
     }
   }
 
-  double update()
-  {
-    chi2_of(problem_, state_, chi2_.data());
-    return cost_of(problem_, chi2_.data(), used_.data());
-  }
+  double update() { return cost_of(problem_, state_, used_.data(), chi2_.data()); }
 
   const State& state() const { return state_; }
   const std::vector<double>& chi2() const { return chi2_; }
@@ -117,7 +113,7 @@ extern "C" int32_t hoid_adjust_bundle(
   double* chi2, double* costs)
 {
   const Problem problem{
-    {camera[0], camera[1], camera[2], camera[3], camera[4]},
+    {camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6]},
     {gates[0], gates[1]},
     num_cameras, num_free, num_points, num_observations, camera_of, point_of, measured, weight};
   Adjustment adjustment(

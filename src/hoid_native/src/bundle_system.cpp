@@ -7,7 +7,7 @@ namespace bundle {
 
 namespace {
 
-constexpr double kMaxChi2 = 1e6;
+constexpr double kCostBehind = 1e3;  // of a point behind a camera that observes it
 
 // J_map = J_point R: derivatives by the point in the map's frame.
 STEREO_INLINE void rotated(
@@ -23,11 +23,11 @@ STEREO_INLINE void rotated(
 // H[a][b] += sum over rows of weight * A[row][a] * B[row][b].
 template <int NA, int NB>
 STEREO_INLINE void add_product(
-  const double A[kRows][NA], const double B[kRows][NB], double weight, double* H)
+  const double A[kRows][NA], const double B[kRows][NB], const Weights& weights, double* H)
 {
   for (int r = 0; r < kRows; ++r) {
     for (int a = 0; a < NA; ++a) {
-      const double scaled = weight * A[r][a];
+      const double scaled = (r < 2 ? weights.pixel : weights.disparity) * A[r][a];
       for (int b = 0; b < NB; ++b) {
         H[a * NB + b] += scaled * B[r][b];
       }
@@ -37,10 +37,10 @@ STEREO_INLINE void add_product(
 
 template <int N>
 STEREO_INLINE void add_gradient(
-  const double J[kRows][N], const double* e, double weight, double* g)
+  const double J[kRows][N], const double* e, const Weights& weights, double* g)
 {
   for (int a = 0; a < N; ++a) {
-    g[a] += weight * (J[0][a] * e[0] + J[1][a] * e[1] + J[2][a] * e[2]);
+    g[a] += weights.pixel * (J[0][a] * e[0] + J[1][a] * e[1]) + weights.disparity * J[2][a] * e[2];
   }
 }
 
@@ -125,9 +125,8 @@ STEREO_MULTIVERSION void linearize(
       continue;
     }
     residual(problem.camera, x, seen, e);
-    const double gate = problem.gates.of(seen), c = chi2(seen, e);
-    const double weight = seen.weight * (c > gate ? std::sqrt(gate / c) : 1.0);
-    point_jacobian(problem.camera, x, seen.has_depth(), J);
+    const Weights weight = weights_of(problem.camera, seen, e, problem.gates.mono, true);
+    point_jacobian(problem.camera, x, J);
     rotated(J, T, J_map);
     add_product<kPoint, kPoint>(J_map, J_map, weight, &system.H_pp[9 * j]);
     add_gradient<kPoint>(J_map, e, weight, &system.g_p[3 * j]);
@@ -167,24 +166,22 @@ STEREO_MULTIVERSION void move_points(
   }
 }
 
-STEREO_MULTIVERSION void chi2_of(const Problem& problem, const State& state, double* out)
+STEREO_MULTIVERSION double cost_of(
+  const Problem& problem, const State& state, const uint8_t* used, double* chi2_out)
 {
+  double sum = 0.0;
   for (int m = 0; m < problem.num_observations; ++m) {
     const Observation seen = problem.at(m);
     double x[3], e[3];
     const double* T = &state.T[kPoseSize * problem.camera_of[m]];
     to_camera(T, &state.points[kPoint * problem.point_of[m]], x);
     residual(problem.camera, x, seen, e);
-    out[m] = x[2] < kMinDepthM ? std::numeric_limits<double>::infinity() : chi2(seen, e);
-  }
-}
-
-double cost_of(const Problem& problem, const double* chi2, const uint8_t* used)
-{
-  double sum = 0.0;
-  for (int m = 0; m < problem.num_observations; ++m) {
-    const double gate = problem.gates.of(problem.at(m)), c = std::min(chi2[m], kMaxChi2);
-    sum += !used[m] ? 0.0 : c <= gate ? c : 2 * std::sqrt(gate * c) - gate;
+    const bool behind = x[2] < kMinDepthM;
+    chi2_out[m] = behind ? std::numeric_limits<double>::infinity() : chi2(seen, e);
+    if (used[m]) {
+      sum += behind ? kCostBehind
+                    : weights_of(problem.camera, seen, e, problem.gates.mono, true).cost;
+    }
   }
   return sum;
 }

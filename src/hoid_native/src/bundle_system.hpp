@@ -42,11 +42,9 @@ struct System
   std::vector<double> H_pc;       // (M, 3, 6), of observations by free cameras
 };
 
-// Squared normalised residuals (M); infinite behind a camera.
-void chi2_of(const Problem& problem, const State& state, double* out);
-
-// The Huber cost of the observations in use.
-double cost_of(const Problem& problem, const double* chi2, const uint8_t* used);
+// Return the Huber cost of the observations in use, and write all their squared normalised residuals
+// (M); infinite behind a camera.
+double cost_of(const Problem& problem, const State& state, const uint8_t* used, double* chi2_out);
 
 void linearize(const Problem& problem, const State& state, const uint8_t* used, System& system);
 

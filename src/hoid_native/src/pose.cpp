@@ -1,5 +1,5 @@
-// The pose of one image from matched map points: Gauss-Newton on (u, v, u_right) with a Huber
-// kernel, then without outliers.
+// The pose of one image from matched map points: Gauss-Newton on pixels and disparities with
+// Huber kernels, then without outliers.
 
 #include <algorithm>
 #include <cstring>
@@ -36,11 +36,12 @@ struct Problem
 
 // Add the rows of one observation to the upper triangle of H and to g.
 STEREO_INLINE void accumulate(
-  const double J[kRows][kPose], const double* e, double weight, double H[kPose][kPose], double* g)
+  const double J[kRows][kPose], const double* e, const Weights& weights, double H[kPose][kPose],
+  double* g)
 {
   for (int r = 0; r < kRows; ++r) {
     for (int a = 0; a < kPose; ++a) {
-      const double scaled = weight * J[r][a];
+      const double scaled = (r < 2 ? weights.pixel : weights.disparity) * J[r][a];
       g[a] += scaled * e[r];
       for (int b = a; b < kPose; ++b) {
         H[a][b] += scaled * J[r][b];
@@ -66,11 +67,10 @@ STEREO_MULTIVERSION void normal_equations(
       continue;
     }
     residual(problem.camera, x, seen, e);
-    const double gate = problem.gates.of(seen), c = chi2(seen, e);
-    const double huber = robust && c > gate ? std::sqrt(gate / c) : 1.0;
-    point_jacobian(problem.camera, x, seen.has_depth(), J_point);
+    const Weights weights = weights_of(problem.camera, seen, e, problem.gates.mono, robust);
+    point_jacobian(problem.camera, x, J_point);
     pose_jacobian(x, J_point, J);
-    accumulate(J, e, huber * seen.weight, H, g);
+    accumulate(J, e, weights, H, g);
   }
   for (int a = 0; a < kPose; ++a) {
     for (int b = 0; b < a; ++b) {
@@ -124,7 +124,7 @@ extern "C" int32_t hoid_optimize_pose(
   const double* measured, const double* weight, double* T, uint8_t* inliers, double* information)
 {
   const Problem problem{
-    {camera[0], camera[1], camera[2], camera[3], camera[4]}, {gates[0], gates[1]}, count, points,
+    {camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6]}, {gates[0], gates[1]}, count, points,
     measured, weight};
   std::fill_n(inliers, count, uint8_t{1});
   for (int a = 0; a < kPose * kPose; ++a) {

@@ -20,14 +20,16 @@ namespace stereo {
 
 constexpr int kPose = 6;
 constexpr int kPoint = 3;
-constexpr int kRows = 3;  // u, v, u_right
+constexpr int kRows = 3;  // u, v, disparity
 constexpr double kMinDepthM = 0.05;
+constexpr double kGateDisparity = 3.841;  // 95 % of one degree of freedom
 constexpr double kSmallAngleRad = 1e-4;
 
-// Five numbers as they come from Python.
+// Seven numbers as they come from Python.
 struct Camera
 {
   double fx, fy, cx, cy, disparity_m;
+  double noise_px, relative_noise;  // of a disparity: what does not depend on it, and what does
 };
 
 // Row-major 4x4, T_camera_map.
@@ -40,6 +42,7 @@ struct Observation
   double weight;
 
   STEREO_INLINE bool has_depth() const { return measured[2] == measured[2]; }
+  STEREO_INLINE double disparity() const { return measured[0] - measured[2]; }
 };
 
 struct Gates
@@ -59,25 +62,60 @@ STEREO_INLINE void to_camera(const double* T, const double* p, double* x)
   }
 }
 
-// Write measured - expected; the row of u_right is 0 without depth. Depth is held at its minimum.
+// Write measured - expected of u, v and the disparity u - u_right, which is 0 without depth. Depth
+// is held at its minimum.
 STEREO_INLINE void residual(
   const Camera& camera, const double* x, const Observation& seen, double* out)
 {
   const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
-  const double u = camera.fx * x[0] * inv_z + camera.cx;
-  out[0] = seen.measured[0] - u;
+  out[0] = seen.measured[0] - (camera.fx * x[0] * inv_z + camera.cx);
   out[1] = seen.measured[1] - (camera.fy * x[1] * inv_z + camera.cy);
-  out[2] = seen.has_depth() ? seen.measured[2] - (u - camera.disparity_m * inv_z) : 0.0;
+  out[2] = seen.has_depth() ? seen.disparity() - camera.disparity_m * inv_z : 0.0;
 }
 
+// What tells outliers: u_right is held to the same noise as u and v.
 STEREO_INLINE double chi2(const Observation& seen, const double* e)
 {
-  return seen.weight * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2]);
+  const double right = seen.has_depth() ? e[0] - e[2] : 0.0;
+  return seen.weight * (e[0] * e[0] + e[1] * e[1] + right * right);
 }
 
-// Derivatives of u, v, u_right by the point in the camera's frame, [row][coordinate].
+STEREO_INLINE double huber_cost(double chi2, double gate)
+{
+  return chi2 <= gate ? chi2 : 2 * std::sqrt(gate * chi2) - gate;
+}
+
+STEREO_INLINE double huber_weight(double chi2, double gate)
+{
+  return chi2 <= gate ? 1.0 : std::sqrt(gate / chi2);
+}
+
+// What an observation counts in the sums: pixel and disparity have kernels of their own, as a
+// depth reading beside an edge is wrong while the pixel is right.
+struct Weights
+{
+  double pixel, disparity, cost;
+};
+
+STEREO_INLINE Weights weights_of(
+  const Camera& camera, const Observation& seen, const double* e, double gate_pixel, bool robust)
+{
+  const double pixel2 = seen.weight * (e[0] * e[0] + e[1] * e[1]);
+  Weights out{seen.weight * (robust ? huber_weight(pixel2, gate_pixel) : 1.0), 0.0,
+              huber_cost(pixel2, gate_pixel)};
+  if (seen.has_depth()) {
+    const double part = camera.relative_noise * seen.disparity();
+    const double weight = 1.0 / (camera.noise_px * camera.noise_px + part * part);
+    const double disparity2 = weight * e[2] * e[2];
+    out.disparity = weight * huber_weight(disparity2, kGateDisparity);
+    out.cost += huber_cost(disparity2, kGateDisparity);
+  }
+  return out;
+}
+
+// Derivatives of u, v and disparity by the point in the camera's frame, [row][coordinate].
 STEREO_INLINE void point_jacobian(
-  const Camera& camera, const double* x, bool has_depth, double J[kRows][kPoint])
+  const Camera& camera, const double* x, double J[kRows][kPoint])
 {
   const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
   const double fx = camera.fx * inv_z, fy = camera.fy * inv_z;
@@ -87,10 +125,8 @@ STEREO_INLINE void point_jacobian(
   J[1][0] = 0.0;
   J[1][1] = fy;
   J[1][2] = -fy * x[1] * inv_z;
-  const double on = has_depth ? 1.0 : 0.0;
-  J[2][0] = on * fx;
-  J[2][1] = 0.0;
-  J[2][2] = on * (J[0][2] + camera.disparity_m * inv_z * inv_z);
+  J[2][0] = J[2][1] = 0.0;
+  J[2][2] = -camera.disparity_m * inv_z * inv_z;
 }
 
 // Derivatives by the pose's twist, [row][rotation, then translation], from those by the point.

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hoid_native import Gates, Lens, adjust_bundle, optimize_pose
 
-LENS = Lens(500.0, 510.0, 320.0, 240.0, 40.0)
+LENS = Lens(500.0, 510.0, 320.0, 240.0, 40.0, 0.3, 0.02)
 GATES = Gates(5.991, 7.815)
 FloatArray = NDArray[np.float64]
 
@@ -66,10 +66,26 @@ def test_information_is_that_of_numeric_derivatives() -> None:
         moved[:3, 3] = twist[3:]
         back = np.linalg.inv(moved)
         columns.append((pixels(moved @ TRUTH, points) - pixels(back @ TRUTH, points)) / (2 * step))
-    J = np.where(np.isfinite(measured)[..., None], np.stack(columns, -1), 0)
-    expected = np.einsum('kra,k,krb->ab', J, weight, J)
+    J = np.stack(columns, -1)
+    J[:, 2] = J[:, 0] - J[:, 2]
+    disparity = measured[:, 0] - measured[:, 2]
+    depth_weight = 1 / (LENS.disparity_noise_px**2 + (LENS.relative_noise * disparity) ** 2)
+    weights = np.stack([weight, weight, np.nan_to_num(depth_weight)], 1)
+    expected = np.einsum('kra,kr,krb->ab', J, weights, J)
     fit = optimize_pose(LENS, GATES, points, measured, weight, TRUTH)
     np.testing.assert_allclose(fit.information, expected, rtol=1e-6, atol=1e-3)
+
+
+def test_a_wrong_depth_does_not_move_the_pose_much():
+    _, points = scene(5, 100)
+    measured = pixels(TRUTH, points)
+    measured[:30, 2] -= 2.4
+    fit = optimize_pose(LENS, GATES, points, measured, np.ones(100), TRUTH)
+    assert fit.inliers.all()
+    assert np.abs(fit.T_camera_map[:3, 3] - TRUTH[:3, 3]).max() < 0.012
+    trusting = LENS._replace(disparity_noise_px=0.05)
+    exact = optimize_pose(trusting, GATES, points, pixels(TRUTH, points), np.ones(100), np.eye(4))
+    np.testing.assert_allclose(exact.T_camera_map, TRUTH, atol=1e-9)
 
 
 def test_points_behind_the_camera_are_outliers() -> None:

@@ -16,6 +16,13 @@ class CameraConfig(Config):
         0.075, 'Baseline of the virtual stereo pair that stands for depth', minimum=0.001,
         maximum=1.0,
     )  # fmt: skip
+    disparity_noise_px: float = param(
+        0.3, 'Standard deviation of a depth reading, as a disparity of that pair', minimum=0.01,
+        maximum=10.0,
+    )  # fmt: skip
+    relative_depth_noise: float = param(
+        0.03, 'Part of it that grows with the disparity: scale errors', minimum=0.0, maximum=0.5
+    )
     close_baselines: float = param(
         40.0, 'Depth is trusted to make points up to this many baselines', minimum=1.0,
         maximum=1000.0,
@@ -63,7 +70,7 @@ class KeyframeConfig(Config):
         maximum=1.0,
     )  # fmt: skip
     min_close_tracked: int = param(
-        100,
+        60,
         'Insert when fewer close points are tracked and many could be',
         minimum=0,
         maximum=5000,
@@ -71,8 +78,15 @@ class KeyframeConfig(Config):
     min_close_new: int = param(
         70, 'Close features without a point that count as many', minimum=0, maximum=5000
     )
+    min_gap_s: float = param(
+        0.2, 'None so soon after the last one, while tracking is good', minimum=0.0, maximum=10.0
+    )
+    fallen_share: float = param(
+        0.6, 'Insert at once with less of the points tracked after the last one', minimum=0.0,
+        maximum=1.0,
+    )  # fmt: skip
     min_new_points: int = param(
-        100, 'Depth points to make in a keyframe even beyond the close limit', minimum=0,
+        400, 'Depth points to make in a keyframe even beyond the close limit', minimum=0,
         maximum=5000,
     )  # fmt: skip
 

@@ -21,6 +21,7 @@ from hoid_common.values import (
     FloatArray,
 )
 from hoid_native import Lens
+from rgbd_slam.config import CameraConfig
 
 
 @dataclass(frozen=True)
@@ -32,12 +33,14 @@ class StereoCamera:
     cx_px: float
     cy_px: float
     baseline_px_m: float  # fx * b: disparity = baseline_px_m / depth_m
+    disparity_noise_px: float  # standard deviation of disparities: a constant part,
+    relative_noise: float  # and one that grows with the disparity
     bounds_px: tuple[
         float, float, float, float
     ]  # u_min, v_min, u_max, v_max of the undistorted image
 
     @classmethod
-    def from_model(cls, camera: CameraModel, baseline_m: float) -> StereoCamera:
+    def from_model(cls, camera: CameraModel, config: CameraConfig) -> StereoCamera:
         """Return the virtual pair of a depth camera, and where the image's edges land."""
         u = np.linspace(0, camera.width_px - 1, 9, dtype=np.float32)
         v = np.linspace(0, camera.height_px - 1, 9, dtype=np.float32)
@@ -52,14 +55,24 @@ class StereoCamera:
             camera.fy_px,
             camera.cx_px,
             camera.cy_px,
-            camera.fx_px * baseline_m,
+            camera.fx_px * config.baseline_m,
+            config.disparity_noise_px,
+            config.relative_depth_noise,
             bounds,
         )
 
     @cached_property
     def lens(self) -> Lens:
         """Return what the optimisers need of it."""
-        return Lens(self.fx_px, self.fy_px, self.cx_px, self.cy_px, self.baseline_px_m)
+        return Lens(
+            self.fx_px,
+            self.fy_px,
+            self.cx_px,
+            self.cy_px,
+            self.baseline_px_m,
+            self.disparity_noise_px,
+            self.relative_noise,
+        )
 
     def project(self, points_camera_m: FloatArray) -> FloatArray:
         """Return (N, 3) u, v, u_right of (N, 3) points in front of the camera."""

@@ -12,7 +12,7 @@ from hoid_common import se3
 from hoid_common.values import ByteArray, CameraModel, Features, FloatArray, Trajectory
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.keyframe_policy import needs_keyframe
+from rgbd_slam.keyframe_policy import KeyframePolicy
 from rgbd_slam.map import Redirect, SlamMap
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.mapper_link import InlineMapper, MapperLink
@@ -77,8 +77,10 @@ class RgbdSlam:
     ) -> None:
         self._config = config
         self._model = camera
-        self._camera = StereoCamera.from_model(camera, config.camera.baseline_m)
+        self._camera = StereoCamera.from_model(camera, config.camera)
         self._map = SlamMap(config.camera.scale_factor, config.camera.num_octaves)
+        close_limit_m = config.camera.close_baselines * config.camera.baseline_m
+        self._policy = KeyframePolicy(self._map, config.keyframes, close_limit_m)
         self._tracker = Tracker(self._camera, self._map, config.tracking)
         link = MapperProcess if background else InlineMapper
         self._mapper: MapperLink = link(self._camera, self._map, config)
@@ -108,11 +110,7 @@ class RgbdSlam:
         if tracking is None:
             return self._lost(frame)
         self._advance(tracking)
-        insert = needs_keyframe(
-            tracking, self._map, self._config.keyframes,
-            self._config.camera.close_baselines * self._config.camera.baseline_m,
-            self._mapper.queue_length,
-        )  # fmt: skip
+        insert = self._policy.wants(tracking, self._mapper.queue_length)
         tracked_s = time.thread_time()
         T_map_camera = tracking.tracked.T_map_camera
         if insert:
@@ -136,6 +134,7 @@ class RgbdSlam:
             state = TrackingState.NOT_INITIALIZED if self._last is None else TrackingState.LOST
             return TrackingResult(frame.stamp_ns, state)
         i = self._mapper.start_map(frame, T_map_camera, self._num_maps)
+        self._policy.inserted(frame.stamp_ns)
         self._num_maps += 1
         points = self._map.keyframes.point_of_feature[i, : len(frame)].astype(np.int64)
         self._last = tracked_frame(frame, T_map_camera, points, self._map, i)
@@ -183,6 +182,7 @@ class RgbdSlam:
             tracked.point_uids,
             self._tallies.take(),
         )
+        self._policy.inserted(tracked.frame.stamp_ns)
         i = self._mapper.insert(request)
         self._redirect(self._mapper.update())
         if i is not None:

@@ -6,11 +6,12 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray, IntArray
+from rgbd_slam.config import CameraConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.map import SlamMap
 
 MODEL = CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0)
-CAMERA = StereoCamera.from_model(MODEL, 0.075)
+CAMERA = StereoCamera.from_model(MODEL, CameraConfig())
 _WALL_M = 3.0
 _DESCRIPTOR_FLIP = 0.03
 _MEMORY = 4  # keyframes back whose points are still known

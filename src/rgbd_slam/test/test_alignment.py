@@ -6,10 +6,11 @@ from hypothesis import strategies as st
 from hoid_common import se3
 from hoid_common.values import BoolArray, CameraModel, Float32Array, FloatArray
 from rgbd_slam.alignment import Alignment, AlignmentStatus, align_image, align_points
+from rgbd_slam.config import CameraConfig
 from rgbd_slam.frame import StereoCamera
 from rgbd_slam.place_config import AlignmentConfig
 
-CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0), 0.075)
+CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0), CameraConfig())
 CONFIG = AlignmentConfig()
 T_CAMERA_POINTS = se3.exp(np.array([0.2, -0.4, 0.1, 0.5, -0.2, 0.3]))
 

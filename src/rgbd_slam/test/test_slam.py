@@ -82,7 +82,7 @@ def test_the_mapper_dies_with_a_killed_tracker() -> None:
         'from rgbd_slam.frame import StereoCamera\n'
         'from rgbd_slam.map import SlamMap\n'
         'from rgbd_slam.mapper_process import MapperProcess\n'
-        'camera = StereoCamera(500.0, 500.0, 320.0, 240.0, 40.0, (0.0, 0.0, 640.0, 480.0))\n'
+        'camera = StereoCamera(500.0, 500.0, 320.0, 240.0, 40.0, 0.3, 0.0, (0.0,) * 4)\n'
         'if __name__ == "__main__":\n'
         '    link = MapperProcess(camera, SlamMap(1.2, 8), SlamConfig())\n'
         '    print(link.process_id, flush=True)\n'

@@ -1,8 +1,8 @@
 """Bundle adjustment in GTSAM, for problems too large for the dense solver of a window.
 
-It takes the same problem and minimises the same cost: (u, v, u_right) where a feature has depth,
-(u, v) where it has none, with a Huber kernel. GTSAM keeps the camera-point blocks sparse, so that
-memory grows with the observations and not with keyframes times points.
+It takes the same problem with the same noise: pixels, and disparities where a feature has depth.
+One Huber kernel spans both, where the dense solver has two. GTSAM keeps the camera-point blocks
+sparse, so that memory grows with the observations and not with keyframes times points.
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from hoid_common import se3
-from hoid_common.values import FloatArray
+from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.frame import StereoCamera
 from rgbd_slam.local_ba import BundleProblem, BundleSolution
 from rgbd_slam.pose_optimizer import CHI2_MONO, CHI2_STEREO
 from rgbd_slam.projection import project, to_camera
 
 _RELATIVE_TOLERANCE = 1e-4  # the last decimals move poses by micrometres
+
+_STEPS = np.geomspace(0.01, 20.0, 48)  # disparity noise [px]; models are made once a step
 
 
 def adjust_sparse(camera: StereoCamera, problem: BundleProblem, iterations: int) -> BundleSolution:
@@ -88,17 +90,18 @@ def _factors(camera: StereoCamera, problem: BundleProblem) -> gtsam.NonlinearFac
     mono_camera = gtsam.Cal3_S2(*pinhole)
     stereo_camera = gtsam.Cal3_S2Stereo(*pinhole, camera.baseline_px_m / camera.fx_px)
     weights = np.unique(problem.inv_sigma2)  # one an octave: noise models are made once
-    mono_noise = [_robust(2, weight, CHI2_MONO) for weight in weights]
-    stereo_noise = [_robust(3, weight, CHI2_STEREO) for weight in weights]
+    mono_noise = [_mono_noise(weight) for weight in weights]
+    stereo_noise = [[_stereo_noise(weight, part) for part in _STEPS] for weight in weights]
     graph = gtsam.NonlinearFactorGraph()
     rows = zip(
         problem.camera.tolist(),
         problem.point.tolist(),
         problem.measured_px.T.astype(np.float64),
         np.searchsorted(weights, problem.inv_sigma2).tolist(),
+        _noise_steps(camera, problem).tolist(),
         strict=True,
     )
-    for i, j, measured, level in rows:
+    for i, j, measured, level, step in rows:
         u, v, u_right = measured
         if np.isnan(u_right):
             mono = gtsam.GenericProjectionFactorCal3_S2(
@@ -107,14 +110,35 @@ def _factors(camera: StereoCamera, problem: BundleProblem) -> gtsam.NonlinearFac
             graph.add(mono)
         else:
             stereo = gtsam.GenericStereoFactor3D(
-                gtsam.StereoPoint2(u, u_right, v), stereo_noise[level],
+                gtsam.StereoPoint2(u, u_right, v), stereo_noise[level][step],
                 X(i), L(j), stereo_camera, False, False,
             )  # fmt: skip
             graph.add(stereo)
     return graph
 
 
-def _robust(size: int, inv_sigma2: float, chi2: float) -> gtsam.noiseModel.Robust:
+def _noise_steps(camera: StereoCamera, problem: BundleProblem) -> IntArray:
+    """Return (M,) the step in `_STEPS` nearest to the noise of each disparity."""
+    disparity = np.nan_to_num(problem.measured_px[0] - problem.measured_px[2])
+    variance = camera.disparity_noise_px**2 + (camera.relative_noise * disparity) ** 2
+    middles = np.sqrt(_STEPS[1:] * _STEPS[:-1])
+    return np.asarray(np.searchsorted(middles, np.sqrt(variance)), np.int64)
+
+
+def _mono_noise(inv_sigma2: float) -> gtsam.noiseModel.Robust:
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, float(inv_sigma2**-0.5))
+    return _robust(noise, CHI2_MONO)
+
+
+def _stereo_noise(inv_sigma2: float, disparity_sigma_px: float) -> gtsam.noiseModel.Robust:
+    """Return the noise of (u, u_right, v) whose u, v and u - u_right are independent."""
+    pixel2, disparity2 = 1.0 / inv_sigma2, disparity_sigma_px**2
+    covariance = np.array(
+        [[pixel2, pixel2, 0.0], [pixel2, pixel2 + disparity2, 0.0], [0.0, 0.0, pixel2]]
+    )
+    return _robust(gtsam.noiseModel.Gaussian.Covariance(covariance), CHI2_STEREO)
+
+
+def _robust(noise: gtsam.noiseModel.Gaussian, chi2: float) -> gtsam.noiseModel.Robust:
     huber = gtsam.noiseModel.mEstimator.Huber.Create(float(np.sqrt(chi2)))
-    noise = gtsam.noiseModel.Isotropic.Sigma(size, float(inv_sigma2**-0.5))
     return gtsam.noiseModel.Robust.Create(huber, noise)
