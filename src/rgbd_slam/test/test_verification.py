@@ -1,0 +1,112 @@
+"""What it takes to believe that an image shows a place of the map."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from rgbd_slam.geometric_verification import PlaceStatus, PlaceVerifier
+from rgbd_slam.map import SlamMap
+from rgbd_slam.place_config import VerificationConfig
+from rgbd_slam.visibility import chance_found, visibility
+
+from .ring_world import CAMERA, RingWorld, mapped, ring_poses
+
+TRUTH = ring_poses(24)
+NEAR = se3.exp(np.array([0.02, 0.08, 0.05, 0.1, 0.05, -0.1]))
+
+
+@pytest.fixture(scope='module')
+def world() -> RingWorld:
+    return RingWorld()
+
+
+@pytest.fixture(scope='module')
+def slam_map(world: RingWorld) -> SlamMap:
+    slam_map = SlamMap(1.2, 8)
+    return _well_known(slam_map, world)
+
+
+def _well_known(slam_map: SlamMap, world: RingWorld) -> SlamMap:
+    mapped(slam_map, world, TRUTH, TRUTH)
+    j = slam_map.points.indices()
+    slam_map.points.num_visible[j] = slam_map.points.num_found[j] = 20
+    return slam_map
+
+
+def _verifier(slam_map: SlamMap, **config: float) -> PlaceVerifier:
+    return PlaceVerifier(slam_map, CAMERA, VerificationConfig().updated(config), 0)
+
+
+def test_a_near_view_is_placed_to_millimetres(slam_map: SlamMap, world: RingWorld) -> None:
+    pose = TRUTH[5] @ NEAR
+    match = _verifier(slam_map).verify(world.frame(pose, 1)[0], 5)
+    assert match.status is PlaceStatus.SAME_PLACE
+    np.testing.assert_allclose(match.pose, pose, atol=3e-3)
+    assert match.found_share > 0.8
+    assert match.contradicted_share == 0.0
+    seen = se3.transform(match.T_camera_map, slam_map.points.position_m[match.j])
+    frame = world.frame(pose, 1)[0]
+    np.testing.assert_allclose(
+        CAMERA.project(seen)[:, :2], frame.measurement_px[match.k, :2], atol=3.0
+    )
+
+
+def test_another_place_does_not_align(slam_map: SlamMap, world: RingWorld) -> None:
+    match = _verifier(slam_map).verify(world.frame(TRUTH[12], 1)[0], 0)
+    assert match.status is PlaceStatus.NO_ALIGNMENT
+    assert len(match.k) == 0
+
+
+def test_an_image_without_features_does_not_align(slam_map: SlamMap, world: RingWorld) -> None:
+    frame = world.frame(se3.exp(np.array([0, 0, 0, 0, 50.0, 0])), 1)[0]
+    assert len(frame) == 0
+    assert _verifier(slam_map).verify(frame, 0).status is PlaceStatus.NO_ALIGNMENT
+
+
+def test_a_place_that_shares_a_third_of_its_points_is_not_the_same(slam_map: SlamMap) -> None:
+    """The same furniture before other walls: many points are found, more are missing."""
+    other = RingWorld()
+    strange = np.random.default_rng(1).random(len(other.points_m)) > 0.3
+    other.descriptors[strange] = RingWorld(seed=9).descriptors[strange]
+    match = _verifier(slam_map).verify(other.frame(TRUTH[5], 1)[0], 5)
+    assert match.status is PlaceStatus.TOO_FEW_FOUND
+    assert len(match.k) > 40
+    assert 0.2 < match.found_share < 0.45
+
+
+def test_an_image_that_sees_through_the_map_is_contradicted() -> None:
+    """Half of a wall of the map is gone, and what lies behind it shows."""
+    slam_map = _well_known(SlamMap(1.2, 8), RingWorld(count=8000))
+    opened = RingWorld(count=8000)
+    opened.points_m[opened.points_m[:, 1] > 0] *= [1.6, 1.0, 1.6]
+    frame, _ = opened.frame(TRUTH[5], 1)
+    match = _verifier(slam_map, min_found_share=0.0).verify(frame, 5)
+    assert match.status is PlaceStatus.CONTRADICTED
+    assert match.contradicted_share > 0.15
+
+
+def test_what_stands_in_front_or_is_masked_does_not_count(world: RingWorld) -> None:
+    frame, landmark = world.frame(TRUTH[3], 1)
+    camera_m = se3.transform(se3.inverse(TRUTH[3]), world.points_m[landmark])
+    pixels = CAMERA.project(camera_m).T
+    behind = camera_m * 1.5
+    before = camera_m * 0.6
+    here = visibility(pixels, camera_m[:, 2], frame)
+    assert here.observable.all()
+    assert not here.contradicted.any()
+    hidden = visibility(CAMERA.project(behind).T, behind[:, 2], frame)
+    assert hidden.observable.mean() < 0.1
+    through = visibility(CAMERA.project(before).T, before[:, 2], frame)
+    assert through.contradicted.mean() > 0.3
+    outside = visibility(pixels + 5000.0, camera_m[:, 2], frame)
+    assert not outside.observable.any()
+
+
+def test_points_often_missed_are_expected_less() -> None:
+    slam_map = SlamMap(1.2, 8)
+    rows = mapped(slam_map, RingWorld(count=400), TRUTH[:2], TRUTH[:2])
+    j = slam_map.keyframes.point_of_feature[rows[0], :3].astype(np.int64)
+    slam_map.points.num_visible[j], slam_map.points.num_found[j] = [0, 96, 96], [0, 96, 0]
+    np.testing.assert_allclose(chance_found(slam_map.points, j), [0.25, 0.97, 0.01])
