@@ -77,21 +77,24 @@ def test_compressed_images_by_parameter(make_bench: MakeBench) -> None:
 
 
 def test_newest_image_wins_and_dropped_ones_are_counted(make_bench: MakeBench) -> None:
-    bench = make_bench(work=10)  # some 100 ms
+    bench = make_bench(work=30)  # some 300 ms: all images come while the first is looked at
     bench.start()
     bench.send(IMAGE, 1)
     bench.spin(0.02)
     for stamp_ns in range(2, 7):
         bench.send(IMAGE, stamp_ns)
         bench.spin(0.001)
-    first, second = bench.answer(), bench.answer()
-    stamps = [conversions.stamp_from_msg(m.header.stamp) for m in (first, second)]
-    assert stamps == [1, 6]
+    stamps = []
+    while 6 not in stamps:
+        stamps.append(conversions.stamp_from_msg(bench.answer().header.stamp))
+    assert stamps[0] == 1
+    assert stamps == sorted(stamps)
+    assert len(stamps) <= 3  # two on any machine that sends the images within 300 ms
     bench.spin(0.3)
     assert bench.detections == []
     values = bench.values()
-    assert values['images dropped for newer ones'] == '4'
-    assert values['images processed'] == '2'
+    assert values['images dropped for newer ones'] == str(6 - len(stamps))
+    assert values['images processed'] == str(len(stamps))
 
 
 def test_debug_image_only_while_someone_listens(bench: Bench) -> None:
