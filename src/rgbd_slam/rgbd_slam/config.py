@@ -108,7 +108,7 @@ class MappingConfig(Config):
         maximum=1.0,
     )  # fmt: skip
     redundant_share: float = param(
-        0.9, 'A keyframe goes when so much of it is seen by three others as well', minimum=0.5,
+        0.8, 'A keyframe goes when so much of it is seen by three others as well', minimum=0.5,
         maximum=1.0,
     )  # fmt: skip
 

@@ -66,7 +66,7 @@ class LoopConfig(Config):
     small_m: float = param(0.03, 'Corrections below need no pose graph', minimum=0.0)
     small_deg: float = param(1.5, 'The same, of the heading', minimum=0.0)
     global_iterations: int = param(
-        10, 'Of bundle adjustment over the whole map after a loop; 0: none', minimum=0, maximum=100
+        6, 'Of adjusting the whole map after a loop, a round; 0: none', minimum=0, maximum=100
     )
 
 
