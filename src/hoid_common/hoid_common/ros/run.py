@@ -29,6 +29,10 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RuntimeError:
+        # A signal may end the context just as the executor makes its wait set.
+        if rclpy.ok():
+            raise
     except HoidError as error:
         sys.stderr.write(f'error: {error}\n')
         return 1
