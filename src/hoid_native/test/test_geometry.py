@@ -76,7 +76,7 @@ def test_information_is_that_of_numeric_derivatives() -> None:
     np.testing.assert_allclose(fit.information, expected, rtol=1e-6, atol=1e-3)
 
 
-def test_a_wrong_depth_does_not_move_the_pose_much():
+def test_a_wrong_depth_does_not_move_the_pose_much() -> None:
     _, points = scene(5, 100)
     measured = pixels(TRUTH, points)
     measured[:30, 2] -= 2.4
