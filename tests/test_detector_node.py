@@ -178,6 +178,18 @@ def test_silence_is_said_in_plain_words(bench: Bench) -> None:
     assert told['model'].startswith('m.onnx: end_to_end, 80 classes, input 96x64 float32')
 
 
+def test_another_provider_than_asked_for_is_said_once(
+    make_bench: MakeBench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bench = make_bench(providers='["tensorrt", "cpu"]')
+    bench.start()
+    if 'on tensorrt' in bench.values()['model']:
+        pytest.skip('this machine has TensorRT')
+    assert 'the network runs on cpu, not on tensorrt: ' in bench.values()['message']
+    assert bench.values()['level'] == DiagnosticStatus.WARN
+    assert capfd.readouterr().err.count('not on tensorrt') == 1
+
+
 def state(bench: Bench) -> str:
     reply = bench.call(GetState, 'hoid_detector/get_state', GetState.Request())
     return str(reply.current_state.label)

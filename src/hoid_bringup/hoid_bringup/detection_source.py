@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 from hoid_bags.sequence import Sequence
@@ -10,6 +11,8 @@ from hoid_common.errors import InputError
 from hoid_common.values import Detections, RgbdFrame
 from hoid_detector.model_path import find_model
 from hoid_detector.onnx_detector import OnnxDetector
+
+_LOG = logging.getLogger(__name__)
 
 DetectionSource = Callable[[RgbdFrame], Detections | None]
 
@@ -32,4 +35,6 @@ def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
             )
         return lambda frame: exact.get(frame.stamp_ns)
     detector = OnnxDetector(find_model(config.model or None), config.detector)
+    if warning := detector.network.provider_warning:
+        _LOG.warning('%s', warning)
     return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)

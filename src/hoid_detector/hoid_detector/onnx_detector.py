@@ -26,6 +26,8 @@ _LOG = logging.getLogger(__name__)
 class OnnxDetector:
     """Any ONNX model of the YOLO family, its output layout told from the file.
 
+    Whoever makes one says `network.provider_warning`, where there is one, in its own way.
+
     Raises:
         ModelError: the model cannot be read, is no known detector, or does not name its classes.
         ConfigError: `classes` or `providers` names what does not exist.
@@ -39,8 +41,6 @@ class OnnxDetector:
         self.network_ms = 0.0  # of the latest call, wall time
         self.detect_ms = 0.0  # of the latest call, wall time, the network's included
         _LOG.info('%s', self.description)
-        if self.network.provider_warning:
-            _LOG.warning('%s', self.network.provider_warning)
 
     @property
     def config(self) -> DetectorConfig:
