@@ -86,8 +86,15 @@ class BagReader:
         return self._source.span_ns
 
     def topic_span_ns(self, topic: str) -> tuple[int, int]:
-        """Return the log times of a topic's first and last message; (0, 0) without messages."""
-        return self._source.topic_span_ns(topic)
+        """Return the log times of a topic's first and last message; (0, 0) without messages.
+
+        Where the bag is damaged, these are the times of the whole bag: see `fault`.
+        """
+        try:
+            return self._source.topic_span_ns(topic)
+        except _DAMAGE as error:
+            self.fault = f'{self.path}: damaged: {_line(error)}'
+            return self.span_ns
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
@@ -98,13 +105,17 @@ class BagReader:
             topics: Absolute names; None means all.
             start_ns: Log time from which on to read.
         """
-        num_read = 0
+        num_read = first_ns = last_ns = 0
         try:
             for message in self._source.messages(topics, start_ns):
-                num_read += 1
+                num_read, last_ns = num_read + 1, message.log_ns
+                first_ns = first_ns or last_ns
                 yield message
         except _DAMAGE as error:
-            self.fault = f'{self.path}: damaged after {num_read} messages: {_line(error)}'
+            self.fault = (
+                f'{self.path}: damaged after {num_read} messages'
+                f' ({(last_ns - first_ns) / NS_PER_S:.2f} s); the rest is not read: {_line(error)}'
+            )
 
     def _salvage(self, error: Exception) -> CutBag:
         files = _files(self.path, '.mcap') if self.path.is_dir() else [self.path]

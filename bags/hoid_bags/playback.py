@@ -66,6 +66,9 @@ class Score:
         """Yield the cues in order of time, without end when looping.
 
         In later rounds the stamp of every message that begins with a header is moved as well.
+
+        Raises:
+            InputError: after the last readable cue, when the bag turns out to be damaged.
         """
         with_header = {t.name for t in self.topics if _has_header(t.type_name)}
         offset_ns = 0
@@ -84,6 +87,8 @@ class Score:
                 if log_ns > self.end_ns:
                     return
                 yield Cue(topic, log_ns + offset_ns, offset_ns, data)
+            if reader.fault is not None and reader.fault != self.fault:
+                raise InputError(reader.fault)
 
 
 def open_score(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> Score:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 
 from hoid_bags.bag_reader import BagReader
 from hoid_bags.info import summarize
+from hoid_bags.playback import PlayConfig, open_score
 from hoid_bags.sequence import open_sequence
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
@@ -62,17 +65,52 @@ def test_a_bag_with_senseless_metadata_says_so(bag: Path) -> None:
     assert len(list(sequence)) == 60
 
 
-def test_one_damaged_chunk(bag: Path) -> None:
+def damage(bag: Path) -> None:
+    """Overwrite a whole chunk; the index stays."""
     file = bag / 'bag.mcap'
     data = bytearray(file.read_bytes())
     middle = len(data) // 2
     data[middle : middle + 300_000] = bytes(300_000)
     file.write_bytes(data)
+
+
+def test_one_damaged_chunk(bag: Path) -> None:
+    damage(bag)
     with BagReader(bag) as reader:
         num_read = sum(1 for _ in reader.messages())
         assert 0 < num_read < 180
         assert reader.fault is not None
-        assert 'damaged after' in reader.fault
+        assert f'{bag}: damaged after {num_read} messages (' in reader.fault
+        assert '\n' not in reader.fault
+
+
+def test_a_damaged_bag_as_a_sequence_says_so(bag: Path) -> None:
+    damage(bag)
+    sequence = open_sequence(bag)
+    assert sequence.fault is not None
+    assert 'damaged after' in sequence.fault
+    assert 0 < len(list(sequence)) == len(sequence) < 60
+
+
+@pytest.mark.parametrize('loop', [False, True])
+def test_a_damaged_bag_is_played_as_far_as_it_goes_and_then_said(bag: Path, loop: bool) -> None:
+    damage(bag)
+    score = open_score(bag, PlayConfig())
+    cues = score.cues(loop=loop)
+    first = [next(cues) for _ in range(60)]
+    assert [cue.time_ns for cue in first] == sorted(cue.time_ns for cue in first)
+    with pytest.raises(InputError, match=r'damaged after \d+ messages'):
+        deque(islice(cues, 180), maxlen=0)
+    with pytest.raises(StopIteration):
+        next(cues)
+
+
+def test_the_summary_of_a_damaged_bag_says_so(bag: Path) -> None:
+    damage(bag)
+    summary = summarize(bag)
+    assert summary.num_messages == 180  # by the index
+    assert summary.fault is not None
+    assert 'damaged' in summary.fault
 
 
 def test_no_bag(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,6 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its status: 1 for an error said in one line, 2 for usage."""
     for variable in _THREAD_VARIABLES:  # small matrices: more threads only cost
         os.environ.setdefault(variable, '1')
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the same clean end as Ctrl-C
     argv = list(sys.argv[1:] if argv is None else argv)
     args = _parser(argv).parse_args(argv)
     logging.basicConfig(

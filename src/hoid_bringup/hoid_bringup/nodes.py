@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import tempfile
 import time
@@ -45,7 +44,6 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
 def nodes_command(args: argparse.Namespace) -> None:
     """Run until Ctrl-C or SIGTERM, which is the usual end, or until a node dies."""
     options = _options(args)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix='hoid-') as folder, suppress(KeyboardInterrupt):
         specs = node_specs(options, Path(folder))
         try:

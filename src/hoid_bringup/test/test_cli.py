@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -65,3 +69,15 @@ def test_interruption_is_status_130(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 
     monkeypatch.setattr('hoid_bringup.commands.read_tum', interrupted)
     assert cli.main(['evaluate', str(tmp_path), str(tmp_path)]) == 130
+
+
+def test_sigterm_ends_a_command_as_ctrl_c_does(tmp_path: Path) -> None:
+    fifo = tmp_path / 'endless.txt'
+    os.mkfifo(fifo)
+    argv = [sys.executable, '-m', 'hoid_bringup', 'evaluate', str(fifo), str(fifo)]
+    process = subprocess.Popen(argv, stderr=subprocess.PIPE, text=True)
+    with process, fifo.open('w'):  # opens when the command reads, which then has nothing to read
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said == 'hoid evaluate: interrupted\n'
