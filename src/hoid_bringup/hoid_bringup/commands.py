@@ -109,6 +109,11 @@ def report(summary: Summary, out_dir: Path) -> str:
         f'processed  {s.frames_processed} frames',
         f'map        {s.keyframes} keyframes, {s.map_points} points, {s.loops} loops',
     ]
+    if s.frames_in_other_maps:
+        lines.append(
+            f'left out   {s.frames_in_other_maps} frames tracked after a loss, in maps that '
+            'no known place joined'
+        )
     if s.ate_rmse_m is not None:
         online = s.ate_online_rmse_m
         lines.append(

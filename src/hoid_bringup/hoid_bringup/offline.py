@@ -50,6 +50,7 @@ class OfflinePipeline:
         self._features_in = self._features_removed = self._objects_dynamic = 0
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
+        self.num_kept: list[int] = []  # features that the filter left, by frame
 
     def process(self, frame: RgbdFrame) -> TrackingResult:
         """Run one frame through all stages."""
@@ -84,6 +85,7 @@ class OfflinePipeline:
 
     def _count(self, filtered: FilterResult) -> None:
         self.num_processed += 1
+        self.num_kept.append(len(filtered.features))
         self._features_in += filtered.num_features_in
         self._features_removed += filtered.num_removed
         self._objects_dynamic += sum(item.is_dynamic for item in filtered.objects)
@@ -118,7 +120,9 @@ class OfflinePipeline:
             map_counts=MapCounts(
                 stats.num_keyframes,
                 stats.num_map_points,
+                stats.num_maps,
                 stats.num_loops,
+                stats.num_merges,
                 stats.num_relocalizations,
             ),
             filter_counts=FilterCounts(

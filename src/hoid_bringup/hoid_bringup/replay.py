@@ -145,7 +145,12 @@ class _LiveRun:
             map_points_m=points_m,
             ground_truth=self._bag.ground_truth,
             map_counts=MapCounts(
-                len(keyframes), len(points_m), status.loops, status.relocalizations
+                len(keyframes),
+                len(points_m),
+                status.maps,
+                status.loops,
+                status.merges,
+                status.relocalizations,
             ),
             filter_counts=metrics.filter_counts(),
             stage_ms=metrics.stage_ms(),

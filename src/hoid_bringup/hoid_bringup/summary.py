@@ -52,7 +52,9 @@ class MapCounts:
 
     keyframes: int = 0
     map_points: int = 0
+    maps: int = 0
     loops: int = 0
+    merges: int = 0
     relocalizations: int = 0
 
 
@@ -86,7 +88,8 @@ class Summary:
     input: str
     frames_total: int
     frames_processed: int
-    frames_tracked: int
+    frames_tracked: int  # in the main map, as in trajectory.txt
+    frames_in_other_maps: int  # tracked after a loss in maps that no known place ever joined
     coverage: float
     ate_rmse_m: float | None
     ate_online_rmse_m: float | None
@@ -94,7 +97,9 @@ class Summary:
     rpe_rot_1s_rmse_deg: float | None
     keyframes: int
     map_points: int
+    maps: int
     loops: int
+    merges: int
     relocalizations: int
     stage_ms: Mapping[str, Spread | None]
     latency_ms: Spread | None
@@ -119,6 +124,7 @@ def summarize(result: RunResult) -> Summary:
         frames_total=total,
         frames_processed=result.frames_processed,
         frames_tracked=len(result.final),
+        frames_in_other_maps=len(result.online) - len(result.final),
         coverage=round(len(result.final) / total, 6) if total else 0.0,
         ate_rmse_m=errors['ate_rmse_m'],
         ate_online_rmse_m=online['ate_rmse_m'],

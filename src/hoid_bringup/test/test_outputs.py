@@ -14,6 +14,7 @@ from hoid_common.errors import InputError
 from hoid_common.values import Trajectory
 
 CONTRACT = """frames_total frames_processed frames_tracked coverage ate_rmse_m ate_online_rmse_m
+    frames_in_other_maps maps merges
     rpe_trans_1s_rmse_m rpe_rot_1s_rmse_deg keyframes map_points loops relocalizations
     stage_ms latency_ms peak_rss_mb filter versions"""
 
@@ -36,7 +37,7 @@ def result(final: Trajectory, truth: Trajectory | None) -> RunResult:
         keyframes=Trajectory(final.stamps_ns[::10], final.T_world_camera[::10]),
         map_points_m=np.array([[1.0, 2, 3], [4, 5, 6]]),
         ground_truth=truth,
-        map_counts=MapCounts(9, 2, 1, 0),
+        map_counts=MapCounts(9, 2, maps=1, loops=1),
         filter_counts=FilterCounts(100_000, 20, 3),
         stage_ms={'frame': [1.0, 2, 3], 'detect': []},
         peak_rss_mb=321.04,

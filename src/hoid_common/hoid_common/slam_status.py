@@ -34,8 +34,10 @@ class SlamStatus:
     inliers: int = 0
     keyframes: int = 0
     map_points: int = 0
+    maps: int = 0
     mapper_queue: int = 0
     loops: int = 0
+    merges: int = 0
     relocalizations: int = 0
     frames_processed: int = 0
     frames_dropped: int = 0

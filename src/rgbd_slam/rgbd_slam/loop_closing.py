@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,18 @@ class LoopEvent(Enum):
     REJOINED = 'rejoined'  # a place seen before, reached with hardly any drift
     CLOSED = 'closed'
     MERGED = 'merged'  # two maps into one
+
+
+class LoopCounts(NamedTuple):
+    """How often the map was drawn together."""
+
+    closed: int = 0
+    merged: int = 0
+
+    def with_event(self, event: LoopEvent) -> LoopCounts:
+        """Return the counts after an event."""
+        closed = self.closed + (event is LoopEvent.CLOSED)
+        return LoopCounts(closed, self.merged + (event is LoopEvent.MERGED))
 
 
 class LoopCloser:

@@ -13,7 +13,7 @@ from rgbd_slam.culling import cull_keyframes, cull_young_points
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.fusing import fuse_into_neighbours
 from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.loop_closing import LoopCloser, LoopEvent
+from rgbd_slam.loop_closing import LoopCloser, LoopCounts
 from rgbd_slam.map import SlamMap
 from rgbd_slam.point_tallies import PointCounts
 from rgbd_slam.window import adjust_window
@@ -46,7 +46,7 @@ class Mapper:
         self._camera = camera
         self._config = config
         self._closer = LoopCloser(slam_map, camera, config, background=background)
-        self.num_loops = 0
+        self.loops = LoopCounts()
         self._close_limit_m = config.camera.close_baselines * config.camera.baseline_m
 
     def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
@@ -67,8 +67,7 @@ class Mapper:
         self.map.update_connections(i)
         adjust_window(self.map, self._camera, i, self._config.mapping)
         cull_keyframes(self.map, i, self._config.mapping, self._close_limit_m)
-        event = self._closer.process(i)
-        self.num_loops += event in {LoopEvent.CLOSED, LoopEvent.MERGED}
+        self.loops = self.loops.with_event(self._closer.process(i))
         return i
 
     def poll(self) -> bool:

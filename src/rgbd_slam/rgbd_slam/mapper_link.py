@@ -7,6 +7,7 @@ from typing import Protocol
 from hoid_common.values import FloatArray
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
+from rgbd_slam.loop_closing import LoopCounts
 from rgbd_slam.map import Redirect, SlamMap
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 
@@ -15,7 +16,7 @@ class MapperLink(Protocol):
     """What the tracker needs of a mapper; the map it sees changes in these calls only."""
 
     @property
-    def num_loops(self) -> int:
+    def loops(self) -> LoopCounts:
         """Return how many loops were closed, and maps merged."""
         ...
 
@@ -55,9 +56,9 @@ class InlineMapper:
         self._mapper = Mapper(camera, slam_map, config)
 
     @property
-    def num_loops(self) -> int:
+    def loops(self) -> LoopCounts:
         """Return how many loops were closed, and maps merged."""
-        return self._mapper.num_loops
+        return self._mapper.loops
 
     def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
         """Make the first keyframe of a map and return its row."""

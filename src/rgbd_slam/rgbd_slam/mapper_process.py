@@ -21,6 +21,7 @@ from hoid_common.errors import HoidError
 from hoid_common.values import FloatArray
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
+from rgbd_slam.loop_closing import LoopCounts
 from rgbd_slam.map import MapChange, Redirect, SlamMap
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 
@@ -48,7 +49,7 @@ class _Report(NamedTuple):
 
     change: MapChange
     row: int | None  # of the keyframe that a request made
-    num_loops: int
+    loops: LoopCounts
     is_answer: bool
 
 
@@ -70,7 +71,7 @@ def run_mapper(
                 continue
             change = slam_map.changes_since(version)
             version = change.version
-            reports.send(_Report(change, row, mapper.num_loops, is_answer))
+            reports.send(_Report(change, row, mapper.loops, is_answer))
     except (EOFError, BrokenPipeError):
         pass  # the tracker has ended
     finally:
@@ -92,7 +93,7 @@ class MapperProcess:
 
     def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: SlamConfig) -> None:
         self._map = slam_map
-        self.num_loops = 0
+        self.loops = LoopCounts()
         self._num_sent = self._num_done = 0
         self._to_send: SimpleQueue[_Request | None] = SimpleQueue()
         self._received: SimpleQueue[_Report | None] = SimpleQueue()
@@ -195,7 +196,7 @@ class MapperProcess:
             )
         self._map.apply(report.change)
         self._redirects.extend(self._map.take_redirects())
-        self.num_loops = report.num_loops
+        self.loops = report.loops
         self._num_done += report.is_answer
         return report.row
 

@@ -22,6 +22,7 @@ _MESSAGES = {
     SlamState.LOST: 'too few map points are seen; looking for a known place',
     SlamState.PAUSED: 'paused; ~/resume goes on',
 }
+_IN_OTHER_MAP = 'in a new map since the last loss; a known place will join the two'
 
 
 class Processed(NamedTuple):
@@ -148,17 +149,24 @@ class SlamSession:
             is_keyframe=result.is_keyframe,
         )
 
+    def _message(self, state: SlamState) -> str:
+        if state is SlamState.TRACKING and not self._slam.is_in_main_map:
+            return _IN_OTHER_MAP
+        return _MESSAGES[state]
+
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
         stats = self._slam.stats
         return SlamStatus(
             state=state,
-            message=_MESSAGES[state],
+            message=self._message(state),
             tracked_points=result.num_tracked if result else 0,
             inliers=result.num_inliers if result else 0,
             keyframes=stats.num_keyframes,
             map_points=stats.num_map_points,
+            maps=stats.num_maps,
             mapper_queue=self._slam.mapper_queue,
             loops=stats.num_loops,
+            merges=stats.num_merges,
             relocalizations=stats.num_relocalizations,
             frames_processed=self._num_processed,
             frames_dropped=self._gaps.num_missing,

@@ -22,7 +22,7 @@ from rgbd_slam.pose_optimizer import covariance
 from rgbd_slam.relocalization import Relocalizer
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.tracker import Tracker, Tracking
-from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_trajectory
+from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_trajectory, main_map
 
 _MS = 1e3
 _MIN_FIRST_FEATURES = 100  # with depth, to start a map
@@ -54,11 +54,13 @@ class TrackingResult:
 
 @dataclass(frozen=True)
 class SlamStats:
-    """Counts of the map and of events."""
+    """Counts of the main map, that with most keyframes, and of events."""
 
     num_keyframes: int
     num_map_points: int
+    num_maps: int = 0  # more than one only after a loss, until a known place joins them
     num_loops: int = 0
+    num_merges: int = 0
     num_relocalizations: int = 0
 
 
@@ -224,23 +226,36 @@ class RgbdSlam:
         return self._trajectory.online()
 
     def trajectory_final(self) -> Trajectory:
-        """Return the poses of all tracked frames by the map as it is now."""
+        """Return the poses of the frames tracked in the main map, as it is now."""
         return self._trajectory.final(self._map.keyframes)
 
     def keyframe_trajectory(self) -> Trajectory:
-        """Return the poses of the keyframes."""
+        """Return the poses of the main map's keyframes."""
         return keyframe_trajectory(self._map.keyframes)
 
     def map_points_m(self) -> FloatArray:
-        """Return (N, 3) map points."""
-        return self._map.points.position_m[self._map.points.indices()]
+        """Return (N, 3) points of the main map."""
+        points = self._map.points
+        return points.position_m[points.alive & (points.map_id == main_map(self._map.keyframes))]
+
+    @property
+    def is_in_main_map(self) -> bool:
+        """Return whether the last tracked frame is in the map that most keyframes are in."""
+        keyframes = self._map.keyframes
+        i = keyframes.index_of(self._last.reference_uid) if self._last is not None else None
+        return i is None or int(keyframes.map_id[i]) == main_map(keyframes)
 
     @property
     def stats(self) -> SlamStats:
-        """Return counts of the map and of events."""
+        """Return counts of the main map and of events."""
+        keyframes, points = self._map.keyframes, self._map.points
+        ids, main = keyframes.map_id[keyframes.alive], main_map(keyframes)
+        loops = self._mapper.loops
         return SlamStats(
-            len(self._map.keyframes),
-            len(self._map.points),
-            self._mapper.num_loops,
+            int(np.count_nonzero(ids == main)),
+            int(np.count_nonzero(points.alive & (points.map_id == main))),
+            len(np.unique(ids)),
+            loops.closed,
+            loops.merged,
             self._num_relocalizations,
         )

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from hoid_common.values import FloatArray, Trajectory
+from hoid_common.values import FloatArray, IntArray, Trajectory
 from rgbd_slam.keyframes import KeyframeTable
 from rgbd_slam.map import Redirect
 
@@ -19,6 +19,7 @@ class TrajectoryRecorder:
         self._online: list[FloatArray] = []
         self._reference_uid: list[int] = []
         self._T_reference_camera: list[FloatArray] = []
+        self._removed: dict[int, Redirect] = {}  # keyframes, and what took their place
 
     def __len__(self) -> int:
         return len(self._stamps_ns)
@@ -38,31 +39,50 @@ class TrajectoryRecorder:
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
         """Hang frames of removed keyframes on those that took their place."""
-        for redirect in redirects:
-            for n, uid in enumerate(self._reference_uid):
-                if uid == redirect.uid:
-                    self._reference_uid[n] = redirect.parent_uid
-                    self._T_reference_camera[n] = (
-                        redirect.T_parent_camera @ self._T_reference_camera[n]
-                    )
+        self._removed.update((redirect.uid, redirect) for redirect in redirects)
 
     def online(self) -> Trajectory:
         """Return the poses as they were known when each frame was tracked."""
         return Trajectory(np.array(self._stamps_ns, np.int64), _stacked(self._online))
 
     def final(self, keyframes: KeyframeTable) -> Trajectory:
-        """Return the poses that follow from where the keyframes are now."""
-        rows = keyframes.indices()
-        order = np.argsort(keyframes.uid[rows])
-        uids = keyframes.uid[rows][order]
-        at = rows[order[np.searchsorted(uids, np.array(self._reference_uid, np.int64))]]
-        poses = keyframes.T_map_camera[at] @ _stacked(self._T_reference_camera)
-        return Trajectory(np.array(self._stamps_ns, np.int64), poses)
+        """Return the poses that follow from where the keyframes of the main map are now.
+
+        Frames of other maps are left out: nothing says where those maps lie.
+        """
+        uids, which = np.unique(np.array(self._reference_uid, np.int64), return_inverse=True)
+        rows, T_map_reference = self._placed(keyframes, uids)
+        poses = T_map_reference[which] @ _stacked(self._T_reference_camera)
+        known = keyframes.map_id[rows[which]] == main_map(keyframes)
+        return Trajectory(np.array(self._stamps_ns, np.int64)[known], poses[known])
+
+    def _placed(self, keyframes: KeyframeTable, uids: IntArray) -> tuple[IntArray, FloatArray]:
+        """Return where keyframes (K,), removed ones too, are by their (K,) rows that are there."""
+        row_of = {int(keyframes.uid[i]): i for i in keyframes.indices().tolist()}
+        rows, poses = np.empty(len(uids), np.int64), np.empty((len(uids), 4, 4))
+        for n, uid in enumerate(uids.tolist()):
+            T_parent_camera = np.eye(4)
+            while (removed := self._removed.get(uid)) is not None:
+                T_parent_camera = removed.T_parent_camera @ T_parent_camera
+                uid = removed.parent_uid  # noqa: PLW2901 - up the tree
+            rows[n] = row_of[uid]
+            poses[n] = keyframes.T_map_camera[rows[n]] @ T_parent_camera
+        return rows, poses
+
+
+def main_map(keyframes: KeyframeTable) -> int:
+    """Return the map with most keyframes, the older of equals.
+
+    After a loss there may be several, each in a frame of its own until a known place joins them.
+    """
+    ids = keyframes.map_id[keyframes.indices()]
+    return int(np.bincount(ids).argmax()) if len(ids) else 0
 
 
 def keyframe_trajectory(keyframes: KeyframeTable) -> Trajectory:
-    """Return the keyframes' poses in order of time."""
+    """Return the poses of the main map's keyframes in order of time."""
     rows = keyframes.indices()
+    rows = rows[keyframes.map_id[rows] == main_map(keyframes)]
     rows = rows[np.argsort(keyframes.stamp_ns[rows], kind='stable')]
     return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
 

@@ -53,6 +53,25 @@ def test_a_jump_to_a_known_place() -> None:
     assert rmse_m(slam, POSES[order]) < 0.015
 
 
+def test_what_is_mapped_where_nothing_is_known_stays_out_of_the_trajectory() -> None:
+    """The camera is carried blindly into another room, for good."""
+    config = SlamConfig().updated({'places.new_map_after_s': 0.2})
+    here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, config)
+    for n, pose in enumerate(POSES[:70]):
+        world = here if n < 45 else there
+        slam.process(seen(world, n, pose, covered=45 <= n < 50))
+    stats, final = slam.stats, slam.trajectory_final()
+    num_online = len(slam.trajectory_online())
+    assert stats.num_maps == 2
+    assert (stats.num_merges, stats.num_loops) == (0, 0)
+    assert not slam.is_in_main_map
+    assert final.stamps_ns.tolist() == [n * PERIOD_NS for n in range(45)]
+    assert num_online > 55
+    assert rmse_m(slam, POSES) < 0.015
+    assert len(slam.keyframe_trajectory()) == stats.num_keyframes
+    assert len(slam.map_points_m()) == stats.num_map_points
+
+
 def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None:
     """The camera turns round in the dark, maps what is there, and turns back in the light."""
     config = SlamConfig().updated({'places.new_map_after_s': 0.2})
@@ -71,5 +90,7 @@ def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None
         maps.append(len(np.unique(keyframes.map_id[keyframes.indices()])))
     assert max(maps) == 2
     assert maps[-1] == 1
+    assert (slam.stats.num_maps, slam.stats.num_merges, slam.stats.num_loops) == (1, 1, 0)
+    assert len(slam.trajectory_final()) == len(slam.trajectory_online())
     errors = position_errors_m(slam.trajectory_final(), poses)
     assert errors[-30:].max() < 0.03  # back in the frame of the first map
