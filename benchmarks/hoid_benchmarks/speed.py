@@ -78,15 +78,21 @@ def _time_filter(sequence: Sequence) -> Rows:
 
 def _time_detect(sequence: Sequence) -> Rows:
     """Time the detector that is found first; wall time, as the network has threads of its own."""
+    from hoid_common.ros import conversions  # noqa: PLC0415  the other stages need no ROS
+
     path = find_model(None)
     detector = OnnxDetector(path, RunConfig().detector)
+    names, size_px = detector.class_names, (sequence.camera.width_px, sequence.camera.height_px)
     total_ms, network_ms = [], []
     for frame in _first(sequence):
         start_s = time.perf_counter()
-        detector.detect(frame.image_bgr, frame.stamp_ns)
+        found = detector.detect(frame.image_bgr, frame.stamp_ns)
+        header = conversions.header_to_msg(frame.stamp_ns, '')
+        conversions.detections_to_msg(found, header, size_px, names)
         total_ms.append(1e3 * (time.perf_counter() - start_s))
         network_ms.append(detector.network_ms)
     yield f'{path.stem} network', network_ms
+    yield 'letterbox to message', [a - b for a, b in zip(total_ms, network_ms, strict=True)]
     yield f'{path.stem} in all', total_ms
 
 
