@@ -1,0 +1,189 @@
+"""How well the filter's masks cover what moves, and nothing else: judged corner by corner.
+
+A trajectory hides what a part of the filter does behind the noise of tracking; here it is counted
+which corners on moving things are kept and which static ones are lost.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from hoid_bags.sequence import open_sequence
+from hoid_bags.synth.config import SceneConfig
+from hoid_benchmarks.labelled import Labelled, pasted_people, rendered_people
+from hoid_benchmarks.perturb import perturb_detections
+from hoid_benchmarks.plan import Perturbation
+from hoid_benchmarks.sequences import PEOPLE_SUFFIX, Store
+from hoid_bringup.detection_source import DetectionSource
+from hoid_bringup.run_config import TRUTH
+from hoid_common.errors import ConfigError
+from hoid_common.values import BoolArray, CameraModel, Detections, IntArray
+from hoid_detector.config import DetectorConfig
+from hoid_detector.model_path import find_model
+from hoid_detector.onnx_detector import OnnxDetector
+from hoid_filter.config import STRATEGIES, FilterConfig, PlusConfig
+from hoid_filter.extractor import OrbExtractor
+from hoid_filter.registry import make_strategy
+from hoid_filter.scene import Verdict, View
+
+_EDGE_PX = 5  # corners this near to what moves see both: they count for nothing
+_SYNTH = 'synth-'
+_COLUMNS = (
+    'variant',
+    'frames that differ',
+    'moving kept',
+    'static lost',
+    'moving among kept',
+    'moving among seeds',
+)
+
+
+@dataclass(frozen=True)
+class MaskCase:
+    """A recording, a detector, and what is done to its detections."""
+
+    sequence: str
+    detector: str
+    perturbation: Perturbation = field(default_factory=Perturbation)
+
+
+CASES: Mapping[str, MaskCase] = {
+    'pasted-yolov8n': MaskCase('fr1_xyz_people', 'yolov8n_int8'),
+    'pasted-yolox': MaskCase('fr1_xyz_people', 'yolox_nano'),
+    'pasted-missed': MaskCase('fr1_xyz_people', 'yolov8n_int8', Perturbation(missed_every=3)),
+    'rendered-1': MaskCase('synth-1', TRUTH),
+    'rendered-2': MaskCase('synth-2', TRUTH),
+    'rendered-missed': MaskCase('synth-1', TRUTH, Perturbation(missed_every=3)),
+}
+
+
+@dataclass
+class Tally:
+    """What became of the corners of a recording."""
+
+    moving: int = 0
+    moving_kept: int = 0
+    moving_seeds: int = 0
+    static: int = 0
+    static_lost: int = 0
+    seeds: int = 0
+    frames_that_differ: int = 0  # from the first variant
+
+    def add(self, moving: BoolArray, static: BoolArray, kept: BoolArray, seeds: BoolArray) -> None:
+        """Count the corners of a frame; each argument is (K,)."""
+        self.moving += _count(moving)
+        self.moving_kept += _count(moving & kept)
+        self.moving_seeds += _count(moving & seeds)
+        self.static += _count(static)
+        self.static_lost += _count(static & ~kept)
+        self.seeds += _count(seeds & (moving | static))
+
+
+def mask_report(only: Sequence[str], store: Store) -> str:
+    """Return a table for each case, or for each that is named.
+
+    Raises:
+        HoidError: A case is unknown, or its recording or detector is missing.
+    """
+    for name in only:
+        if name not in CASES:
+            raise ConfigError(f'masks: no case {name}: {", ".join(CASES)}')
+    return '\n'.join(_table(name, CASES[name], store) for name in only or CASES)
+
+
+def variants() -> dict[str, FilterConfig]:
+    """Return hoid+, hoid+ without each of its switches, and the other strategies."""
+    plus = FilterConfig()
+    switches = [f.name for f in fields(PlusConfig) if isinstance(getattr(plus.plus, f.name), bool)]
+    without = {f'without {name}': plus.updated({f'plus.{name}': False}) for name in switches}
+    others = {name: replace(plus, strategy=name) for name in STRATEGIES if name != plus.strategy}
+    return {plus.strategy: plus, **without, **others}
+
+
+def _table(name: str, case: MaskCase, store: Store) -> str:
+    missed = {k: v for k, v in vars(case.perturbation).items() if v != getattr(Perturbation(), k)}
+    lines = [
+        f'{name}: {case.sequence}, {case.detector} {missed or ""}',
+        '',
+        f'| {" | ".join(_COLUMNS)} |',
+        '|---' * len(_COLUMNS) + '|',
+    ]
+    for variant, n in judge_masks(case, variants(), store).items():
+        kept = n.moving_kept + n.static - n.static_lost
+        shares = (
+            n.moving_kept / max(n.moving, 1),
+            n.static_lost / max(n.static, 1),
+            n.moving_kept / max(kept, 1),
+            n.moving_seeds / max(n.seeds, 1),
+        )
+        cells = ' | '.join(f'{100 * share:.1f} %' for share in shares)
+        lines.append(f'| {variant} | {n.frames_that_differ} | {cells} |')
+    return '\n'.join([*lines, ''])
+
+
+def judge_masks(
+    case: MaskCase, configs: Mapping[str, FilterConfig], store: Store
+) -> dict[str, Tally]:
+    """Return what each variant makes of the corners of a recording."""
+    strategies = {name: make_strategy(config) for name, config in configs.items()}
+    tallies = {name: Tally() for name in configs}
+    for view, moving, static in _views(case, store):
+        kept = [
+            _kept(strategy.judge(view), view.corner_pixels) for strategy in strategies.values()
+        ]
+        for tally, (keep, seed) in zip(tallies.values(), kept, strict=True):
+            tally.add(moving, static, keep, seed)
+            tally.frames_that_differ += not np.array_equal((keep, seed), kept[0])
+    return tallies
+
+
+def _views(case: MaskCase, store: Store) -> Iterator[tuple[View, BoolArray, BoolArray]]:
+    """Yield each frame as strategies get it, and its (K,) corners that move or rest for sure."""
+    frames, camera = _open(case.sequence, store)
+    exact: dict[int, Detections] = {}
+    detect = perturb_detections(_detector(case.detector, exact), case.perturbation, seed=0)
+    extractor = OrbExtractor(FilterConfig().extraction)
+    kernel = np.ones((2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1), np.uint8)
+    for frame, moving, boxes in tqdm(frames, unit='frame'):
+        if boxes is not None:
+            exact[frame.stamp_ns] = boxes
+        gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
+        pixels = extractor.detect(np.asarray(gray, np.uint8)).pixel
+        near = cv2.dilate(moving.view(np.uint8), kernel) > 0
+        view = View(frame.stamp_ns, detect(frame), frame.depth_m, pixels, camera)
+        yield view, moving.ravel()[pixels], ~near.ravel()[pixels]
+
+
+def _open(name: str, store: Store) -> tuple[Iterator[Labelled], CameraModel]:
+    if name.startswith(_SYNTH):
+        config = SceneConfig(seed=int(name.removeprefix(_SYNTH)))
+        return rendered_people(config, os.cpu_count() or 1), config.camera
+    people = open_sequence(store.find(name))
+    base = open_sequence(store.find(name.removesuffix(PEOPLE_SUFFIX)))
+    return pasted_people(people, base), people.camera
+
+
+def _detector(model: str, exact: Mapping[int, Detections]) -> DetectionSource:
+    if model == TRUTH:
+        return lambda frame: exact[frame.stamp_ns]
+    detector = OnnxDetector(find_model(model), DetectorConfig())
+    return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)
+
+
+def _kept(verdict: Verdict, pixels: IntArray) -> tuple[BoolArray, BoolArray]:
+    """Return the (K,) corners that are kept, and those that may become map points."""
+    keep, seed = (
+        np.ones(len(pixels), np.bool_) if mask is None else mask.ravel()[pixels] > 0
+        for mask in (verdict.keep_mask, verdict.seed_mask)
+    )
+    return keep, keep & seed
+
+
+def _count(flags: BoolArray) -> int:
+    return int(np.count_nonzero(flags))
