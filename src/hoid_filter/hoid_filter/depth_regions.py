@@ -23,17 +23,23 @@ _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _GAP = np.ones((_HOLE_PX, _HOLE_PX), np.uint8)
 
 
+Box = tuple[float, float, float, float]
+Area = tuple[slice, slice]
+
+
 def shrink(depth_m: Float32Array) -> Float32Array:
     """Return every fourth pixel of every fourth row."""
     return np.ascontiguousarray(depth_m[SHRINK // 2 :: SHRINK, SHRINK // 2 :: SHRINK])
 
 
-def crop(box_xyxy_px: FloatArray, shape_hw: tuple[int, ...]) -> tuple[slice, slice]:
+def crop(box_xyxy_px: Box, shape_hw: tuple[int, ...]) -> Area:
     """Return the rows and columns of a small image that a box of the full image covers."""
     height, width = shape_hw
-    x1, y1 = (math.floor(value / SHRINK) for value in box_xyxy_px[:2].tolist())
-    x2, y2 = (math.ceil(value / SHRINK) for value in box_xyxy_px[2:].tolist())
-    return slice(max(y1, 0), min(max(y2, 0), height)), slice(max(x1, 0), min(max(x2, 0), width))
+    x1, y1, x2, y2 = (value / SHRINK for value in box_xyxy_px)
+    return (
+        slice(max(math.floor(y1), 0), min(max(math.ceil(y2), 0), height)),
+        slice(max(math.floor(x1), 0), min(max(math.ceil(x2), 0), width)),
+    )
 
 
 class DepthRegions:
@@ -44,31 +50,33 @@ class DepthRegions:
         self.depth_m = small_depth_m
         gradient_m = cv2.morphologyEx(small_depth_m, cv2.MORPH_GRADIENT, _NEIGHBOURS)
         smooth = (gradient_m < _JUMP_M + _JUMP_SHARE * small_depth_m) & (small_depth_m > 0)
-        self._num, labels = cv2.connectedComponents(smooth.view(np.uint8), connectivity=4)
-        self._labels: Int32Array = np.asarray(labels, np.int32)  # (h, w); 0 = no region
-        flat = self._labels.ravel()
-        self._sizes = np.bincount(flat, minlength=self._num)
-        total_m = np.bincount(flat, weights=small_depth_m.ravel(), minlength=self._num)
+        self.num, labels = cv2.connectedComponents(smooth.view(np.uint8), connectivity=4)
+        self.labels: Int32Array = np.asarray(labels, np.int32)  # (h, w); 0 = no region
+        flat = self.labels.ravel()
+        self._sizes = np.bincount(flat, minlength=self.num)
+        total_m = np.bincount(flat, weights=small_depth_m.ravel(), minlength=self.num)
         self._mean_m: FloatArray = total_m / np.maximum(self._sizes, 1)
 
-    def shown_in(
-        self, box_xyxy_px: FloatArray, depth_m: float, reach_m: float, *, sure: bool
-    ) -> BoolArray:
-        """Return the (h, w) pixels of the thing that a box shows at a depth.
-
-        These are the regions that lie mostly in the box and whose mean depth is within `reach_m`.
-        When they are too little, although it is `sure` that the thing is there, it has merged
-        with what it touches: then every pixel of the box within `reach_m` counts.
-        """
-        area = crop(box_xyxy_px, self.depth_m.shape)
-        inside = np.bincount(self._labels[area].ravel(), minlength=self._num)
-        own = inside >= _INSIDE_SHARE * self._sizes
+    def shown_in(self, area: Area, depth_m: float, reach_m: float) -> BoolArray:
+        """Return the (num,) regions that lie mostly in an area and within `reach_m` of a depth."""
+        inside = np.bincount(self.labels[area].ravel(), minlength=self.num)
+        own: BoolArray = inside >= _INSIDE_SHARE * self._sizes
         own &= np.abs(self._mean_m - depth_m) < reach_m
         own[0] = False
-        pixels: BoolArray = own[self._labels]
+        return own
+
+    def pixels_in(
+        self, area: Area, own: BoolArray, depth_m: float, reach_m: float, *, sure: bool
+    ) -> BoolArray:
+        """Return the pixels of an area that belong to a thing: its own regions, and the gaps.
+
+        When its regions are too little, although it is `sure` that the thing is there, it has
+        merged with what it touches: then every pixel of the area within `reach_m` counts.
+        """
         depth = self.depth_m[area]
-        if sure and np.count_nonzero(pixels) < _FILLED_SHARE * depth.size:
-            pixels[area] |= np.abs(depth - np.float32(depth_m)) < reach_m
-        beside = np.asarray(cv2.dilate(pixels[area].view(np.uint8), _GAP))
-        pixels[area] |= (beside > 0) & (depth <= 0)
+        pixels: BoolArray = own[self.labels[area]]
+        if sure and self._sizes[own].sum() < _FILLED_SHARE * depth.size:
+            pixels |= np.abs(depth - np.float32(depth_m)) < reach_m
+        beside = np.asarray(cv2.dilate(pixels.view(np.uint8), _GAP))
+        pixels |= (beside > 0) & (depth <= 0)
         return pixels

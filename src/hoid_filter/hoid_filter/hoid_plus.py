@@ -10,10 +10,10 @@ from hoid_filter.depth_regions import shrink
 from hoid_filter.depth_samples import sample_depths_m
 from hoid_filter.interaction import Interactions, Situation, judge_interactions
 from hoid_filter.masking import Masks, cover, make_masks
-from hoid_filter.overlap import areas_px2, clip_boxes
+from hoid_filter.overlap import areas_px2
 from hoid_filter.scene import Verdict, View
 from hoid_filter.torso import torso_depth_m
-from hoid_filter.tracks import BoxTracker, Patience, boxes_at
+from hoid_filter.tracks import BoxTracker, Patience
 
 _PERSON_WIDTH_M = 0.8  # what is wider is no person, unless the detector is sure of it
 
@@ -55,21 +55,20 @@ class HoidPlus:
         suspect &= plus.doubt_large_people
         if view.camera is not None:
             for n in np.flatnonzero(suspect).tolist():
-                depth_m = torso_depth_m(small_depth_m, boxes[n])
+                depth_m = torso_depth_m(small_depth_m, boxes[n].tolist())
                 width_m = (boxes[n, 2] - boxes[n, 0]) / view.camera.fx_px * depth_m
                 suspect[n] = not width_m <= _PERSON_WIDTH_M  # NaN: no support
         return suspect
 
     def _situation(self, view: View, small_depth_m: Float32Array) -> Situation:
         height, width = view.depth_m.shape
-        tracks = self._tracker.advance(view.stamp_ns, width, height)
-        boxes = clip_boxes(boxes_at(tracks, view.stamp_ns), width, height)
+        tracks, boxes = self._tracker.advance(view.stamp_ns, width, height)
         depths_m = sample_depths_m(view.depth_m, boxes, self._config.sample_box_px)
-        for n, track in enumerate(tracks):
+        for n, (track, box) in enumerate(zip(tracks, boxes.tolist(), strict=True)):
             if track.is_person:
-                track.torso_m = torso_depth_m(small_depth_m, boxes[n], track.torso_m)
+                track.torso_m = torso_depth_m(small_depth_m, box, track.torso_m)
                 depths_m[n] = track.torso_m
-        return Situation(view.stamp_ns, tuple(tracks), boxes, depths_m)
+        return Situation(view.stamp_ns, tracks, boxes, depths_m)
 
 
 def _verdict(situation: Situation, found: Interactions, masks: Masks) -> Verdict:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from hoid_common.values import ByteArray, Float32Array, FloatArray, Reason
+from hoid_common.values import BoolArray, ByteArray, Float32Array, Reason
 from hoid_filter.config import PlusConfig
-from hoid_filter.depth_regions import SHRINK, DepthRegions, crop
+from hoid_filter.depth_regions import SHRINK, Box, DepthRegions, crop
 from hoid_filter.interaction import Situation
 from hoid_filter.scene import View
 
 _PATCH_MARGIN_PX = 8  # features this near see what moves in their patch
+_SAMPLE_STRIDE = 8
 _COAST_MARGIN = 0.1  # share of its size by which a predicted box may be off
 # How sure it is that what covers a pixel moves; the least sure is given back first.
 _CERTAINTY = {
@@ -47,14 +49,25 @@ def make_masks(certainty: ByteArray, view: View, plus: PlusConfig, enough: float
     keep = _enlarge(wide, size_hw)
     if not plus.fall_back:
         return Masks(keep, seed)
-    # Corners without depth hold a pose by two equations, not three, and come late into the map.
-    corners = view.corner_pixels[view.depth_m.ravel()[view.corner_pixels] > 0]
     for step in range(max(_CERTAINTY.values())):
         if step > 0:
             keep = _enlarge((certainty > step).view(np.uint8), size_hw)
-        if np.count_nonzero(keep.ravel()[corners]) >= enough:
+        if _leaves(keep, view, enough):
             return Masks(keep, seed, step)
     return Masks(None, _enlarge(wide, size_hw), step + 1)
+
+
+def _leaves(keep: ByteArray, view: View, enough: float) -> bool:
+    """Return whether enough corners with depth are left outside a mask.
+
+    Corners without depth hold a pose by two equations, not three, and come late into the map.
+    """
+    for stride in (_SAMPLE_STRIDE, 1):  # mostly a sample of them is enough already
+        left = view.corner_pixels[::stride]
+        left = left[keep.ravel()[left] > 0]
+        if np.count_nonzero(view.depth_m.ravel()[left] > 0) >= enough:
+            return True
+    return False
 
 
 def cover(
@@ -68,27 +81,32 @@ def cover(
     if all(reason is Reason.STATIC for reason in reasons):
         return certainty
     regions = DepthRegions(small_depth_m)
-    for n, (track, reason) in enumerate(zip(situation.tracks, reasons, strict=True)):
+    of_region = np.zeros(regions.num, np.uint8)
+    rows = zip(
+        situation.tracks,
+        reasons,
+        situation.boxes_xyxy_px.tolist(),
+        situation.depths_m.tolist(),
+        strict=True,
+    )
+    for track, reason, box, depth_m in rows:
         if reason is Reason.STATIC:
             continue
-        sure = reason is not Reason.PREDICTED
-        box = situation.boxes_xyxy_px[n] if sure else _grown(situation.boxes_xyxy_px[n])
-        depth_m = float(situation.depths_m[n])
-        value = np.uint8(_CERTAINTY[reason])
-        if plus.keep_background and not np.isnan(depth_m):
+        sure, value = reason is not Reason.PREDICTED, _CERTAINTY[reason]
+        area = crop(box if sure else _grown(*box), certainty.shape)
+        shown: BoolArray | bool = True
+        if plus.keep_background and not math.isnan(depth_m):
             reach_m = plus.person_depth_m if track.is_person else plus.object_depth_m
-            shown = regions.shown_in(box, depth_m, reach_m, sure=sure)
-            np.maximum(certainty, shown * value, out=certainty)
-        else:
-            area = crop(box, certainty.shape)
-            certainty[area] = np.maximum(certainty[area], value)
-    return certainty
+            own = regions.shown_in(area, depth_m, reach_m)
+            of_region[own] = np.maximum(of_region[own], value)
+            shown = regions.pixels_in(area, own, depth_m, reach_m, sure=sure)
+        np.maximum(certainty[area], value, out=certainty[area], where=shown)
+    return np.maximum(certainty, of_region[regions.labels])
 
 
-def _grown(box_xyxy_px: FloatArray) -> FloatArray:
-    more = _COAST_MARGIN * (box_xyxy_px[2:] - box_xyxy_px[:2])
-    grown: FloatArray = box_xyxy_px + np.concatenate([-more, more])
-    return grown
+def _grown(x1: float, y1: float, x2: float, y2: float) -> Box:
+    more_x, more_y = _COAST_MARGIN * (x2 - x1), _COAST_MARGIN * (y2 - y1)
+    return x1 - more_x, y1 - more_y, x2 + more_x, y2 + more_y
 
 
 def _widen(moves: ByteArray, margin_px: int) -> ByteArray:

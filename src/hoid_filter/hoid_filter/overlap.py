@@ -25,11 +25,11 @@ def areas_px2(boxes_xyxy_px: Boxes) -> FloatArray:
 
 def shared_areas_px2(boxes_xyxy_px: Boxes, others_xyxy_px: Boxes) -> FloatArray:
     """Return the (N, M) areas that each of N boxes shares with each of M others."""
-    a = boxes_xyxy_px.astype(np.float64)[:, None]
-    b = others_xyxy_px.astype(np.float64)[None]
-    sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
-    sides = np.maximum(sides, 0.0)
-    area: FloatArray = sides[..., 0] * sides[..., 1]
+    x1, y1, x2, y2 = boxes_xyxy_px.T.astype(np.float64)[:, :, None]
+    u1, v1, u2, v2 = others_xyxy_px.T.astype(np.float64)
+    width = np.maximum(np.minimum(x2, u2) - np.maximum(x1, u1), 0.0)
+    height = np.maximum(np.minimum(y2, v2) - np.maximum(y1, v1), 0.0)
+    area: FloatArray = width * height
     return area
 
 

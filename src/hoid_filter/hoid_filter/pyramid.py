@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.values import ByteArray, Float32Array
+from hoid_common.values import ByteArray, Float32Array, IntArray
 from hoid_native import fast_corners
 
 Int32Array = NDArray[np.int32]
@@ -27,7 +27,7 @@ class Corners(NamedTuple):
     pyramid: Pyramid
     xy_px: Int32Array  # (K, 2) pixels of their own level
     uv_px: Float32Array  # (K, 2) level-0 pixels
-    pixel: Int32Array  # (K,) indices of the nearest level-0 pixels in the flat image
+    pixel: IntArray  # (K,) indices of the nearest level-0 pixels in the flat image
     octave: ByteArray  # (K,)
     score: ByteArray  # (K,), largest threshold at which each still is a corner
 
@@ -63,8 +63,8 @@ def find_corners(pyramid: Pyramid, threshold: int, border_px: int) -> Corners:
     )
 
 
-def flat_pixels(uv_px: Float32Array, width_px: int) -> Int32Array:
+def flat_pixels(uv_px: Float32Array, width_px: int) -> IntArray:
     """Return the (N,) indices, in a flat image, of the pixels nearest to (N, 2) positions."""
-    nearest = np.rint(uv_px).astype(np.int32)
-    flat: Int32Array = nearest[:, 1] * np.int32(width_px) + nearest[:, 0]
+    nearest = np.rint(uv_px).astype(np.int64)
+    flat: IntArray = nearest[:, 1] * width_px + nearest[:, 0]
     return flat

@@ -50,14 +50,7 @@ def sanitize(
 
 def _is_fit(detections: Detections, width_px: int, height_px: int) -> bool:
     """Return whether nothing is to be mended; NaN fails every comparison."""
-    boxes, scores = detections.boxes_xyxy_px, detections.scores
-    if len(detections) == 0:
-        return True
-    return bool(
-        (boxes[:, :2] < boxes[:, 2:]).all()
-        and boxes.min() >= 0
-        and boxes[:, 2].max() <= width_px
-        and boxes[:, 3].max() <= height_px
-        and scores.min() >= 0
-        and scores.max() <= 1
-    )
+    return all(
+        0 <= x1 < x2 <= width_px and 0 <= y1 < y2 <= height_px
+        for x1, y1, x2, y2 in detections.boxes_xyxy_px.tolist()
+    ) and all(0 <= score <= 1 for score in detections.scores.tolist())

@@ -20,7 +20,6 @@ from hoid_common.values import (
     Reason,
 )
 from hoid_filter.depth_samples import sample_depths_m
-from hoid_filter.pyramid import Int32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +29,7 @@ class View:
     stamp_ns: int
     heard: Detections | None  # clipped; of this image or an older one; None: nothing was said
     depth_m: Float32Array  # (H, W); 0 = no reading
-    corner_pixels: Int32Array  # (K,) of the corners found, as indices in the flat image
+    corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
     camera: CameraModel | None = None
 
 
@@ -41,7 +40,7 @@ class Scene:
     detections: Detections  # at the image's stamp, inside the image
     detected: bool  # False: the boxes are predicted, the detector said nothing about this image
     depth_m: Float32Array  # (H, W); 0 = no reading
-    corner_pixels: Int32Array  # (K,) of the corners found, as indices in the flat image
+    corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
     sample_box_px: int  # side of the box at the centre of each detection where depth is read
 
     @cached_property

@@ -6,19 +6,20 @@ import math
 
 import numpy as np
 
-from hoid_common.values import Float32Array, FloatArray
-from hoid_filter.depth_regions import crop
+from hoid_common.values import Float32Array
+from hoid_filter.depth_regions import Box, crop
 
 _BIN_M = 0.1
 _FARTHEST_M = 10.0
 _LAYER_BINS = 4  # a torso's thickness
+_LAYER = np.ones(_LAYER_BINS, np.int64)
 _NEARER_SHARE = 0.6  # of the largest layer: a nearer one that large is the person
-_MIDDLE = np.array([0.2, 0.1, 0.8, 0.9])  # part of a box that mostly shows the person: x1 y1 x2 y2
+_MIDDLE = (0.2, 0.1, 0.8, 0.9)  # part of a box that mostly shows the person: x1 y1 x2 y2
 _STEP_M = 0.5  # a torso's depth changes by less from image to image
 
 
 def torso_depth_m(
-    small_depth_m: Float32Array, box_xyxy_px: FloatArray, known_m: float = math.nan
+    small_depth_m: Float32Array, box_xyxy_px: Box, known_m: float = math.nan
 ) -> float:
     """Return the depth of a person in a box; NaN when no reading fits.
 
@@ -26,8 +27,10 @@ def torso_depth_m(
         small_depth_m: (h, w), as `depth_regions.shrink` returns it.
         known_m: depth of the same person a moment ago, or NaN.
     """
-    size = box_xyxy_px[2:] - box_xyxy_px[:2]
-    middle = np.tile(box_xyxy_px[:2], 2) + np.tile(size, 2) * _MIDDLE
+    x1, y1, x2, y2 = box_xyxy_px
+    left, top, right, bottom = _MIDDLE
+    width, height = x2 - x1, y2 - y1
+    middle = (x1 + left * width, y1 + top * height, x1 + right * width, y1 + bottom * height)
     readings = small_depth_m[crop(middle, small_depth_m.shape)].ravel()
     usable = (readings > 0) & (readings < _FARTHEST_M)
     if not math.isnan(known_m):
@@ -37,12 +40,13 @@ def torso_depth_m(
         return math.nan
     first_m = _first_layer(readings) * _BIN_M
     inside = readings[(readings >= first_m) & (readings < first_m + _LAYER_BINS * _BIN_M)]
-    return float(np.median(inside))
+    middle_rank = len(inside) // 2
+    return float(np.partition(inside, middle_rank)[middle_rank])
 
 
 def _first_layer(readings_m: Float32Array) -> int:
     """Return the bin where the nearest large layer begins."""
     count = np.bincount((readings_m / _BIN_M).astype(np.int64), minlength=_LAYER_BINS)
-    layers = np.convolve(count, np.ones(_LAYER_BINS, np.int64))[_LAYER_BINS - 1 :]
+    layers = np.convolve(count, _LAYER)[_LAYER_BINS - 1 :]
     first = int(np.argmax(layers >= _NEARER_SHARE * layers.max()))
     return first + int(np.argmax(layers[first : first + _LAYER_BINS]))

@@ -41,18 +41,14 @@ class Track:
         """Return whether it moves by itself."""
         return self.class_name == PERSON
 
-    def box_at(self, stamp_ns: int) -> FloatArray:
-        """Return the (4,) box expected at a stamp: where it was seen, moved on since."""
-        box = self.box_xyxy_px + self.velocity_px_s * ((stamp_ns - self.seen_ns) * _NS)
-        box[2:] = np.maximum(box[2:], box[:2] + 1.0)
-        return box
-
-    def observe(self, box: FloatArray, class_name: str, score: float, stamp_ns: int) -> None:
-        """Take in a detection."""
+    def observe(
+        self, box: FloatArray, expected: FloatArray, class_name: str, score: float, stamp_ns: int
+    ) -> None:
+        """Take in a detection of a thing whose box was expected elsewhere."""
         step_s = (stamp_ns - self.seen_ns) * _NS
         if step_s > 0:
-            surprise = box - self.box_at(stamp_ns)
-            self.velocity_px_s = self.velocity_px_s + _VELOCITY_GAIN * surprise / step_s
+            step_px = _VELOCITY_GAIN * (box - expected)
+            self.velocity_px_s = self.velocity_px_s + step_px / step_s
             self.untouched_s += step_s
         self.box_xyxy_px, self.seen_ns = box, stamp_ns
         self.class_name, self.score, self.hits = class_name, score, self.hits + 1
@@ -83,13 +79,14 @@ class BoxTracker:
         """
         stamp_ns = detections.stamp_ns
         boxes = detections.boxes_xyxy_px.astype(np.float64)
+        expected = boxes_at(self._tracks, stamp_ns)
         least = np.where(doubtful, _MIN_IOU_DOUBTFUL, _MIN_IOU)
-        likeness = self._likeness(detections, boxes)
+        likeness = self._likeness(expected, detections, boxes)
         i, k = match_greedily(np.where(likeness >= least, likeness, 0.0), _MIN_IOU)
         names, scores = detections.class_names, detections.scores.tolist()
         for at_track, at in zip(i.tolist(), k.tolist(), strict=True):
             track = self._tracks[at_track]
-            track.observe(boxes[at], names[at], scores[at], stamp_ns)
+            track.observe(boxes[at], expected[at_track], names[at], scores[at], stamp_ns)
             track.doubtful &= bool(doubtful[at]) and track.hits < self._patience.doubt_hits
         for at in sorted(set(range(len(names))) - set(k.tolist())):
             doubt = bool(doubtful[at])
@@ -98,11 +95,12 @@ class BoxTracker:
             )
             self._next_id += 1
 
-    def _likeness(self, detections: Detections, boxes: FloatArray) -> FloatArray:
+    def _likeness(
+        self, expected: FloatArray, detections: Detections, boxes: FloatArray
+    ) -> FloatArray:
         """Return the (T, N) overlaps of predicted and detected boxes of the same kind."""
         if not self._tracks or not len(boxes):
             return np.zeros((len(self._tracks), len(boxes)))
-        expected = boxes_at(self._tracks, detections.stamp_ns)
         known = np.array([track.class_name for track in self._tracks])
         seen = np.array(detections.class_names)
         other_class = known[:, None] != seen
@@ -110,18 +108,25 @@ class BoxTracker:
         iou = intersections_over_union(expected, boxes)
         return np.where(same_kind, iou - _OTHER_CLASS_PENALTY * other_class, 0.0)
 
-    def advance(self, stamp_ns: int, width_px: int, height_px: int) -> list[Track]:
-        """Forget what was missed for too long or left the image; return the others.
+    def advance(
+        self, stamp_ns: int, width_px: int, height_px: int
+    ) -> tuple[tuple[Track, ...], FloatArray]:
+        """Forget what was missed for too long or left the image.
 
-        What was detected at the stamp comes first.
+        Returns:
+            The other tracks, those detected at the stamp first, and their (T, 4) boxes, clipped.
         """
-        visible = _visible_shares(boxes_at(self._tracks, stamp_ns), width_px, height_px)
-        self._tracks = [
-            track
-            for track, share in zip(self._tracks, visible.tolist(), strict=True)
-            if share > _MIN_VISIBLE and self._is_alive(track, stamp_ns)
+        boxes = boxes_at(self._tracks, stamp_ns)
+        inside = clip_boxes(boxes, width_px, height_px)
+        visible = areas_px2(inside) > _MIN_VISIBLE * areas_px2(boxes)
+        alive = [
+            n
+            for n, track in enumerate(self._tracks)
+            if visible[n] and self._is_alive(track, stamp_ns)
         ]
-        return sorted(self._tracks, key=lambda track: track.seen_ns != stamp_ns)
+        alive.sort(key=lambda n: self._tracks[n].seen_ns != stamp_ns)
+        self._tracks = [self._tracks[n] for n in alive]
+        return tuple(self._tracks), inside[alive]
 
     def _is_alive(self, track: Track, stamp_ns: int) -> bool:
         """Return whether it was just seen, or moved when last seen and that is not long ago."""
@@ -135,13 +140,10 @@ class BoxTracker:
 
 
 def boxes_at(tracks: list[Track], stamp_ns: int) -> FloatArray:
-    """Return the (T, 4) boxes expected at a stamp."""
-    if not tracks:
-        return np.empty((0, 4))
-    return np.stack([track.box_at(stamp_ns) for track in tracks])
-
-
-def _visible_shares(boxes_xyxy_px: FloatArray, width_px: int, height_px: int) -> FloatArray:
-    inside = areas_px2(clip_boxes(boxes_xyxy_px, width_px, height_px))
-    share: FloatArray = inside / areas_px2(boxes_xyxy_px)
-    return share
+    """Return the (T, 4) boxes expected at a stamp: where they were seen, moved on since."""
+    seen = np.array([track.box_xyxy_px for track in tracks]).reshape(-1, 4)
+    velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 4)
+    since_s = np.array([stamp_ns - track.seen_ns for track in tracks]) * _NS
+    boxes: FloatArray = seen + velocity_px_s * since_s[:, None]
+    boxes[:, 2:] = np.maximum(boxes[:, 2:], boxes[:, :2] + 1.0)
+    return boxes

@@ -27,5 +27,5 @@ def view(
         stamp_ns=stamp_ns if found is None else found.stamp_ns,
         heard=found,
         depth_m=np.full((HEIGHT, WIDTH), 2.0, np.float32) if depth_m is None else depth_m,
-        corner_pixels=np.array([y * WIDTH + x for x, y in corners_xy_px], np.int32),
+        corner_pixels=np.array([y * WIDTH + x for x, y in corners_xy_px], np.int64),
     )
