@@ -15,9 +15,9 @@ from hoid_bringup.outputs import write_outputs
 from hoid_bringup.progress import progress
 from hoid_bringup.run_config import RunConfig
 from hoid_bringup.summary import FilterCounts, MapCounts, RunResult, Summary
-from hoid_common.values import FilterResult, RgbdFrame, Trajectory
+from hoid_common.values import FilterResult, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
-from rgbd_slam.frame_poses import FramePoses
+from rgbd_slam.frame_poses import FramePoses, KeyframePoses
 from rgbd_slam.frames import RobotFrames
 from rgbd_slam.room_mapper import RoomMapper
 from rgbd_slam.slam import RgbdSlam, TrackingResult
@@ -71,17 +71,18 @@ class OfflinePipeline:
     def _fuse(self, frame: RgbdFrame, filtered: FilterResult, tracking: TrackingResult) -> None:
         if tracking.T_map_camera is None:
             return
+        T_core_camera, reference_uid = self._slam.last_pose()
         pose = self._looks.pick(
             frame.stamp_ns,
-            self._frames.T_map_core @ tracking.T_map_camera,
-            self._keyframes,
-            is_keyframe=tracking.is_keyframe,
+            self._frames.T_map_core @ T_core_camera,
+            reference_uid,
+            self._room_keyframes,
         )
         if pose is not None:
             self._room.fuse(pose, frame.depth_m, frame.image_bgr, filtered.objects)
 
-    def _keyframes(self) -> Trajectory:
-        return self._frames.cameras(self._slam.keyframe_trajectory())
+    def _room_keyframes(self) -> KeyframePoses:
+        return self._frames.keyframes(self._slam.keyframe_poses())
 
     def _count(self, filtered: FilterResult) -> None:
         self.num_processed += 1
@@ -102,7 +103,7 @@ class OfflinePipeline:
         self._slam.finish()
         self._slam.close()
         frames, room = self._frames, self._room
-        room.settle(self._keyframes())
+        room.settle(self._room_keyframes())
         cloud = room.cloud() if room.num_voxels else None
         stats = self._slam.stats
         return RunResult(
@@ -112,7 +113,7 @@ class OfflinePipeline:
             frames_processed=self.num_processed,
             final=frames.cameras(self._slam.trajectory_final()),
             online=frames.cameras(self._slam.trajectory_online()),
-            keyframes=self._keyframes(),
+            keyframes=frames.cameras(self._slam.keyframe_trajectory()),
             map_points_m=frames.points_m(self._slam.map_points_m()),
             cloud=cloud,
             grid=room.grid(cloud) if cloud is not None else None,

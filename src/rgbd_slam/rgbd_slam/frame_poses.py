@@ -7,11 +7,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import FloatArray, Trajectory
+from hoid_common.values import BoolArray, FloatArray, IntArray
 
 _NS = 1_000_000_000
 _EARLY_NS = 5_000_000  # stamps jitter
 _RESTART_NS = _NS  # a stamp that much older means that time started anew
+
+
+class KeyframePoses(NamedTuple):
+    """Where the keyframes of all maps are, as the map says at one time; by ascending uid.
+
+    Only the main map's poses are in the map frame: nothing says where other maps lie.
+    """
+
+    uids: IntArray  # (N,)
+    map_ids: IntArray  # (N,)
+    main_map: int
+    T_map_camera: FloatArray  # (N, 4, 4)
+
+    @property
+    def is_main(self) -> BoolArray:
+        """Return the (N,) mask of keyframes in the main map."""
+        return np.equal(self.map_ids, self.main_map)
+
+    def rows_of(self, uids: IntArray) -> IntArray:
+        """Return the (M,) rows of keyframes that are there."""
+        return np.searchsorted(self.uids, uids)
+
+
+NO_KEYFRAMES = KeyframePoses(np.empty(0, np.int64), np.empty(0, np.int64), 0, np.empty((0, 4, 4)))
 
 
 class FramePose(NamedTuple):
@@ -19,7 +43,8 @@ class FramePose(NamedTuple):
 
     stamp_ns: int
     T_map_camera: FloatArray  # (4, 4)
-    keyframes: Trajectory | None  # as the map said then; None when the image is not to be fused
+    reference_uid: int  # the keyframe that the pose hangs on
+    keyframes: KeyframePoses | None  # as the map said then; None when not to be fused
     follow: bool = True  # whether to look for people and objects
 
 
@@ -30,17 +55,18 @@ class Rate:
         self._period_ns = round(_NS / rate_hz)
         self._last_ns: int | None = None
 
-    def is_due(self, stamp_ns: int) -> bool:
-        """Return whether a stamp is due."""
-        if self._last_ns is None or stamp_ns < self._last_ns - _RESTART_NS:
+    def take_due(self, stamp_ns: int) -> bool:
+        """Return whether a stamp is due; if so, count from it on."""
+        last_ns = self._last_ns
+        if last_ns is None or stamp_ns < last_ns - _RESTART_NS:
+            self._last_ns = stamp_ns
             return True
-        return stamp_ns >= self._last_ns + self._period_ns - _EARLY_NS
-
-    def take(self, stamp_ns: int) -> None:
-        """Count from a stamp on."""
-        grid_ns = stamp_ns if self._last_ns is None else self._last_ns + self._period_ns
+        grid_ns = last_ns + self._period_ns
+        if stamp_ns < grid_ns - _EARLY_NS:
+            return False
         on_time = 0 <= stamp_ns - grid_ns < self._period_ns
         self._last_ns = grid_ns if on_time else stamp_ns
+        return True
 
 
 class FramePoses:
@@ -59,36 +85,20 @@ class FramePoses:
         self,
         stamp_ns: int,
         T_map_camera: FloatArray,
-        keyframes: Callable[[], Trajectory],
-        *,
-        is_keyframe: bool,
+        reference_uid: int,
+        keyframes: Callable[[], KeyframePoses],
     ) -> FramePose | None:
         """Return what is to be known of an image, or None when nobody is to look at it.
 
         Args:
             stamp_ns: Of the image.
-            T_map_camera: (4, 4), as tracked.
-            keyframes: Gives the keyframes as the map says after tracking.
-            is_keyframe: Whether the image became one; the map may have been corrected by it, and
-                then only the keyframe itself tells where it is.
+            T_map_camera: (4, 4), as the map says after tracking and mapping it.
+            reference_uid: Of the keyframe that the pose hangs on.
+            keyframes: Gives the keyframes as the map says then.
         """
-        fused = None
-        if self._fuse is not None and self._fuse.is_due(stamp_ns):
-            fused = _placed(stamp_ns, T_map_camera, keyframes(), is_keyframe=is_keyframe)
-        if self._fuse is not None and fused is not None:
-            self._fuse.take(stamp_ns)
-        if self._look is not None and self._look.is_due(stamp_ns):
-            self._look.take(stamp_ns)
-            return fused or FramePose(stamp_ns, T_map_camera, None)
-        return None if fused is None else fused._replace(follow=False)
-
-
-def _placed(
-    stamp_ns: int, T_map_camera: FloatArray, keyframes: Trajectory, *, is_keyframe: bool
-) -> FramePose | None:
-    if not is_keyframe:
-        return FramePose(stamp_ns, T_map_camera, keyframes) if len(keyframes) else None
-    at = np.flatnonzero(keyframes.stamps_ns == stamp_ns)
-    if len(at) == 0:
-        return None  # still on its way into the map, or redundant
-    return FramePose(stamp_ns, keyframes.T_world_camera[at[0]], keyframes)
+        fuse = self._fuse is not None and self._fuse.take_due(stamp_ns)
+        follow = self._look is not None and self._look.take_due(stamp_ns)
+        if not fuse and not follow:
+            return None
+        known = keyframes() if fuse else None
+        return FramePose(stamp_ns, T_map_camera, reference_uid, known, follow)

@@ -12,6 +12,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, Trajectory
+from rgbd_slam.frame_poses import KeyframePoses
 
 T_BODY_OPTICAL: FloatArray = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -76,6 +77,10 @@ class RobotFrames:
     def cameras(self, cameras: Trajectory) -> Trajectory:
         """Return the camera's poses in the map for those in the core's map."""
         return Trajectory(cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera)
+
+    def keyframes(self, poses: KeyframePoses) -> KeyframePoses:
+        """Return keyframes' poses in the map for those in the core's map."""
+        return poses._replace(T_map_camera=self.T_map_core @ poses.T_map_camera)
 
     def points_m(self, points_core_m: FloatArray) -> FloatArray:
         """Return (N, 3) points of the core's map in the robot's."""

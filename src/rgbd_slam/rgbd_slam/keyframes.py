@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
+from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.frame import Frame
 from rgbd_slam.table import DEAD, Table, TableRows
 
@@ -40,10 +40,16 @@ class KeyframeTable(Table):
         'map_id',
         'parent_uid',
         'num_features',
+        'is_loaded',
         'covisibility',
         *_FEATURE_COLUMNS,
     )
-    fixed: ClassVar[tuple[str, ...]] = ('stamp_ns', 'num_features', *_FEATURE_COLUMNS[1:])
+    fixed: ClassVar[tuple[str, ...]] = (
+        'stamp_ns',
+        'num_features',
+        'is_loaded',
+        *_FEATURE_COLUMNS[1:],
+    )
 
     def __init__(self) -> None:
         n, f = _INITIAL_CAPACITY, _INITIAL_FEATURES
@@ -57,6 +63,7 @@ class KeyframeTable(Table):
             n, np.int64
         )  # spanning tree; DEAD for the first of a map
         self.num_features: IntArray = np.zeros(n, np.int64)
+        self.is_loaded: BoolArray = np.zeros(n, np.bool_)  # from a file, of an earlier session
         self.covisibility: NDArray[np.int32] = np.zeros(
             (n, n), np.int32
         )  # points shared by two keyframes

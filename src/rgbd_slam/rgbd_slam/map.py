@@ -61,6 +61,15 @@ class SlamMap:
         self._redirects: list[Redirect] = []
         self._removed: deque[Redirect] = deque(maxlen=_REMEMBERED)
 
+    def clear(self) -> None:
+        """Take everything out; what hangs on a keyframe hangs on nothing then."""
+        keyframes, points = self.keyframes, self.points
+        keyframes.covisibility[:] = 0
+        keyframes.release(keyframes.indices(), self.version)
+        points.release(points.indices(), self.version)
+        self._redirects = []
+        self._removed.clear()
+
     # ---- keyframes
 
     def add_keyframe(
@@ -72,6 +81,7 @@ class SlamMap:
         kf.store_features(i, frame)
         kf.T_map_camera[i] = T_map_camera
         kf.map_id[i] = map_id
+        kf.is_loaded[i] = False
         kf.parent_uid[i] = DEAD if parent is None else kf.uid[parent]
         kf.covisibility[i] = kf.covisibility[:, i] = 0
         return i

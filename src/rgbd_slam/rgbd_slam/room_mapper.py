@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Array, Trajectory
+from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Array
 from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.dense.dense_mapper import DenseMapper
 from rgbd_slam.dense.floor import Floor, find_floor
 from rgbd_slam.dense.grid import Grid, project_grid, without_unseen
 from rgbd_slam.dense.voxel_map import ColoredCloud
-from rgbd_slam.frame_poses import FramePose
+from rgbd_slam.frame_poses import FramePose, KeyframePoses
 from rgbd_slam.object_sighting import DepthScene
 from rgbd_slam.object_tracker import ObjectTracker, ObjectTrackerConfig, TrackedObject
 
@@ -58,7 +58,7 @@ class RoomMapper:
         scene = DepthScene.of(self._camera, depth_m, pose.T_map_camera)
         return self._tracker.update(objects, scene, pose.stamp_ns, self._floor)
 
-    def settle(self, keyframes: Trajectory) -> None:
+    def settle(self, keyframes: KeyframePoses) -> None:
         """Fuse all kept images anew by the keyframes as the map says in the end."""
         self._mapper.correct(keyframes, settle=True)
 

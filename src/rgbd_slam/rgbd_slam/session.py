@@ -10,7 +10,7 @@ from hoid_common.errors import ConfigError
 from hoid_common.slam_status import SlamState, SlamStatus
 from hoid_common.values import CameraModel, Features, Float32Array, FloatArray, Trajectory
 from rgbd_slam.config import SlamConfig
-from rgbd_slam.frame_poses import FramePose, FramePoses
+from rgbd_slam.frame_poses import FramePose, FramePoses, KeyframePoses
 from rgbd_slam.frames import RobotFrames, RobotPose
 from rgbd_slam.slam import RgbdSlam, SlamStats, TrackingResult
 from rgbd_slam.stream_gaps import StreamGaps
@@ -142,17 +142,24 @@ class SlamSession:
     def _look(self, result: TrackingResult) -> FramePose | None:
         if result.T_map_camera is None:
             return None
-        return self._looks.pick(
+        T_core_camera, reference_uid = self._slam.last_pose()
+        look = self._looks.pick(
             result.stamp_ns,
-            self._frames.T_map_core @ result.T_map_camera,
-            lambda: self.trajectory('keyframes'),
-            is_keyframe=result.is_keyframe,
+            self._frames.T_map_core @ T_core_camera,
+            reference_uid,
+            self._room_keyframes,
         )
 
     def _message(self, state: SlamState) -> str:
         if state is SlamState.TRACKING and not self._slam.is_in_main_map:
             return _IN_OTHER_MAP
         return _MESSAGES[state]
+        if look is None or self._slam.is_in_main_map:
+            return look
+        return None if look.keyframes is None else look._replace(follow=False)
+
+    def _room_keyframes(self) -> KeyframePoses:
+        return self._frames.keyframes(self._slam.keyframe_poses())
 
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
         stats = self._slam.stats

@@ -12,6 +12,7 @@ from hoid_common import se3
 from hoid_common.values import ByteArray, CameraModel, Features, FloatArray, Trajectory
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
+from rgbd_slam.frame_poses import KeyframePoses
 from rgbd_slam.keyframe_policy import KeyframePolicy
 from rgbd_slam.map import Redirect, SlamMap
 from rgbd_slam.mapper import KeyframeRequest
@@ -22,7 +23,7 @@ from rgbd_slam.pose_optimizer import covariance
 from rgbd_slam.relocalization import Relocalizer
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.tracker import Tracker, Tracking
-from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_trajectory, main_map
+from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_poses, keyframe_trajectory, main_map
 
 _MS = 1e3
 _MIN_FIRST_FEATURES = 100  # with depth, to start a map
@@ -230,13 +231,25 @@ class RgbdSlam:
         return self._trajectory.final(self._map.keyframes)
 
     def keyframe_trajectory(self) -> Trajectory:
-        """Return the poses of the main map's keyframes."""
+        """Return the poses of this session's keyframes in the main map."""
         return keyframe_trajectory(self._map.keyframes)
 
     def map_points_m(self) -> FloatArray:
         """Return (N, 3) points of the main map."""
         points = self._map.points
         return points.position_m[points.alive & (points.map_id == main_map(self._map.keyframes))]
+
+    def keyframe_poses(self) -> KeyframePoses:
+        """Return where the keyframes of all maps are."""
+        return keyframe_poses(self._map.keyframes)
+
+    def last_pose(self) -> tuple[FloatArray, int]:
+        """Return T_map_camera (4, 4) of the last tracked frame, as the map says now.
+
+        With it comes the uid of the keyframe that the pose hangs on.
+        """
+        assert self._last is not None
+        return self._last.current_pose(self._map), self._last.reference_uid
 
     @property
     def is_in_main_map(self) -> bool:

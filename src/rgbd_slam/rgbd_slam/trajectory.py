@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from hoid_common.values import FloatArray, IntArray, Trajectory
+from rgbd_slam.frame_poses import KeyframePoses
 from rgbd_slam.keyframes import KeyframeTable
 from rgbd_slam.map import Redirect
 
@@ -80,12 +81,22 @@ def main_map(keyframes: KeyframeTable) -> int:
 
 
 def keyframe_trajectory(keyframes: KeyframeTable) -> Trajectory:
-    """Return the poses of the main map's keyframes in order of time."""
+    """Return the poses of this session's keyframes in the main map, in order of time."""
     rows = keyframes.indices()
-    rows = rows[keyframes.map_id[rows] == main_map(keyframes)]
+    rows = rows[(keyframes.map_id[rows] == main_map(keyframes)) & ~keyframes.is_loaded[rows]]
     rows = rows[np.argsort(keyframes.stamp_ns[rows], kind='stable')]
     return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
 
 
 def _stacked(poses: list[FloatArray]) -> FloatArray:
     return np.array(poses).reshape(-1, 4, 4)
+def keyframe_poses(keyframes: KeyframeTable) -> KeyframePoses:
+    """Return where the keyframes of all maps are."""
+    rows = keyframes.indices()
+    rows = rows[np.argsort(keyframes.uid[rows])]
+    return KeyframePoses(
+        keyframes.uid[rows], keyframes.map_id[rows], main_map(keyframes),
+        keyframes.T_map_camera[rows],
+    )  # fmt: skip
+
+

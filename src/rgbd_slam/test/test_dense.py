@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.values import CameraModel, Float32Array, FloatArray, Trajectory
+from hoid_common.values import CameraModel, Float32Array, FloatArray
 from rgbd_slam.dense.config import DenseConfig, GridConfig
 from rgbd_slam.dense.dense_mapper import DenseMapper
 from rgbd_slam.dense.export import packed_rgb, write_pcd, write_ply
@@ -21,7 +21,7 @@ from rgbd_slam.dense.grid import (
     write_map_server,
 )
 from rgbd_slam.dense.voxel_map import ColoredCloud, VoxelMap, mask_boxes
-from rgbd_slam.frame_poses import FramePose
+from rgbd_slam.frame_poses import FramePose, KeyframePoses
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 CONFIG = DenseConfig(pixel_stride=1)
@@ -118,19 +118,20 @@ def test_distortion_of_the_camera_is_undone() -> None:
     assert (uv < (162, 122)).all()
 
 
-def keyframes(*stamps_ns: int, T: FloatArray | None = None) -> Trajectory:
-    T = np.eye(4) if T is None else T
-    return Trajectory(np.array(stamps_ns, np.int64), np.array([T] * len(stamps_ns)))
+def keyframes(*uids: int, T: FloatArray | None = None, map_id: int = 0) -> KeyframePoses:
+    poses = np.array([np.eye(4) if T is None else T] * len(uids))
+    return KeyframePoses(np.array(uids, np.int64), np.full(len(uids), map_id), 0, poses)
 
 
-def add(mapper: DenseMapper, stamp_ns: int, known: Trajectory) -> None:
-    mapper.add(FramePose(stamp_ns, np.eye(4), known), wall(2.0), BGR, NO_BOXES)
+def add(mapper: DenseMapper, known: KeyframePoses) -> None:
+    pose = FramePose(0, np.eye(4), int(known.uids[-1]), known)
+    mapper.add(pose, wall(2.0), BGR, NO_BOXES)
 
 
 def test_a_corrected_keyframe_moves_what_it_saw() -> None:
     mapper = DenseMapper(CAMERA, CONFIG)
     for i in range(3):
-        add(mapper, i, keyframes(*range(i + 1)))
+        add(mapper, keyframes(*range(i + 1)))
     T = se3.exp(np.array([0, 0, 0, 0.3, 0, 0.5]))
     assert not mapper.correct(keyframes(0, 1, 2))
     assert mapper.correct(keyframes(0, 1, 2, T=T))
@@ -139,8 +140,8 @@ def test_a_corrected_keyframe_moves_what_it_saw() -> None:
 
 def test_small_corrections_wait_and_settling_takes_them() -> None:
     mapper = DenseMapper(CAMERA, CONFIG)
-    for i in range(4):
-        add(mapper, i, keyframes(0))
+    for _ in range(4):
+        add(mapper, keyframes(0))
     moved = keyframes(0, T=se3.exp(np.array([0, 0, 0, 0, 0, 0.02])))
     assert not mapper.correct(moved)
     assert mapper.correct(moved, settle=True)
@@ -150,19 +151,32 @@ def test_small_corrections_wait_and_settling_takes_them() -> None:
 def test_views_of_a_culled_keyframe_hang_on_one_that_stays() -> None:
     mapper = DenseMapper(CAMERA, CONFIG)
     for i in range(4):
-        add(mapper, i, keyframes(*range(i + 1)))
+        add(mapper, keyframes(*range(i + 1)))
     mapper.correct(keyframes(0, 3))
     assert mapper.correct(keyframes(0, 3, T=se3.exp(np.array([0, 0, 0, 0, 0, 1.0]))))
     np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 3.0, atol=1e-3)
-    assert mapper.num_views == 4
+    assert len(mapper.views) == 4
 
 
-def test_views_of_another_map_go() -> None:
+def test_views_of_a_map_that_is_gone_go() -> None:
     mapper = DenseMapper(CAMERA, CONFIG)
-    for i in range(4):
-        add(mapper, i, keyframes(0))
+    for _ in range(4):
+        add(mapper, keyframes(0))
     mapper.correct(keyframes(100), settle=True)
-    assert mapper.num_views == 0
+    assert not mapper.views
+    assert len(mapper.cloud().points_m) == 0
+
+
+def test_views_of_another_map_wait_until_it_is_joined() -> None:
+    mapper = DenseMapper(CAMERA, CONFIG)
+    for _ in range(4):
+        add(mapper, keyframes(0, map_id=1))
+    assert len(mapper.views) == 4
+    assert len(mapper.cloud().points_m) == 0
+    T = se3.exp(np.array([0, 0, 0, 0, 0, 1.0]))
+    assert mapper.correct(keyframes(0, T=T))
+    np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 3.0, atol=1e-3)
+    assert mapper.correct(keyframes(0, map_id=1))
     assert len(mapper.cloud().points_m) == 0
 
 
@@ -170,8 +184,8 @@ def test_the_views_kept_are_few_and_apart() -> None:
     mapper = DenseMapper(CAMERA, DenseConfig(pixel_stride=2, max_views=5))
     for i in range(20):
         T = se3.exp(np.array([0, 0, 0, 0.1 * (i // 4), 0, 0]))  # four at each of five places
-        mapper.add(FramePose(i, T, keyframes(0)), wall(2.0), BGR, NO_BOXES)
-    assert mapper.num_views == 5
+        mapper.add(FramePose(i, T, 0, keyframes(0)), wall(2.0), BGR, NO_BOXES)
+    assert len(mapper.views) == 5
     mapper.correct(keyframes(0), settle=True)
     assert np.ptp(mapper._voxels._sums[:, 0] / mapper._voxels._sums[:, 6]) > 2.7
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +15,10 @@ from hoid_common.values import (
     Float32Array,
     FloatArray,
     IntArray,
-    Trajectory,
 )
 from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.dense.voxel_map import ColoredCloud, DepthView, VoxelMap, mask_boxes
-from rgbd_slam.frame_poses import FramePose
+from rgbd_slam.frame_poses import NO_KEYFRAMES, FramePose, KeyframePoses
 
 _ROTATION_M_PER_RAD = 2.0  # a turn moves what is seen at that distance
 _FAR_VOXELS = 5.0  # a correction of more than this does not wait
@@ -27,35 +27,36 @@ _WAIT_VIEWS, _WAIT_SHARE = 10, 1 / 3  # small ones wait for so many new views, o
 
 
 @dataclass(frozen=True, eq=False)
-class _StoredView:
-    stamp_ns: int
+class StoredView:
+    """An image that is kept to be fused anew."""
+
     view: DepthView
-    keyframe_ns: int  # its reference keyframe, by stamp
-    T_keyframe_camera: FloatArray
-    fused_at: FloatArray  # T_map_camera
+    keyframe_uid: int  # that it hangs on
+    T_keyframe_camera: FloatArray  # (4, 4)
+    fused_at: FloatArray | None = None  # (4, 4) T_map_camera; None while it is not in the map
 
 
 class DenseMapper:
     """Keeps the voxel map in step with the keyframes.
 
-    Images hang on the keyframe nearest in time. A bounded number of them is kept, those that show
-    the most, so that memory follows the space seen.
+    Images hang on keyframes. A bounded number of them is kept, those that show the most, so that
+    memory follows the space seen. Those of other maps wait until these join the main one.
     """
 
     def __init__(self, camera: CameraModel, config: DenseConfig) -> None:
         self._config = config
         self._voxels = VoxelMap(camera, config)
-        self._keyframes = Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4)))
-        self._stored: list[_StoredView] = []
+        self._keyframes = NO_KEYFRAMES
+        self._stored: list[StoredView] = []
         self._num_since_fused = 0
 
     def __len__(self) -> int:
         return len(self._voxels)
 
     @property
-    def num_views(self) -> int:
-        """Return how many images are kept."""
-        return len(self._stored)
+    def views(self) -> tuple[StoredView, ...]:
+        """Return the images that are kept."""
+        return tuple(self._stored)
 
     def add(
         self,
@@ -73,24 +74,27 @@ class DenseMapper:
             self.correct(pose.keyframes)
         static_m = mask_boxes(depth_m, dynamic_boxes_xyxy_px, self._config.mask_margin_px)
         view = self._voxels.view_of(static_m, image_bgr)
-        self._voxels.integrate(view, pose.T_map_camera)
-        self._num_since_fused += 1
-        if len(self._keyframes) == 0:
-            return
-        near = _nearest(self._keyframes.stamps_ns, pose.stamp_ns)
-        self._stored.append(
-            _StoredView(
-                pose.stamp_ns,
-                view,
-                int(self._keyframes.stamps_ns[near]),
-                se3.inverse(self._keyframes.T_world_camera[near]) @ pose.T_map_camera,
-                pose.T_map_camera,
-            )
-        )
+        at = np.flatnonzero(self._keyframes.uids == pose.reference_uid)
+        if len(at) == 0:
+            return  # of a map that has been replaced meanwhile
+        T_map_keyframe = self._keyframes.T_map_camera[at[0]]
+        T_keyframe_camera = se3.inverse(T_map_keyframe) @ pose.T_map_camera
+        fused_at = pose.T_map_camera if self._keyframes.is_main[at[0]] else None
+        if fused_at is not None:
+            self._voxels.integrate(view, fused_at)
+            self._num_since_fused += 1
+        self._stored.append(StoredView(view, pose.reference_uid, T_keyframe_camera, fused_at))
         if len(self._stored) > self._config.max_views:
             self._stored.pop(self._most_redundant())
 
-    def correct(self, keyframes: Trajectory, *, settle: bool = False) -> bool:
+    def load(self, views: Sequence[StoredView], keyframes: KeyframePoses) -> None:
+        """Add images that were kept elsewhere, and fuse all by the keyframes as they are now."""
+        self._stored += views
+        while len(self._stored) > self._config.max_views:
+            self._stored.pop(0)
+        self.correct(keyframes, settle=True)
+
+    def correct(self, keyframes: KeyframePoses, *, settle: bool = False) -> bool:
         """Take the keyframes as the map says now; fuse anew if they moved enough, and say so.
 
         Args:
@@ -98,15 +102,15 @@ class DenseMapper:
         """
         self._stored = _rehung(self._stored, self._keyframes, keyframes)
         self._keyframes = keyframes
-        poses = self._poses()
+        targets = self._targets()
         moved_m = max(
-            (_moved_m(v.fused_at, T) for v, T in zip(self._stored, poses, strict=True)),
+            (_moved_m(v.fused_at, T) for v, T in zip(self._stored, targets, strict=True)),
             default=0.0,
         )
         wait = max(_WAIT_VIEWS, _WAIT_SHARE * len(self._stored))
         is_due = self._num_since_fused >= wait or moved_m > self._limit_m(_FAR_VOXELS)
         if settle or (is_due and moved_m > self._limit_m(_SMALL_VOXELS)):
-            self._fuse_anew(poses)
+            self._fuse_anew(targets)
             return True
         return False
 
@@ -125,27 +129,36 @@ class DenseMapper:
             left = np.flatnonzero(~clear)
             if len(left) == 0:
                 break
-            clear[left] = self._voxels.looks_through(points_m[left], view.view, view.fused_at)
+            if view.fused_at is not None:
+                clear[left] = self._voxels.looks_through(points_m[left], view.view, view.fused_at)
         return clear
 
     def _limit_m(self, voxels: float) -> float:
         return voxels * self._config.voxel_m
 
     def _poses(self) -> FloatArray:
-        """Return (N, 4, 4) T_map_camera of the stored views by the keyframes as they are now."""
+        """Return (N, 4, 4) poses of the stored views, each in the frame of its map."""
         if not self._stored:
             return np.empty((0, 4, 4))
-        stamps = np.array([view.keyframe_ns for view in self._stored], np.int64)
-        rows = np.searchsorted(self._keyframes.stamps_ns, stamps)
         T = np.array([view.T_keyframe_camera for view in self._stored])
-        return np.asarray(self._keyframes.T_world_camera[rows] @ T)
+        return np.asarray(self._keyframes.T_map_camera[self._rows()] @ T)
 
-    def _fuse_anew(self, poses: FloatArray) -> None:
+    def _rows(self) -> IntArray:
+        uids = np.array([view.keyframe_uid for view in self._stored], np.int64)
+        return self._keyframes.rows_of(uids)
+
+    def _targets(self) -> list[FloatArray | None]:
+        """Return where each view belongs in the map frame, or None when that is unknown."""
+        is_main = self._keyframes.is_main[self._rows()].tolist()
+        return [T if main else None for T, main in zip(self._poses(), is_main, strict=True)]
+
+    def _fuse_anew(self, targets: list[FloatArray | None]) -> None:
         self._voxels.clear()
-        for view, T_map_camera in zip(self._stored, poses, strict=True):
-            self._voxels.integrate(view.view, T_map_camera)
+        for view, T_map_camera in zip(self._stored, targets, strict=True):
+            if T_map_camera is not None:
+                self._voxels.integrate(view.view, T_map_camera)
         self._stored = [
-            replace(view, fused_at=T) for view, T in zip(self._stored, poses, strict=True)
+            replace(view, fused_at=T) for view, T in zip(self._stored, targets, strict=True)
         ]
         self._num_since_fused = 0
 
@@ -159,29 +172,38 @@ class DenseMapper:
         return int(np.unravel_index(np.argmin(gap), gap.shape)[0])
 
 
-def _nearest(stamps_ns: IntArray, stamp_ns: int) -> int:
-    return int(np.argmin(np.abs(stamps_ns - stamp_ns)))
-
-
-def _rehung(views: list[_StoredView], before: Trajectory, after: Trajectory) -> list[_StoredView]:
-    """Return the views hung on keyframes that are still there; those of another map go."""
-    common = np.isin(before.stamps_ns, after.stamps_ns)
-    stamps, poses = before.stamps_ns[common], before.T_world_camera[common]
-    if len(stamps) == 0:
-        return []
-    remaining, out = set(stamps.tolist()), []
+def _rehung(
+    views: list[StoredView], before: KeyframePoses, after: KeyframePoses
+) -> list[StoredView]:
+    """Return the views hung on keyframes that are still there; those of maps that are gone go."""
+    remaining, out = set(after.uids.tolist()), []
     for view in views:
-        if view.keyframe_ns in remaining:
+        if view.keyframe_uid in remaining:
             out.append(view)
             continue
-        old = before.T_world_camera[np.searchsorted(before.stamps_ns, view.keyframe_ns)]
-        near = _nearest(stamps, view.stamp_ns)
-        T_near_camera = se3.inverse(poses[near]) @ old @ view.T_keyframe_camera
-        out.append(replace(view, keyframe_ns=int(stamps[near]), T_keyframe_camera=T_near_camera))
+        old = np.flatnonzero(before.uids == view.keyframe_uid)
+        near = _stand_in(before, old[0], after.uids) if len(old) else None
+        if near is not None:
+            T_near_old = se3.inverse(before.T_map_camera[near]) @ before.T_map_camera[old[0]]
+            T_near_camera = T_near_old @ view.T_keyframe_camera
+            out.append(
+                replace(view, keyframe_uid=int(before.uids[near]), T_keyframe_camera=T_near_camera)
+            )
     return out
 
 
-def _moved_m(before: FloatArray, after: FloatArray) -> float:
-    """Return how far a moved camera moves what it sees."""
+def _stand_in(keyframes: KeyframePoses, gone: int, remaining_uids: IntArray) -> int | None:
+    """Return the row of the keyframe of the same map made last before one, or else first."""
+    same = keyframes.map_ids == keyframes.map_ids[gone]
+    rows = np.flatnonzero(same & np.isin(keyframes.uids, remaining_uids))
+    if len(rows) == 0:
+        return None
+    return int(rows[max(int(np.searchsorted(rows, gone)) - 1, 0)])
+
+
+def _moved_m(before: FloatArray | None, after: FloatArray | None) -> float:
+    """Return how far a moved camera moves what it sees; infinitely when it enters or leaves."""
+    if before is None or after is None:
+        return 0.0 if before is after else np.inf
     twist = se3.log(se3.inverse(before) @ after)
     return float(np.linalg.norm(twist[3:]) + _ROTATION_M_PER_RAD * np.linalg.norm(twist[:3]))
