@@ -6,9 +6,14 @@ points made meanwhile follow the keyframe they hang on.
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ProcessPoolExecutor
+import logging
+import os
+import signal
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from threading import Thread
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +29,10 @@ from rgbd_slam.measured_noise import with_measured_noise
 from rgbd_slam.table import Table
 from rgbd_slam.window import bundle_problem
 
+_NICE = 10  # below mapping
 _DENSE_LIMIT = 500  # keyframes: dense time grows with their cube, memory with the square
+
+_logger = logging.getLogger(__name__)
 
 
 class GlobalProblem(NamedTuple):
@@ -99,8 +107,57 @@ def _hanging_on(slam_map: SlamMap, rows: IntArray) -> list[tuple[int, int]]:
     return found
 
 
+class _Background:
+    """One adjustment in a process of its own, as GTSAM holds the GIL; it takes idle time only."""
+
+    def __init__(self, camera: StereoCamera, problem: GlobalProblem, iterations: int) -> None:
+        self.problem = problem
+        context = get_context('spawn')
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(
+            target=_solve_apart, args=(theirs,), name='global adjustment', daemon=True
+        )
+        self._process.start()
+        theirs.close()
+        # More than a pipe holds: it waits for the process to have started.
+        work = (camera, problem.bundle, iterations)
+        self._sender = Thread(target=_send, args=(self._pipe, work), daemon=True)
+        self._sender.start()
+
+    def is_done(self, timeout_s: float) -> bool:
+        return self._pipe.poll(timeout_s)
+
+    def take(self) -> BundleSolution | None:
+        """Return the solution, or None when the process has failed."""
+        try:
+            solution: BundleSolution = self._pipe.recv()
+        except (EOFError, OSError):
+            _logger.warning('the adjustment of the whole map has failed; its loops stay closed')
+            return None
+        return solution
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.join()
+        self._sender.join()
+        self._pipe.close()
+
+
+def _send(pipe: Connection, work: object) -> None:
+    with suppress(OSError):  # the process has ended, which who waits for its answer will see
+        pipe.send(work)
+
+
+def _solve_apart(pipe: Connection) -> None:
+    """Solve what the pipe brings; the main function of the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(_NICE)
+    with suppress(EOFError, OSError):  # the mapper has ended, or wants nothing of it any more
+        pipe.send(solve(*pipe.recv()))
+
+
 class GlobalAdjuster:
-    """Adjusts whole maps: at once, or in a process of its own, as GTSAM holds the GIL."""
+    """Adjusts whole maps: at once, or in the background."""
 
     def __init__(
         self, slam_map: SlamMap, camera: StereoCamera, iterations: int, *, background: bool
@@ -109,36 +166,40 @@ class GlobalAdjuster:
         self._camera = camera
         self._iterations = iterations
         self._background = background
-        self._pool: ProcessPoolExecutor | None = None
-        self._running: tuple[GlobalProblem, Future[BundleSolution]] | None = None
+        self._running: _Background | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Return whether an adjustment is under way in the background."""
+        return self._running is not None
 
     def start(self, map_id: int) -> None:
-        """Begin to adjust a map; one still under way is outdated, and its result dropped."""
+        """Begin to adjust a map; one still under way is outdated and ended."""
+        self.close()
         if self._iterations == 0:
             return
         problem = global_problem(self._map, map_id)
         if problem.bundle.num_free == 0:
             return
-        if not self._background:
+        if self._background:
+            self._running = _Background(self._camera, problem, self._iterations)
+        else:
             solution = solve(self._camera, problem.bundle, self._iterations)
             lay_over(self._map, problem, solution)
-            return
-        if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, get_context('spawn'))
-        future = self._pool.submit(solve, self._camera, problem.bundle, self._iterations)
-        self._running = (problem, future)
 
-    def poll(self) -> bool:
-        """Lay a finished adjustment over the map; return whether there was one."""
-        if self._running is None or not self._running[1].done():
+    def poll(self, timeout_s: float = 0.0) -> bool:
+        """Lay an adjustment that ends in time over the map; return whether there was one."""
+        running = self._running
+        if running is None or not running.is_done(timeout_s):
             return False
-        problem, future = self._running
-        self._running = None
-        lay_over(self._map, problem, future.result())
-        return True
+        solution = running.take()
+        self.close()
+        if solution is not None:
+            lay_over(self._map, running.problem, solution)
+        return solution is not None
 
     def close(self) -> None:
-        """End the process."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
-            self._pool = None
+        """End what runs in the background."""
+        if self._running is not None:
+            self._running.close()
+            self._running = None

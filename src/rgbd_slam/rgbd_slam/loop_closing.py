@@ -91,6 +91,15 @@ class LoopCloser:
         """Take in a global adjustment that has ended; return whether there was one."""
         return self._adjuster.poll()
 
+    @property
+    def is_adjusting(self) -> bool:
+        """Return whether a whole map is being adjusted in the background."""
+        return self._adjuster.is_running
+
+    def settle(self, limit_s: float) -> None:
+        """Wait for that, up to a limit."""
+        self._adjuster.poll(limit_s)
+
     def close(self) -> None:
         """End what runs in the background."""
         self._adjuster.close()

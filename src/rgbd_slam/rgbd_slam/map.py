@@ -261,6 +261,11 @@ class SlamMap:
         self.version += 1
         return change
 
+    def whole(self) -> MapChange:
+        """Return what makes an empty map equal to this one."""
+        everything = self.keyframes.rows_since(0), self.points.rows_since(0)
+        return MapChange(self.version, *everything, ())
+
     def apply(self, change: MapChange) -> None:
         """Bring this copy up to date; its own redirects become those of the change."""
         self.keyframes.put_rows(change.keyframes)

@@ -74,6 +74,15 @@ class Mapper:
         """Lay what the background has finished over the map; return whether there was any."""
         return self._closer.poll()
 
+    @property
+    def is_adjusting(self) -> bool:
+        """Return whether a whole map is being adjusted in the background."""
+        return self._closer.is_adjusting
+
+    def settle(self, limit_s: float) -> None:
+        """Wait for what runs in the background, up to a limit."""
+        self._closer.settle(limit_s)
+
     def close(self) -> None:
         """End what runs in the background."""
         self._closer.close()

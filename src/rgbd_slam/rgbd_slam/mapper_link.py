@@ -21,6 +21,11 @@ class MapperLink(Protocol):
         ...
 
     @property
+    def num_restarts(self) -> int:
+        """Return how often a mapper that had died was replaced."""
+        ...
+
+    @property
     def queue_length(self) -> int:
         """Return how many keyframes wait for the mapper or are being taken in."""
         ...
@@ -38,7 +43,7 @@ class MapperLink(Protocol):
         ...
 
     def finish(self) -> tuple[Redirect, ...]:
-        """Wait until everything handed over is in the map."""
+        """Wait until everything handed over is in the map and has settled there."""
         ...
 
     def close(self) -> None:
@@ -50,6 +55,7 @@ class InlineMapper:
     """A mapper that does its work at once, so that runs repeat bit for bit."""
 
     queue_length = 0
+    num_restarts = 0
 
     def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: SlamConfig) -> None:
         self._map = slam_map

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from hoid_msgs.msg import Features
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -17,7 +20,7 @@ from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.values import CameraModel
 from rgbd_slam.frames import RobotFrames
-from rgbd_slam.mapper_process import MapperStoppedError
+from rgbd_slam.mapper_worker import MapperStoppedError
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.room_link import RoomLink
@@ -69,15 +72,16 @@ class RgbdSlamNode(Node):
         if self._session is None:
             self._diagnostics.count('features before camera and base were known')
             return
-        try:
-            done = self._session.process(conversions.features_from_msg(msg))
-        except MapperStoppedError as error:
-            raise SystemExit(f'error: {error}') from error  # a supervisor starts the node anew
+        features = conversions.features_from_msg(msg)
+        with _ending_without_mapper():
+            done = self._session.process(features)
         self._room.look(done.look)
         self._outputs.publish(done, msg.header)
         self._diagnostics.set_value('state', done.status.state.name.lower())
         self._diagnostics.set_count('images processed', done.status.frames_processed)
         self._diagnostics.set_count('images missing', done.status.frames_dropped)
+        restarts = self._session.num_mapper_restarts
+        self._diagnostics.set_count('mapping processes that died', restarts)
 
     def _publish_map(self) -> None:
         if self._session is not None and self._session.take_map_changed():
@@ -96,9 +100,10 @@ class RgbdSlamNode(Node):
             return None
         self._diagnostics.clear_problem('base')
         frames = RobotFrames(T_base_camera, planar=names.planar)
-        session = SlamSession(
-            camera, self._config, frames, background=True, looks=self._room.looks()
-        )
+        with _ending_without_mapper():
+            session = SlamSession(
+                camera, self._config, frames, background=True, looks=self._room.looks()
+            )
         self._room.start_map(camera)
         self._outputs.publish(Processed(session.status(), None), header)
         return session
@@ -111,6 +116,15 @@ class RgbdSlamNode(Node):
         self._diagnostics.clear_problem('camera')
         if self._camera_info is not None:
             self._on_camera(self._camera_info)
+
+
+@contextmanager
+def _ending_without_mapper() -> Iterator[None]:
+    """End the node when mapping cannot be kept running; a supervisor starts it anew."""
+    try:
+        yield
+    except MapperStoppedError as error:
+        raise SystemExit(f'error: {error}') from error
 
 
 def main() -> int:

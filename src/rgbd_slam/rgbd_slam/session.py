@@ -84,6 +84,11 @@ class SlamSession:
         status = self._status(SlamState(result.state.value), result)
         return Processed(status, self._pose(result), self._look(result))
 
+    @property
+    def num_mapper_restarts(self) -> int:
+        """Return how often a mapping process had died and was replaced."""
+        return self._slam.num_mapper_restarts
+
     def status(self) -> SlamStatus:
         """Return how the session is doing between two images."""
         return self._status(SlamState.PAUSED if self.is_paused else SlamState.NOT_INITIALIZED)
@@ -149,17 +154,17 @@ class SlamSession:
             reference_uid,
             self._room_keyframes,
         )
-
-    def _message(self, state: SlamState) -> str:
-        if state is SlamState.TRACKING and not self._slam.is_in_main_map:
-            return _IN_OTHER_MAP
-        return _MESSAGES[state]
         if look is None or self._slam.is_in_main_map:
             return look
         return None if look.keyframes is None else look._replace(follow=False)
 
     def _room_keyframes(self) -> KeyframePoses:
         return self._frames.keyframes(self._slam.keyframe_poses())
+
+    def _message(self, state: SlamState) -> str:
+        if state is SlamState.TRACKING and not self._slam.is_in_main_map:
+            return _IN_OTHER_MAP
+        return _MESSAGES[state]
 
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
         stats = self._slam.stats

@@ -222,6 +222,11 @@ class RgbdSlam:
         """Return how many keyframes wait for the mapper or are being taken in."""
         return self._mapper.queue_length
 
+    @property
+    def num_mapper_restarts(self) -> int:
+        """Return how often a mapping process had died and was replaced."""
+        return self._mapper.num_restarts
+
     def trajectory_online(self) -> Trajectory:
         """Return the poses as they were given out."""
         return self._trajectory.online()
@@ -234,11 +239,6 @@ class RgbdSlam:
         """Return the poses of this session's keyframes in the main map."""
         return keyframe_trajectory(self._map.keyframes)
 
-    def map_points_m(self) -> FloatArray:
-        """Return (N, 3) points of the main map."""
-        points = self._map.points
-        return points.position_m[points.alive & (points.map_id == main_map(self._map.keyframes))]
-
     def keyframe_poses(self) -> KeyframePoses:
         """Return where the keyframes of all maps are."""
         return keyframe_poses(self._map.keyframes)
@@ -250,6 +250,11 @@ class RgbdSlam:
         """
         assert self._last is not None
         return self._last.current_pose(self._map), self._last.reference_uid
+
+    def map_points_m(self) -> FloatArray:
+        """Return (N, 3) points of the main map."""
+        points = self._map.points
+        return points.position_m[points.alive & (points.map_id == main_map(self._map.keyframes))]
 
     @property
     def is_in_main_map(self) -> bool:

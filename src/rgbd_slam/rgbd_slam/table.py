@@ -21,6 +21,7 @@ class TableRows(NamedTuple):
     columns: dict[str, Column]  # (M, ...) each
     new_rows: IntArray  # (L,) of them, those that hold another element than before
     fixed_columns: dict[str, Column]  # (L, ...) each
+    next_uid: int
 
 
 class Table:
@@ -99,6 +100,7 @@ class Table:
             {name: getattr(self, name)[rows] for name in changing},
             new_rows,
             {name: getattr(self, name)[new_rows] for name in self.fixed},
+            self._next_uid,
         )
 
     def put_rows(self, change: TableRows) -> None:
@@ -109,5 +111,4 @@ class Table:
             getattr(self, name)[change.rows] = values
         for name, values in change.fixed_columns.items():
             getattr(self, name)[change.new_rows] = values
-        if len(change.rows):
-            self._next_uid = max(self._next_uid, int(self.uid.max()) + 1)
+        self._next_uid = change.next_uid

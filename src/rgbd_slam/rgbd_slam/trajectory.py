@@ -54,11 +54,15 @@ class TrajectoryRecorder:
         uids, which = np.unique(np.array(self._reference_uid, np.int64), return_inverse=True)
         rows, T_map_reference = self._placed(keyframes, uids)
         poses = T_map_reference[which] @ _stacked(self._T_reference_camera)
-        known = keyframes.map_id[rows[which]] == main_map(keyframes)
+        known = np.isin(which, np.flatnonzero(rows >= 0))
+        known &= keyframes.map_id[rows[which]] == main_map(keyframes)
         return Trajectory(np.array(self._stamps_ns, np.int64)[known], poses[known])
 
     def _placed(self, keyframes: KeyframeTable, uids: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return where keyframes (K,), removed ones too, are by their (K,) rows that are there."""
+        """Return the rows (K,) that keyframes hang on, removed ones too, and where they are.
+
+        The row is -1 for those that left with all of their map.
+        """
         row_of = {int(keyframes.uid[i]): i for i in keyframes.indices().tolist()}
         rows, poses = np.empty(len(uids), np.int64), np.empty((len(uids), 4, 4))
         for n, uid in enumerate(uids.tolist()):
@@ -66,7 +70,7 @@ class TrajectoryRecorder:
             while (removed := self._removed.get(uid)) is not None:
                 T_parent_camera = removed.T_parent_camera @ T_parent_camera
                 uid = removed.parent_uid  # noqa: PLW2901 - up the tree
-            rows[n] = row_of[uid]
+            rows[n] = row_of.get(uid, -1)
             poses[n] = keyframes.T_map_camera[rows[n]] @ T_parent_camera
         return rows, poses
 
@@ -88,8 +92,6 @@ def keyframe_trajectory(keyframes: KeyframeTable) -> Trajectory:
     return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
 
 
-def _stacked(poses: list[FloatArray]) -> FloatArray:
-    return np.array(poses).reshape(-1, 4, 4)
 def keyframe_poses(keyframes: KeyframeTable) -> KeyframePoses:
     """Return where the keyframes of all maps are."""
     rows = keyframes.indices()
@@ -100,3 +102,5 @@ def keyframe_poses(keyframes: KeyframeTable) -> KeyframePoses:
     )  # fmt: skip
 
 
+def _stacked(poses: list[FloatArray]) -> FloatArray:
+    return np.array(poses).reshape(-1, 4, 4)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from rgbd_slam.config import SlamConfig
-from rgbd_slam.mapper_process import MapperProcess, MapperStoppedError
+from rgbd_slam.mapper_process import MapperProcess
+from rgbd_slam.mapper_worker import MapperStoppedError
 from rgbd_slam.slam import RgbdSlam, TrackingState
 
 from .world import CAMERA, PERIOD_NS, World, position_errors_m, sway
@@ -32,7 +33,7 @@ def run(slam: RgbdSlam) -> list[TrackingState]:
 def _wait_for_mapper(slam: RgbdSlam) -> None:
     """Let a mapper in a process of its own answer, so that a busy machine changes nothing."""
     link = slam._mapper
-    while isinstance(link, MapperProcess) and link.queue_length and link._received.empty():
+    while isinstance(link, MapperProcess) and link.queue_length and not link._worker.has_report:
         time.sleep(0.002)
 
 
@@ -57,8 +58,10 @@ def test_mapping_in_a_process_of_its_own() -> None:
     assert slam.stats.num_keyframes >= 3
     errors = position_errors_m(slam.trajectory_final(), POSES)
     assert np.sqrt((errors**2).mean()) < 0.008
+    process = link.process_id
     slam.close()
-    assert not link._process.is_alive()
+    assert process is not None
+    assert not is_running(process)
     slam.close()
     assert len(slam.trajectory_final()) == len(POSES)
 
@@ -69,9 +72,38 @@ def test_a_dead_mapper_is_told() -> None:
     assert isinstance(link, MapperProcess)
     assert link.process_id is not None
     os.kill(link.process_id, signal.SIGKILL)
-    link._process.join(5)
-    with pytest.raises(MapperStoppedError, match='restart'):
+    with pytest.raises(MapperStoppedError, match=r'ends at its start \(signal 9\)'):
         slam.process(World().features(0, POSES[0]))
+    slam.close()
+
+
+def test_a_mapper_that_dies_is_replaced_and_the_map_goes_on() -> None:
+    world, slam = World(), RgbdSlam(CAMERA, SlamConfig(), background=True)
+    link = slam._mapper
+    assert isinstance(link, MapperProcess)
+    half = len(POSES) // 2
+    for n, pose in enumerate(POSES[:half]):
+        slam.process(world.features(n * PERIOD_NS, pose))
+        _wait_for_mapper(slam)
+    slam.finish()
+    known = set(slam._map.keyframes.uid[slam._map.keyframes.indices()].tolist())
+    assert link.process_id is not None
+    os.kill(link.process_id, signal.SIGKILL)
+    deadline = time.monotonic() + 60
+    while not (link.num_restarts and link.queue_length == 0) and time.monotonic() < deadline:
+        link.update()
+        time.sleep(0.01)
+    for n, pose in enumerate(POSES[half:], half):
+        assert slam.process(world.features(n * PERIOD_NS, pose)).state is TrackingState.TRACKING
+        _wait_for_mapper(slam)
+    slam.finish()
+    uids = slam._map.keyframes.uid[slam._map.keyframes.indices()]
+    assert slam.num_mapper_restarts == 1
+    assert known <= set(uids.tolist())
+    assert len(uids) > len(known)
+    assert len(slam.trajectory_final()) == len(POSES)
+    errors = position_errors_m(slam.trajectory_final(), POSES)
+    assert np.sqrt((errors**2).mean()) < 0.008
     slam.close()
 
 
