@@ -8,10 +8,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from hoid_bags.sequence import Sequence
+from hoid_bags.images import decode_depth, depth_m_from_units, read_image_bytes
 from hoid_bags.synth.config import SceneConfig
 from hoid_bags.synth.scene import render
 from hoid_bags.synth.stage import Stage, set_stage
+from hoid_bags.tum_folder import TumFolder
 from hoid_common.values import BoolArray, Detections, RgbdFrame
 
 _SPECKLE_PX = 5  # pasted pixels that happen to be as far as what they hide
@@ -26,15 +27,18 @@ class Labelled(NamedTuple):
     exact: Detections | None  # exact boxes, where they are known
 
 
-def pasted_people(people: Sequence, base: Sequence) -> Iterator[Labelled]:
+def pasted_people(people: TumFolder, base: TumFolder) -> Iterator[Labelled]:
     """Yield the frames of a static recording with people pasted in.
 
     They are where its depth images differ from those of the static recording.
     """
     kernel = np.ones((_SPECKLE_PX, _SPECKLE_PX), np.uint8)
-    for frame, without in zip(people, base, strict=False):
-        differs = (frame.depth_m != without.depth_m).view(np.uint8)
-        closed = cv2.morphologyEx(differs, cv2.MORPH_CLOSE, kernel)
+    without = {image.stamp_ns: image.path for image in base.depth}
+    for (_, depth), frame in zip(people.pairs, people, strict=True):
+        path = without[depth.stamp_ns]
+        units = decode_depth(read_image_bytes(path), path)
+        differs = frame.depth_m != depth_m_from_units(units, base.depth_units_per_m)
+        closed = cv2.morphologyEx(differs.view(np.uint8), cv2.MORPH_CLOSE, kernel)
         yield Labelled(frame, np.asarray(closed, np.bool_), None)
 
 

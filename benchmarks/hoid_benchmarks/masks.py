@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from hoid_bags.sequence import open_sequence
 from hoid_bags.synth.config import SceneConfig
+from hoid_bags.tum_folder import open_tum_folder
 from hoid_benchmarks.labelled import Labelled, pasted_people, rendered_people
 from hoid_benchmarks.perturb import perturb_detections
 from hoid_benchmarks.plan import Perturbation
@@ -164,8 +164,8 @@ def _open(name: str, store: Store) -> tuple[Iterator[Labelled], CameraModel]:
     if name.startswith(_SYNTH):
         config = SceneConfig(seed=int(name.removeprefix(_SYNTH)))
         return rendered_people(config, os.cpu_count() or 1), config.camera
-    people = open_sequence(store.find(name))
-    base = open_sequence(store.find(name.removesuffix(PEOPLE_SUFFIX)))
+    people = open_tum_folder(store.find(name))
+    base = open_tum_folder(store.find(name.removesuffix(PEOPLE_SUFFIX)))
     return pasted_people(people, base), people.camera
 
 
