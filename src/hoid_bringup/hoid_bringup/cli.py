@@ -41,6 +41,7 @@ COMMANDS = {
     'replay': Command('hoid_bringup.commands', 'play a recording through the live nodes'),
     'evaluate': Command('hoid_bringup.commands', 'compare a trajectory with the truth'),
     'bench': Command('hoid_benchmarks.commands', 'measure: speed of a stage, or all experiments'),
+    'view': Command('hoid_bringup.view', 'look at a recording or a finished run'),
     'pictures': Command('hoid_filter.pictures', 'draw what the filter sees and decides'),
 }
 

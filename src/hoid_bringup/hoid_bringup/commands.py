@@ -42,7 +42,7 @@ def run_command(args: argparse.Namespace) -> None:
     config = run_config(args)
     sequence = recording(args)
     say_detections(config)
-    summary = run_offline(sequence, config, args.out, dense=args.dense)
+    summary = run_offline(sequence, config, args.out, dense=args.dense, recording=args.input)
     print(report(summary, args.out))
     if sequence.fault:
         raise InputError(sequence.fault)
@@ -66,7 +66,7 @@ def replay_command(args: argparse.Namespace) -> None:
     config = ReplayConfig(rate=args.rate, lockstep=args.lockstep, run=run_config(args))
     say_detections(config.run)
     with playable_bag(args) as bag:
-        summary = replay(bag, config, args.out)
+        summary = replay(bag, config, args.out, recording=args.input)
     print(report(summary, args.out))
     if bag.fault:
         raise InputError(bag.fault)

@@ -98,7 +98,9 @@ class OfflinePipeline:
         for name, spent_ms in stages.items():
             self.stage_ms[name].append(spent_ms)
 
-    def finish(self, sequence: Sequence, options: Mapping[str, Any]) -> RunResult:
+    def finish(
+        self, sequence: Sequence, options: Mapping[str, Any], recording: Path | None = None
+    ) -> RunResult:
         """Let the map settle and return all results, in the z-up map frame."""
         self._slam.finish()
         self._slam.close()
@@ -108,6 +110,7 @@ class OfflinePipeline:
         stats = self._slam.stats
         return RunResult(
             input_name=sequence.name,
+            recording=recording,
             options=options,
             frames_total=len(sequence),
             frames_processed=self.num_processed,
@@ -142,6 +145,7 @@ def run_offline(
     detect: DetectionSource | None = None,
     dense: bool = False,
     options: Mapping[str, Any] | None = None,
+    recording: Path | None = None,
     show_progress: bool = True,
 ) -> Summary:
     """Run every frame of a recording and write the results.
@@ -153,6 +157,7 @@ def run_offline(
         detect: Detections in place of those that the configuration asks for.
         dense: Whether to make the dense map and the grid too.
         options: What to note in the summary as asked for; the changed parameters by default.
+        recording: Where the recording lies, to note as well.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
@@ -164,4 +169,4 @@ def run_offline(
         tracking = pipeline.process(frame)
         bar.set_postfix_str(tracking.state.name.lower(), refresh=False)
     noted = options if options is not None else config.noted()
-    return write_outputs(out_dir, pipeline.finish(sequence, noted))
+    return write_outputs(out_dir, pipeline.finish(sequence, noted, recording))

@@ -29,9 +29,11 @@ _SHORTCUTS = {
 }
 
 
-def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
+def add_recording_arguments(
+    parser: argparse.ArgumentParser, what: str = 'TUM folder or bag'
+) -> None:
     """Add the recording and how to read it."""
-    parser.add_argument('input', metavar='INPUT', type=Path, help='TUM folder or bag')
+    parser.add_argument('input', metavar='INPUT', type=Path, help=what)
     parser.add_argument(
         '--camera',
         metavar='fr1|fr2|fr3|YAML',
@@ -104,8 +106,11 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
             args.out.rmdir()  # goes only when nothing was written
 
 
-def run_config(args: argparse.Namespace) -> RunConfig:
+def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunConfig:
     """Return the configuration that the options make.
+
+    Args:
+        base: What holds where no option is given; the defaults when None.
 
     Raises:
         ConfigError: A name is unknown or a value out of range.
@@ -116,7 +121,7 @@ def run_config(args: argparse.Namespace) -> RunConfig:
         if getattr(args, option) is not None
     }
     values.update(_assignment(text) for text in args.set)
-    return RunConfig().updated(values)
+    return (base or RunConfig()).updated(values)
 
 
 def _assignment(text: str) -> tuple[str, Any]:

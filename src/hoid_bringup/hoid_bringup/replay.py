@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 import tempfile
 import time
@@ -34,6 +35,7 @@ def replay(
     out_dir: Path,
     *,
     options: Mapping[str, Any] | None = None,
+    recording: Path | None = None,
     show_progress: bool = True,
 ) -> Summary:
     """Play a bag through the live nodes and write the results.
@@ -43,6 +45,7 @@ def replay(
         config: Parameters of all stages, and the rate.
         out_dir: Where the files go; the processes' own output lies in its folder `logs`.
         options: What to note in the summary as asked for; the changed parameters by default.
+        recording: What to note as the recording, when the bag is but made from it.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
@@ -56,7 +59,7 @@ def replay(
             result = live.run(noted, show_progress=show_progress)
         finally:
             clean_shared_memory()
-    return write_outputs(out_dir, result)
+    return write_outputs(out_dir, dataclasses.replace(result, recording=recording or bag.path))
 
 
 class _LiveRun:

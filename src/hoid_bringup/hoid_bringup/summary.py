@@ -8,6 +8,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,7 @@ class RunResult:
     rss_by_node_mb: Mapping[str, float] = field(default_factory=dict)  # with helpers; live only
     cloud: ColoredCloud | None = None  # dense map, in the map frame
     grid: Grid | None = None
+    recording: Path | None = None  # where it lay
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,7 @@ class Summary:
     """The content of `summary.json`, in its order; scripts rely on the names."""
 
     input: str
+    recording: str | None  # absolute path, for `hoid view`
     frames_total: int
     frames_processed: int
     frames_tracked: int  # in the main map, as in trajectory.txt
@@ -121,6 +124,7 @@ def summarize(result: RunResult) -> Summary:
     total = result.frames_total
     return Summary(
         input=result.input_name,
+        recording=str(result.recording.resolve()) if result.recording else None,
         frames_total=total,
         frames_processed=result.frames_processed,
         frames_tracked=len(result.final),

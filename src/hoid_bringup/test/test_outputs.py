@@ -41,6 +41,7 @@ def result(final: Trajectory, truth: Trajectory | None) -> RunResult:
         filter_counts=FilterCounts(100_000, 20, 3),
         stage_ms={'frame': [1.0, 2, 3], 'detect': []},
         peak_rss_mb=321.04,
+        recording=Path('spiral.bag'),
     )
 
 
@@ -58,6 +59,7 @@ def test_all_files_of_the_contract(tmp_path: Path) -> None:
         'trajectory_online.txt',
     ]
     loaded = json.loads((out / 'summary.json').read_text())
+    assert loaded['recording'] == str(Path.cwd() / 'spiral.bag')
     assert set(CONTRACT.split()) <= set(loaded)
     assert loaded['stage_ms'] == {'frame': {'median': 2.0, 'p95': 2.9}, 'detect': None}
     assert loaded['filter'] == {

@@ -1,11 +1,13 @@
-"""Write coloured clouds as PLY and PCD."""
+"""Write coloured clouds as PLY and PCD, and read back what was written as PLY."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
+from hoid_common.errors import InputError
 from hoid_common.values import Float32Array
 from rgbd_slam.dense.voxel_map import ColoredCloud
 
@@ -23,6 +25,27 @@ def write_ply(path: Path, cloud: ColoredCloud) -> None:
         'property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n'
     )
     path.write_bytes(header.encode() + rows.tobytes())
+
+
+def read_ply(path: Path) -> ColoredCloud:
+    """Return the points of a PLY of this suite; those without colour are white.
+
+    Raises:
+        InputError: Not such a file, or cut off.
+    """
+    try:
+        header, end, body = path.read_bytes().partition(b'end_header\n')
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error.strerror}') from error
+    count = re.search(rb'element vertex (\d+)\n', header)
+    if not end or count is None or b'format binary_little_endian' not in header:
+        raise InputError(f'{path}: not a PLY file of this suite')
+    row = _PLY if b'property uchar red' in header else np.dtype([('xyz', '<f4', 3)])
+    if len(body) != int(count[1]) * row.itemsize:
+        raise InputError(f'{path}: {len(body)} bytes of points, {int(count[1])} points were meant')
+    rows = np.frombuffer(body, row)
+    white = np.full((len(rows), 3), 255, np.uint8)
+    return ColoredCloud(rows['xyz'].copy(), rows['rgb'][:, ::-1] if row is _PLY else white)
 
 
 def write_pcd(path: Path, cloud: ColoredCloud) -> None:

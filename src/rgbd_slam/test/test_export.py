@@ -1,0 +1,41 @@
+"""Clouds read back from the files that hold them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoid_common.errors import InputError
+from rgbd_slam.dense.export import read_ply, write_ply
+from rgbd_slam.dense.voxel_map import ColoredCloud
+
+HEADER = b'ply\nformat binary_little_endian 1.0\nelement vertex 2\n'
+
+
+@pytest.mark.parametrize('count', [0, 1, 1000])
+def test_a_ply_reads_back(tmp_path: Path, count: int) -> None:
+    rng = np.random.default_rng(count)
+    points_m = rng.normal(size=(count, 3)).astype(np.float32)
+    cloud = ColoredCloud(points_m, rng.integers(0, 256, (count, 3), np.uint8))
+    write_ply(tmp_path / 'a.ply', cloud)
+    for ours, theirs in zip(read_ply(tmp_path / 'a.ply'), cloud, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize(
+    ('data', 'said'),
+    [
+        (HEADER.replace(b'binary_little_endian', b'ascii') + b'end_header\n1 2 3\n', 'not a PLY'),
+        (HEADER + b'end_header\n1234', '4 bytes of points, 2 points were meant'),
+        (HEADER, 'not a PLY file of this suite'),
+        (b'', 'not a PLY file of this suite'),
+    ],
+)
+def test_other_files_are_no_clouds(tmp_path: Path, data: bytes, said: str) -> None:
+    (tmp_path / 'a.ply').write_bytes(data)
+    with pytest.raises(InputError, match=said):
+        read_ply(tmp_path / 'a.ply')
+    with pytest.raises(InputError, match='cannot be read'):
+        read_ply(tmp_path / 'b.ply')
