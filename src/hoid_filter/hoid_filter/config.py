@@ -30,6 +30,9 @@ class ExtractionConfig(Config):
     fast_threshold: int = param(
         7, 'Grey-level contrast that makes a corner', minimum=1, maximum=100
     )
+    refill: bool = param(
+        True, 'Spread the budget over what is not masked; false: over all, then drop the masked'
+    )
     border_px: int = param(19, 'Margin without features, at every level', minimum=16, maximum=100)
 
 

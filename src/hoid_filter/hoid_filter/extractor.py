@@ -65,16 +65,22 @@ class OrbExtractor:
             keep_mask: (H, W), 0 where no feature may lie; None for the whole image.
             usable: indices, ascending, of the corners in it, as of `usable_corners`.
         """
-        image_area_px = corners.pyramid.levels[0].size
-        area_px = image_area_px if keep_mask is None else cv2.countNonZero(keep_mask)
+        if keep_mask is None:
+            return self._spread(corners, usable, corners.pyramid.levels[0].size)
+        if self._config.refill:
+            return self._spread(corners, usable, cv2.countNonZero(keep_mask))
+        chosen = self.choose(corners, None, usable_corners(corners, None))
+        return chosen[keep_mask.ravel()[corners.pixel[chosen]] > 0]
+
+    def _spread(self, corners: Corners, among: IntArray, area_px: int) -> IntArray:
         kept = spread_evenly(
-            corners.uv_px[usable],
-            corners.octave[usable],
-            corners.score[usable],
+            corners.uv_px[among],
+            corners.octave[among],
+            corners.score[among],
             self._budgets,
             float(area_px),
         )
-        return usable[kept]
+        return among[kept]
 
     def describe(
         self, corners: Corners, chosen: IntArray, depth_m: Float32Array, stamp_ns: int

@@ -38,6 +38,17 @@ def test_no_feature_in_a_dynamic_box_and_the_budget_refilled(frame: RgbdFrame) -
     assert ((x >= 100) & (x < 300) & (y >= 50) & (y < 450)).all()
 
 
+def test_budget_without_refill_is_what_the_whole_image_leaves(frame: RgbdFrame) -> None:
+    found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
+    whole = FeatureFilter(FilterConfig(strategy='none')).process(frame, found).features
+    config = FilterConfig(strategy='hoid2d').updated({'extraction.refill': False})
+    rest = FeatureFilter(config).process(frame, found).features
+    u, v = np.rint(whole.uv_px).T
+    outside = ~((u >= 100) & (u < 300) & (v >= 50) & (v < 450))
+    assert 100 < len(rest) == np.count_nonzero(outside) < 1000
+    np.testing.assert_array_equal(rest.uv_px, whole.uv_px[outside])
+
+
 def test_object_has_its_place_in_the_camera_frame(frame: RgbdFrame) -> None:
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     (person,) = (
