@@ -27,18 +27,25 @@ _FR2 = CameraModel(
     (0.231222, -0.784899, -0.003257, -0.000105, 0.917205),
 )  # fmt: skip
 _FR3 = CameraModel(640, 480, 535.4, 539.2, 320.1, 247.6)
-TUM_CAMERAS = {'fr1': _FR1, 'fr2': _FR2, 'fr3': _FR3}
-"""Intrinsics that the TUM RGB-D benchmark publishes for its three colour cameras."""
+_BONN = CameraModel(
+    640, 480, 542.822841, 542.576870, 315.593520, 237.756098,
+    (0.039903, -0.099343, -0.000730, -0.000144, 0.0),
+)  # fmt: skip
+TUM_CAMERAS = {'fr1': _FR1, 'fr2': _FR2, 'fr3': _FR3, 'bonn': _BONN}
+"""Published intrinsics: TUM RGB-D's three colour cameras, and that of Bonn RGB-D Dynamic."""
 
 _TUM_NAME = re.compile(r'(?<![a-z])(?:freiburg|fr)[ _-]?([123])(?![0-9])', re.IGNORECASE)
+_BONN_NAME = re.compile(r'(?<![a-z])bonn(?![a-z])', re.IGNORECASE)
 _DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')
 
 
 def camera_from_name(name: str) -> CameraModel | None:
-    """Return the TUM camera that the name of a recording speaks of, or None.
+    """Return the published camera that the name of a recording speaks of, or None.
 
-    `rgbd_dataset_freiburg1_xyz`, `fr1_xyz` and `fr1` all mean freiburg 1.
+    `rgbd_dataset_freiburg1_xyz`, `fr1_xyz` and `fr1` all mean freiburg 1, `rgbd_bonn_crowd` Bonn.
     """
+    if _BONN_NAME.search(name):
+        return _BONN
     match = _TUM_NAME.search(name)
     return TUM_CAMERAS[f'fr{match.group(1)}'] if match else None
 

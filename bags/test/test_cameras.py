@@ -25,6 +25,7 @@ distortion_coefficients: {rows: 1, cols: 5, data: [0.1, -0.2, 0.001, 0.002, 0]}
         ('FR2-desk', 520.908620),
         ('freiburg 3', 535.4),
         ('my_fr3_walking', 535.4),
+        ('rgbd_bonn_crowd2', 542.822841),
     ],
 )
 def test_a_folder_name_says_which_camera(name: str, fx_px: float) -> None:
@@ -33,7 +34,7 @@ def test_a_folder_name_says_which_camera(name: str, fx_px: float) -> None:
     assert known.fx_px == fx_px
 
 
-@pytest.mark.parametrize('name', ['kitchen', 'afr1_x', 'fr4_desk', 'fr12', 'freiburg'])
+@pytest.mark.parametrize('name', ['kitchen', 'afr1_x', 'fr4_desk', 'fr12', 'freiburg', 'bonny'])
 def test_other_names_say_nothing(name: str) -> None:
     assert camera_from_name(name) is None
 
@@ -74,5 +75,5 @@ def test_bad_camera_files(tmp_path: Path, old: str, new: str, said: str) -> None
 
 
 def test_missing_camera() -> None:
-    with pytest.raises(InputError, match='camera "fr9": neither fr1, fr2, fr3 nor a file'):
+    with pytest.raises(InputError, match='camera "fr9": neither fr1, fr2, fr3, bonn nor a file'):
         find_camera('fr9')

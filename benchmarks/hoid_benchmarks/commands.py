@@ -1,38 +1,49 @@
-"""`hoid bench`: the speed of one stage, or the experiments and their report."""
+"""`hoid bench`: the experiments and their report, or the speed of one stage."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from hoid_benchmarks.check import check
 from hoid_benchmarks.engine import Engine
-from hoid_benchmarks.literature import published
-from hoid_benchmarks.plan import load_plan
-from hoid_benchmarks.report import write_report
+from hoid_benchmarks.machine import Code
+from hoid_benchmarks.masks import mask_report
+from hoid_benchmarks.plan import Job, load_plan
+from hoid_benchmarks.report import Report
+from hoid_benchmarks.results import Result
+from hoid_benchmarks.runs import RunList
 from hoid_benchmarks.sequences import Store
 from hoid_benchmarks.speed import STAGES, time_stage
 from hoid_common.errors import HoidError
 
+_MASKS = 'masks'
 _ROOT = Path(__file__).resolve().parents[2]
 
 
 def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the experiments."""
-    parser.add_argument(
+    add = parser.add_argument
+    add(
         'what',
         nargs='?',
         default='full',
         metavar='WHAT',
-        help=f'a stage to time ({", ".join(STAGES)}), or experiments: full, quick, a YAML file',
+        help=f'experiments: full, quick or a YAML file; a stage to time ({", ".join(STAGES)}); '
+        f'{_MASKS}: judge the masks corner by corner',
     )
-    parser.add_argument('--quick', action='store_true', help='the same as "quick": 10 minutes')
-    parser.add_argument('--only', action='append', default=[], help='run just this experiment')
-    parser.add_argument('--out', type=Path, default=Path('out/bench'), help='folder of results')
-    parser.add_argument('--data', type=Path, help='folder of unpacked official sequences')
-    parser.add_argument('--cluster', default='', help='address of a Dask scheduler')
-    parser.add_argument('--check', action='store_true', help='fail when a stored bound is broken')
+    add('--quick', action='store_true', help='the same as "quick": a few minutes')
+    add('--only', action='append', default=[], metavar='ID', help='run just this; repeatable')
+    add('--job', metavar='KEY', help='run this one again, as its page says')
+    add('--report', action='store_true', help='run nothing: write the report of what has run')
+    add('--detector', metavar='MODEL', help='instead of every detector of the plan')
+    add('--data', type=Path, metavar='DIR', help='folder of unpacked official sequences')
+    add('--out', type=Path, default=Path('out/bench'), metavar='DIR', help='default: %(default)s')
+    add('--workers', type=int, default=0, metavar='N', help='runs at a time (default: one a core)')
+    add('--cluster', default='', metavar='ADDRESS', help='of a Dask scheduler that shares files')
+    add('--check', action='store_true', help='fail when a stored bound is broken by this code')
 
 
 def bench_command(args: argparse.Namespace) -> None:
@@ -40,19 +51,54 @@ def bench_command(args: argparse.Namespace) -> None:
 
     Raises:
         HoidError: A bound is broken, or the experiments cannot be read.
-
     """
-    store = Store(_ROOT.parent / 'shared', args.out / 'sequences', args.data)
+    store = Store(_ROOT.parent / 'shared', args.out.absolute() / 'sequences', args.data)
     store.made.mkdir(parents=True, exist_ok=True)
     if args.what in STAGES and not args.quick:
         sys.stdout.write(time_stage(args.what, store))
+    elif args.what == _MASKS and not args.quick:
+        sys.stdout.write(mask_report(args.only, store))
+    else:
+        _experiments(args, store)
+
+
+def _experiments(args: argparse.Namespace, store: Store) -> None:
+    plan = load_plan('quick' if args.quick else args.what, store.official_sequences())
+    if args.detector:
+        plan = plan.with_detector(args.detector)
+    folder = args.out / plan.name
+    engine = Engine(
+        folder, store, Code.of(_ROOT), args.cluster,
+        only_this_code=args.check, workers=args.workers,
+    )  # fmt: skip
+    if args.job:
+        _repeat(engine, plan.job(args.job))
         return
-    plan = load_plan('quick' if args.quick else args.what).only(args.only)
-    folder: Path = args.out / plan.name
-    results = Engine(folder, store, args.cluster).run(plan.jobs())
-    page = write_report(plan, results, folder, (published(),))
-    failed = sum(not r.ok for r in results.values())
-    sys.stdout.write(f'{len(results) - failed} runs, {failed} failed: {page}\n')
-    broken = check(results.values()) if args.check else []
-    if broken:
+    results = engine.stored(plan.jobs())
+    if not args.report:
+        results |= engine.run(plan.only(args.only).jobs())
+    page = Report(plan, results, folder, RunList(plan, store, _ROOT)).write()
+    sys.stdout.write(f'{_counted(results.values())}\n{page}\n')
+    if args.check and (broken := check(results.values())):
         raise HoidError('; '.join(broken))
+
+
+def _repeat(engine: Engine, job: Job) -> None:
+    """Run one job whatever is stored of it, and say what came out."""
+    result = engine.repeat(job)
+    if not result.ok:
+        raise HoidError(result.error)
+    names = ('ate_rmse_m', 'coverage', 'frames_processed', 'detector')
+    for name in names:
+        if name in result.summary:
+            sys.stdout.write(f'{name}  {result.summary[name]}\n')
+
+
+def _counted(results: Iterable[Result]) -> str:
+    every = list(results)
+    missing = sum(r.missing for r in every)
+    failed = sum(not r.ok for r in every) - missing
+    return (
+        f'{len(every) - failed - missing} runs done, {failed} failed, '
+        f'{missing} of sequences that are not here'
+    )

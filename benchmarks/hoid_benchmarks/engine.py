@@ -3,60 +3,97 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from distributed import Client, LocalCluster, as_completed
-from tqdm import tqdm
 
+from hoid_benchmarks.machine import Code
 from hoid_benchmarks.plan import Job
 from hoid_benchmarks.results import Result, read_result, result_path, write_result
 from hoid_benchmarks.sequences import Store
 from hoid_benchmarks.worker import Outcome, run_job
+from hoid_bringup.progress import progress
 from hoid_common.errors import InputError
+
+_QUIET = 50  # Dask's log level: what matters is in the results
+_MODES_ALONE = ('live', 'detect')  # what is timed by the wall needs the whole machine
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Where jobs run and where their results go."""
+    """Where jobs run and where their results go.
+
+    Args:
+        folder: Of the results.
+        store: Of the sequences; a cluster's machines must see it under the same paths.
+        code: What runs; noted with each result.
+        cluster: Address of a Dask scheduler; empty for all cores of this machine.
+        only_this_code: Whether results of other code are run again.
+        workers: Processes on this machine; 0 for one a core.
+    """
 
     folder: Path
     store: Store
-    cluster: str = ''  # address of a Dask scheduler; empty = all cores of this machine
+    code: Code
+    cluster: str = ''
+    only_this_code: bool = False
+    workers: int = 0
 
     def run(self, jobs: Sequence[Job]) -> dict[Job, Result]:
         """Run what has not run yet, and return every result; a failed run is a result too."""
-        done = {job: r for job in jobs if (r := read_result(self.folder, job)) and r.ok}
+        done = self.stored(jobs)
         waiting = [job for job in jobs if job not in done]
-        paths, missing = self._sequences(waiting)
-        for result in missing:
-            write_result(self.folder, result)
-            done[result.job] = result
+        paths, reasons = self._sequences(waiting)
+        done |= {
+            job: Result(job, {}, reasons[job.sequence], missing=True)
+            for job in waiting
+            if job.sequence in reasons
+        }
         ready = [job for job in waiting if job.sequence in paths]
         if ready:
-            with self._client() as client, tqdm(total=len(ready), unit='run') as bar:
-                for batch in _batches(ready):
-                    for job, outcome in self._outcomes(client, batch, paths):
-                        done[job] = self._keep(job, outcome)
-                        bar.set_postfix_str(job.label)
-                        bar.update()
+            done |= self._run_all(ready, paths)
         return done
 
-    def _sequences(self, jobs: Iterable[Job]) -> tuple[dict[str, Path], list[Result]]:
-        """Find or make each sequence once; jobs on missing ones end here, with the reason."""
+    def repeat(self, job: Job) -> Result:
+        """Run a job whatever is stored of it."""
+        paths, reasons = self._sequences([job])
+        if job.sequence in reasons:
+            return Result(job, {}, reasons[job.sequence], missing=True)
+        return self._keep(job, run_job(job, paths[job.sequence]))
+
+    def stored(self, jobs: Iterable[Job]) -> dict[Job, Result]:
+        """Return the results that are there and need not be run again."""
+        found = {job: r for job in jobs if (r := read_result(self.folder, job)) and r.ok}
+        if not self.only_this_code:
+            return found
+        return {job: r for job, r in found.items() if r.code == self.code.digest}
+
+    def _sequences(self, jobs: Iterable[Job]) -> tuple[dict[str, Path], dict[str, str]]:
+        """Find or make each sequence once; return where they are, and why some are not."""
         paths: dict[str, Path] = {}
         reasons: dict[str, str] = {}
-        for name in tqdm(list(dict.fromkeys(job.sequence for job in jobs)), unit='sequence'):
+        names = list(dict.fromkeys(job.sequence for job in jobs))
+        bar = progress(names, len(names), 'sequences')
+        for name in bar:
+            bar.set_postfix_str(name)
             try:
                 paths[name] = self.store.find(name)
             except InputError as error:
                 reasons[name] = str(error)
-        missing = [
-            Result(job, {}, reasons[job.sequence]) for job in jobs if job.sequence in reasons
-        ]
-        return paths, missing
+        return paths, reasons
+
+    def _run_all(self, jobs: Sequence[Job], paths: Mapping[str, Path]) -> dict[Job, Result]:
+        done = {}
+        with self._client() as client, progress(None, len(jobs), 'runs') as bar:
+            for batch in _batches(jobs):
+                for job, outcome in _outcomes(client, batch, paths):
+                    done[job] = self._keep(job, outcome)
+                    bar.set_postfix_str(job.label[:40])
+                    bar.update()
+        return done
 
     @contextmanager
     def _client(self) -> Iterator[Client]:
@@ -66,37 +103,38 @@ class Engine:
             return
         with (
             LocalCluster(
-                n_workers=os.cpu_count(),
+                n_workers=self.workers or os.cpu_count(),
                 threads_per_worker=1,
                 dashboard_address=None,
-                silence_logs=50,
+                silence_logs=_QUIET,
             ) as cluster,
             Client(cluster) as client,
         ):
             yield client
 
-    def _outcomes(
-        self, client: Client, jobs: Sequence[Job], paths: dict[str, Path]
-    ) -> Iterator[tuple[Job, Outcome]]:
-        futures = {
-            client.submit(run_job, job, paths[job.sequence], pure=False): job for job in jobs
-        }
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
     def _keep(self, job: Job, outcome: Outcome) -> Result:
         folder = result_path(self.folder, job).parent
         folder.mkdir(parents=True, exist_ok=True)
-        for name, text in outcome.files.items():
-            (folder / name).write_text(text)
-        result = Result(job, outcome.summary, outcome.error)
+        for name, data in outcome.files.items():
+            (folder / name).write_bytes(data)
+        result = Result(
+            job, outcome.summary, outcome.error, code=self.code.digest, commit=self.code.commit
+        )
         write_result(self.folder, result)
         return result
 
 
+def _outcomes(
+    client: Client, jobs: Sequence[Job], paths: Mapping[str, Path]
+) -> Iterator[tuple[Job, Outcome]]:
+    futures = {client.submit(run_job, job, paths[job.sequence], pure=False): job for job in jobs}
+    for future in as_completed(futures):
+        yield futures[future], future.result()
+
+
 def _batches(jobs: Sequence[Job]) -> Iterator[list[Job]]:
-    """Yield the offline jobs together, then each live job alone: it needs the whole machine."""
-    offline = [job for job in jobs if not job.live]
-    if offline:
-        yield offline
-    yield from ([job] for job in jobs if job.live)
+    """Yield the jobs that may run side by side, then each of the others by itself."""
+    together = [job for job in jobs if job.mode not in _MODES_ALONE]
+    if together:
+        yield together
+    yield from ([job] for job in jobs if job.mode in _MODES_ALONE)

@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from numpy.typing import NDArray
 
 mpl.use('Agg')
 import matplotlib.pyplot as plt
@@ -15,15 +16,23 @@ import matplotlib.pyplot as plt
 from hoid_bags.trajectory_io import read_tum
 from hoid_benchmarks.plan import Experiment
 from hoid_benchmarks.results import Result, key_value, result_path, spread
-from hoid_benchmarks.tables import setting_of
+from hoid_benchmarks.views import setting_of
 from hoid_bringup.evaluation import AlignedTrajectory, align
+from hoid_common.values import FloatArray, IntArray
 
 Plot = dict[str, Any]  # a plotly figure: data and layout
 _VALUES = {
     'curve': (('ate_rmse_m', 'ATE RMSE [m]'), ('coverage', 'coverage')),
+    'verdicts': (
+        ('verdicts.found_share', 'handled objects removed'),
+        ('verdicts.spared_share', 'objects passed in front of that are kept'),
+        ('verdicts.balanced', 'mean of both'),
+    ),
     'cost': (('stage_ms.frame.median', 'time per frame [ms]'), ('peak_rss_mb', 'memory [MB]')),
 }
 _MAX_POINTS = 1500  # of a drawn trajectory; keeps the page small
+_FEATURES = 'features.csv'
+_TIME = 'time [s]'
 
 
 def make_plots(
@@ -64,7 +73,9 @@ def save_figures(experiment: Experiment, plots: Sequence[Plot], folder: Path) ->
         axes.grid(alpha=0.3)
         for suffix in ('.png', '.svg'):
             paths.append(folder / f'{experiment.id}-{i}{suffix}')
-            figure.savefig(paths[-1], dpi=150, metadata={'Date': None} if suffix == '.svg' else {})
+            with plt.rc_context({'svg.hashsalt': 'hoid'}):  # equal results, equal files
+                dated = {'Date': None} if suffix == '.svg' else {}
+                figure.savefig(paths[-1], dpi=150, metadata=dated)
         plt.close(figure)
     return paths
 
@@ -124,38 +135,59 @@ def _first_runs(results: Sequence[Result], sequence: str) -> list[Result]:
 
 
 def _trajectory_plots(sequence: str, runs: Sequence[Result], folder: Path) -> list[Plot]:
-    """Draw the paper's Figures 8 and 9: trajectories and their error over time, by filter."""
+    """Draw the paper's Figures 8 and 9, the error over time, and the features kept, by filter."""
     above: list[Plot] = []
     error: list[Plot] = []
+    kept: list[Plot] = []
     for r in runs:
         run = result_path(folder, r.job).parent
         if not (run / 'ground_truth.txt').is_file():
             continue
         aligned = align(read_tum(run / 'trajectory.txt'), read_tum(run / 'ground_truth.txt'))
         name = ' '.join(filter(None, (r.job.filter, r.job.detector)))
+        axes = _widest_plane(aligned)
         if not above:
-            above.append(_path('ground truth', aligned, aligned.T_world_camera_true))
-        above.append(_path(name, aligned, aligned.T_world_camera))
-        seconds = (aligned.stamps_ns - aligned.stamps_ns[0]) * 1e-9
-        keep = _thinned(len(seconds))
-        error.append(_line(name, _floats(seconds[keep]), _floats(aligned.error_m[keep])))
+            above.append(_path('ground truth', aligned.T_world_camera_true, axes))
+        above.append(_path(name, aligned.T_world_camera, axes))
+        first_ns = aligned.stamps_ns[0]
+        error.append(_over_time(name, aligned.stamps_ns - first_ns, aligned.error_m))
+        if (run / _FEATURES).is_file():
+            stamps_ns, number = np.loadtxt(
+                run / _FEATURES, np.int64, delimiter=',', skiprows=1, ndmin=2
+            ).T
+            kept.append(_over_time(name, stamps_ns - first_ns, number))
     if not above:
         return []
-    return [
-        _plot(f'{sequence}: trajectories from above', 'x [m]', 'y [m]', above, scaleanchor='x'),
-        _plot(f'{sequence}: error over time', 'time [s]', 'error [m]', error, rangemode='tozero'),
+    x, y = (f'{"xyz"[k]} [m]' for k in axes)
+    plots = [
+        _plot(f'{sequence}: trajectories', x, y, above, scaleanchor='x'),
+        _plot(f'{sequence}: error over time', _TIME, 'error [m]', error, rangemode='tozero'),
     ]
+    title = f'{sequence}: features kept over time'
+    return plots + ([_plot(title, _TIME, 'features', kept, rangemode='tozero')] if kept else [])
 
 
-def _path(name: str, aligned: AlignedTrajectory, T_world_camera: np.ndarray) -> Plot:
-    keep = _thinned(len(aligned.stamps_ns))
-    x, y = T_world_camera[keep, 0, 3], T_world_camera[keep, 1, 3]
+def _over_time(name: str, since_ns: IntArray, values: NDArray[np.generic]) -> Plot:
+    keep = slice(None, None, _step(len(values)))
+    return _line(name, _floats(since_ns[keep] * 1e-9), _floats(values[keep]), mode='lines')
+
+
+def _widest_plane(aligned: AlignedTrajectory) -> tuple[int, int]:
+    """Return the two axes of the world along which the camera truly moved most, in order."""
+    spans_m = np.ptp(aligned.T_world_camera_true[:, :3, 3], axis=0)
+    first, second = sorted(np.argsort(-spans_m, kind='stable')[:2].tolist())
+    return first, second
+
+
+def _path(name: str, T_world_camera: FloatArray, axes: tuple[int, int]) -> Plot:
+    keep = slice(None, None, _step(len(T_world_camera)))
+    x, y = (T_world_camera[keep, k, 3] for k in axes)
     return _line(name, _floats(x), _floats(y), mode='lines')
 
 
-def _thinned(n: int) -> slice:
-    return slice(None, None, max(1, n // _MAX_POINTS))
+def _step(n: int) -> int:
+    return max(1, n // _MAX_POINTS)
 
 
-def _floats(values: np.ndarray) -> list[float]:
+def _floats(values: NDArray[np.generic]) -> list[float]:
     return [round(float(v), 4) for v in values]

@@ -1,13 +1,37 @@
-"""What machine and versions a result comes from."""
+"""What machine, versions and code a result comes from."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
+import subprocess
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'evo')
+
+
+_SOURCES = ('*.py', '*.cpp', '*.hpp', '*.h')
+_CODE_FOLDERS = ('src', 'bags')  # of what a run executes
+
+
+@dataclass(frozen=True)
+class Code:
+    """Which state of the project ran."""
+
+    digest: str  # of the sources, tests and training left out
+    commit: str  # with a mark when files differ from it; empty outside a clone
+
+    @classmethod
+    def of(cls, root: Path) -> Code:
+        """Return the state of a checkout."""
+        digest = hashlib.sha256()
+        for path in _sources(root):
+            digest.update(str(path.relative_to(root)).encode())
+            digest.update(path.read_bytes())
+        return cls(digest.hexdigest()[:12], _commit(root))
 
 
 def machine() -> str:
@@ -20,6 +44,20 @@ def versions() -> str:
     """Return the versions of Python and of the libraries that results depend on."""
     found = [f'{name} {_version(name)}' for name in _LIBRARIES]
     return ', '.join([f'Python {platform.python_version()}', *found])
+
+
+def _sources(root: Path) -> list[Path]:
+    found = (p for f in _CODE_FOLDERS for kind in _SOURCES for p in (root / f).rglob(kind))
+    return sorted(p for p in found if not {'test', 'training'} & set(p.relative_to(root).parts))
+
+
+def _commit(root: Path) -> str:
+    command = ['git', '-C', str(root), 'describe', '--always', '--dirty', '--exclude=*']
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return ''
+    return done.stdout.strip()
 
 
 def _processor() -> str:

@@ -1,9 +1,12 @@
 'use strict';
+const COLORS = ['#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#8c6bb1', '#7f7f7f'];
+
 function cellValue(row, column) {
   const text = row.cells[column].dataset.value ?? row.cells[column].textContent;
-  const number = Number.parseFloat(text);
-  return Number.isNaN(number) ? text : number;
+  const number = Number(text);
+  return text.trim() === '' || Number.isNaN(number) ? text : number;
 }
+
 function sortTable(header) {
   const table = header.closest('table');
   const column = header.cellIndex;
@@ -14,30 +17,46 @@ function sortTable(header) {
   rows.sort((a, b) => {
     const x = cellValue(a, column), y = cellValue(b, column);
     if (typeof x === 'number' && typeof y === 'number') return x - y;
-    if (typeof x === typeof y) return x.localeCompare(y);
+    if (typeof x === typeof y) return x.localeCompare(y, 'en', { numeric: true });
     return typeof x === 'number' ? -1 : 1;
   });
   if (descending) rows.reverse();
   table.tBodies[0].append(...rows);
 }
+
 function drawPlots() {
-  const dark = matchMedia('(prefers-color-scheme: dark)').matches;
   const style = getComputedStyle(document.documentElement);
   const ink = style.getPropertyValue('--ink'), line = style.getPropertyValue('--line');
+  const axis = { gridcolor: line, zerolinecolor: line, linecolor: line, automargin: true };
   for (const place of document.querySelectorAll('.plot')) {
     const figure = JSON.parse(place.nextElementSibling.textContent);
-    const axis = { gridcolor: line, zerolinecolor: line, automargin: true };
-    const layout = Object.assign({ paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', font: { color: ink },
-      margin: { t: 40, r: 10 }, legend: { orientation: 'h', y: -0.25 } }, figure.layout);
-    layout.xaxis = Object.assign({}, axis, figure.layout.xaxis);
-    layout.yaxis = Object.assign({}, axis, figure.layout.yaxis);
-    Plotly.react(place, figure.data, layout, { responsive: true, displaylogo: false });
-    place.dataset.theme = dark ? 'dark' : 'light';
+    const traces = figure.data.map((trace) => trace.name === 'ground truth'
+      ? { ...trace, line: { color: ink, width: 3, dash: 'dot' } }
+      : { ...trace, line: { width: 1.5 }, marker: { size: 5 } });
+    const layout = { ...figure.layout, title: undefined, colorway: COLORS, font: { color: ink, size: 12, family: style.fontFamily },
+      paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', margin: { t: 8, r: 8, b: 40, l: 48 }, showlegend: true,
+      legend: { orientation: 'h', y: -0.2, yanchor: 'top' }, hovermode: 'closest',
+      xaxis: { ...axis, ...figure.layout.xaxis }, yaxis: { ...axis, ...figure.layout.yaxis } };
+    Plotly.react(place, traces, layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ['select2d', 'lasso2d'] });
   }
 }
+
+function openRun() {
+  if (!location.hash.startsWith('#run-')) return;
+  const run = document.querySelector(location.hash);
+  if (run) run.open = true;
+}
+
 document.addEventListener('click', (event) => {
   const button = event.target.closest('th button');
   if (button) sortTable(button.parentElement);
 });
-document.addEventListener('DOMContentLoaded', drawPlots);
+document.addEventListener('DOMContentLoaded', () => { drawPlots(); openRun(); });
+window.addEventListener('hashchange', openRun);
+window.addEventListener('beforeprint', () => {
+  for (const place of document.querySelectorAll('.plot')) Plotly.relayout(place, { width: 640, height: 300 });
+});
+window.addEventListener('afterprint', () => {
+  for (const place of document.querySelectorAll('.plot')) Plotly.relayout(place, { width: null, height: null, autosize: true });
+});
 matchMedia('(prefers-color-scheme: dark)').addEventListener('change', drawPlots);

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -53,11 +55,14 @@ class PerturbedSequence:
         if self._perturbation.loops == 1:
             yield from self._base
             return
-        frames = list(self._base)
-        for k in range(self._perturbation.loops):
-            for i, frame in enumerate(frames[:: -1 if k % 2 else 1]):
-                number = k * len(frames) + i
-                yield replace(frame, stamp_ns=frames[0].stamp_ns + number * _FRAME_NS)
+        with tempfile.TemporaryDirectory(prefix='hoid-loop-') as folder:  # too much for memory
+            paths = [_spool(frame, Path(folder)) for frame in self._base]
+            first_ns = int(paths[0].stem)
+            for k in range(self._perturbation.loops):
+                for i, path in enumerate(paths[:: -1 if k % 2 else 1]):
+                    stamp_ns = first_ns + (k * len(paths) + i) * _FRAME_NS
+                    with np.load(path) as saved:
+                        yield RgbdFrame(stamp_ns, saved['image_bgr'], saved['depth_m'])
 
     def _harder(self, frame: RgbdFrame, rng: np.random.Generator, texture: ByteArray) -> RgbdFrame:
         p = self._perturbation
@@ -69,7 +74,7 @@ class PerturbedSequence:
             depth_m = np.where(rng.random(depth_m.shape) < p.depth_missing_share, 0, depth_m)
         if p.covered_share > 0:
             image, depth_m = self._covered(image, depth_m, frame.stamp_ns, texture)
-        return replace(frame, image_bgr=image, depth_m=depth_m.astype(np.float32))
+        return replace(frame, image_bgr=image, depth_m=depth_m.astype(np.float32, copy=False))
 
     def _covered(
         self, image: ByteArray, depth_m: Float32Array, stamp_ns: int, texture: ByteArray
@@ -79,6 +84,12 @@ class PerturbedSequence:
         image[:, left:right] = texture[: image.shape[0], : right - left]
         depth_m[:, left:right] = _COVER_DEPTH_M
         return image, depth_m
+
+
+def _spool(frame: RgbdFrame, folder: Path) -> Path:
+    path = folder / f'{frame.stamp_ns}.npz'
+    np.savez(path, image_bgr=frame.image_bgr, depth_m=frame.depth_m)
+    return path
 
 
 def cover_columns(width_px: int, share: float, stamp_ns: int) -> tuple[int, int]:
@@ -101,10 +112,13 @@ def perturb_detections(
         if state.is_missed(frame.stamp_ns, perturbation):
             return Detections.none(frame.stamp_ns)
         found = detect(frame)
-        if found is None or perturbation.covered_share == 0:
-            return found
-        height_px, width_px = frame.depth_m.shape
-        return _with_cover(found, perturbation.covered_share, width_px, height_px)
+        if found is None:
+            return None
+        if perturbation.extra_boxes:
+            found = _with_extra(found, perturbation.extra_boxes, frame.depth_m.shape)
+        if perturbation.covered_share:
+            found = _with_cover(found, perturbation.covered_share, frame.depth_m.shape)
+        return found
 
     return perturbed
 
@@ -135,12 +149,24 @@ class _Clock:
         return bool(lost or (in_run and since_ns >= _MISSED_EVERY_NS))
 
 
-def _with_cover(found: Detections, share: float, width_px: int, height_px: int) -> Detections:
-    left, right = cover_columns(width_px, share, found.stamp_ns)
-    box = np.array([[left, 0, right, height_px]], np.float32)
+def _with_cover(found: Detections, share: float, shape_hw: tuple[int, ...]) -> Detections:
+    left, right = cover_columns(shape_hw[1], share, found.stamp_ns)
+    return _with(found, np.array([[left, 0, right, shape_hw[0]]], np.float32), PERSON)
+
+
+def _with_extra(found: Detections, number: int, shape_hw: tuple[int, ...]) -> Detections:
+    """Add small boxes of things, about where a real detector would see clutter: anywhere."""
+    rng = np.random.default_rng(found.stamp_ns % 2**32)
+    size_px = rng.uniform(20, 60, (number, 2))
+    corner = rng.uniform(0, 1, (number, 2)) * (np.array(shape_hw[1::-1]) - size_px)
+    return _with(found, np.concatenate([corner, corner + size_px], 1).astype(np.float32), 'cup')
+
+
+def _with(found: Detections, boxes_xyxy_px: Float32Array, name: str) -> Detections:
+    number = len(boxes_xyxy_px)
     return Detections(
         found.stamp_ns,
-        np.concatenate([found.boxes_xyxy_px, box]),
-        (*found.class_names, PERSON),
-        np.concatenate([found.scores, np.array([0.9], np.float32)]),
+        np.concatenate([found.boxes_xyxy_px, boxes_xyxy_px]),
+        (*found.class_names, *[name] * number),
+        np.concatenate([found.scores, np.full(number, 0.9, np.float32)]),
     )

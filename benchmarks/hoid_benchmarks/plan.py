@@ -13,10 +13,22 @@ from typing import Any
 import yaml
 
 from hoid_common.errors import ConfigError
+from hoid_filter.config import ExtractionConfig
 
 _FOLDER = Path(__file__).parent / 'experiments'
-_LISTS = ('sequences', 'filters', 'detectors', 'seeds')
-_VIEWS = ('comparison', 'curve', 'ablation', 'accuracy', 'stages', 'detectors', 'cost')
+_LISTS = ('sequences', 'filters', 'seeds')
+_KEYS = (
+    *_LISTS, 'id', 'title', 'view', 'mode', 'about', 'differs', 'part', 'detectors', 'vary',
+    'variants', 'fixed',
+)  # fmt: skip
+_VIEWS = (
+    'comparison', 'curve', 'ablation', 'accuracy', 'stages', 'detectors', 'verdicts', 'cost',
+    'pictures',
+)  # fmt: skip
+_MODES = ('offline', 'live', 'detect', 'verdicts', 'pictures')
+_OFFICIAL = 'official'  # as a sequence: every one that --data holds
+_BUDGET = 'filter.extraction.num_features'
+_BUDGET_STEP = 0.01
 
 
 @dataclass(frozen=True)
@@ -31,6 +43,7 @@ class Perturbation:
     depth_missing_share: float = 0.0  # of the pixels without a reading
     covered_share: float = 0.0  # of the image's width hidden by a moving person-like box
     loops: int = 1  # the recording forth and back so many times
+    extra_boxes: int = 0  # objects reported beside those that are there
 
 
 @dataclass(frozen=True)
@@ -41,7 +54,7 @@ class Job:
     filter: str
     detector: str
     seed: int
-    live: bool = False
+    mode: str = 'offline'  # one of _MODES
     parameters: tuple[tuple[str, Any], ...] = ()  # dotted name, value
     perturbation: Perturbation = field(default_factory=Perturbation)
 
@@ -54,11 +67,29 @@ class Job:
     @property
     def label(self) -> str:
         """Return a short description for progress and error rows."""
-        extra = [f'{k}={v}' for k, v in self.parameters]
+        words = [self.sequence, self.filter, self.detector, self.variant, f'seed {self.seed}']
+        return ' '.join(w for w in ([] if self.mode == 'offline' else [self.mode]) + words if w)
+
+    @property
+    def variant(self) -> str:
+        """Return what the job changes, for people; empty when nothing."""
         default = asdict(Perturbation())
-        extra += [f'{k}={v}' for k, v in asdict(self.perturbation).items() if v != default[k]]
-        words = [self.sequence, self.filter, self.detector, *extra, f'seed {self.seed}']
-        return ' '.join(['live', *words] if self.live else words)
+        done = {k: v for k, v in asdict(self.perturbation).items() if v != default[k]}
+        return ', '.join(f'{k}={v}' for k, v in [*self.parameters, *done.items()])
+
+    def settings(self) -> dict[str, Any]:
+        """Return the parameters that differ from the defaults, by dotted name.
+
+        An offline run is repeatable, and nothing that it samples matters much: a seed that is not
+        0 changes the feature budget by a percent or two as well, so that seeds are runs that a
+        user could have had, not copies of one.
+        """
+        settings = dict(self.parameters)
+        if self.seed:
+            budget = settings.get(_BUDGET, ExtractionConfig().num_features)
+            share = _BUDGET_STEP * ((self.seed + 1) // 2) * (1 if self.seed % 2 else -1)
+            settings[_BUDGET] = round(budget * (1 + share))
+        return settings
 
 
 @dataclass(frozen=True)
@@ -72,6 +103,7 @@ class Experiment:
     differs: str  # from the paper's setting; empty when it is ours
     varied: str  # the parameter or perturbation on the curve's axis; empty when none
     jobs: tuple[Job, ...]
+    part: str = 'Beyond the paper'  # of the page
 
 
 @dataclass(frozen=True)
@@ -80,6 +112,7 @@ class Plan:
 
     name: str
     experiments: tuple[Experiment, ...]
+    command: str = ''  # that asks for it
 
     def jobs(self) -> tuple[Job, ...]:
         """Return each distinct job once, in order."""
@@ -95,29 +128,64 @@ class Plan:
             self, experiments=tuple(e for e in self.experiments if not ids or e.id in ids)
         )
 
+    def job(self, key: str) -> Job:
+        """Return the job of a key, as the page names it."""
+        found = [job for job in self.jobs() if job.key == key]
+        if not found:
+            raise ConfigError(f'no run {key} in {self.name}: its page lists them')
+        return found[0]
 
-def load_plan(name_or_path: str) -> Plan:
-    """Read a plan that ships with the project by name, or any YAML file."""
+    def with_detector(self, detector: str) -> Plan:
+        """Return the plan with one detector in place of all; of jobs that compare them, too."""
+        return replace(
+            self,
+            command=f'{self.command} --detector {detector}',
+            experiments=tuple(
+                replace(e, jobs=tuple(dict.fromkeys(_detected_by(j, detector) for j in e.jobs)))
+                for e in self.experiments
+            ),
+        )
+
+
+def load_plan(name_or_path: str, official: Sequence[str] = ()) -> Plan:
+    """Read a plan that ships with the project by name, or any YAML file.
+
+    Args:
+        name_or_path: Of the plan.
+        official: Sequences to run in experiments that list the sequence "official".
+
+    Raises:
+        ConfigError: There is no such plan, or it is none.
+    """
     path = Path(name_or_path)
     if path.suffix not in ('.yaml', '.yml'):
         path = _FOLDER / f'{name_or_path}.yaml'
     if not path.is_file():
-        known = ', '.join(sorted(p.stem for p in _FOLDER.glob('*.yaml')))
+        known = ', '.join(sorted({p.stem for p in _FOLDER.glob('*.yaml')} - {'scenes'}))
         raise ConfigError(f'no experiments "{name_or_path}": give a YAML file or one of {known}')
     try:
         document = yaml.safe_load(path.read_text())
-        return Plan(path.stem, tuple(_experiment(entry) for entry in document['experiments']))
+        experiments = tuple(_experiment(entry, official) for entry in document['experiments'])
+        return Plan(path.stem, experiments, f'./hoid bench {name_or_path}')
     except (yaml.YAMLError, KeyError, TypeError) as error:
         raise ConfigError(f'{path}: {str(error).splitlines()[0]}: see experiments/') from error
 
 
-def _experiment(entry: Mapping[str, Any]) -> Experiment:
+def _experiment(entry: Mapping[str, Any], official: Sequence[str]) -> Experiment:
+    unknown = set(entry) - set(_KEYS)
+    if unknown:
+        raise ConfigError(f'experiment {entry.get("id")}: unknown "{min(unknown)}"')
     for name in _LISTS:
-        if name != 'detectors' and not isinstance(entry.get(name), list):
+        if not isinstance(entry.get(name), list):
             raise ConfigError(f'experiment {entry.get("id")}: "{name}" must be a list')
     if entry.get('view') not in _VIEWS:
         raise ConfigError(f'experiment {entry["id"]}: view must be one of {", ".join(_VIEWS)}')
+    if entry.get('mode', 'offline') not in _MODES:
+        raise ConfigError(f'experiment {entry["id"]}: mode must be one of {", ".join(_MODES)}')
     varied = entry.get('vary', {})
+    named = entry['sequences']
+    if _OFFICIAL in named:
+        named = [*(name for name in named if name != _OFFICIAL), *official]
     return Experiment(
         entry['id'],
         entry['title'],
@@ -125,15 +193,16 @@ def _experiment(entry: Mapping[str, Any]) -> Experiment:
         entry.get('about', ''),
         entry.get('differs', ''),
         next(iter(varied), ''),
-        tuple(_expand(entry, varied)),
+        tuple(dict.fromkeys(_expand({**entry, 'sequences': dict.fromkeys(named)}, varied))),
+        entry.get('part', Experiment.part),
     )
 
 
 def _expand(entry: Mapping[str, Any], varied: Mapping[str, list[Any]]) -> Iterator[Job]:
-    live = bool(entry.get('live', False))
+    mode = entry.get('mode', 'offline')
     names = list(varied)
     settings = [dict(zip(names, row, strict=True)) for row in itertools.product(*varied.values())]
-    settings += entry.get('variants', [])
+    settings = [{**entry.get('fixed', {}), **s} for s in settings + entry.get('variants', [])]
     for sequence, method, setting, detector, seed in itertools.product(
         entry['sequences'],
         entry['filters'],
@@ -142,14 +211,18 @@ def _expand(entry: Mapping[str, Any], varied: Mapping[str, list[Any]]) -> Iterat
         entry['seeds'],
     ):
         # Without a filter no detector runs: one job, whatever detectors are listed.
-        used = '' if method == 'none' else detector
-        yield _job(sequence, method, used, seed, live, setting)
+        used = '' if method == 'none' and mode != 'detect' else detector
+        yield _job(sequence, method, used, seed, mode, setting)
+
+
+def _detected_by(job: Job, detector: str) -> Job:
+    return replace(job, detector=detector) if job.detector else job
 
 
 def _job(
-    sequence: str, method: str, detector: str, seed: int, live: bool, setting: Mapping[str, Any]
+    sequence: str, method: str, detector: str, seed: int, mode: str, setting: Mapping[str, Any]
 ) -> Job:
     known = set(asdict(Perturbation()))
     perturbation = Perturbation(**{k: v for k, v in setting.items() if k in known})
     parameters = tuple(sorted((k, v) for k, v in setting.items() if k not in known))
-    return Job(sequence, method, detector, seed, live, parameters, perturbation)
+    return Job(sequence, method, detector, seed, mode, parameters, perturbation)

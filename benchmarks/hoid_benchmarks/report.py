@@ -2,38 +2,118 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
+import cv2
+
 from hoid_benchmarks.figures import make_plots, save_figures
+from hoid_benchmarks.headlines import headlines
+from hoid_benchmarks.literature import published
 from hoid_benchmarks.machine import machine, versions
-from hoid_benchmarks.page import Head, Section, render_page
-from hoid_benchmarks.plan import Job, Plan
-from hoid_benchmarks.results import Result
-from hoid_benchmarks.tables import Table, failures, make_table
-from hoid_benchmarks.worker import command_of
+from hoid_benchmarks.notes import curve_note
+from hoid_benchmarks.page import Head, Page, Picture, Section, render_page
+from hoid_benchmarks.plan import Experiment, Job, Plan
+from hoid_benchmarks.results import Result, result_path
+from hoid_benchmarks.runs import RunList, but_seed
+from hoid_benchmarks.tables import Table, text
+from hoid_benchmarks.views import failures, grouped, make_table, missing
+
+_CAPTIONS = {
+    'verdicts.png': 'verdict on each object (paper, Figure 4)',
+    'features.png': 'all features, with the detections (paper, Figure 6)',
+    'rules.png': 'features kept by the 2-D and by the 3-D rule (paper, Figure 7)',
+}
+_PICTURE_WIDTH_PX = 1400
+_JPEG = (cv2.IMWRITE_JPEG_QUALITY, 80)
 
 
-def write_report(
-    plan: Plan, results: Mapping[Job, Result], folder: Path, literature: tuple[Table, ...]
-) -> Path:
-    """Write every table and figure and return the page's path."""
-    tables, figures = folder / 'tables', folder / 'figures'
-    for place in (tables, figures):
-        place.mkdir(parents=True, exist_ok=True)
-    sections = []
-    for experiment in plan.experiments:
-        mine = [results[job] for job in experiment.jobs]
-        table = make_table(experiment, mine)
-        plots = make_plots(experiment, mine, folder)
-        save_figures(experiment, plots, figures)
-        sections.append(Section(experiment, table, plots))
-    extra = (*literature, failures(list(results.values())))
-    for table in (*(s.table for s in sections), *extra):
-        (tables / f'{table.id}.csv').write_text(table.csv())
-        (tables / f'{table.id}.md').write_text(table.markdown())
-    commands = {job: ' '.join(['./hoid', *command_of(job, job.sequence)]) for job in plan.jobs()}
-    head = Head(f'HOID SLAM: {plan.name}', machine(), versions(), f'./hoid bench {plan.name}')
-    page = folder / 'index.html'
-    page.write_text(render_page(head, sections, extra, commands))
-    return page
+@dataclass(frozen=True)
+class Report:
+    """Writes what is known so far; experiments of which nothing has run are named."""
+
+    plan: Plan
+    results: Mapping[Job, Result]
+    folder: Path
+    runs: RunList
+
+    def write(self) -> Path:
+        """Write every table and figure and return the page's path."""
+        for name in ('tables', 'figures'):
+            (self.folder / name).mkdir(parents=True, exist_ok=True)
+        begun = [e for e in self.plan.experiments if any(j in self.results for j in e.jobs)]
+        parts = list(dict.fromkeys(e.part for e in begun))
+        sections = [self._section(e) for e in sorted(begun, key=lambda e: parts.index(e.part))]
+        every = list(self.results.values())
+        extra = (*published(), missing(every), self._not_run(), failures(every))
+        for table in (*(s.table for s in sections), *extra):
+            if table.rows:
+                (self.folder / 'tables' / f'{table.id}.csv').write_text(table.csv())
+                (self.folder / 'tables' / f'{table.id}.md').write_text(table.markdown())
+        groups = grouped([r for r in every if not r.missing], but_seed)
+        run_of = {r.job: i for i, group in enumerate(groups.values()) for r in group}
+        runs = [self.runs.group(group) for group in groups.values()]
+        page = self.folder / 'index.html'
+        page.write_text(render_page(Page(self._head(), sections, extra, runs, run_of)))
+        return page
+
+    def _section(self, experiment: Experiment) -> Section:
+        every = [self.results[job] for job in experiment.jobs if job in self.results]
+        here = [r for r in every if not r.missing]
+        plots = make_plots(experiment, here, self.folder)
+        save_figures(experiment, plots, self.folder / 'figures')
+        return Section(
+            experiment,
+            make_table(experiment, here),
+            plots,
+            tuple(p for r in here for p in _pictures(r, self.folder)),
+            curve_note(experiment, here),
+            tuple(dict.fromkeys(r.job.sequence for r in every if r.missing)),
+        )
+
+    def _head(self) -> Head:
+        commits = sorted({r.commit for r in self.results.values() if r.commit})
+        facts = {
+            'Command': self.plan.command,
+            'Commit': ', '.join(commits) or 'not from a clone',
+            'Machine': machine(),
+            'Versions': versions(),
+            'Written': datetime.now(UTC).strftime('%Y-%m-%d %H:%M UTC'),
+        }
+        top = headlines(self.plan, self.results)
+        return Head(f'HOID RGB-D SLAM: {self.plan.name} experiments', facts, top)
+
+    def _not_run(self) -> Table:
+        """Return the experiments that are not complete, with the command that completes them."""
+        rows = []
+        for e in self.plan.experiments:
+            left = sum(job not in self.results for job in e.jobs)
+            if left:
+                rows.append(
+                    (
+                        text(e.title),
+                        text(f'{left} of {len(e.jobs)} runs'),
+                        text(f'{self.plan.command} --only {e.id}'),
+                    )
+                )
+        columns = ('experiment', 'not run', 'command')
+        return Table('not_run', 'Experiments that have not run yet', columns, tuple(rows))
+
+
+def _pictures(result: Result, folder: Path) -> list[Picture]:
+    """Return the pictures that a run left, small enough for a page."""
+    run = result_path(folder, result.job).parent
+    found = []
+    for name, caption in _CAPTIONS.items():
+        picture = cv2.imread(str(run / name)) if (run / name).is_file() else None
+        if picture is None:
+            continue
+        scale = min(1.0, _PICTURE_WIDTH_PX / picture.shape[1])
+        small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        _, data = cv2.imencode('.jpg', small, _JPEG)
+        url = f'data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}'
+        found.append(Picture(f'{result.job.sequence}: {caption}', url))
+    return found

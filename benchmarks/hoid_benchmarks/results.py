@@ -20,6 +20,9 @@ class Result:
     job: Job
     summary: Mapping[str, Any]  # summary.json of the run; empty when it failed
     error: str = ''
+    missing: bool = False  # its sequence is not here; never stored
+    code: str = ''  # digest of what ran
+    commit: str = ''
 
     @property
     def ok(self) -> bool:
@@ -49,6 +52,8 @@ def write_result(folder: Path, result: Result) -> None:
         'job': asdict(result.job),
         'summary': dict(result.summary),
         'error': result.error,
+        'code': result.code,
+        'commit': result.commit,
     }
     unfinished = path.with_suffix('.tmp')
     unfinished.write_text(json.dumps(document, indent=1, sort_keys=True) + '\n')
@@ -61,7 +66,13 @@ def read_result(folder: Path, job: Job) -> Result | None:
     if not path.is_file():
         return None
     document = json.loads(path.read_text())
-    return Result(job, document['summary'], document['error'])
+    return Result(
+        job,
+        document['summary'],
+        document['error'],
+        code=document.get('code', ''),
+        commit=document.get('commit', ''),
+    )
 
 
 def spread(results: Iterable[Result], value: Callable[[Mapping[str, Any]], Any]) -> Spread:

@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
+
+import hoid_bags.synth
 from hoid_common.errors import InputError
 
-# Official names (TUM RGB-D, Bonn RGB-D Dynamic) by the short ones that experiments use.
-OFFICIAL = {
-    'fr1_xyz': 'rgbd_dataset_freiburg1_xyz',
-    'fr1_desk': 'rgbd_dataset_freiburg1_desk',
-    'fr1_room': 'rgbd_dataset_freiburg1_room',
-    'fr2_xyz': 'rgbd_dataset_freiburg2_xyz',
-    'fr2_desk': 'rgbd_dataset_freiburg2_desk',
-    'fr3_office': 'rgbd_dataset_freiburg3_long_office_household',
-    'fr3_walking_static': 'rgbd_dataset_freiburg3_walking_static',
-    'fr3_walking_xyz': 'rgbd_dataset_freiburg3_walking_xyz',
-    'fr3_walking_halfsphere': 'rgbd_dataset_freiburg3_walking_halfsphere',
-    'fr3_walking_rpy': 'rgbd_dataset_freiburg3_walking_rpy',
-    'fr3_sitting_static': 'rgbd_dataset_freiburg3_sitting_static',
-    'fr3_sitting_xyz': 'rgbd_dataset_freiburg3_sitting_xyz',
-    'fr3_sitting_halfsphere': 'rgbd_dataset_freiburg3_sitting_halfsphere',
-    'fr3_sitting_rpy': 'rgbd_dataset_freiburg3_sitting_rpy',
-    'bonn_crowd': 'rgbd_bonn_crowd',
-    'bonn_moving_box': 'rgbd_bonn_moving_nonobstructing_box',
-    'bonn_person_tracking': 'rgbd_bonn_person_tracking',
-    'bonn_synchronous': 'rgbd_bonn_synchronous',
-}
+# Short names of experiments, and the official ones of TUM RGB-D and Bonn RGB-D Dynamic.
+_OFFICIAL = ((r'fr([123])_(\w+)', r'rgbd_dataset_freiburg\1_\2'), (r'bonn_(\w+)', r'rgbd_bonn_\1'))
+_SHORT = (
+    (r'rgbd_dataset_freiburg([123])_(\w+)', r'fr\1_\2'),
+    (r'rgbd_bonn_(\w+)', r'bonn_\1'),
+)
 PEOPLE_SUFFIX = '_people'
+_SYNTH = 'synth-'
 _MAKE_PEOPLE = 'tools/make_people_sequence.py'
+_SCENES = Path(__file__).parent / 'experiments' / 'scenes.yaml'
+_WHERE = (
+    'https://cvg.cit.tum.de/data/datasets/rgbd-dataset/download and '
+    'https://www.ipb.uni-bonn.de/data/rgbd-dynamic-dataset'
+)
 
 
 @dataclass(frozen=True)
@@ -50,48 +46,104 @@ class Store:
             InputError: the sequence is missing and cannot be made here.
 
         """
-        if name.startswith('synth'):
-            return self._rendered(name)
-        if self.official is not None and name in OFFICIAL:
-            folder = self.official / OFFICIAL[name]
-            if folder.is_dir():
-                return folder
+        path = self.locate(name)
+        if path is None:
+            raise InputError(f'sequence {name} is missing: {_advice(name)}')
+        if not path.exists():
+            if scene_options(name):
+                _call([sys.executable, '-m', 'hoid_bringup', *self.recipe(name)])
+            else:
+                self._paste_people(name, path)
+        return path
+
+    def locate(self, name: str) -> Path | None:
+        """Return where a sequence is or would be made; None for one that has to be got."""
+        if options := scene_options(name):
+            return self._bag(name, options)
+        folder = official_name(name)
+        if self.official is not None and folder and (self.official / folder).is_dir():
+            return self.official / folder
         recording = self.shared / 'data' / name
         if recording.is_dir():
             return recording
-        if name.endswith(PEOPLE_SUFFIX):
-            return self._with_people(name)
-        raise InputError(f'sequence {name} is missing: {self._advice(name)}')
+        return self.made / name if name.endswith(PEOPLE_SUFFIX) else None
 
-    def _advice(self, name: str) -> str:
-        if name in OFFICIAL:
-            return f'unpack {OFFICIAL[name]} and pass its parent folder as --data DIR'
-        return 'it is not an official name; see benchmarks/README.md'
+    def official_sequences(self) -> tuple[str, ...]:
+        """Return the short names of the official folders that are here.
 
-    def _rendered(self, name: str) -> Path:
-        """Render `synth-SEED[-OPTION…]`, such as `synth-3-no-people` or `synth-1-path=loop`."""
-        bag = self.made / name
-        if not bag.exists():
-            _, seed, *options = name.split('-', 2)
-            extra = [f'--{o}' for o in options[0].split('+')] if options else []
-            _call(
-                [sys.executable, '-m', 'hoid_bringup', 'synth', str(bag), '--seed', seed, *extra]
+        Raises:
+            InputError: the folder that should hold them does not exist or holds none.
+        """
+        if self.official is None:
+            return ()
+        if not self.official.is_dir():
+            raise InputError(f'--data {self.official}: no such folder')
+        names = tuple(filter(None, (_renamed(p.name, _SHORT) for p in self._folders())))
+        if not names:
+            raise InputError(
+                f'--data {self.official}: holds no folder with an official name, such as '
+                f'{official_name("fr3_walking_xyz")}; get them from {_WHERE} and unpack them there'
             )
-        return bag
+        return names
 
-    def _with_people(self, name: str) -> Path:
+    def recipe(self, name: str) -> list[str]:
+        """Return the `hoid` arguments that make a rendered sequence; empty for a recording."""
+        options = scene_options(name)
+        return ['synth', str(self._bag(name, options)), *options] if options else []
+
+    def _folders(self) -> list[Path]:
+        return sorted(p for p in (self.official or Path()).iterdir() if p.is_dir())
+
+    def _bag(self, name: str, options: list[str]) -> Path:
+        """Return a bag's path: another one when the scene or what renders it has changed."""
+        made_by = Path(hoid_bags.synth.__file__).parent
+        text = ' '.join(options).encode() + b''.join(
+            p.read_bytes() for p in sorted(made_by.glob('*.py'))
+        )
+        return self.made / f'{name}-{hashlib.sha256(text).hexdigest()[:8]}'
+
+    def _paste_people(self, name: str, folder: Path) -> None:
         base = self.find(name.removesuffix(PEOPLE_SUFFIX))
-        folder = self.made / name
         tool = self.shared / _MAKE_PEOPLE
-        if folder.exists():
-            return folder
         if not tool.is_file():
             raise InputError(f'sequence {name} is missing: it is made by {_MAKE_PEOPLE}, not here')
         unfinished = folder.with_name(f'.{name}.unfinished')
         shutil.rmtree(unfinished, ignore_errors=True)
         _call([sys.executable, str(tool), str(base), str(unfinished)])
         unfinished.rename(folder)
-        return folder
+
+
+def official_name(name: str) -> str:
+    """Return the official folder name of a short one, or nothing."""
+    return _renamed(name, _OFFICIAL)
+
+
+def scene_options(name: str) -> list[str]:
+    """Return the `hoid synth` options of a rendered scene, or nothing for a recording.
+
+    Scenes have names in `experiments/scenes.yaml`; beside those there are `synth-SEED[-OPTION+…]`,
+    such as `synth-3-no-people` or `synth-1-path=loop+frames=600`.
+    """
+    scenes: dict[str, str] = yaml.safe_load(_SCENES.read_text())
+    if name in scenes:
+        return scenes[name].split()
+    if not name.startswith(_SYNTH):
+        return []
+    _, seed, *options = name.split('-', 2)
+    return ['--seed', seed, *(f'--{o}' for text in options for o in text.split('+'))]
+
+
+def _renamed(name: str, rules: tuple[tuple[str, str], ...]) -> str:
+    for pattern, replacement in rules:
+        if match := re.fullmatch(pattern, name):
+            return match.expand(replacement)
+    return ''
+
+
+def _advice(name: str) -> str:
+    if folder := official_name(name):
+        return f'unpack {folder} ({_WHERE}) and pass its parent folder as --data DIR'
+    return 'neither an official name nor a scene of experiments/scenes.yaml'
 
 
 def _call(command: list[str]) -> None:

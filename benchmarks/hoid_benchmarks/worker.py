@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import subprocess
 import sys
@@ -13,62 +14,80 @@ from typing import Any
 
 from hoid_bags.sequence import open_sequence
 from hoid_bags.trajectory_io import read_tum, write_tum
+from hoid_benchmarks.detectors import judge_detector
 from hoid_benchmarks.perturb import PerturbedSequence, perturb_detections
-from hoid_benchmarks.plan import Job, Perturbation
+from hoid_benchmarks.plan import Job
+from hoid_benchmarks.reference import reference_ms
+from hoid_benchmarks.verdicts import judge_verdicts
 from hoid_bringup.detection_source import detection_source
 from hoid_bringup.evaluation import evaluate
-from hoid_bringup.offline import run_offline
+from hoid_bringup.offline import OfflinePipeline
+from hoid_bringup.outputs import write_outputs
 from hoid_bringup.run_config import RunConfig
 from hoid_common.errors import HoidError, InputError
 
-_FILES = ('trajectory.txt', 'trajectory_online.txt', 'ground_truth.txt')
+_KEPT = ('trajectory.txt', 'trajectory_online.txt', 'ground_truth.txt', 'features.csv')
+_PICTURES = ('verdicts.png', 'features.png', 'rules.png')
+_TIMEOUT_S = 4 * 3600
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a job leaves behind: its summary and its trajectories, or an error."""
+    """What a job leaves behind: its summary and its files, or an error."""
 
     summary: dict[str, Any] = field(default_factory=dict)
-    files: dict[str, str] = field(default_factory=dict)
+    files: dict[str, bytes] = field(default_factory=dict)
     error: str = ''
 
 
-def command_of(job: Job, path: str) -> list[str]:
-    """Return the `hoid` arguments that repeat a job; perturbed ones go through this module."""
-    command = ['replay' if job.live else 'run', path, '--out', 'OUT', '--filter', job.filter]
+def command_of(job: Job, path: str, out: str = 'OUT') -> list[str]:
+    """Return the `hoid` arguments that repeat a job that needs no perturbation."""
+    method = ['--filter', job.filter]
     if job.detector:
-        command += ['--detector', job.detector]
-    command += ['--seed', str(job.seed)]
-    for name, value in job.parameters:
-        command += ['--set', f'{name}={value}']
-    return command
+        method += ['--detector', job.detector]
+    if job.mode == 'pictures':
+        return ['pictures', path, '--out', out, *method]
+    method += ['--seed', str(job.seed)]
+    for name, value in job.settings().items():
+        method += ['--set', f'{name}={value}']
+    return ['replay' if job.mode == 'live' else 'run', path, '--out', out, *method]
 
 
 def run_job(job: Job, path: Path) -> Outcome:
     """Run a job in a child process; never raises, so that one failure does not end the rest."""
     with tempfile.TemporaryDirectory(prefix='hoid-bench-') as folder:
         out = Path(folder) / 'run'
-        if job.perturbation == Perturbation():
-            words = [w if w != 'OUT' else str(out) for w in command_of(job, str(path))]
-            child = [sys.executable, '-m', 'hoid_bringup', *words]
-        else:
-            order = Path(folder) / 'job.pickle'
-            order.write_bytes(pickle.dumps((job, path, out)))
-            child = [sys.executable, '-m', 'hoid_benchmarks.worker', str(order)]
-        done = subprocess.run(child, capture_output=True, text=True, check=False)
+        try:
+            done = subprocess.run(
+                _child(job, path, out), capture_output=True, text=True, check=False,
+                timeout=_TIMEOUT_S, env={**os.environ, 'OMP_NUM_THREADS': '1'},
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return Outcome(error=f'not done after {_TIMEOUT_S // 3600} hours')
         if done.returncode:
             lines = done.stderr.strip().splitlines()
             return Outcome(error=lines[-1] if lines else f'exit status {done.returncode}')
         return _collect(out, path)
 
 
+def _child(job: Job, path: Path, out: Path) -> list[str]:
+    if job.mode in ('live', 'pictures'):
+        return [sys.executable, '-m', 'hoid_bringup', *command_of(job, str(path), str(out))]
+    order = out.with_name('job.pickle')
+    order.write_bytes(pickle.dumps((job, path, out)))
+    return [sys.executable, '-m', 'hoid_benchmarks.worker', str(order)]
+
+
 def _collect(out: Path, path: Path) -> Outcome:
-    summary = json.loads((out / 'summary.json').read_text())
+    summary = {}
+    if (out / 'summary.json').is_file():
+        summary = json.loads((out / 'summary.json').read_text())
     truth = open_sequence(path).ground_truth
-    if truth is not None:
+    if truth is not None and (out / 'trajectory.txt').is_file():
         write_tum(out / 'ground_truth.txt', truth)
         summary |= _more_errors(out)
-    return Outcome(summary, {n: (out / n).read_text() for n in _FILES if (out / n).is_file()})
+    files = {n: (out / n).read_bytes() for n in (*_KEPT, *_PICTURES) if (out / n).is_file()}
+    return Outcome(summary, files)
 
 
 def _more_errors(out: Path) -> dict[str, float | None]:
@@ -80,27 +99,51 @@ def _more_errors(out: Path) -> dict[str, float | None]:
     return {'ate_mean_m': found.ate_mean_m, 'ate_median_m': found.ate_median_m}
 
 
-def _run_perturbed(job: Job, path: Path, out: Path) -> None:
-    config = RunConfig().updated(
-        {
-            'model': job.detector,
-            'filter.strategy': job.filter,
-            'slam.seed': job.seed,
-            **dict(job.parameters),
-        }
-    )
+def _config(job: Job) -> RunConfig:
+    named = {'model': job.detector, 'filter.strategy': job.filter, 'slam.seed': job.seed}
+    return RunConfig().updated(named | job.settings())
+
+
+def _run_offline(job: Job, path: Path, out: Path) -> None:
+    """Run every frame, and note beside the usual outputs what the experiments need."""
+    config = _config(job)
     base = open_sequence(path)
     detect = perturb_detections(detection_source(base, config), job.perturbation, job.seed)
     sequence = PerturbedSequence(base, job.perturbation, job.seed)
-    run_offline(sequence, config, out, detect=detect, show_progress=False)
+    pipeline = OfflinePipeline(sequence, config, detect)
+    lines = ['stamp_ns,features kept']
+    for frame in sequence:
+        pipeline.process(frame)
+        lines.append(f'{frame.stamp_ns},{pipeline.num_kept[-1]}')
+    summary = write_outputs(out, pipeline.finish(sequence, config.noted()))
+    (out / 'features.csv').write_text('\n'.join(lines) + '\n')
+    document = json.loads(summary.to_json()) | {'reference_ms': reference_ms()}
+    (out / 'summary.json').write_text(json.dumps(document))
+
+
+def _run_detector(job: Job, path: Path, out: Path) -> None:
+    out.mkdir()
+    summary = {'detector': judge_detector(open_sequence(path), path, job.detector)}
+    (out / 'summary.json').write_text(json.dumps(summary))
+
+
+def _run_verdicts(job: Job, path: Path, out: Path) -> None:
+    out.mkdir()
+    config, sequence = _config(job), open_sequence(path)
+    detect = detection_source(sequence, config)
+    summary = {'verdicts': judge_verdicts(sequence, job.sequence, config.filter, detect)}
+    (out / 'summary.json').write_text(json.dumps(summary))
+
+
+_RUNNERS = {'offline': _run_offline, 'detect': _run_detector, 'verdicts': _run_verdicts}
 
 
 def main() -> int:
-    """Run one perturbed job, pickled in the file that the argument names."""
+    """Run one job, pickled in the file that the argument names."""
     order = Path(sys.argv[1]).read_bytes()
     job, path, out = pickle.loads(order)  # noqa: S301  written by the parent process
     try:
-        _run_perturbed(job, path, out)
+        _RUNNERS[job.mode](job, path, out)
     except HoidError as error:
         sys.stderr.write(f'{error}\n')
         return 1

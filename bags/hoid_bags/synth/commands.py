@@ -57,7 +57,12 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
 
 def synth_command(args: argparse.Namespace) -> None:
     """Render a scene into a bag."""
-    config = SceneConfig(
+    write_bag(scene_config(args), args.bag, args.workers, show_progress=True)
+
+
+def scene_config(args: argparse.Namespace) -> SceneConfig:
+    """Return the scene that the arguments describe."""
+    return SceneConfig(
         seed=args.seed,
         num_frames=args.frames,
         width_px=args.width,
@@ -66,4 +71,3 @@ def synth_command(args: argparse.Namespace) -> None:
         num_people=args.people,
         near_m=args.near,
     )
-    write_bag(config, args.bag, args.workers, show_progress=True)

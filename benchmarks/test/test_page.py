@@ -1,0 +1,121 @@
+"""The page: its text, and how a real browser shows it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from hoid_benchmarks.literature import published
+from hoid_benchmarks.page import Head, Headline, RunGroup, Section, render_page
+from hoid_benchmarks.page import Page as Content
+from hoid_benchmarks.plan import Experiment, Job
+from hoid_benchmarks.tables import Cell, Table
+
+JOBS = tuple(Job('a', 'none', '', seed) for seed in range(3))
+VALUES = (0.2, 0.1, 10.0)
+
+
+def content() -> Content:
+    cells = [(Cell(f'row {i}'), Cell(f'{v}', v, (JOBS[i],))) for i, v in enumerate(VALUES)]
+    table = Table('numbers', 'Numbers', ('name', 'ATE [m]'), tuple(cells))
+    plot = {
+        'data': [{'type': 'scatter', 'name': 'b</script>', 'x': [0, 1, 2], 'y': [1, 3, 2]}],
+        'layout': {
+            'title': {'text': 'A curve'},
+            'xaxis': {'title': {'text': 'x'}},
+            'yaxis': {'title': {'text': 'y'}},
+        },
+    }
+    experiment = Experiment('e', 'Title', 'curve', 'a < b & c', 'the paper differs', '', JOBS)
+    section = Section(experiment, table, (plot, plot), note='A note.', missing=('fr3_x',))
+    other = replace(experiment, id='e2', part='Another part')
+    runs = [RunGroup(f'run {i}', (f'./hoid run {i}',), ('ATE 1 m',)) for i in range(3)]
+    head = Head('T', {'Machine': 'M'}, (Headline(Cell('97 %', 97.0, JOBS[:1]), 'what'),))
+    sections = [section, Section(other, table, ())]
+    return Content(head, sections, published(), runs, {job: i for i, job in enumerate(JOBS)})
+
+
+def test_the_page_is_self_contained_and_escapes() -> None:
+    page = render_page(content())
+    body = page[page.index('<body>') :]
+    assert 'a &lt; b &amp; c' in body
+    assert 'b<\\/script>' in body
+    assert not re.search(r'(src|href)="https?:', body)
+    for target in set(re.findall(r'href="#([^"]+)"', body)) - {'missing'}:
+        assert f'id="{target}"' in body
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Browser]:
+    chromium = shutil.which('chromium') or shutil.which('google-chrome')
+    if chromium is None:
+        pytest.skip('no chromium on this machine: apt install chromium')
+    with sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=chromium, args=['--no-sandbox'])
+        yield running
+        running.close()
+
+
+@pytest.fixture(scope='module')
+def url(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp('page') / 'index.html'
+    path.write_text(render_page(content()))
+    return path.as_uri()
+
+
+@pytest.fixture
+def page(browser: Browser, url: str) -> Iterator[Page]:
+    """The page on a phone with no network; nothing may complain or be asked for."""
+    context = browser.new_context(viewport={'width': 390, 'height': 844}, offline=True)
+    shown = context.new_page()
+    said: list[str] = []
+    shown.on('console', lambda message: said.append(message.text))
+    shown.on('pageerror', lambda error: said.append(str(error)))
+    shown.on('request', lambda request: said.extend([request.url] * (request.url != url)))
+    shown.goto(url)
+    yield shown
+    context.close()
+    assert [line for line in said if not line.startswith('data:')] == []
+
+
+def column(page: Page, number: int) -> list[str]:
+    return page.locator(f'#table-numbers tbody td:nth-child({number})').all_inner_texts()[:3]
+
+
+def test_columns_sort_by_value_and_turn_round(page: Page) -> None:
+    header = page.locator('#table-numbers th button').nth(1)
+    assert column(page, 2) == ['0.2', '0.1', '10.0']
+    header.click()
+    assert column(page, 2) == ['0.1', '0.2', '10.0']
+    header.click()
+    assert column(page, 1) == ['row 2', 'row 0', 'row 1']
+    assert header.locator('..').get_attribute('aria-sort') == 'descending'
+
+
+def test_plots_are_drawn_in_both_themes(page: Page) -> None:
+    for theme in ('light', 'dark', 'light'):
+        page.emulate_media(color_scheme=theme)
+        assert page.locator('.plot .scatterlayer .trace path.js-line').count() == 2
+        ink = page.evaluate("getComputedStyle(document.querySelector('.xtitle')).fill")
+        body = page.evaluate('getComputedStyle(document.body).color')
+        assert ink == body
+
+
+def test_a_number_leads_to_its_run_and_opens_it(page: Page) -> None:
+    assert not page.locator('#run-1').get_attribute('open')
+    page.locator('#table-numbers td a', has_text='0.1').first.click()
+    page.wait_for_selector('#run-1[open]')
+    assert page.locator('#run-1 pre').inner_text() == './hoid run 1'
+
+
+def test_nothing_is_wider_than_a_phone(page: Page) -> None:
+    assert page.evaluate('document.documentElement.scrollWidth') <= 390
+
+
+def test_it_prints(page: Page) -> None:
+    assert page.pdf(format='A4').startswith(b'%PDF')

@@ -1,0 +1,86 @@
+"""Made-worse recordings and detections."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from hoid_benchmarks.perturb import PerturbedSequence, cover_columns, perturb_detections
+from hoid_benchmarks.plan import Perturbation
+from hoid_common.values import CameraModel, Detections, RgbdFrame
+
+
+class Recording:
+    name, ground_truth, true_detections, fault = 'r', None, None, None
+    camera = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
+
+    def __len__(self) -> int:
+        return 90
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        for i in range(90):
+            yield RgbdFrame(
+                i * 33_333_333,
+                np.full((48, 64, 3), 9, np.uint8),
+                np.full((48, 64), 2.0, np.float32),
+            )
+
+
+def test_perturbed_frames_are_the_same_each_time_and_as_hard_as_asked() -> None:
+    hard = PerturbedSequence(Recording(), Perturbation(depth_missing_share=0.3), 1)
+    first, again = (np.stack([f.depth_m for f in hard]) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert (first == 0).mean() == pytest.approx(0.3, abs=0.01)
+    noisy = PerturbedSequence(Recording(), Perturbation(depth_noise=0.01), 1)
+    assert np.std([f.depth_m for f in noisy]) == pytest.approx(0.04, rel=0.05)
+
+
+def test_a_looped_recording_goes_forth_and_back_in_time_order() -> None:
+    looped = PerturbedSequence(Recording(), Perturbation(loops=3), 0)
+    stamps = [f.stamp_ns for f in looped]
+    assert len(stamps) == len(looped) == 270
+    assert (np.diff(stamps) > 0).all()
+
+
+def test_the_cover_hides_its_share_of_the_width() -> None:
+    for stamp_ns in range(0, 10**10, 10**9):
+        left, right = cover_columns(640, 0.4, stamp_ns)
+        assert 0 <= left < right <= 640
+        assert right - left == 256
+
+
+def detect(frame: RgbdFrame) -> Detections:
+    box = np.array([[1, 2, 3, 4]], np.float32)
+    return Detections(frame.stamp_ns, box, ('person',), np.ones(1, np.float32))
+
+
+def outcomes(perturbation: Perturbation) -> list[Detections | None]:
+    source = perturb_detections(detect, perturbation, 0)
+    return [source(frame) for frame in Recording()]
+
+
+def is_empty(found: Detections | None) -> bool:
+    return found is not None and len(found) == 0
+
+
+def test_missed_detections_are_empty_and_late_ones_none() -> None:
+    missed = [is_empty(d) for d in outcomes(Perturbation(missed_share=0.4))]
+    assert np.mean(missed) == pytest.approx(0.4, abs=0.12)
+    third = [is_empty(d) for d in outcomes(Perturbation(missed_every=3))]
+    assert third[:6] == [False, False, True] * 2
+    slow = outcomes(Perturbation(detector_hz=10.0))
+    assert sum(d is not None for d in slow) == 30
+    run = [is_empty(d) for d in outcomes(Perturbation(missed_run=10))]
+    assert sum(run) == 0  # the first run comes after 3 s
+    covered = outcomes(Perturbation(covered_share=0.5))[0]
+    assert covered is not None
+    assert covered.class_names == ('person', 'person')
+
+
+def test_extra_boxes_lie_in_the_image_and_stay_the_same() -> None:
+    one, two = (outcomes(Perturbation(extra_boxes=50))[7] for _ in range(2))
+    assert one is not None
+    assert two is not None
+    assert len(one) == 51
+    np.testing.assert_array_equal(one.boxes_xyxy_px, two.boxes_xyxy_px)
+    assert set(one.class_names[1:]) == {'cup'}
