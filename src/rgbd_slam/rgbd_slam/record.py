@@ -1,0 +1,71 @@
+"""Values that are sets of parallel arrays: what a file of them must look like is said once."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self, get_args, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+
+class Column(NamedTuple):
+    """An array's type and shape; an axis is a fixed length or the name of one."""
+
+    dtype: np.dtype[Any]  # little-endian
+    axes: tuple[str | int, ...]
+
+    def shape(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
+        """Return the shape for lengths of the named axes."""
+        return tuple(axis if isinstance(axis, int) else lengths[axis] for axis in self.axes)
+
+
+def column(dtype: str, *axes: str | int) -> Column:
+    """Return what an array field of a `Record` is annotated with."""
+    return Column(np.dtype(dtype).newbyteorder('<'), axes)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Base of sets of arrays; every field is `name: Annotated[type, column(...)]`."""
+
+    @classmethod
+    def columns(cls) -> dict[str, Column]:
+        """Return the columns by name, in order of declaration."""
+        hints = get_type_hints(cls, include_extras=True)
+        return {name: get_args(hint)[1] for name, hint in hints.items()}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, Array]) -> Self:
+        """Return the record with arrays of the declared types."""
+        return cls(
+            **{
+                name: np.ascontiguousarray(arrays[name], column.dtype)
+                for name, column in cls.columns().items()
+            }
+        )
+
+    def arrays(self) -> dict[str, Array]:
+        """Return the arrays by name."""
+        return {name: getattr(self, name) for name in self.columns()}
+
+    def lengths(self) -> dict[str, int]:
+        """Return the lengths of the named axes."""
+        return {
+            axis: length
+            for name, column in self.columns().items()
+            for axis, length in zip(column.axes, getattr(self, name).shape, strict=True)
+            if isinstance(axis, str)
+        }
+
+    def digest(self) -> str:
+        """Return what is the same for equal contents only."""
+        sha = hashlib.sha256()
+        for name, array in self.arrays().items():
+            sha.update(f'{name}{array.shape}'.encode())
+            sha.update(np.ascontiguousarray(array).data)
+        return sha.hexdigest()
