@@ -5,13 +5,19 @@ it needs no Python headers and serves every Python version.
 """
 
 from hoid_native.geometry import Gates, Lens, adjust_bundle, optimize_pose
-from hoid_native.kernels import fast_corners, match_by_projection, orientations_deg
+from hoid_native.kernels import (
+    fast_corners,
+    match_along_segments,
+    match_by_projection,
+    orientations_deg,
+)
 
 __all__ = [
     'Gates',
     'Lens',
     'adjust_bundle',
     'fast_corners',
+    'match_along_segments',
     'match_by_projection',
     'optimize_pose',
     'orientations_deg',

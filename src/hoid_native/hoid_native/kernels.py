@@ -29,6 +29,16 @@ _match_by_projection = declare(
     c_double,
     *[c_void_p] * 3,
 )
+_match_along_segments = declare(
+    'hoid_match_along_segments',
+    c_int32,
+    *[c_void_p] * 5,
+    c_int32,
+    *[c_void_p] * 4,
+    c_int32,
+    c_double,
+    *[c_void_p] * 3,
+)
 
 
 class Corners(NamedTuple):
@@ -144,6 +154,66 @@ def match_by_projection(
         u.ctypes.data,
         v.ctypes.data,
         u_right.ctypes.data,
+        radius.ctypes.data,
+        low.ctypes.data,
+        high.ctypes.data,
+        wanted.ctypes.data,
+        num_features,
+        measured.ctypes.data,
+        levels.ctypes.data,
+        known.ctypes.data,
+        None if may is None else may.ctypes.data,
+        max_distance,
+        ratio,
+        *(row.ctypes.data for row in out),
+    )
+    return Pairs(*(row[:n] for row in out))
+
+
+def match_along_segments(
+    segments_px: NDArray[np.float64],
+    octave_radius_px: NDArray[np.float64],
+    min_octave: NDArray[np.int8],
+    max_octave: NDArray[np.int8],
+    query_descriptors: NDArray[np.uint8],
+    measurement_px: NDArray[np.float32],
+    octave: NDArray[np.uint8],
+    descriptors: NDArray[np.uint8],
+    free: NDArray[np.bool_] | None,
+    max_distance: int,
+    ratio: float,
+) -> Pairs:
+    """Return the best feature of each query along the segment where it may be, one to one.
+
+    Args:
+        segments_px: (Q, 4) u, v of both ends.
+        octave_radius_px: (L,) how far from the segment a feature of each octave may lie.
+        min_octave: (Q,) inclusive.
+        max_octave: (Q,) inclusive, below L.
+        query_descriptors: (Q, 32).
+        measurement_px: (N, 3) u, v, u_right of the features; the last is not looked at.
+        octave: (N,), below L.
+        descriptors: (N, 32).
+        free: (N,) features that may be matched; None for all.
+        max_distance: largest Hamming distance of a match.
+        ratio: a best candidate must beat a second best of its octave by this; 1.0: no test.
+
+    """
+    num_queries, num_features = len(segments_px), len(octave)
+    segments = np.ascontiguousarray(segments_px, np.float64)
+    radius = np.ascontiguousarray(octave_radius_px, np.float64)
+    low, high = (
+        np.ascontiguousarray(min_octave, np.int8),
+        np.ascontiguousarray(max_octave, np.int8),
+    )
+    wanted = np.ascontiguousarray(query_descriptors)
+    measured = np.ascontiguousarray(measurement_px, np.float32)
+    levels, known = np.ascontiguousarray(octave, np.uint8), np.ascontiguousarray(descriptors)
+    may = None if free is None else np.ascontiguousarray(free)
+    out = np.empty((3, num_queries), np.int32)
+    n = _match_along_segments(
+        num_queries,
+        segments.ctypes.data,
         radius.ctypes.data,
         low.ctypes.data,
         high.ctypes.data,

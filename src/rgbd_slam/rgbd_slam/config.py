@@ -92,6 +92,26 @@ class KeyframeConfig(Config):
 
 
 @dataclass(frozen=True)
+class TriangulationConfig(Config):
+    """New points from two keyframes."""
+
+    neighbours: int = param(
+        6, 'Keyframes to triangulate with; 0: points from depth only', minimum=0, maximum=50
+    )
+    min_baseline_m: float = param(
+        0.03, 'Keyframes nearer than this are not used', minimum=0.0, maximum=10.0
+    )
+    min_parallax_deg: float = param(
+        0.6, 'Angle between two rays that tells a depth', minimum=0.01, maximum=30.0
+    )
+    min_depth_m: float = param(
+        0.4, 'Nothing without a depth reading is nearer', minimum=0.05, maximum=10.0
+    )
+    max_hamming: int = param(50, 'Bits by which a match may differ', minimum=1, maximum=256)
+    ratio: float = param(0.9, 'Best over second best distance', minimum=0.1, maximum=1.0)
+
+
+@dataclass(frozen=True)
 class MappingConfig(Config):
     """What is done with a keyframe."""
 
@@ -111,6 +131,7 @@ class MappingConfig(Config):
         0.8, 'A keyframe goes when so much of it is seen by three others as well', minimum=0.5,
         maximum=1.0,
     )  # fmt: skip
+    triangulation: TriangulationConfig = TriangulationConfig()
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.loop_closing import LoopCloser, LoopCounts
 from rgbd_slam.map import SlamMap
 from rgbd_slam.point_tallies import PointCounts
+from rgbd_slam.triangulation import triangulate_with_neighbours
 from rgbd_slam.window import adjust_window
 
 
@@ -63,6 +64,7 @@ class Mapper:
         cull_young_points(self.map, i, self._config.mapping)
         self._add_depth_points(i, self._close_limit_m)
         self.map.update_connections(i)
+        triangulate_with_neighbours(self.map, self._camera, i, self._config.mapping.triangulation)
         fuse_into_neighbours(self.map, self._camera, i, self._config.mapping)
         self.map.update_connections(i)
         adjust_window(self.map, self._camera, i, self._config.mapping)
