@@ -83,8 +83,8 @@ class FeatureFilter:
         height, width = frame.depth_m.shape
         if detections is not None:
             fit = sanitize(detections, width, height, self._config.max_detections)
-            self.counters['detections refused'] += fit.num_refused
-            self.counters['detections clipped'] += fit.num_clipped
+            self.counters['boxes refused'] += fit.num_refused
+            self.counters['boxes clipped'] += fit.num_clipped
             detections = fit.detections
         return self._strategy.judge(
             View(frame.stamp_ns, detections, frame.depth_m, corners.pixel, self.camera)

@@ -9,12 +9,13 @@ from typing import NamedTuple
 from hoid_msgs.msg import DetectionArray, DynamicObjectArray
 from hoid_msgs.msg import Features as FeaturesMsg
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from hoid_common.config import param
 from hoid_common.errors import MessageError
 from hoid_common.ros import conversions, qos, topics
+from hoid_common.ros.debug_image import DebugImages
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import InputConfig, Inputs
 from hoid_common.ros.logs import bridge_logging
@@ -65,7 +66,7 @@ class FilterNode(Node):
         self._objects = self.create_publisher(
             DynamicObjectArray, topics.DYNAMIC_OBJECTS, qos.OUTPUT
         )
-        self._debug_image = self.create_publisher(Image, topics.DEBUG_IMAGE, qos.OUTPUT)
+        self._debug_images = DebugImages(self)
         self._subscribe(config)
 
     def _subscribe(self, config: NodeConfig) -> None:
@@ -115,12 +116,12 @@ class FilterNode(Node):
 
     def _process(self, ready: list[Ready[_Image]]) -> None:
         for image, detections in ready:
-            watched = self._debug_image.get_subscription_count() > 0
+            watched = self._debug_images.is_watched
             result = self._filter.process(image.frame, detections, for_picture=watched)
             self._publish(image.header, image.size_px, result)
             if watched:
                 picture = draw_result(image.frame.image_bgr, result)
-                self._debug_image.publish(conversions.color_to_msg(picture, image.header))
+                self._debug_images.publish(picture, image.header)
 
     def _publish(self, header: Header, size_px: tuple[int, int], result: FilterResult) -> None:
         counts = conversions.FeatureCounts(

@@ -84,8 +84,8 @@ def test_bad_boxes_are_counted(frame: RgbdFrame) -> None:
         ('person', (50.0, 50.0, 20.0, 90.0)), ('cup', (600.0, 10.0, 700.0, 50.0)), stamp_ns=1_000
     )
     feature_filter.process(frame, found)
-    assert feature_filter.counters['detections refused'] == 1
-    assert feature_filter.counters['detections clipped'] == 1
+    assert feature_filter.counters['boxes refused'] == 1
+    assert feature_filter.counters['boxes clipped'] == 1
 
 
 def test_depth_of_another_size_is_refused(frame: RgbdFrame) -> None:
