@@ -1,0 +1,101 @@
+"""The other end of the filter's topics: sends images and boxes, keeps what comes back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from hoid_msgs.msg import Detection, DetectionArray, DynamicObjectArray
+from hoid_msgs.msg import Features as FeaturesMsg
+from sensor_msgs.msg import CameraInfo, Image
+
+from hoid_common.ros import conversions
+from hoid_common.values import CameraModel
+from hoid_system_tests.probe import TIMEOUT_S, Probe
+
+HEIGHT, WIDTH = 480, 640
+CAMERA = CameraModel(WIDTH, HEIGHT, 500.0, 500.0, 320.0, 240.0)
+FRAME = 'camera_color_optical_frame'
+START_NS = 1_305_031_102_175_304_123
+PERIOD_NS = 33_333_333
+PERSON = ('person', (100.0, 50.0, 300.0, 450.0))
+CUP = ('cup', (280.0, 200.0, 320.0, 240.0))  # half of it in the person's box
+TV = ('tv', (400.0, 40.0, 600.0, 200.0))
+Row = tuple[str, tuple[float, float, float, float]]
+
+
+def _textured() -> Any:
+    rng = np.random.default_rng(3)
+    coarse = rng.integers(0, 256, (HEIGHT // 8, WIDTH // 8, 3), dtype=np.uint8)
+    return cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+
+
+IMAGE = _textured()
+DEPTH_M = np.full((HEIGHT, WIDTH), 2.0, np.float32)
+
+
+class Peer:
+    """Sends what the node needs and keeps what it says."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.probe = probe
+        self.features = probe.collect(FeaturesMsg, 'features', wait=False)
+        self.objects = probe.collect(DynamicObjectArray, 'dynamic_objects', wait=False)
+        self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
+        self.color = probe.publisher(Image, 'rgb/image')
+        self.depth = probe.publisher(Image, 'depth/image')
+        self.boxes = probe.publisher(DetectionArray, 'detections')
+        self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')
+        self.camera.publish(conversions.camera_to_msg(CAMERA, self.header(0)))
+        probe.spin_for(0.2)
+
+    def header(self, i: int) -> Any:
+        """Return the header of frame i."""
+        return conversions.header_to_msg(START_NS + i * PERIOD_NS, FRAME)
+
+    def send_images(self, i: int, depth_m: Any = DEPTH_M) -> None:
+        """Publish the images of frame i."""
+        self.color.publish(conversions.color_to_msg(IMAGE, self.header(i)))
+        self.depth.publish(conversions.depth_to_msg(depth_m, self.header(i)))
+
+    def send_boxes(self, i: int, *rows: Row, **fields: Any) -> None:
+        """Publish what is detected in frame i; `fields` replace those of the message."""
+        found = [
+            Detection(
+                class_name=name, score=0.9, x_min=box[0], y_min=box[1], x_max=box[2], y_max=box[3]
+            )
+            for name, box in rows
+        ]
+        values = {'image_width': WIDTH, 'image_height': HEIGHT, 'detections': found, **fields}
+        self.boxes.publish(DetectionArray(header=self.header(i), **values))
+
+    def answer(self, number: int = 1) -> tuple[FeaturesMsg, DynamicObjectArray]:
+        """Return the features and verdicts on the image, once `number` images were filtered."""
+        self.probe.spin_until(
+            lambda: len(self.features) >= number and len(self.objects) >= number, 'no features'
+        )
+        return self.features[number - 1], self.objects[number - 1]
+
+    def said(self) -> tuple[str, dict[str, str]]:
+        """Return the message and values of the node's newest diagnostics."""
+        mine = [s for d in self.diagnostics for s in d.status if s.name == '/hoid_filter']
+        if not mine:
+            return '', {}
+        return mine[-1].message, {v.key: v.value for v in mine[-1].values}
+
+    def wait_for_count(self, name: str, number: int, timeout_s: float = TIMEOUT_S) -> None:
+        """Wait until the diagnostics count that many."""
+        self.probe.spin_until(
+            lambda: int(self.said()[1].get(name, 0)) >= number,
+            f'"{name}" stays below {number}',
+            timeout_s,
+        )
+
+
+def num_inside(msg: FeaturesMsg, row: Row) -> int:
+    """Return how many features lie in a box."""
+    uv, box = np.rint(np.array(msg.uv_px).reshape(-1, 2)), row[1]
+    inside = (uv >= np.array(box[:2])) & (uv < np.array(box[2:]))
+    return int(inside.all(axis=1).sum())

@@ -1,0 +1,129 @@
+"""hoid_filter on real topics: wrong input is refused or clipped, counted, and lived with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hoid_msgs.msg import Detection, DetectionArray
+from rclpy.serialization import serialize_message
+
+from hoid_bringup.supervisor import Supervisor
+from hoid_common.ros import conversions
+from hoid_system_tests.filter_peer import (
+    DEPTH_M,
+    HEIGHT,
+    IMAGE,
+    PERSON,
+    WIDTH,
+    Peer,
+    num_inside,
+)
+from hoid_system_tests.probe import Probe
+
+
+@pytest.fixture
+def run(probe: Probe, start: Callable[..., Supervisor]) -> Callable[..., Peer]:
+    def run_node(**params: Any) -> Peer:
+        start('hoid_filter', 'hoid_filter_node', {'strategy': 'hoid2d', **params})
+        return Peer(probe)
+
+    return run_node
+
+
+NAN, INF = float('nan'), float('inf')
+
+
+def test_wrong_boxes_are_refused_or_clipped_one_by_one(run: Callable[..., Peer]) -> None:
+    peer = run()
+    refused = [
+        (NAN, 10.0, 50.0, 60.0),
+        (0.0, 0.0, INF, 60.0),
+        (90.0, 10.0, 50.0, 60.0),  # inverted
+        (700.0, 10.0, 800.0, 60.0),  # outside
+    ]
+    for i, box in enumerate(refused):
+        peer.send_images(i)
+        peer.send_boxes(i, PERSON, ('cup', box))
+        features, objects = peer.answer(i + 1)
+        assert [o.class_name for o in objects.objects] == ['person']
+        assert num_inside(features, PERSON) == 0
+    peer.send_images(9)
+    peer.send_boxes(9, ('cup', (600.0, -10.0, 800.0, 60.0)))
+    cup = peer.answer(5)[1].objects[0]
+    assert (cup.x_min, cup.y_min, cup.x_max, cup.y_max) == (600.0, 0.0, WIDTH, 60.0)
+    peer.wait_for_count('boxes clipped', 1)
+    peer.wait_for_count('boxes refused', len(refused))
+
+
+def test_whole_messages_that_are_wrong_are_refused(run: Callable[..., Peer]) -> None:
+    peer = run(**{'detections.wait_s': 1.0, 'detections.timeout_s': 600.0})
+    peer.send_images(0)
+    peer.answer(1)
+    peer.send_boxes(1, PERSON, image_width=1920, image_height=1080)
+    peer.wait_for_count('detections refused', 1)
+    peer.boxes.publish(serialized_crowd(peer.header(1), 1_000_000))
+    peer.wait_for_count('detections refused', 2, timeout_s=90.0)  # unpacking takes seconds
+    peer.send_images(2)
+    peer.send_boxes(2, PERSON)
+    features, _ = peer.answer(2)
+    assert num_inside(features, PERSON) == 0
+    peer.wait_for_count('images filtered', 2)
+    assert peer.said()[1]['detections refused'] == '2'
+
+
+def serialized_crowd(header: Any, number: int) -> bytes:
+    """Return a message with so many boxes: one box's 32 bytes, repeated after their number."""
+    msg = DetectionArray(
+        header=header, image_width=WIDTH, image_height=HEIGHT, detections=[Detection()]
+    )
+    one: bytes = serialize_message(msg)
+    return one[:-36] + number.to_bytes(4, 'little') + one[-32:] * number
+
+
+def test_wrong_images_are_refused(run: Callable[..., Peer]) -> None:
+    peer = run(**{'detections.wait_s': 0.1})
+    peer.send_images(0, DEPTH_M[::2, ::2])
+    peer.wait_for_count('depth images refused', 1)
+    strange = conversions.color_to_msg(IMAGE, peer.header(1))
+    strange.encoding = 'yuv422'
+    peer.color.publish(strange)
+    peer.depth.publish(conversions.depth_to_msg(DEPTH_M, peer.header(1)))
+    peer.wait_for_count('depth images refused', 2)
+    for i, fields in ((3, {'encoding': '64FC1'}), (4, {'height': 2 * HEIGHT})):
+        wrong = conversions.depth_to_msg(DEPTH_M, peer.header(i))
+        for name, value in fields.items():
+            setattr(wrong, name, value)
+        peer.color.publish(conversions.color_to_msg(IMAGE, peer.header(i)))
+        peer.depth.publish(wrong)
+        peer.wait_for_count('depth images refused', i)
+    depth_m = np.tile(np.where(np.arange(WIDTH) % 2, np.float32('nan'), 2.5001), (HEIGHT, 1))
+    holed = conversions.depth_to_msg(np.full((HEIGHT, WIDTH), np.float32(2.5001)), peer.header(5))
+    holed.data = depth_m.astype(np.float32).tobytes()
+    peer.color.publish(conversions.color_to_msg(IMAGE, peer.header(5)))
+    peer.depth.publish(holed)
+    peer.send_boxes(5, PERSON)
+    features, _ = peer.answer()
+    assert features.header == peer.header(5)
+    assert set(features.depth_m) == {0.0, float(np.float32(2.5001))}
+
+
+def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
+    run: Callable[..., Peer],
+) -> None:
+    peer = run()
+    peer.send_images(0)
+    x1, y1, x2, y2 = PERSON[1]
+    peer.send_boxes(
+        0,
+        detections=[
+            Detection(class_name='person', score=score, x_min=x1, y_min=y1, x_max=x2, y_max=y2)
+            for score in (7.5, -1.0, NAN)
+        ],
+    )
+    _, objects = peer.answer()
+    assert [o.score for o in objects.objects] == [1.0, 0.0]
+    peer.wait_for_count('boxes clipped', 2)
+    peer.wait_for_count('boxes refused', 1)
