@@ -21,6 +21,7 @@ from rgbd_slam.map import SlamMap
 from rgbd_slam.map_merging import merge_maps
 
 _AROUND = 10  # keyframes on either side whose points are fused
+_NO_MAP = -1
 
 
 class LoopEvent(Enum):
@@ -68,6 +69,8 @@ class LoopCloser:
         self._mapping = config.mapping
         self._detector = LoopDetector(slam_map, camera, config)
         self._loops: list[Loop] = []
+        self._looped = _NO_MAP  # the last map to be adjusted as a whole
+        self._has_more = False  # keyframes since then
         self._adjuster = GlobalAdjuster(
             slam_map, camera, self._config.global_iterations, background=background
         )
@@ -75,6 +78,7 @@ class LoopCloser:
     def process(self, i: int) -> LoopEvent:
         """Look whether a settled keyframe shows a place known from before, and act on it."""
         self.poll()
+        self._has_more |= int(self._map.keyframes.map_id[i]) == self._looped
         found = self._detector.detect(i) if self._config.enabled else None
         if found is None:
             return LoopEvent.NOTHING
@@ -84,7 +88,7 @@ class LoopCloser:
             return self._close(i, c, match, T_c_i)
         merge_maps(self._map, i, c, T_c_i)
         self._fuse(i, c)
-        self._adjuster.start(int(self._map.keyframes.map_id[i]))
+        self._adjust(int(self._map.keyframes.map_id[i]))
         return LoopEvent.MERGED
 
     def poll(self) -> bool:
@@ -97,8 +101,11 @@ class LoopCloser:
         return self._adjuster.is_running
 
     def settle(self, limit_s: float) -> None:
-        """Wait for that, up to a limit."""
+        """Adjust a map with loops once more, whole, if it has grown since; wait up to a limit."""
         self._adjuster.poll(limit_s)
+        if self._has_more and not self._adjuster.is_running:
+            self._adjust(self._looped)
+            self._adjuster.poll(limit_s)
 
     def close(self) -> None:
         """End what runs in the background."""
@@ -114,8 +121,12 @@ class LoopCloser:
         self._fuse(i, c)
         if small:
             return LoopEvent.REJOINED
-        self._adjuster.start(map_id)
+        self._adjust(map_id)
         return LoopEvent.CLOSED
+
+    def _adjust(self, map_id: int) -> None:
+        self._adjuster.start(map_id)
+        self._looped, self._has_more = map_id, False
 
     def _fuse(self, i: int, c: int) -> None:
         """Let keyframes on each side observe the points of the other, fusing doubles."""

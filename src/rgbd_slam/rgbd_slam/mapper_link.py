@@ -79,7 +79,8 @@ class InlineMapper:
         return self._map.take_redirects()
 
     def finish(self) -> tuple[Redirect, ...]:
-        """Say the same; there is nothing to wait for."""
+        """Let the map settle and say the same."""
+        self._mapper.settle(0.0)
         return self._map.take_redirects()
 
     def close(self) -> None:

@@ -67,6 +67,24 @@ def test_a_closed_loop_is_not_closed_again(
     assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
 
 
+def test_a_map_with_a_loop_that_has_grown_is_adjusted_once_more_in_the_end(
+    drifting: tuple[SlamMap, IntArray, FloatArray],
+) -> None:
+    original, rows, truth = drifting
+    slam_map = _copy(original)
+    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    closer.process(int(rows[-1]))
+    middle = rows[len(rows) // 2]
+    bent = slam_map.keyframes.T_map_camera[middle].copy()
+    bent[:3, 3] += 0.02
+    slam_map.set_poses(np.array([middle]), bent[None])
+    closer.settle(0.0)
+    np.testing.assert_array_equal(slam_map.keyframes.T_map_camera[middle], bent)
+    closer.process(int(rows[-1]))
+    closer.settle(0.0)
+    assert _errors_m(slam_map, rows, truth)[len(rows) // 2] < 0.01
+
+
 def test_more_drift_than_the_way_explains_is_no_loop(
     drifting: tuple[SlamMap, IntArray, FloatArray],
 ) -> None:
