@@ -20,6 +20,7 @@ class KeyframePoses(NamedTuple):
     Only the main map's poses are in the map frame: nothing says where other maps lie.
     """
 
+    version: int  # of the map; grows
     uids: IntArray  # (N,)
     map_ids: IntArray  # (N,)
     main_map: int
@@ -35,7 +36,9 @@ class KeyframePoses(NamedTuple):
         return np.searchsorted(self.uids, uids)
 
 
-NO_KEYFRAMES = KeyframePoses(np.empty(0, np.int64), np.empty(0, np.int64), 0, np.empty((0, 4, 4)))
+NO_KEYFRAMES = KeyframePoses(
+    0, np.empty(0, np.int64), np.empty(0, np.int64), 0, np.empty((0, 4, 4))
+)
 
 
 class FramePose(NamedTuple):

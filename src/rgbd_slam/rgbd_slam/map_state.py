@@ -105,8 +105,8 @@ def snapshot(slam_map: SlamMap) -> MapState:
     )
 
 
-def restore(slam_map: SlamMap, state: MapState, camera: StereoCamera, *, keep: bool) -> None:
-    """Lay a saved map over a running one.
+def restore(slam_map: SlamMap, state: MapState, camera: StereoCamera, *, keep: bool) -> IntArray:
+    """Lay a saved map over a running one and return the (K,) rows of its keyframes.
 
     Args:
         slam_map: The running map.
@@ -124,6 +124,7 @@ def restore(slam_map: SlamMap, state: MapState, camera: StereoCamera, *, keep: b
     point = np.where(state.point == NONE, NO_POINT, j[state.point])
     slam_map.keyframes.point_of_feature[of_i, k] = point
     slam_map.refresh(j)
+    return i
 
 
 def _make_younger(slam_map: SlamMap, by: int) -> None:

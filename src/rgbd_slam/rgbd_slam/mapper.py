@@ -15,6 +15,7 @@ from rgbd_slam.fusing import fuse_into_neighbours
 from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.loop_closing import LoopCloser, LoopCounts
 from rgbd_slam.map import SlamMap
+from rgbd_slam.map_state import MapState, restore
 from rgbd_slam.point_tallies import PointCounts
 from rgbd_slam.triangulation import triangulate_with_neighbours
 from rgbd_slam.window import adjust_window
@@ -46,6 +47,7 @@ class Mapper:
         self.map = slam_map
         self._camera = camera
         self._config = config
+        self._background = background
         self._closer = LoopCloser(slam_map, camera, config, background=background)
         self.loops = LoopCounts()
         self._close_limit_m = config.camera.close_baselines * config.camera.baseline_m
@@ -71,6 +73,18 @@ class Mapper:
         cull_keyframes(self.map, i, self._config.mapping, self._close_limit_m)
         self.loops = self.loops.with_event(self._closer.process(i))
         return i
+
+    def load(self, state: MapState, *, keep: bool) -> int:
+        """Lay a saved map over the running one, which is kept beside it or gone; see `restore`.
+
+        The first of its keyframes is returned.
+        """
+        if not keep:
+            self._closer.close()  # with all it knows of the old map
+            self._closer = LoopCloser(
+                self.map, self._camera, self._config, background=self._background
+            )
+        return int(restore(self.map, state, self._camera, keep=keep)[0])
 
     def poll(self) -> bool:
         """Lay what the background has finished over the map; return whether there was any."""

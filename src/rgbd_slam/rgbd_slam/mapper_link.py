@@ -9,6 +9,7 @@ from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.loop_closing import LoopCounts
 from rgbd_slam.map import Redirect, SlamMap
+from rgbd_slam.map_state import MapState
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 
 
@@ -38,6 +39,15 @@ class MapperLink(Protocol):
         """Hand a keyframe over; its row when that has been taken in at once."""
         ...
 
+    @property
+    def is_settled(self) -> bool:
+        """Return whether the map stays as it is unless something is handed over."""
+        ...
+
+    def load(self, state: MapState, *, keep: bool) -> None:
+        """Lay a saved map over the running one, which is kept beside it or gone."""
+        ...
+
     def update(self) -> tuple[Redirect, ...]:
         """Bring the map up to date, without waiting, and say what became of old keyframes."""
         ...
@@ -56,6 +66,7 @@ class InlineMapper:
 
     queue_length = 0
     num_restarts = 0
+    is_settled = True
 
     def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: SlamConfig) -> None:
         self._map = slam_map
@@ -73,6 +84,10 @@ class InlineMapper:
     def insert(self, request: KeyframeRequest) -> int | None:
         """Take a keyframe in and return its row."""
         return self._mapper.insert(request)
+
+    def load(self, state: MapState, *, keep: bool) -> None:
+        """Lay a saved map over the running one, which is kept beside it or gone."""
+        self._mapper.load(state, keep=keep)
 
     def update(self) -> tuple[Redirect, ...]:
         """Say what became of keyframes removed since the last call."""

@@ -15,8 +15,10 @@ from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.loop_closing import LoopCounts
 from rgbd_slam.map import Redirect, SlamMap
+from rgbd_slam.map_state import MapState
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.mapper_worker import (
+    Load,
     MapperStoppedError,
     MapperWorker,
     Report,
@@ -81,6 +83,18 @@ class MapperProcess:
         """Hand a keyframe over; it will be in the map after some later `update`."""
         self._hand_over(request)
         return None
+
+    def load(self, state: MapState, *, keep: bool) -> None:
+        """Lay a saved map over the running one, which is kept beside it or gone; waits for it."""
+        row = None
+        while row is None:
+            self._hand_over(Load(state, keep))
+            row = self._drain()
+
+    @property
+    def is_settled(self) -> bool:
+        """Return whether the map stays as it is unless something is handed over."""
+        return self.queue_length == 0 and self._is_settled
 
     def update(self) -> tuple[Redirect, ...]:
         """Lay what has come over the map and say what became of old keyframes."""

@@ -22,6 +22,7 @@ from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.loop_closing import LoopCounts
 from rgbd_slam.map import MapChange, SlamMap
+from rgbd_slam.map_state import MapState
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 
 _IDLE_S = 0.2  # between looks for results of the background
@@ -54,14 +55,21 @@ class Settle(NamedTuple):
     limit_s: float
 
 
-Request = Start | Resume | Settle | KeyframeRequest
+class Load(NamedTuple):
+    """Asks to lay a saved map over the running one."""
+
+    state: MapState
+    keep: bool  # the running one, beside it
+
+
+Request = Start | Load | Resume | Settle | KeyframeRequest
 
 
 class Report(NamedTuple):
     """What the mapper sends after each request, and after changes of its own."""
 
     change: MapChange
-    row: int | None  # of the keyframe that a request made
+    row: int | None  # of the keyframe that a request made first
     loops: LoopCounts
     is_answer: bool
     is_settled: bool  # whether nothing runs in the background
@@ -103,6 +111,8 @@ def _do(mapper: Mapper, request: Request) -> int | None:
         case Resume(whole, loops):
             mapper.map.apply(whole)
             mapper.loops = loops
+        case Load(state, keep):
+            return mapper.load(state, keep=keep)
         case Start(frame, T_map_camera, map_id):
             return mapper.start_map(frame, T_map_camera, map_id)
     return None

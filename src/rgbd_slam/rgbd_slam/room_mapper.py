@@ -6,7 +6,7 @@ import numpy as np
 
 from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Array
 from rgbd_slam.dense.config import DenseConfig
-from rgbd_slam.dense.dense_mapper import DenseMapper
+from rgbd_slam.dense.dense_mapper import DenseMapper, StoredView
 from rgbd_slam.dense.floor import Floor, find_floor
 from rgbd_slam.dense.grid import Grid, project_grid, without_unseen
 from rgbd_slam.dense.voxel_map import ColoredCloud
@@ -57,6 +57,18 @@ class RoomMapper:
         """Return the people and objects known after an image (H, W)."""
         scene = DepthScene.of(self._camera, depth_m, pose.T_map_camera)
         return self._tracker.update(objects, scene, pose.stamp_ns, self._floor)
+
+    def know(self, keyframes: KeyframePoses) -> None:
+        """Take the keyframes as the map says now."""
+        self._mapper.correct(keyframes)
+
+    def views(self) -> tuple[StoredView, ...]:
+        """Return the images of which the dense map is fused, as they hang on known keyframes."""
+        return self._mapper.views
+
+    def restore(self, view: StoredView) -> None:
+        """Add an image to the dense map that hangs on a known keyframe."""
+        self._mapper.restore(view)
 
     def settle(self, keyframes: KeyframePoses) -> None:
         """Fuse all kept images anew by the keyframes as the map says in the end."""

@@ -9,12 +9,13 @@ from enum import Enum
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import ByteArray, CameraModel, Features, FloatArray, Trajectory
+from hoid_common.values import ByteArray, CameraModel, Features, FloatArray, IntArray, Trajectory
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.frame_poses import KeyframePoses
 from rgbd_slam.keyframe_policy import KeyframePolicy
 from rgbd_slam.map import Redirect, SlamMap
+from rgbd_slam.map_state import MapState, snapshot
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.mapper_link import InlineMapper, MapperLink
 from rgbd_slam.mapper_process import MapperProcess
@@ -88,10 +89,12 @@ class RgbdSlam:
         link = MapperProcess if background else InlineMapper
         self._mapper: MapperLink = link(self._camera, self._map, config)
         self._relocalizer = Relocalizer(self._map, self._camera, self._tracker, config)
+        self.is_mapping = True  # otherwise the map stays as it is
         self._num_maps = 0
         self._num_relocalizations = 0
         self._trajectory = TrajectoryRecorder()
         self._last: TrackedFrame | None = None
+        self._known_ns: int | None = None  # when the pose was known last, or first looked for
         self._T_camera_last = np.eye(4)
         self._T_odom_camera = np.eye(4)
         self._tallies = PointTallies(self._map.points)
@@ -105,15 +108,17 @@ class RgbdSlam:
         start_s = time.thread_time()
         frame = Frame.from_features(features, self._model, self._camera)
         self._redirect(self._mapper.update())
-        if self._last is None:
+        if len(self._map.keyframes) == 0:
             return self._start(frame, np.eye(4))
-        tracking = self._tracker.track(frame, self._last, self._T_camera_last)
+        tracking = None
+        if self._last is not None:
+            tracking = self._tracker.track(frame, self._last, self._T_camera_last)
         if tracking is None:
             tracking = self._relocalized(frame)
         if tracking is None:
             return self._lost(frame)
         self._advance(tracking)
-        insert = self._policy.wants(tracking, self._mapper.queue_length)
+        insert = self.is_mapping and self._policy.wants(tracking, self._mapper.queue_length)
         tracked_s = time.thread_time()
         T_map_camera = tracking.tracked.T_map_camera
         if insert:
@@ -134,7 +139,8 @@ class RgbdSlam:
     def _start(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map at a pose; the first one, or a new one after a loss."""
         if np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_FIRST_FEATURES:
-            state = TrackingState.NOT_INITIALIZED if self._last is None else TrackingState.LOST
+            is_first = len(self._map.keyframes) == 0
+            state = TrackingState.NOT_INITIALIZED if is_first else TrackingState.LOST
             return TrackingResult(frame.stamp_ns, state)
         i = self._mapper.start_map(frame, T_map_camera, self._num_maps)
         self._policy.inserted(frame.stamp_ns)
@@ -157,11 +163,13 @@ class RgbdSlam:
 
     def _lost(self, frame: Frame) -> TrackingResult:
         """Give up on a frame; when lost for long, map anew from where the camera was last."""
-        assert self._last is not None
         self._T_camera_last = np.eye(4)
-        lost_s = 1e-9 * (frame.stamp_ns - self._last.frame.stamp_ns)
-        if lost_s > self._config.places.new_map_after_s:
-            return self._start(frame, self._last.current_pose(self._map))
+        if self._known_ns is None:
+            self._known_ns = frame.stamp_ns
+        lost_s = 1e-9 * (frame.stamp_ns - self._known_ns)
+        if self.is_mapping and lost_s > self._config.places.new_map_after_s:
+            T = np.eye(4) if self._last is None else self._last.current_pose(self._map)
+            return self._start(frame, T)
         return TrackingResult(frame.stamp_ns, TrackingState.LOST)
 
     def _advance(self, tracking: Tracking) -> None:
@@ -196,6 +204,7 @@ class RgbdSlam:
             )
 
     def _record(self, tracked: TrackedFrame) -> None:
+        self._known_ns = tracked.frame.stamp_ns
         self._trajectory.add(
             tracked.frame.stamp_ns,
             tracked.T_map_camera,
@@ -208,6 +217,33 @@ class RgbdSlam:
         self._trajectory.redirect(redirects)
         if redirects and self._last is not None:
             self._last = self._last.redirected(redirects)
+
+    def state(self) -> MapState:
+        """Copy the map, in a few ms."""
+        return snapshot(self._map)
+
+    def load(self, state: MapState, *, keep: bool) -> IntArray:
+        """Lay a saved map over the running one and return the (K,) uids of its keyframes.
+
+        Args:
+            state: The saved map.
+            keep: Go on in the running map beside it, until a known place joins the two;
+                otherwise the running map is gone and the camera is looked for in the saved one.
+        """
+        self._mapper.load(state, keep=keep)
+        self._redirect(self._mapper.update())
+        if not keep:
+            self._last = self._known_ns = None
+            self._T_camera_last = np.eye(4)
+        keyframes = self._map.keyframes
+        self._num_maps = 1 + int(keyframes.map_id[keyframes.alive].max())
+        return np.sort(keyframes.uid[keyframes.alive])[-len(state) :]
+
+    @property
+    def is_settled(self) -> bool:
+        """Return whether the map stays as it is while no keyframe is made."""
+        self._redirect(self._mapper.update())
+        return self._mapper.is_settled
 
     def finish(self) -> None:
         """Let the map settle after the last frame."""
@@ -241,7 +277,7 @@ class RgbdSlam:
 
     def keyframe_poses(self) -> KeyframePoses:
         """Return where the keyframes of all maps are."""
-        return keyframe_poses(self._map.keyframes)
+        return keyframe_poses(self._map)
 
     def last_pose(self) -> tuple[FloatArray, int]:
         """Return T_map_camera (4, 4) of the last tracked frame, as the map says now.
@@ -254,7 +290,8 @@ class RgbdSlam:
     def map_points_m(self) -> FloatArray:
         """Return (N, 3) points of the main map."""
         points = self._map.points
-        return points.position_m[points.alive & (points.map_id == main_map(self._map.keyframes))]
+        is_main = points.map_id == main_map(self._map.keyframes)
+        return np.asarray(points.position_m[points.alive & is_main])
 
     @property
     def is_in_main_map(self) -> bool:

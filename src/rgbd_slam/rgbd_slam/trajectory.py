@@ -9,7 +9,7 @@ import numpy as np
 from hoid_common.values import FloatArray, IntArray, Trajectory
 from rgbd_slam.frame_poses import KeyframePoses
 from rgbd_slam.keyframes import KeyframeTable
-from rgbd_slam.map import Redirect
+from rgbd_slam.map import Redirect, SlamMap
 
 
 class TrajectoryRecorder:
@@ -92,12 +92,13 @@ def keyframe_trajectory(keyframes: KeyframeTable) -> Trajectory:
     return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
 
 
-def keyframe_poses(keyframes: KeyframeTable) -> KeyframePoses:
+def keyframe_poses(slam_map: SlamMap) -> KeyframePoses:
     """Return where the keyframes of all maps are."""
+    keyframes = slam_map.keyframes
     rows = keyframes.indices()
     rows = rows[np.argsort(keyframes.uid[rows])]
     return KeyframePoses(
-        keyframes.uid[rows], keyframes.map_id[rows], main_map(keyframes),
+        slam_map.version, keyframes.uid[rows], keyframes.map_id[rows], main_map(keyframes),
         keyframes.T_map_camera[rows],
     )  # fmt: skip
 

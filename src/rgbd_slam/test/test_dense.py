@@ -1,5 +1,6 @@
 """The dense map against scenes whose surfaces are known."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -118,9 +119,11 @@ def test_distortion_of_the_camera_is_undone() -> None:
     assert (uv < (162, 122)).all()
 
 
-def keyframes(*uids: int, T: FloatArray | None = None, map_id: int = 0) -> KeyframePoses:
+def keyframes(
+    *uids: int, T: FloatArray | None = None, map_id: int = 0, version: int = 1
+) -> KeyframePoses:
     poses = np.array([np.eye(4) if T is None else T] * len(uids))
-    return KeyframePoses(np.array(uids, np.int64), np.full(len(uids), map_id), 0, poses)
+    return KeyframePoses(version, np.array(uids, np.int64), np.full(len(uids), map_id), 0, poses)
 
 
 def add(mapper: DenseMapper, known: KeyframePoses) -> None:
@@ -178,6 +181,26 @@ def test_views_of_another_map_wait_until_it_is_joined() -> None:
     np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 3.0, atol=1e-3)
     assert mapper.correct(keyframes(0, map_id=1))
     assert len(mapper.cloud().points_m) == 0
+
+
+def test_a_view_that_comes_late_takes_its_place_in_the_map_as_it_is_now() -> None:
+    mapper = DenseMapper(CAMERA, CONFIG)
+    mapper.correct(keyframes(0, 1, T=se3.exp(np.array([0, 0, 0, 0, 0, 1.0])), version=2))
+    for _ in range(3):
+        add(mapper, keyframes(0))
+    np.testing.assert_allclose(mapper.cloud().points_m[:, 2], 3.0, atol=1e-3)
+
+
+def test_a_map_of_views_is_restored_by_its_keyframes() -> None:
+    mapper, other = DenseMapper(CAMERA, CONFIG), DenseMapper(CAMERA, CONFIG)
+    for i in range(3):
+        add(mapper, keyframes(*range(i + 1)))
+    other.correct(keyframes(0, 1, 2))
+    for view in mapper.views:
+        other.restore(view)
+    np.testing.assert_array_equal(other.cloud().points_m, mapper.cloud().points_m)
+    other.restore(replace(mapper.views[0], keyframe_uid=99))
+    assert len(other.views) == 3
 
 
 def test_the_views_kept_are_few_and_apart() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,29 +69,30 @@ class DenseMapper:
         Args:
             pose: Where it was taken, with keyframes.
         """
-        if pose.keyframes is not None:
-            self.correct(pose.keyframes)
         static_m = mask_boxes(depth_m, dynamic_boxes_xyxy_px, self._config.mask_margin_px)
         view = self._voxels.view_of(static_m, image_bgr)
-        at = np.flatnonzero(self._keyframes.uids == pose.reference_uid)
+        keyframes = self._keyframes if pose.keyframes is None else pose.keyframes
+        at = np.flatnonzero(keyframes.uids == pose.reference_uid)
         if len(at) == 0:
-            return  # of a map that has been replaced meanwhile
-        T_map_keyframe = self._keyframes.T_map_camera[at[0]]
-        T_keyframe_camera = se3.inverse(T_map_keyframe) @ pose.T_map_camera
-        fused_at = pose.T_map_camera if self._keyframes.is_main[at[0]] else None
-        if fused_at is not None:
-            self._voxels.integrate(view, fused_at)
+            return
+        T_keyframe_camera = se3.inverse(keyframes.T_map_camera[at[0]]) @ pose.T_map_camera
+        if keyframes.version >= self._keyframes.version:
+            self.correct(keyframes)
+        self.restore(StoredView(view, pose.reference_uid, T_keyframe_camera))
+
+    def restore(self, view: StoredView) -> None:
+        """Fuse an image that hangs on a keyframe, if that is still there."""
+        at = np.flatnonzero(self._keyframes.uids == view.keyframe_uid)
+        if len(at) == 0:
+            return
+        if self._keyframes.is_main[at[0]]:
+            T_map_camera = self._keyframes.T_map_camera[at[0]] @ view.T_keyframe_camera
+            self._voxels.integrate(view.view, T_map_camera)
             self._num_since_fused += 1
-        self._stored.append(StoredView(view, pose.reference_uid, T_keyframe_camera, fused_at))
+            view = replace(view, fused_at=T_map_camera)
+        self._stored.append(view)
         if len(self._stored) > self._config.max_views:
             self._stored.pop(self._most_redundant())
-
-    def load(self, views: Sequence[StoredView], keyframes: KeyframePoses) -> None:
-        """Add images that were kept elsewhere, and fuse all by the keyframes as they are now."""
-        self._stored += views
-        while len(self._stored) > self._config.max_views:
-            self._stored.pop(0)
-        self.correct(keyframes, settle=True)
 
     def correct(self, keyframes: KeyframePoses, *, settle: bool = False) -> bool:
         """Take the keyframes as the map says now; fuse anew if they moved enough, and say so.

@@ -1,0 +1,148 @@
+"""A saved map in a new session: found again, left as it is, continued, and joined."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import FloatArray
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.map_state import MapState
+from rgbd_slam.slam import RgbdSlam, TrackingResult, TrackingState
+
+from .world import CAMERA, PERIOD_NS, World, sway
+
+
+def run(slam: RgbdSlam, world: World, poses: FloatArray, first: int = 0) -> list[TrackingResult]:
+    stamps = (first + np.arange(len(poses))) * PERIOD_NS
+    return [slam.process(world.features(int(ns), T)) for ns, T in zip(stamps, poses, strict=True)]
+
+
+def turn(count: int, start_rad: float = 0.25, end_rad: float = -0.2) -> FloatArray:
+    """Return poses beside the first session's, in its map; that one turned by up to 0.6 rad."""
+    twist = np.zeros((count, 6))
+    twist[:, 1] = np.linspace(start_rad, end_rad, count)
+    twist[:, 3] = np.linspace(0.3, -0.1, count)
+    twist[:, 4:] = 0.05, 0.1
+    return se3.exp(twist)
+
+
+@pytest.fixture(scope='module')
+def saved() -> MapState:
+    slam = RgbdSlam(CAMERA, SlamConfig())
+    run(slam, World(), sway(90))
+    return slam.state()
+
+
+def errors(results: list[TrackingResult], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return errors [m] and [rad] of images that are all tracked."""
+    assert all(result.state is TrackingState.TRACKING for result in results)
+    estimates = np.array([result.T_map_camera for result in results])
+    twists = se3.log(se3.inverse(poses) @ estimates)
+    return np.linalg.norm(twists[:, 3:], axis=1), np.linalg.norm(twists[:, :3], axis=1)
+
+
+def test_a_loaded_map_is_found_again_and_left_as_it_is(saved: MapState) -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig())
+    slam.is_mapping = False
+    slam.load(saved, keep=False)
+    before = slam.state().digest()
+    assert before == saved.digest()
+    poses = turn(40)
+    results = run(slam, World(), poses)
+    assert not any(result.is_keyframe for result in results)
+    way_m, turn_rad = errors(results, poses)
+    assert way_m.max() < 0.02
+    assert np.degrees(turn_rad).max() < 1
+    assert slam.state().digest() == before
+    assert len(slam.keyframe_trajectory()) == 0
+    assert len(slam.trajectory_final()) == 40
+
+
+def test_odometry_starts_at_the_first_pose_and_does_not_jump(saved: MapState) -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig())
+    first = run(slam, World(), sway(90)[:10])
+    slam.load(saved, keep=False)
+    poses = turn(20)
+    results = run(slam, World(), poses, 10)
+    odom = np.array([result.T_odom_camera for result in (*first, *results)])
+    steps = se3.log(se3.inverse(odom[:-1]) @ odom[1:])
+    assert np.linalg.norm(steps[:, 3:], axis=1).max() < 0.08
+    np.testing.assert_allclose(odom[10], odom[9])  # how it got there is unknown
+    assert errors(results, poses)[0].max() < 0.02
+    expected = se3.inverse(poses[0]) @ poses[-1]
+    np.testing.assert_allclose(se3.inverse(odom[10]) @ odom[-1], expected, atol=0.02)
+
+
+def test_an_unknown_place_is_not_believed_and_localisation_stays_lost(saved: MapState) -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig())
+    slam.is_mapping = False
+    slam.load(saved, keep=False)
+    elsewhere = World(seed=7)
+    results = run(slam, elsewhere, sway(90)[:20]) + run(slam, elsewhere, sway(90)[:5], 300)
+    assert all(result.state is TrackingState.LOST for result in results)
+    assert slam.state().digest() == saved.digest()
+
+
+def test_mapping_goes_on_in_a_loaded_map(saved: MapState) -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig())
+    slam.load(saved, keep=False)
+    run(slam, World(), turn(60, end_rad=1.8))
+    state = slam.state()
+    kept = np.isin(state.stamp_ns, saved.stamp_ns)
+    assert len(state) > kept.sum()
+    assert (state.map_id == 0).all()
+    # No duplicates: the known points of the room are seen, and only the rest is added.
+    assert len(state.position_m) < 1.5 * len(saved.position_m)
+    loaded_points = state.point[np.isin(state.keyframe, np.flatnonzero(kept))]
+    new_points = state.point[np.isin(state.keyframe, np.flatnonzero(~kept))]
+    shared = np.isin(new_points[new_points >= 0], loaded_points)
+    assert shared.mean() > 0.4
+    slam.finish()
+    assert len(slam.keyframe_trajectory()) == len(state) - kept.sum()
+
+
+def test_a_place_unknown_for_long_starts_a_map_beside_the_loaded_one(saved: MapState) -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig())
+    slam.load(saved, keep=False)
+    elsewhere = World(seed=7)
+    early = run(slam, elsewhere, sway(90)[:3])
+    assert all(result.state is TrackingState.LOST for result in early)
+    late = run(slam, elsewhere, sway(90)[3:9], 100)
+    assert late[0].is_keyframe
+    assert slam.stats.num_maps == 2
+    assert not slam.is_in_main_map
+
+
+def test_two_sessions_are_joined_when_a_known_place_is_seen(saved: MapState) -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig())
+    poses = turn(90, 1.8, -0.2)
+    run(slam, World(), poses[:25])
+    slam.load(saved, keep=True)
+    assert slam.stats.num_maps == 2
+    results = run(slam, World(), poses[25:], 25)
+    assert slam.stats.num_maps == 1
+    assert slam.stats.num_merges == 1
+    way_m, turn_rad = errors(results[-3:], poses[-3:])
+    assert way_m.max() < 0.02  # in the loaded map's frame
+    assert np.degrees(turn_rad).max() < 1
+    assert len(slam.trajectory_final()) == 90
+
+
+def test_the_mapping_process_takes_a_map_over_at_once(saved: MapState) -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig(), background=True)
+    try:
+        run(slam, World(), sway(90)[:5])
+        uids = slam.load(saved, keep=False)
+        assert len(uids) == len(saved)
+        assert slam.state().digest() == saved.digest()
+        poses = turn(60, end_rad=1.8)
+        results = run(slam, World(), poses, 5)
+        assert errors(results, poses)[0].max() < 0.02
+        slam.finish()
+        assert slam.is_settled
+        assert len(slam.state()) > len(saved)
+        assert len(slam.trajectory_final()) == 60
+    finally:
+        slam.close()
