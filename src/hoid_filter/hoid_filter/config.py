@@ -67,7 +67,7 @@ class PlusConfig(Config):
     )
     doubt_score: float = param(0.5, 'Score below which a person is weak', minimum=0.0, maximum=1.0)
     doubt_detections: int = param(
-        4, 'Detections that make a doubtful person believed', minimum=1, maximum=100
+        4, 'Detections in a row that make a doubtful person believed', minimum=1, maximum=100
     )
     remember: bool = param(True, 'Hysteresis and memory of interaction', read_only=False)
     release_area: float = param(

@@ -86,9 +86,7 @@ class FeatureFilter:
             self.counters['boxes refused'] += fit.num_refused
             self.counters['boxes clipped'] += fit.num_clipped
             detections = fit.detections
-        return self._strategy.judge(
-            View(frame.stamp_ns, detections, frame.depth_m, corners.pixel, self.camera)
-        )
+        return self._strategy.judge(View(frame.stamp_ns, detections, frame.depth_m, corners.pixel))
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
         """Return where the features were that would have been chosen had nothing been masked."""

@@ -15,8 +15,6 @@ from hoid_filter.scene import Verdict, View
 from hoid_filter.torso import torso_depth_m
 from hoid_filter.tracks import BoxTracker, Patience
 
-_PERSON_WIDTH_M = 0.8  # what is wider is no person, unless the detector is sure of it
-
 
 class HoidPlus:
     """Follows people and objects over time and masks those that move, no more than needed."""
@@ -30,8 +28,8 @@ class HoidPlus:
     def judge(self, view: View) -> Verdict:
         """Return the verdict on what is detected, and on what is predicted to move (last)."""
         plus = self._config.plus
+        self._observe(view)
         small_depth_m = shrink(view.depth_m)
-        self._observe(view, small_depth_m)
         situation = self._situation(view, small_depth_m)
         found = judge_interactions(situation, self._config)
         certainty = cover(situation, found.reasons, small_depth_m, plus)
@@ -39,26 +37,22 @@ class HoidPlus:
         masks = make_masks(certainty, view, plus, enough)
         return _verdict(situation, found, masks)
 
-    def _observe(self, view: View, small_depth_m: Float32Array) -> None:
+    def _observe(self, view: View) -> None:
         if view.heard is not None:
-            self._tracker.observe(view.heard, self._doubtful(view, view.heard, small_depth_m))
+            self._tracker.observe(view.heard, self._doubtful(view.heard, view.depth_m.size))
 
-    def _doubtful(
-        self, view: View, detections: Detections, small_depth_m: Float32Array
-    ) -> BoolArray:
-        """Return the (N,) flags of weak people over most of the image, too wide for a person."""
+    def _doubtful(self, detections: Detections, image_area_px2: int) -> BoolArray:
+        """Return the (N,) flags of weak people over most of the image.
+
+        Their depth is no witness: at arm's length a desk is as wide as a person.
+        """
         plus = self._config.plus
-        boxes = detections.boxes_xyxy_px.astype(np.float64)
-        names = np.array(detections.class_names)
-        suspect: BoolArray = (names == PERSON) & (detections.scores < plus.doubt_score)
-        suspect &= areas_px2(boxes) > plus.doubt_area * view.depth_m.size
-        suspect &= plus.doubt_large_people
-        if view.camera is not None:
-            for n in np.flatnonzero(suspect).tolist():
-                depth_m = torso_depth_m(small_depth_m, boxes[n].tolist())
-                width_m = (boxes[n, 2] - boxes[n, 0]) / view.camera.fx_px * depth_m
-                suspect[n] = not width_m <= _PERSON_WIDTH_M  # NaN: no support
-        return suspect
+        if not plus.doubt_large_people:
+            return np.zeros(len(detections), np.bool_)
+        large = areas_px2(detections.boxes_xyxy_px) > plus.doubt_area * image_area_px2
+        weak = detections.scores < plus.doubt_score
+        doubtful: BoolArray = large & weak & (np.array(detections.class_names) == PERSON)
+        return doubtful
 
     def _situation(self, view: View, small_depth_m: Float32Array) -> Situation:
         height, width = view.depth_m.shape

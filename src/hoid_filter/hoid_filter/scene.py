@@ -12,7 +12,6 @@ from hoid_common.values import (
     PERSON,
     BoolArray,
     ByteArray,
-    CameraModel,
     Detections,
     Float32Array,
     FloatArray,
@@ -30,7 +29,6 @@ class View:
     heard: Detections | None  # clipped; of this image or an older one; None: nothing was said
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
-    camera: CameraModel | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -94,6 +94,8 @@ class BoxTracker:
                 Track(self._next_id, names[at], scores[at], boxes[at], stamp_ns, doubt)
             )
             self._next_id += 1
+        # What is doubtful has to be seen again and again without a gap.
+        self._tracks = [t for t in self._tracks if t.seen_ns == stamp_ns or not t.doubtful]
 
     def _likeness(
         self, expected: FloatArray, detections: Detections, boxes: FloatArray

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from hoid_common.values import CameraModel, Detections, Float32Array, Reason
+from hoid_common.values import Detections, Float32Array, Reason
 from hoid_filter.config import FilterConfig
 from hoid_filter.hoid_plus import HoidPlus
 from hoid_filter.scene import Verdict
@@ -16,7 +14,6 @@ from .helpers import HEIGHT, WIDTH, BoxTuple, detections, view
 
 FRAME_NS = 33_333_333
 QUARTER_S_NS = 250_000_000
-CAMERA = CameraModel(WIDTH, HEIGHT, 100.0, 100.0, 80.0, 60.0)
 PERSON: BoxTuple = (20.0, 10.0, 60.0, 110.0)
 HUGE: BoxTuple = (5.0, 5.0, 155.0, 115.0)
 
@@ -92,25 +89,39 @@ def test_returning_person_keeps_the_track() -> None:
     assert back.track_ids.tolist() == [0]
 
 
-def judge_huge(strategy: HoidPlus, depth_m: float, score: float, n: int = 0) -> Reason:
-    depth = np.full((HEIGHT, WIDTH), depth_m, np.float32)
+def judge_huge(strategy: HoidPlus, score: float, n: int = 0) -> Reason:
     found = detections(('person', HUGE), stamp_ns=n * FRAME_NS, score=score)
-    (reason,) = strategy.judge(dataclasses.replace(view(found, depth), camera=CAMERA)).reasons
+    (reason,) = strategy.judge(view(found)).reasons
     return reason
 
 
-def test_weak_person_over_the_whole_image_is_not_believed_at_once() -> None:
+def test_weak_person_over_the_whole_image_is_believed_when_seen_in_a_row() -> None:
     strategy = plus()
-    found = [judge_huge(strategy, 2.0, 0.3, n) for n in range(4)]
+    found = [judge_huge(strategy, 0.3, n) for n in range(4)]
     assert found == [Reason.STATIC] * 3 + [Reason.PERSON]
 
 
-def test_large_person_is_believed_when_sure_or_near_or_the_switch_is_off() -> None:
-    assert judge_huge(plus(), 2.0, 0.9) is Reason.PERSON
-    assert judge_huge(plus(), 0.5, 0.3) is Reason.PERSON  # 0.75 m wide
-    assert judge_huge(plus(), 0.6, 0.3) is Reason.STATIC  # 0.9 m wide
-    assert judge_huge(plus(), 0.0, 0.3) is Reason.STATIC  # no reading
-    assert judge_huge(plus(doubt_large_people=False), 2.0, 0.3) is Reason.PERSON
+def test_weak_person_over_the_whole_image_who_comes_and_goes_is_never_believed() -> None:
+    strategy = plus()
+    for n in range(0, 40, 4):
+        assert [judge_huge(strategy, 0.3, n + k) for k in range(3)] == [Reason.STATIC] * 3
+        assert strategy.judge(view(Detections.none((n + 3) * FRAME_NS))).keep_mask is None
+
+
+def test_late_detector_does_not_break_the_row() -> None:
+    strategy = plus()
+    for n in range(0, 6, 2):
+        assert judge_huge(strategy, 0.3, n) is Reason.STATIC
+        strategy.judge(view(None, stamp_ns=(n + 1) * FRAME_NS))
+    assert judge_huge(strategy, 0.3, 6) is Reason.PERSON
+
+
+def test_large_person_is_believed_when_sure_or_known_or_the_switch_is_off() -> None:
+    assert judge_huge(plus(), 0.9) is Reason.PERSON
+    assert judge_huge(plus(doubt_large_people=False), 0.3) is Reason.PERSON
+    strategy = plus()
+    judge_huge(strategy, 0.9)
+    assert judge_huge(strategy, 0.3, 1) is Reason.PERSON
 
 
 def test_handled_object_is_let_go_later_than_it_is_taken() -> None:
