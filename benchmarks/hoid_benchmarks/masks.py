@@ -23,7 +23,7 @@ from hoid_benchmarks.sequences import PEOPLE_SUFFIX, Store
 from hoid_bringup.detection_source import DetectionSource
 from hoid_bringup.run_config import TRUTH
 from hoid_common.errors import ConfigError
-from hoid_common.values import BoolArray, CameraModel, Detections, IntArray
+from hoid_common.values import BoolArray, Detections, IntArray
 from hoid_detector.config import DetectorConfig
 from hoid_detector.model_path import find_model
 from hoid_detector.onnx_detector import OnnxDetector
@@ -51,12 +51,15 @@ class MaskCase:
     sequence: str
     detector: str
     perturbation: Perturbation = field(default_factory=Perturbation)
+    score_threshold: float = DetectorConfig().score_threshold
 
 
 CASES: Mapping[str, MaskCase] = {
     'pasted-yolov8n': MaskCase('fr1_xyz_people', 'yolov8n_int8'),
     'pasted-yolox': MaskCase('fr1_xyz_people', 'yolox_nano'),
     'pasted-missed': MaskCase('fr1_xyz_people', 'yolov8n_int8', Perturbation(missed_every=3)),
+    'pasted-doubtful': MaskCase('fr1_xyz_people', 'yolox_nano', score_threshold=0.1),
+    'static-doubtful': MaskCase('fr1_xyz', 'yolox_nano', score_threshold=0.1),
     'rendered-1': MaskCase('synth-1', TRUTH),
     'rendered-2': MaskCase('synth-2', TRUTH),
     'rendered-missed': MaskCase('synth-1', TRUTH, Perturbation(missed_every=3)),
@@ -107,9 +110,8 @@ def variants() -> dict[str, FilterConfig]:
 
 
 def _table(name: str, case: MaskCase, store: Store) -> str:
-    missed = {k: v for k, v in vars(case.perturbation).items() if v != getattr(Perturbation(), k)}
     lines = [
-        f'{name}: {case.sequence}, {case.detector} {missed or ""}',
+        _title(name, case),
         '',
         f'| {" | ".join(_COLUMNS)} |',
         '|---' * len(_COLUMNS) + '|',
@@ -125,6 +127,14 @@ def _table(name: str, case: MaskCase, store: Store) -> str:
         cells = ' | '.join(f'{100 * share:.1f} %' for share in shares)
         lines.append(f'| {variant} | {n.frames_that_differ} | {cells} |')
     return '\n'.join([*lines, ''])
+
+
+def _title(name: str, case: MaskCase) -> str:
+    default = vars(Perturbation())
+    words = [f'{k}={v}' for k, v in vars(case.perturbation).items() if v != default[k]]
+    if case.detector != TRUTH:
+        words.append(f'score_threshold={case.score_threshold}')
+    return f'{name}: {case.sequence}, {", ".join([case.detector, *words])}'
 
 
 def judge_masks(
@@ -145,34 +155,34 @@ def judge_masks(
 
 def _views(case: MaskCase, store: Store) -> Iterator[tuple[View, BoolArray, BoolArray]]:
     """Yield each frame as strategies get it, and its (K,) corners that move or rest for sure."""
-    frames, camera = _open(case.sequence, store)
     exact: dict[int, Detections] = {}
-    detect = perturb_detections(_detector(case.detector, exact), case.perturbation, seed=0)
+    detect = perturb_detections(_detector(case, exact), case.perturbation, seed=0)
     extractor = OrbExtractor(FilterConfig().extraction)
     kernel = np.ones((2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1), np.uint8)
-    for frame, moving, boxes in tqdm(frames, unit='frame'):
+    for frame, moving, boxes in tqdm(_open(case.sequence, store), unit='frame'):
         if boxes is not None:
             exact[frame.stamp_ns] = boxes
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
         pixels = extractor.detect(np.asarray(gray, np.uint8)).pixel
         near = cv2.dilate(moving.view(np.uint8), kernel) > 0
-        view = View(frame.stamp_ns, detect(frame), frame.depth_m, pixels, camera)
+        view = View(frame.stamp_ns, detect(frame), frame.depth_m, pixels)
         yield view, moving.ravel()[pixels], ~near.ravel()[pixels]
 
 
-def _open(name: str, store: Store) -> tuple[Iterator[Labelled], CameraModel]:
+def _open(name: str, store: Store) -> Iterator[Labelled]:
     if name.startswith(_SYNTH):
         config = SceneConfig(seed=int(name.removeprefix(_SYNTH)))
-        return rendered_people(config, os.cpu_count() or 1), config.camera
+        return rendered_people(config, os.cpu_count() or 1)
     people = open_tum_folder(store.find(name))
     base = open_tum_folder(store.find(name.removesuffix(PEOPLE_SUFFIX)))
-    return pasted_people(people, base), people.camera
+    return pasted_people(people, base)
 
 
-def _detector(model: str, exact: Mapping[int, Detections]) -> DetectionSource:
-    if model == TRUTH:
+def _detector(case: MaskCase, exact: Mapping[int, Detections]) -> DetectionSource:
+    if case.detector == TRUTH:
         return lambda frame: exact[frame.stamp_ns]
-    detector = OnnxDetector(find_model(model), DetectorConfig())
+    config = DetectorConfig(score_threshold=case.score_threshold)
+    detector = OnnxDetector(find_model(case.detector), config)
     return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)
 
 
