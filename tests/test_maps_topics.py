@@ -28,6 +28,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
+from hoid_bags.room_truth import RoomTruth
 from hoid_bags.synth.config import SceneConfig
 from hoid_bags.synth.truth import people_centers
 from hoid_bringup.supervisor import Supervisor
@@ -35,7 +36,8 @@ from hoid_common import se3
 from hoid_common.ros import conversions, qos
 from hoid_common.values import FloatArray
 from hoid_system_tests.probe import Probe
-from hoid_system_tests.rendered_room import Messages, RoomTruth, recording
+from hoid_system_tests.rendered_room import Messages, recording
+from rgbd_slam.frames import T_BODY_OPTICAL
 
 SCENE = SceneConfig(num_frames=150)
 RELIABLE = {'input.reliability': 'reliable', 'input.queue_length': 100}
@@ -131,7 +133,7 @@ def test_the_room_is_mapped_without_its_people(
 ) -> None:
     peer.play(messages)
     peer.await_map(messages[-11].stamp_ns)
-    truth = RoomTruth(SCENE)
+    truth = RoomTruth(SCENE, T_BODY_OPTICAL)
     check_cloud(peer, truth)
     check_grid(peer, truth)
     check_objects(peer, truth)

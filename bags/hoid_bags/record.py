@@ -28,8 +28,7 @@ RESULT_TOPICS = (
     topics.KEYFRAMES,
     topics.SLAM_STATUS,
     topics.TRACKED_OBJECTS,
-    topics.TF,
-    topics.TF_STATIC,
+    *(relative for _, relative in topics.NAMESPACED_TF),
 )
 """What is recorded when nothing else is asked for."""
 

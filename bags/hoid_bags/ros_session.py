@@ -18,7 +18,7 @@ from hoid_common.ros import topics
 
 _EXIT_LIMIT_S = 10
 _DEFAULT_DEPTH = 10
-_SHARED_TOPICS = (topics.TF, topics.TF_STATIC, topics.CLOCK, topics.DIAGNOSTICS)
+_SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
 
 
 @contextmanager
@@ -73,6 +73,6 @@ def from_rclpy_qos(qos: QoSProfile) -> Qos:
 def live_name(topic: str) -> str:
     """Return a bag's topic as it is published: relative, so that a namespace moves it.
 
-    Names that the whole system shares stay as they are.
+    Names that the whole system shares stay as they are; each namespace has its own frame tree.
     """
     return topic if topic in _SHARED_TOPICS else topic.lstrip('/')

@@ -15,6 +15,7 @@ from rclpy.qos import QoSProfile
 from hoid_common.ros import qos
 
 TIMEOUT_S = 15.0
+_START_S = 60.0  # of a node, on a busy machine
 _DISCOVERY_S = 0.3
 
 
@@ -41,7 +42,9 @@ class Probe:
         publisher = self.node.create_publisher(type_, topic, profile)
         if wait:
             self.spin_until(
-                lambda: publisher.get_subscription_count() > 0, f'nobody listens to {topic}'
+                lambda: publisher.get_subscription_count() > 0,
+                f'nobody listens to {topic}',
+                _START_S,
             )
             # It may still have to learn of us, and drops our messages until then.
             self.spin_for(_DISCOVERY_S)
@@ -57,13 +60,14 @@ class Probe:
             self.spin_until(
                 lambda: self.node.count_publishers(self.node.resolve_topic_name(topic)) > 0,
                 f'nobody publishes {topic}',
+                _START_S,
             )
         return received
 
     def call(self, type_: type[Any], name: str, request: Any) -> Any:
         """Return a service's answer."""
         client = self.node.create_client(type_, name)
-        self.spin_until(client.service_is_ready, f'nobody offers {name}')
+        self.spin_until(client.service_is_ready, f'nobody offers {name}', _START_S)
         future = client.call_async(request)
         self.spin_until(future.done, f'{name} gives no answer')
         self.node.destroy_client(client)

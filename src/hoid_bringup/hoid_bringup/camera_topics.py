@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from hoid_common.ros import topics
+
 
 class CameraTopics(NamedTuple):
     """Where a driver publishes what the suite subscribes to."""
@@ -17,15 +19,18 @@ class CameraTopics(NamedTuple):
 
     def remappings(self) -> list[tuple[str, str]]:
         """Return the suite's names and the driver's, as ROS remaps want them."""
+        rgb, depth = topics.RGB_IMAGE, topics.DEPTH_IMAGE
         return [
-            ('rgb/image', self.rgb_image),
-            ('depth/image', self.depth_image),
-            ('rgb/camera_info', self.camera_info),
+            (rgb, self.rgb_image),
+            (topics.compressed(rgb), topics.compressed(self.rgb_image)),
+            (depth, self.depth_image),
+            (topics.compressed_depth(depth), topics.compressed_depth(self.depth_image)),
+            (topics.CAMERA_INFO, self.camera_info),
         ]
 
 
 CAMERA_TOPICS = {
-    'bag': CameraTopics('rgb/image', 'depth/image', 'rgb/camera_info'),
+    'bag': CameraTopics(topics.RGB_IMAGE, topics.DEPTH_IMAGE, topics.CAMERA_INFO),
     # realsense2_camera 4.x with align_depth.enable:=true
     'realsense': CameraTopics(
         '/camera/camera/color/image_raw',

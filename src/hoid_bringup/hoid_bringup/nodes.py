@@ -14,6 +14,7 @@ from hoid_bringup.camera_topics import CAMERA_TOPICS
 from hoid_bringup.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.supervisor import Supervisor, clean_shared_memory
 from hoid_common.errors import InputError
+from hoid_common.ros.topics import NAMESPACED_TF
 
 _TICK_S = 0.2
 
@@ -21,7 +22,9 @@ _TICK_S = 0.2
 def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid nodes`."""
     parser.add_argument('--params', type=Path, metavar='YAML', help='ROS parameter file')
-    parser.add_argument('--namespace', default='', metavar='NS', help='of nodes and topics')
+    parser.add_argument(
+        '--namespace', default='', metavar='NS', help='of nodes, topics and the frame tree'
+    )
     parser.add_argument(
         '--topics',
         choices=tuple(CAMERA_TOPICS),
@@ -84,8 +87,9 @@ def _options(args: argparse.Namespace) -> NodeOptions:
         namespace=args.namespace,
         use_sim_time=args.sim_time,
         params_file=args.params,
-        remappings=tuple(
-            pair for pair in CAMERA_TOPICS[args.topics].remappings() if pair not in own_names
+        remappings=(
+            *(pair for pair in CAMERA_TOPICS[args.topics].remappings() if pair not in own_names),
+            *NAMESPACED_TF,
         ),
         parameters=parameters,
     )

@@ -13,6 +13,7 @@ from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from hoid_bringup.camera_topics import CAMERA_TOPICS
+from hoid_common.ros.topics import NAMESPACED_TF
 from hoid_filter.config import FilterConfig
 from launch import LaunchContext, LaunchDescription
 
@@ -20,7 +21,9 @@ STRATEGY = FilterConfig().strategy
 PARAMS = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'config', 'hoid.yaml'])
 RVIZ = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'rviz', 'hoid.rviz'])
 ARGUMENTS = (
-    DeclareLaunchArgument('namespace', default_value='', description='of all nodes and topics'),
+    DeclareLaunchArgument(
+        'namespace', default_value='', description='of nodes, topics and the frame tree on tf'
+    ),
     DeclareLaunchArgument('params_file', default_value=PARAMS, description='parameters, YAML'),
     DeclareLaunchArgument(
         'camera',
@@ -52,7 +55,7 @@ def suite(context: LaunchContext) -> list[Node]:
     camera = LaunchConfiguration('camera').perform(context)
     common = {
         'namespace': LaunchConfiguration('namespace'),
-        'remappings': CAMERA_TOPICS[camera].remappings(),
+        'remappings': [*CAMERA_TOPICS[camera].remappings(), *NAMESPACED_TF],
         'output': 'screen',
         'arguments': ['--ros-args', '--log-level', LaunchConfiguration('log_level')],
     }
@@ -89,6 +92,7 @@ def suite(context: LaunchContext) -> list[Node]:
             executable='rviz2',
             namespace=LaunchConfiguration('namespace'),
             arguments=['-d', RVIZ],
+            remappings=list(NAMESPACED_TF),
             condition=IfCondition(LaunchConfiguration('rviz')),
         ),
     ]

@@ -15,6 +15,7 @@ from std_srvs.srv import SetBool
 from hoid_common.config import param
 from hoid_common.errors import ConfigError, HoidError
 from hoid_common.ros import conversions, qos, topics
+from hoid_common.ros.debug_image import DebugImages
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import InputConfig, Inputs
 from hoid_common.ros.logs import bridge_logging
@@ -55,7 +56,7 @@ class DetectorNode(LifecycleNode):
         self._done = self.create_guard_condition(self._publish)
         self._worker = NewestWins(self._detect, self._done.trigger)
         self._detections = self.create_publisher(DetectionArray, topics.DETECTIONS, qos.OUTPUT)
-        self._debug_image = self.create_publisher(Image, topics.DEBUG_IMAGE, qos.OUTPUT)
+        self._debug_images = DebugImages(self)
         self.create_service(SetBool, '~/enable', self._enable)
         Inputs(self, self._settings.config.input, self._diagnostics).color(self._take)
         if self._settings.config.autostart:
@@ -122,9 +123,8 @@ class DetectorNode(LifecycleNode):
         size_px, names = image_bgr.shape[1::-1], self._detector.class_names
         msg = conversions.detections_to_msg(detections, header, size_px, names, detect_ms)
         self._detections.publish(msg)
-        if self._debug_image.get_subscription_count():
-            picture = draw_detections(image_bgr, detections)
-            self._debug_image.publish(conversions.color_to_msg(picture, header))
+        if self._debug_images.is_watched:
+            self._debug_images.publish(draw_detections(image_bgr, detections), header)
         self._diagnostics.count('images processed')
         self._diagnostics.set_count('images dropped for newer ones', self._worker.num_dropped)
         self._diagnostics.set_value('time per image', f'{detect_ms:.1f} ms')

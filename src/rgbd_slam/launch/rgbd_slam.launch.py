@@ -11,6 +11,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from hoid_common.ros.topics import NAMESPACED_TF
 from launch import LaunchDescription
 
 PARAMS = PathJoinSubstitution([FindPackageShare('rgbd_slam'), 'config', 'rgbd_slam.yaml'])
@@ -18,10 +19,13 @@ PARAMS = PathJoinSubstitution([FindPackageShare('rgbd_slam'), 'config', 'rgbd_sl
 
 def generate_launch_description() -> LaunchDescription:
     """Return the launch arguments and the node."""
+    image, depth = LaunchConfiguration('image'), LaunchConfiguration('depth')
     return LaunchDescription(
         [
             DeclareLaunchArgument('namespace', default_value=''),
             DeclareLaunchArgument('params_file', default_value=PARAMS),
+            DeclareLaunchArgument('image', default_value='rgb/image', description='colour topic'),
+            DeclareLaunchArgument('depth', default_value='depth/image', description='registered'),
             DeclareLaunchArgument('camera_info', default_value='rgb/camera_info'),
             DeclareLaunchArgument(
                 'base_frame', default_value='', description="empty: the camera's own"
@@ -33,7 +37,14 @@ def generate_launch_description() -> LaunchDescription:
                 name='rgbd_slam',
                 namespace=LaunchConfiguration('namespace'),
                 output='screen',
-                remappings=[('rgb/camera_info', LaunchConfiguration('camera_info'))],
+                remappings=[
+                    ('rgb/image', image),
+                    ('rgb/image/compressed', [image, '/compressed']),
+                    ('depth/image', depth),
+                    ('depth/image/compressedDepth', [depth, '/compressedDepth']),
+                    ('rgb/camera_info', LaunchConfiguration('camera_info')),
+                    *NAMESPACED_TF,
+                ],
                 parameters=[
                     ParameterFile(LaunchConfiguration('params_file'), allow_substs=True),
                     {

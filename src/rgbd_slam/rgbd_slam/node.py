@@ -99,6 +99,10 @@ class RgbdSlamNode(Node):
             )
             return None
         self._diagnostics.clear_problem('base')
+        if names.planar and not names.base:
+            self._diagnostics.set_problem(
+                'planar', 'frames.planar needs frames.base, the frame that moves on the plane'
+            )
         frames = RobotFrames(T_base_camera, planar=names.planar)
         with _ending_without_mapper():
             session = SlamSession(

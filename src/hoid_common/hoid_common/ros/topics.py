@@ -28,6 +28,8 @@ TRUE_DETECTIONS = 'detections_gt'
 
 TF = '/tf'
 TF_STATIC = '/tf_static'
+NAMESPACED_TF = ((TF, 'tf'), (TF_STATIC, 'tf_static'))
+"""Remaps that give each namespace a frame tree of its own, as Nav2 does for several robots."""
 CLOCK = '/clock'
 DIAGNOSTICS = '/diagnostics'
 

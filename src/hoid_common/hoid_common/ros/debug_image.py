@@ -1,0 +1,36 @@
+"""Pictures for people to look at, drawn only while somebody does."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
+
+from hoid_common.ros import conversions, qos, topics
+from hoid_common.values import ByteArray
+
+_JPEG_QUALITY = 80
+
+
+class DebugImages:
+    """Publishes pictures raw and as JPEG, each to whoever listens to it."""
+
+    def __init__(self, node: Node) -> None:
+        self._raw = node.create_publisher(Image, topics.DEBUG_IMAGE, qos.OUTPUT)
+        self._compressed = node.create_publisher(
+            CompressedImage, topics.compressed(topics.DEBUG_IMAGE), qos.OUTPUT
+        )
+
+    @property
+    def is_watched(self) -> bool:
+        """Return whether anybody listens."""
+        publishers = (self._raw, self._compressed)
+        return any(publisher.get_subscription_count() for publisher in publishers)
+
+    def publish(self, image_bgr: ByteArray, header: Header) -> None:
+        """Publish a (H, W, 3) picture."""
+        if self._raw.get_subscription_count():
+            self._raw.publish(conversions.color_to_msg(image_bgr, header))
+        if self._compressed.get_subscription_count():
+            msg = conversions.compressed_color_to_msg(image_bgr, header, _JPEG_QUALITY)
+            self._compressed.publish(msg)

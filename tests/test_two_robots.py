@@ -1,0 +1,128 @@
+"""Two robots, each with its own suite, camera and frame tree, on one network."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from hoid_msgs.msg import SlamStatus
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import CameraInfo
+from tf2_msgs.msg import TFMessage
+
+from hoid_bringup.supervisor import ProcessSpec, Supervisor
+from hoid_common.ros import conversions, qos
+from hoid_common.values import FloatArray
+from hoid_system_tests.probe import Probe
+from hoid_system_tests.sliding_camera import CAMERA, PERIOD_NS, STEP_M, write_sliding
+
+FRAMES = 30
+OPTICAL = 'camera_color_optical_frame'
+LIMIT_S = 120.0
+PARAMETERS = """/**:
+  ros__parameters:
+    input: {{reliability: reliable, queue_length: 100, compressed: {compressed}}}
+/**/rgbd_slam:
+  ros__parameters:
+    dense: {{enabled: false}}
+    objects: {{enabled: false}}
+"""
+
+
+class Robot(NamedTuple):
+    name: str
+    start_ns: int
+    slides_px: tuple[int, int]
+    moves_m: tuple[float, float, float]  # x forward, y left, z up
+    compressed: bool
+
+
+ROBOTS = (
+    Robot('a', 1_000_000_000_000_000_000, (1, 0), (0, -1, 0), compressed=False),
+    Robot('b', 1_400_000_000_000_000_000, (0, 1), (0, 0, -1), compressed=True),
+)
+
+
+class Heard:
+    """What one robot says."""
+
+    def __init__(self, probe: Probe, robot: Robot) -> None:
+        ns = f'/{robot.name}'
+        self.odom = probe.collect(Odometry, f'{ns}/odom', wait=False)
+        self.status = probe.collect(SlamStatus, f'{ns}/slam_status', wait=False)
+        self.tf = probe.collect(TFMessage, f'{ns}/tf', qos.TF, wait=False)
+        camera = probe.publisher(CameraInfo, f'{ns}/rgb/camera_info', wait=False)
+        both = lambda: camera.get_subscription_count() == 2  # noqa: E731 - filter and SLAM
+        probe.spin_until(both, f'{ns} does not listen', LIMIT_S)
+        probe.spin_for(0.5)  # they may still have to learn of us
+        header = conversions.header_to_msg(robot.start_ns - 1, OPTICAL)
+        camera.publish(conversions.camera_to_msg(CAMERA, header))
+        probe.spin_until(lambda: bool(self.status), f'{ns} does not get ready', LIMIT_S)
+
+
+@pytest.fixture
+def suites(domain_id: int, tmp_path: Path) -> Iterator[Supervisor]:
+    """`hoid nodes` for both robots."""
+    specs = []
+    for robot in ROBOTS:
+        params = tmp_path / f'{robot.name}.yaml'
+        params.write_text(PARAMETERS.format(compressed=str(robot.compressed).lower()))
+        argv = ('nodes', '--no-detector', '--filter', 'none', '--params', str(params))
+        command = (sys.executable, '-m', 'hoid_bringup', *argv, '--namespace', robot.name)
+        specs.append(ProcessSpec(robot.name, command))
+    assert os.environ['ROS_DOMAIN_ID'] == str(domain_id)
+    with Supervisor(specs, log_dir=tmp_path) as running:
+        yield running
+
+
+def play(folder: Path, robot: Robot) -> subprocess.Popen[str]:
+    """Play a robot's recording to it, image by image."""
+    bag = folder / f'bag_{robot.name}'
+    write_sliding(bag, robot.start_ns, FRAMES, robot.slides_px, compressed=robot.compressed)
+    argv = ['play', str(bag), '--namespace', robot.name, '--no-clock', '--lockstep']
+    return subprocess.Popen(
+        [sys.executable, '-m', 'hoid_bringup', *argv], stderr=subprocess.PIPE, text=True
+    )
+
+
+def positions_m(odom: list[Any]) -> FloatArray:
+    return np.array([conversions.pose_from_msg(m.pose.pose)[:3, 3] for m in odom])
+
+
+def edges(tf: list[Any]) -> set[tuple[str, str, int]]:
+    return {
+        (e.header.frame_id, e.child_frame_id, conversions.stamp_from_msg(e.header.stamp))
+        for msg in tf
+        for e in msg.transforms
+    }
+
+
+def test_each_robot_follows_its_own_camera(
+    suites: Supervisor, probe: Probe, tmp_path: Path
+) -> None:
+    diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
+    heard = {robot: Heard(probe, robot) for robot in ROBOTS}
+    players = [play(tmp_path, robot) for robot in ROBOTS]
+    probe.spin_until(
+        lambda: all(len(h.odom) == FRAMES for h in heard.values()), 'odometry is missing', LIMIT_S
+    )
+    for player in players:
+        assert player.wait(timeout=30) == 0, player.stderr
+    for robot, said in heard.items():
+        stamps_ns = [robot.start_ns + i * PERIOD_NS for i in range(FRAMES)]
+        assert [conversions.stamp_from_msg(m.header.stamp) for m in said.odom] == stamps_ns
+        true_m = STEP_M * np.arange(FRAMES)[:, None] * np.array(robot.moves_m)
+        np.testing.assert_allclose(positions_m(said.odom), true_m, atol=0.02)
+        expected = {edge for t in stamps_ns for edge in (('map', 'odom', t), ('odom', OPTICAL, t))}
+        probe.spin_until(lambda s=said, e=expected: edges(s.tf) == e, 'transforms differ')  # type: ignore[misc]
+    assert probe.node.count_publishers('/tf') == 0
+    names = {status.name for msg in diagnostics for status in msg.status}
+    assert {f'/{r.name}/{node}' for r in ROBOTS for node in ('hoid_filter', 'rgbd_slam')} <= names
+    assert not suites.poll()
