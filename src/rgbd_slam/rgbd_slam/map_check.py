@@ -11,6 +11,7 @@ from rgbd_slam.map_state import NONE, MapState
 from rgbd_slam.record import Array
 
 _MOST_M = 1e5  # from the origin
+_MOST_INTRINSICS = 18
 _MOST_IMAGES = 2.0  # that undistortion may move a pixel
 _MOST_STAMP_NS = 2**31 * 10**9  # of ROS: seconds in 32 bits
 _MOST_COUNT = 2**40
@@ -21,7 +22,8 @@ _NEAREST_M = 1e-3
 def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
     """Raise MapFileError with what is wrong, if anything is."""
     lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
-    _require(np.isfinite(lens).all(), 'its camera is none')
+    is_lens = len(lens) <= _MOST_INTRINSICS and np.isfinite(lens).all()
+    _require(is_lens, 'its camera is none')
     _require(len(state) > 0 and len(state.position_m) > 0, 'it has no keyframes or no points')
     _check_keyframes(state)
     _check_tree(state)

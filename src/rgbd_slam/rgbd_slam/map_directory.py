@@ -16,7 +16,7 @@ def path_in(directory: str, name: str, default: str) -> Path:
         default: The name to take then.
 
     Raises:
-        InputError: The name would lead out of the folder, or the folder cannot be made.
+        InputError: The name would or might lead out of the folder, or that cannot be made.
     """
     name = name or default
     if Path(name).name != name or name in ('.', '..') or '\0' in name:
@@ -28,4 +28,7 @@ def path_in(directory: str, name: str, default: str) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f'{folder}: cannot be made: {error.strerror}') from error
-    return folder / name
+    path = folder / name
+    if path.is_symlink():
+        raise InputError(f'{path} is a link, and may lead out of the folder; use another name')
+    return path

@@ -22,7 +22,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from hoid_common.errors import HoidError, MapFileError
-from hoid_common.values import CameraModel
+from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.dense_state import DenseState
 from rgbd_slam.map_check import check_dense, check_map
 from rgbd_slam.map_state import MapState
@@ -34,6 +34,8 @@ _FORMAT = 'hoid map'
 _MANIFEST = 'manifest.json'
 _SECTIONS: dict[str, type[Record]] = {'map': MapState, 'dense': DenseState}
 _HEADER_BYTES = 128
+_MOST_DISTORTION = 14  # coefficients of OpenCV's models
+_SAME = 1e-6  # of intrinsics
 _MOST_MANIFEST_BYTES = 10_000
 _MOST_ROWS = 2**31
 _MOST_UNPACKED = 50  # times the file's size; a map unpacks to about twice
@@ -52,6 +54,34 @@ class MapFile(NamedTuple):
     num_octaves: int
     map: MapState
     dense: DenseState | None = None
+
+    def check_fits(self, camera: CameraModel, scale_factor: float, num_octaves: int) -> None:
+        """Raise MapFileError when the map is of another camera or of other features."""
+        size_px = self.camera.width_px, self.camera.height_px
+        here, there = _intrinsics(camera), _intrinsics(self.camera)
+        is_size = size_px == (camera.width_px, camera.height_px)
+        if not is_size or np.abs(here - there).max() > _SAME:
+            raise MapFileError(
+                f'the map was made with another camera: {_listed(size_px, there)}; '
+                f'this one is {_listed((camera.width_px, camera.height_px), here)}'
+            )
+        if (self.scale_factor, self.num_octaves) != (scale_factor, num_octaves):
+            raise MapFileError(
+                f'the map has features of {self.num_octaves} octaves with scale '
+                f'{self.scale_factor:g}: set camera.num_octaves and camera.scale_factor to these'
+            )
+
+
+def _intrinsics(camera: CameraModel) -> FloatArray:
+    out = np.zeros(4 + _MOST_DISTORTION)
+    values = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
+    out[: len(values)] = values
+    return out
+
+
+def _listed(size_px: tuple[int, int], intrinsics: FloatArray) -> str:
+    values = ' '.join(f'{value:g}' for value in intrinsics)
+    return f'{size_px[0]}x{size_px[1]} with fx, fy, cx, cy, distortion = {values}'
 
 
 def save(path: Path, content: MapFile) -> int:

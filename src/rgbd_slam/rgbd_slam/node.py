@@ -11,6 +11,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
+from hoid_common.errors import InputError
 from hoid_common.ros import conversions, topics
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import StaticFrameListener
@@ -22,6 +23,7 @@ from hoid_common.values import CameraModel
 from rgbd_slam.frames import RobotFrames
 from rgbd_slam.mapper_worker import MapperStoppedError
 from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.room_link import RoomLink
 from rgbd_slam.ros.services import SlamServices
@@ -41,7 +43,8 @@ class RgbdSlamNode(Node):
         self._static = StaticFrameListener(self, self._diagnostics)
         self._outputs = SlamOutputs(self, self._config.frames)
         self._room = RoomLink(self, self._config, self._diagnostics)
-        self._answers = SlamServices(self, self._config, lambda: self._session, self._reset)
+        self._answers = SlamServices(self, self._config, self._known_session, self._reset)
+        self._map_answers = MapServices(self, self._config, self._known_session, self._room)
         # Wall time, and apart from the images: publishing a map must not hold odometry back.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._map_timer = self.create_timer(
@@ -52,11 +55,17 @@ class RgbdSlamNode(Node):
         inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
 
     def destroy_node(self) -> None:
-        """End the mapping processes before the node."""
+        """End threads and processes before the node."""
+        self._map_answers.close()
         if self._session is not None:
             self._session.close()
         self._room.close()
         super().destroy_node()
+
+    def _known_session(self) -> SlamSession:
+        if self._session is None:
+            raise InputError('nothing has been tracked yet: no camera info and features so far')
+        return self._session
 
     def _on_camera(self, msg: CameraInfo) -> None:
         camera = conversions.camera_from_msg(msg)

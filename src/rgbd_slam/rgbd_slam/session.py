@@ -6,12 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoid_common import se3
 from hoid_common.errors import ConfigError
-from hoid_common.slam_status import SlamState, SlamStatus
-from hoid_common.values import CameraModel, Features, Float32Array, FloatArray, Trajectory
+from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
+from hoid_common.values import (
+    CameraModel,
+    Features,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    Trajectory,
+)
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame_poses import FramePose, FramePoses, KeyframePoses
 from rgbd_slam.frames import RobotFrames, RobotPose
+from rgbd_slam.map_file import MapFile
 from rgbd_slam.slam import RgbdSlam, SlamStats, TrackingResult
 from rgbd_slam.stream_gaps import StreamGaps
 
@@ -31,6 +40,13 @@ class Processed(NamedTuple):
     status: SlamStatus
     pose: RobotPose | None  # None while the pose is unknown
     look: FramePose | None = None  # for the room mapper, when it is to look at the image
+
+
+class LoadedMap(NamedTuple):
+    """A saved map's place in the running one."""
+
+    keyframe_uids: IntArray  # (K,) of the saved keyframes
+    keyframes: KeyframePoses  # all there are now, in the map frame
 
 
 class SlamSession:
@@ -93,6 +109,60 @@ class SlamSession:
         """Return how the session is doing between two images."""
         return self._status(SlamState.PAUSED if self.is_paused else SlamState.NOT_INITIALIZED)
 
+    @property
+    def mode(self) -> SlamMode:
+        """Whether the map grows."""
+        return SlamMode.MAPPING if self._slam.is_mapping else SlamMode.LOCALIZATION
+
+    def set_mode(self, mode: SlamMode) -> None:
+        """Let the map grow, or leave it as it is once it `is_settled`.
+
+        Raises:
+            ConfigError: There is no map to localise in.
+        """
+        if mode is SlamMode.LOCALIZATION and self._slam.stats.num_keyframes == 0:
+            raise ConfigError('there is no map to localise in: load one, or map first')
+        self._slam.is_mapping = mode is SlamMode.MAPPING
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the map stays as it is while no keyframe is made."""
+        return self._slam.is_settled
+
+    def saved_map(self) -> MapFile:
+        """Copy the map, in the map frame, for a file; takes a few ms.
+
+        Raises:
+            ConfigError: There is no map.
+        """
+        if self._slam.stats.num_keyframes == 0:
+            raise ConfigError('nothing has been mapped yet: there is nothing to save')
+        state = self._slam.state().moved(self._frames.T_map_core)
+        camera = self._config.camera
+        return MapFile(self.camera, camera.scale_factor, camera.num_octaves, state)
+
+    def load(self, content: MapFile, *, keep: bool = False) -> LoadedMap:
+        """Lay a saved map over the running one, between two images.
+
+        Args:
+            content: What was saved; its map frame becomes this session's.
+            keep: Go on in the running map, until a place of the saved one is seen; otherwise it
+                is gone, and the camera is looked for in the saved one.
+
+        Raises:
+            MapFileError: The map is of another camera; the running one is as before.
+        """
+        config = self._config.camera
+        content.check_fits(self.camera, config.scale_factor, config.num_octaves)
+        state = content.map.moved(se3.inverse(self._frames.T_map_core))
+        uids = self._slam.load(state, keep=keep)
+        self._map_changed = True
+        return LoadedMap(uids, self.all_keyframes())
+
+    def all_keyframes(self) -> KeyframePoses:
+        """Return where the keyframes of all maps are, those of the main map in the map frame."""
+        return self._frames.keyframes(self._slam.keyframe_poses())
+
     def take_map_changed(self) -> bool:
         """Return whether the map is another than at the last call."""
         stats = self._slam.stats
@@ -125,8 +195,9 @@ class SlamSession:
         return self._frames.points_m(self._slam.map_points_m()).astype(np.float32)
 
     def keyframe_poses(self) -> FloatArray:
-        """Return (N, 4, 4) T_map_camera of the keyframes."""
-        return self.trajectory('keyframes').T_world_camera
+        """Return (N, 4, 4) T_map_camera of the main map's keyframes."""
+        keyframes = self.all_keyframes()
+        return keyframes.T_map_camera[keyframes.is_main]
 
     def _begin(self) -> None:
         self._slam = RgbdSlam(self.camera, self._config, background=self._background)
@@ -152,14 +223,15 @@ class SlamSession:
             result.stamp_ns,
             self._frames.T_map_core @ T_core_camera,
             reference_uid,
-            self._room_keyframes,
+            self.all_keyframes,
         )
-        if look is None or self._slam.is_in_main_map:
-            return look
-        return None if look.keyframes is None else look._replace(follow=False)
-
-    def _room_keyframes(self) -> KeyframePoses:
-        return self._frames.keyframes(self._slam.keyframe_poses())
+        if look is None:
+            return None
+        fuse = look.keyframes is not None and self._slam.is_mapping
+        follow = look.follow and self._slam.is_in_main_map
+        if not fuse and not follow:
+            return None
+        return look._replace(keyframes=look.keyframes if fuse else None, follow=follow)
 
     def _message(self, state: SlamState) -> str:
         if state is SlamState.TRACKING and not self._slam.is_in_main_map:
@@ -170,6 +242,7 @@ class SlamSession:
         stats = self._slam.stats
         return SlamStatus(
             state=state,
+            mode=self.mode,
             message=self._message(state),
             tracked_points=result.num_tracked if result else 0,
             inliers=result.num_inliers if result else 0,

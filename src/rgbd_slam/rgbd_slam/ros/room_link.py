@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from rclpy.node import Node
 
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.values import CameraModel
-from rgbd_slam.frame_poses import FramePose, FramePoses
+from rgbd_slam.dense.dense_mapper import StoredView
+from rgbd_slam.dense_state import DenseState
+from rgbd_slam.frame_poses import FramePose, FramePoses, KeyframePoses
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.room_process import RoomProcess
 from rgbd_slam.ros.room_setup import RoomSetup
+from rgbd_slam.session import LoadedMap
 
 
 class RoomLink:
@@ -19,6 +24,7 @@ class RoomLink:
         self._config = config
         self._diagnostics = diagnostics
         self._process: RoomProcess | None = None
+        self._camera: CameraModel | None = None
         if config.dense.enabled or config.objects.enabled:
             self._process = RoomProcess(
                 RoomSetup(
@@ -36,6 +42,7 @@ class RoomLink:
 
     def start_map(self, camera: CameraModel) -> None:
         """Begin an empty map."""
+        self._camera = camera
         if self._process is not None:
             self._process.start_map(camera)
 
@@ -43,6 +50,36 @@ class RoomLink:
         """Forget the map."""
         if self._process is not None:
             self._process.clear()
+
+    def views(self, keyframes: KeyframePoses) -> Callable[[], list[StoredView]] | None:
+        """Ask for the images of the dense map as they hang on keyframes; the act waits for them.
+
+        None without a dense map.
+        """
+        process = self._process
+        if process is None or not self._config.dense.enabled or not process.is_running:
+            return None
+        process.know(keyframes)
+        process.ask_views()
+        return process.receive_views
+
+    def load(self, dense: DenseState | None, loaded: LoadedMap, *, keep: bool) -> str:
+        """Lay a saved dense map over the running one, and say what cannot be done of it."""
+        process, camera = self._process, self._camera
+        if process is None or camera is None or not self._config.dense.enabled:
+            return '' if dense is None else '; the dense map is off here'
+        if not keep:
+            process.start_map(camera)
+        process.know(loaded.keyframes)
+        if dense is None:
+            return ''
+        stride = self._config.dense.pixel_stride
+        size = -(-camera.height_px // stride), -(-camera.width_px // stride)
+        if dense.depth_mm.shape[1:] != size:
+            return '; its dense map is left out: it was made with another dense.pixel_stride'
+        for view in dense.views(loaded.keyframe_uids):
+            process.restore(view)
+        return ''
 
     def look(self, pose: FramePose | None) -> None:
         """Say where an image was taken that is to be looked at."""

@@ -21,11 +21,12 @@ from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.run import run_node
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import CameraModel, Float32Array
-from rgbd_slam.frame_poses import FramePose
+from rgbd_slam.dense.dense_mapper import StoredView
+from rgbd_slam.frame_poses import FramePose, KeyframePoses
 from rgbd_slam.room_mapper import RoomMapper
 from rgbd_slam.ros.room_outputs import RoomOutputs
 from rgbd_slam.ros.room_services import RoomServices
-from rgbd_slam.ros.room_setup import RoomMessage, RoomSetup
+from rgbd_slam.ros.room_setup import Clear, Report, RoomMessage, RoomSetup
 
 _SLOP_NS = 20_000_000
 _PATIENCE_NS = 300_000_000  # for the verdict on an image's objects
@@ -35,12 +36,13 @@ _CAPACITY = 60  # images that wait for the tracker to say where they were taken:
 class RoomNode(Node):
     """A shell around `RoomMapper`, fed with images by topics and with poses by a pipe."""
 
-    def __init__(self, messages: Connection, setup: RoomSetup) -> None:
+    def __init__(self, messages: Connection, reports: Connection, setup: RoomSetup) -> None:
         name = f'{setup.slam_node.rsplit("/", 1)[-1]}_room'
         # A node name on the command line is that of the SLAM node.
         super().__init__(name, cli_args=['--ros-args', '-r', f'__node:={name}'])
         bridge_logging(self)
         self._setup = setup
+        self._reports = reports
         self._diagnostics = Diagnostics(self)
         self._diagnostics.set_value('process', str(os.getpid()))
         self._room: RoomMapper | None = None
@@ -79,11 +81,33 @@ class RoomNode(Node):
 
     def _take_received(self) -> None:
         while not self._received.empty():
-            message = self._received.get()
-            if isinstance(message, FramePose):
+            self._take(self._received.get())
+
+    def _take(self, message: RoomMessage) -> None:
+        match message:
+            case FramePose():
                 self._add('pose', message.stamp_ns, message)
-            else:
-                self._begin(message if isinstance(message, CameraModel) else None)
+            case CameraModel():
+                self._begin(message)
+            case Clear():
+                self._begin(None)
+            case KeyframePoses() if self._room is not None:
+                self._room.know(message)
+                self._is_shown = False
+            case StoredView() if self._room is not None:
+                self._room.restore(message)
+                self._is_shown = False
+            case Report():
+                self._report()
+
+    def _report(self) -> None:
+        """Send the images of the dense map; one by one, so that no long one holds the receiver."""
+        views = () if self._room is None else self._room.views()
+        try:
+            for view in (*views, None):
+                self._reports.send(view)
+        except OSError:
+            pass  # the tracker has ended
 
     def _begin(self, camera: CameraModel | None) -> None:
         self._camera, self._room = camera, None
@@ -138,6 +162,6 @@ class RoomNode(Node):
             self._outputs.publish_map(self._room, self._stamp_ns)
 
 
-def run_room(messages: Connection, setup: RoomSetup) -> None:
+def run_room(messages: Connection, reports: Connection, setup: RoomSetup) -> None:
     """Map until the pipe ends; the main function of the process."""
-    run_node(lambda: RoomNode(messages, setup))
+    run_node(lambda: RoomNode(messages, reports, setup))

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import atexit
 from multiprocessing import get_context
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from threading import Thread
 
+from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
-from rgbd_slam.frame_poses import FramePose
+from rgbd_slam.dense.dense_mapper import StoredView
+from rgbd_slam.frame_poses import FramePose, KeyframePoses
 from rgbd_slam.ros.room_node import run_room
-from rgbd_slam.ros.room_setup import Clear, RoomMessage, RoomSetup
+from rgbd_slam.ros.room_setup import Clear, Report, RoomMessage, RoomSetup
 
 _MAX_WAITING = 30  # poses that the process has not taken yet
+_REPORT_S = 20.0  # for fusing all images anew, and a little more
 _END_S = 5.0
 
 
@@ -32,12 +35,16 @@ class RoomProcess:
         self._waiting: SimpleQueue[RoomMessage | None] = SimpleQueue()
         context = get_context('spawn')
         reader, self._writer = context.Pipe(duplex=False)
-        self._process = context.Process(target=run_room, args=(reader, setup), name='room')
+        self._reader, writer = context.Pipe(duplex=False)
+        self._process = context.Process(target=run_room, args=(reader, writer, setup), name='room')
         self._process.start()
         reader.close()
+        writer.close()
+        self._views: SimpleQueue[StoredView | None] = SimpleQueue()
         atexit.register(self.close)  # before multiprocessing waits for the process
         self._sender = Thread(target=self._send, name='to room', daemon=True)
         self._sender.start()
+        Thread(target=self._receive, name='from room', daemon=True).start()
 
     @property
     def process_id(self) -> int | None:
@@ -64,6 +71,34 @@ class RoomProcess:
         else:
             self._waiting.put(pose)
 
+    def know(self, keyframes: KeyframePoses) -> None:
+        """Say where the keyframes are that images hang on."""
+        self._waiting.put(keyframes)
+
+    def restore(self, view: StoredView) -> None:
+        """Add an image to the dense map that was saved before."""
+        self._waiting.put(view)
+
+    def ask_views(self) -> None:
+        """Ask for the images of the dense map as it is now."""
+        self._waiting.put(Report())
+
+    def receive_views(self) -> list[StoredView]:
+        """Wait for them.
+
+        Raises:
+            InputError: The process has ended, or takes too long.
+        """
+        views: list[StoredView] = []
+        try:
+            while (view := self._views.get(timeout=_REPORT_S)) is not None:
+                views.append(view)
+        except Empty:
+            raise InputError(
+                f'the process of the dense map gives no answer in {_REPORT_S:g} s'
+            ) from None
+        return views
+
     def close(self) -> None:
         """End the process, by force when it does not end by itself."""
         atexit.unregister(self.close)
@@ -81,3 +116,10 @@ class RoomProcess:
                 self._writer.send(message)
         except OSError:
             pass  # the process has ended; `is_running` says so
+
+    def _receive(self) -> None:
+        try:
+            while True:
+                self._views.put(self._reader.recv())
+        except (EOFError, OSError):
+            self._views.put(None)  # the process has ended, with all its images

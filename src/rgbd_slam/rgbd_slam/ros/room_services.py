@@ -9,12 +9,13 @@ from pathlib import Path
 from hoid_msgs.srv import SaveMap
 from rclpy.node import Node
 
-from hoid_common.errors import HoidError, InputError
+from hoid_common.errors import InputError
 from hoid_common.ros import topics
 from rgbd_slam.dense.export import CLOUD_WRITERS
 from rgbd_slam.dense.grid import write_map_server
 from rgbd_slam.map_directory import path_in
 from rgbd_slam.room_mapper import RoomMapper
+from rgbd_slam.ros.answers import answered
 from rgbd_slam.ros.room_setup import RoomSetup
 
 _GRID_SUFFIXES = ('.yaml', '.pgm')
@@ -67,11 +68,7 @@ class RoomServices:
 
 def _answering(act: Callable[[str], str]) -> Callable[..., SaveMap.Response]:
     def answer(request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
-        try:
-            response.success, response.message = True, act(request.name)
-        except HoidError as error:
-            response.success, response.message = False, str(error)
-        return response
+        return answered(response, lambda: act(request.name))
 
     return answer
 

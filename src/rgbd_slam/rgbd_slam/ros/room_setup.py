@@ -7,7 +7,8 @@ from typing import NamedTuple
 from hoid_common.input_config import InputConfig
 from hoid_common.values import CameraModel
 from rgbd_slam.dense.config import DenseConfig
-from rgbd_slam.frame_poses import FramePose
+from rgbd_slam.dense.dense_mapper import StoredView
+from rgbd_slam.frame_poses import FramePose, KeyframePoses
 from rgbd_slam.object_tracker import ObjectTrackerConfig
 
 
@@ -26,4 +27,9 @@ class Clear(NamedTuple):
     """Forget the map."""
 
 
-RoomMessage = CameraModel | FramePose | Clear  # a camera begins a new map
+class Report(NamedTuple):
+    """Send the images of the dense map back, one by one, and then None."""
+
+
+RoomMessage = CameraModel | FramePose | KeyframePoses | StoredView | Report | Clear
+"""A camera begins a new map; keyframes say where its images are; an image is one saved before."""

@@ -3,33 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
 
 from hoid_msgs.srv import SaveTrajectory
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from hoid_bags.trajectory_io import write_tum
-from hoid_common.errors import HoidError, InputError
+from hoid_common.errors import InputError
 from hoid_common.ros import topics
 from rgbd_slam.map_directory import path_in
 from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.ros.answers import answered
 from rgbd_slam.session import SlamSession
-
-
-class _Answer(Protocol):
-    success: bool
-    message: str
-
-
-A = TypeVar('A', bound=_Answer)
 
 
 class SlamServices:
     """Lets others reset, pause and resume the session and save what it knows.
 
     Args:
-        session: Gives the session, or None while nothing has come in yet.
+        session: Gives the session, or raises InputError while there is none.
         reset: Starts anew.
     """
 
@@ -37,32 +29,26 @@ class SlamServices:
         self,
         node: Node,
         config: SlamNodeConfig,
-        session: Callable[[], SlamSession | None],
+        session: Callable[[], SlamSession],
         reset: Callable[[], None],
     ) -> None:
         self._config = config
-        self._find_session = session
+        self._session = session
         self._reset_all = reset
         node.create_service(Trigger, topics.RESET, self._reset)
         node.create_service(Trigger, topics.PAUSE, self._pause)
         node.create_service(Trigger, topics.RESUME, self._resume)
         node.create_service(SaveTrajectory, topics.SAVE_TRAJECTORY, self._save_trajectory)
 
-    def _session(self) -> SlamSession:
-        session = self._find_session()
-        if session is None:
-            raise InputError('nothing has been tracked yet: no camera info and features so far')
-        return session
-
     def _reset(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         self._reset_all()
-        return _said(answer, 'the map is empty; the next image starts a new one')
+        return answered(answer, lambda: 'the map is empty; the next image starts a new one')
 
     def _pause(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
-        return _answered(answer, lambda: self._set_paused(paused=True))
+        return answered(answer, lambda: self._set_paused(paused=True))
 
     def _resume(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
-        return _answered(answer, lambda: self._set_paused(paused=False))
+        return answered(answer, lambda: self._set_paused(paused=False))
 
     def _set_paused(self, *, paused: bool) -> str:
         self._session().is_paused = paused
@@ -80,18 +66,4 @@ class SlamServices:
                 raise InputError(f'{path}: cannot be written: {error.strerror}') from error
             return f'{len(trajectory)} poses written to {path}'
 
-        return _answered(answer, save)
-
-
-def _answered(answer: A, act: Callable[[], str]) -> A:
-    """Fill in an answer with what an act says, or why it failed."""
-    try:
-        return _said(answer, act())
-    except HoidError as error:
-        answer.success, answer.message = False, str(error)
-        return answer
-
-
-def _said(answer: A, text: str) -> A:
-    answer.success, answer.message = True, text
-    return answer
+        return answered(answer, save)

@@ -1,0 +1,154 @@
+"""Services that save and load the map, and that end or go on with mapping.
+
+They have a thread of their own: the tracker copies the map, or takes one over, between two images,
+and does not wait for files.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from threading import Thread
+
+from hoid_msgs.srv import LoadMap, SaveMap, SetMode
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from hoid_common.errors import InputError
+from hoid_common.ros import topics
+from hoid_common.slam_status import SlamMode
+from hoid_common.values import IntArray
+from rgbd_slam import map_file
+from rgbd_slam.dense.dense_mapper import StoredView
+from rgbd_slam.dense_state import DenseState
+from rgbd_slam.map_directory import path_in
+from rgbd_slam.map_file import MapFile
+from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.ros.answers import answered
+from rgbd_slam.ros.between_messages import BetweenMessages
+from rgbd_slam.ros.room_link import RoomLink
+from rgbd_slam.session import SlamSession
+
+_MODES = {
+    SetMode.Request.MAPPING: SlamMode.MAPPING,
+    SetMode.Request.LOCALIZATION: SlamMode.LOCALIZATION,
+}
+_DEFAULT_NAME = 'map'
+_SETTLE_S = 30.0
+_LOOK_S = 0.05
+_END_S = 2.0
+_MB = 1e6
+
+
+class MapServices:
+    """Answers under the name of the SLAM node, from a node and a thread of its own.
+
+    Args:
+        node: The SLAM node.
+        config: Its parameters.
+        session: Gives the session, or raises InputError while there is none.
+        room: The dense map's process.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: SlamNodeConfig,
+        session: Callable[[], SlamSession],
+        room: RoomLink,
+    ) -> None:
+        self._config = config
+        self._session = session
+        self._room = room
+        self._between = BetweenMessages(node)
+        name = f'{node.get_name()}_maps'
+        # A node name on the command line is that of the SLAM node.
+        self._node = Node(
+            name, cli_args=['--ros-args', '-r', f'__node:={name}'], start_parameter_services=False
+        )
+        owner = node.get_fully_qualified_name()
+        for type_, topic, answer in (
+            (SaveMap, topics.SAVE_MAP, self._save),
+            (LoadMap, topics.LOAD_MAP, self._load),
+            (SetMode, topics.SET_MODE, self._set_mode),
+        ):
+            self._node.create_service(type_, topic.replace('~', owner), answer)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._thread = Thread(target=self._spin, name='map services', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread, unless it is at work; then the process' end ends it."""
+        self._executor.shutdown(timeout_sec=0.0)
+        self._thread.join(_END_S)
+        if not self._thread.is_alive():
+            self._node.destroy_node()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except (ExternalShutdownException, RuntimeError):
+            if self._node.context.ok():
+                raise
+
+    def _save(self, request: SaveMap.Request, answer: SaveMap.Response) -> SaveMap.Response:
+        return answered(answer, lambda: self._save_as(request.name))
+
+    def _load(self, request: LoadMap.Request, answer: LoadMap.Response) -> LoadMap.Response:
+        return answered(answer, lambda: self._load_from(request.name, keep=request.merge))
+
+    def _set_mode(self, request: SetMode.Request, answer: SetMode.Response) -> SetMode.Response:
+        return answered(answer, lambda: self._switch(request.mode))
+
+    def _save_as(self, name: str) -> str:
+        path = path_in(self._config.map_directory, _with_suffix(name), '')
+        content, uids, views = self._between.call(self._copy)
+        kept = views() if views is not None else []
+        dense = DenseState.of_views(kept, uids) if kept else None
+        whole = content._replace(dense=dense)
+        size = map_file.save(path, whole)
+        return f'{_said(whole)} written to {path}, {size / _MB:.1f} MB'
+
+    def _copy(self) -> tuple[MapFile, IntArray, Callable[[], list[StoredView]] | None]:
+        session = self._session()
+        keyframes = session.all_keyframes()
+        return session.saved_map(), keyframes.uids, self._room.views(keyframes)
+
+    def _load_from(self, name: str, *, keep: bool) -> str:
+        path = path_in(self._config.map_directory, _with_suffix(name), '')
+        content = map_file.load(path)
+
+        def take_over() -> str:
+            loaded = self._session().load(content, keep=keep)
+            return self._room.load(content.dense, loaded, keep=keep)
+
+        note = self._between.call(take_over)
+        return f'{_said(content)} loaded from {path}{note}'
+
+    def _switch(self, name: str) -> str:
+        mode = _MODES.get(name)
+        if mode is None:
+            raise InputError(f'no mode "{name}"; use one of {", ".join(_MODES)}')
+        self._between.call(lambda: self._session().set_mode(mode))
+        end_s = time.monotonic() + _SETTLE_S
+        while mode is SlamMode.LOCALIZATION and not self._between.call(
+            lambda: self._session().is_settled
+        ):
+            if time.monotonic() > end_s:
+                raise InputError('the map is still being adjusted; ask again')
+            time.sleep(_LOOK_S)
+        if mode is SlamMode.MAPPING:
+            return 'mapping: the map grows and is corrected'
+        return 'localization: the map stays as it is'
+
+
+def _with_suffix(name: str) -> str:
+    name = name or _DEFAULT_NAME
+    return name if name.endswith(map_file.SUFFIX) else name + map_file.SUFFIX
+
+
+def _said(content: MapFile) -> str:
+    views = 0 if content.dense is None else len(content.dense)
+    keyframes, points = len(content.map), len(content.map.position_m)
+    return f'{keyframes} keyframes, {points} points and {views} images of the dense map'

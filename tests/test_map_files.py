@@ -1,0 +1,296 @@
+"""Map files and modes over real clients: saved, found again, continued, joined, refused."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hoid_msgs.msg import Features as FeaturesMsg
+from hoid_msgs.msg import SlamStatus
+from hoid_msgs.srv import LoadMap, SaveMap, SetMode
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import CameraInfo
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from hoid_bringup.supervisor import Supervisor
+from hoid_common import se3
+from hoid_common.ros import conversions, qos
+from hoid_common.values import FloatArray
+from hoid_system_tests.point_world import CAMERA, PointWorld
+from hoid_system_tests.probe import Probe
+from rgbd_slam import map_file
+from rgbd_slam.frames import T_BODY_OPTICAL
+
+NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}
+START_NS, PERIOD_NS = 1_305_031_102_000_000_000, 33_333_333
+OPTICAL = 'camera_color_optical_frame'
+
+Start = Callable[..., Supervisor]
+
+
+def camera_at(i: int) -> FloatArray:
+    """Return T_world_camera of place i: 1 cm to the right and 5 mm forward each, turning."""
+    T = se3.exp(np.array([0.0, 0.01 * i, 0, 0, 0, 0]))
+    T[:3, 3] = 0.01 * i, 0.0, 0.005 * i
+    return T
+
+
+class Peer:
+    """Sends images from places of a world of points, and keeps what is said of them."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.probe, self.world, self.num_sent = probe, PointWorld(3000), 0
+        self.status = probe.collect(SlamStatus, 'slam_status', wait=False)
+        self.odom = probe.collect(Odometry, 'odom', wait=False)
+        self.tf = probe.collect(TFMessage, '/tf', qos.TF, wait=False)
+        self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')
+        self.features = probe.publisher(FeaturesMsg, 'features')
+        header = conversions.header_to_msg(START_NS, OPTICAL)
+        self.camera.publish(conversions.camera_to_msg(CAMERA, header))
+        probe.spin_until(lambda: bool(self.status), 'the node does not get ready', 60.0)
+
+    def publish(self, place: int) -> int:
+        """Send an image and return its stamp."""
+        stamp_ns = START_NS + self.num_sent * PERIOD_NS
+        self.num_sent += 1
+        features = self.world.features(camera_at(place), stamp_ns)
+        size_px = (CAMERA.width_px, CAMERA.height_px)
+        header = conversions.header_to_msg(stamp_ns, OPTICAL)
+        self.features.publish(conversions.features_to_msg(features, header, size_px))
+        return stamp_ns
+
+    def send(self, *places: int) -> list[SlamStatus]:
+        """Send images one by one, each when the one before has been answered."""
+        first = len(self.status)
+        for place in places:
+            before = len(self.status)
+            self.publish(place)
+            self.probe.spin_until(lambda: len(self.status) > before, 'no slam_status')  # noqa: B023
+        return self.status[first:]
+
+    def pose(self) -> FloatArray:
+        """Return T_map_camera of the last image, from /tf."""
+        stamp_ns = START_NS + (self.num_sent - 1) * PERIOD_NS
+        self.probe.spin_until(lambda: len(edges(self.tf, stamp_ns)) == 2, 'no transforms')
+        tree = edges(self.tf, stamp_ns)
+        return np.asarray(tree['map', 'odom'] @ tree['odom', OPTICAL])
+
+    def save(self, name: str = '') -> Any:
+        return self.probe.call(SaveMap, 'rgbd_slam/save_map', SaveMap.Request(name=name))
+
+    def load(self, name: str = '', *, merge: bool = False) -> Any:
+        request = LoadMap.Request(name=name, merge=merge)
+        return self.probe.call(LoadMap, 'rgbd_slam/load_map', request)
+
+    def set_mode(self, mode: str) -> Any:
+        return self.probe.call(SetMode, 'rgbd_slam/set_mode', SetMode.Request(mode=mode))
+
+
+def edges(tf: list[Any], stamp_ns: int) -> dict[tuple[str, str], FloatArray]:
+    return {
+        (t.header.frame_id, t.child_frame_id): conversions.transform_from_msg(t)
+        for message in tf
+        for t in message.transforms
+        if conversions.stamp_from_msg(t.header.stamp) == stamp_ns
+    }
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / 'my maps'
+
+
+@pytest.fixture
+def begin(start: Start, probe: Probe, folder: Path) -> Callable[..., tuple[Peer, Supervisor]]:
+    """Start a node and return a peer of it."""
+
+    def begin(**params: Any) -> tuple[Peer, Supervisor]:
+        given = {'map_directory': str(folder)} | NO_ROOM | params
+        supervisor = start('rgbd_slam', 'rgbd_slam_node', given)
+        return Peer(probe), supervisor
+
+    return begin
+
+
+def check_pose(peer: Peer, place: int) -> None:
+    """The camera is where it is in the first session's map: within 2 cm and 1 degree."""
+    error = se3.log(se3.inverse(T_BODY_OPTICAL @ camera_at(place)) @ peer.pose())
+    assert np.linalg.norm(error[3:]) < 0.02
+    assert np.degrees(np.linalg.norm(error[:3])) < 1
+
+
+Begin = Callable[..., tuple[Peer, Supervisor]]
+
+
+def test_a_saved_map_outlives_the_node(begin: Begin, folder: Path) -> None:
+    peer, supervisor = begin()
+    peer.send(*range(40))
+    answer = peer.save()
+    assert answer.success, answer.message
+    assert str(folder / 'map.hoidmap') in answer.message
+    saved = map_file.load(folder / 'map.hoidmap')
+    assert saved.camera == CAMERA
+    assert f'{len(saved.map)} keyframes' in answer.message
+    supervisor.stop()
+
+    peer, _ = begin()
+    answer = peer.load()
+    assert answer.success, answer.message
+    answer = peer.set_mode('localization')
+    assert answer.success, answer.message
+    status = peer.send(30)[-1]  # another start
+    assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.LOCALIZATION)
+    assert status.keyframes == len(saved.map)
+    check_pose(peer, 30)
+    statuses = peer.send(*range(29, 5, -1), *range(30, 45))
+    assert {status.state for status in statuses} == {SlamStatus.TRACKING}
+    check_pose(peer, 44)
+    assert peer.save('again').success
+    assert map_file.load(folder / 'again.hoidmap').map.digest() == saved.map.digest()
+
+    answer = peer.set_mode('mapping')
+    assert answer.success, answer.message
+    statuses = peer.send(*range(45, 100))
+    assert {status.mode for status in statuses} == {SlamStatus.MAPPING}
+    peer.probe.spin_until(
+        lambda: peer.send(99)[-1].keyframes > len(saved.map), 'mapping does not go on', 30.0
+    )
+    check_pose(peer, 99)
+    assert peer.save('more').success
+    more = map_file.load(folder / 'more.hoidmap').map
+    assert len(more) > len(saved.map)
+    assert (more.map_id == 0).all()
+
+
+def test_a_second_session_is_joined_to_a_loaded_map(begin: Begin, folder: Path) -> None:
+    peer, supervisor = begin()
+    peer.send(*range(40))
+    assert peer.save('first').success
+    supervisor.stop()
+
+    peer, _ = begin()
+    peer.send(*range(110, 80, -1))  # of this session's own, in a frame of its own
+    answer = peer.load('first', merge=True)
+    assert answer.success, answer.message
+    statuses = peer.send(80)
+    assert statuses[-1].state == SlamStatus.TRACKING
+    assert statuses[-1].maps == 2
+    statuses = peer.send(*range(79, 10, -1))
+    assert {status.state for status in statuses} == {SlamStatus.TRACKING}
+    peer.probe.spin_until(lambda: peer.send(10)[-1].maps == 1, 'the maps stay apart', 30.0)
+    check_pose(peer, 10)
+    assert peer.status[-1].merges == 1
+    odom = np.array([conversions.pose_from_msg(msg.pose.pose) for msg in peer.odom])
+    steps = np.linalg.norm(np.diff(odom[:, :3, 3], axis=0), axis=1)
+    assert steps.max() < 0.03
+    assert peer.save('both').success
+    both = map_file.load(folder / 'both.hoidmap').map
+    assert (both.map_id == 0).all()
+
+
+def test_a_map_is_loaded_at_the_start(begin: Begin) -> None:
+    peer, supervisor = begin()
+    peer.send(*range(20))
+    assert peer.save('home').success
+    supervisor.stop()
+    peer, _ = begin(map_file='home', mode='localization')
+    status = peer.send(12)[-1]
+    assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.LOCALIZATION)
+    check_pose(peer, 12)
+
+
+def test_reset_forgets_a_loaded_map(begin: Begin) -> None:
+    peer, _ = begin()
+    peer.send(*range(20))
+    assert peer.save().success
+    assert peer.set_mode('localization').success
+    assert peer.load().success
+    assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request()).success
+    peer.probe.spin_until(
+        lambda: peer.status[-1].state == SlamStatus.NOT_INITIALIZED, 'no reset', 60.0
+    )
+    status = peer.send(3)[-1]
+    assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.MAPPING)
+    assert status.keyframes == 1
+
+
+def test_saving_holds_no_image_back(begin: Begin) -> None:
+    """While a map is written, again and again, images are answered as they come."""
+    peer, _ = begin()
+    peer.send(*range(60))
+    client = peer.probe.node.create_client(SaveMap, 'rgbd_slam/save_map')
+    peer.probe.spin_until(client.service_is_ready, 'no save_map')
+    waits_s, saves = [], []
+    for n in range(60):
+        if n % 10 == 0:
+            saves.append(client.call_async(SaveMap.Request(name=f'{n}')))
+        before, start_s = len(peer.status), time.monotonic()
+        peer.publish(59)
+        peer.probe.spin_until(lambda: len(peer.status) > before, 'no slam_status')  # noqa: B023
+        waits_s.append(time.monotonic() - start_s)
+        peer.probe.spin_for(PERIOD_NS * 1e-9 - waits_s[-1])
+    peer.probe.spin_until(lambda: all(save.done() for save in saves), 'not saved')
+    assert all(save.result().success for save in saves)
+    # None is lost, and the worst waits as long as a busy machine makes one of them wait anyway.
+    assert peer.status[-1].frames_processed == peer.num_sent
+    assert np.median(waits_s) < 0.1
+
+
+def tampered(data: bytes) -> bytes:
+    out = bytearray(data)
+    out[len(out) // 2] ^= 0xFF
+    return bytes(out)
+
+
+def test_faulty_files_leave_the_running_map_alone(begin: Begin, folder: Path) -> None:
+    peer, _ = begin()
+    for answer in (peer.save(), peer.set_mode('localization')):
+        assert not answer.success
+    assert 'nothing has been mapped yet' in peer.save().message
+    assert 'no map to localise in' in peer.set_mode('localization').message
+    peer.send(*range(10))
+    assert peer.save('good').success
+    good = (folder / 'good.hoidmap').read_bytes()
+    digest = map_file.load(folder / 'good.hoidmap').map.digest()
+    (folder / 'cut.hoidmap').write_bytes(good[: len(good) // 2])
+    (folder / 'flipped.hoidmap').write_bytes(tampered(good))
+    (folder / 'foreign.hoidmap').write_bytes(b'P5 1 1 255 a')
+    (folder / 'folder.hoidmap').mkdir()
+    os.mkfifo(folder / 'pipe.hoidmap')
+    (folder / 'link.hoidmap').symlink_to('/etc/passwd')
+    other = map_file.load(folder / 'good.hoidmap')
+    camera = CAMERA.__class__(640, 480, 500.0, 500.0, 319.5, 239.5)
+    map_file.save(folder / 'other.hoidmap', other._replace(camera=camera))
+    octaves = other._replace(num_octaves=4)
+    map_file.save(folder / 'octaves.hoidmap', octaves)
+    for name, said in (
+        ('none', 'there is no such file'),
+        ('cut', 'damaged'),
+        ('flipped', 'damaged'),
+        ('foreign', 'no map file'),
+        ('folder', 'is no file'),
+        ('pipe', 'is no file'),
+        ('link', 'is a link'),
+        ('other', 'another camera'),
+        ('octaves', 'camera.num_octaves'),
+        ('../good', 'no plain file name'),
+        ('/etc/passwd', 'no plain file name'),
+        ('..', 'no plain file name'),
+    ):
+        for merge in (False, True):
+            answer = peer.load(name, merge=merge)
+            assert not answer.success, name
+            assert said in answer.message, (name, answer.message)
+            assert '\n' not in answer.message
+    assert not peer.save('../outside').success
+    assert not peer.save('link').success
+    assert not peer.set_mode('dreaming').success
+    assert peer.send(10)[-1].state == SlamStatus.TRACKING
+    assert peer.save('after').success
+    assert map_file.load(folder / 'after.hoidmap').map.digest() == digest
