@@ -19,7 +19,7 @@ from hoid_bringup.progress import progress
 from hoid_common.errors import InputError
 
 _QUIET = 50  # Dask's log level: what matters is in the results
-_MODES_ALONE = ('live', 'detect')  # what is timed by the wall needs the whole machine
+_MODES_ALONE = ('live', 'timed', 'detect')  # what is timed by the wall needs the whole machine
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Engine:
         code: What runs; noted with each result.
         cluster: Address of a Dask scheduler; empty for all cores of this machine.
         only_this_code: Whether results of other code are run again.
-        workers: Processes on this machine; 0 for one a core.
+        workers: Jobs at a time on this machine; 0 for one a core.
     """
 
     folder: Path
@@ -62,7 +62,7 @@ class Engine:
         paths, reasons = self._sequences([job])
         if job.sequence in reasons:
             return Result(job, {}, reasons[job.sequence], missing=True)
-        return self._keep(job, run_job(job, paths[job.sequence]))
+        return self._keep(job, run_job(job, paths[job.sequence], self._kept))
 
     def stored(self, jobs: Iterable[Job]) -> dict[Job, Result]:
         """Return the results that are there and need not be run again."""
@@ -89,7 +89,7 @@ class Engine:
         done = {}
         with self._client() as client, progress(None, len(jobs), 'runs') as bar:
             for batch in _batches(jobs):
-                for job, outcome in _outcomes(client, batch, paths):
+                for job, outcome in self._outcomes(client, batch, paths):
                     done[job] = self._keep(job, outcome)
                     bar.set_postfix_str(job.label[:40])
                     bar.update()
@@ -102,15 +102,31 @@ class Engine:
                 yield client
             return
         with (
+            # Threads will do: each job is a process of its own, for which its thread waits.
             LocalCluster(
-                n_workers=self.workers or os.cpu_count(),
-                threads_per_worker=1,
-                dashboard_address=None,
+                n_workers=1,
+                threads_per_worker=self.workers or os.cpu_count(),
+                processes=False,
+                dashboard_address='localhost:0',
                 silence_logs=_QUIET,
             ) as cluster,
             Client(cluster) as client,
         ):
             yield client
+
+    @property
+    def _kept(self) -> Path:
+        return self.store.made / 'detections'
+
+    def _outcomes(
+        self, client: Client, jobs: Sequence[Job], paths: Mapping[str, Path]
+    ) -> Iterator[tuple[Job, Outcome]]:
+        futures = {
+            client.submit(run_job, job, paths[job.sequence], self._kept, pure=False): job
+            for job in jobs
+        }
+        for future in as_completed(futures):
+            yield futures[future], future.result()
 
     def _keep(self, job: Job, outcome: Outcome) -> Result:
         folder = result_path(self.folder, job).parent
@@ -122,14 +138,6 @@ class Engine:
         )
         write_result(self.folder, result)
         return result
-
-
-def _outcomes(
-    client: Client, jobs: Sequence[Job], paths: Mapping[str, Path]
-) -> Iterator[tuple[Job, Outcome]]:
-    futures = {client.submit(run_job, job, paths[job.sequence], pure=False): job for job in jobs}
-    for future in as_completed(futures):
-        yield futures[future], future.result()
 
 
 def _batches(jobs: Sequence[Job]) -> Iterator[list[Job]]:

@@ -31,6 +31,7 @@ _VALUES = {
     'cost': (('stage_ms.frame.median', 'time per frame [ms]'), ('peak_rss_mb', 'memory [MB]')),
 }
 _MAX_POINTS = 1500  # of a drawn trajectory; keeps the page small
+_WIDE_RANGE = 10.0  # of values on an axis, which is logarithmic from there on
 _FEATURES = 'features.csv'
 _TIME = 'time [s]'
 
@@ -40,10 +41,11 @@ def make_plots(
 ) -> tuple[Plot, ...]:
     """Return the interactive plots of an experiment; runs whose files are gone are left out."""
     if experiment.view in _VALUES:
-        return tuple(
+        plots = (
             _curve_plot(experiment, results, name, label)
             for name, label in _VALUES[experiment.view]
         )
+        return tuple(plot for plot in plots if not _is_all_one(plot))
     if experiment.view == 'comparison':
         return tuple(
             plot
@@ -65,6 +67,7 @@ def save_figures(experiment: Experiment, plots: Sequence[Plot], folder: Path) ->
             title=layout['title']['text'],
             xlabel=layout['xaxis']['title']['text'],
             ylabel=layout['yaxis']['title']['text'],
+            xscale=layout['xaxis'].get('type', 'linear'),
             yscale=layout['yaxis'].get('type', 'linear'),
         )
         if layout['yaxis'].get('scaleanchor'):
@@ -78,6 +81,11 @@ def save_figures(experiment: Experiment, plots: Sequence[Plot], folder: Path) ->
                 figure.savefig(paths[-1], dpi=150, metadata=dated)
         plt.close(figure)
     return paths
+
+
+def _is_all_one(plot: Plot) -> bool:
+    """Return whether a plot says nothing but that everything was tracked."""
+    return all(y == 1.0 for trace in plot['data'] for y in trace['y'])
 
 
 def _plot(title: str, x: str, y: str, data: list[Plot], **yaxis: Any) -> Plot:
@@ -121,9 +129,13 @@ def _curve_plot(experiment: Experiment, results: Sequence[Result], name: str, la
                 },
             )
         )
-    return _plot(
+    plot = _plot(
         f'{experiment.title}: {label}', experiment.varied, label, data, rangemode='tozero'
     )
+    values = [x for trace in data for x in trace['x']]
+    if values and min(values) > 0 and max(values) / min(values) >= _WIDE_RANGE:
+        plot['layout']['xaxis']['type'] = 'log'
+    return plot
 
 
 def _first_runs(results: Sequence[Result], sequence: str) -> list[Result]:

@@ -1,25 +1,48 @@
-"""The comparison with the literature: published values, marked as such."""
+"""The comparison with the literature: published values, marked as such, and ours beside them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from hoid_benchmarks.tables import Cell, Table
+from hoid_benchmarks.results import Result, key_value, spread
+from hoid_benchmarks.tables import Cell, Table, metres, text
 
 _FILE = Path(__file__).parent / 'literature.yaml'
+_ATE = key_value('ate_rmse_m')
 
 
-def published() -> tuple[Table, ...]:
-    """Return the tables of published values; none of them was rerun here."""
-    return tuple(_table(entry) for entry in yaml.safe_load(_FILE.read_text())['tables'])
+def published(results: Sequence[Result] = ()) -> tuple[Table, ...]:
+    """Return the tables of published values; only the row of this project was run here.
+
+    Args:
+        results: From which that row comes; it is left out when none of the sequences is here.
+    """
+    return tuple(_table(e, results) for e in yaml.safe_load(_FILE.read_text())['tables'])
 
 
-def _table(entry: dict[str, Any]) -> Table:
-    rows = tuple(tuple(_cell(value) for value in row) for row in entry['rows'])
-    return Table(entry['id'], entry['title'], tuple(entry['columns']), rows)
+def _table(entry: Mapping[str, Any], results: Sequence[Result]) -> Table:
+    rows = [tuple(_cell(value) for value in row) for row in entry['rows']]
+    ours = [_ours(column, entry, results) for column in entry['columns'][1:-1]]
+    if any(cell.jobs for cell in ours):
+        name = f'this project, {entry["filter"]}'
+        rows.append((text(name), *ours, text('run here, median and range')))
+    return Table(entry['id'], entry['title'], tuple(entry['columns']), tuple(rows))
+
+
+def _ours(column: str, entry: Mapping[str, Any], results: Sequence[Result]) -> Cell:
+    plain = [
+        r
+        for r in results
+        if r.ok
+        and (r.job.sequence, r.job.filter) == (entry['sequences'].get(column), entry['filter'])
+        and (r.job.mode, r.job.variant) == ('offline', '')
+    ]
+    same_detector = [r for r in plain if r.job.detector == plain[0].job.detector]
+    return metres(spread(same_detector, _ATE), same_detector) if same_detector else text('-')
 
 
 def _cell(value: float | str) -> Cell:

@@ -13,7 +13,7 @@ from pathlib import Path
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'evo')
 
 
-_SOURCES = ('*.py', '*.cpp', '*.hpp', '*.h')
+_SOURCES = ('*.py', '*.cpp', '*.hpp', '*.h', '*.onnx')
 _CODE_FOLDERS = ('src', 'bags')  # of what a run executes
 
 
@@ -21,7 +21,7 @@ _CODE_FOLDERS = ('src', 'bags')  # of what a run executes
 class Code:
     """Which state of the project ran."""
 
-    digest: str  # of the sources, tests and training left out
+    digest: str  # of sources and models; tests and training left out
     commit: str  # with a mark when files differ from it; empty outside a clone
 
     @classmethod

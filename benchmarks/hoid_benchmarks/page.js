@@ -27,15 +27,20 @@ function sortTable(header) {
 function drawPlots() {
   const style = getComputedStyle(document.documentElement);
   const ink = style.getPropertyValue('--ink'), line = style.getPropertyValue('--line');
+  const family = getComputedStyle(document.body).fontFamily;
   const axis = { gridcolor: line, zerolinecolor: line, linecolor: line, automargin: true };
   for (const place of document.querySelectorAll('.plot')) {
     const figure = JSON.parse(place.nextElementSibling.textContent);
-    const traces = figure.data.map((trace) => trace.name === 'ground truth'
-      ? { ...trace, line: { color: ink, width: 3, dash: 'dot' } }
-      : { ...trace, line: { width: 1.5 }, marker: { size: 5 } });
-    const layout = { ...figure.layout, title: undefined, colorway: COLORS, font: { color: ink, size: 12, family: style.fontFamily },
-      paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', margin: { t: 8, r: 8, b: 40, l: 48 }, showlegend: true,
-      legend: { orientation: 'h', y: -0.2, yanchor: 'top' }, hovermode: 'closest',
+    const estimates = figure.data.filter((trace) => trace.name !== 'ground truth');
+    const traces = figure.data.map((trace) => {
+      const color = COLORS[estimates.indexOf(trace) % COLORS.length];
+      return trace.name === 'ground truth'
+        ? { ...trace, line: { color: ink, width: 3, dash: 'dot' } }
+        : { ...trace, line: { color, width: 1.5 }, marker: { color, size: 5 } };
+    });
+    const layout = { ...figure.layout, title: undefined, font: { color: ink, size: 12, family },
+      paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', margin: { t: 8, r: 12, b: 40, l: 48 }, showlegend: true,
+      legend: { orientation: 'h', x: 0, y: 1.02, yanchor: 'bottom' }, hovermode: 'closest',
       xaxis: { ...axis, ...figure.layout.xaxis }, yaxis: { ...axis, ...figure.layout.yaxis } };
     Plotly.react(place, traces, layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ['select2d', 'lasso2d'] });
   }

@@ -165,7 +165,8 @@ def _section(section: Section, run_of: Mapping[Job, int]) -> str:
 
 def _table(table: Table, run_of: Mapping[Job, int]) -> str:
     head = ''.join(
-        f'<th scope="col"><button type="button">{_e(c)}</button></th>' for c in table.columns
+        f'<th scope="col"{_column_class(table, k)}><button type="button">{_e(c)}</button></th>'
+        for k, c in enumerate(table.columns)
     )
     rows = ''.join(
         '<tr>' + ''.join(_cell(cell, run_of) for cell in row) + '</tr>' for row in table.rows
@@ -174,6 +175,10 @@ def _table(table: Table, run_of: Mapping[Job, int]) -> str:
         f'<div class="scroll" tabindex="0"><table id="table-{_e(table.id)}">'
         f'<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
     )
+
+
+def _column_class(table: Table, k: int) -> str:
+    return ' class="text"' if all(math.isnan(row[k].value) for row in table.rows) else ''
 
 
 def _cell(cell: Cell, run_of: Mapping[Job, int]) -> str:

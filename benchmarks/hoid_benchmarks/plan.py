@@ -25,7 +25,7 @@ _VIEWS = (
     'comparison', 'curve', 'ablation', 'accuracy', 'stages', 'detectors', 'verdicts', 'cost',
     'pictures',
 )  # fmt: skip
-_MODES = ('offline', 'live', 'detect', 'verdicts', 'pictures')
+_MODES = ('offline', 'timed', 'live', 'detect', 'verdicts', 'pictures')
 _OFFICIAL = 'official'  # as a sequence: every one that --data holds
 _BUDGET = 'filter.extraction.num_features'
 _BUDGET_STEP = 0.01

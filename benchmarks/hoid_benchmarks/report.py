@@ -48,7 +48,7 @@ class Report:
         parts = list(dict.fromkeys(e.part for e in begun))
         sections = [self._section(e) for e in sorted(begun, key=lambda e: parts.index(e.part))]
         every = list(self.results.values())
-        extra = (*published(), missing(every), self._not_run(), failures(every))
+        extra = (*published(every), missing(every), self._not_run(), failures(every))
         for table in (*(s.table for s in sections), *extra):
             if table.rows:
                 (self.folder / 'tables' / f'{table.id}.csv').write_text(table.csv())

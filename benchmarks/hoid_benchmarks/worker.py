@@ -14,6 +14,7 @@ from typing import Any
 
 from hoid_bags.sequence import open_sequence
 from hoid_bags.trajectory_io import read_tum, write_tum
+from hoid_benchmarks.detections import kept_detections
 from hoid_benchmarks.detectors import judge_detector
 from hoid_benchmarks.perturb import PerturbedSequence, perturb_detections
 from hoid_benchmarks.plan import Job
@@ -53,13 +54,19 @@ def command_of(job: Job, path: str, out: str = 'OUT') -> list[str]:
     return ['replay' if job.mode == 'live' else 'run', path, '--out', out, *method]
 
 
-def run_job(job: Job, path: Path) -> Outcome:
-    """Run a job in a child process; never raises, so that one failure does not end the rest."""
+def run_job(job: Job, path: Path, kept: Path) -> Outcome:
+    """Run a job in a child process; never raises, so that one failure does not end the rest.
+
+    Args:
+        job: What to run.
+        path: Of its sequence.
+        kept: Folder of detections that are kept from run to run.
+    """
     with tempfile.TemporaryDirectory(prefix='hoid-bench-') as folder:
         out = Path(folder) / 'run'
         try:
             done = subprocess.run(
-                _child(job, path, out), capture_output=True, text=True, check=False,
+                _child(job, path, out, kept), capture_output=True, text=True, check=False,
                 timeout=_TIMEOUT_S, env={**os.environ, 'OMP_NUM_THREADS': '1'},
             )  # fmt: skip
         except subprocess.TimeoutExpired:
@@ -70,11 +77,11 @@ def run_job(job: Job, path: Path) -> Outcome:
         return _collect(out, path)
 
 
-def _child(job: Job, path: Path, out: Path) -> list[str]:
+def _child(job: Job, path: Path, out: Path, kept: Path) -> list[str]:
     if job.mode in ('live', 'pictures'):
         return [sys.executable, '-m', 'hoid_bringup', *command_of(job, str(path), str(out))]
     order = out.with_name('job.pickle')
-    order.write_bytes(pickle.dumps((job, path, out)))
+    order.write_bytes(pickle.dumps((job, path, out, kept)))
     return [sys.executable, '-m', 'hoid_benchmarks.worker', str(order)]
 
 
@@ -104,30 +111,36 @@ def _config(job: Job) -> RunConfig:
     return RunConfig().updated(named | job.settings())
 
 
-def _run_offline(job: Job, path: Path, out: Path) -> None:
+def _run_offline(job: Job, path: Path, out: Path, kept: Path) -> None:
     """Run every frame, and note beside the usual outputs what the experiments need."""
     config = _config(job)
     base = open_sequence(path)
-    detect = perturb_detections(detection_source(base, config), job.perturbation, job.seed)
+    known = kept_detections(base, config, kept) if job.mode == 'offline' else None
+    detect = perturb_detections(
+        known or detection_source(base, config), job.perturbation, job.seed
+    )
     sequence = PerturbedSequence(base, job.perturbation, job.seed)
     pipeline = OfflinePipeline(sequence, config, detect)
     lines = ['stamp_ns,features kept']
     for frame in sequence:
         pipeline.process(frame)
         lines.append(f'{frame.stamp_ns},{pipeline.num_kept[-1]}')
+    if known is not None:
+        known.save()
+        pipeline.stage_ms.pop('detect', None)  # of reading a file, mostly
     summary = write_outputs(out, pipeline.finish(sequence, config.noted()))
     (out / 'features.csv').write_text('\n'.join(lines) + '\n')
     document = json.loads(summary.to_json()) | {'reference_ms': reference_ms()}
     (out / 'summary.json').write_text(json.dumps(document))
 
 
-def _run_detector(job: Job, path: Path, out: Path) -> None:
+def _run_detector(job: Job, path: Path, out: Path, _kept: Path) -> None:
     out.mkdir()
     summary = {'detector': judge_detector(open_sequence(path), path, job.detector)}
     (out / 'summary.json').write_text(json.dumps(summary))
 
 
-def _run_verdicts(job: Job, path: Path, out: Path) -> None:
+def _run_verdicts(job: Job, path: Path, out: Path, _kept: Path) -> None:
     out.mkdir()
     config, sequence = _config(job), open_sequence(path)
     detect = detection_source(sequence, config)
@@ -135,15 +148,20 @@ def _run_verdicts(job: Job, path: Path, out: Path) -> None:
     (out / 'summary.json').write_text(json.dumps(summary))
 
 
-_RUNNERS = {'offline': _run_offline, 'detect': _run_detector, 'verdicts': _run_verdicts}
+_RUNNERS = {
+    'offline': _run_offline,
+    'timed': _run_offline,
+    'detect': _run_detector,
+    'verdicts': _run_verdicts,
+}
 
 
 def main() -> int:
     """Run one job, pickled in the file that the argument names."""
     order = Path(sys.argv[1]).read_bytes()
-    job, path, out = pickle.loads(order)  # noqa: S301  written by the parent process
+    job, path, out, kept = pickle.loads(order)  # noqa: S301  written by the parent process
     try:
-        _RUNNERS[job.mode](job, path, out)
+        _RUNNERS[job.mode](job, path, out, kept)
     except HoidError as error:
         sys.stderr.write(f'{error}\n')
         return 1

@@ -17,6 +17,7 @@ from hoid_benchmarks.plan import Experiment, Job
 from hoid_benchmarks.tables import Cell, Table
 
 JOBS = tuple(Job('a', 'none', '', seed) for seed in range(3))
+_PATIENCE_MS = 120_000  # of a busy machine
 VALUES = (0.2, 0.1, 10.0)
 
 
@@ -56,7 +57,9 @@ def browser() -> Iterator[Browser]:
     if chromium is None:
         pytest.skip('no chromium on this machine: apt install chromium')
     with sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=chromium, args=['--no-sandbox'])
+        running = driver.chromium.launch(
+            executable_path=chromium, args=['--no-sandbox'], timeout=_PATIENCE_MS
+        )
         yield running
         running.close()
 
@@ -73,6 +76,7 @@ def page(browser: Browser, url: str) -> Iterator[Page]:
     """The page on a phone with no network; nothing may complain or be asked for."""
     context = browser.new_context(viewport={'width': 390, 'height': 844}, offline=True)
     shown = context.new_page()
+    shown.set_default_timeout(_PATIENCE_MS)
     said: list[str] = []
     shown.on('console', lambda message: said.append(message.text))
     shown.on('pageerror', lambda error: said.append(str(error)))

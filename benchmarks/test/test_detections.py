@@ -1,0 +1,49 @@
+"""Detections that are kept from run to run."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hoid_benchmarks.detections import KeptDetections
+from hoid_common.values import Detections, RgbdFrame
+
+
+def frame(stamp_ns: int) -> RgbdFrame:
+    return RgbdFrame(stamp_ns, np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4), np.float32))
+
+
+class Detector:
+    """Sees as many people as the stamp says, each somewhere else."""
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def __call__(self, seen: RgbdFrame) -> Detections:
+        n = seen.stamp_ns
+        self.asked.append(n)
+        boxes = np.arange(4 * n, dtype=np.float32).reshape(n, 4)
+        names = tuple(f'person {k}' for k in range(n))
+        return Detections(n, boxes, names, np.linspace(0, 1, n, dtype=np.float32))
+
+
+def test_a_detector_is_asked_once_about_each_image(tmp_path: Path) -> None:
+    path = tmp_path / 'new' / 'kept.npz'
+    detector = Detector()
+    first = KeptDetections(path, detector)
+    told = [first(frame(n)) for n in (3, 0, 1)]
+    first.save()
+    again = KeptDetections(path, detector)
+    for before, n in zip(told, (3, 0, 1), strict=True):
+        after = again(frame(n))
+        assert before is not None
+        assert after is not None
+        assert (after.stamp_ns, after.class_names) == (before.stamp_ns, before.class_names)
+        np.testing.assert_array_equal(after.boxes_xyxy_px, before.boxes_xyxy_px)
+        np.testing.assert_array_equal(after.scores, before.scores)
+        assert after.boxes_xyxy_px.dtype == after.scores.dtype == np.float32
+    assert detector.asked == [3, 0, 1]
+    again(frame(2))
+    again.save()
+    KeptDetections(path, detector)(frame(2))
+    assert detector.asked == [3, 0, 1, 2]
+    assert list(path.parent.iterdir()) == [path]
