@@ -8,7 +8,6 @@ tracker does, so that it outlives neither `close` nor a killed tracker.
 from __future__ import annotations
 
 import atexit
-import os
 import signal
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -27,7 +26,6 @@ from rgbd_slam.mapper import KeyframeRequest, Mapper
 
 _IDLE_S = 0.2  # between looks for results of the background
 _END_S = 5.0
-_NICE = 5  # the tracker goes first where processors are few
 
 
 class MapperStoppedError(HoidError):
@@ -80,7 +78,6 @@ def run_mapper(
 ) -> None:
     """Take keyframes in until the pipe ends; the main function of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all: the tracker ends this
-    os.nice(_NICE)
     slam_map = SlamMap(config.camera.scale_factor, config.camera.num_octaves)
     mapper = Mapper(camera, slam_map, config, background=True)
     version = 0
