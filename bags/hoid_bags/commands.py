@@ -62,11 +62,14 @@ def convert_command(args: argparse.Namespace) -> None:
 def add_info_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid info`."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='bag folder, .mcap or .db3 file')
+    parser.add_argument(
+        '--bandwidth', action='store_true', help='of each topic as well; reads the whole bag'
+    )
 
 
 def info_command(args: argparse.Namespace) -> None:
     """Print what is in a bag."""
-    summary = summarize(args.bag)
+    summary = summarize(args.bag, sizes=args.bandwidth)
     print(describe(summary))
     if summary.fault is not None:
         raise InputError(summary.fault)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,14 @@ class TopicSummary(NamedTuple):
     type_name: str
     num_messages: int
     rate_hz: float  # 0 with fewer than two messages
+    size_bytes: int | None = None  # of all messages, as they go over the wire; None: not counted
+
+    @property
+    def bytes_per_s(self) -> float | None:
+        """Return what the topic takes at its rate; None when sizes were not counted."""
+        if self.size_bytes is None or not self.num_messages:
+            return None
+        return self.size_bytes / self.num_messages * self.rate_hz
 
 
 class BagSummary(NamedTuple):
@@ -42,16 +51,25 @@ class BagSummary(NamedTuple):
         return (self.end_ns - self.start_ns) / NS_PER_S
 
 
-def summarize(path: Path) -> BagSummary:
+def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
     """Return a bag's summary.
+
+    Args:
+        path: Of the bag.
+        sizes: Count the bytes of each topic too, which reads the whole bag.
 
     Raises:
         InputError: no bag, or nothing of it can be read.
     """
     with BagReader(path) as reader:
+        size_of = _sizes_bytes(reader) if sizes else None
         topics = tuple(
             TopicSummary(
-                t.name, t.type_name, t.num_messages, _rate_hz(reader, t.name, t.num_messages)
+                t.name,
+                t.type_name,
+                t.num_messages,
+                _rate_hz(reader, t.name, t.num_messages),
+                None if size_of is None else size_of[t.name],
             )
             for t in sorted(reader.topics)
         )
@@ -70,16 +88,30 @@ def describe(summary: BagSummary) -> str:
         f'duration  {summary.duration_s:.3f} s',
         f'messages  {summary.num_messages}',
     ]
-    rows = [('topic', 'type', 'messages', 'rate')]
+    rows: list[tuple[str, ...]] = [('topic', 'type', 'messages', 'rate', 'bandwidth')]
     rows += [
-        (t.name, t.type_name, str(t.num_messages), f'{t.rate_hz:.2f} Hz') for t in summary.topics
+        (t.name, t.type_name, str(t.num_messages), f'{t.rate_hz:.2f} Hz', _bandwidth(t))
+        for t in summary.topics
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    lines += [
-        f'{name:<{widths[0]}}  {kind:<{widths[1]}}  {count:>{widths[2]}}  {rate:>{widths[3]}}'
-        for name, kind, count, rate in rows
-    ]
+    if all(t.size_bytes is None for t in summary.topics):
+        rows = [row[:-1] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for name, kind, *numbers in rows:
+        right = '  '.join(f'{n:>{w}}' for n, w in zip(numbers, widths[2:], strict=True))
+        lines.append(f'{name:<{widths[0]}}  {kind:<{widths[1]}}  {right}')
     return '\n'.join(lines)
+
+
+def _bandwidth(topic: TopicSummary) -> str:
+    rate = topic.bytes_per_s
+    return '-' if rate is None else f'{rate / _MB:.3f} MB/s'
+
+
+def _sizes_bytes(reader: BagReader) -> Counter[str]:
+    sizes: Counter[str] = Counter()
+    for topic, _, data in reader.messages():
+        sizes[topic] += len(data)
+    return sizes
 
 
 def _rate_hz(reader: BagReader, topic: str, num_messages: int) -> float:
