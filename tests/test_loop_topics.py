@@ -1,0 +1,171 @@
+"""A loop closed live: the map is corrected, odometry does not notice, and /tf stays a tree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import psutil
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from hoid_msgs.msg import Features as FeaturesMsg
+from hoid_msgs.msg import SlamStatus
+from sensor_msgs.msg import CameraInfo
+from tf2_msgs.msg import TFMessage
+
+from hoid_bringup.supervisor import Supervisor
+from hoid_common import se3
+from hoid_common.ros import conversions, qos
+from hoid_common.values import FloatArray
+from hoid_system_tests.bent_ring import BentRing
+from hoid_system_tests.point_world import CAMERA
+from hoid_system_tests.probe import Probe
+from rgbd_slam.frames import T_BODY_OPTICAL
+
+START_NS = 1_305_031_102_175_304_123
+PERIOD_NS = 33_333_333
+OPTICAL = 'camera_color_optical_frame'
+STEP_RAD = np.deg2rad(3.0)
+LAP = 120  # steps
+OVERLAP = 30  # steps of the second lap
+_PAUSE_S = 0.1
+NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}
+
+Start = Callable[..., Supervisor]
+
+
+class Edges(NamedTuple):
+    """The transforms of one image."""
+
+    stamp_ns: int
+    T_map_odom: FloatArray
+    T_odom_camera: FloatArray
+
+
+class Walker:
+    """Carries a camera round, and waits for the mapper at each place as a slow robot would."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.probe, self.world = probe, BentRing()
+        self.steps: list[int] = []  # of each image
+        self.status = probe.collect(SlamStatus, 'slam_status', wait=False)
+        self.tf = probe.collect(TFMessage, '/tf', qos.TF, wait=False)
+        self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
+        camera = probe.publisher(CameraInfo, 'rgb/camera_info')
+        self.features = probe.publisher(FeaturesMsg, 'features')
+        header = conversions.header_to_msg(START_NS, OPTICAL)
+        camera.publish(conversions.camera_to_msg(CAMERA, header))
+        probe.spin_until(lambda: bool(self.status), 'the node does not get ready', 60.0)
+
+    def walk(self, first: int, last: int) -> None:
+        for step in range(first, last):
+            self.look(step)
+            while self.status[-1].mapper_queue:
+                self.probe.spin_for(_PAUSE_S)  # which leaves the mapper the processor
+                self.look(step)
+
+    def look(self, step: int) -> None:
+        """Send the image of a place, and wait for the answer."""
+        stamp_ns = START_NS + len(self.steps) * PERIOD_NS
+        header = conversions.header_to_msg(stamp_ns, OPTICAL)
+        seen = self.world.features(step * STEP_RAD, stamp_ns)
+        size_px = (CAMERA.width_px, CAMERA.height_px)
+        self.steps.append(step)
+        before = len(self.status)
+        self.features.publish(conversions.features_to_msg(seen, header, size_px))
+        self.probe.spin_until(lambda: len(self.status) > before, 'no slam_status')
+        assert self.status[-1].state == SlamStatus.TRACKING
+
+    def camera_at(self, step: int) -> FloatArray:
+        """Return the true T_odom_camera."""
+        return T_BODY_OPTICAL @ self.world.camera_at(step * STEP_RAD)
+
+    def edges(self) -> list[Edges]:
+        """Return all of /tf, which is a tree: one parent for each, stamps in order."""
+        last_ns = START_NS + (len(self.steps) - 1) * PERIOD_NS
+        self.probe.spin_until(lambda: bool(self.tf) and stamp_of(self.tf[-1]) == last_ns, 'no /tf')
+        found = []
+        for message in self.tf:
+            by_child = {t.child_frame_id: t for t in message.transforms}
+            assert len(by_child) == len(message.transforms)
+            parents = {child: t.header.frame_id for child, t in by_child.items()}
+            assert parents == {'odom': 'map', OPTICAL: 'odom'}
+            stamps = {conversions.stamp_from_msg(t.header.stamp) for t in message.transforms}
+            assert len(stamps) == 1
+            T_map_odom, T_odom_camera = (
+                conversions.transform_from_msg(by_child[child]) for child in ('odom', OPTICAL)
+            )
+            found.append(Edges(stamps.pop(), T_map_odom, T_odom_camera))
+        return found
+
+    def deaths(self) -> int:
+        """Return how many mapping processes died, by the next diagnostics."""
+        self.diagnostics.clear()
+        self.probe.spin_until(lambda: bool(self.diagnostics), 'no diagnostics')
+        values = {v.key: v.value for v in self.diagnostics[-1].status[0].values}
+        return int(values['mapping processes that died'])
+
+
+def stamp_of(message: Any) -> int:
+    return conversions.stamp_from_msg(message.transforms[0].header.stamp)
+
+
+def distance_m(T_a: FloatArray, T_b: FloatArray) -> float:
+    return float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]))
+
+
+@pytest.fixture
+def node(start: Start) -> Supervisor:
+    return start('rgbd_slam', 'rgbd_slam_node', NO_ROOM)
+
+
+@pytest.mark.usefixtures('node')
+def test_odometry_does_not_move_when_a_loop_corrects_the_map(probe: Probe) -> None:
+    walker = Walker(probe)
+    walker.walk(0, LAP + OVERLAP)
+    assert walker.status[-1].loops == 1
+    edges = walker.edges()
+    assert [edge.stamp_ns for edge in edges] == [
+        START_NS + n * PERIOD_NS for n in range(len(walker.steps))
+    ]
+    true = [walker.camera_at(step) for step in walker.steps]
+    for (edge, later), (T, T_later) in zip(pairwise(edges), pairwise(true), strict=True):
+        T_measured = se3.inverse(edge.T_odom_camera) @ later.T_odom_camera
+        assert distance_m(se3.inverse(T) @ T_later, T_measured) < 0.01
+    assert distance_m(edges[LAP // 2].T_map_odom, np.eye(4)) < 0.005
+    jumps_m = [distance_m(a.T_map_odom, b.T_map_odom) for a, b in pairwise(edges)]
+    assert max(jumps_m) > 0.02
+    known = walker.camera_at(OVERLAP - 1)  # the same place, a lap ago
+    gap_m = distance_m(edges[-1].T_odom_camera, known)
+    assert gap_m > 0.04
+    assert distance_m(edges[-1].T_map_odom @ edges[-1].T_odom_camera, known) < 0.7 * gap_m
+
+
+def test_a_killed_mapper_is_replaced_while_tracking_goes_on(
+    node: Supervisor, probe: Probe
+) -> None:
+    walker = Walker(probe)
+    walker.walk(0, 20)
+    before = walker.status[-1].keyframes
+    assert before > 2
+    assert walker.deaths() == 0
+    mapper_of(node).kill()
+    walker.walk(20, 40)
+    assert walker.deaths() == 1
+    assert walker.status[-1].keyframes > before
+    last = walker.edges()[-1]
+    T_map_camera = last.T_map_odom @ last.T_odom_camera
+    assert distance_m(T_map_camera, walker.camera_at(39)) < 0.01
+
+
+def mapper_of(node: Supervisor) -> psutil.Process:
+    """Return the one process that the node has spawned."""
+    (process,) = (
+        child
+        for pid in node.pids.values()
+        for child in psutil.Process(pid).children()
+        if 'spawn_main' in ' '.join(child.cmdline())
+    )
+    return process
