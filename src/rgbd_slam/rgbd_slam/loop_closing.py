@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from enum import Enum
 from typing import NamedTuple
 
@@ -23,6 +24,8 @@ from rgbd_slam.map_merging import merge_maps
 _AROUND = 10  # keyframes on either side whose points are fused
 _NO_MAP = -1
 
+_logger = logging.getLogger(__name__)
+
 
 class LoopEvent(Enum):
     """What a keyframe brought about."""
@@ -31,6 +34,19 @@ class LoopEvent(Enum):
     REJOINED = 'rejoined'  # a place seen before, reached with hardly any drift
     CLOSED = 'closed'
     MERGED = 'merged'  # two maps into one
+
+
+class Join(NamedTuple):
+    """What was found to be seen from where; logged, so that it can be held against the truth."""
+
+    event: LoopEvent
+    stamp_ns: int  # of the image
+    place_stamp_ns: int  # of the image taken at the place before
+    T_place_camera: FloatArray  # (4, 4)
+
+    def __str__(self) -> str:
+        ago_s = 1e-9 * (self.stamp_ns - self.place_stamp_ns)
+        return f'{self.event.value}: a place seen {ago_s:.1f} s before'
 
 
 class LoopCounts(NamedTuple):
@@ -85,11 +101,12 @@ class LoopCloser:
         c, match = found
         T_c_i = se3.inverse(self._map.keyframes.T_map_camera[c]) @ match.pose
         if self._map.keyframes.map_id[i] == self._map.keyframes.map_id[c]:
-            return self._close(i, c, match, T_c_i)
-        merge_maps(self._map, i, c, T_c_i)
-        self._fuse(i, c)
-        self._adjust(int(self._map.keyframes.map_id[i]))
-        return LoopEvent.MERGED
+            event = self._close(i, c, match, T_c_i)
+        else:
+            event = self._merge(i, c, T_c_i)
+        stamp_ns = self._map.keyframes.stamp_ns
+        _logger.info('%s', Join(event, int(stamp_ns[i]), int(stamp_ns[c]), T_c_i))
+        return event
 
     def poll(self) -> bool:
         """Take in a global adjustment that has ended; return whether there was one."""
@@ -115,6 +132,8 @@ class LoopCloser:
         keyframes, config = self._map.keyframes, self._config
         turn_rad, way_m = self._detector.correction(i, match)
         small = way_m < config.small_m and turn_rad < np.deg2rad(config.small_deg)
+        alive = set(keyframes.uid[keyframes.alive].tolist())
+        self._loops = [loop for loop in self._loops if {loop.uid_a, loop.uid_b} <= alive]
         self._loops.append(Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i))
         map_id = int(keyframes.map_id[i])
         move_map(self._map, *closed_poses(self._map, map_id, self._loops, config.essential_shared))
@@ -123,6 +142,12 @@ class LoopCloser:
             return LoopEvent.REJOINED
         self._adjust(map_id)
         return LoopEvent.CLOSED
+
+    def _merge(self, i: int, c: int, T_c_i: FloatArray) -> LoopEvent:
+        merge_maps(self._map, i, c, T_c_i)
+        self._fuse(i, c)
+        self._adjust(int(self._map.keyframes.map_id[i]))
+        return LoopEvent.MERGED
 
     def _adjust(self, map_id: int) -> None:
         self._adjuster.start(map_id)

@@ -10,7 +10,7 @@ from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.essential_graph import Loop, closed_poses, move_map, path_length_m
 from rgbd_slam.geometric_verification import PlaceStatus
-from rgbd_slam.loop_closing import LoopCloser, LoopEvent
+from rgbd_slam.loop_closing import Join, LoopCloser, LoopEvent
 from rgbd_slam.map import SlamMap
 from rgbd_slam.map_merging import merge_maps
 from rgbd_slam.place_finder import PlaceFinder
@@ -42,14 +42,21 @@ def _copy(slam_map: SlamMap) -> SlamMap:
 
 
 def test_a_loop_is_closed_and_the_drift_is_gone(
-    drifting: tuple[SlamMap, IntArray, FloatArray],
+    drifting: tuple[SlamMap, IntArray, FloatArray], caplog: pytest.LogCaptureFixture
 ) -> None:
     original, rows, truth = drifting
     slam_map = _copy(original)
     before = _errors_m(slam_map, rows, truth)
     points_before = len(slam_map.points)
     closer = LoopCloser(slam_map, CAMERA, SlamConfig())
-    assert closer.process(int(rows[-1])) is LoopEvent.CLOSED
+    with caplog.at_level('INFO', 'rgbd_slam.loop_closing'):
+        assert closer.process(int(rows[-1])) is LoopEvent.CLOSED
+    (join,) = (join for record in caplog.records for join in record.args or ())
+    assert isinstance(join, Join)
+    assert (join.event, join.stamp_ns) == (LoopEvent.CLOSED, slam_map.keyframes.stamp_ns[rows[-1]])
+    place = slam_map.keyframes.stamp_ns[rows].tolist().index(join.place_stamp_ns)
+    T_place_camera = se3.inverse(truth[place]) @ truth[-1]
+    np.testing.assert_allclose(join.T_place_camera, T_place_camera, atol=0.01)
     after = _errors_m(slam_map, rows, truth)
     assert before.max() > 0.1
     assert after.max() < 0.15 * before.max()

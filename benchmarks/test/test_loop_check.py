@@ -1,0 +1,38 @@
+import logging
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import Trajectory
+from loop_check import checked, listening
+from rgbd_slam.loop_closing import Join, LoopEvent
+
+NS = 1_000_000_000
+TRUTH = Trajectory(
+    np.arange(4) * NS, se3.exp(np.outer(np.arange(4), [0.0, 0.1, 0.0, 0.5, 0.0, 0.2]))
+)
+T_0_3 = se3.inverse(TRUTH.T_world_camera[0]) @ TRUTH.T_world_camera[3]
+
+
+@pytest.mark.parametrize(
+    ('twist', 'is_false'),
+    [([0.0] * 6, False), ([0, 0, 0, 0.05, 0, 0], False), ([0, 0, 0, 0, 0.2, 0], True),
+     ([0.1, 0, 0, 0, 0, 0], True)],
+)  # fmt: skip
+def test_a_join_is_held_against_the_truth(twist: list[float], is_false: bool) -> None:
+    join = Join(LoopEvent.CLOSED, 3 * NS + 1000, 0, T_0_3 @ se3.exp(np.array(twist)))
+    found = checked(join, TRUTH)
+    assert found.is_false is is_false
+    assert found.error_m == pytest.approx(np.linalg.norm(twist[3:]), abs=1e-9)
+    assert found.error_deg == pytest.approx(np.degrees(np.linalg.norm(twist[:3])), abs=1e-6)
+
+
+def test_joins_are_heard_of_while_listening() -> None:
+    join = Join(LoopEvent.MERGED, 3, 1, T_0_3)
+    logger = logging.getLogger('rgbd_slam.loop_closing')
+    with listening() as joins:
+        logger.info('%s', join)
+        logger.info('something else')
+    logger.info('%s', join)
+    assert joins == [join]
