@@ -28,11 +28,11 @@ OPTICAL = 'camera_color_optical_frame'
 LIMIT_S = 120.0
 PARAMETERS = """/**:
   ros__parameters:
-    input: {{reliability: reliable, queue_length: 100, compressed: {compressed}}}
+    input: {reliability: reliable, queue_length: 100}
 /**/rgbd_slam:
   ros__parameters:
-    dense: {{enabled: false}}
-    objects: {{enabled: false}}
+    dense: {enabled: false}
+    objects: {enabled: false}
 """
 
 
@@ -70,13 +70,13 @@ class Heard:
 @pytest.fixture
 def suites(domain_id: int, tmp_path: Path) -> Iterator[Supervisor]:
     """`hoid nodes` for both robots."""
+    params = tmp_path / 'params.yaml'
+    params.write_text(PARAMETERS)
+    argv = ('nodes', '--no-detector', '--filter', 'none', '--params', str(params))
     specs = []
     for robot in ROBOTS:
-        params = tmp_path / f'{robot.name}.yaml'
-        params.write_text(PARAMETERS.format(compressed=str(robot.compressed).lower()))
-        argv = ('nodes', '--no-detector', '--filter', 'none', '--params', str(params))
-        command = (sys.executable, '-m', 'hoid_bringup', *argv, '--namespace', robot.name)
-        specs.append(ProcessSpec(robot.name, command))
+        own = ('--namespace', robot.name, *(('--compressed',) if robot.compressed else ()))
+        specs.append(ProcessSpec(robot.name, (sys.executable, '-m', 'hoid_bringup', *argv, *own)))
     assert os.environ['ROS_DOMAIN_ID'] == str(domain_id)
     with Supervisor(specs, log_dir=tmp_path) as running:
         yield running

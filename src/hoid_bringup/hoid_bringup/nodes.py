@@ -17,6 +17,7 @@ from hoid_common.errors import InputError
 from hoid_common.ros.topics import NAMESPACED_TF
 
 _TICK_S = 0.2
+_ALL = (DETECTOR, FILTER, SLAM)
 
 
 def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,8 +35,17 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--filter', metavar='STRATEGY', help='of the filter')
     parser.add_argument('--detector', metavar='MODEL', help='ONNX file or name of a known model')
     parser.add_argument('--base', metavar='FRAME', help="robot's base frame, on /tf_static")
-    parser.add_argument(
+    some = parser.add_mutually_exclusive_group()
+    some.add_argument(
         '--no-detector', action='store_true', help='it runs elsewhere, or nothing needs it'
+    )
+    some.add_argument(
+        '--only', choices=_ALL, help='just this one, such as the detector on another computer'
+    )
+    parser.add_argument(
+        '--compressed',
+        action='store_true',
+        help='take images from .../compressed and .../compressedDepth',
     )
     parser.add_argument(
         '--restart', action='store_true', help='start a dead node anew instead of ending all'
@@ -46,7 +56,7 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
 
 def nodes_command(args: argparse.Namespace) -> None:
     """Run until Ctrl-C or SIGTERM, which is the usual end, or until a node dies."""
-    options = _options(args)
+    options = node_options(args)
     with tempfile.TemporaryDirectory(prefix='hoid-') as folder, suppress(KeyboardInterrupt):
         specs = node_specs(options, Path(folder))
         try:
@@ -70,10 +80,15 @@ def _supervise(supervisor: Supervisor, restart: bool) -> None:
             time.sleep(_TICK_S)
 
 
-def _options(args: argparse.Namespace) -> NodeOptions:
+def node_options(args: argparse.Namespace) -> NodeOptions:
+    """Return what the options ask for.
+
+    Raises:
+        InputError: The parameter file is missing.
+    """
     if args.params is not None and not args.params.is_file():
         raise InputError(f'{args.params}: no such parameter file')
-    parameters: dict[str, dict[str, Any]] = {DETECTOR: {}, FILTER: {}, SLAM: {}}
+    parameters: dict[str, dict[str, Any]] = {node: {} for node in _ALL}
     for node, name, value in (
         (DETECTOR, 'model', args.detector),
         (FILTER, 'strategy', args.filter),
@@ -81,9 +96,12 @@ def _options(args: argparse.Namespace) -> NodeOptions:
     ):
         if value is not None:
             parameters[node][name] = value
+    if args.compressed:
+        for chosen in parameters.values():
+            chosen['input.compressed'] = True
     own_names = CAMERA_TOPICS['bag'].remappings()
     return NodeOptions(
-        nodes=(FILTER, SLAM) if args.no_detector else (DETECTOR, FILTER, SLAM),
+        nodes=_chosen(args),
         namespace=args.namespace,
         use_sim_time=args.sim_time,
         params_file=args.params,
@@ -93,3 +111,9 @@ def _options(args: argparse.Namespace) -> NodeOptions:
         ),
         parameters=parameters,
     )
+
+
+def _chosen(args: argparse.Namespace) -> tuple[str, ...]:
+    if args.only is not None:
+        return (args.only,)
+    return (FILTER, SLAM) if args.no_detector else _ALL

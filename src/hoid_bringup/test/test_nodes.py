@@ -1,0 +1,54 @@
+"""What `hoid nodes` starts, by its options."""
+
+from __future__ import annotations
+
+import argparse
+
+import pytest
+
+from hoid_bringup.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
+from hoid_bringup.nodes import add_nodes_arguments, node_options
+from hoid_common.errors import InputError
+
+FRAME_TREE = (('/tf', 'tf'), ('/tf_static', 'tf_static'))
+
+
+def options(*argv: str) -> NodeOptions:
+    parser = argparse.ArgumentParser()
+    add_nodes_arguments(parser)
+    return node_options(parser.parse_args(argv))
+
+
+@pytest.mark.parametrize(
+    ('argv', 'nodes'),
+    [
+        ((), (DETECTOR, FILTER, SLAM)),
+        (('--no-detector',), (FILTER, SLAM)),
+        (('--only', DETECTOR), (DETECTOR,)),
+    ],
+)
+def test_which_nodes(argv: tuple[str, ...], nodes: tuple[str, ...]) -> None:
+    assert options(*argv).nodes == nodes
+
+
+def test_names_of_a_camera_and_a_frame_tree_for_each_namespace() -> None:
+    assert options().remappings == FRAME_TREE
+    chosen = options('--topics', 'realsense', '--namespace', 'robot')
+    color = '/camera/camera/color/image_raw'
+    assert dict(chosen.remappings).items() >= dict(FRAME_TREE).items()
+    assert ('rgb/image', color) in chosen.remappings
+    assert ('rgb/image/compressed', f'{color}/compressed') in chosen.remappings
+    assert chosen.namespace == 'robot'
+
+
+def test_parameters_go_to_their_nodes() -> None:
+    chosen = options('--compressed', '--base', 'base_link', '--filter', 'person').parameters
+    assert all(of_node['input.compressed'] is True for of_node in chosen.values())
+    assert chosen[SLAM]['frames.base'] == 'base_link'
+    assert chosen[FILTER]['strategy'] == 'person'
+    assert options().parameters == {DETECTOR: {}, FILTER: {}, SLAM: {}}
+
+
+def test_a_missing_parameter_file_is_said() -> None:
+    with pytest.raises(InputError, match='no such parameter file'):
+        options('--params', 'nowhere.yaml')
