@@ -51,15 +51,14 @@ class MaskCase:
     sequence: str
     detector: str
     perturbation: Perturbation = field(default_factory=Perturbation)
-    score_threshold: float = DetectorConfig().score_threshold
 
 
 CASES: Mapping[str, MaskCase] = {
     'pasted-yolov8n': MaskCase('fr1_xyz_people', 'yolov8n_int8'),
     'pasted-yolox': MaskCase('fr1_xyz_people', 'yolox_nano'),
     'pasted-missed': MaskCase('fr1_xyz_people', 'yolov8n_int8', Perturbation(missed_every=3)),
-    'pasted-doubtful': MaskCase('fr1_xyz_people', 'yolox_nano', score_threshold=0.1),
-    'static-doubtful': MaskCase('fr1_xyz', 'yolox_nano', score_threshold=0.1),
+    'static-false': MaskCase('fr1_xyz', 'yolox_nano', Perturbation(false_every=10)),
+    'pasted-false': MaskCase('fr1_xyz_people', 'yolox_nano', Perturbation(false_every=10)),
     'rendered-1': MaskCase('synth-1', TRUTH),
     'rendered-2': MaskCase('synth-2', TRUTH),
     'rendered-missed': MaskCase('synth-1', TRUTH, Perturbation(missed_every=3)),
@@ -132,8 +131,6 @@ def _table(name: str, case: MaskCase, store: Store) -> str:
 def _title(name: str, case: MaskCase) -> str:
     default = vars(Perturbation())
     words = [f'{k}={v}' for k, v in vars(case.perturbation).items() if v != default[k]]
-    if case.detector != TRUTH:
-        words.append(f'score_threshold={case.score_threshold}')
     return f'{name}: {case.sequence}, {", ".join([case.detector, *words])}'
 
 
@@ -181,8 +178,7 @@ def _open(name: str, store: Store) -> Iterator[Labelled]:
 def _detector(case: MaskCase, exact: Mapping[int, Detections]) -> DetectionSource:
     if case.detector == TRUTH:
         return lambda frame: exact[frame.stamp_ns]
-    config = DetectorConfig(score_threshold=case.score_threshold)
-    detector = OnnxDetector(find_model(case.detector), config)
+    detector = OnnxDetector(find_model(case.detector), DetectorConfig())
     return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)
 
 

@@ -26,6 +26,7 @@ _FRAME_NS = 33_333_333
 _MISSED_EVERY_NS = 3_000_000_000
 _COVER_PERIOD_S = 6.0
 _COVER_DEPTH_M = 0.8
+_FALSE_SCORE, _FALSE_SIDE = 0.28, 0.91  # score, share of each side: as YOLOX-nano was seen to err
 
 
 class PerturbedSequence:
@@ -118,6 +119,8 @@ def perturb_detections(
             found = _with_extra(found, perturbation.extra_boxes, frame.depth_m.shape)
         if perturbation.covered_share:
             found = _with_cover(found, perturbation.covered_share, frame.depth_m.shape)
+        if perturbation.false_every and state.num_asked % perturbation.false_every == 0:
+            found = _with_false_person(found, frame.depth_m.shape)
         return found
 
     return perturbed
@@ -130,7 +133,7 @@ class _Clock:
         self._rng = rng
         self._last_ns = -_MISSED_EVERY_NS
         self._first_ns: int | None = None
-        self._num_asked = 0
+        self.num_asked = 0
 
     def is_due(self, stamp_ns: int, rate_hz: float) -> bool:
         due = rate_hz <= 0 or (stamp_ns - self._last_ns) * 1e-9 > 0.999 / rate_hz
@@ -143,15 +146,23 @@ class _Clock:
         since_ns = stamp_ns - self._first_ns
         in_run = since_ns % _MISSED_EVERY_NS < perturbation.missed_run * _FRAME_NS
         lost = self._rng.random() < perturbation.missed_share
-        self._num_asked += 1
+        self.num_asked += 1
         if perturbation.missed_every > 0:
-            lost |= self._num_asked % perturbation.missed_every == 0
+            lost |= self.num_asked % perturbation.missed_every == 0
         return bool(lost or (in_run and since_ns >= _MISSED_EVERY_NS))
 
 
 def _with_cover(found: Detections, share: float, shape_hw: tuple[int, ...]) -> Detections:
     left, right = cover_columns(shape_hw[1], share, found.stamp_ns)
     return _with(found, np.array([[left, 0, right, shape_hw[0]]], np.float32), PERSON)
+
+
+def _with_false_person(found: Detections, shape_hw: tuple[int, ...]) -> Detections:
+    """Add what small detectors now and then make of a whole scene."""
+    size_px = np.array(shape_hw[1::-1], np.float32)
+    margin_px = size_px * (1 - _FALSE_SIDE) / 2
+    box = np.concatenate([margin_px, size_px - margin_px])
+    return _with(found, box[None].astype(np.float32), PERSON, _FALSE_SCORE)
 
 
 def _with_extra(found: Detections, number: int, shape_hw: tuple[int, ...]) -> Detections:
@@ -162,11 +173,13 @@ def _with_extra(found: Detections, number: int, shape_hw: tuple[int, ...]) -> De
     return _with(found, np.concatenate([corner, corner + size_px], 1).astype(np.float32), 'cup')
 
 
-def _with(found: Detections, boxes_xyxy_px: Float32Array, name: str) -> Detections:
+def _with(
+    found: Detections, boxes_xyxy_px: Float32Array, name: str, score: float = 0.9
+) -> Detections:
     number = len(boxes_xyxy_px)
     return Detections(
         found.stamp_ns,
         np.concatenate([found.boxes_xyxy_px, boxes_xyxy_px]),
         (*found.class_names, *[name] * number),
-        np.concatenate([found.scores, np.full(number, 0.9, np.float32)]),
+        np.concatenate([found.scores, np.full(number, score, np.float32)]),
     )

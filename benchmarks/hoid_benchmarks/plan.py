@@ -44,6 +44,7 @@ class Perturbation:
     covered_share: float = 0.0  # of the image's width hidden by a moving person-like box
     loops: int = 1  # the recording forth and back so many times
     extra_boxes: int = 0  # objects reported beside those that are there
+    false_every: int = 0  # 10: a weak person over most of the image in every tenth frame
 
 
 @dataclass(frozen=True)
