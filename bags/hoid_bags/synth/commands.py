@@ -45,6 +45,20 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
         '--near', type=float, default=default.near_m, help='distance people seek, m (%(default)s)'
     )
     parser.add_argument(
+        '--people-seed',
+        type=int,
+        default=default.people_seed,
+        metavar='N',
+        help='other people, who do other things in the same home',
+    )
+    parser.add_argument(
+        '--start',
+        type=float,
+        default=default.start_s,
+        metavar='S',
+        help="begin so late on the camera's path, s",
+    )
+    parser.add_argument(
         '--width', type=int, default=default.width_px, help='of the images, px (%(default)s)'
     )
     parser.add_argument(
@@ -70,4 +84,6 @@ def scene_config(args: argparse.Namespace) -> SceneConfig:
         layout=args.layout,
         num_people=args.people,
         near_m=args.near,
+        people_seed=args.people_seed,
+        start_s=args.start,
     )

@@ -32,6 +32,12 @@ class SceneConfig(Config):
     near_m: float = param(
         1.7, 'distance from the camera that people seek', minimum=1.0, maximum=5.0
     )
+    people_seed: int = param(
+        0, 'other people, who do other things in the same home; 0: those of the seed', minimum=0
+    )
+    start_s: float = param(
+        0.0, "the recording begins so late on the camera's path", minimum=0.0, maximum=1e4
+    )
     colour_noise: float = param(1.0, 'scale of the colour noise', minimum=0.0, maximum=10.0)
     motion_blur: float = param(1.0, 'scale of the exposure time', minimum=0.0, maximum=10.0)
     depth_noise: float = param(1.0, 'scale of the depth noise', minimum=0.0, maximum=10.0)
@@ -59,6 +65,11 @@ class SceneConfig(Config):
         focal_px = _VGA_FOCAL_PX * self.scale
         center = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
         return CameraModel(self.width_px, self.height_px, focal_px, focal_px, *center)
+
+    @property
+    def people_stream(self) -> tuple[int, ...]:
+        """Return what people's random numbers are seeded with, after the seed and a number."""
+        return (self.people_seed,) if self.people_seed else ()
 
     def stamp_ns(self, i: int) -> int:
         """Return the stamp of frame i."""

@@ -55,7 +55,11 @@ def build_world(config: SceneConfig) -> World:
     doorways = _partition(furnishers[0]) if two else ()
     builder.spots += _floor_spots(rng, builder.obstacles, rooms, two)
     props, free = _place_props(furnishers[0], rng)
-    people = Studio(textures, np.random.default_rng([config.seed, 3]), studio.texels_per_m)
+    people = Studio(
+        textures,
+        np.random.default_rng([config.seed, 3, *config.people_stream]),
+        studio.texels_per_m,
+    )
     wardrobes = tuple(dress(people) for _ in range(config.num_people))
     instances = tuple(builder.new_instance(PERSON) for _ in wardrobes)
     return World(

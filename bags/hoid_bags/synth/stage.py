@@ -67,8 +67,8 @@ def set_stage(config: SceneConfig) -> Stage:
     """Build the world and write the play of a configuration."""
     count = config.frames + 1
     world = build_world(config)
-    T_world_camera = camera_poses(config, np.arange(count) / FRAME_RATE_HZ)
-    rng = np.random.default_rng([config.seed, 4])
+    T_world_camera = camera_poses(config, config.start_s + np.arange(count) / FRAME_RATE_HZ)
+    rng = np.random.default_rng([config.seed, 4, *config.people_stream])
     keep_out = () if config.path == 'loop' else (_CAMERA_ZONE,)
     parts = Playwright(world, T_world_camera, rng, keep_out, config.near_m).write(
         config.num_people

@@ -10,6 +10,7 @@ from pathlib import Path
 from hoid_bags.trajectory_io import read_tum
 from hoid_bringup.evaluation import Evaluation, evaluate
 from hoid_bringup.offline import run_offline
+from hoid_bringup.offline_maps import MapFiles
 from hoid_bringup.options import (
     add_method_arguments,
     add_recording_arguments,
@@ -35,6 +36,11 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--dense', action='store_true', help='also write cloud.ply, and grid.pgm with grid.yaml'
     )
+    parser.add_argument('--map', type=Path, metavar='FILE', help='start with a saved map')
+    parser.add_argument(
+        '--localize', action='store_true', help='leave that map as it is, and only look for poses'
+    )
+    parser.add_argument('--save-map', type=Path, metavar='FILE', help='save the map in the end')
 
 
 def run_command(args: argparse.Namespace) -> None:
@@ -42,7 +48,10 @@ def run_command(args: argparse.Namespace) -> None:
     config = run_config(args)
     sequence = recording(args)
     say_detections(config)
-    summary = run_offline(sequence, config, args.out, dense=args.dense, recording=args.input)
+    maps = MapFiles(args.map, args.localize, args.save_map)
+    summary = run_offline(
+        sequence, config, args.out, dense=args.dense, recording=args.input, maps=maps
+    )
     print(report(summary, args.out))
     if sequence.fault:
         raise InputError(sequence.fault)

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from hoid_bags.sequence import Sequence
+from hoid_bringup import offline_maps
 from hoid_bringup.detection_source import DetectionSource, detection_source
+from hoid_bringup.offline_maps import MapFiles, Mapped
 from hoid_bringup.outputs import write_outputs
 from hoid_bringup.progress import progress
 from hoid_bringup.run_config import RunConfig
@@ -45,12 +47,28 @@ class OfflinePipeline:
         self._filter = FeatureFilter(config.filter, sequence.camera)
         self._slam = RgbdSlam(sequence.camera, config.slam)
         self._frames = RobotFrames()
-        self._looks = FramePoses(config.dense.rate_hz if dense else None, None)
         self._room = RoomMapper(sequence.camera, config.dense, config.objects)
+        self._mapped = Mapped(
+            self._slam, self._room, self._frames, sequence.camera, config.slam.camera
+        )
+        self._looks = FramePoses(config.dense.rate_hz if dense else None, None)
         self._features_in = self._features_removed = self._objects_dynamic = 0
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
         self.num_kept: list[int] = []  # features that the filter left, by frame
+
+    def load_map(self, path: Path, *, localize: bool) -> None:
+        """Start with a saved map, and leave it as it is if so wanted.
+
+        Raises:
+            MapFileError: It is unusable.
+        """
+        offline_maps.load(path, self._mapped)
+        self._slam.is_mapping = not localize
+
+    def save_map(self, path: Path) -> None:
+        """Save the map as it is now; raises HoidError if that is impossible."""
+        offline_maps.save(path, self._mapped)
 
     def process(self, frame: RgbdFrame) -> TrackingResult:
         """Run one frame through all stages."""
@@ -69,7 +87,7 @@ class OfflinePipeline:
         return tracking
 
     def _fuse(self, frame: RgbdFrame, filtered: FilterResult, tracking: TrackingResult) -> None:
-        if tracking.T_map_camera is None:
+        if tracking.T_map_camera is None or not self._slam.is_mapping:
             return
         T_core_camera, reference_uid = self._slam.last_pose()
         pose = self._looks.pick(
@@ -146,6 +164,7 @@ def run_offline(
     dense: bool = False,
     options: Mapping[str, Any] | None = None,
     recording: Path | None = None,
+    maps: MapFiles = MapFiles(),  # noqa: B008 - immutable
     show_progress: bool = True,
 ) -> Summary:
     """Run every frame of a recording and write the results.
@@ -158,15 +177,22 @@ def run_offline(
         dense: Whether to make the dense map and the grid too.
         options: What to note in the summary as asked for; the changed parameters by default.
         recording: Where the recording lies, to note as well.
+        maps: Map files to start with and to leave.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
         HoidError: The recording, the model or the output folder is unusable.
     """
+    maps.check()
     pipeline = OfflinePipeline(sequence, config, detect, dense=dense)
+    if maps.load is not None:
+        pipeline.load_map(maps.load, localize=maps.localize)
     bar = progress(sequence, len(sequence), 'frames', show=show_progress)
     for frame in bar:
         tracking = pipeline.process(frame)
         bar.set_postfix_str(tracking.state.name.lower(), refresh=False)
     noted = options if options is not None else config.noted()
-    return write_outputs(out_dir, pipeline.finish(sequence, noted, recording))
+    result = pipeline.finish(sequence, noted, recording)
+    if maps.save is not None:
+        pipeline.save_map(maps.save)
+    return write_outputs(out_dir, result)

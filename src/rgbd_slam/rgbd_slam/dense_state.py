@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.values import ByteArray, FloatArray, IntArray
+from hoid_common.values import ByteArray, CameraModel, FloatArray, IntArray
 from rgbd_slam.dense.dense_mapper import StoredView
 from rgbd_slam.dense.voxel_map import DepthView
 from rgbd_slam.record import Array, Record, column
@@ -53,6 +53,11 @@ class DenseState(Record):
                 'image_bgr': _stacked(small, half),
             }
         )
+
+    def fits(self, camera: CameraModel, pixel_stride: int) -> bool:
+        """Return whether the images are of the size that the dense map takes."""
+        whole = camera.height_px, camera.width_px
+        return self.depth_mm.shape[1:] == tuple(-(-n // pixel_stride) for n in whole)
 
     def views(self, keyframe_uids: IntArray) -> list[StoredView]:
         """Return the images to be kept, none of them fused yet.

@@ -5,6 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from hoid_common.errors import InputError
+from rgbd_slam.map_file import SUFFIX
+
+_MAP_NAME = 'map'
+
+
+def map_path(directory: str, name: str) -> Path:
+    """Return the path of a map file by its name, with or without suffix; raises as `path_in`."""
+    name = name or _MAP_NAME
+    return path_in(directory, name if name.endswith(SUFFIX) else name + SUFFIX, '')
 
 
 def path_in(directory: str, name: str, default: str) -> Path:

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
-from hoid_common.errors import InputError
+from hoid_common.errors import ConfigError, InputError, MapFileError
 from hoid_common.ros import conversions, topics
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import StaticFrameListener
@@ -19,8 +19,12 @@ from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
+from hoid_common.slam_status import SlamMode
 from hoid_common.values import CameraModel
+from rgbd_slam import map_file
 from rgbd_slam.frames import RobotFrames
+from rgbd_slam.map_directory import map_path
+from rgbd_slam.map_file import MapFile
 from rgbd_slam.mapper_worker import MapperStoppedError
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.map_services import MapServices
@@ -43,6 +47,7 @@ class RgbdSlamNode(Node):
         self._static = StaticFrameListener(self, self._diagnostics)
         self._outputs = SlamOutputs(self, self._config.frames)
         self._room = RoomLink(self, self._config, self._diagnostics)
+        self._first_map = self._read_first_map()
         self._answers = SlamServices(self, self._config, self._known_session, self._reset)
         self._map_answers = MapServices(self, self._config, self._known_session, self._room)
         # Wall time, and apart from the images: publishing a map must not hold odometry back.
@@ -118,8 +123,28 @@ class RgbdSlamNode(Node):
                 camera, self._config, frames, background=True, looks=self._room.looks()
             )
         self._room.start_map(camera)
+        if self._first_map is not None:
+            self._load_first_map(session, self._first_map)
         self._outputs.publish(Processed(session.status(), None), header)
         return session
+
+    def _read_first_map(self) -> MapFile | None:
+        """Return the map to start with; raises HoidError, which ends the node, for a bad one."""
+        config = self._config
+        if config.map_file:
+            return map_file.load(map_path(config.map_directory, config.map_file))
+        if SlamMode[config.mode.upper()] is SlamMode.LOCALIZATION:
+            raise ConfigError('mode is localization, which needs a map_file')
+        return None
+
+    def _load_first_map(self, session: SlamSession, content: MapFile) -> None:
+        self._first_map = None  # a reset forgets it
+        try:
+            loaded = session.load(content)
+        except MapFileError as error:
+            raise SystemExit(f'error: {self._config.map_file}: {error}') from error
+        session.set_mode(SlamMode[self._config.mode.upper()])
+        self._room.load(content.dense, loaded, keep=False)
 
     def _reset(self) -> None:
         if self._session is not None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from hoid_common.config import Config, param
 from hoid_common.input_config import InputConfig
+from hoid_common.slam_status import SlamMode
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.object_tracker import ObjectTrackerConfig
@@ -36,6 +37,13 @@ class SlamNodeConfig(SlamConfig):
     map_directory: str = param(
         '~/.ros/hoid', 'Folder of the files that services read and write; none lie outside'
     )
+    map_file: str = param(
+        '', 'Map in that folder to start with, saved before by save_map; empty: an empty map'
+    )
+    mode: str = param(
+        SlamMode.MAPPING.name.lower(), 'To start in: localization needs a map_file',
+        choices=tuple(mode.name.lower() for mode in SlamMode),
+    )  # fmt: skip
     map_period_s: float = param(
         1.0, 'Map, path and keyframes are published at most so often', minimum=0.05, maximum=3600.0
     )

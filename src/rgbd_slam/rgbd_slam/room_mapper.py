@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Array
+from hoid_common.errors import MapFileError
+from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Array, IntArray
 from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.dense.dense_mapper import DenseMapper, StoredView
 from rgbd_slam.dense.floor import Floor, find_floor
 from rgbd_slam.dense.grid import Grid, project_grid, without_unseen
 from rgbd_slam.dense.voxel_map import ColoredCloud
+from rgbd_slam.dense_state import DenseState
 from rgbd_slam.frame_poses import FramePose, KeyframePoses
 from rgbd_slam.object_sighting import DepthScene
 from rgbd_slam.object_tracker import ObjectTracker, ObjectTrackerConfig, TrackedObject
@@ -69,6 +71,18 @@ class RoomMapper:
     def restore(self, view: StoredView) -> None:
         """Add an image to the dense map that hangs on a known keyframe."""
         self._mapper.restore(view)
+
+    def load(self, dense: DenseState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
+        """Add a saved dense map; (K,) uids of the keyframes that were saved with it.
+
+        Raises:
+            MapFileError: It was made with another `pixel_stride`.
+        """
+        if not dense.fits(self._camera, self._config.pixel_stride):
+            raise MapFileError('the dense map was made with another dense.pixel_stride')
+        self.know(keyframes)
+        for view in dense.views(keyframe_uids):
+            self.restore(view)
 
     def settle(self, keyframes: KeyframePoses) -> None:
         """Fuse all kept images anew by the keyframes as the map says in the end."""

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common import se3
 from hoid_common.errors import ConfigError
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import (
@@ -14,13 +13,14 @@ from hoid_common.values import (
     Features,
     Float32Array,
     FloatArray,
-    IntArray,
     Trajectory,
 )
+from rgbd_slam import map_use
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame_poses import FramePose, FramePoses, KeyframePoses
 from rgbd_slam.frames import RobotFrames, RobotPose
 from rgbd_slam.map_file import MapFile
+from rgbd_slam.map_use import LoadedMap
 from rgbd_slam.slam import RgbdSlam, SlamStats, TrackingResult
 from rgbd_slam.stream_gaps import StreamGaps
 
@@ -40,13 +40,6 @@ class Processed(NamedTuple):
     status: SlamStatus
     pose: RobotPose | None  # None while the pose is unknown
     look: FramePose | None = None  # for the room mapper, when it is to look at the image
-
-
-class LoadedMap(NamedTuple):
-    """A saved map's place in the running one."""
-
-    keyframe_uids: IntArray  # (K,) of the saved keyframes
-    keyframes: KeyframePoses  # all there are now, in the map frame
 
 
 class SlamSession:
@@ -130,34 +123,16 @@ class SlamSession:
         return self._slam.is_settled
 
     def saved_map(self) -> MapFile:
-        """Copy the map, in the map frame, for a file; takes a few ms.
-
-        Raises:
-            ConfigError: There is no map.
-        """
-        if self._slam.stats.num_keyframes == 0:
-            raise ConfigError('nothing has been mapped yet: there is nothing to save')
-        state = self._slam.state().moved(self._frames.T_map_core)
-        camera = self._config.camera
-        return MapFile(self.camera, camera.scale_factor, camera.num_octaves, state)
+        """Copy the map for a file; see `map_use.copied`."""
+        return map_use.copied(self._slam, self._frames, self.camera, self._config.camera)
 
     def load(self, content: MapFile, *, keep: bool = False) -> LoadedMap:
-        """Lay a saved map over the running one, between two images.
-
-        Args:
-            content: What was saved; its map frame becomes this session's.
-            keep: Go on in the running map, until a place of the saved one is seen; otherwise it
-                is gone, and the camera is looked for in the saved one.
-
-        Raises:
-            MapFileError: The map is of another camera; the running one is as before.
-        """
-        config = self._config.camera
-        content.check_fits(self.camera, config.scale_factor, config.num_octaves)
-        state = content.map.moved(se3.inverse(self._frames.T_map_core))
-        uids = self._slam.load(state, keep=keep)
+        """Lay a saved map over the running one; see `map_use.laid_over`."""
+        loaded = map_use.laid_over(
+            self._slam, self._frames, self.camera, self._config.camera, content, keep=keep
+        )
         self._map_changed = True
-        return LoadedMap(uids, self.all_keyframes())
+        return loaded
 
     def all_keyframes(self) -> KeyframePoses:
         """Return where the keyframes of all maps are, those of the main map in the map frame."""

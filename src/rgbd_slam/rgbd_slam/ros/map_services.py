@@ -21,7 +21,7 @@ from hoid_common.values import IntArray
 from rgbd_slam import map_file
 from rgbd_slam.dense.dense_mapper import StoredView
 from rgbd_slam.dense_state import DenseState
-from rgbd_slam.map_directory import path_in
+from rgbd_slam.map_directory import map_path
 from rgbd_slam.map_file import MapFile
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.answers import answered
@@ -29,11 +29,7 @@ from rgbd_slam.ros.between_messages import BetweenMessages
 from rgbd_slam.ros.room_link import RoomLink
 from rgbd_slam.session import SlamSession
 
-_MODES = {
-    SetMode.Request.MAPPING: SlamMode.MAPPING,
-    SetMode.Request.LOCALIZATION: SlamMode.LOCALIZATION,
-}
-_DEFAULT_NAME = 'map'
+_MODES = {mode.name.lower(): mode for mode in SlamMode}
 _SETTLE_S = 30.0
 _LOOK_S = 0.05
 _END_S = 2.0
@@ -102,7 +98,7 @@ class MapServices:
         return answered(answer, lambda: self._switch(request.mode))
 
     def _save_as(self, name: str) -> str:
-        path = path_in(self._config.map_directory, _with_suffix(name), '')
+        path = map_path(self._config.map_directory, name)
         content, uids, views = self._between.call(self._copy)
         kept = views() if views is not None else []
         dense = DenseState.of_views(kept, uids) if kept else None
@@ -116,7 +112,7 @@ class MapServices:
         return session.saved_map(), keyframes.uids, self._room.views(keyframes)
 
     def _load_from(self, name: str, *, keep: bool) -> str:
-        path = path_in(self._config.map_directory, _with_suffix(name), '')
+        path = map_path(self._config.map_directory, name)
         content = map_file.load(path)
 
         def take_over() -> str:
@@ -141,11 +137,6 @@ class MapServices:
         if mode is SlamMode.MAPPING:
             return 'mapping: the map grows and is corrected'
         return 'localization: the map stays as it is'
-
-
-def _with_suffix(name: str) -> str:
-    name = name or _DEFAULT_NAME
-    return name if name.endswith(map_file.SUFFIX) else name + map_file.SUFFIX
 
 
 def _said(content: MapFile) -> str:

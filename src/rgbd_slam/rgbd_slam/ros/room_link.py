@@ -11,10 +11,10 @@ from hoid_common.values import CameraModel
 from rgbd_slam.dense.dense_mapper import StoredView
 from rgbd_slam.dense_state import DenseState
 from rgbd_slam.frame_poses import FramePose, FramePoses, KeyframePoses
+from rgbd_slam.map_use import LoadedMap
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.room_process import RoomProcess
 from rgbd_slam.ros.room_setup import RoomSetup
-from rgbd_slam.session import LoadedMap
 
 
 class RoomLink:
@@ -73,9 +73,7 @@ class RoomLink:
         process.know(loaded.keyframes)
         if dense is None:
             return ''
-        stride = self._config.dense.pixel_stride
-        size = -(-camera.height_px // stride), -(-camera.width_px // stride)
-        if dense.depth_mm.shape[1:] != size:
+        if not dense.fits(camera, self._config.dense.pixel_stride):
             return '; its dense map is left out: it was made with another dense.pixel_stride'
         for view in dense.views(loaded.keyframe_uids):
             process.restore(view)
