@@ -1,4 +1,4 @@
-"""Figures of the experiments: interactive ones for the page, PNG and SVG for papers."""
+"""Figures of the experiments, as plotly draws them on the page; `figure_files.py` saves them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
-
-mpl.use('Agg')
-import matplotlib.pyplot as plt
 
 from hoid_bags.trajectory_io import read_tum
 from hoid_benchmarks.plan import Experiment
@@ -33,6 +29,7 @@ _VALUES = {
 _MAX_POINTS = 1500  # of a drawn trajectory; keeps the page small
 _WIDE_RANGE = 10.0  # of values on an axis, which is logarithmic from there on
 _FEATURES = 'features.csv'
+TRUTH = 'ground truth'
 _TIME = 'time [s]'
 
 
@@ -53,34 +50,6 @@ def make_plots(
             for plot in _trajectory_plots(sequence, _first_runs(results, sequence), folder)
         )
     return ()
-
-
-def save_figures(experiment: Experiment, plots: Sequence[Plot], folder: Path) -> list[Path]:
-    """Write each plot as PNG and SVG and return their paths."""
-    paths = []
-    for i, plot in enumerate(plots):
-        figure, axes = plt.subplots(figsize=(7, 4.2), layout='constrained')
-        for trace in plot['data']:
-            axes.plot(trace['x'], trace['y'], marker='.', ms=3, lw=1, label=trace['name'])
-        layout = plot['layout']
-        axes.set(
-            title=layout['title']['text'],
-            xlabel=layout['xaxis']['title']['text'],
-            ylabel=layout['yaxis']['title']['text'],
-            xscale=layout['xaxis'].get('type', 'linear'),
-            yscale=layout['yaxis'].get('type', 'linear'),
-        )
-        if layout['yaxis'].get('scaleanchor'):
-            axes.set_aspect('equal')
-        axes.legend(fontsize=7)
-        axes.grid(alpha=0.3)
-        for suffix in ('.png', '.svg'):
-            paths.append(folder / f'{experiment.id}-{i}{suffix}')
-            with plt.rc_context({'svg.hashsalt': 'hoid'}):  # equal results, equal files
-                dated = {'Date': None} if suffix == '.svg' else {}
-                figure.savefig(paths[-1], dpi=150, metadata=dated)
-        plt.close(figure)
-    return paths
 
 
 def _is_all_one(plot: Plot) -> bool:
@@ -159,7 +128,7 @@ def _trajectory_plots(sequence: str, runs: Sequence[Result], folder: Path) -> li
         name = ' '.join(filter(None, (r.job.filter, r.job.detector)))
         axes = _widest_plane(aligned)
         if not above:
-            above.append(_path('ground truth', aligned.T_world_camera_true, axes))
+            above.append(_path(TRUTH, aligned.T_world_camera_true, axes))
         above.append(_path(name, aligned.T_world_camera, axes))
         first_ns = aligned.stamps_ns[0]
         error.append(_over_time(name, aligned.stamps_ns - first_ns, aligned.error_m))

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import cv2
 
-from hoid_benchmarks.figures import make_plots, save_figures
+from hoid_benchmarks.figure_files import save_figures
+from hoid_benchmarks.figures import make_plots
 from hoid_benchmarks.headlines import headlines
 from hoid_benchmarks.literature import published
 from hoid_benchmarks.machine import machine, versions
