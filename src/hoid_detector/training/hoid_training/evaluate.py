@@ -7,8 +7,8 @@ It needs the suite's own environment only.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,11 +17,12 @@ import numpy as np
 
 from hoid_bags.synth.config import SceneConfig
 from hoid_bags.synth.scene import SceneRenderer, SynthFrame
-from hoid_common.values import PERSON, BoolArray, Detections, Float32Array
+from hoid_common.values import PERSON, Detections, Float32Array, FloatArray
 from hoid_detector.config import DetectorConfig
 from hoid_detector.onnx_detector import OnnxDetector
 
 MIN_VISIBLE_PX = 400  # at VGA: an object of which less shows need not be found
+LARGE_PX = 32 * 32  # visible, at VGA: not "small" in COCO's terms
 _IOU = 0.5
 _FIRST_SEED = 500
 _PATHS = ('room', 'room', 'loop')
@@ -33,8 +34,28 @@ class Count:
 
     asked: int = 0  # objects that should be found
     found: int = 0
+    large: int = 0  # of those
+    large_found: int = 0
     reported: int = 0
     right: int = 0  # reports that fit an object, however little of it shows
+
+    @property
+    def recall(self) -> float:
+        """Return the share that was found of what was asked for."""
+        return self.found / max(self.asked, 1)
+
+    @property
+    def large_recall(self) -> float:
+        """Return the share that was found of what is large."""
+        return self.large_found / max(self.large, 1)
+
+    @property
+    def precision(self) -> float:
+        """Return the share that is right of what was reported."""
+        return self.right / max(self.reported, 1)
+
+    def __add__(self, other: Count) -> Count:
+        return Count(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
 
 @dataclass
@@ -47,16 +68,13 @@ class Tally:
         """Return the count of a class."""
         return self.counts.setdefault(name, Count())
 
-    def total(self, names: set[str]) -> Count:
-        """Return the sum over classes."""
-        total = Count()
-        for name in names & self.counts.keys():
-            c = self.counts[name]
-            total.asked += c.asked
-            total.found += c.found
-            total.reported += c.reported
-            total.right += c.right
-        return total
+    def people(self) -> Count:
+        """Return the count of people."""
+        return self.of(PERSON)
+
+    def objects(self) -> Count:
+        """Return the sum over all other classes."""
+        return sum((c for name, c in self.counts.items() if name != PERSON), Count())
 
 
 class Truth(NamedTuple):
@@ -64,7 +82,7 @@ class Truth(NamedTuple):
 
     names: tuple[str, ...]
     boxes: Float32Array  # (N, 4)
-    asked: BoolArray  # (N,)
+    visible_px: FloatArray  # (N,) at VGA
 
 
 def overlaps(a: Float32Array, b: Float32Array) -> Float32Array:
@@ -89,25 +107,44 @@ def count(tally: Tally, truth: Truth, found: Detections) -> None:
         if len(row) and row.max() >= _IOU:
             c.right += 1
             free[row.argmax()] = False
-    for name, asked, missed in zip(truth.names, truth.asked, free, strict=True):
-        tally.of(name).asked += int(asked)
-        tally.of(name).found += int(asked and not missed)
+    for name, visible_px, missed in zip(truth.names, truth.visible_px, free, strict=True):
+        if visible_px >= MIN_VISIBLE_PX:
+            c, large = tally.of(name), visible_px >= LARGE_PX
+            c.asked += 1
+            c.found += int(not missed)
+            c.large += int(large)
+            c.large_found += int(large and not missed)
 
 
-def truth_of(synth: SynthFrame, scale: float) -> Truth:
-    """Return a frame's objects."""
-    visible = np.bincount(synth.instance_image.ravel(), minlength=256)
-    asked = visible[list(synth.instances)] >= MIN_VISIBLE_PX * scale**2
-    return Truth(synth.detections.class_names, synth.detections.boxes_xyxy_px, asked)
+def truth_of(synth: SynthFrame, scale: float, known: tuple[str, ...]) -> Truth:
+    """Return the objects of a frame that are of the classes that a detector knows."""
+    seen = np.flatnonzero(np.isin(synth.detections.class_names, known))
+    visible = np.bincount(synth.instance_image.ravel(), minlength=256)[list(synth.instances)]
+    names = tuple(synth.detections.class_names[k] for k in seen)
+    return Truth(names, synth.detections.boxes_xyxy_px[seen], visible[seen] / scale**2)
 
 
-def frames(seeds: int, per_seed: int) -> Iterator[tuple[SynthFrame, float]]:
-    """Yield frames spread over recordings of unseen seeds, with the image's scale."""
-    for k in range(seeds):
-        config = SceneConfig(seed=_FIRST_SEED + k, path=_PATHS[k % len(_PATHS)], depth_holes=False)
+def scenes(number: int) -> list[SceneConfig]:
+    """Return what to render: seeds that nothing was chosen by."""
+    return [
+        SceneConfig(seed=_FIRST_SEED + k, path=_PATHS[k % len(_PATHS)], depth_holes=False)
+        for k in range(number)
+    ]
+
+
+def measure(
+    detector: OnnxDetector, configs: Iterable[SceneConfig], frames_of_each: int
+) -> tuple[Tally, float]:
+    """Return counts over frames spread over scenes, and the network's median time in ms."""
+    tally, network_ms = Tally(), []
+    for config in configs:
         renderer = SceneRenderer(config)
-        for i in np.linspace(0, config.frames - 1, per_seed).astype(int):
-            yield renderer.frame(int(i)), config.scale
+        for i in np.linspace(0, config.frames - 1, frames_of_each).astype(int):
+            synth = renderer.frame(int(i))
+            found = detector.detect(synth.frame.image_bgr, synth.frame.stamp_ns)
+            network_ms.append(detector.network_ms)
+            count(tally, truth_of(synth, config.scale, detector.class_names), found)
+    return tally, float(np.median(network_ms))
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -120,20 +157,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
     detector = OnnxDetector(args.model, DetectorConfig(score_threshold=args.score))
-    tally, network_ms = Tally(), []
-    for synth, scale in frames(args.seeds, args.frames):
-        found = detector.detect(synth.frame.image_bgr, synth.frame.stamp_ns)
-        network_ms.append(detector.network_ms)
-        count(tally, truth_of(synth, scale), found)
-    everything = set(tally.counts)
-    rows = {name: tally.of(name) for name in sorted(everything)}
-    rows['PEOPLE'] = tally.total({PERSON})
-    rows['OBJECTS'] = tally.total(everything - {PERSON})
-    print(f'{"class":15} {"asked":>6} {"recall":>7} {"precision":>10}')  # noqa: T201
+    tally, network_ms = measure(detector, scenes(args.seeds), args.frames)
+    rows = {name: tally.of(name) for name in sorted(tally.counts)}
+    rows['PEOPLE'], rows['OBJECTS'] = tally.people(), tally.objects()
+    print(f'{"class":15} {"asked":>6} {"recall":>7} {"of large":>9} {"precision":>10}')  # noqa: T201
     for name, c in rows.items():
-        recall, precision = c.found / max(c.asked, 1), c.right / max(c.reported, 1)
-        print(f'{name:15} {c.asked:6} {recall:7.3f} {precision:10.3f}')  # noqa: T201
-    print(f'network: {np.median(network_ms):.1f} ms median')  # noqa: T201
+        values = f'{c.recall:7.3f} {c.large_recall:9.3f} {c.precision:10.3f}'
+        print(f'{name:15} {c.asked:6} {values}')  # noqa: T201
+    print(f'network: {network_ms:.1f} ms median')  # noqa: T201
 
 
 if __name__ == '__main__':

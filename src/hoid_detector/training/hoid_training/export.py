@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from io import BytesIO
 from pathlib import Path
 
@@ -38,15 +39,17 @@ def write_onnx(network: nn.Module, path: Path) -> None:
     buffer = BytesIO()
     image = torch.zeros(1, 3, INPUT_WH[1], INPUT_WH[0])
     wrapped = YoloOutput(network).eval()
-    torch.onnx.export(
-        wrapped,
-        (image,),
-        buffer,
-        opset_version=_OPSET,
-        dynamo=False,
-        input_names=['images'],
-        output_names=['output0'],
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')  # that the size of the input becomes a constant, as meant
+        torch.onnx.export(
+            wrapped,
+            (image,),
+            buffer,
+            opset_version=_OPSET,
+            dynamo=False,
+            input_names=['images'],
+            output_names=['output0'],
+        )
     model = onnx.load_from_string(buffer.getvalue())
     _halve_weights(model)
     names = dict(enumerate(CLASSES))

@@ -1,7 +1,7 @@
 """Trains the detector for rendered scenes and writes it as ONNX.
 
-Usage: python -m hoid_training.train FOLDER MODEL.onnx [--epochs N]
-FOLDER is what `hoid_training.dataset` rendered.
+Usage: python -m hoid_training.train FOLDER MODEL.onnx [--minutes N] [--weights MODEL.pt]
+FOLDER is what `hoid_training.dataset` rendered, or renders meanwhile.
 """
 
 from __future__ import annotations
@@ -9,8 +9,10 @@ from __future__ import annotations
 import argparse
 import copy
 import logging
+import math
 import time
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -18,20 +20,21 @@ import numpy as np
 import torch
 from torch import nn
 
-from hoid_training.augment import VIEW_WH, batches, samples
-from hoid_training.dataset import CLASSES, load
+from hoid_training.augment import VIEW_WH, Sample, batches, samples
+from hoid_training.dataset import CLASSES, home_files, load_home
 from hoid_training.export import write_onnx
-from hoid_training.loss import loss
+from hoid_training.loss import Labels, loss
 from hoid_training.network import STRIDES_PX, Detector, cell_centers
 
 SEED = 1
 
 _LOG = logging.getLogger(__name__)
 _BATCH = 16
-_LEARNING_RATE = 2.5e-3
 _WEIGHT_DECAY = 0.02
 _WARM_UP_STEPS = 200
+_PASSES = 4  # over the images, in an epoch
 _AVERAGE = 0.998  # of the weights, per step
+_CENTERS = torch.cat([cell_centers(VIEW_WH[1] // s, VIEW_WH[0] // s, s) for s in STRIDES_PX])
 
 
 class Average:
@@ -54,38 +57,85 @@ class Average:
                     value.copy_(its[name])
 
 
-def train(folder: Path, model: Path, epochs: int, num_classes: int) -> None:
-    """Train from the fixed seed; write the model after every epoch."""
+class Schedule:
+    """The learning rate: rises over the first steps, then falls with the time that is given."""
+
+    def __init__(self, minutes: float, highest: float) -> None:
+        self._start_s, self._given_s, self._steps = time.monotonic(), 60 * minutes, 0
+        self._highest = highest
+
+    @property
+    def done(self) -> float:
+        """Return which share of the time is over, in [0, 1]."""
+        return min((time.monotonic() - self._start_s) / self._given_s, 1.0)
+
+    def next_rate(self) -> float:
+        """Return the learning rate of the next step."""
+        self._steps += 1
+        falling = 0.5 * (1 + math.cos(math.pi * self.done)) + 0.005
+        return self._highest * min(self._steps / _WARM_UP_STEPS, falling)
+
+
+class Pool:
+    """The images of a folder of homes, which may grow while they are used."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: set[Path] = set()
+        self.samples: list[Sample] = []
+
+    def grow(self) -> None:
+        """Take in what was rendered since the last call."""
+        for path in home_files(self._folder):
+            if path not in self._known:
+                self._known.add(path)
+                self.samples += samples(load_home(path))
+
+
+def train(folder: Path, model: Path, schedule: Schedule, weights: Path | None) -> None:
+    """Train from the fixed seed or from given weights; write the model after every epoch."""
     torch.manual_seed(SEED)
     rng = np.random.default_rng(SEED)
-    pool = samples(load(folder))
-    network = Detector(num_classes).to(memory_format=torch.channels_last)
-    average = Average(network)
+    network = Detector(len(CLASSES)).to(memory_format=torch.channels_last)
+    if weights is not None:
+        network.load_state_dict(torch.load(weights))
+    average, pool = Average(network), Pool(folder)
     optimizer = torch.optim.AdamW(
-        network.parameters(), _LEARNING_RATE, betas=(0.9, 0.98), weight_decay=_WEIGHT_DECAY
+        network.parameters(), betas=(0.9, 0.98), weight_decay=_WEIGHT_DECAY
     )
-    total = epochs * (len(pool) // _BATCH)
-    schedule = torch.optim.lr_scheduler.LambdaLR(
-        optimizer,
-        lambda k: min(k / _WARM_UP_STEPS, 0.5 * (1 + np.cos(np.pi * min(k / total, 1))) + 0.01),
-    )
-    centers = torch.cat([cell_centers(VIEW_WH[1] // s, VIEW_WH[0] // s, s) for s in STRIDES_PX])
-    for epoch in range(epochs):
-        start_s, losses = time.time(), []
-        for images, labels in batches(pool, _BATCH, rng):
-            with torch.autocast('cpu', torch.bfloat16):
-                boxes, logits = network(images)
-            cost = loss(boxes, logits, centers, labels)
-            optimizer.zero_grad()
-            cost.backward()
-            nn.utils.clip_grad_norm_(network.parameters(), 10.0)
-            optimizer.step()
-            schedule.step()
+    epoch = 0
+    while schedule.done < 1:
+        pool.grow()
+        start_s, losses = time.monotonic(), []
+        passes = (batches(pool.samples, _BATCH, rng) for _ in range(_PASSES))
+        for images, labels in chain.from_iterable(passes):
+            if schedule.done >= 1:
+                break
+            optimizer.param_groups[0]['lr'] = schedule.next_rate()
+            losses.append(_step(network, optimizer, images, labels))
             average.update(network)
-            losses.append(cost.item())
-        took_s = time.time() - start_s
-        _LOG.info('epoch %d/%d: loss %.3f, %.0f s', epoch + 1, epochs, np.mean(losses), took_s)
+        epoch += 1
+        _LOG.info(
+            'epoch %d: %d images, loss %.3f, %.0f s, %.0f %% of the time',
+            *(epoch, len(pool.samples), np.mean(losses), time.monotonic() - start_s),
+            100 * schedule.done,
+        )
+        torch.save(average.network.state_dict(), model.with_suffix('.pt'))
         write_onnx(average.network, model)
+
+
+def _step(
+    network: Detector, optimizer: torch.optim.Optimizer, images: torch.Tensor, labels: Labels
+) -> float:
+    """Move the weights once; return the loss."""
+    with torch.autocast('cpu', torch.bfloat16):
+        boxes, logits = network(images)
+    cost = loss(boxes, logits, _CENTERS, labels)
+    optimizer.zero_grad()
+    cost.backward()
+    nn.utils.clip_grad_norm_(network.parameters(), 10.0)
+    optimizer.step()
+    return float(cost.item())
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -93,13 +143,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description='Train the detector for rendered scenes.')
     parser.add_argument('folder', type=Path)
     parser.add_argument('model', type=Path)
-    parser.add_argument('--epochs', type=int, default=60)
+    parser.add_argument('--minutes', type=float, default=70)
+    parser.add_argument('--rate', type=float, default=2.5e-3, help='highest learning rate')
+    parser.add_argument('--weights', type=Path, help='go on from a .pt file')
     parser.add_argument('--threads', type=int, default=1)
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format='%(message)s')
     torch.set_num_threads(args.threads)
     cv2.setNumThreads(1)
-    train(args.folder, args.model, args.epochs, len(CLASSES))
+    train(args.folder, args.model, Schedule(args.minutes, args.rate), args.weights)
 
 
 if __name__ == '__main__':
