@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from hoid_common.values import Float32Array
+from hoid_common.values import Float32Array, IntArray
 from hoid_filter.depth_regions import Box, crop
 
 _BIN_M = 0.1
@@ -38,15 +38,16 @@ def torso_depth_m(
     readings = readings[usable]
     if len(readings) == 0:
         return math.nan
-    first_m = _first_layer(readings) * _BIN_M
-    inside = readings[(readings >= first_m) & (readings < first_m + _LAYER_BINS * _BIN_M)]
+    bins = (readings / _BIN_M).astype(np.int64)
+    first = _first_layer(bins)
+    inside = readings[(bins >= first) & (bins < first + _LAYER_BINS)]
     middle_rank = len(inside) // 2
     return float(np.partition(inside, middle_rank)[middle_rank])
 
 
-def _first_layer(readings_m: Float32Array) -> int:
-    """Return the bin where the nearest large layer begins."""
-    count = np.bincount((readings_m / _BIN_M).astype(np.int64), minlength=_LAYER_BINS)
+def _first_layer(bins: IntArray) -> int:
+    """Return the bin where the nearest large layer of readings, given by their bins, begins."""
+    count = np.bincount(bins, minlength=_LAYER_BINS)
     layers = np.convolve(count, _LAYER)[_LAYER_BINS - 1 :]
     first = int(np.argmax(layers >= _NEARER_SHARE * layers.max()))
     return first + int(np.argmax(layers[first : first + _LAYER_BINS]))
