@@ -1,4 +1,4 @@
-.PHONY: demo test lint format lock
+.PHONY: demo test lint check format lock
 
 demo:  ## Render a scene, replay it live through the three nodes, print the result
 	@./hoid demo
@@ -12,6 +12,9 @@ lint:  ## Style and types
 	@./hoid dev ruff format --check .
 	@./hoid dev mypy src bags benchmarks tests
 	@for folder in src/*/test bags/test benchmarks/test; do ./hoid dev mypy $$folder/*.py || exit 1; done
+
+check:  ## The quick experiments, held against stored bounds
+	@./hoid bench --quick --check
 
 format:
 	@./hoid dev ruff check --fix .

@@ -1,0 +1,120 @@
+"""`hoid bench` as a process: stopped and gone on with, repeated, and complete."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+PLAN = """
+experiments:
+  - id: compare
+    title: None against HOID
+    view: comparison
+    sequences: [synth-5-frames=16+width=320, fr3_walking_xyz]
+    filters: [none, hoid2d]
+    detectors: [truth]
+    seeds: [0]
+  - id: stages
+    title: Times
+    view: stages
+    sequences: [synth-5-frames=16+width=320]
+    filters: [hoid2d]
+    detectors: [truth, nowhere.onnx]
+    seeds: [0]
+"""
+_LIMIT_S = 900  # of a busy machine
+_TIMED = re.compile(r'\[(ms|MB)\]')
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('bench')
+    (folder / 'tiny.yaml').write_text(PLAN)
+    return folder
+
+
+def start(folder: Path, out: str) -> subprocess.Popen[str]:
+    words = ['bench', 'tiny.yaml', '--out', out, '--workers', '1']
+    return subprocess.Popen(
+        [sys.executable, '-m', 'hoid_bringup', *words],
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+
+
+def finish(folder: Path, out: str) -> str:
+    running = start(folder, out)
+    said, errors = running.communicate(timeout=_LIMIT_S)
+    assert running.returncode == 0, errors
+    return said
+
+
+def results(folder: Path, out: str) -> dict[str, int]:
+    """Return the results that are there, and when each was written."""
+    found = (folder / out / 'tiny' / 'runs').glob('*/result.json')
+    return {path.parent.name: path.stat().st_mtime_ns for path in found}
+
+
+def stop_after(number: int, sent: signal.Signals, folder: Path, out: str) -> tuple[int, str]:
+    """Start, and stop once so many results are there; return the status and the last words."""
+    running = start(folder, out)
+    end_s = time.monotonic() + _LIMIT_S
+    while len(results(folder, out)) < number and running.poll() is None:
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+    os.killpg(running.pid, sent)
+    _, errors = running.communicate(timeout=_LIMIT_S)
+    return running.returncode, errors.strip().splitlines()[-1]
+
+
+@pytest.fixture(scope='module')
+def first_done(folder: Path) -> str:
+    """Stop twice on the way, and return what the last call said."""
+    status, words = stop_after(1, signal.SIGINT, folder, 'one')
+    assert (status, words) == (130, 'hoid bench: interrupted')
+    before = results(folder, 'one')
+    assert before
+    stop_after(2, signal.SIGKILL, folder, 'one')
+    said = finish(folder, 'one')
+    assert before.items() <= results(folder, 'one').items()  # what was there is not run again
+    return said
+
+
+def table(folder: Path, out: str, name: str) -> list[list[str]]:
+    with (folder / out / 'tiny' / 'tables' / f'{name}.csv').open() as file:
+        rows = list(csv.reader(file))
+    kept = [k for k, column in enumerate(rows[0]) if not _TIMED.search(column)]
+    return [[row[k] for k in kept] for row in rows]
+
+
+def test_it_goes_on_where_it_was_stopped(folder: Path, first_done: str) -> None:
+    assert '2 runs done, 1 failed, 2 of sequences that are not here' in first_done
+    page = (folder / 'one' / 'tiny' / 'index.html').read_text()
+    assert 'synth-5-frames=16+width=320' in page
+    figures = {p.suffix for p in (folder / 'one' / 'tiny' / 'figures').iterdir()}
+    assert figures == {'.png', '.svg'}
+
+
+def test_failed_and_missing_runs_are_rows_with_the_reason(folder: Path, first_done: str) -> None:
+    assert first_done
+    assert 'nowhere.onnx' in table(folder, 'one', 'failures')[1][1]
+    (row,) = table(folder, 'one', 'missing')[1:]
+    assert row[0] == 'fr3_walking_xyz'
+    assert 'rgbd_dataset_freiburg3_walking_xyz' in row[1]
+
+
+def test_twice_gives_equal_tables_but_for_times(folder: Path, first_done: str) -> None:
+    assert first_done
+    (folder / 'two').mkdir()
+    (folder / 'two' / 'sequences').symlink_to(folder / 'one' / 'sequences')
+    finish(folder, 'two')
+    for name in ('compare', 'stages', 'failures', 'missing'):
+        assert table(folder, 'one', name) == table(folder, 'two', name)
