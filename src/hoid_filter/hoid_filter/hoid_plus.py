@@ -7,13 +7,13 @@ import numpy as np
 from hoid_common.values import PERSON, BoolArray, Detections, Float32Array, Reason
 from hoid_filter.config import FilterConfig
 from hoid_filter.depth_regions import shrink
-from hoid_filter.depth_samples import sample_depths_m
 from hoid_filter.interaction import Interactions, Situation, judge_interactions
 from hoid_filter.masking import Masks, cover, make_masks
 from hoid_filter.overlap import areas_px2
 from hoid_filter.scene import Verdict, View
 from hoid_filter.torso import torso_depth_m
 from hoid_filter.tracks import BoxTracker, Patience
+from hoid_native import sample_depths_m
 
 
 class HoidPlus:

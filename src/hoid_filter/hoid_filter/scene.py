@@ -18,7 +18,7 @@ from hoid_common.values import (
     IntArray,
     Reason,
 )
-from hoid_filter.depth_samples import sample_depths_m
+from hoid_native import sample_depths_m
 
 
 @dataclass(frozen=True, eq=False)

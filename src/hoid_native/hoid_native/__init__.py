@@ -4,6 +4,7 @@ Plain functions over numpy arrays; the library has a C interface and is loaded w
 it needs no Python headers and serves every Python version.
 """
 
+from hoid_native.depths import sample_depths_m
 from hoid_native.geometry import Gates, Lens, adjust_bundle, optimize_pose
 from hoid_native.kernels import (
     fast_corners,
@@ -21,4 +22,5 @@ __all__ = [
     'match_by_projection',
     'optimize_pose',
     'orientations_deg',
+    'sample_depths_m',
 ]

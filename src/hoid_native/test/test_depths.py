@@ -1,0 +1,41 @@
+import numpy as np
+
+from hoid_native import sample_depths_m
+
+
+def test_median_of_the_readings_at_the_centre() -> None:
+    depth_m = np.full((40, 60), 3.0, np.float32)
+    depth_m[18:22, 28:32] = [[1.0, 1.0, 1.0, 1.0], [2.0, 2.0, 2.0, 2.0]] * 2
+    centred = np.array([[20.0, 10.0, 40.0, 30.0]])
+    assert sample_depths_m(depth_m, centred, 4).tolist() == [1.5]
+    assert sample_depths_m(depth_m, centred, 40).tolist() == [3.0]
+
+
+def test_missing_readings_do_not_count() -> None:
+    depth_m = np.full((40, 60), np.nan, np.float32)
+    depth_m[:, ::2] = 0.0
+    box = np.array([[20.0, 10.0, 40.0, 30.0]])
+    assert np.isnan(sample_depths_m(depth_m, box, 10)).all()
+    depth_m[20, 30] = 2.5
+    assert sample_depths_m(depth_m, box, 10).tolist() == [2.5]
+
+
+def test_square_beyond_the_image_sees_its_edge() -> None:
+    depth_m = np.ones((40, 60), np.float32)
+    depth_m[:, 0] = 4.0
+    corner = np.array([[-10.0, -10.0, 10.0, 10.0], [0.0, 0.0, 8.0, 8.0]], np.float32)
+    assert sample_depths_m(depth_m, corner, 10).tolist() == [4.0, 1.0]
+
+
+def test_same_as_numpys_median() -> None:
+    rng = np.random.default_rng(0)
+    depth_m = rng.uniform(0.5, 5, (480, 640)).astype(np.float32)
+    corner = rng.integers(0, 200, (50, 2)) * 2.0
+    boxes = np.concatenate([corner, corner + 60.0], 1)
+    squares = [depth_m[int(y) + 25 : int(y) + 35, int(x) + 25 : int(x) + 35] for x, y in corner]
+    expected = [np.median(square.astype(np.float64)) for square in squares]
+    np.testing.assert_allclose(sample_depths_m(depth_m, boxes, 10), expected, rtol=1e-12)
+
+
+def test_no_boxes_no_depths() -> None:
+    assert sample_depths_m(np.ones((4, 4), np.float32), np.empty((0, 4)), 10).shape == (0,)
