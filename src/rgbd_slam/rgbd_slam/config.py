@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hoid_common.config import Config, param
-from rgbd_slam.place_config import PlaceConfig
+from rgbd_slam.place_config import AlignmentConfig, PlaceConfig
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,10 @@ class TrackingConfig(Config):
         30.0, 'The same, tried again when matches are few', minimum=1.0, maximum=400.0
     )
     few_matches: int = param(40, 'Fewer matches than this are few', minimum=4, maximum=1000)
+    few_points: int = param(
+        100, 'With fewer map points in the last frame its depth readings help', minimum=0,
+        maximum=5000,
+    )  # fmt: skip
     local_map_radius: float = param(
         3.0, 'Search window around points of the local map, in units of ORB-SLAM', minimum=0.5,
         maximum=20.0,
@@ -56,9 +60,30 @@ class TrackingConfig(Config):
         0.8, 'Best over second best distance, same octave', minimum=0.1, maximum=1.0
     )
     min_inliers: int = param(30, 'With fewer the frame is not tracked', minimum=4, maximum=1000)
+    convincing_share: float = param(
+        0.5, 'With fewer of the matches fitting, other predictions are tried too', minimum=0.0,
+        maximum=1.0,
+    )  # fmt: skip
     max_local_keyframes: int = param(
         24, 'Keyframes whose points make the local map', minimum=2, maximum=500
     )
+    reference_max_hamming: int = param(
+        60, 'Of matches with the reference keyframe by descriptors alone', minimum=1, maximum=256
+    )
+    reference_ratio: float = param(
+        0.8, 'Best over second best distance of these', minimum=0.1, maximum=1.0
+    )
+    reference_within_s: float = param(
+        0.4, 'They are believed when the last frame was tracked not longer ago than this,',
+        minimum=0.0, maximum=10.0,
+    )  # fmt: skip
+    jump_m: float = param(
+        0.1, 'and the camera can have moved so far, at once,', minimum=0.0, maximum=10.0
+    )
+    max_speed_mps: float = param(3.0, 'and for each second since', minimum=0.0, maximum=100.0)
+    jump_deg: float = param(10.0, 'and turned so far, at once,', minimum=0.0, maximum=180.0)
+    max_turn_dps: float = param(400.0, 'and for each second since', minimum=0.0, maximum=5000.0)
+    alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
 
 
 @dataclass(frozen=True)

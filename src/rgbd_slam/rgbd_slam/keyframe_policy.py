@@ -9,7 +9,6 @@ from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.map import SlamMap
 from rgbd_slam.tracker import Tracking
 
-_MIN_INLIERS = 15
 _WELL_OBSERVED = 3  # an observation with depth counts twice
 _YOUNG_MAP = 2  # keyframes
 _YOUNG_SHARE = 0.4
@@ -39,7 +38,7 @@ class KeyframePolicy:
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)
         i = self._map.keyframes.index_of(tracking.tracked.reference_uid)
-        if i is None or queue_length > 0 or num_inliers <= _MIN_INLIERS:
+        if i is None or queue_length > 0:
             return False
         gap_s = 1e-9 * (tracking.tracked.frame.stamp_ns - self._last_ns)
         is_falling = num_inliers < self._config.fallen_share * self._most_inliers

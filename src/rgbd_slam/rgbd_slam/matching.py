@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +13,7 @@ from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, I
 from rgbd_slam.frame import Frame
 
 MAX_HAMMING = 256
+_NEAREST = 2  # candidates of a query: the best and its rival
 _ROTATION_BINS = 30
 _ROTATION_PEAKS = 3
 _LANES = np.uint32(0x00FF00FF)
@@ -72,6 +74,20 @@ def match_by_projection(
         ratio,
     )
     return Matches(*(part.astype(np.int64) for part in pairs))
+
+
+def match_by_descriptor(
+    descriptors: ByteArray, frame: Frame, max_distance: int, ratio: float
+) -> Matches:
+    """Return the features of a frame most like (Q, 32) descriptors, wherever they are."""
+    if min(len(descriptors), len(frame)) < _NEAREST:
+        return Matches(*np.empty((3, 0), np.int64))
+    distance, nearest = cv2.batchDistance(
+        descriptors, frame.descriptors, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=_NEAREST
+    )
+    q = np.repeat(np.arange(len(descriptors)), _NEAREST)
+    k, apart = nearest.ravel().astype(np.int64), distance.ravel().astype(np.int64)
+    return best_matches(q, k, apart, frame.octave, max_distance, ratio)
 
 
 def best_matches(

@@ -2,29 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
+from rgbd_slam.alignment import AlignmentStatus, align_image
 from rgbd_slam.config import TrackingConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.local_map import LocalMap, local_map, visible_points
-from rgbd_slam.map import SlamMap
-from rgbd_slam.matching import (
-    Matches,
-    Queries,
-    match_by_projection,
-    rotation_consistent,
+from rgbd_slam.landmarks import (
+    Landmarks,
+    Sightings,
+    match_near,
+    read_by_frame,
+    seen_by_frame,
+    seen_by_keyframe,
+    turning_alike,
 )
+from rgbd_slam.local_map import local_map, visible_points
+from rgbd_slam.map import SlamMap
+from rgbd_slam.matching import Matches, match_by_descriptor, match_by_projection
 from rgbd_slam.point_tallies import PointTally
-from rgbd_slam.pose_optimizer import PoseEstimate, PoseProblem, optimize_pose
+from rgbd_slam.pose_optimizer import MIN_DEPTH_M, PoseEstimate, PoseProblem, optimize_pose
 from rgbd_slam.projection import project, to_camera
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 
 _MIN_FIRST_INLIERS = 10  # of the frame-to-frame step; the local map must bring the rest
+_OUTSIDE_PX = -1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +41,21 @@ class Tracking:
 
     tracked: TrackedFrame
     estimate: PoseEstimate
-    num_matches: int
-    num_inliers: int
+    num_matches: int  # with points of the map
+    num_inliers: int  # of them
     tally: PointTally
+
+    @property
+    def inlier_share(self) -> float:
+        """Return the share of the matches that fit the pose; half of a false pose's do not."""
+        return self.num_inliers / max(self.num_matches, 1)
+
+
+class _First(NamedTuple):
+    """A pose from few landmarks, to be refined with the local map."""
+
+    estimate: PoseEstimate
+    seen: Sightings  # inliers
 
 
 class Tracker:
@@ -57,17 +77,19 @@ class Tracker:
             last: The frame before.
             T_camera_last: (4, 4) motion expected since.
         """
-        T_last_map = se3.inverse(last.current_pose(self._map))
-        first = self._from_last_frame(frame, last, T_camera_last @ T_last_map)
-        if first is None:
-            first = self._from_last_frame(frame, last, T_last_map)
-        if first is None:
-            return None
-        estimate, points = first
         reference = self._map.keyframes.index_of(last.reference_uid)
         if reference is None:
             return None
-        return self._from_local_map(frame, estimate, points, self._around(points, reference))
+        best = None
+        for first in self._first_poses(frame, last, T_camera_last, reference):
+            tracking = None if first is None else self._refine(frame, first, reference)
+            if tracking is None:
+                continue
+            if tracking.inlier_share > self._config.convincing_share:
+                return tracking
+            if best is None or tracking.num_inliers > best.num_inliers:
+                best = tracking
+        return best
 
     def track_at(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference: int
@@ -80,101 +102,143 @@ class Tracker:
             points: (N,) point seen by each feature, or NO_POINT.
             reference: a keyframe that sees many of them.
         """
-        estimate, points = self._optimize(frame, points, T_camera_map)
-        return self._from_local_map(frame, estimate, points, self._around(points, reference))
+        k = np.flatnonzero(points != NO_POINT)
+        seen = Sightings(k, points[k], self._map.points.position_m[points[k]])
+        return self._refine(frame, self._optimize(frame, seen, T_camera_map), reference)
 
-    def _around(self, points: IntArray, reference: int) -> LocalMap:
-        seen = points[points != NO_POINT]
-        return local_map(self._map, seen, reference, self._config.max_local_keyframes)
+    def _first_poses(
+        self, frame: Frame, last: TrackedFrame, T_camera_last: FloatArray, reference: int
+    ) -> Iterator[_First | None]:
+        """Yield first poses, found by ever more search; each is made when the last one failed.
 
-    def _from_last_frame(
-        self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray
-    ) -> tuple[PoseEstimate, IntArray] | None:
-        """Return a first pose from the points that the last frame saw."""
+        What the map knows comes first: depth readings of the last frame carry its error on.
+        """
         config = self._config
-        points = last.current_points(self._map)
-        k_last = np.flatnonzero(points != NO_POINT)
-        for radius_px in (config.last_frame_radius_px, config.wide_radius_px):
-            matches = self._match_last(frame, last, k_last, points, T_camera_map, radius_px)
-            if len(matches.q) >= config.few_matches:
-                break
-        found = np.full(len(frame), NO_POINT, np.int64)
-        found[matches.k] = points[k_last[matches.q]]
-        estimate, found = self._optimize(frame, found, T_camera_map)
-        if np.count_nonzero(found != NO_POINT) < _MIN_FIRST_INLIERS:
-            return None
-        return estimate, found
+        T_last_map = se3.inverse(last.current_pose(self._map))
+        T_expected = T_camera_last @ T_last_map
+        known = seen_by_frame(last, self._map)
+        radii_px = config.last_frame_radius_px, config.wide_radius_px
+        if len(known.point) >= config.few_points:
+            yield self._search(frame, known, T_expected, radii_px)
+            yield self._search(frame, known, T_last_map, radii_px)
+            yield self._recognize(frame, last, known, reference)
+        more = known.joined(read_by_frame(last, self._map, self._camera))
+        yield self._search(frame, more, T_expected, radii_px)
+        yield self._search(frame, more, T_last_map, radii_px)
+        if len(known.point) < config.few_points:
+            yield self._recognize(frame, last, known, reference)
 
-    def _match_last(
+    def _search(
         self,
         frame: Frame,
-        last: TrackedFrame,
-        k_last: IntArray,
-        points: IntArray,
+        landmarks: Landmarks,
         T_camera_map: FloatArray,
-        radius_px: float,
-    ) -> Matches:
-        table = self._map.points
-        x = to_camera(T_camera_map, table.position_m[points[k_last]].T)
-        behind = x[2] < 0.05
-        x[2][behind] = 0.05
+        radii_px: tuple[float, ...],
+    ) -> _First | None:
+        """Find landmarks around where a pose predicts them."""
+        projection_px = self._project(landmarks, T_camera_map)
+        scale = self._map.octave_scale[landmarks.octave]
+        for radius_px in radii_px:
+            matches = match_near(
+                landmarks, frame, projection_px, radius_px * scale, self._config.max_hamming
+            )
+            if len(matches.q) >= self._config.few_matches:
+                break
+        return self._first(frame, landmarks, matches, T_camera_map)
+
+    def _project(self, landmarks: Landmarks, T_camera_map: FloatArray) -> FloatArray:
+        """Return (3, N) u, v, u_right; outside any image for what is behind the camera."""
+        x = to_camera(T_camera_map, landmarks.position_m.T)
+        behind = x[2] < MIN_DEPTH_M
+        x[2][behind] = MIN_DEPTH_M
         pixels = np.empty_like(x)
         project(self._camera, x, pixels)
-        pixels[:, behind] = -1e4
-        octave = last.frame.octave[k_last].astype(np.int8)
-        queries = Queries(
-            pixels,
-            radius_px * self._map.octave_scale[octave],
-            octave - np.int8(1),
-            octave + np.int8(1),
-            table.descriptors[points[k_last]],
-        )
-        matches = match_by_projection(queries, frame, self._config.max_hamming, 1.0)
-        consistent = rotation_consistent(
-            last.frame.angle_deg[k_last[matches.q]], frame.angle_deg[matches.k]
-        )
-        return Matches(matches.q[consistent], matches.k[consistent], matches.distance[consistent])
+        pixels[:, behind] = _OUTSIDE_PX
+        return pixels
 
-    def _from_local_map(
-        self,
-        frame: Frame,
-        estimate: PoseEstimate,
-        points: IntArray,
-        around: LocalMap,
-    ) -> Tracking | None:
+    def _recognize(
+        self, frame: Frame, last: TrackedFrame, known: Landmarks, reference: int
+    ) -> _First | None:
+        """Find by descriptors alone what the last frame and its reference keyframe saw."""
+        config = self._config
+        landmarks = seen_by_keyframe(self._map, reference)
+        only_last = ~np.isin(known.point, landmarks.point)
+        landmarks = landmarks.joined(known.select(only_last))
+        matches = match_by_descriptor(
+            landmarks.descriptors, frame, config.reference_max_hamming, config.reference_ratio
+        )
+        matches = turning_alike(landmarks, frame, matches)
+        alignment = align_image(
+            frame.measurement_px[matches.k],
+            self._map.octave_scale[frame.octave[matches.k]],
+            frame.depth_m[matches.k],
+            landmarks.position_m[matches.q],
+            self._camera,
+            config.alignment,
+            np.random.default_rng(frame.stamp_ns % 2**63),
+        )
+        T_camera_map = alignment.T_camera_points
+        is_found = alignment.status is AlignmentStatus.OK
+        if not (is_found and self._is_reachable(frame, last, T_camera_map)):
+            return None
+        agreeing = Matches(*(part[alignment.inliers] for part in matches))
+        return self._first(frame, landmarks, agreeing, T_camera_map)
+
+    def _is_reachable(self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray) -> bool:
+        """Return whether a hand can have carried the camera there since the last frame."""
+        elapsed_s = 1e-9 * (frame.stamp_ns - last.frame.stamp_ns)
+        step = se3.log(T_camera_map @ last.current_pose(self._map))
+        turn, way = np.linalg.norm(step[:3]), np.linalg.norm(step[3:])
+        config = self._config
+        return bool(
+            elapsed_s <= config.reference_within_s
+            and turn < np.radians(config.jump_deg + config.max_turn_dps * elapsed_s)
+            and way < config.jump_m + config.max_speed_mps * elapsed_s
+        )
+
+    def _first(
+        self, frame: Frame, landmarks: Landmarks, matches: Matches, T_camera_map: FloatArray
+    ) -> _First | None:
+        seen = Sightings(matches.k, landmarks.point[matches.q], landmarks.position_m[matches.q])
+        first = self._optimize(frame, seen, T_camera_map)
+        return first if len(first.seen.k) >= _MIN_FIRST_INLIERS else None
+
+    def _refine(self, frame: Frame, first: _First, reference: int) -> Tracking | None:
         """Find more points of the local map and refine the pose on all."""
-        known = points[points != NO_POINT]
+        known = first.seen.points
+        around = local_map(self._map, known, reference, self._config.max_local_keyframes)
         others = np.setdiff1d(around.points, known, assume_unique=True)
         view = visible_points(
-            self._map, self._camera, estimate.T_camera_map, others, self._config.local_map_radius
+            self._map,
+            self._camera,
+            first.estimate.T_camera_map,
+            others,
+            self._config.local_map_radius,
         )
+        free = np.ones(len(frame), np.bool_)
+        free[first.seen.k] = False
         matches = match_by_projection(
-            view.queries, frame, self._config.max_hamming, self._config.local_map_ratio,
-            free=points == NO_POINT,
-        )  # fmt: skip
-        points = points.copy()
-        points[matches.k] = view.points[matches.q]
-        num_matches = int(np.count_nonzero(points != NO_POINT))
-        estimate, points = self._optimize(frame, points, estimate.T_camera_map)
-        found = points[points != NO_POINT]
-        if len(found) < self._config.min_inliers:
+            view.queries, frame, self._config.max_hamming, self._config.local_map_ratio, free
+        )
+        j = view.points[matches.q]
+        seen = first.seen.joined(Sightings(matches.k, j, self._map.points.position_m[j]))
+        estimate, fitting = self._optimize(frame, seen, first.estimate.T_camera_map)
+        if len(fitting.k) < self._config.min_inliers:
             return None
+        points = np.full(len(frame), NO_POINT, np.int64)
+        points[fitting.k] = fitting.point
         T_map_camera = se3.inverse(estimate.T_camera_map)
         tracked = tracked_frame(frame, T_map_camera, points, self._map, around.reference)
+        found = fitting.points
         tally = PointTally(np.concatenate([known, view.points]), found)
-        return Tracking(tracked, estimate, num_matches, len(found), tally)
+        return Tracking(tracked, estimate, len(seen.points), len(found), tally)
 
-    def _optimize(
-        self, frame: Frame, points: IntArray, T_camera_map: FloatArray
-    ) -> tuple[PoseEstimate, IntArray]:
-        """Return the pose that the matched points give, and the points without outliers."""
-        k = np.flatnonzero(points != NO_POINT)
+    def _optimize(self, frame: Frame, seen: Sightings, T_camera_map: FloatArray) -> _First:
+        """Return the pose that the sightings give, and those that fit it."""
         problem = PoseProblem(
-            self._map.points.position_m[points[k]],
-            frame.measurement_px[k].astype(np.float64),
-            self._inv_sigma2[frame.octave[k]],
+            seen.position_m,
+            frame.measurement_px[seen.k].astype(np.float64),
+            self._inv_sigma2[frame.octave[seen.k]],
         )
         estimate = optimize_pose(self._camera, problem, T_camera_map)
-        kept = np.full(len(points), NO_POINT, np.int64)
-        kept[k[estimate.inliers]] = points[k[estimate.inliers]]
-        return estimate, kept
+        return _First(estimate, seen.select(estimate.inliers))

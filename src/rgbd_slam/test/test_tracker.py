@@ -1,0 +1,116 @@
+"""Tracking where the usual prediction fails: known poses come back by the next best means."""
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import FloatArray
+from rgbd_slam.config import SlamConfig, TrackingConfig
+from rgbd_slam.frame import Frame, StereoCamera
+from rgbd_slam.keyframes import NO_POINT
+from rgbd_slam.landmarks import read_by_frame, seen_by_frame
+from rgbd_slam.map import SlamMap
+from rgbd_slam.matching import match_by_descriptor
+from rgbd_slam.slam import RgbdSlam, TrackingState
+from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
+from rgbd_slam.tracker import Tracker
+
+from .world import CAMERA as MODEL
+from .world import PERIOD_NS, World, position_errors_m, sway
+
+CONFIG = SlamConfig()
+CAMERA = StereoCamera.from_model(MODEL, CONFIG.camera)
+
+
+class Known:
+    """A map of one keyframe at the identity, with a point wherever that read a depth."""
+
+    def __init__(self, num_points: int | None = None) -> None:
+        self.world = World()
+        self.map = SlamMap(1.2, 8)
+        self.tracker = Tracker(CAMERA, self.map, TrackingConfig())
+        frame = self.frame(0, np.eye(4))
+        i = self.map.add_keyframe(frame, np.eye(4), 0)
+        k = np.flatnonzero(frame.has_depth)[:num_points]
+        position_m = CAMERA.back_project(frame.measurement_px[k], frame.depth_m[k])
+        self.map.add_points(i, k, position_m)
+        points = self.map.keyframes.point_of_feature[i, : len(frame)].astype(np.int64)
+        self.last: TrackedFrame = tracked_frame(frame, np.eye(4), points, self.map, i)
+
+    def frame(self, n: int, T_world_camera: FloatArray) -> Frame:
+        return Frame.from_features(
+            self.world.features(n * PERIOD_NS, T_world_camera), MODEL, CAMERA
+        )
+
+    def error(self, n: int, twist: list[float]) -> tuple[float, float]:
+        """Return the errors in rad and m of tracking a frame there, with no motion expected."""
+        T_world_camera = se3.exp(np.array(twist))
+        tracking = self.tracker.track(self.frame(n, T_world_camera), self.last, np.eye(4))
+        assert tracking is not None
+        apart = se3.log(se3.inverse(T_world_camera) @ tracking.tracked.T_map_camera)
+        return float(np.linalg.norm(apart[:3])), float(np.linalg.norm(apart[3:]))
+
+
+@pytest.mark.parametrize('turn_rad', [0.02, 0.08, 0.2, -0.3])
+def test_a_turn_that_nobody_expects_is_tracked(turn_rad: float) -> None:
+    """From a third of the search window to ten times beyond it."""
+    error_rad, error_m = Known().error(1, [0, turn_rad, 0.05, 0.05, 0, 0])
+    assert error_rad < 0.004
+    assert error_m < 0.015
+
+
+def test_a_jump_that_no_hand_makes_is_left_to_relocalisation() -> None:
+    known = Known()
+    there = se3.exp(np.array([0, 0, 0, 0.5, 0, 0]))
+    assert known.tracker.track(known.frame(1, there), known.last, np.eye(4)) is None
+    assert known.tracker.track(known.frame(9, there), known.last, np.eye(4)) is not None
+    assert known.tracker.track(known.frame(20, there), known.last, np.eye(4)) is None
+
+
+def test_depth_readings_of_the_last_frame_help_where_the_map_ends() -> None:
+    known = Known(num_points=12)
+    assert np.count_nonzero(known.last.points != NO_POINT) == 12
+    error_rad, error_m = known.error(1, [0, 0.02, 0, 0.02, 0, 0])
+    assert error_rad < 0.003
+    assert error_m < 0.01
+    tracking = known.tracker.track(known.frame(2, np.eye(4)), known.last, np.eye(4))
+    assert tracking is not None
+    assert tracking.num_inliers <= tracking.num_matches <= 12  # of the map; the rest is forgotten
+    assert np.count_nonzero(tracking.tracked.points != NO_POINT) == tracking.num_inliers
+
+
+def test_places_read_by_a_frame_are_those_without_a_point() -> None:
+    known = Known(num_points=12)
+    read = read_by_frame(known.last, known.map, CAMERA)
+    seen = seen_by_frame(known.last, known.map)
+    assert len(seen.point) == 12
+    assert len(read.point) == np.count_nonzero(known.last.frame.has_depth) - 12
+    assert (read.point == NO_POINT).all()
+    pixels = CAMERA.project(read.position_m)
+    distance = np.linalg.norm(
+        pixels[:, None, :2] - known.last.frame.measurement_px[None, :, :2], axis=2
+    )
+    assert distance.min(axis=1).max() < 1e-3
+
+
+def test_descriptors_find_their_features_wherever_they_are() -> None:
+    known = Known()
+    frame = known.frame(1, se3.exp(np.array([0, 0, 0.4, 0, 0, 0.0])))
+    points = seen_by_frame(known.last, known.map)
+    matches = match_by_descriptor(points.descriptors, frame, 60, 0.8)
+    camera_m = se3.transform(se3.exp(np.array([0, 0, -0.4, 0, 0, 0.0])), points.position_m)
+    apart_px = CAMERA.project(camera_m[matches.q])[:, :2] - frame.measurement_px[matches.k, :2]
+    assert len(matches.q) > 300
+    assert np.median(np.abs(apart_px)) < 1.5
+    assert len(np.unique(matches.k)) == len(matches.k)
+    none = frame.descriptors[:1]
+    assert len(match_by_descriptor(none, frame, 60, 0.8).q) == 0
+
+
+def test_a_camera_shaken_hard_is_tracked_through() -> None:
+    """Turns of up to 12 degrees a frame that change their sense: no velocity predicts them."""
+    poses, world, slam = sway(18, way_m=0.2), World(), RgbdSlam(MODEL, SlamConfig())
+    states = [slam.process(world.features(n * PERIOD_NS, T)).state for n, T in enumerate(poses)]
+    assert states == [TrackingState.TRACKING] * len(poses)
+    assert slam.stats.num_relocalizations == 0
+    assert position_errors_m(slam.trajectory_final(), poses).max() < 0.03
