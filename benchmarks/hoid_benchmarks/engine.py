@@ -141,7 +141,11 @@ class Engine:
 
 
 def _batches(jobs: Sequence[Job]) -> Iterator[list[Job]]:
-    """Yield the jobs that may run side by side, then each of the others by itself."""
+    """Yield the jobs that may run side by side, then each of the others by itself.
+
+    First seeds come first: a set that is stopped halfway says something about everything.
+    """
+    jobs = sorted(jobs, key=lambda job: job.seed)
     together = [job for job in jobs if job.mode not in _MODES_ALONE]
     if together:
         yield together

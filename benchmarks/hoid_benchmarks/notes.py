@@ -11,6 +11,7 @@ from hoid_benchmarks.results import Result, key_value, spread
 from hoid_benchmarks.views import grouped, setting_of
 
 _ATE = key_value('ate_rmse_m')
+_VERDICTS = ('balanced', 'found_share', 'spared_share')
 _MIN_VALUES = 3  # fewer make no curve
 
 
@@ -20,6 +21,8 @@ def curve_note(experiment: Experiment, results: Sequence[Result]) -> str:
     Over several sequences, a value is judged by how much worse than each sequence's own best it
     is, on (geometric) average: metres cannot be averaged over easy and hard sequences.
     """
+    if experiment.view == 'verdicts':
+        return _verdict_note(experiment, results)
     if experiment.view != 'curve' or '.' not in experiment.varied:
         return ''
     curves = _curves(experiment, [r for r in results if r.ok])
@@ -36,6 +39,31 @@ def curve_note(experiment: Experiment, results: Sequence[Result]) -> str:
         f"sequence's own best value, on average); the ends of the range cost {ends}. "
         f'Seeds alone vary ATE by {noise:.0f} %. Lowest by sequence: {each}.'
     )
+
+
+def _verdict_note(experiment: Experiment, results: Sequence[Result]) -> str:
+    """Say where handled objects are told best from those that are passed, by filter."""
+    notes = []
+    for (method,), group in grouped([r for r in results if r.ok], lambda j: (j.filter,)).items():
+        by_value = grouped(group, lambda j: (str(setting_of(j, experiment.varied)),))
+        means = {
+            float(value): [_mean(mine, name) for name in _VERDICTS]
+            for (value,), mine in by_value.items()
+        }
+        best = max(means, key=lambda x: means[x][0])
+        told = '; '.join(
+            f'at {x:g} {100 * found:.0f} % of the handled ones go and {100 * spared:.0f} % of the '
+            f'others stay'
+            for x in dict.fromkeys((min(means), best, max(means)))
+            for _, found, spared in [means[x]]
+        )
+        notes.append(f'{method}: told apart best at {best:g}; {told}.')
+    return ' '.join(notes)
+
+
+def _mean(results: Sequence[Result], name: str) -> float:
+    values = [v for r in results if (v := key_value(f'verdicts.{name}')(r.summary)) is not None]
+    return statistics.fmean(values) if values else math.nan
 
 
 def _curves(experiment: Experiment, results: Sequence[Result]) -> dict[str, dict[float, float]]:

@@ -51,7 +51,7 @@ def result(job: Job, ate: float) -> Result:
     return Result(job, {'ate_rmse_m': ate, 'coverage': 1.0, 'ate_mean_m': ate})
 
 
-@pytest.mark.parametrize('name', ['quick', 'full'])
+@pytest.mark.parametrize('name', ['quick', 'full', 'readme'])
 def test_shipped_plans_load_and_their_parameters_exist(name: str) -> None:
     jobs = load_plan(name).jobs()
     assert jobs
@@ -212,7 +212,7 @@ def test_missing_sequences_say_where_to_get_them(tmp_path: Path) -> None:
 
 def test_every_named_plan_file_is_shipped() -> None:
     folder = Path(__file__).parents[1] / 'hoid_benchmarks' / 'experiments'
-    assert {p.stem for p in folder.glob('*.yaml')} == {'quick', 'full', 'scenes'}
+    assert {p.stem for p in folder.glob('*.yaml')} == {'quick', 'full', 'readme', 'scenes'}
 
 
 def test_missing_sequences_are_named_once_and_not_filled_in(plan: Plan) -> None:
@@ -277,3 +277,21 @@ def test_a_curve_is_put_in_words() -> None:
     assert '100 % at 0.1 and 200 % at 0.6' in note
     assert 'Seeds alone vary ATE by 5 %' in note
     assert curve_note(replace(curve, varied='missed_share'), results) == ''
+
+
+def test_a_verdict_curve_is_put_in_words() -> None:
+    varied = 'filter.min_interaction_area'
+    shares = {0.1: (1.0, 0.2), 0.4: (0.9, 0.8), 0.8: (0.3, 1.0)}
+    results = [
+        Result(
+            Job('a', 'hoid2d', 'truth', 0, 'verdicts', ((varied, area),)),
+            {'verdicts': {'found_share': f, 'spared_share': s, 'balanced': (f + s) / 2}},
+        )
+        for area, (f, s) in shares.items()
+    ]
+    curve = Experiment('e', 't', 'verdicts', '', '', varied, tuple(r.job for r in results))
+    note = curve_note(curve, results)
+    assert note.startswith('hoid2d: told apart best at 0.4; at 0.1 100 % of the handled ones go')
+    assert 'at 0.8 30 % of the handled ones go and 100 % of the others stay' in note
+    (row, *_) = make_table(curve, results).rows
+    assert [cell.text for cell in row[3:7]] == ['0.1', '1.000', '0.200', '0.600']
