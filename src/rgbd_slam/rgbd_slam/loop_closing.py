@@ -11,7 +11,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.config import SlamConfig
-from rgbd_slam.essential_graph import Loop, closed_poses, move_map
+from rgbd_slam.essential_graph import Loop, closed_poses, move_map, path_length_m
 from rgbd_slam.frame import StereoCamera
 from rgbd_slam.fusing import fuse
 from rgbd_slam.geometric_verification import PlaceMatch
@@ -31,7 +31,7 @@ class LoopEvent(Enum):
     """What a keyframe brought about."""
 
     NOTHING = 'nothing'
-    REJOINED = 'rejoined'  # a place seen before, reached with hardly any drift
+    REJOINED = 'rejoined'  # a place seen before, by a short way and with hardly any drift
     CLOSED = 'closed'
     MERGED = 'merged'  # two maps into one
 
@@ -131,7 +131,9 @@ class LoopCloser:
     def _close(self, i: int, c: int, match: PlaceMatch, T_c_i: FloatArray) -> LoopEvent:
         keyframes, config = self._map.keyframes, self._config
         turn_rad, way_m = self._detector.correction(i, match)
+        around_m = path_length_m(self._map, c, i)
         small = way_m < config.small_m and turn_rad < np.deg2rad(config.small_deg)
+        small &= around_m < config.long_way_m
         alive = set(keyframes.uid[keyframes.alive].tolist())
         self._loops = [loop for loop in self._loops if {loop.uid_a, loop.uid_b} <= alive]
         self._loops.append(Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i))

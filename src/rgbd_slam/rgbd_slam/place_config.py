@@ -63,8 +63,14 @@ class LoopConfig(Config):
     essential_shared: int = param(
         100, 'Points that two keyframes share to be tied in the pose graph', minimum=1
     )
-    small_m: float = param(0.03, 'Corrections below need no pose graph', minimum=0.0)
+    small_m: float = param(
+        0.03, 'Corrections below, at the end of a short way, need no adjustment of the whole map',
+        minimum=0.0,
+    )  # fmt: skip
     small_deg: float = param(1.5, 'The same, of the heading', minimum=0.0)
+    long_way_m: float = param(
+        5.0, 'A way on which drift may lie hidden even if its ends fit by chance', minimum=0.0
+    )
     global_iterations: int = param(
         6, 'Of adjusting the whole map after a loop, a round; 0: none', minimum=0, maximum=100
     )

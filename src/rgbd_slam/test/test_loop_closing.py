@@ -74,6 +74,17 @@ def test_a_closed_loop_is_not_closed_again(
     assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
 
 
+@pytest.mark.parametrize(
+    ('long_way_m', 'event'), [(5.0, LoopEvent.CLOSED), (50.0, LoopEvent.REJOINED)]
+)
+def test_a_long_way_is_adjusted_even_if_its_ends_fit(long_way_m: float, event: LoopEvent) -> None:
+    truth, slam_map = ring_poses(36, LAPS), SlamMap(1.2, 8)
+    rows = mapped(slam_map, RingWorld(), truth, drifted(truth, 0.05 * DRIFT))
+    assert _errors_m(slam_map, rows, truth).max() < 0.03
+    config = SlamConfig().updated({'places.loops.long_way_m': long_way_m})
+    assert LoopCloser(slam_map, CAMERA, config).process(int(rows[-1])) is event
+
+
 def test_a_map_with_a_loop_that_has_grown_is_adjusted_once_more_in_the_end(
     drifting: tuple[SlamMap, IntArray, FloatArray],
 ) -> None:
