@@ -1,0 +1,142 @@
+"""Scores of maps and tracks whose agreement with the truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import pytest
+
+from hoid_bags.bag_sequence import BagSequence
+from hoid_bags.room_truth import RoomTruth
+from hoid_bags.synth.config import SceneConfig
+from hoid_bags.synth.truth import object_states, people_centers
+from hoid_benchmarks.room_ghost import Ghost, cylinder_depth_m
+from hoid_benchmarks.room_run import MappedRoom, Tracks
+from hoid_benchmarks.room_scores import score
+from hoid_bringup.run_config import RunConfig
+from hoid_common import se3
+from hoid_common.values import CameraModel, Detections, FloatArray, RgbdFrame
+from rgbd_slam.dense.grid import Grid
+from rgbd_slam.dense.voxel_map import ColoredCloud
+from rgbd_slam.frame_poses import FramePose, KeyframePoses
+from rgbd_slam.frames import T_BODY_OPTICAL
+from rgbd_slam.object_tracker import ObjectState, TrackedObject
+
+SCENE = SceneConfig(seed=1)
+OFFSET_M = np.array([0.03, 0.0, 0.04])
+
+
+@dataclass
+class EverythingSeen:
+    """Every class fills every image."""
+
+    camera: CameraModel
+    true_detections: dict[int, Detections]
+
+
+@pytest.fixture(scope='module')
+def truth() -> RoomTruth:
+    return RoomTruth(SCENE, T_BODY_OPTICAL)
+
+
+@pytest.fixture(scope='module')
+def sequence(truth: RoomTruth) -> BagSequence:
+    names = tuple({state.class_name for state in object_states(truth.stage, 0)})
+    whole = np.tile([0, 0, 640, 480], (len(names), 1)).astype(np.float32)
+    boxes = {
+        SCENE.stamp_ns(i): Detections(SCENE.stamp_ns(i), whole, names, np.ones(len(names), 'f4'))
+        for i in range(SCENE.frames)
+    }
+    return cast('BagSequence', EverythingSeen(SCENE.camera, boxes))
+
+
+def in_map(truth: RoomTruth, points_m: FloatArray) -> FloatArray:
+    return se3.transform(se3.inverse(truth.T_world_map), points_m)
+
+
+def track(truth: RoomTruth, number: int, name: str, world_m: FloatArray) -> TrackedObject:
+    state = ObjectState.PERSON if name == 'person' else ObjectState.AT_REST
+    at = in_map(truth, world_m[None])[0]
+    return TrackedObject(number, name, state, 0, 1.0, at, np.zeros(3), np.full(3, 0.1))
+
+
+def tracks(truth: RoomTruth, *, new_ids: bool) -> Tracks:
+    """Return tracks of all people and objects, all off by the same."""
+    out: Tracks = {}
+    for i in range(0, SCENE.frames, 3):
+        people = [
+            track(truth, 900, 'person', p + OFFSET_M) for p in people_centers(truth.stage, i)
+        ]
+        late = 100 if new_ids and i > 150 else 0
+        objects = [
+            track(truth, k + late, state.class_name, np.array(state.center_m) + OFFSET_M)
+            for k, state in enumerate(object_states(truth.stage, i))
+        ]
+        out[SCENE.stamp_ns(i)] = (*people, *objects)
+    return out
+
+
+def room(truth: RoomTruth, points_world_m: FloatArray, found: Tracks) -> MappedRoom:
+    points = in_map(truth, points_world_m).astype(np.float32)
+    T_map_floor = se3.inverse(truth.T_world_map)
+    cells = np.where(truth.occupied(T_map_floor, (60, 80), 0.05), 100, 0).astype(np.int8)
+    cells[:30] = -1
+    cells[30:33] = 100 - cells[30:33]
+    grid = Grid(cells, 0.05, T_map_floor)
+    return MappedRoom(ColoredCloud(points, np.zeros((len(points), 3), np.uint8)), grid, found)
+
+
+def test_points_cells_and_people_are_counted(truth: RoomTruth, sequence: BagSequence) -> None:
+    vertices = truth.stage.static_mesh.vertices_m[:300].astype(float)
+    walker = truth.stage.bodies[0].xy_m[::3]
+    walked = np.c_[walker, np.full(len(walker), 1.2)]
+    scores = score(room(truth, np.concatenate([vertices, walked]), {}), truth, sequence)
+    assert scores.num_points == 300 + len(walked)
+    apart = truth.distance_m(in_map(truth, walked)) > 0.05
+    assert scores.path_share == pytest.approx(apart.sum() / scores.num_points)
+    assert scores.near_share >= 300 / scores.num_points
+    assert scores.grid_share == pytest.approx(0.9)  # 3 of 30 rows are the wrong way round
+    assert np.isnan(scores.people_m)
+    assert all(item.error_m == np.inf for item in scores.carried)
+
+
+@pytest.mark.parametrize('new_ids', [False, True])
+def test_tracks_are_compared_with_people_and_objects(
+    truth: RoomTruth, sequence: BagSequence, new_ids: bool
+) -> None:
+    found = tracks(truth, new_ids=new_ids)
+    scores = score(room(truth, np.zeros((1, 3)), found), truth, sequence)
+    assert scores.people_m == pytest.approx(0.05)
+    assert len(scores.carried) > 0
+    for item in scores.carried:
+        assert item.error_m == pytest.approx(0.05)
+        assert item.keeps_id is not new_ids
+
+
+def test_a_cylinder_is_seen_where_it_stands() -> None:
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = T_BODY_OPTICAL[:3, :3]
+    T_world_camera[2, 3] = 1.2
+    rays = np.array([[[0, 0, 1], [0.5, 0, 1], [0, -0.5, 1], [0, 0.1, 1.0]]])
+    depth_m = cylinder_depth_m(rays, T_world_camera, np.array([2.0, 0.0]))
+    np.testing.assert_allclose(depth_m, [[1.8, 0, 0, 1.8]], atol=1e-6)
+
+
+def test_somebody_undetected_is_mapped_and_gone_2_s_after_leaving() -> None:
+    scene = SceneConfig(seed=2, num_people=0, num_frames=180, width_px=160)
+    truth = RoomTruth(scene, T_BODY_OPTICAL)
+    config = RunConfig().updated({'dense.pixel_stride': 1})
+    ghost = Ghost(truth, config)
+    wall_m = np.full((scene.height_px, scene.width_px), 6.0, np.float32)
+    image = np.zeros((*wall_m.shape, 3), np.uint8)
+    T_map_world = se3.inverse(truth.T_world_map)
+    one = np.zeros(1, np.int64)
+    keyframes = KeyframePoses(1, one, one, 0, np.eye(4)[None])
+    for i in range(0, scene.frames, 10):
+        T = T_map_world @ truth.stage.T_world_camera[i]
+        pose = FramePose(scene.stamp_ns(i), T, 0, keyframes, follow=False)
+        ghost.fuse(pose, RgbdFrame(scene.stamp_ns(i), image, wall_m), ())
+    assert ghost.num_standing > 100
+    assert ghost.num_left == 0
