@@ -14,12 +14,13 @@ from hoid_benchmarks.masks import mask_report
 from hoid_benchmarks.plan import Job, load_plan
 from hoid_benchmarks.report import Report
 from hoid_benchmarks.results import Result
+from hoid_benchmarks.rooms import room_report
 from hoid_benchmarks.runs import RunList
 from hoid_benchmarks.sequences import Store
 from hoid_benchmarks.speed import STAGES, time_stage
 from hoid_common.errors import HoidError
 
-_MASKS = 'masks'
+_MASKS, _ROOMS = 'masks', 'rooms'
 _ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -32,7 +33,7 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         default='full',
         metavar='WHAT',
         help=f'experiments: full, quick or a YAML file; a stage to time ({", ".join(STAGES)}); '
-        f'{_MASKS}: judge the masks corner by corner',
+        f'{_MASKS}: judge the masks corner by corner; {_ROOMS}: dense map, grid and tracks',
     )
     add('--quick', action='store_true', help='the same as "quick": a few minutes')
     add('--only', action='append', default=[], metavar='ID', help='run just this; repeatable')
@@ -58,6 +59,8 @@ def bench_command(args: argparse.Namespace) -> None:
         sys.stdout.write(time_stage(args.what, store))
     elif args.what == _MASKS and not args.quick:
         sys.stdout.write(mask_report(args.only, store))
+    elif args.what == _ROOMS and not args.quick:
+        sys.stdout.write(room_report(args.only, store, args.detector))
     else:
         _experiments(args, store)
 
