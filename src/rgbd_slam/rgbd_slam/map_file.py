@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import math
 import os
+import secrets
 import struct
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -91,20 +91,17 @@ def save(path: Path, content: MapFile) -> int:
         MapFileError: It cannot be written, or would not load; what was there before still is.
     """
     _check(content)
+    aside = path.with_name(f'.partial-{secrets.token_hex(4)}-{path.name}')
     try:
-        with tempfile.NamedTemporaryFile(
-            prefix='.partial-', dir=path.parent, delete=False
-        ) as file:
-            try:
+        try:
+            with aside.open('xb') as file:
                 _write(file, content)
                 file.flush()
                 os.fsync(file.fileno())
                 size = file.tell()
-                Path(file.name).replace(path)
-            except BaseException:
-                with suppress(OSError):
-                    Path(file.name).unlink()
-                raise
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
         _sync_folder(path.parent)
     except OSError as error:
         raise MapFileError(f'{path}: cannot be written: {error.strerror}') from error
