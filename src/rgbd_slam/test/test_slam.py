@@ -6,11 +6,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from rgbd_slam.config import SlamConfig
+from rgbd_slam.frame import StereoCamera
+from rgbd_slam.map import SlamMap
 from rgbd_slam.mapper_process import MapperProcess
 from rgbd_slam.mapper_worker import MapperStoppedError
 from rgbd_slam.slam import RgbdSlam, TrackingState
@@ -75,6 +78,19 @@ def test_a_dead_mapper_is_told() -> None:
     with pytest.raises(MapperStoppedError, match=r'ends at its start \(signal 9\)'):
         slam.process(World().features(0, POSES[0]))
     slam.close()
+
+
+def test_a_mapper_that_cannot_start_is_told_at_once() -> None:
+    camera = StereoCamera.from_model(CAMERA, SlamConfig().camera)
+    nothing: Any = None  # no configuration: the process fails on its own
+    with pytest.raises(MapperStoppedError, match=r'ends at its start \(exit code 1\)'):
+        MapperProcess(camera, SlamMap(1.2, 8), nothing)
+
+
+def test_a_mapper_that_takes_too_long_to_start_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('rgbd_slam.mapper_process._START_S', 0.001)
+    with pytest.raises(MapperStoppedError, match=r'did not start in 0\.001 s: .* too busy'):
+        RgbdSlam(CAMERA, SlamConfig(), background=True)
 
 
 def test_a_mapper_that_dies_is_replaced_and_the_map_goes_on() -> None:
