@@ -1,0 +1,77 @@
+"""The judgement of masks, on a scene with a known answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoid_bags.synth.config import SceneConfig
+from hoid_benchmarks import masks
+from hoid_benchmarks.labelled import rendered_people
+from hoid_benchmarks.masks import CASES, Tally, judge_masks, mask_report, variants
+from hoid_benchmarks.perturb import perturb_detections
+from hoid_benchmarks.plan import Perturbation
+from hoid_benchmarks.sequences import Store
+from hoid_common.errors import ConfigError
+from hoid_common.values import Detections, RgbdFrame
+from hoid_filter.config import FilterConfig
+from hoid_filter.scene import View
+
+STORE = Store(Path('/nowhere'), Path('/nowhere'))
+HEIGHT, WIDTH = 60, 80
+
+
+def test_corners_are_counted_by_what_the_strategy_keeps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A person's box over the left half; corners at two moving places and two at rest."""
+    found = Detections(
+        0, np.array([[0, 0, 40, 60]], np.float32), ('person',), np.ones(1, np.float32)
+    )
+    pixels = 30 * WIDTH + np.array([10, 50, 20, 60])
+    moving = np.array([True, True, False, False])
+    view = View(0, found, np.full((HEIGHT, WIDTH), 2.0, np.float32), pixels)
+    monkeypatch.setattr(masks, '_views', lambda *_: iter([(view, moving, ~moving)]))
+    configs = {name: FilterConfig(strategy=name) for name in ('person', 'none')}
+    person, nothing = judge_masks(CASES['rendered-1'], configs, STORE).values()
+    assert person == Tally(
+        moving=2, moving_kept=1, moving_seeds=1, static=2, static_lost=1, seeds=2
+    )
+    assert nothing == Tally(2, 2, 2, 2, 0, 4, frames_that_differ=1)
+
+
+def test_every_switch_and_strategy_is_a_variant() -> None:
+    names = variants()
+    assert names['hoid+'] == FilterConfig()
+    assert not names['without chains'].plus.chains
+    assert {'none', 'person', 'hoid2d', 'hoid3d', 'descriptor'} < set(names)
+
+
+def test_unknown_case_is_named() -> None:
+    with pytest.raises(ConfigError, match='no case nonsense'):
+        mask_report(['nonsense'], STORE)
+
+
+def test_people_move_and_what_stands_about_does_not() -> None:
+    config = SceneConfig(seed=1, num_frames=2, width_px=64)
+    for frame, moving, exact in rendered_people(config, workers=1):
+        assert exact is not None
+        inside = np.zeros(moving.shape, bool)
+        for x1, y1, x2, y2 in exact.boxes_xyxy_px.astype(int).tolist():
+            inside[y1:y2, x1:x2] = True
+        assert moving.shape == frame.depth_m.shape
+        assert not moving[~inside].any()
+        people = exact.boxes_xyxy_px[[name == 'person' for name in exact.class_names]]
+        for x1, y1, x2, y2 in people.astype(int).tolist():
+            assert moving[y1:y2, x1:x2].mean() > 0.2
+
+
+def test_false_person_comes_every_so_often() -> None:
+    frame = RgbdFrame(0, np.zeros((100, 200, 3), np.uint8), np.ones((100, 200), np.float32))
+    detect = perturb_detections(
+        lambda f: Detections.none(f.stamp_ns), Perturbation(false_every=3), seed=0
+    )
+    found = [detect(frame) for _ in range(6)]
+    assert [len(d) for d in found if d is not None] == [0, 0, 1, 0, 0, 1]
+    assert found[2] is not None
+    np.testing.assert_allclose(found[2].boxes_xyxy_px, [[9, 4.5, 191, 95.5]], rtol=1e-5)
