@@ -137,10 +137,12 @@ def _sight_person(
     layer_m: float,
     floor: Floor | None,
     is_known: bool,
-) -> Sighting:
+) -> Sighting | None:
     x1, y1, x2, y2 = seen.box_xyxy_px
     depth, uv = scene.readings(seen.box_xyxy_px, 0.0)
     body = np.abs(depth - layer_m) < _TORSO_M
+    if np.count_nonzero(body) < _MIN_PIXELS:
+        return None
     upper = uv[:, 1] < y1 + 0.6 * (y2 - y1)
     if np.count_nonzero(body & upper) >= _MIN_PIXELS:
         body &= upper
@@ -159,12 +161,17 @@ def _sight_person(
 
 def _sight_object(
     seen: DynamicObject, scene: DepthScene, layer_m: float, is_known: bool
-) -> Sighting:
+) -> Sighting | None:
     x1, _, x2, _ = seen.box_xyxy_px
     width_m = (x2 - x1) / scene.camera.fx_px * layer_m
     thickness_m = float(np.clip(0.6 * width_m, *_THICKNESS_M))
-    depth, uv = scene.readings(seen.box_xyxy_px, _CORNERS)
-    part = np.abs(depth - layer_m) < thickness_m
+    for cut in (_CORNERS, 0.0):  # what has readings on its border only is seen there
+        depth, uv = scene.readings(seen.box_xyxy_px, cut)
+        part = np.abs(depth - layer_m) < thickness_m
+        if np.count_nonzero(part) >= _MIN_PIXELS:
+            break
+    else:
+        return None
     points = scene.points_map_m(uv[part], depth[part])
     low, high = np.percentile(points, (4, 96), axis=0)
     near_m, far_m = np.percentile(depth[part], (4, 96))
