@@ -41,6 +41,7 @@ _COLUMNS = (
     'static lost',
     'moving among kept',
     'moving among seeds',
+    'static not seeds',
 )
 
 
@@ -122,6 +123,7 @@ def _table(name: str, case: MaskCase, store: Store) -> str:
             n.static_lost / max(n.static, 1),
             n.moving_kept / max(kept, 1),
             n.moving_seeds / max(n.seeds, 1),
+            1 - (n.seeds - n.moving_seeds) / max(n.static, 1),
         )
         cells = ' | '.join(f'{100 * share:.1f} %' for share in shares)
         lines.append(f'| {variant} | {n.frames_that_differ} | {cells} |')
