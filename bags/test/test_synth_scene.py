@@ -47,6 +47,15 @@ def test_another_seed_is_another_room() -> None:
     assert other.world.wardrobes[0].build != one.world.wardrobes[0].build
 
 
+def test_other_people_share_the_home_and_begin_elsewhere() -> None:
+    one = set_stage(SceneConfig(num_frames=60))
+    other = set_stage(SceneConfig(num_frames=60, people_seed=3, start_s=1.0))
+    np.testing.assert_array_equal(one.world.static.vertices_m, other.world.static.vertices_m)
+    np.testing.assert_allclose(one.T_world_camera[30:], other.T_world_camera[:-30], atol=1e-9)
+    for here, there in zip(one.bodies, other.bodies, strict=True):
+        assert np.linalg.norm(here.xy_m - there.xy_m, axis=1).max() > 0.1
+
+
 def test_the_image_size_does_not_change_the_scene() -> None:
     small = set_stage(SceneConfig(seed=1, num_frames=240, width_px=64))
     np.testing.assert_array_equal(small.bodies[0].xy_m, renderer().stage.bodies[0].xy_m)

@@ -5,6 +5,7 @@ Keyframes and points are named by their rows here, keyframes in the order in whi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -17,11 +18,12 @@ from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, I
 from rgbd_slam.frame import StereoCamera
 from rgbd_slam.keyframes import NO_POINT, KeyframeTable
 from rgbd_slam.map import SlamMap
-from rgbd_slam.record import Record, column
+from rgbd_slam.record import Array, Record, column
 from rgbd_slam.table import DEAD
 
 Int32Array = NDArray[np.int32]
 NONE = -1
+_COPIED = ('depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,19 +71,20 @@ class MapState(Record):
 
 
 def snapshot(slam_map: SlamMap) -> MapState:
-    """Copy a map; takes about as long as copying its bytes (0.1 ms a keyframe)."""
+    """Copy a map, which takes little longer than copying its bytes: 0.04 ms a keyframe."""
     keyframes, points = slam_map.keyframes, slam_map.points
     i = keyframes.indices()
     i = i[np.argsort(keyframes.uid[i])]
     j = points.indices()
     num_features = keyframes.num_features[i]
-    of_i = np.repeat(i, num_features)
-    k = np.arange(len(of_i)) - np.repeat(np.cumsum(num_features) - num_features, num_features)
+    features = list(zip(i.tolist(), num_features.tolist(), strict=True))
     row_of_point = np.full(points.capacity + 1, NONE)
     row_of_point[j] = np.arange(len(j))
-    point = row_of_point[keyframes.point_of_feature[of_i, k]]
-    observer = _any_observers(np.repeat(np.arange(len(i)), num_features), point, len(j))
+    point = row_of_point[_joined(keyframes.point_of_feature, features)]
     reference = _rows_of(keyframes.uid[i], points.reference_keyframe_uid[j])
+    if (reference == NONE).any():  # it was removed, and the point was not refreshed since
+        observer = _any_observers(np.repeat(np.arange(len(i)), num_features), point, len(j))
+        reference = np.where(reference == NONE, observer, reference)
     _, map_id = np.unique(keyframes.map_id[i], return_inverse=True)
     return MapState.of(
         {
@@ -90,15 +93,11 @@ def snapshot(slam_map: SlamMap) -> MapState:
             'map_id': map_id,
             'parent': _rows_of(keyframes.uid[i], keyframes.parent_uid[i]),
             'num_features': num_features,
-            'uv_px': keyframes.measurement_px[of_i, k, :2],
-            'depth_m': keyframes.depth_m[of_i, k],
-            'octave': keyframes.octave[of_i, k],
-            'angle_deg': keyframes.angle_deg[of_i, k],
-            'descriptors': keyframes.descriptors[of_i, k],
-            'may_seed': keyframes.may_seed[of_i, k],
+            'uv_px': _joined(keyframes.measurement_px[..., :2], features),
+            **{name: _joined(getattr(keyframes, name), features) for name in _COPIED},
             'point': point,
             'position_m': points.position_m[j],
-            'reference': np.where(reference == NONE, observer, reference),
+            'reference': reference,
             'num_visible': points.num_visible[j],
             'num_found': points.num_found[j],
         }
@@ -127,6 +126,12 @@ def restore(slam_map: SlamMap, state: MapState, camera: StereoCamera, *, keep: b
     return i
 
 
+def _joined(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
+    """Return the first entries of some rows, one row's after the other's: a row is one copy."""
+    empty = table[:0].reshape(0, *table.shape[2:])
+    return np.concatenate([empty, *(table[i, :n] for i, n in rows)])
+
+
 def _make_younger(slam_map: SlamMap, by: int) -> None:
     i, j = slam_map.keyframes.indices(), slam_map.points.indices()
     slam_map.keyframes.map_id[i] += by
@@ -152,7 +157,7 @@ def _restore_keyframes(
     keyframes.point_of_feature[i] = NO_POINT
     of_i, k = i[state.keyframe], _feature_rows(state)
     keyframes.measurement_px[of_i, k] = measurement_px(state, camera)
-    for name in ('depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed'):
+    for name in _COPIED:
         getattr(keyframes, name)[of_i, k] = getattr(state, name)
     return i
 
