@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
 
 from hoid_native import Gates, Lens, adjust_bundle, optimize_pose
 
@@ -132,3 +133,32 @@ def test_bundle_comes_back_to_the_truth() -> None:
     assert np.median(np.abs(fit.points_m - points)[well]) < 1e-6
     assert ((fit.chi2 > GATES.mono) == wrong).mean() > 0.995
     assert fit.cost_after < 0.02 * fit.cost_before
+
+
+def test_a_point_between_fixed_cameras_is_their_least_squares() -> None:
+    """Against scipy with numeric derivatives: those by the point are right, and so are weights."""
+    rng = np.random.default_rng(6)
+    point = np.array([0.3, -0.2, 2.5])
+    poses = np.stack([pose([0.02 * i, -0.05 * i, 0.01], [0.1 * i, 0.02, 0.0]) for i in range(4)])
+    measured = np.concatenate([pixels(T, point[None]) for T in poses])
+    measured += rng.normal(0, 0.3, measured.shape)
+    measured[1, 2] = np.nan
+    weight = np.array([1.0, 0.5, 0.25, 0.7])
+
+    def residuals(at: FloatArray) -> FloatArray:
+        seen = np.concatenate([pixels(T, at[None]) for T in poses]) - measured
+        disparity = measured[:, 0] - measured[:, 2]
+        noise = np.hypot(LENS.disparity_noise_px, LENS.relative_noise * disparity)
+        rows = [
+            seen[:, :2] * np.sqrt(weight)[:, None],
+            ((seen[:, 0] - seen[:, 2]) / noise)[:, None],
+        ]
+        return np.asarray(np.nan_to_num(np.concatenate(rows, 1)).ravel())
+
+    best = least_squares(residuals, point, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    fit = adjust_bundle(
+        LENS, GATES, poses, 0, point[None] + 0.05, np.arange(4), np.zeros(4, int), measured,
+        weight, 30,
+    )  # fmt: skip
+    np.testing.assert_allclose(fit.points_m[0], best.x, atol=2e-5)
+    assert fit.cost_after == pytest.approx(2 * best.cost, rel=1e-4)
