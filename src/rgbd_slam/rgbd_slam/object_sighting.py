@@ -58,6 +58,12 @@ class DepthScene:
         point = self._in_camera(position_map_m)
         return self.camera.project_px(point[None])[0] if point[2] > _MIN_RANGE_M else None
 
+    def has_in_view(self, position_map_m: FloatArray) -> bool:
+        """Return whether a place lies within the image, seen or hidden."""
+        uv = self.pixel_of(position_map_m)
+        size_px = (self.camera.width_px, self.camera.height_px)
+        return uv is not None and bool((uv >= 0).all() and (uv < size_px).all())
+
     def sees_through(self, position_map_m: FloatArray, margin_m: float) -> bool | None:
         """Return whether the image looks through a place; None when it cannot tell."""
         point = self._in_camera(position_map_m)

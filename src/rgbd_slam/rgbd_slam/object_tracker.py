@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hoid_common.values import PERSON, DynamicObject, FloatArray
+from hoid_common.values import PERSON, DynamicObject, FloatArray, Reason
 from rgbd_slam.dense.floor import Floor
 from rgbd_slam.object_sighting import DepthScene, Sighting, sight
 from rgbd_slam.object_track import (
@@ -26,6 +26,7 @@ __all__ = ['ObjectState', 'ObjectTracker', 'ObjectTrackerConfig', 'TrackedObject
 _HIDDEN_M = 0.15  # what shows so much before an object's place hides it
 _GONE_M = 0.25  # what shows so far behind it means that it is gone
 _GONE_LOOKS = 5
+_CARRY_MPS, _CARRY_S = 1.5, 3.0  # how fast, and for how long unseen, an object is carried
 
 
 class ObjectTracker:
@@ -52,7 +53,7 @@ class ObjectTracker:
         """
         free = [track for track in self._tracks if not track.is_taken]
         people_m: list[FloatArray] = []
-        for seen in sorted(objects, key=lambda item: item.class_name != PERSON):
+        for seen in sorted(filter(_is_seen, objects), key=_turn):
             known = self._track_in_box(seen, scene, free, stamp_ns)
             known_m = None if known is None else known.position_at_m(stamp_ns)
             sighting = sight(seen, scene, known_m, floor)
@@ -68,7 +69,7 @@ class ObjectTracker:
                     continue
                 if _is_hidden(sighting, scene, known_m):
                     continue
-            self._assign(sighting, free, people_m, stamp_ns)
+            self._assign(sighting, free, people_m, scene, stamp_ns)
         self._look_for_gone(free, scene)
         self._tracks = self._alive(stamp_ns)
         confirmed = [track for track in self._tracks if track.is_confirmed]
@@ -98,10 +99,16 @@ class ObjectTracker:
         return best
 
     def _assign(
-        self, sighting: Sighting, free: list[Track], people_m: list[FloatArray], stamp_ns: int
+        self,
+        sighting: Sighting,
+        free: list[Track],
+        people_m: list[FloatArray],
+        scene: DepthScene,
+        stamp_ns: int,
     ) -> None:
         """Give a sighting to the nearest free track, or start one."""
-        match = self._nearest(sighting, free, stamp_ns)
+        match = self._carried_here(sighting, free, scene, stamp_ns)
+        match = match or self._nearest(sighting, free, stamp_ns)
         if match is not None:
             free.remove(match)
             match.correct(sighting, stamp_ns)
@@ -126,6 +133,27 @@ class ObjectTracker:
             distance_m = float(np.linalg.norm(offset))
             rests = track.is_settled and not sighting.seen.is_dynamic
             if distance_m < min(best_m, self._config.rest_gate_m if rests else np.inf):
+                best, best_m = track, distance_m
+        return best
+
+    def _carried_here(
+        self, sighting: Sighting, free: list[Track], scene: DepthScene, stamp_ns: int
+    ) -> Track | None:
+        """Return the known object that somebody can have carried here while it was unseen.
+
+        It was published, and its last place is in view and does not show it any more.
+        """
+        if sighting.seen.class_name == PERSON or not sighting.seen.is_dynamic:
+            return None
+        best, best_m = None, np.inf
+        for track in free:  # a handful
+            if track.class_name != sighting.seen.class_name or not track.is_confirmed:
+                continue
+            unseen_s = min((stamp_ns - track.stamp_ns) * 1e-9, _CARRY_S)
+            place_m = track.position_at_m(stamp_ns)
+            distance_m = float(np.linalg.norm(place_m - sighting.position_map_m))
+            reach_m = self._config.gate_m + _CARRY_MPS * unseen_s
+            if distance_m < min(best_m, reach_m) and scene.has_in_view(place_m):
                 best, best_m = track, distance_m
         return best
 
@@ -155,6 +183,16 @@ class ObjectTracker:
         alive = [track for track in self._tracks if track.is_alive(stamp_ns)]
         alive.sort(key=lambda track: track.stamp_ns)
         return alive[-self._config.max_objects :]
+
+
+def _is_seen(item: DynamicObject) -> bool:
+    """Return whether a box was seen; a predicted one says nothing of where an object is."""
+    return item.class_name == PERSON or item.reason is not Reason.PREDICTED
+
+
+def _turn(item: DynamicObject) -> tuple[bool, bool]:
+    """Return what puts people first, then what rests, which keeps its track, then the handled."""
+    return item.class_name != PERSON, item.is_dynamic
 
 
 def _is_hidden(sighting: Sighting, scene: DepthScene, known_m: FloatArray | None) -> bool:

@@ -131,6 +131,38 @@ def test_an_object_put_down_after_it_was_out_of_sight_is_known_again() -> None:
     assert (moved.track_id, moved.state) == (rest.track_id, ObjectState.MOVED)
 
 
+def test_an_object_in_hands_far_from_where_it_was_hidden_keeps_its_number() -> None:
+    world = World()
+    cup, twin = Thing('cup', 2.0, 0.8, 0), Thing('cup', 2.0, -0.2, 0)
+    for _ in range(10):
+        tracks = world.show(cup, twin)
+    numbers = {round(t.position_map_m[1], 1): t.track_id for t in tracks}
+    for _ in range(6):
+        world.show(person(1.4, 0.8), twin)  # stands before the cup, whose box is gone
+    for i in range(4):
+        left = 0.0 + 0.05 * i  # near the twin, which stays where it is
+        held = Thing('cup', 1.9, left, 0.3, reason=Reason.HANDLED)
+        tracks = world.show(person(2.0, left), held, twin, person(1.4, 0.8))
+    cups = {t.track_id: t for t in tracks if t.class_name == 'cup'}
+    assert cups.keys() == set(numbers.values())
+    assert cups[numbers[0.8]].state is ObjectState.HANDLED
+    assert cups[numbers[-0.2]].state is ObjectState.AT_REST
+
+
+def test_a_predicted_box_neither_makes_nor_moves_an_object() -> None:
+    world = World()
+    for _ in range(10):
+        tracks = world.show(Thing('cup', 2.0, 0.8, 0))
+    (rest,) = tracks
+    for i in range(20):
+        left = 0.7 - 0.1 * i
+        predicted = Thing('cup', 3.0, left, 0.2, reason=Reason.PREDICTED)
+        tracks = world.show(person(2.2, left), predicted, Thing('cup', 2.0, 0.8, 0))
+    (cup,) = [track for track in tracks if track.class_name == 'cup']
+    assert (cup.track_id, cup.state) == (rest.track_id, ObjectState.AT_REST)
+    np.testing.assert_allclose(cup.position_map_m, rest.position_map_m, atol=0.02)
+
+
 def test_a_box_behind_a_person_is_not_handled() -> None:
     world = World()
     tv = Thing('tv', 5.0, 0, 0, size_m=(0.8, 0.8))
