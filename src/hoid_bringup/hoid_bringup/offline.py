@@ -22,7 +22,8 @@ from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.frame_poses import FramePoses, KeyframePoses
 from rgbd_slam.frames import RobotFrames
 from rgbd_slam.room_mapper import RoomMapper
-from rgbd_slam.slam import RgbdSlam, TrackingResult
+from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking_result import TrackingResult
 
 _MS = 1e3
 _KIB_PER_MB = 1024

@@ -21,8 +21,9 @@ from rgbd_slam.frame_poses import FramePose, FramePoses, KeyframePoses
 from rgbd_slam.frames import RobotFrames, RobotPose
 from rgbd_slam.map_file import MapFile
 from rgbd_slam.map_use import LoadedMap
-from rgbd_slam.slam import RgbdSlam, SlamStats, TrackingResult
+from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.stream_gaps import StreamGaps
+from rgbd_slam.tracking_result import SlamStats, TrackingResult
 
 TRAJECTORY_KINDS = ('final', 'online', 'keyframes')
 _MESSAGES = {

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 
@@ -24,46 +22,11 @@ from rgbd_slam.pose_optimizer import covariance
 from rgbd_slam.relocalization import Relocalizer
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.tracker import Tracker, Tracking
+from rgbd_slam.tracking_result import SlamStats, TrackingResult, TrackingState
 from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_poses, keyframe_trajectory, main_map
 
 _MS = 1e3
 _MIN_FIRST_FEATURES = 100  # with depth, to start a map
-
-
-class TrackingState(Enum):
-    """Whether the pose is known; the values are those of hoid_msgs/SlamStatus."""
-
-    NOT_INITIALIZED = 0
-    TRACKING = 1
-    LOST = 2
-
-
-@dataclass(frozen=True, eq=False)
-class TrackingResult:
-    """What one frame gave."""
-
-    stamp_ns: int
-    state: TrackingState
-    T_map_camera: FloatArray | None = None  # (4, 4); jumps when the map is corrected
-    T_odom_camera: FloatArray | None = None  # (4, 4); never jumps
-    covariance: FloatArray | None = None  # (6, 6) of a small motion in the camera's frame,
-    # rotation first [rad^2, m^2]
-    num_tracked: int = 0  # map points matched
-    num_inliers: int = 0  # of them, those that fit the pose
-    is_keyframe: bool = False
-    stage_ms: dict[str, float] = field(default_factory=dict)  # 'track', 'map'; thread CPU time
-
-
-@dataclass(frozen=True)
-class SlamStats:
-    """Counts of the main map, that with most keyframes, and of events."""
-
-    num_keyframes: int
-    num_map_points: int
-    num_maps: int = 0  # more than one only after a loss, until a known place joins them
-    num_loops: int = 0
-    num_merges: int = 0
-    num_relocalizations: int = 0
 
 
 class RgbdSlam:

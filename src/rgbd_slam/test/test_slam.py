@@ -16,7 +16,8 @@ from rgbd_slam.frame import StereoCamera
 from rgbd_slam.map import SlamMap
 from rgbd_slam.mapper_process import MapperProcess
 from rgbd_slam.mapper_worker import MapperStoppedError
-from rgbd_slam.slam import RgbdSlam, TrackingState
+from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking_result import TrackingState
 
 from .world import CAMERA, PERIOD_NS, World, position_errors_m, sway
 

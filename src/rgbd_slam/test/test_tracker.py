@@ -11,9 +11,10 @@ from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.landmarks import read_by_frame, seen_by_frame
 from rgbd_slam.map import SlamMap
 from rgbd_slam.matching import match_by_descriptor
-from rgbd_slam.slam import RgbdSlam, TrackingState
+from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.tracker import Tracker
+from rgbd_slam.tracking_result import TrackingState
 
 from .world import CAMERA as MODEL
 from .world import PERIOD_NS, World, position_errors_m, sway

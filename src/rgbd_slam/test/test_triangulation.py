@@ -9,7 +9,8 @@ from rgbd_slam.config import CameraConfig, SlamConfig, TriangulationConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.map import SlamMap
-from rgbd_slam.slam import RgbdSlam, TrackingState
+from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking_result import TrackingState
 from rgbd_slam.triangulation import (
     TwoViews,
     depth_from_parallax,

@@ -1,0 +1,44 @@
+"""What tracking says of a frame, and of the map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from hoid_common.values import FloatArray
+
+
+class TrackingState(Enum):
+    """Whether the pose is known; the values are those of hoid_msgs/SlamStatus."""
+
+    NOT_INITIALIZED = 0
+    TRACKING = 1
+    LOST = 2
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingResult:
+    """What one frame gave."""
+
+    stamp_ns: int
+    state: TrackingState
+    T_map_camera: FloatArray | None = None  # (4, 4); jumps when the map is corrected
+    T_odom_camera: FloatArray | None = None  # (4, 4); never jumps
+    covariance: FloatArray | None = None  # (6, 6) of a small motion in the camera's frame,
+    # rotation first [rad^2, m^2]
+    num_tracked: int = 0  # map points matched
+    num_inliers: int = 0  # of them, those that fit the pose
+    is_keyframe: bool = False
+    stage_ms: dict[str, float] = field(default_factory=dict)  # 'track', 'map'; thread CPU time
+
+
+@dataclass(frozen=True)
+class SlamStats:
+    """Counts of the main map, that with most keyframes, and of events."""
+
+    num_keyframes: int
+    num_map_points: int
+    num_maps: int = 0  # more than one only after a loss, until a known place joins them
+    num_loops: int = 0
+    num_merges: int = 0
+    num_relocalizations: int = 0
