@@ -1,0 +1,72 @@
+"""Small maps to save, and what their files hold."""
+
+from __future__ import annotations
+
+import io
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from hoid_common import se3
+from rgbd_slam import map_file
+from rgbd_slam.dense.dense_mapper import StoredView
+from rgbd_slam.dense.voxel_map import DepthView
+from rgbd_slam.dense_state import DenseState
+from rgbd_slam.map import SlamMap
+from rgbd_slam.map_file import MapFile
+from rgbd_slam.map_state import MapState, snapshot
+
+from .ring_world import MODEL, RingWorld, mapped, ring_poses
+
+OCTAVES = 8
+SCALE = 1.2
+
+
+def new_map() -> SlamMap:
+    return SlamMap(SCALE, OCTAVES)
+
+
+def ring(count: int = 8, map_id: int = 0, slam_map: SlamMap | None = None) -> SlamMap:
+    slam_map = new_map() if slam_map is None else slam_map
+    poses = ring_poses(36)[:count]
+    mapped(slam_map, RingWorld(600), poses, poses, map_id)
+    return slam_map
+
+
+def dense_of(state: MapState, count: int = 3) -> DenseState:
+    rng = np.random.default_rng(1)
+    views = [
+        StoredView(
+            DepthView(
+                rng.integers(0, 5000, (15, 20), np.uint16),
+                rng.integers(0, 256, (8, 10, 3), np.uint8).repeat(2, 0)[:15].repeat(2, 1),
+            ),
+            n,
+            se3.exp(np.array([0, 0, 0.1 * n, 0, 0, 0])),
+        )
+        for n in range(count)
+    ]
+    return DenseState.of_views(views, np.arange(len(state)))
+
+
+def content() -> MapFile:
+    state = snapshot(ring())
+    return MapFile(MODEL, SCALE, OCTAVES, state, dense_of(state))
+
+
+@cache
+def saved() -> bytes:
+    """The bytes of a good file."""
+    return written(content())
+
+
+def written(anything: MapFile) -> bytes:
+    buffer = io.BytesIO()
+    map_file._write(buffer, anything)
+    return buffer.getvalue()
+
+
+def write(path: Path, anything: MapFile) -> None:
+    """Write what may be no map, which `save` would refuse."""
+    path.write_bytes(written(anything))

@@ -1,0 +1,351 @@
+"""Foreign, damaged and hostile map files: one clear line, and no harm."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hoid_common.errors import MapFileError
+from rgbd_slam import map_file
+from rgbd_slam.map_file import MapFile
+from rgbd_slam.map_state import MapState, restore, snapshot
+
+from .map_content import content, new_map, ring, saved, write
+from .ring_world import CAMERA
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / 'room.hoidmap'
+    path.write_bytes(saved())
+    return path
+
+
+def refused(path: Path, said: str) -> None:
+    with pytest.raises(MapFileError, match=said) as caught:
+        map_file.load(path)
+    text = str(caught.value)
+    assert str(path) in text
+    assert '\n' not in text
+    assert len(text) < 400
+
+
+def test_a_missing_file_and_a_folder_are_said(tmp_path: Path) -> None:
+    refused(tmp_path / 'none', 'there is no such file')
+    refused(tmp_path, 'is no file')
+
+
+@pytest.mark.parametrize(
+    'data',
+    [
+        b'',
+        b'\0' * 100,
+        b'PK\x05\x06' + b'\0' * 18,
+        pickle.dumps({'a': 1}),
+        b'solid cube\nendsolid',
+    ],
+    ids=['empty', 'zeros', 'empty zip', 'pickle', 'text'],
+)
+def test_foreign_files_are_refused(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / 'a').write_bytes(data)
+    refused(tmp_path / 'a', 'no map file')
+
+
+Members = dict[str, bytes]
+Manifest = dict[str, Any]
+
+
+def members_of(data: bytes) -> Members:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def forge(path: Path, change: Callable[[Members, Manifest], object], **kwargs: Any) -> None:
+    """Write a file with intact checksums and changed contents."""
+    members = members_of(saved())
+    manifest = json.loads(members['manifest.json'])
+    change(members, manifest)
+    if 'manifest.json' in members:
+        members['manifest.json'] = json.dumps(manifest).encode()
+    with zipfile.ZipFile(path, 'w', **{'compression': zipfile.ZIP_DEFLATED, **kwargs}) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+
+
+def test_a_forged_file_without_changes_is_read(path: Path) -> None:
+    forge(path, lambda _members, _manifest: None)
+    assert map_file.load(path).map.digest() == content().map.digest()
+
+
+FORGERIES: dict[str, tuple[str, Callable[[Members, Manifest], object]]] = {
+    'another format': ('something else', lambda _, m: m.update(format='cat pictures')),
+    'a later version': ('of version 2', lambda _, m: m.update(version=2)),
+    'no version': ('of version None', lambda _, m: m.pop('version')),
+    'no manifest': ('no manifest', lambda f, _: f.pop('manifest.json')),
+    'a huge manifest': ('no manifest', lambda _, m: m.update(note='x' * 20_000)),
+    'no lengths': ('damaged', lambda _, m: m.pop('lengths')),
+    'no map': ('holds no map', lambda _, m: m['lengths'].pop('map')),
+    'an unknown section': ('damaged', lambda _, m: m['lengths'].update(extra={})),
+    'a missing array': ('lacks parts', lambda f, _: f.pop('map/point.npy')),
+    'a foreign member': ('foreign', lambda f, _: f.update({'../../evil.sh': b'#!/bin/sh'})),
+    'a huge length': ('another size', lambda _, m: m['lengths']['map'].update(points=2**30)),
+    'an absurd length': ('are none', lambda _, m: m['lengths']['map'].update(points=2**70)),
+    'a negative length': ('are none', lambda _, m: m['lengths']['map'].update(points=-1)),
+    'a length of text': ('are none', lambda _, m: m['lengths']['map'].update(points='9')),
+    'a missing length': ('are none', lambda _, m: m['lengths']['map'].pop('points')),
+    'a camera of text': ('damaged', lambda _, m: m['camera'].update(fx_px='wide')),
+    'a flat camera': ('focal lengths', lambda _, m: m['camera'].update(fx_px=0.0)),
+    'a NaN camera': ('camera is none', lambda _, m: m['camera'].update(cx_px=float('nan'))),
+    'no camera': ('damaged', lambda _, m: m.pop('camera')),
+    'octaves of text': ('damaged', lambda _, m: m.update(num_octaves='many')),
+    'too few octaves': ('octave is out of range', lambda _, m: m.update(num_octaves=1)),
+    'pickled objects': (
+        'not what the manifest says',
+        lambda f, _: f.update({'map/num_found.npy': pickled(f['map/num_found.npy'])}),
+    ),
+    'another type': (
+        'not what the manifest says',
+        lambda f, _: f.update(
+            {'map/num_found.npy': f['map/num_found.npy'].replace(b"'<i8'", b"'<f8'")}
+        ),
+    ),
+    'no truth value': (
+        'truth values',
+        lambda f, _: f.update({'map/may_seed.npy': f['map/may_seed.npy'][:-1] + b'\x07'}),
+    ),
+}  # fmt: skip
+
+
+def pickled(array: bytes) -> bytes:
+    """An array of objects of the same size, whose pickle would run a command."""
+    head = b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False, 'shape': (1,), }"
+    command = b"cos\nsystem\n(S'touch pwned'\ntR."
+    return (head.ljust(127) + b'\n' + command).ljust(len(array), b'\0')
+
+
+@pytest.mark.parametrize('name', FORGERIES)
+def test_forged_files_are_refused(path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(path.parent)
+    said, change = FORGERIES[name]
+    forge(path, change)
+    refused(path, said)
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_a_bomb_is_refused_before_it_is_unpacked(path: Path) -> None:
+    def explode(members: Members, manifest: Manifest) -> None:
+        count = 3_000_000
+        manifest['lengths']['map']['points'] = count
+        members['map/num_found.npy'] = bytes(128 + 8 * count)
+
+    forge(path, explode)
+    refused(path, 'unpacks to .* which no map does')
+
+
+def test_a_member_twice_is_refused(path: Path) -> None:
+    with zipfile.ZipFile(path, 'a') as archive, pytest.warns(UserWarning, match='Duplicate'):
+        archive.writestr('map/point.npy', b'')
+    refused(path, 'lacks parts or has foreign ones')
+
+
+def test_members_packed_otherwise_are_refused(path: Path) -> None:
+    forge(path, lambda _members, _manifest: None, compression=zipfile.ZIP_LZMA)
+    refused(path, 'packed in an unknown way')
+
+
+def changed(name: str, row: Any, value: Any) -> MapState:
+    state = content().map
+    array = getattr(state, name).copy()
+    array[row] = value
+    return replace(state, **{name: array})
+
+
+def unseen() -> MapState:
+    state = content().map
+    return replace(state, point=np.where(state.point == 5, -1, state.point).astype(np.int32))
+
+
+def at_camera() -> MapState:
+    state = content().map
+    k = int(np.flatnonzero(state.point >= 0)[0])
+    at = state.T_map_camera[state.keyframe[k], :3, 3]
+    return changed('position_m', int(state.point[k]), at)
+
+
+NAN = float('nan')
+MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
+MAPS: dict[str, tuple[str, Callable[[], MapState]]] = {
+    'NaN pose': ("keyframe's pose", lambda: changed('T_map_camera', (1, 0, 3), NAN)),
+    'far pose': ("keyframe's pose", lambda: changed('T_map_camera', (1, 0, 3), 1e30)),
+    'mirrored pose': ("keyframe's pose", lambda: changed('T_map_camera', 1, MIRROR)),
+    'scaled pose': ("keyframe's pose", lambda: changed('T_map_camera', 1, np.diag([2, 2, 2, 1]))),
+    'projective pose': ("keyframe's pose", lambda: changed('T_map_camera', (1, 3, 0), 0.5)),
+    'negative stamp': ('time stamp', lambda: changed('stamp_ns', 0, -1)),
+    'late stamp': ('time stamp', lambda: changed('stamp_ns', 0, 2**62)),
+    'feature counts': ('disagree in number', lambda: changed('num_features', 2, 1)),
+    'negative count': ('is negative', lambda: changed('num_features', 2, -5)),
+    'huge count': ('disagree in number', lambda: changed('num_features', 2, 2**31 - 1)),
+    'parent outside': ('hangs on none', lambda: changed('parent', 3, 99)),
+    'parent in a circle': ('in a circle', lambda: changed('parent', 3, 6)),
+    'parent itself': ('in a circle', lambda: changed('parent', 3, 3)),
+    'two roots': ('maps and roots', lambda: changed('parent', 3, -1)),
+    'no root': ('no root', lambda: changed('map_id', 3, 7)),
+    'negative map': ('no root', lambda: changed('map_id', 3, -2)),
+    'NaN pixel': ('pixel', lambda: changed('uv_px', (9, 1), NAN)),
+    'far pixel': ('pixel', lambda: changed('uv_px', (9, 0), 1e9)),
+    'NaN depth': ('depth', lambda: changed('depth_m', 9, NAN)),
+    'negative depth': ('depth', lambda: changed('depth_m', 9, -1.0)),
+    'tiny depth': ('depth', lambda: changed('depth_m', 9, 1e-30)),
+    'infinite depth': ('depth', lambda: changed('depth_m', 9, np.inf)),
+    'octave': ('octave', lambda: changed('octave', 9, 200)),
+    'NaN angle': ('angle', lambda: changed('angle_deg', 9, NAN)),
+    'point outside': ('point that is not there', lambda: changed('point', 9, 10**6)),
+    'point below': ('point that is not there', lambda: changed('point', 9, -2)),
+    'point seen twice': ('one point twice', lambda: changed('point', slice(0, 2), 5)),
+    'point never seen': ('seen by no keyframe', unseen),
+    'NaN point': ('point is out of range', lambda: changed('position_m', (4, 2), NAN)),
+    'point in the camera': ('lies in the camera', at_camera),
+    'reference outside': ('reference', lambda: changed('reference', 4, 10**6)),
+    'negative found': ('count', lambda: changed('num_found', 4, -1)),
+    'huge visible': ('count', lambda: changed('num_visible', 4, 2**60)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('name', MAPS)
+def test_arrays_that_make_no_map_are_refused(path: Path, name: str) -> None:
+    said, make = MAPS[name]
+    write(path, content()._replace(map=make()))
+    refused(path, said)
+
+
+def test_maps_that_share_a_point_are_refused(path: Path) -> None:
+    slam_map = ring(5, 1, ring(5))
+    state = snapshot(slam_map)
+    first = np.flatnonzero(state.map_id[state.keyframe] == 1)
+    point = state.point.copy()
+    point[first[point[first] >= 0][0]] = 0
+    point[point >= 0] = np.unique(point[point >= 0], return_inverse=True)[1]
+    kept = np.unique(state.point[state.point >= 0])
+    assert len(kept) == len(state.position_m)
+    write(path, content()._replace(map=replace(state, point=point), dense=None))
+    refused(path, 'two maps share a point|seen by no keyframe')
+
+
+def test_two_maps_in_one_file_are_fine(path: Path) -> None:
+    state = snapshot(ring(5, 1, ring(5)))
+    map_file.save(path, content()._replace(map=state, dense=None))
+    assert map_file.load(path).map.map_id.tolist() == [0] * 5 + [1] * 5
+
+
+def test_an_empty_map_is_refused(path: Path) -> None:
+    empty = content()._replace(map=snapshot(new_map()), dense=None)
+    with pytest.raises(MapFileError, match='no keyframes'):
+        map_file.save(path, empty)
+    assert path.read_bytes() == saved()
+    write(path, empty)
+    refused(path, 'no keyframes')
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'said'),
+    [
+        ('keyframe', 99, 'hangs on no keyframe'),
+        ('keyframe', -1, 'hangs on no keyframe'),
+        ('T_keyframe_camera', NAN, "image's pose"),
+    ],
+)
+def test_images_that_belong_nowhere_are_refused(
+    path: Path, name: str, value: float, said: str
+) -> None:
+    dense = content().dense
+    assert dense is not None
+    array = getattr(dense, name).copy()
+    array[1] = value
+    write(path, content()._replace(dense=replace(dense, **{name: array})))
+    refused(path, said)
+
+
+def test_images_of_two_sizes_are_refused(path: Path) -> None:
+    dense = content().dense
+    assert dense is not None
+    other = replace(dense, image_bgr=np.ascontiguousarray(dense.image_bgr[:, :4]))
+    write(path, content()._replace(dense=other))
+    refused(path, 'differ in size')
+
+
+def attempt(path: Path) -> MapFile | None:
+    """Load a file, or be refused in one line."""
+    try:
+        return map_file.load(path)
+    except MapFileError as error:
+        said = str(error)
+    assert '\n' not in said
+    return None
+
+
+def harmless(path: Path, data: bytes) -> None:
+    """Load a file: it is refused in one line, or its contents are those that were saved."""
+    path.write_bytes(data)
+    loaded = attempt(path)
+    if loaded is None:
+        return
+    good = content()
+    assert loaded.camera == good.camera
+    assert loaded.map.digest() == good.map.digest()
+
+
+_FUZZ = settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@_FUZZ
+@given(data=st.data())
+def test_flipped_bytes_never_do_harm(path: Path, data: st.DataObject) -> None:
+    damaged = bytearray(saved())
+    places = st.integers(0, len(damaged) - 1) | st.integers(len(damaged) - 2500, len(damaged) - 1)
+    for at in data.draw(st.lists(places, min_size=1, max_size=4)):
+        damaged[at] = data.draw(st.integers(0, 255))
+    harmless(path, bytes(damaged))
+
+
+@_FUZZ
+@given(end=st.integers(0, 2**30))
+def test_truncated_files_never_do_harm(path: Path, end: int) -> None:
+    harmless(path, saved()[: end % len(saved())])
+
+
+@_FUZZ
+@given(
+    name=st.sampled_from(sorted(members_of(saved()))), at=st.integers(0, 2**20),
+    value=st.binary(min_size=1, max_size=16),
+)  # fmt: skip
+def test_forged_bytes_make_a_map_or_an_error(path: Path, name: str, at: int, value: bytes) -> None:
+    def change(members: Members, _manifest: Manifest) -> None:
+        array = members[name]
+        start = at % max(len(array) - len(value), 1)
+        members[name] = array[:start] + value + array[start + len(value) :]
+
+    members = members_of(saved())
+    change(members, {})
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_STORED) as archive:
+        for member, array in members.items():
+            archive.writestr(member, array)
+    loaded = attempt(path)
+    if loaded is None:
+        return
+    slam_map = new_map()
+    restore(slam_map, loaded.map, CAMERA, keep=False)
+    assert snapshot(slam_map).digest() == loaded.map.digest()
+    assert np.isfinite(slam_map.points.view_direction).all()
