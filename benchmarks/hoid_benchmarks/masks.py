@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -52,6 +53,8 @@ class MaskCase:
     sequence: str
     detector: str
     perturbation: Perturbation = field(default_factory=Perturbation)
+    first_frame: int = 0
+    end_frame: int | None = None
 
 
 CASES: Mapping[str, MaskCase] = {
@@ -91,13 +94,32 @@ class Tally:
 def mask_report(only: Sequence[str], store: Store) -> str:
     """Return a table for each case, or for each that is named.
 
+    Args:
+        only: Names, each with frames if not all count: `pasted-yolox` or `pasted-yolox@150-330`.
+        store: Where the recordings are.
+
     Raises:
         HoidError: A case is unknown, or its recording or detector is missing.
     """
-    for name in only:
-        if name not in CASES:
-            raise ConfigError(f'masks: no case {name}: {", ".join(CASES)}')
-    return '\n'.join(_table(name, CASES[name], store) for name in only or CASES)
+    cases = [(name, find_case(name)) for name in only or CASES]
+    return '\n'.join(_table(name, case, store) for name, case in cases)
+
+
+def find_case(text: str) -> MaskCase:
+    """Return a case by its name, of the frames that follow an "@" (FIRST-END).
+
+    Raises:
+        ConfigError: There is no such case, or what follows are no frames.
+    """
+    name, at, frames = text.partition('@')
+    if name not in CASES:
+        raise ConfigError(f'masks: no case {name}: {", ".join(CASES)}')
+    if not at:
+        return CASES[name]
+    first, _, end = frames.partition('-')
+    if not (first.isdigit() and end.isdigit()):
+        raise ConfigError(f'masks: {text}: frames are given as in {name}@150-330')
+    return replace(CASES[name], first_frame=int(first), end_frame=int(end))
 
 
 def variants() -> dict[str, FilterConfig]:
@@ -158,7 +180,8 @@ def _views(case: MaskCase, store: Store) -> Iterator[tuple[View, BoolArray, Bool
     detect = perturb_detections(_detector(case, exact), case.perturbation, seed=0)
     extractor = OrbExtractor(FilterConfig().extraction)
     kernel = np.ones((2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1), np.uint8)
-    for frame, moving, boxes in tqdm(_open(case.sequence, store), unit='frame'):
+    shown = islice(_open(case.sequence, store), case.first_frame, case.end_frame)
+    for frame, moving, boxes in tqdm(shown, unit='frame'):
         if boxes is not None:
             exact[frame.stamp_ns] = boxes
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)

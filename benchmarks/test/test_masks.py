@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from hoid_bags.synth.config import SceneConfig
 from hoid_benchmarks import masks
 from hoid_benchmarks.labelled import rendered_people
-from hoid_benchmarks.masks import CASES, Tally, judge_masks, mask_report, variants
+from hoid_benchmarks.masks import CASES, Tally, find_case, judge_masks, mask_report, variants
 from hoid_benchmarks.perturb import perturb_detections
 from hoid_benchmarks.plan import Perturbation
 from hoid_benchmarks.sequences import Store
@@ -50,6 +51,14 @@ def test_every_switch_and_strategy_is_a_variant() -> None:
 def test_unknown_case_is_named() -> None:
     with pytest.raises(ConfigError, match='no case nonsense'):
         mask_report(['nonsense'], STORE)
+
+
+def test_frames_of_a_case_are_chosen_by_its_name() -> None:
+    assert find_case('static-false@10-50') == replace(
+        CASES['static-false'], first_frame=10, end_frame=50
+    )
+    with pytest.raises(ConfigError, match='frames are given as in static-false@150-330'):
+        find_case('static-false@10')
 
 
 def test_people_move_and_what_stands_about_does_not() -> None:
