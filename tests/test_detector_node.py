@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,11 +17,17 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 from std_srvs.srv import SetBool
 
+from hoid_bags.bag_sequence import BagSequence
+from hoid_bags.synth.bag import write_bag
+from hoid_bags.synth.config import SceneConfig
 from hoid_common.errors import ModelError
 from hoid_common.ros import conversions, qos
+from hoid_detector.model_path import SYNTHETIC
 from hoid_detector.node import DetectorNode
 from hoid_system_tests.detector_bench import FRAME, IMAGE, STAMP_NS, Bench, write_model
+from hoid_training.evaluate import Tally, Truth, count
 
+SMALL_PX = 32  # things of a shorter side may be missed
 MakeBench = Callable[..., Bench]
 
 
@@ -70,6 +77,8 @@ def test_compressed_images_by_parameter(make_bench: MakeBench) -> None:
     bench.images = bench.peer.create_publisher(CompressedImage, 'rgb/image/compressed', qos.OUTPUT)
     bench.start()
     header = conversions.header_to_msg(STAMP_NS, FRAME)
+    bench.images.publish(CompressedImage(header=header, format='jpeg', data=b'no picture'))
+    bench.until(lambda: bench.values().get('images refused') == '1')
     bench.images.publish(conversions.compressed_color_to_msg(IMAGE, header, 90))
     msg = bench.answer()
     assert conversions.stamp_from_msg(msg.header.stamp) == STAMP_NS
@@ -95,6 +104,30 @@ def test_newest_image_wins_and_dropped_ones_are_counted(make_bench: MakeBench) -
     values = bench.values()
     assert values['images dropped for newer ones'] == str(6 - len(stamps))
     assert values['images processed'] == str(len(stamps))
+
+
+def test_own_detector_finds_people_and_objects_of_a_rendered_bag(
+    make_bench: MakeBench, tmp_path: Path
+) -> None:
+    write_bag(SceneConfig(seed=901, num_frames=4), tmp_path / 'scene.bag')
+    bag = BagSequence(tmp_path / 'scene.bag')
+    assert bag.true_detections is not None
+    bench = make_bench(model=SYNTHETIC)
+    bench.start()
+    tally = Tally()
+    for frame in bag:
+        bench.send(frame.image_bgr, frame.stamp_ns)
+        found = conversions.detections_from_msg(bench.answer())
+        assert found.stamp_ns == frame.stamp_ns
+        exact = bag.true_detections[found.stamp_ns]
+        sides_px = exact.boxes_xyxy_px[:, 2:] - exact.boxes_xyxy_px[:, :2]
+        visible_px = np.where(sides_px.min(1) >= SMALL_PX, sides_px.prod(1), 0)
+        count(tally, Truth(exact.class_names, exact.boxes_xyxy_px, visible_px), found)
+    people, objects = tally.people(), tally.objects()
+    assert people.found == people.asked >= 4
+    assert objects.asked >= 20
+    assert objects.recall >= 0.85
+    assert objects.precision >= 0.85
 
 
 def test_debug_image_only_while_someone_listens(bench: Bench) -> None:

@@ -15,11 +15,11 @@ from hoid_bringup.detection_source import detection_source
 from hoid_bringup.evaluation import align
 from hoid_bringup.plots import plot_comparison
 from hoid_bringup.replay_plan import ReplayConfig
-from hoid_bringup.run_config import TRUTH, RunConfig
+from hoid_bringup.run_config import RunConfig
 from hoid_bringup.summary import Spread, Summary
-from hoid_common.errors import InputError, ModelError
+from hoid_common.errors import InputError
 from hoid_common.values import ByteArray
-from hoid_detector.model_path import SYNTHETIC, find_model
+from hoid_detector.model_path import SYNTHETIC
 from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import FeatureFilter
 
@@ -37,7 +37,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=scene.seed, metavar='N', help='of the scene')
     parser.add_argument('--frames', type=int, default=300, metavar='N', help='at 30 Hz')
     parser.add_argument(
-        '--detector', default=_default_detector(), metavar='MODEL', help='default: %(default)s'
+        '--detector', default=SYNTHETIC, metavar='MODEL', help='default: %(default)s'
     )
 
 
@@ -51,11 +51,13 @@ def demo_command(args: argparse.Namespace) -> None:
     shutil.rmtree(bag_path, ignore_errors=True)
     write_bag(scene, bag_path, _WORKERS, show_progress=True)
     bag = BagSequence(bag_path)
+    say_detections(RunConfig().updated({'model': args.detector}))
+    if args.detector == SYNTHETIC:
+        print("detections: the project's own detector, trained on rendered homes of other seeds")
     summaries = {}
     for number, (label, strategy) in enumerate(_RUNS.items(), start=2):
         config = RunConfig().updated({'filter.strategy': strategy, 'model': args.detector})
         print(f'{number}/3  replaying it in real time through the live nodes, {label}')
-        say_detections(config)
         summaries[label] = replay(bag, ReplayConfig(run=config), args.out / _folder(label))
     picture = args.out / 'demo.png'
     config = RunConfig().updated({'model': args.detector})
@@ -63,15 +65,6 @@ def demo_command(args: argparse.Namespace) -> None:
     print(_table(summaries))
     print(f'\npicture      {picture}')
     print(f'all results  {args.out}')
-
-
-def _default_detector() -> str:
-    """Return the project's own detector for such scenes, or the exact boxes without one."""
-    try:
-        find_model(SYNTHETIC)
-    except ModelError:
-        return TRUTH
-    return SYNTHETIC
 
 
 def _folder(label: str) -> str:

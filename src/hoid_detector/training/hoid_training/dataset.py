@@ -1,6 +1,6 @@
 """Renders the training set: many homes, a few frames of each, labelled exactly.
 
-Usage: python -m hoid_training.dataset FOLDER [--homes N] [--workers N]
+Usage: python -m hoid_training.dataset FOLDER [--homes N] [--first SEED] [--workers N]
 Homes that are there already are kept.
 """
 
@@ -129,10 +129,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description='Render the training set.')
     parser.add_argument('folder', type=Path)
     parser.add_argument('--homes', type=int, default=300)
+    parser.add_argument('--first', type=int, default=FIRST_SEED, metavar='SEED')
     parser.add_argument('--workers', type=int, default=1)
     args = parser.parse_args(argv)
     args.folder.mkdir(parents=True, exist_ok=True)
-    paths = [args.folder / f'{FIRST_SEED + k}.npz' for k in range(args.homes)]
+    paths = [args.folder / f'{args.first + k}.npz' for k in range(args.homes)]
     missing = [path for path in paths if not path.exists()]
     with ProcessPoolExecutor(args.workers, get_context('spawn')) as pool:
         for _ in tqdm(pool.map(_render_to, missing), total=len(missing), unit='home'):

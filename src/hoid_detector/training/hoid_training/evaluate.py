@@ -94,13 +94,15 @@ def overlaps(a: Float32Array, b: Float32Array) -> Float32Array:
     return np.asarray(shared / np.maximum(areas[0][:, None] + areas[1][None] - shared, 1e-9))
 
 
-def count(tally: Tally, truth: Truth, found: Detections) -> None:
+def count(tally: Tally, truth: Truth, found: Detections, min_score: float = 0.0) -> None:
     """Match the detections of one frame to its objects, the strongest first."""
     overlap = overlaps(found.boxes_xyxy_px, truth.boxes)
     same = np.array([[a == b for b in truth.names] for a in found.class_names], bool)
     overlap = np.where(same.reshape(overlap.shape), overlap, 0)
     free = np.ones(len(truth.names), bool)
     for k in np.argsort(-found.scores, kind='stable'):
+        if found.scores[k] < min_score:
+            break
         c = tally.of(found.class_names[k])
         c.reported += 1
         row = overlap[k] * free
