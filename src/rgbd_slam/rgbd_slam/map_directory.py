@@ -12,8 +12,8 @@ _MAP_NAME = 'map'
 
 def map_path(directory: str, name: str) -> Path:
     """Return the path of a map file by its name, with or without suffix; raises as `path_in`."""
-    name = name or _MAP_NAME
-    return path_in(directory, name if name.endswith(SUFFIX) else name + SUFFIX, '')
+    path = path_in(directory, name, _MAP_NAME)
+    return path if path.suffix == SUFFIX else path_in(directory, path.name + SUFFIX, '')
 
 
 def path_in(directory: str, name: str, default: str) -> Path:

@@ -1,0 +1,134 @@
+"""Every parameter of every node, over a real client: described, and changed or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+from hoid_bringup.supervisor import Supervisor
+from hoid_common.config import Config, Param
+from hoid_detector.node import NodeConfig as DetectorNodeConfig
+from hoid_filter.node import NodeConfig as FilterNodeConfig
+from hoid_system_tests.detector_bench import write_model
+from hoid_system_tests.probe import Probe
+from rgbd_slam.node_config import SlamNodeConfig
+
+CONFIGS: dict[str, Config] = {
+    'hoid_detector': DetectorNodeConfig(),
+    'hoid_filter': FilterNodeConfig(),
+    'rgbd_slam': SlamNodeConfig(),
+}
+GIVEN: dict[str, dict[str, Any]] = {
+    'hoid_detector': {},
+    'hoid_filter': {},
+    'rgbd_slam': {'dense.enabled': False, 'objects.enabled': False},
+}
+
+Start = Callable[..., Supervisor]
+
+
+class Client:
+    """Asks a node for its parameters."""
+
+    def __init__(self, probe: Probe, node: str) -> None:
+        self._probe, self._node = probe, node
+
+    def names(self) -> list[str]:
+        answer = self._call(ListParameters, 'list_parameters', ListParameters.Request())
+        return list(answer.result.names)
+
+    def describe(self, names: list[str]) -> list[Any]:
+        request = DescribeParameters.Request(names=names)
+        return list(self._call(DescribeParameters, 'describe_parameters', request).descriptors)
+
+    def get(self, names: list[str]) -> list[Any]:
+        request = GetParameters.Request(names=names)
+        values = self._call(GetParameters, 'get_parameters', request).values
+        return [parameter_value_to_python(value) for value in values]
+
+    def set(self, values: dict[str, Any]) -> list[Any]:
+        """Set one by one and return the results."""
+        parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+        request = SetParameters.Request(parameters=parameters)
+        return list(self._call(SetParameters, 'set_parameters', request).results)
+
+    def _call(self, type_: type[Any], name: str, request: Any) -> Any:
+        return self._probe.call(type_, f'{self._node}/{name}', request)
+
+
+def other_value(leaf: Param) -> Any:
+    """Return a value within the range that is not the default."""
+    value, spec = leaf.value, leaf.spec
+    if isinstance(value, bool):
+        return not value
+    if spec.choices:
+        return next(choice for choice in spec.choices if choice != value)
+    if isinstance(value, tuple):
+        return ['person']
+    if isinstance(value, str):
+        return 'other'
+    low = value - 2 if spec.minimum is None else spec.minimum
+    high = value + 2 if spec.maximum is None else spec.maximum
+    middle = (value + (high if high > value else low)) / 2
+    return type(value)(middle) if type(value)(middle) != value else type(value)(high)
+
+
+@pytest.fixture(params=CONFIGS)
+def client(request: pytest.FixtureRequest, start: Start, probe: Probe, tmp_path: Path) -> Client:
+    node: str = request.param
+    given = dict(GIVEN[node])
+    if node == 'hoid_detector':
+        given['model'] = str(write_model(tmp_path / 'model.onnx'))
+    start(node, f'{node}_node', given)
+    return Client(probe, node)
+
+
+def test_each_parameter_is_described_and_changes_or_is_refused(
+    client: Client, request: pytest.FixtureRequest
+) -> None:
+    node = request.node.callspec.params['client']
+    leaves = {leaf.name: leaf for leaf in CONFIGS[node].params()}
+    assert leaves.keys() <= set(client.names())
+    for leaf, said in zip(leaves.values(), client.describe(list(leaves)), strict=True):
+        check_description(leaf, said)
+    fixed = {name: leaf for name, leaf in leaves.items() if leaf.spec.read_only}
+    before = client.get(list(fixed))
+    for result in client.set({name: other_value(leaf) for name, leaf in fixed.items()}):
+        assert not result.successful
+        assert 'read-only' in result.reason
+    assert client.get(list(fixed)) == before
+    free = {name: leaf for name, leaf in leaves.items() if not leaf.spec.read_only}
+    for name, leaf in free.items():
+        check_change(client, name, leaf)
+
+
+def check_description(leaf: Param, said: Any) -> None:
+    assert said.name == leaf.name
+    assert said.description == leaf.spec.description
+    assert said.description
+    assert said.read_only == leaf.spec.read_only
+    for limits in (*said.floating_point_range, *said.integer_range):
+        if leaf.spec.minimum is not None:
+            assert limits.from_value == leaf.spec.minimum
+        if leaf.spec.maximum is not None:
+            assert limits.to_value == leaf.spec.maximum
+    for choice in leaf.spec.choices:
+        assert choice in said.additional_constraints
+
+
+def check_change(client: Client, name: str, leaf: Param) -> None:
+    before, after = client.get([name])[0], other_value(leaf)
+    (result,) = client.set({name: after})
+    assert result.successful, (name, result.reason)
+    assert client.get([name]) == [after]
+    if leaf.spec.maximum is not None:
+        (result,) = client.set({name: type(leaf.value)(leaf.spec.maximum + 1)})
+        assert not result.successful, name
+        assert name.rsplit('.', 1)[-1] in result.reason
+        assert client.get([name]) == [after]
+    client.set({name: before if before else after})
