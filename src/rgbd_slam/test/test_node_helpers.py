@@ -6,7 +6,7 @@ import pytest
 
 from hoid_common.errors import InputError
 from hoid_common.param_file import load_params
-from rgbd_slam.map_directory import path_in
+from rgbd_slam.map_directory import map_path, path_in
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.stream_gaps import StreamGaps
 
@@ -37,6 +37,19 @@ def test_files_stay_in_their_folder(tmp_path: Path) -> None:
     for name in ('../x', '/etc/passwd', 'a/b', '..', '.', 'a\0b'):
         with pytest.raises(InputError, match='no plain file name'):
             path_in(str(folder), name, 'map')
+
+
+def test_links_are_not_followed(tmp_path: Path) -> None:
+    (tmp_path / 'out').symlink_to(tmp_path.parent / 'elsewhere')
+    with pytest.raises(InputError, match='is a link'):
+        path_in(str(tmp_path), 'out', 'map')
+
+
+def test_map_files_have_their_suffix_once(tmp_path: Path) -> None:
+    for name in ('', 'map', 'map.hoidmap'):
+        assert map_path(str(tmp_path), name) == tmp_path / 'map.hoidmap'
+    with pytest.raises(InputError, match='no plain file name'):
+        map_path(str(tmp_path), '..')
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
