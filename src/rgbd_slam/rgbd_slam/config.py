@@ -61,8 +61,8 @@ class TrackingConfig(Config):
     )
     min_inliers: int = param(30, 'With fewer the frame is not tracked', minimum=4, maximum=1000)
     convincing_share: float = param(
-        0.5, 'With fewer of the matches fitting, other predictions are tried too', minimum=0.0,
-        maximum=1.0,
+        0.5, 'With fewer matches fitting, and fewer points than before, more is tried',
+        minimum=0.0, maximum=1.0,
     )  # fmt: skip
     max_local_keyframes: int = param(
         24, 'Keyframes whose points make the local map', minimum=2, maximum=500

@@ -26,7 +26,7 @@ from rgbd_slam.tracking_result import SlamStats, TrackingResult, TrackingState
 from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_poses, keyframe_trajectory, main_map
 
 _MS = 1e3
-_MIN_FIRST_FEATURES = 100  # with depth, to start a map
+_MIN_FIRST_FEATURES = 50  # with depth, to start a map; triangulation adds to them
 
 
 class RgbdSlam:

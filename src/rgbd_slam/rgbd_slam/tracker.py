@@ -85,11 +85,17 @@ class Tracker:
             tracking = None if first is None else self._refine(frame, first, reference)
             if tracking is None:
                 continue
-            if tracking.inlier_share > self._config.convincing_share:
+            if self._is_convincing(tracking, last):
                 return tracking
             if best is None or tracking.num_inliers > best.num_inliers:
                 best = tracking
         return best
+
+    def _is_convincing(self, tracking: Tracking, last: TrackedFrame) -> bool:
+        """Return whether most matches fit, or most of what the last frame saw is still seen."""
+        share = self._config.convincing_share
+        before = int(np.count_nonzero(last.points != NO_POINT))
+        return tracking.inlier_share > share or tracking.num_inliers > share * before
 
     def track_at(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference: int
