@@ -46,4 +46,7 @@ def _ours(column: str, entry: Mapping[str, Any], results: Sequence[Result]) -> C
 
 
 def _cell(value: float | str) -> Cell:
-    return Cell(f'{value:g}', value) if isinstance(value, float) else Cell(str(value))
+    if not isinstance(value, float):
+        return text(value)
+    words = f'{value:.4f}'
+    return Cell(words.removesuffix('0'), value)

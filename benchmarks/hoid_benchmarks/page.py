@@ -164,12 +164,16 @@ def _section(section: Section, run_of: Mapping[Job, int]) -> str:
 
 
 def _table(table: Table, run_of: Mapping[Job, int]) -> str:
+    kinds = [_column_class(table, k) for k in range(len(table.columns))]
     head = ''.join(
-        f'<th scope="col"{_column_class(table, k)}><button type="button">{_e(c)}</button></th>'
-        for k, c in enumerate(table.columns)
+        f'<th scope="col"{kind}><button type="button">{_e(c)}</button></th>'
+        for c, kind in zip(table.columns, kinds, strict=True)
     )
     rows = ''.join(
-        '<tr>' + ''.join(_cell(cell, run_of) for cell in row) + '</tr>' for row in table.rows
+        '<tr>'
+        + ''.join(_cell(c, kind, run_of) for c, kind in zip(row, kinds, strict=True))
+        + '</tr>'
+        for row in table.rows
     )
     return (
         f'<div class="scroll" tabindex="0"><table id="table-{_e(table.id)}">'
@@ -181,10 +185,9 @@ def _column_class(table: Table, k: int) -> str:
     return ' class="text"' if all(math.isnan(row[k].value) for row in table.rows) else ''
 
 
-def _cell(cell: Cell, run_of: Mapping[Job, int]) -> str:
-    if math.isnan(cell.value):
-        return f'<td class="text">{_linked(cell, run_of)}</td>'
-    return f'<td data-value="{cell.value}">{_linked(cell, run_of)}</td>'
+def _cell(cell: Cell, kind: str, run_of: Mapping[Job, int]) -> str:
+    value = '' if math.isnan(cell.value) else f' data-value="{cell.value}"'
+    return f'<td{kind}{value}>{_linked(cell, run_of)}</td>'
 
 
 def _linked(cell: Cell, run_of: Mapping[Job, int]) -> str:
