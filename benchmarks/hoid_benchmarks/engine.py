@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from distributed import Client, LocalCluster, as_completed
+import psutil
+from distributed import Client, Future, LocalCluster, as_completed
 
 from hoid_benchmarks.machine import Code
 from hoid_benchmarks.plan import Job
@@ -125,8 +126,20 @@ class Engine:
             client.submit(run_job, job, paths[job.sequence], self._kept, pure=False): job
             for job in jobs
         }
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            self._stop(client, [future for future in futures if not future.done()])
+
+    def _stop(self, client: Client, left: Sequence[Future]) -> None:
+        """End what still runs when somebody interrupts; otherwise it would be waited for."""
+        if not left:
+            return
+        client.cancel(left)
+        if not self.cluster:
+            for child in psutil.Process().children():
+                child.kill()
 
     def _keep(self, job: Job, outcome: Outcome) -> Result:
         folder = result_path(self.folder, job).parent

@@ -70,7 +70,7 @@ def stop_after(number: int, sent: signal.Signals, folder: Path, out: str) -> tup
     while len(results(folder, out)) < number and running.poll() is None:
         assert time.monotonic() < end_s
         time.sleep(0.02)
-    os.killpg(running.pid, sent)
+    os.kill(running.pid, sent)
     _, errors = running.communicate(timeout=_LIMIT_S)
     return running.returncode, errors.strip().splitlines()[-1]
 
