@@ -132,7 +132,7 @@ class Engine:
         finally:
             self._stop(client, [future for future in futures if not future.done()])
 
-    def _stop(self, client: Client, left: Sequence[Future]) -> None:
+    def _stop(self, client: Client, left: Sequence[Future[Outcome]]) -> None:
         """End what still runs when somebody interrupts; otherwise it would be waited for."""
         if not left:
             return
