@@ -18,6 +18,10 @@ from hoid_benchmarks.tables import Cell, Table
 
 JOBS = tuple(Job('a', 'none', '', seed) for seed in range(3))
 _PATIENCE_MS = 120_000  # of a busy machine
+_INK_IS_THE_TEXT_COLOR = (
+    "() => getComputedStyle(document.querySelector('.xtitle')).fill"
+    ' === getComputedStyle(document.body).color'
+)
 VALUES = (0.2, 0.1, 10.0)
 
 
@@ -105,9 +109,7 @@ def test_plots_are_drawn_in_both_themes(page: Page) -> None:
     for theme in ('light', 'dark', 'light'):
         page.emulate_media(color_scheme=theme)
         assert page.locator('.plot .scatterlayer .trace path.js-line').count() == 2
-        ink = page.evaluate("getComputedStyle(document.querySelector('.xtitle')).fill")
-        body = page.evaluate('getComputedStyle(document.body).color')
-        assert ink == body
+        page.wait_for_function(_INK_IS_THE_TEXT_COLOR)  # plots are redrawn a moment later
 
 
 def test_a_number_leads_to_its_run_and_opens_it(page: Page) -> None:

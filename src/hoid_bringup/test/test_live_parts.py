@@ -190,8 +190,8 @@ def test_metrics_by_stamp_in_any_order() -> None:
     assert metrics.filter_counts() == FilterCounts(1900, 300, 3)
 
 
-def test_camera_drivers_name_three_topics() -> None:
+def test_camera_drivers_name_raw_and_compressed_topics() -> None:
     for name, camera in CAMERA_TOPICS.items():
         targets = [target for _, target in camera.remappings()]
-        assert len(set(targets)) == 3, name
+        assert len(set(targets)) == 5, name
         assert np.all([not t.startswith('/') for t in targets]) == (name == 'bag')
