@@ -24,9 +24,9 @@ class DenseState(Record):
         NDArray[np.int32], column('i4', 'views')
     ]  # row of the one that it hangs on
     T_keyframe_camera: Annotated[FloatArray, column('f8', 'views', 4, 4)]
-    depth_mm: Annotated[
+    flagged_mm: Annotated[
         NDArray[np.uint16], column('u2', 'views', 'rows', 'columns')
-    ]  # 0 = not used
+    ]  # as in DepthView
     image_bgr: Annotated[ByteArray, column('u1', 'views', 'half_rows', 'half_columns', 3)]
 
     def __len__(self) -> int:
@@ -41,7 +41,7 @@ class DenseState(Record):
             keyframe_uids: ascending; a view's keyframe is its place among them.
         """
         kept = [view for view in views if view.keyframe_uid in set(keyframe_uids.tolist())]
-        rows, columns = views[0].view.depth_mm.shape
+        rows, columns = views[0].view.flagged_mm.shape
         small = [_halved(view.view.image_bgr) for view in kept]
         half = small[0].shape if small else ((rows + 1) // 2, (columns + 1) // 2, 3)
         uids = np.array([view.keyframe_uid for view in kept], np.int64)
@@ -49,7 +49,7 @@ class DenseState(Record):
             {
                 'keyframe': np.searchsorted(keyframe_uids, uids),
                 'T_keyframe_camera': _stacked([v.T_keyframe_camera for v in kept], (4, 4)),
-                'depth_mm': _stacked([v.view.depth_mm for v in kept], (rows, columns)),
+                'flagged_mm': _stacked([v.view.flagged_mm for v in kept], (rows, columns)),
                 'image_bgr': _stacked(small, half),
             }
         )
@@ -57,7 +57,7 @@ class DenseState(Record):
     def fits(self, camera: CameraModel, pixel_stride: int) -> bool:
         """Return whether the images are of the size that the dense map takes."""
         whole = camera.height_px, camera.width_px
-        return self.depth_mm.shape[1:] == tuple(-(-n // pixel_stride) for n in whole)
+        return self.flagged_mm.shape[1:] == tuple(-(-n // pixel_stride) for n in whole)
 
     def views(self, keyframe_uids: IntArray) -> list[StoredView]:
         """Return the images to be kept, none of them fused yet.
@@ -65,11 +65,11 @@ class DenseState(Record):
         Args:
             keyframe_uids: (K,) of the keyframes of the map that was saved with them.
         """
-        rows, columns = self.depth_mm.shape[1:]
+        rows, columns = self.flagged_mm.shape[1:]
         return [
-            StoredView(DepthView(depth_mm, _doubled(image)[:rows, :columns]), int(uid), T)
-            for depth_mm, image, uid, T in zip(
-                self.depth_mm, self.image_bgr, keyframe_uids[self.keyframe],
+            StoredView(DepthView(flagged_mm, _doubled(image)[:rows, :columns]), int(uid), T)
+            for flagged_mm, image, uid, T in zip(
+                self.flagged_mm, self.image_bgr, keyframe_uids[self.keyframe],
                 self.T_keyframe_camera, strict=True,
             )
         ]  # fmt: skip

@@ -36,7 +36,7 @@ def check_dense(state: DenseState, num_keyframes: int) -> None:
     """Raise MapFileError with what is wrong, if anything is."""
     _require(_within(state.keyframe, 0, num_keyframes), 'an image hangs on no keyframe')
     _require(_are_poses(state.T_keyframe_camera), "an image's pose is none")
-    whole, half = state.depth_mm.shape[1:], state.image_bgr.shape[1:3]
+    whole, half = state.flagged_mm.shape[1:], state.image_bgr.shape[1:3]
     _require(half == tuple((n + 1) // 2 for n in whole), 'depth and colour differ in size')
 
 

@@ -21,13 +21,14 @@ from rgbd_slam.dense.grid import (
     without_unseen,
     write_map_server,
 )
-from rgbd_slam.dense.voxel_map import ColoredCloud, VoxelMap, mask_boxes
+from rgbd_slam.dense.voxel_map import ColoredCloud, VoxelMap, in_boxes
 from rgbd_slam.frame_poses import FramePose, KeyframePoses
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 CONFIG = DenseConfig(pixel_stride=1)
 BGR = np.full((120, 160, 3), (10, 20, 30), np.uint8)
 NO_BOXES = np.empty((0, 4), np.float32)
+NOTHING = np.zeros((120, 160), bool)
 
 
 def wall(depth_m: float) -> Float32Array:
@@ -36,7 +37,7 @@ def wall(depth_m: float) -> Float32Array:
 
 def fuse(voxels: VoxelMap, depth_m: Float32Array, times: int) -> None:
     for _ in range(times):
-        voxels.integrate(voxels.view_of(depth_m, BGR), np.eye(4))
+        voxels.integrate(voxels.view_of(depth_m, NOTHING, BGR), np.eye(4))
 
 
 def test_a_wall_is_mapped_where_it_stands_with_its_color() -> None:
@@ -79,7 +80,7 @@ def test_what_is_too_far_to_map_still_carves() -> None:
 def test_space_is_clear_before_a_surface_only() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     points = np.array([[0, 0, 1.0], [0, 0, 1.9], [0, 0, 1.99], [0, 0, 2.5], [5, 0, 1.0]])
-    clear = voxels.looks_through(points, voxels.view_of(wall(2.0), BGR), np.eye(4))
+    clear = voxels.looks_through(points, voxels.view_of(wall(2.0), NOTHING, BGR), np.eye(4))
     assert clear.tolist() == [True, True, False, False, False]
 
 
@@ -95,10 +96,10 @@ def test_depth_edges_and_holes_are_left_out() -> None:
     depth = wall(1.0)
     depth[:, 80:] = 2.0
     depth[100:] = 0
-    view = VoxelMap(CAMERA, CONFIG).view_of(depth, BGR)
-    assert (view.depth_mm[:, 79:81] == 0).all()
-    assert (view.depth_mm[100:] == 0).all()
-    assert (view.depth_mm[30:90, :70] == 1000).all()
+    view = VoxelMap(CAMERA, CONFIG).view_of(depth, NOTHING, BGR)
+    assert (view.flagged_mm[:, 79:81] == 0).all()
+    assert (view.flagged_mm[100:] == 0).all()
+    assert (view.flagged_mm[30:90, :70] == 1000).all()
 
 
 def test_the_memory_bound_keeps_the_best_seen() -> None:
@@ -111,7 +112,7 @@ def test_distortion_of_the_camera_is_undone() -> None:
     camera = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5, (0.2, -0.3, 0.001, -0.002, 0.1))
     voxels = VoxelMap(camera, CONFIG)
     fuse(voxels, wall(2.0), 1)
-    assert voxels.view_of(wall(2.0), BGR).depth_mm.shape == (120, 160)
+    assert voxels.view_of(wall(2.0), NOTHING, BGR).flagged_mm.shape == (120, 160)
     fuse(voxels, wall(2.0), 5)
     cloud = voxels.cloud()
     uv = camera.project_px(cloud.points_m.astype(float))
@@ -213,12 +214,24 @@ def test_the_views_kept_are_few_and_apart() -> None:
     assert np.ptp(mapper._voxels._sums[:, 0] / mapper._voxels._sums[:, 6]) > 2.7
 
 
-def test_masked_boxes_are_left_out_with_their_margin() -> None:
-    masked = mask_boxes(wall(1.0), np.array([[50.2, 40.0, 60.7, 130.0]], np.float32), 5)
-    assert (masked[35:, 45:66] == 0).all()
-    assert masked[34, 50] == 1
-    assert masked[60, 44] == 1
-    assert masked[60, 66] == 1
+def test_boxes_are_dynamic_with_their_margin() -> None:
+    inside = in_boxes((120, 160), np.array([[50.2, 40.0, 60.7, 130.0]], np.float32), 5)
+    assert inside[35:, 45:66].all()
+    assert not inside[[34, 60, 60], [50, 44, 66]].any()
+
+
+def test_what_is_dynamic_is_no_surface_but_free_before_it() -> None:
+    voxels = VoxelMap(CAMERA, CONFIG)
+    fuse(voxels, wall(1.0), 3)
+    before = len(voxels.cloud().points_m)
+    somebody = ~NOTHING
+    voxels.integrate(voxels.view_of(wall(1.0), somebody, BGR), np.eye(4))
+    assert len(voxels.cloud().points_m) == before  # neither confirmed nor carved
+    view = voxels.view_of(wall(2.0), somebody, BGR)
+    for _ in range(3):
+        voxels.integrate(view, np.eye(4))
+    assert len(voxels.cloud().points_m) == 0
+    assert len(voxels) == 0
 
 
 def room(rng: np.random.Generator) -> FloatArray:

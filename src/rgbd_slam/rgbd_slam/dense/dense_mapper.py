@@ -16,7 +16,7 @@ from hoid_common.values import (
     IntArray,
 )
 from rgbd_slam.dense.config import DenseConfig
-from rgbd_slam.dense.voxel_map import ColoredCloud, DepthView, VoxelMap, mask_boxes
+from rgbd_slam.dense.voxel_map import ColoredCloud, DepthView, VoxelMap, in_boxes
 from rgbd_slam.frame_poses import NO_KEYFRAMES, FramePose, KeyframePoses
 
 _ROTATION_M_PER_RAD = 2.0  # a turn moves what is seen at that distance
@@ -64,13 +64,14 @@ class DenseMapper:
         image_bgr: ByteArray,
         dynamic_boxes_xyxy_px: Float32Array,
     ) -> None:
-        """Fuse one image, leaving out the (N, 4) dynamic boxes.
+        """Fuse one image; of the (N, 4) dynamic boxes nothing but that they are seen from here.
 
         Args:
             pose: Where it was taken, with keyframes.
         """
-        static_m = mask_boxes(depth_m, dynamic_boxes_xyxy_px, self._config.mask_margin_px)
-        view = self._voxels.view_of(static_m, image_bgr)
+        margin_px = self._config.mask_margin_px
+        is_dynamic = in_boxes(depth_m.shape, dynamic_boxes_xyxy_px, margin_px)
+        view = self._voxels.view_of(depth_m, is_dynamic, image_bgr)
         keyframes = self._keyframes if pose.keyframes is None else pose.keyframes
         at = np.flatnonzero(keyframes.uids == pose.reference_uid)
         if len(at) == 0:

@@ -1,7 +1,8 @@
 """Coloured voxels of the static room, carved by free space.
 
 Each image adds the surface it measures and takes away what it looks through, so that somebody
-who stood still and then left leaves nothing behind. A voxel is shown when enough of the images
+who stood still and then left leaves nothing behind. Readings of what is dynamic add nothing, but
+what is before them is free as well. A voxel is shown when enough of the images
 that look at it agree. The projective update follows Newcombe et al., KinectFusion (ISMAR 2011),
 sec. 3.3, with an occupancy count (Hornung et al., OctoMap, 2013) in place of a signed distance,
 which needs a fifth of the voxels.
@@ -35,14 +36,25 @@ _MAX_HITS = 30.0  # evidence is capped, so that a change of the room is seen wit
 _CARVE_RANGE_M = 12.0  # a reading so far away says at least that nothing is near
 _CLEAR_M = 0.03  # a surface so much farther than a point leaves it free
 _CARVE_FACTOR = 3.0  # looking through a voxel weighs more than measuring it
+_DYNAMIC = np.uint16(0x8000)  # flag of a reading, which carve range leaves unused
 
 
 @dataclass(frozen=True, eq=False)
 class DepthView:
     """What can be trusted of one RGB-D image, every n-th pixel; see `VoxelMap.view_of`."""
 
-    depth_mm: NDArray[np.uint16]  # (h, w); 0 = no reading, dynamic, edge or too far
+    flagged_mm: NDArray[np.uint16]  # (h, w) depth, or 0 = no reading, edge or too far; see below
     image_bgr: ByteArray  # (h, w, 3)
+
+    @property
+    def depth_m(self) -> Float32Array:
+        """Return (h, w) readings, also of what is dynamic: what is before them is free."""
+        return (self.flagged_mm & ~_DYNAMIC) * np.float32(0.001)
+
+    @property
+    def is_static(self) -> BoolArray:
+        """Return (h, w) which readings may be surface of the room: the highest bit is not set."""
+        return np.asarray(self.flagged_mm < _DYNAMIC)
 
 
 class ColoredCloud(NamedTuple):
@@ -50,6 +62,15 @@ class ColoredCloud(NamedTuple):
 
     points_m: Float32Array  # (N, 3), map frame
     colors_bgr: ByteArray  # (N, 3)
+
+
+class _Look(NamedTuple):
+    """What one image says of the points that it looks at."""
+
+    rows: IntArray  # (M,) of the points
+    gap_m: FloatArray  # (M,) from the point to the surface seen, positive when that is behind
+    noise_m: FloatArray  # (M,) of the gap
+    is_static: BoolArray  # (M,) the surface seen is none of a person's or a handled object's
 
 
 class _Surface(NamedTuple):
@@ -74,19 +95,19 @@ class VoxelMap:
     def __len__(self) -> int:
         return len(self._keys)
 
-    def view_of(self, depth_m: Float32Array, image_bgr: ByteArray) -> DepthView:
-        """Return what can be trusted of depth (H, W), 0 where dynamic, and colour (H, W, 3)."""
+    def view_of(
+        self, depth_m: Float32Array, is_dynamic: BoolArray, image_bgr: ByteArray
+    ) -> DepthView:
+        """Return what can be trusted of depth and dynamic pixels (H, W) and colour (H, W, 3)."""
         stride = self._config.pixel_stride
-        return DepthView(
-            (self._reliable_depth(depth_m) * 1000 + 0.5).astype(np.uint16),
-            np.ascontiguousarray(image_bgr[::stride, ::stride]),
-        )
+        flagged_mm = (self._reliable_depth(depth_m) * 1000 + 0.5).astype(np.uint16)
+        flagged_mm[is_dynamic[::stride, ::stride]] |= _DYNAMIC
+        return DepthView(flagged_mm, np.ascontiguousarray(image_bgr[::stride, ::stride]))
 
     def integrate(self, view: DepthView, T_map_camera: FloatArray) -> None:
         """Carve what the image looks through, then add the surface it measures."""
-        depth_m = view.depth_mm * np.float32(0.001)
-        agrees = self._compare(T_map_camera, depth_m)
-        self._add(self._measure(view.image_bgr, depth_m, T_map_camera), agrees)
+        agrees = self._compare(view, T_map_camera)
+        self._add(self._measure(view, T_map_camera), agrees)
         self._forget()
 
     def cloud(self) -> ColoredCloud:
@@ -119,7 +140,7 @@ class VoxelMap:
         good = (far - near < _EDGE_SLOPE * depth_m) & (depth_m < _CARVE_RANGE_M)
         return np.ascontiguousarray(np.where(good, depth_m, np.float32(0))[::stride, ::stride])
 
-    def _compare(self, T_map_camera: FloatArray, depth_m: Float32Array) -> BoolArray:
+    def _compare(self, view: DepthView, T_map_camera: FloatArray) -> BoolArray:
         """Carve the voxels that the image looks through, and return (N,) which ones it confirms.
 
         A surface on the border of two voxels is measured in either by turns: a voxel is confirmed
@@ -129,11 +150,13 @@ class VoxelMap:
         if len(self) == 0:
             return agrees
         points_m = self._sums[:, :3] / self._sums[:, 6:]
-        index, gap_m, noise_m = self._look_at(points_m, T_map_camera, depth_m)
-        margin_m = self._config.carve_margin_m + noise_m
-        self._hits[index[gap_m > margin_m]] -= _CARVE_FACTOR
-        self._looks[index[np.abs(gap_m) <= margin_m]] += 1
-        agrees[index[np.abs(gap_m) <= 0.5 * self._config.voxel_m + noise_m]] = True
+        look = self._look_at(points_m, view, T_map_camera)
+        margin_m = self._config.carve_margin_m + look.noise_m
+        near_m = 0.5 * self._config.voxel_m + look.noise_m
+        distance_m = np.abs(look.gap_m)
+        self._hits[look.rows[look.gap_m > margin_m]] -= _CARVE_FACTOR
+        self._looks[look.rows[look.is_static & (distance_m <= margin_m)]] += 1
+        agrees[look.rows[look.is_static & (distance_m <= near_m)]] = True
         return agrees
 
     def looks_through(
@@ -141,15 +164,12 @@ class VoxelMap:
     ) -> BoolArray:
         """Return which of (N, 3) points an image shows to be free."""
         out = np.zeros(len(points_m), np.bool_)
-        depth_m = view.depth_mm * np.float32(0.001)
-        index, gap_m, noise_m = self._look_at(points_m, T_map_camera, depth_m)
-        out[index[gap_m > _CLEAR_M + noise_m]] = True
+        look = self._look_at(points_m, view, T_map_camera)
+        out[look.rows[look.gap_m > _CLEAR_M + look.noise_m]] = True
         return out
 
-    def _look_at(
-        self, points_m: FloatArray, T_map_camera: FloatArray, depth_m: Float32Array
-    ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return of the points in view: index, distance to the surface behind, its noise."""
+    def _look_at(self, points_m: FloatArray, view: DepthView, T_map_camera: FloatArray) -> _Look:
+        depth_m = view.depth_m
         stride = self._config.pixel_stride
         camera = self._camera
         points = se3.transform(se3.inverse(T_map_camera), points_m)
@@ -158,18 +178,18 @@ class VoxelMap:
         z = z[index]
         col, row = np.rint(camera.project_px(points[index]) / stride).astype(np.int64).T
         inside = (col >= 0) & (row >= 0) & (col < depth_m.shape[1]) & (row < depth_m.shape[0])
-        index, z, seen_m = index[inside], z[inside], depth_m[row[inside], col[inside]]
-        read = seen_m > 0
-        index, z, seen_m = index[read], z[read], seen_m[read]
-        return index, seen_m - z, _NOISE_PER_M2 * z * z
+        index, z, row, col = index[inside], z[inside], row[inside], col[inside]
+        read = depth_m[row, col] > 0
+        index, z, row, col = index[read], z[read], row[read], col[read]
+        gap_m = depth_m[row, col] - z
+        return _Look(index, gap_m, _NOISE_PER_M2 * z * z, view.is_static[row, col])
 
-    def _measure(
-        self, image_bgr: ByteArray, depth_m: Float32Array, T_map_camera: FloatArray
-    ) -> _Surface:
-        valid = (depth_m > 0) & (depth_m < self._config.max_depth_m)
+    def _measure(self, view: DepthView, T_map_camera: FloatArray) -> _Surface:
+        depth_m = view.depth_m
+        valid = view.is_static & (depth_m > 0) & (depth_m < self._config.max_depth_m)
         z = depth_m[valid].astype(np.float64)
         points = se3.transform(T_map_camera, self._rays[valid] * z[:, None])
-        colors = image_bgr[valid]
+        colors = view.image_bgr[valid]
         weight = 1.0 / z**4  # inverse variance: the noise grows with depth squared
         keys, inverse = np.unique(_keys_of(points, self._config.voxel_m), return_inverse=True)
         columns = [points[:, 0], points[:, 1], points[:, 2], *colors.T]
@@ -206,12 +226,12 @@ class VoxelMap:
         self._hits, self._looks = self._hits[keep], self._looks[keep]
 
 
-def mask_boxes(depth_m: Float32Array, boxes_xyxy_px: Float32Array, margin_px: int) -> Float32Array:
-    """Return a copy of the depth (H, W) with 0 inside the (N, 4) boxes grown by the margin."""
-    out = depth_m.copy()
+def in_boxes(shape: tuple[int, ...], boxes_xyxy_px: Float32Array, margin_px: int) -> BoolArray:
+    """Return (H, W) which pixels lie inside the (N, 4) boxes grown by the margin."""
+    out = np.zeros(shape, np.bool_)
     for x1, y1, x2, y2 in boxes_xyxy_px:  # a handful of dynamic objects
         top, left = max(0, int(y1) - margin_px), max(0, int(x1) - margin_px)
-        out[top : int(np.ceil(y2)) + margin_px, left : int(np.ceil(x2)) + margin_px] = 0
+        out[top : int(np.ceil(y2)) + margin_px, left : int(np.ceil(x2)) + margin_px] = True
     return out
 
 
