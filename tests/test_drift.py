@@ -14,7 +14,7 @@ from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import Trajectory
 
-SHARED = Path(__file__).resolve().parents[3].parent / 'shared'
+SHARED = Path(__file__).resolve().parents[1].parent / 'shared'
 HALFSPHERE = SHARED / 'data' / 'fr3_walking_halfsphere_a'
 TWIST = np.array([0.3, -0.2, 0.1, 0.5, 0.1, -0.4])  # of a second
 TRUE_NS = np.arange(0, 1_010_000_000, 10_000_000)
