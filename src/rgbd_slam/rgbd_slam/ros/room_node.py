@@ -28,6 +28,7 @@ from rgbd_slam.ros.room_outputs import RoomOutputs
 from rgbd_slam.ros.room_services import RoomServices
 from rgbd_slam.ros.room_setup import Clear, Report, RoomMessage, RoomSetup
 
+_NICE = 10  # below what the pose waits for
 _SLOP_NS = 20_000_000
 _PATIENCE_NS = 300_000_000  # for the verdict on an image's objects
 _CAPACITY = 60  # images that wait for the tracker to say where they were taken: 2 s
@@ -164,4 +165,5 @@ class RoomNode(Node):
 
 def run_room(messages: Connection, reports: Connection, setup: RoomSetup) -> None:
     """Map until the pipe ends; the main function of the process."""
+    os.nice(_NICE)
     run_node(lambda: RoomNode(messages, reports, setup))
