@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
+import struct
 import subprocess
 import sys
+import termios
+import time
 from pathlib import Path
 
 import numpy as np
@@ -71,12 +75,21 @@ def test_interruption_is_status_130(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     assert cli.main(['evaluate', str(tmp_path), str(tmp_path)]) == 130
 
 
+def unread_bytes(pipe: int) -> int:
+    (count,) = struct.unpack('i', fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)))
+    return int(count)
+
+
 def test_sigterm_ends_a_command_as_ctrl_c_does(tmp_path: Path) -> None:
     fifo = tmp_path / 'endless.txt'
     os.mkfifo(fifo)
     argv = [sys.executable, '-m', 'hoid_bringup', 'evaluate', str(fifo), str(fifo)]
     process = subprocess.Popen(argv, stderr=subprocess.PIPE, text=True)
-    with process, fifo.open('w'):  # opens when the command reads, which then has nothing to read
+    with process, fifo.open('w') as writer:
+        writer.write('# of more that never comes\n')
+        writer.flush()
+        while unread_bytes(writer.fileno()):  # until the command is within reading
+            time.sleep(0.01)
         process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=60)
     assert process.returncode == 130
