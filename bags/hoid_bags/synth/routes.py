@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Sequence
 
 import cv2
@@ -14,7 +15,8 @@ from hoid_common.values import BoolArray, ByteArray, FloatArray
 
 CELL_M = 0.1
 BODY_RADIUS_M = 0.27
-_STEPS = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1)]
+_WAYS = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1))
+_STEPS = tuple((dr, dc, math.hypot(dr, dc)) for dr, dc in _WAYS)
 
 
 class FloorMap:
@@ -79,6 +81,8 @@ def _a_star(
 ) -> list[tuple[int, int]]:
     """Return the cells of a shortest way; start and end may lie in blocked cells."""
     rows, columns = blocked.shape
+    to_end = np.hypot(*np.ogrid[-end[0] : rows - end[0], -end[1] : columns - end[1]]).tolist()
+    weight = np.where(blocked, 8.0, 1.0).tolist()
     cost = {start: 0.0}
     parent: dict[tuple[int, int], tuple[int, int]] = {}
     queue = [(0.0, start)]
@@ -86,15 +90,14 @@ def _a_star(
         _, here = heapq.heappop(queue)
         if here == end:
             return _unrolled(parent, end)
-        for dr, dc in _STEPS:
-            there = here[0] + dr, here[1] + dc
-            if not (0 <= there[0] < rows and 0 <= there[1] < columns):
+        for dr, dc, length in _STEPS:
+            row, column = there = here[0] + dr, here[1] + dc
+            if not (0 <= row < rows and 0 <= column < columns):
                 continue
-            price = cost[here] + np.hypot(dr, dc) * (8.0 if blocked[there] else 1.0)
-            if price < cost.get(there, np.inf):
+            price = cost[here] + length * weight[row][column]
+            if price < cost.get(there, math.inf):
                 cost[there], parent[there] = price, here
-                heuristic = np.hypot(there[0] - end[0], there[1] - end[1])
-                heapq.heappush(queue, (price + heuristic, there))
+                heapq.heappush(queue, (price + to_end[row][column], there))
     return []
 
 

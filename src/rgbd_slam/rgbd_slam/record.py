@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple, Self, get_args, get_type_hints
 
 import numpy as np
@@ -34,7 +35,8 @@ class Record:
     """Base of sets of arrays; every field is `name: Annotated[type, column(...)]`."""
 
     @classmethod
-    def columns(cls) -> dict[str, Column]:
+    @cache
+    def columns(cls) -> Mapping[str, Column]:
         """Return the columns by name, in order of declaration."""
         hints = get_type_hints(cls, include_extras=True)
         return {name: get_args(hint)[1] for name, hint in hints.items()}

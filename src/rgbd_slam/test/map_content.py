@@ -50,7 +50,9 @@ def dense_of(state: MapState, count: int = 3) -> DenseState:
     return DenseState.of_views(views, np.arange(len(state)))
 
 
+@cache
 def content() -> MapFile:
+    """What a good file holds; not to be changed."""
     state = snapshot(ring())
     return MapFile(MODEL, SCALE, OCTAVES, state, dense_of(state))
 
