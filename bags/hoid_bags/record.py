@@ -7,7 +7,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -18,6 +17,7 @@ from hoid_bags.bag_writer import BagWriter
 from hoid_bags.ros_session import from_rclpy_qos, ros_session
 from hoid_common.errors import InputError
 from hoid_common.ros import topics
+from hoid_common.ros.executor import SteadyExecutor
 
 RESULT_TOPICS = (
     topics.DETECTIONS,
@@ -78,7 +78,7 @@ class Recorder:
     def __init__(self, node: Node, writer: BagWriter, topic_names: tuple[str, ...]) -> None:
         self._node, self._writer = node, writer
         self._awaited = {node.resolve_topic_name(name) for name in topic_names}
-        self._executor = SingleThreadedExecutor()
+        self._executor = SteadyExecutor()
         self._executor.add_node(node)
         self.num_messages = 0
 

@@ -11,7 +11,6 @@ import numpy as np
 from hoid_msgs.msg import DetectionArray, DynamicObjectArray, Features, SlamStatus
 from hoid_msgs.srv import SaveTrajectory
 from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
@@ -22,6 +21,7 @@ from hoid_common.errors import InputError
 from hoid_common.input_config import BEST_EFFORT, RELIABLE
 from hoid_common.ros import conversions, qos, topics
 from hoid_common.ros.conversions.slam import slam_status_from_msg
+from hoid_common.ros.executor import SteadyExecutor
 from hoid_common.slam_status import SlamState
 from hoid_common.slam_status import SlamStatus as Status
 from hoid_common.values import FloatArray, Trajectory
@@ -44,7 +44,7 @@ class LiveRecorder:
         self.last_status: Status | None = None
         self.last_stamp_ns = 0
         self._node = node
-        self._executor = SingleThreadedExecutor()
+        self._executor = SteadyExecutor()
         self._executor.add_node(node)
         self._cloud: PointCloud2 | None = None
         self._num_clouds = 0

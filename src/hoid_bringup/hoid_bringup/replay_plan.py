@@ -112,7 +112,6 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         listening['input.reliability'] = RELIABLE
     return NodeOptions(
         nodes=config.nodes,
-        use_sim_time=True,
         remappings=tuple((a, b) for a, b in remappings if a != b),
         parameters={
             DETECTOR: {**of['detector'], 'model': config.run.model, **listening},
@@ -134,7 +133,8 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
         (
             *(sys.executable, '-m', 'hoid_bringup', 'play', str(bag.path)),
             *('--rate', str(config.rate), '--wait', str(_SUBSCRIBER_LIMIT_S)),
-            *('--require', f'{color}={listeners}', *lockstep),
+            # Stamps are the images' own; /clock would only wake every node 50 times a second.
+            *('--no-clock', '--require', f'{color}={listeners}', *lockstep),
         ),
     )
 

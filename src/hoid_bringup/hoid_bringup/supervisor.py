@@ -26,6 +26,7 @@ _log = logging.getLogger(__name__)
 
 GRACE_S = 4.0
 _POLL_S = 0.02
+_MEMORY_PERIOD_S = 1.0  # a look takes milliseconds
 RESTART_PAUSE_S = 1.0
 _BYTES_PER_MB = 2**20
 
@@ -76,6 +77,7 @@ class Supervisor:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._due_s: dict[str, float] = {}  # monotonic time at which a dead child starts anew
         self._peak_rss_bytes: dict[str, int] = {}
+        self._look_s = 0.0  # when to look at the memory next
 
     def __enter__(self) -> Self:
         try:
@@ -106,11 +108,14 @@ class Supervisor:
     def poll(self) -> list[ProcessExit]:
         """Return the children that ended since the last call; restart them if so told."""
         now_s = time.monotonic()
+        if now_s >= self._look_s:
+            self._look_s = now_s + _MEMORY_PERIOD_S
+            for name, process in self._running.items():
+                self._note_memory(name, process.pid)
         exits = []
         for name, process in list(self._running.items()):
             status = process.poll()
             if status is None:
-                self._note_memory(name, process.pid)
                 continue
             del self._running[name]
             exits.append(ProcessExit(name, status))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from hoid_msgs.msg import DetectionArray, DynamicObjectArray
 from hoid_msgs.msg import Features as FeaturesMsg
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
@@ -29,7 +30,7 @@ from hoid_filter.detection_gate import STOP, DetectionGate, GateConfig, Ready
 from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import FeatureFilter, check_sizes
 
-_POLL_S = 0.02
+_SILENCE_S = 0.05  # without images and detections, each of which looks at what waits
 _LOST = 'detector lost'
 
 
@@ -78,7 +79,8 @@ class FilterNode(Node):
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._take_camera, 'camera infos')
         if config.strategy != 'none':
             inputs.messages(DetectionArray, topics.DETECTIONS, self._take_detections, 'detections')
-            self.create_timer(_POLL_S, self._poll)
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._silence = self.create_timer(_SILENCE_S, self._poll, clock=steady)
 
     def _take_images(self, match: Match) -> None:
         color, depth = match.values
@@ -90,20 +92,24 @@ class FilterNode(Node):
         if self._settings.config.strategy == 'none':
             self._process([Ready(image, None)])
         else:
-            self._process(self._gate.add_image(frame.stamp_ns, image, time.monotonic()))
+            self._go_on(self._gate.add_image(frame.stamp_ns, image, time.monotonic()))
 
     def _take_detections(self, msg: DetectionArray) -> None:
         said = (msg.image_width, msg.image_height)
         if self._size_px not in (None, said):
             raise MessageError(f'detections are of a {said} px image, colour is {self._size_px}')
         detections = conversions.detections_from_msg(msg)
-        self._process(self._gate.add_detections(detections, time.monotonic()))
+        self._go_on(self._gate.add_detections(detections, time.monotonic()))
 
     def _take_camera(self, msg: CameraInfo) -> None:
         self._filter.camera = conversions.camera_from_msg(msg)
 
     def _poll(self) -> None:
-        self._process(self._gate.poll(time.monotonic()))
+        self._go_on(self._gate.poll(time.monotonic()))
+
+    def _go_on(self, ready: list[Ready[_Image]]) -> None:
+        self._silence.reset()
+        self._process(ready)
         if not self._gate.is_lost:
             self._diagnostics.clear_problem(_LOST)
             return

@@ -7,10 +7,11 @@ import sys
 from collections.abc import Callable, Sequence
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from hoid_common.errors import HoidError
+from hoid_common.ros.executor import SteadyExecutor
 
 _EXIT_LIMIT_S = 10
 
@@ -22,9 +23,9 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
     """
     rclpy.init(args=args)
     node: Node | None = None
+    executor = SteadyExecutor()
     try:
         node = make_node()
-        executor = SingleThreadedExecutor()
         executor.add_node(node)
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -41,6 +42,7 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
         # ends that.
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(_EXIT_LIMIT_S)
+        executor.shutdown()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

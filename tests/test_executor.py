@@ -1,0 +1,133 @@
+"""The nodes' executor runs what rclpy's own does."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.task import Future
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool
+
+from hoid_common.ros.executor import SteadyExecutor
+
+_LIMIT_S = 20.0
+
+
+@pytest.fixture
+def node(domain_id: int) -> Iterator[Node]:
+    rclpy.init(domain_id=domain_id)
+    node = Node('probe')
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def executor(node: Node) -> Iterator[SteadyExecutor]:
+    executor = SteadyExecutor()
+    executor.add_node(node)
+    yield executor
+    executor.shutdown()
+
+
+def spin_until(executor: SteadyExecutor, is_done: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + _LIMIT_S
+    while not is_done():
+        assert time.monotonic() < end_s
+        executor.spin_once(timeout_sec=0.1)
+
+
+def test_messages_come_in_order_and_none_is_lost(node: Node, executor: SteadyExecutor) -> None:
+    heard: list[str] = []
+    node.create_subscription(Header, 'words', lambda msg: heard.append(msg.frame_id), 100)
+    publisher = node.create_publisher(Header, 'words', 100)
+    spin_until(executor, lambda: publisher.get_subscription_count() == 1)
+    sent = [f'word {k}' for k in range(50)]
+    for word in sent:
+        publisher.publish(Header(frame_id=word))
+    spin_until(executor, lambda: len(heard) >= len(sent))
+    assert heard == sent
+
+
+def test_timers_guards_services_and_clients_are_served(
+    node: Node, executor: SteadyExecutor
+) -> None:
+    called: list[str] = []
+    timer = node.create_timer(0.01, lambda: called.append('timer'))
+    guard = node.create_guard_condition(lambda: called.append('guard'))
+
+    def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        response.message = f'heard {request.data}'
+        return response
+
+    node.create_service(SetBool, 'switch', answer)
+    client = node.create_client(SetBool, 'switch')
+    spin_until(executor, client.service_is_ready)
+    future: Future = client.call_async(SetBool.Request(data=True))
+    guard.trigger()
+    executor.spin_until_future_complete(future, _LIMIT_S)
+    assert future.result().message == 'heard True'
+    spin_until(executor, lambda: called.count('timer') >= 3 and 'guard' in called)
+    assert called.count('guard') == 1
+    timer.cancel()
+    called.clear()
+    executor.spin_once(timeout_sec=0.05)
+    assert not called
+
+
+def test_what_is_made_or_destroyed_while_spinning_counts_at_once(
+    node: Node, executor: SteadyExecutor
+) -> None:
+    heard: list[str] = []
+    publisher = node.create_publisher(Header, 'late', 10)
+    executor.spin_once(timeout_sec=0.01)
+    thread = threading.Thread(target=spin_until, args=(executor, lambda: bool(heard)))
+    thread.start()
+    subscription = node.create_subscription(Header, 'late', lambda _: heard.append('late'), 10)
+    end_s = time.monotonic() + _LIMIT_S
+    while not heard and time.monotonic() < end_s:
+        publisher.publish(Header())
+        time.sleep(0.02)
+    thread.join()
+    assert heard
+    node.destroy_subscription(subscription)
+    executor.spin_once(timeout_sec=0.01)
+    spin_until(executor, lambda: publisher.get_subscription_count() == 0)
+
+
+def test_callbacks_may_wait_for_futures(node: Node, executor: SteadyExecutor) -> None:
+    node.create_service(SetBool, 'echo', lambda _, response: response)
+    client = node.create_client(SetBool, 'echo')
+    answers: list[object] = []
+
+    async def ask() -> None:
+        timer.cancel()
+        answers.append(await client.call_async(SetBool.Request()))
+
+    spin_until(executor, client.service_is_ready)
+    timer = node.create_timer(0.01, ask)
+    spin_until(executor, lambda: bool(answers))
+    assert isinstance(answers[0], SetBool.Response)
+
+
+def test_errors_of_callbacks_reach_who_spins(node: Node, executor: SteadyExecutor) -> None:
+    def fail() -> None:
+        raise KeyError('a bug')
+
+    node.create_timer(0.01, fail)
+    with pytest.raises(KeyError, match='a bug'):
+        spin_until(executor, lambda: False)
+
+
+def test_spinning_ends_with_the_context(node: Node, executor: SteadyExecutor) -> None:
+    context: Context = node.context
+    threading.Timer(0.2, context.try_shutdown).start()
+    with pytest.raises(ExternalShutdownException):
+        executor.spin()
