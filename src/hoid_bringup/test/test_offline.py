@@ -58,6 +58,14 @@ class WallSequence:
         return Trajectory(PERIOD_NS * np.arange(FRAMES), T)
 
 
+@pytest.fixture(scope='module', autouse=True)
+def _no_pictures() -> Iterator[None]:
+    """Leave out the picture of each run, which takes longer than the run; see test_outputs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('hoid_bringup.outputs.plot_run', lambda *_: None)
+        yield
+
+
 @pytest.fixture(scope='module')
 def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Return the folders of two equal runs."""

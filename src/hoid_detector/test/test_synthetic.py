@@ -9,7 +9,9 @@ from hoid_detector.onnx_detector import OnnxDetector
 from hoid_training.dataset import CLASSES
 from hoid_training.evaluate import Tally, measure
 
-SCENE = SceneConfig(seed=900, depth_holes=False)  # training takes seeds from 100000 on
+SCENE = SceneConfig(  # training takes seeds from 100000 on
+    seed=900, num_frames=120, width_px=416, depth_holes=False
+)
 FRAMES = 8
 
 
