@@ -156,7 +156,9 @@ class Supervisor:
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT if output is not None else None,
-                start_new_session=True,  # Ctrl-C reaches us alone; we pass it on in order
+                # Ctrl-C reaches us alone; we pass it on in order. All stay in one session, for
+                # Linux weighs niceness within one only (sched(7), autogroup).
+                process_group=0,
             )
 
     def _note_memory(self, name: str, pid: int) -> None:

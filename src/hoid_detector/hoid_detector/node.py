@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 
 from hoid_msgs.msg import DetectionArray
@@ -34,6 +35,9 @@ class NodeConfig(DetectorConfig):
     """Parameters of the node."""
 
     model: str = param('', 'ONNX file or name of a known model; empty looks in the usual places')
+    niceness: int = param(
+        5, 'Lower priority than what the pose waits for; 0 = the same', minimum=0, maximum=19
+    )
     autostart: bool = param(True, 'become active at once; false waits for a lifecycle manager')
     input: InputConfig = field(default_factory=InputConfig)
 
@@ -51,6 +55,7 @@ class DetectorNode(LifecycleNode):
         self._active, self._enabled = False, True
         self._failure: HoidError | None = None
         self._settings = Parameters(self, NodeConfig(), self._reconfigure)
+        os.nice(self._settings.config.niceness)
         self.add_on_set_parameters_callback(self._check_classes)
         self._diagnostics = Diagnostics(self)
         self._done = self.create_guard_condition(self._publish)

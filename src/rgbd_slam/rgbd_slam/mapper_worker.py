@@ -8,6 +8,7 @@ tracker does, so that it outlives neither `close` nor a killed tracker.
 from __future__ import annotations
 
 import atexit
+import os
 import signal
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -24,6 +25,7 @@ from rgbd_slam.map import MapChange, SlamMap
 from rgbd_slam.map_state import MapState
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 
+_NICE = 5  # below tracking, which does not wait for it
 _IDLE_S = 0.2  # between looks for results of the background
 _END_S = 5.0
 
@@ -77,6 +79,7 @@ def run_mapper(
     requests: Connection, reports: Connection, camera: StereoCamera, config: SlamConfig
 ) -> None:
     """Take keyframes in until the pipe ends; the main function of the process."""
+    os.nice(_NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all: the tracker ends this
     slam_map = SlamMap(config.camera.scale_factor, config.camera.num_octaves)
     mapper = Mapper(camera, slam_map, config, background=True)
