@@ -24,7 +24,7 @@ from hoid_benchmarks.sequences import PEOPLE_SUFFIX, Store
 from hoid_bringup.detection_source import DetectionSource
 from hoid_bringup.run_config import TRUTH
 from hoid_common.errors import ConfigError
-from hoid_common.values import BoolArray, Detections, IntArray
+from hoid_common.values import BoolArray, Detections
 from hoid_detector.config import DetectorConfig
 from hoid_detector.model_path import find_model
 from hoid_detector.onnx_detector import OnnxDetector
@@ -165,9 +165,8 @@ def judge_masks(
     strategies = {name: make_strategy(config) for name, config in configs.items()}
     tallies = {name: Tally() for name in configs}
     for view, moving, static in _views(case, store):
-        kept = [
-            _kept(strategy.judge(view), view.corner_pixels) for strategy in strategies.values()
-        ]
+        num_corners = len(view.corner_pixels)
+        kept = [_kept(strategy.judge(view), num_corners) for strategy in strategies.values()]
         for tally, (keep, seed) in zip(tallies.values(), kept, strict=True):
             tally.add(moving, static, keep, seed)
             tally.frames_that_differ += not np.array_equal((keep, seed), kept[0])
@@ -207,13 +206,11 @@ def _detector(case: MaskCase, exact: Mapping[int, Detections]) -> DetectionSourc
     return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)
 
 
-def _kept(verdict: Verdict, pixels: IntArray) -> tuple[BoolArray, BoolArray]:
+def _kept(verdict: Verdict, num_corners: int) -> tuple[BoolArray, BoolArray]:
     """Return the (K,) corners that are kept, and those that may become map points."""
-    keep, seed = (
-        np.ones(len(pixels), np.bool_) if mask is None else mask.ravel()[pixels] > 0
-        for mask in (verdict.keep_mask, verdict.seed_mask)
-    )
-    return keep, keep & seed
+    keep = np.zeros(num_corners, np.bool_)
+    keep[slice(None) if verdict.kept is None else verdict.kept] = True
+    return keep, keep if verdict.seeds is None else keep & verdict.seeds
 
 
 def _count(flags: BoolArray) -> int:

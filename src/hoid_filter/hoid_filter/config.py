@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from hoid_common.config import Config, param
 from hoid_common.values import PERSON
@@ -146,7 +147,9 @@ class FilterConfig(Config):
 
     def may_be_handled(self, class_name: str) -> bool:
         """Return whether a thing of the class moves when a person handles it."""
-        if class_name == PERSON:
-            return False
+        return class_name in self._handled or (not self._handled and class_name != PERSON)
+
+    @cached_property
+    def _handled(self) -> frozenset[str]:
         # A parameter file cannot hold an empty list, but one with an empty name.
-        return class_name in self.dynamic_classes or not any(self.dynamic_classes)
+        return frozenset(self.dynamic_classes) - {'', PERSON}

@@ -49,7 +49,11 @@ class OrbExtractor:
             keep_mask: (H, W), 0 where no feature may lie; None for the whole image.
         """
         corners = self.detect(image_gray)
-        chosen = self.choose(corners, keep_mask, usable_corners(corners, keep_mask))
+        if keep_mask is None:
+            chosen = self.choose(corners, None, image_gray.size)
+        else:
+            kept = np.flatnonzero(keep_mask.ravel()[corners.pixel] > 0)
+            chosen = self.choose(corners, kept, cv2.countNonZero(keep_mask))
         return self.describe(corners, chosen, depth_m, stamp_ns)
 
     def detect(self, image_gray: ByteArray) -> Corners:
@@ -58,19 +62,18 @@ class OrbExtractor:
         pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)
         return find_corners(pyramid, config.fast_threshold, config.border_px)
 
-    def choose(self, corners: Corners, keep_mask: ByteArray | None, usable: IntArray) -> IntArray:
-        """Return the indices of the corners to keep, spread over the part of the image to keep.
+    def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
+        """Return the indices, ascending, of corners to describe, spread over what is static.
 
         Args:
-            keep_mask: (H, W), 0 where no feature may lie; None for the whole image.
-            usable: indices, ascending, of the corners in it, as of `usable_corners`.
+            kept: indices, ascending, of the corners there; None for all.
+            static_area_px: of the image.
         """
-        if keep_mask is None:
-            return self._spread(corners, usable, corners.pyramid.levels[0].size)
-        if self._config.refill:
-            return self._spread(corners, usable, cv2.countNonZero(keep_mask))
-        chosen = self.choose(corners, None, usable_corners(corners, None))
-        return chosen[keep_mask.ravel()[corners.pixel[chosen]] > 0]
+        everything = np.arange(len(corners))
+        if kept is None or self._config.refill:
+            return self._spread(corners, everything if kept is None else kept, static_area_px)
+        whole = self._spread(corners, everything, corners.pyramid.levels[0].size)
+        return np.intersect1d(whole, kept, assume_unique=True)
 
     def _spread(self, corners: Corners, among: IntArray, area_px: int) -> IntArray:
         kept = spread_evenly(
@@ -130,13 +133,6 @@ def _orientations_deg(corners: Corners, chosen: IntArray) -> Float32Array:
             for level, first, last in zip(corners.pyramid.levels, ends, ends[1:], strict=False)
         ]
     )
-
-
-def usable_corners(corners: Corners, keep_mask: ByteArray | None) -> IntArray:
-    """Return the indices, ascending, of the corners that an (H, W) mask keeps (all for None)."""
-    if keep_mask is None:
-        return np.arange(len(corners))
-    return np.flatnonzero(keep_mask.ravel()[corners.pixel])
 
 
 def sample_depth_m(depth_m: Float32Array, uv_px: Float32Array) -> Float32Array:

@@ -14,14 +14,13 @@ from hoid_common.values import (
     CameraModel,
     Detections,
     DynamicObject,
-    Features,
     FilterResult,
     Float32Array,
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig
-from hoid_filter.extractor import OrbExtractor, usable_corners
-from hoid_filter.pyramid import Corners, flat_pixels
+from hoid_filter.extractor import OrbExtractor
+from hoid_filter.pyramid import Corners
 from hoid_filter.registry import make_strategy
 from hoid_filter.sanitize import sanitize
 from hoid_filter.scene import Verdict, View
@@ -60,19 +59,19 @@ class FeatureFilter:
         corners = self._extractor.detect(np.asarray(gray, np.uint8))
         found = time.thread_time()
         verdict = self._judge(frame, detections, corners)
-        usable = usable_corners(corners, verdict.keep_mask)
         self.counters['frames with too few static features'] += verdict.fallback_step > 0
         judged = time.thread_time()
-        chosen = self._extractor.choose(corners, verdict.keep_mask, usable)
+        chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)
         features = self._extractor.describe(corners, chosen, frame.depth_m, frame.stamp_ns)
-        features = _with_seeds(features, verdict)
+        if verdict.seeds is not None:
+            features = dataclasses.replace(features, may_seed=verdict.seeds[chosen])
         done = time.thread_time()
         return FilterResult(
             features=features,
             objects=self._objects(verdict),
             removed_uv_px=self._removed(corners, verdict, for_picture),
             num_features_in=len(corners),
-            num_removed=len(corners) - len(usable),
+            num_removed=0 if verdict.kept is None else len(corners) - len(verdict.kept),
             stage_ms={
                 'extract': (found - start + done - judged) * 1e3,
                 'filter': (judged - found) * 1e3,
@@ -90,11 +89,11 @@ class FeatureFilter:
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
         """Return where the features were that would have been chosen had nothing been masked."""
-        if not wanted or verdict.keep_mask is None:
+        if not wanted or verdict.kept is None:
             return np.empty((0, 2), np.float32)
-        chosen = self._extractor.choose(corners, None, usable_corners(corners, None))
-        masked = verdict.keep_mask.ravel()[corners.pixel[chosen]] == 0
-        removed_uv_px: Float32Array = corners.uv_px[chosen[masked]]
+        chosen = self._extractor.choose(corners, None, corners.pyramid.levels[0].size)
+        removed = np.setdiff1d(chosen, verdict.kept, assume_unique=True)
+        removed_uv_px: Float32Array = corners.uv_px[removed]
         return removed_uv_px
 
     def _objects(self, verdict: Verdict) -> tuple[DynamicObject, ...]:
@@ -130,10 +129,3 @@ def check_sizes(frame: RgbdFrame) -> None:
             f'depth image is {frame.depth_m.shape[1]}x{frame.depth_m.shape[0]} but colour is '
             f'{frame.image_bgr.shape[1]}x{frame.image_bgr.shape[0]}: register depth to colour'
         )
-
-
-def _with_seeds(features: Features, verdict: Verdict) -> Features:
-    if verdict.seed_mask is None:
-        return features
-    pixels = flat_pixels(features.uv_px, verdict.seed_mask.shape[1])
-    return dataclasses.replace(features, may_seed=verdict.seed_mask.ravel()[pixels] > 0)

@@ -82,7 +82,8 @@ def _verdict(situation: Situation, found: Interactions, masks: Masks) -> Verdict
         overlap_ratios=found.overlap_ratios[shown],
         depths_m=situation.depths_m[shown],
         depth_gaps_m=found.depth_gaps_m[shown],
-        keep_mask=masks.keep,
-        seed_mask=masks.seed,
+        static_area_px=masks.static_area_px,
+        kept=masks.kept,
+        seeds=masks.seeds,
         fallback_step=masks.step,
     )

@@ -9,8 +9,8 @@ import numpy as np
 
 from hoid_common.values import BoolArray, FloatArray, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.overlap import overlap_ratios
 from hoid_filter.tracks import Track
+from hoid_native import overlap_ratios
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from hoid_common.values import BoolArray, ByteArray, Float32Array, Reason
+from hoid_common.values import BoolArray, ByteArray, Float32Array, IntArray, Reason
 from hoid_filter.config import PlusConfig
 from hoid_filter.depth_regions import SHRINK, Box, DepthRegions, crop
 from hoid_filter.interaction import Situation
+from hoid_filter.pyramid import Int32Array
 from hoid_filter.scene import View
 
 _PATCH_MARGIN_PX = 8  # features this near see what moves in their patch
-_SAMPLE_STRIDE = 8
+_SAMPLE_STRIDES = (32, 8, 1)
 _COAST_MARGIN = 0.1  # share of its size by which a predicted box may be off
 # How sure it is that what covers a pixel moves; the least sure is given back first.
 _CERTAINTY = {
@@ -27,10 +29,11 @@ _CERTAINTY = {
 
 
 class Masks(NamedTuple):
-    """Where features may lie and where map points may be made."""
+    """Where features may lie and where map points may be made, at a view's K corners."""
 
-    keep: ByteArray | None = None  # (H, W), 0 = moves; None = the whole image is static
-    seed: ByteArray | None = None  # (H, W), 0 = no seeds; None = wherever features are
+    static_area_px: int  # of the image
+    kept: IntArray | None = None  # of the K corners, ascending, what is static; None = all
+    seeds: BoolArray | None = None  # (K,), False = no seed; None = all that are kept
     step: int = 0  # how far the mask was relaxed
 
 
@@ -41,33 +44,72 @@ def make_masks(certainty: ByteArray, view: View, plus: PlusConfig, enough: float
     what is only remembered, then objects and predictions, then everything. Seeds stay away from
     all of it: the tracker may look at a person's features, but the map never holds them.
     """
+    size_px = view.depth_m.size
     if not certainty.any():
-        return Masks()
-    size_hw = view.depth_m.shape
+        return Masks(size_px)
+    grid = _grid(view.depth_m.shape, certainty.shape)
+    cells = grid.cells(view.corner_pixels)
     wide = _widen(certainty, _PATCH_MARGIN_PX)
-    seed = _enlarge(_widen(wide, plus.seed_margin_px), size_hw) if plus.guard_seeds else None
-    keep = _enlarge(wide, size_hw)
-    if not plus.fall_back:
-        return Masks(keep, seed)
+    seeds = _free(_widen(wide, plus.seed_margin_px), cells) if plus.guard_seeds else None
     for step in range(max(_CERTAINTY.values())):
-        if step > 0:
-            keep = _enlarge((certainty > step).view(np.uint8), size_hw)
-        if _leaves(keep, view, enough):
-            return Masks(keep, seed, step)
-    return Masks(None, _enlarge(wide, size_hw), step + 1)
+        moves = wide if step == 0 else np.greater(certainty, step)
+        kept = np.flatnonzero(_free(moves, cells))
+        if not plus.fall_back or _leaves(kept, view, enough):
+            return Masks(size_px - grid.area_px(moves), kept, seeds, step)
+    return Masks(size_px, None, _free(wide, cells), step + 1)
 
 
-def _leaves(keep: ByteArray, view: View, enough: float) -> bool:
+def _free(moves: ByteArray | BoolArray, cells: IntArray) -> BoolArray:
+    """Return the (K,) corners, in cells of the small image, where nothing moves."""
+    free: BoolArray = moves.ravel()[cells] == 0
+    return free
+
+
+def _leaves(kept: IntArray, view: View, enough: float) -> bool:
     """Return whether enough corners with depth are left outside a mask.
 
     Corners without depth hold a pose by two equations, not three, and come late into the map.
     """
-    for stride in (_SAMPLE_STRIDE, 1):  # mostly a sample of them is enough already
-        left = view.corner_pixels[::stride]
-        left = left[keep.ravel()[left] > 0]
-        if np.count_nonzero(view.depth_m.ravel()[left] > 0) >= enough:
+    depth_m = view.depth_m.ravel()
+    for stride in _SAMPLE_STRIDES:  # mostly a sample of them is enough already
+        left = view.corner_pixels[kept[::stride]]
+        if np.count_nonzero(depth_m[left] > 0) >= enough:
             return True
     return False
+
+
+class _Grid(NamedTuple):
+    """How the small image covers the full one, cell by cell."""
+
+    width_px: int  # of the full image
+    rows: IntArray  # (H,) first cell of the row of cells at each row of pixels
+    columns: IntArray  # (W,) column of cells at each column of pixels
+    areas_px: Int32Array  # (h, w) of the cells
+
+    def cells(self, pixels: IntArray) -> IntArray:
+        """Return the (K,) cells of pixels, both as indices in the flat images."""
+        v = pixels // self.width_px
+        cells: IntArray = self.rows[v] + self.columns[pixels - v * self.width_px]
+        return cells
+
+    def area_px(self, cells: ByteArray | BoolArray) -> int:
+        """Return the area of the (h, w) cells that are not 0."""
+        return int(self.areas_px[cells > 0].sum())
+
+
+@functools.cache
+def _grid(size_hw: tuple[int, int], small_hw: tuple[int, int]) -> _Grid:
+    rows, columns = (_nearest(*sizes) for sizes in zip(size_hw, small_hw, strict=True))
+    heights, widths = np.bincount(rows), np.bincount(columns)
+    areas_px = np.outer(heights, widths).astype(np.int32)
+    return _Grid(size_hw[1], rows * small_hw[1], columns, areas_px)
+
+
+def _nearest(size: int, small_size: int) -> IntArray:
+    """Return the (size,) positions that OpenCV takes from a small row when it enlarges it."""
+    row = np.arange(small_size, dtype=np.float32)[None]
+    enlarged = cv2.resize(row, (size, 1), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(enlarged[0], np.int64)
 
 
 def cover(
@@ -114,10 +156,3 @@ def _widen(moves: ByteArray, margin_px: int) -> ByteArray:
     side = 2 * round(margin_px / SHRINK) + 1
     kernel = np.ones((side, side), np.uint8)
     return np.asarray(cv2.dilate(np.minimum(moves, 1), kernel), np.uint8)
-
-
-def _enlarge(moves: ByteArray, size_hw: tuple[int, ...]) -> ByteArray:
-    """Return the mask of full size, 255 where nothing moves."""
-    small = np.where(moves, np.uint8(0), np.uint8(255))
-    full = cv2.resize(small, size_hw[::-1], interpolation=cv2.INTER_NEAREST)
-    return np.asarray(full, np.uint8)

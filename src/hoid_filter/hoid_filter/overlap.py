@@ -1,4 +1,4 @@
-"""Areas that boxes share: the measure of interaction in the HOID rules."""
+"""Boxes, their areas, and what they share."""
 
 from __future__ import annotations
 
@@ -25,22 +25,12 @@ def areas_px2(boxes_xyxy_px: Boxes) -> FloatArray:
 
 def shared_areas_px2(boxes_xyxy_px: Boxes, others_xyxy_px: Boxes) -> FloatArray:
     """Return the (N, M) areas that each of N boxes shares with each of M others."""
-    x1, y1, x2, y2 = boxes_xyxy_px.T.astype(np.float64)[:, :, None]
-    u1, v1, u2, v2 = others_xyxy_px.T.astype(np.float64)
-    width = np.maximum(np.minimum(x2, u2) - np.maximum(x1, u1), 0.0)
-    height = np.maximum(np.minimum(y2, v2) - np.maximum(y1, v1), 0.0)
-    area: FloatArray = width * height
+    boxes, others = boxes_xyxy_px.astype(np.float64), others_xyxy_px.astype(np.float64)
+    sides = np.minimum(boxes[:, None, 2:], others[:, 2:])
+    sides -= np.maximum(boxes[:, None, :2], others[:, :2])
+    np.maximum(sides, 0.0, out=sides)
+    area: FloatArray = sides[..., 0] * sides[..., 1]
     return area
-
-
-def overlap_ratios(objects_xyxy_px: Boxes, people_xyxy_px: Boxes) -> FloatArray:
-    """Return the (N, M) shares of each object's own area that lie in each person's box.
-
-    In [0, 1]; 0 for an object without area. This is the interaction area of the HOID paper.
-    """
-    own = areas_px2(objects_xyxy_px)[:, None]
-    shared = shared_areas_px2(objects_xyxy_px, people_xyxy_px)
-    return np.divide(shared, own, out=np.zeros_like(shared), where=own > 0)
 
 
 def intersections_over_union(boxes_xyxy_px: Boxes, others_xyxy_px: Boxes) -> FloatArray:

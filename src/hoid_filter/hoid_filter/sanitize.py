@@ -50,7 +50,9 @@ def sanitize(
 
 def _is_fit(detections: Detections, width_px: int, height_px: int) -> bool:
     """Return whether nothing is to be mended; NaN fails every comparison."""
-    return all(
-        0 <= x1 < x2 <= width_px and 0 <= y1 < y2 <= height_px
-        for x1, y1, x2, y2 in detections.boxes_xyxy_px.tolist()
-    ) and all(0 <= score <= 1 for score in detections.scores.tolist())
+    scores = detections.scores.tolist()
+    for (x1, y1, x2, y2), score in zip(detections.boxes_xyxy_px.tolist(), scores, strict=True):
+        inside = 0 <= x1 < x2 <= width_px and 0 <= y1 < y2 <= height_px
+        if not (inside and 0 <= score <= 1):
+            return False
+    return True

@@ -2,64 +2,73 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from hoid_common.values import BoolArray, FloatArray, Reason
+from hoid_common.values import PERSON, BoolArray, Float32Array, IntArray, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.overlap import overlap_ratios
 from hoid_filter.prediction import BoxPredictor
 from hoid_filter.sanitize import sanitize
-from hoid_filter.scene import Scene, Verdict, View, box_mask
+from hoid_filter.scene import Scene, Verdict, View
+from hoid_native import boxes_holding, judge_boxes, outside_boxes, sample_depths_m
+from hoid_native.boxes import MAY_BE_HANDLED as ROLE_CANDIDATE
+from hoid_native.boxes import PERSON as ROLE_PERSON
 
 
-class Interaction(NamedTuple):
-    """How each of N detections stands to each of the M people among them."""
+class Rule(NamedTuple):
+    """When a person handles an object."""
 
-    scene: Scene
-    overlap: FloatArray  # (N, M), share of the object's box
-    depth_gap_m: FloatArray  # (N, M), NaN = unknown
+    min_share: float  # the person covers more than this share of the object's box ...
+    apart_m: float  # ... and both are less than this apart in depth, or one depth is not known
+    touches: BoolArray | None = None  # (N, M) flags of objects and people, instead of the share
 
 
 class ImageRule(ABC):
-    """Base of the rules without memory: people are dynamic, objects as `is_handled` says."""
+    """Base of the rules without memory: people are dynamic, and objects as `rule` says."""
 
     def __init__(self, config: FilterConfig) -> None:
         self.config = config
         self._predictor = BoxPredictor(config.prediction_limit_s)
 
     @abstractmethod
-    def is_handled(self, interaction: Interaction) -> BoolArray:
-        """Return the (N, M) flags of object and person who interact."""
+    def rule(self, scene: Scene, /) -> Rule:
+        """Return when a person handles an object."""
 
     def judge(self, view: View) -> Verdict:
         """Return the verdict on every detection."""
-        scene = scene_of(view, self._predictor, self.config.sample_box_px)
-        boxes = scene.detections.boxes_xyxy_px
-        is_person = scene.is_person
-        interaction = measure(scene)
-        pairs = self.is_handled(interaction)
-        handled = pairs.any(axis=1) & self._is_candidate(scene)
-        overlap, gap_m = most_telling(interaction, pairs)
-        dynamic = is_person | handled
+        scene = scene_of(view, self._predictor)
+        found = scene.detections
+        roles = self._roles(found.class_names)
+        judged = judge_boxes(
+            view.depth_m,
+            found.boxes_xyxy_px,
+            np.array(roles, np.uint8),
+            self.config.sample_box_px,
+            *self.rule(scene),
+        )
+        kept, area_px = _outside(found.boxes_xyxy_px[judged.moves], view)
         return Verdict(
-            boxes_xyxy_px=boxes,
-            class_names=scene.detections.class_names,
-            scores=scene.detections.scores,
-            track_ids=np.full(len(boxes), -1, np.int64),
-            reasons=_reasons(is_person, handled, scene.detected),
-            overlap_ratios=np.where(is_person, 0.0, overlap),
-            depths_m=scene.depths_m,
-            depth_gaps_m=np.where(is_person, np.nan, gap_m),
-            keep_mask=box_mask(boxes[dynamic], *scene.depth_m.shape) if dynamic.any() else None,
+            boxes_xyxy_px=found.boxes_xyxy_px,
+            class_names=found.class_names,
+            scores=found.scores,
+            track_ids=np.full(len(found), -1, np.int64),
+            reasons=_reasons(roles, judged.moves, scene.detected),
+            overlap_ratios=judged.overlap,
+            depths_m=judged.depth_m,
+            depth_gaps_m=judged.gap_m,
+            static_area_px=area_px,
+            kept=kept,
         )
 
-    def _is_candidate(self, scene: Scene) -> BoolArray:
-        names = scene.detections.class_names
-        return np.fromiter(map(self.config.may_be_handled, names), np.bool_, len(names))
+    def _roles(self, class_names: tuple[str, ...]) -> list[int]:
+        may_be_handled = self.config.may_be_handled
+        return [
+            ROLE_PERSON if name == PERSON else ROLE_CANDIDATE if may_be_handled(name) else 0
+            for name in class_names
+        ]
 
 
 class NoFilter:
@@ -71,36 +80,37 @@ class NoFilter:
 
     def judge(self, view: View) -> Verdict:
         """Return a verdict that keeps the whole image."""
-        scene = scene_of(view, self._predictor, self._sample_box_px)
+        scene = scene_of(view, self._predictor)
         num = len(scene.detections)
+        boxes = scene.detections.boxes_xyxy_px
         return Verdict(
-            boxes_xyxy_px=scene.detections.boxes_xyxy_px,
+            boxes_xyxy_px=boxes,
             class_names=scene.detections.class_names,
             scores=scene.detections.scores,
             track_ids=np.full(num, -1, np.int64),
             reasons=(Reason.STATIC,) * num,
             overlap_ratios=np.zeros(num),
-            depths_m=scene.depths_m,
+            depths_m=sample_depths_m(view.depth_m, boxes, self._sample_box_px),
             depth_gaps_m=np.full(num, np.nan),
-            keep_mask=None,
+            static_area_px=view.depth_m.size,
+            kept=None,
         )
 
 
 class PersonOnly(ImageRule):
     """Drops people's boxes and nothing else."""
 
-    def is_handled(self, interaction: Interaction) -> BoolArray:
-        """Return no interaction at all."""
-        return np.zeros(interaction.overlap.shape, np.bool_)
+    def rule(self, _scene: Scene, /) -> Rule:
+        """Return that nobody handles anything."""
+        return Rule(math.inf, math.inf)
 
 
 class Hoid2d(ImageRule):
     """The paper's 2-D rule: a person covers more of the object than the limit."""
 
-    def is_handled(self, interaction: Interaction) -> BoolArray:
-        """Return where the overlap is greater than the limit."""
-        covered: BoolArray = interaction.overlap > self.config.min_interaction_area
-        return covered
+    def rule(self, _scene: Scene, /) -> Rule:
+        """Return that the overlap is greater than the limit, at any depth."""
+        return Rule(self.config.min_interaction_area, math.inf)
 
 
 class Hoid3d(ImageRule):
@@ -110,11 +120,9 @@ class Hoid3d(ImageRule):
     harms the map, a static one taken for moving costs a few features.
     """
 
-    def is_handled(self, interaction: Interaction) -> BoolArray:
-        """Return where overlap and depth both say so."""
-        covered = interaction.overlap > self.config.min_interaction_area
-        apart: BoolArray = interaction.depth_gap_m >= self.config.depth_limit_m  # NaN: not apart
-        return covered & ~apart
+    def rule(self, _scene: Scene, /) -> Rule:
+        """Return that overlap and depth both say so."""
+        return Rule(self.config.min_interaction_area, self.config.depth_limit_m)
 
 
 class Descriptor(ImageRule):
@@ -125,33 +133,22 @@ class Descriptor(ImageRule):
     within the distance threshold of each other.
     """
 
-    def is_handled(self, interaction: Interaction) -> BoolArray:
-        """Return where a key point of the object has the person in its window."""
-        scene = interaction.scene
+    def rule(self, scene: Scene, /) -> Rule:
+        """Return that a key point of the object has the person in its window."""
         boxes = scene.detections.boxes_xyxy_px.astype(np.float64)
+        is_person = [name == PERSON for name in scene.detections.class_names]
         reach = self.config.descriptor.window_px / 2
-        people = boxes[scene.is_person] + [-reach, -reach, reach, reach]
-        first = np.maximum(boxes[:, None, :2], people[None, :, :2])
-        last = np.minimum(boxes[:, None, 2:], people[None, :, 2:])
-        meets = _count_corners(scene, first, last) > 0
-        apart: BoolArray = interaction.depth_gap_m > self.config.descriptor.distance_m
-        return meets & ~apart
+        people = boxes[np.array(is_person, np.bool_)] + [-reach, -reach, reach, reach]
+        first = np.maximum(boxes[:, None, :2], people[:, :2])
+        last = np.minimum(boxes[:, None, 2:], people[:, 2:])
+        shared = np.concatenate([first, last], axis=-1).reshape(-1, 4)
+        touches = boxes_holding(scene.view.corner_pixels, shared, scene.view.depth_m.shape)
+        # At the distance itself they are still near.
+        apart_m = math.nextafter(self.config.descriptor.distance_m, math.inf)
+        return Rule(math.inf, apart_m, touches)
 
 
-def _count_corners(scene: Scene, first: FloatArray, last: FloatArray) -> FloatArray:
-    """Return the corners with first <= (u, v) < last, for corner points (..., 2) of boxes."""
-    height, width = scene.depth_m.shape
-    present = np.zeros(height * width, np.uint8)
-    present[scene.corner_pixels] = 1
-    total = cv2.integral(present.reshape(height, width))
-    x1, y1 = np.moveaxis(np.clip(np.ceil(first), 0, [width, height]).astype(np.int64), -1, 0)
-    x2, y2 = np.moveaxis(np.clip(np.ceil(last), 0, [width, height]).astype(np.int64), -1, 0)
-    x2, y2 = np.maximum(x1, x2), np.maximum(y1, y2)
-    count: FloatArray = total[y2, x2] - total[y1, x2] - total[y2, x1] + total[y1, x1]
-    return count
-
-
-def scene_of(view: View, predictor: BoxPredictor, sample_box_px: int) -> Scene:
+def scene_of(view: View, predictor: BoxPredictor) -> Scene:
     """Return the view with boxes of its own stamp, predicted where they are older or missing."""
     heard = view.heard
     detected = heard is not None and heard.stamp_ns == view.stamp_ns
@@ -161,33 +158,22 @@ def scene_of(view: View, predictor: BoxPredictor, sample_box_px: int) -> Scene:
         height, width = view.depth_m.shape
         predicted = predictor.predict(view.stamp_ns)
         heard = sanitize(predicted, width, height, len(predicted)).detections
-    return Scene(heard, detected, view.depth_m, view.corner_pixels, sample_box_px)
+    return Scene(view, heard, detected)
 
 
-def measure(scene: Scene) -> Interaction:
-    """Return how every detection (N) stands to every person among them (M)."""
-    boxes = scene.detections.boxes_xyxy_px
-    people = scene.is_person
-    gaps_m: FloatArray = np.abs(scene.depths_m[:, None] - scene.depths_m[people][None])
-    return Interaction(scene, overlap_ratios(boxes, boxes[people]), gaps_m)
+def _outside(boxes_xyxy_px: Float32Array, view: View) -> tuple[IntArray | None, int]:
+    """Return which corners lie outside all boxes, None for all, and the area outside."""
+    if len(boxes_xyxy_px) == 0:
+        return None, view.depth_m.size
+    return outside_boxes(view.corner_pixels, boxes_xyxy_px, view.depth_m.shape)
 
 
-def most_telling(interaction: Interaction, handled: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return each object's (N,) overlap with and depth gap to one person.
-
-    It is the one who handles it, given (N, M) `handled`, and who covers most of it.
-    """
-    num, num_people = interaction.overlap.shape
-    if num_people == 0:
-        return np.zeros(num), np.full(num, np.nan)
-    index, best = np.arange(num), (interaction.overlap + handled).argmax(axis=1)
-    return interaction.overlap[index, best], interaction.depth_gap_m[index, best]
-
-
-def _reasons(is_person: BoolArray, handled: BoolArray, detected: bool) -> tuple[Reason, ...]:
+def _reasons(roles: list[int], moves: BoolArray, detected: bool) -> tuple[Reason, ...]:
     person = Reason.PERSON if detected else Reason.PREDICTED
     other = Reason.HANDLED if detected else Reason.PREDICTED
     return tuple(
-        person if p else other if h else Reason.STATIC
-        for p, h in zip(is_person.tolist(), handled.tolist(), strict=True)
+        [
+            Reason.STATIC if not moving else person if role == ROLE_PERSON else other
+            for role, moving in zip(roles, moves.tolist(), strict=True)
+        ]
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_common.values import Detections, Float32Array
+from hoid_common.values import BoolArray, Detections, Float32Array, IntArray
 from hoid_filter.scene import View
 
 HEIGHT, WIDTH = 120, 160
@@ -20,12 +20,26 @@ def detections(*rows: tuple[str, BoxTuple], stamp_ns: int = 0, score: float = 0.
 def view(
     found: Detections | None,
     depth_m: Float32Array | None = None,
-    corners_xy_px: tuple[tuple[int, int], ...] = (),
+    corners_xy_px: tuple[tuple[int, int], ...] | None = None,
     stamp_ns: int = 0,
 ) -> View:
+    """Return what a strategy gets; without other corners every pixel is one."""
+    pixels = (
+        np.arange(HEIGHT * WIDTH)
+        if corners_xy_px is None
+        else np.array([y * WIDTH + x for x, y in corners_xy_px], np.int64)
+    )
     return View(
         stamp_ns=stamp_ns if found is None else found.stamp_ns,
         heard=found,
         depth_m=np.full((HEIGHT, WIDTH), 2.0, np.float32) if depth_m is None else depth_m,
-        corner_pixels=np.array([y * WIDTH + x for x, y in corners_xy_px], np.int64),
+        corner_pixels=pixels,
     )
+
+
+def picture_of(kept: IntArray | None) -> BoolArray:
+    """Return the (HEIGHT, WIDTH) mask of what is kept where every pixel is a corner."""
+    assert kept is not None
+    picture = np.zeros(HEIGHT * WIDTH, np.bool_)
+    picture[kept] = True
+    return picture.reshape(HEIGHT, WIDTH)

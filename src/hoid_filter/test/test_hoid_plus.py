@@ -10,7 +10,7 @@ from hoid_filter.config import FilterConfig
 from hoid_filter.hoid_plus import HoidPlus
 from hoid_filter.scene import Verdict
 
-from .helpers import HEIGHT, WIDTH, BoxTuple, detections, view
+from .helpers import HEIGHT, WIDTH, BoxTuple, detections, picture_of, view
 
 FRAME_NS = 33_333_333
 QUARTER_S_NS = 250_000_000
@@ -57,10 +57,10 @@ def test_missed_person_is_predicted_along_the_motion() -> None:
     verdict = strategy.judge(view(Detections.none(stamp_ns + 3 * FRAME_NS), depth_m))
     assert verdict.reasons == (Reason.PREDICTED,)
     assert verdict.boxes_xyxy_px[0] == pytest.approx(expected, abs=0.1)
-    assert verdict.keep_mask is not None
+    kept = picture_of(verdict.kept)
     middle = round(left) + 29
-    assert (verdict.keep_mask[14:106, middle - 15 : middle + 15] == 0).all()
-    assert (verdict.keep_mask[:, : middle - 40] == 255).all()
+    assert not kept[14:106, middle - 15 : middle + 15].any()
+    assert kept[:, : middle - 40].all()
 
 
 def test_prediction_ends_after_its_time_and_can_be_switched_off() -> None:
@@ -68,7 +68,7 @@ def test_prediction_ends_after_its_time_and_can_be_switched_off() -> None:
         _, stamp_ns = walk(strategy, 20)
         verdict = strategy.judge(view(Detections.none(stamp_ns + late_ns)))
         assert verdict.reasons == ()
-        assert verdict.keep_mask is None
+        assert verdict.kept is None
 
 
 def test_empty_detection_after_a_full_one_is_not_believed_at_once() -> None:
@@ -105,7 +105,7 @@ def test_weak_person_over_the_whole_image_who_comes_and_goes_is_never_believed()
     strategy = plus()
     for n in range(0, 40, 4):
         assert [judge_huge(strategy, 0.3, n + k) for k in range(3)] == [Reason.STATIC] * 3
-        assert strategy.judge(view(Detections.none((n + 3) * FRAME_NS))).keep_mask is None
+        assert strategy.judge(view(Detections.none((n + 3) * FRAME_NS))).kept is None
 
 
 def test_late_detector_does_not_break_the_row() -> None:
@@ -184,27 +184,26 @@ def person_before_a_wall() -> tuple[Detections, Float32Array]:
 
 
 def test_background_in_a_persons_box_is_kept() -> None:
-    kept = plus().judge(view(*person_before_a_wall())).keep_mask
-    whole_box = plus(keep_background=False).judge(view(*person_before_a_wall())).keep_mask
-    assert kept is not None
-    assert whole_box is not None
-    assert (kept[14:106, 64:96] == 0).all()
-    assert (kept[14:106, 34:46] == 255).all()
-    assert (kept[14:106, 114:126] == 255).all()
-    assert (whole_box[14:106, 34:126] == 0).all()
+    verdict = plus().judge(view(*person_before_a_wall()))
+    kept = picture_of(verdict.kept)
+    assert verdict.static_area_px == np.count_nonzero(kept)
+    assert not kept[14:106, 64:96].any()
+    assert kept[14:106, 34:46].all()
+    assert kept[14:106, 114:126].all()
+    whole_box = plus(keep_background=False).judge(view(*person_before_a_wall()))
+    assert not picture_of(whole_box.kept)[14:106, 34:126].any()
 
 
 def test_no_map_points_within_a_margin_of_the_mask() -> None:
     verdict = plus().judge(view(*person_before_a_wall()))
-    assert verdict.keep_mask is not None
-    assert verdict.seed_mask is not None
-    kept_columns = np.flatnonzero(verdict.keep_mask[60])
-    seed_columns = np.flatnonzero(verdict.seed_mask[60])
+    assert verdict.seeds is not None
+    kept_columns = np.flatnonzero(picture_of(verdict.kept)[60])
+    seed_columns = np.flatnonzero(verdict.seeds.reshape(HEIGHT, WIDTH)[60])
     gap = set(kept_columns.tolist()) - set(seed_columns.tolist())
     assert set(seed_columns.tolist()) <= set(kept_columns.tolist())
     left_edge = kept_columns[kept_columns < 60].max() + 1
     assert {n for n in gap if n < 60} == set(range(left_edge - 12, left_edge))
-    assert plus(guard_seeds=False).judge(view(*person_before_a_wall())).seed_mask is None
+    assert plus(guard_seeds=False).judge(view(*person_before_a_wall())).seeds is None
 
 
 def test_detector_that_says_nothing_is_bridged_like_a_miss() -> None:

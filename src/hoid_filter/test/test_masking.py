@@ -20,11 +20,12 @@ def certainty() -> np.ndarray:
 
 
 def seen(column: int, num_with_depth: int, num_without: int = 0) -> View:
-    """A view with corners in one column."""
-    rows = range(num_with_depth + num_without)
+    """A view with corners in one column; first, those of the top row, which have no depth."""
+    rows = range(1, 1 + num_with_depth + num_without)
     depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
-    depth_m[num_with_depth:] = 0.0
-    return view(None, depth_m, tuple((column, y) for y in rows))
+    depth_m[0] = depth_m[1 + num_with_depth :] = 0.0
+    top_row = tuple((x, 0) for x in range(WIDTH))
+    return view(None, depth_m, top_row + tuple((column, y) for y in rows))
 
 
 @pytest.mark.parametrize(
@@ -38,20 +39,21 @@ def seen(column: int, num_with_depth: int, num_without: int = 0) -> View:
 def test_mask_gives_back_the_least_sure_first(column: int, step: int, kept: set[int]) -> None:
     masks = make_masks(certainty(), seen(column, 10), PlusConfig(), enough=10)
     assert masks.step == step
-    assert masks.keep is not None
-    columns = (PERSON_X, HANDLED_X, REMEMBERED_X, FREE_X)
-    assert {x for x in columns if masks.keep[60, x]} == kept
-    assert masks.seed is not None
-    assert not masks.seed.any()
+    assert masks.kept is not None
+    columns = {PERSON_X, HANDLED_X, REMEMBERED_X, FREE_X}
+    assert columns.intersection(masks.kept.tolist()) == kept
+    assert masks.static_area_px == HEIGHT * np.count_nonzero(masks.kept < WIDTH)
+    assert masks.seeds is not None
+    assert not masks.seeds.any()
 
 
 @pytest.mark.parametrize('guard_seeds', [True, False])
 def test_last_resort_tracks_everything_but_maps_nothing_of_it(guard_seeds: bool) -> None:
     plus = PlusConfig(guard_seeds=guard_seeds)
     masks = make_masks(certainty(), seen(PERSON_X, 10), plus, enough=10)
-    assert (masks.keep, masks.step) == (None, 3)
-    assert masks.seed is not None
-    assert not masks.seed[:, :140].any()
+    assert (masks.kept, masks.static_area_px, masks.step) == (None, HEIGHT * WIDTH, 3)
+    assert masks.seeds is not None
+    assert not masks.seeds[:140].any()
 
 
 def test_corners_without_depth_do_not_count() -> None:
@@ -62,10 +64,10 @@ def test_corners_without_depth_do_not_count() -> None:
 def test_without_the_fallback_the_mask_stays() -> None:
     masks = make_masks(certainty(), seen(FREE_X, 0), PlusConfig(fall_back=False), enough=10)
     assert masks.step == 0
-    assert masks.keep is not None
-    assert not masks.keep[:, :140].any()
+    assert masks.kept is not None
+    assert masks.kept.min() >= 140
 
 
 def test_nothing_moves_nothing_masked() -> None:
     masks = make_masks(np.zeros((30, 40), np.uint8), seen(FREE_X, 0), PlusConfig(), enough=10)
-    assert (masks.keep, masks.seed, masks.step) == (None, None, 0)
+    assert masks == (HEIGHT * WIDTH, None, None, 0)

@@ -8,17 +8,21 @@ from hoid_filter.config import FilterConfig
 from hoid_filter.registry import make_strategy
 from hoid_filter.scene import Verdict
 
-from .helpers import HEIGHT, WIDTH, BoxTuple, detections, view
+from .helpers import HEIGHT, WIDTH, BoxTuple, detections, picture_of, view
 
 S, P, H = Reason.STATIC, Reason.PERSON, Reason.HANDLED
 PERSON_BOX = (0.0, 0.0, 44.0, 120.0)
 
 
 def judge(
-    strategy: str, *rows: tuple[str, BoxTuple], depth_m: Float32Array | None = None, **values: Any
+    strategy: str,
+    *rows: tuple[str, BoxTuple],
+    depth_m: Float32Array | None = None,
+    corners_xy_px: tuple[tuple[int, int], ...] | None = None,
+    **values: Any,
 ) -> Verdict:
     config = FilterConfig(strategy=strategy, **values)
-    return make_strategy(config).judge(view(detections(*rows), depth_m, ((50, 50),)))
+    return make_strategy(config).judge(view(detections(*rows), depth_m, corners_xy_px))
 
 
 @pytest.mark.parametrize(
@@ -75,7 +79,7 @@ def test_3d_rule_takes_the_person_at_the_objects_depth() -> None:
 
 def test_descriptor_sees_a_person_within_the_window_of_a_key_point() -> None:
     rows = (('person', PERSON_BOX), ('cup', (48.0, 40.0, 70.0, 60.0)))  # key point at (50, 50)
-    assert judge('descriptor', *rows).reasons == (P, H)
+    assert judge('descriptor', *rows, corners_xy_px=((50, 50),)).reasons == (P, H)
     near = FilterConfig().updated({'strategy': 'descriptor', 'descriptor.window_px': 10})
     far = view(detections(*rows), corners_xy_px=((50, 50),))
     assert make_strategy(near).judge(far).reasons == (P, S)
@@ -88,15 +92,16 @@ def test_mask_covers_dynamic_boxes_to_the_pixel() -> None:
         ('cup', (25.0, 30.0, 35.5, 40.0)),
         ('tv', (100.0, 10.0, 120.0, 20.0)),
     )
-    expected = np.full((HEIGHT, WIDTH), 255, np.uint8)
-    expected[20:40, 10:30] = 0
-    expected[30:40, 25:36] = 0
-    assert verdict.keep_mask is not None
-    assert np.array_equal(verdict.keep_mask, expected)
+    expected = np.ones((HEIGHT, WIDTH), np.bool_)
+    expected[20:40, 10:30] = False
+    expected[30:40, 25:36] = False
+    assert np.array_equal(picture_of(verdict.kept), expected)
+    assert verdict.static_area_px == np.count_nonzero(expected)
 
 
 def test_nothing_detected_keeps_everything() -> None:
     for strategy in ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor'):
         verdict = judge(strategy)
-        assert verdict.keep_mask is None
+        assert verdict.kept is None
+        assert verdict.static_area_px == HEIGHT * WIDTH
         assert verdict.reasons == ()

@@ -4,6 +4,7 @@ Plain functions over numpy arrays; the library has a C interface and is loaded w
 it needs no Python headers and serves every Python version.
 """
 
+from hoid_native.boxes import boxes_holding, judge_boxes, outside_boxes, overlap_ratios
 from hoid_native.depths import sample_depths_m
 from hoid_native.geometry import Gates, Lens, adjust_bundle, optimize_pose
 from hoid_native.kernels import (
@@ -17,10 +18,14 @@ __all__ = [
     'Gates',
     'Lens',
     'adjust_bundle',
+    'boxes_holding',
     'fast_corners',
+    'judge_boxes',
     'match_along_segments',
     'match_by_projection',
     'optimize_pose',
     'orientations_deg',
+    'outside_boxes',
+    'overlap_ratios',
     'sample_depths_m',
 ]
