@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from typing import NamedTuple
 
 import cv2
@@ -11,10 +10,11 @@ import numpy as np
 
 from hoid_common.values import BoolArray, ByteArray, Float32Array, IntArray, Reason
 from hoid_filter.config import PlusConfig
-from hoid_filter.depth_regions import SHRINK, Box, DepthRegions, crop
+from hoid_filter.depth_regions import SHRINK, Box, cells
 from hoid_filter.interaction import Situation
 from hoid_filter.pyramid import Int32Array
 from hoid_filter.scene import View
+from hoid_native import cover_things
 
 _PATCH_MARGIN_PX = 8  # features this near see what moves in their patch
 _SAMPLE_STRIDES = (32, 8, 1)
@@ -119,31 +119,24 @@ def cover(
     plus: PlusConfig,
 ) -> ByteArray:
     """Return how sure it is that each pixel of the small image moves; 0 = static."""
-    certainty = np.zeros(small_depth_m.shape, np.uint8)
-    if all(reason is Reason.STATIC for reason in reasons):
-        return certainty
-    regions = DepthRegions(small_depth_m)
-    of_region = np.zeros(regions.num, np.uint8)
-    rows = zip(
-        situation.tracks,
-        reasons,
-        situation.boxes_xyxy_px.tolist(),
-        situation.depths_m.tolist(),
-        strict=True,
+    boxes, depths_m = situation.boxes_xyxy_px.tolist(), situation.depths_m
+    moving = [n for n, reason in enumerate(reasons) if reason is not Reason.STATIC]
+    if not moving:
+        return np.zeros(small_depth_m.shape, np.uint8)
+    seen = [reasons[n] is not Reason.PREDICTED for n in moving]
+    is_person = [situation.tracks[n].is_person for n in moving]
+    areas = [
+        cells(boxes[n] if sure else _grown(*boxes[n]), small_depth_m.shape)
+        for n, sure in zip(moving, seen, strict=True)
+    ]
+    return cover_things(
+        small_depth_m,
+        np.array(areas, np.int32),
+        depths_m[moving] if plus.keep_background else np.full(len(moving), np.nan),
+        np.where(is_person, plus.person_depth_m, plus.object_depth_m),
+        np.array([_CERTAINTY[reasons[n]] for n in moving], np.uint8),
+        np.array(seen, np.bool_),
     )
-    for track, reason, box, depth_m in rows:
-        if reason is Reason.STATIC:
-            continue
-        sure, value = reason is not Reason.PREDICTED, _CERTAINTY[reason]
-        area = crop(box if sure else _grown(*box), certainty.shape)
-        shown: BoolArray | bool = True
-        if plus.keep_background and not math.isnan(depth_m):
-            reach_m = plus.person_depth_m if track.is_person else plus.object_depth_m
-            own = regions.shown_in(area, depth_m, reach_m)
-            of_region[own] = np.maximum(of_region[own], value)
-            shown = regions.pixels_in(area, own, depth_m, reach_m, sure=sure)
-        np.maximum(certainty[area], value, out=certainty[area], where=shown)
-    return np.maximum(certainty, of_region[regions.labels])
 
 
 def _grown(x1: float, y1: float, x2: float, y2: float) -> Box:

@@ -13,12 +13,14 @@ from hoid_native.kernels import (
     match_by_projection,
     orientations_deg,
 )
+from hoid_native.regions import cover_things
 
 __all__ = [
     'Gates',
     'Lens',
     'adjust_bundle',
     'boxes_holding',
+    'cover_things',
     'fast_corners',
     'judge_boxes',
     'match_along_segments',
