@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import ByteArray, CameraModel, Features, FloatArray, IntArray, Trajectory
+from hoid_common.values import CameraModel, Features, FloatArray, IntArray, Trajectory
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.frame_poses import KeyframePoses
@@ -62,11 +62,7 @@ class RgbdSlam:
         self._T_odom_camera = np.eye(4)
         self._tallies = PointTallies(self._map.points)
 
-    def process(
-        self,
-        features: Features,
-        image_bgr: ByteArray | None = None,  # noqa: ARG002 - for rotation from the image
-    ) -> TrackingResult:
+    def process(self, features: Features) -> TrackingResult:
         """Track one frame, and map it when it shows something new."""
         start_s = time.thread_time()
         frame = Frame.from_features(features, self._model, self._camera)
