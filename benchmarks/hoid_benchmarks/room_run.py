@@ -58,7 +58,7 @@ def map_room(
 
     for frame in tqdm(sequence, f'{sequence.name} {config.filter.strategy}', unit=' frames'):
         filtered = judge.process(frame, detect(frame))
-        if slam.process(filtered.features, frame.image_bgr).T_map_camera is None:
+        if slam.process(filtered.features).T_map_camera is None:
             continue
         T_core_camera, reference_uid = slam.last_pose()
         pose = looks.pick(

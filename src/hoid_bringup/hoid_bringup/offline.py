@@ -17,7 +17,7 @@ from hoid_bringup.outputs import write_outputs
 from hoid_bringup.progress import progress
 from hoid_bringup.run_config import RunConfig
 from hoid_bringup.summary import FilterCounts, MapCounts, RunResult, Summary
-from hoid_common.values import FilterResult, RgbdFrame
+from hoid_common.values import DynamicObject, FilterResult, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.frame_poses import FramePoses, KeyframePoses
 from rgbd_slam.frames import RobotFrames
@@ -57,6 +57,7 @@ class OfflinePipeline:
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
         self.num_kept: list[int] = []  # features that the filter left, by frame
+        self.objects: tuple[DynamicObject, ...] = ()  # of the last frame, with the verdicts
 
     def load_map(self, path: Path, *, localize: bool) -> None:
         """Start with a saved map, and leave it as it is if so wanted.
@@ -78,7 +79,7 @@ class OfflinePipeline:
         detect_ms = _MS * (time.perf_counter() - start_s)
         filtered = self._filter.process(frame, detections)
         start_s = time.thread_time()
-        tracking = self._slam.process(filtered.features, frame.image_bgr)
+        tracking = self._slam.process(filtered.features)
         track_ms = _MS * (time.thread_time() - start_s)
         self._fuse(frame, filtered, tracking)
         self._count(filtered)
@@ -106,6 +107,7 @@ class OfflinePipeline:
     def _count(self, filtered: FilterResult) -> None:
         self.num_processed += 1
         self.num_kept.append(len(filtered.features))
+        self.objects = filtered.objects
         self._features_in += filtered.num_features_in
         self._features_removed += filtered.num_removed
         self._objects_dynamic += sum(item.is_dynamic for item in filtered.objects)
