@@ -51,8 +51,8 @@ class HoidPlus:
             return np.zeros(len(detections), np.bool_)
         large = areas_px2(detections.boxes_xyxy_px) > plus.doubt_area * image_area_px2
         weak = detections.scores < plus.doubt_score
-        doubtful: BoolArray = large & weak & (np.array(detections.class_names) == PERSON)
-        return doubtful
+        is_person = np.array([name == PERSON for name in detections.class_names], np.bool_)
+        return large & weak & is_person
 
     def _situation(self, view: View, small_depth_m: Float32Array) -> Situation:
         height, width = view.depth_m.shape

@@ -10,11 +10,11 @@ import numpy as np
 
 from hoid_common.values import BoolArray, ByteArray, Float32Array, IntArray, Reason
 from hoid_filter.config import PlusConfig
-from hoid_filter.depth_regions import SHRINK, Box, cells
+from hoid_filter.depth_regions import SHRINK, cells
 from hoid_filter.interaction import Situation
 from hoid_filter.pyramid import Int32Array
 from hoid_filter.scene import View
-from hoid_native import cover_things
+from hoid_native import cells_of, cover_things
 
 _PATCH_MARGIN_PX = 8  # features this near see what moves in their patch
 _SAMPLE_STRIDES = (32, 8, 1)
@@ -48,7 +48,7 @@ def make_masks(certainty: ByteArray, view: View, plus: PlusConfig, enough: float
     if not certainty.any():
         return Masks(size_px)
     grid = _grid(view.depth_m.shape, certainty.shape)
-    cells = grid.cells(view.corner_pixels)
+    cells = cells_of(view.corner_pixels, grid.rows, grid.columns)
     wide = _widen(certainty, _PATCH_MARGIN_PX)
     seeds = _free(_widen(wide, plus.seed_margin_px), cells) if plus.guard_seeds else None
     for step in range(max(_CERTAINTY.values())):
@@ -81,16 +81,9 @@ def _leaves(kept: IntArray, view: View, enough: float) -> bool:
 class _Grid(NamedTuple):
     """How the small image covers the full one, cell by cell."""
 
-    width_px: int  # of the full image
     rows: IntArray  # (H,) first cell of the row of cells at each row of pixels
     columns: IntArray  # (W,) column of cells at each column of pixels
     areas_px: Int32Array  # (h, w) of the cells
-
-    def cells(self, pixels: IntArray) -> IntArray:
-        """Return the (K,) cells of pixels, both as indices in the flat images."""
-        v = pixels // self.width_px
-        cells: IntArray = self.rows[v] + self.columns[pixels - v * self.width_px]
-        return cells
 
     def area_px(self, cells: ByteArray | BoolArray) -> int:
         """Return the area of the (h, w) cells that are not 0."""
@@ -102,7 +95,7 @@ def _grid(size_hw: tuple[int, int], small_hw: tuple[int, int]) -> _Grid:
     rows, columns = (_nearest(*sizes) for sizes in zip(size_hw, small_hw, strict=True))
     heights, widths = np.bincount(rows), np.bincount(columns)
     areas_px = np.outer(heights, widths).astype(np.int32)
-    return _Grid(size_hw[1], rows * small_hw[1], columns, areas_px)
+    return _Grid(rows * small_hw[1], columns, areas_px)
 
 
 def _nearest(size: int, small_size: int) -> IntArray:
@@ -119,29 +112,23 @@ def cover(
     plus: PlusConfig,
 ) -> ByteArray:
     """Return how sure it is that each pixel of the small image moves; 0 = static."""
-    boxes, depths_m = situation.boxes_xyxy_px.tolist(), situation.depths_m
     moving = [n for n, reason in enumerate(reasons) if reason is not Reason.STATIC]
     if not moving:
         return np.zeros(small_depth_m.shape, np.uint8)
-    seen = [reasons[n] is not Reason.PREDICTED for n in moving]
+    seen = np.array([reasons[n] is not Reason.PREDICTED for n in moving], np.bool_)
     is_person = [situation.tracks[n].is_person for n in moving]
-    areas = [
-        cells(boxes[n] if sure else _grown(*boxes[n]), small_depth_m.shape)
-        for n, sure in zip(moving, seen, strict=True)
-    ]
+    boxes = situation.boxes_xyxy_px[moving]
+    more = _COAST_MARGIN * (boxes[:, 2:] - boxes[:, :2]) * ~seen[:, None]
+    boxes[:, :2] -= more
+    boxes[:, 2:] += more
     return cover_things(
         small_depth_m,
-        np.array(areas, np.int32),
-        depths_m[moving] if plus.keep_background else np.full(len(moving), np.nan),
+        cells(boxes, small_depth_m.shape),
+        situation.depths_m[moving] if plus.keep_background else np.full(len(moving), np.nan),
         np.where(is_person, plus.person_depth_m, plus.object_depth_m),
         np.array([_CERTAINTY[reasons[n]] for n in moving], np.uint8),
-        np.array(seen, np.bool_),
+        seen,
     )
-
-
-def _grown(x1: float, y1: float, x2: float, y2: float) -> Box:
-    more_x, more_y = _COAST_MARGIN * (x2 - x1), _COAST_MARGIN * (y2 - y1)
-    return x1 - more_x, y1 - more_y, x2 + more_x, y2 + more_y
 
 
 def _widen(moves: ByteArray, margin_px: int) -> ByteArray:

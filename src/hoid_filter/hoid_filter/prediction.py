@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.values import Detections, IntArray
-from hoid_filter.overlap import intersections_over_union
+from hoid_native import intersections_over_union
 
 _MIN_IOU = 0.2  # of the same object in two detections in a row
 

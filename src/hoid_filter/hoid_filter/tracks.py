@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
+from itertools import count
 
 import numpy as np
 
 from hoid_common.values import PERSON, BoolArray, Detections, FloatArray
-from hoid_filter.overlap import areas_px2, clip_boxes, intersections_over_union
+from hoid_filter.overlap import areas_px2, clip_boxes
 from hoid_filter.prediction import match_greedily
+from hoid_native import intersections_over_union
 
 _MIN_IOU = 0.2  # of a predicted box and the detection of the same thing
 _MIN_IOU_DOUBTFUL = 0.5
@@ -27,11 +30,11 @@ class Track:
     track_id: int
     class_name: str
     score: float
-    box_xyxy_px: FloatArray  # (4,), as last detected
+    box_xyxy_px: list[float]  # as last detected
     seen_ns: int  # when last detected
     doubtful: bool = False  # not to be believed yet
     hits: int = 1
-    velocity_px_s: FloatArray = field(default_factory=lambda: np.zeros(4))
+    velocity_px_s: list[float] = field(default_factory=lambda: [0.0] * 4)  # of the box's edges
     torso_m: float = float('nan')  # depth of a person's torso
     handled: bool = False
     untouched_s: float = float('inf')  # time seen since it was last handled
@@ -42,13 +45,13 @@ class Track:
         return self.class_name == PERSON
 
     def observe(
-        self, box: FloatArray, expected: FloatArray, class_name: str, score: float, stamp_ns: int
+        self, box: list[float], expected: list[float], class_name: str, score: float, stamp_ns: int
     ) -> None:
         """Take in a detection of a thing whose box was expected elsewhere."""
         step_s = (stamp_ns - self.seen_ns) * _NS
         if step_s > 0:
-            step_px = _VELOCITY_GAIN * (box - expected)
-            self.velocity_px_s = self.velocity_px_s + step_px / step_s
+            edges = zip(self.velocity_px_s, box, expected, strict=True)
+            self.velocity_px_s = [v + _VELOCITY_GAIN * (b - e) / step_s for v, b, e in edges]
             self.untouched_s += step_s
         self.box_xyxy_px, self.seen_ns = box, stamp_ns
         self.class_name, self.score, self.hits = class_name, score, self.hits + 1
@@ -84,14 +87,15 @@ class BoxTracker:
         likeness = self._likeness(expected, detections, boxes)
         i, k = match_greedily(np.where(likeness >= least, likeness, 0.0), _MIN_IOU)
         names, scores = detections.class_names, detections.scores.tolist()
+        box_rows, expected_rows = boxes.tolist(), expected.tolist()
         for at_track, at in zip(i.tolist(), k.tolist(), strict=True):
             track = self._tracks[at_track]
-            track.observe(boxes[at], expected[at_track], names[at], scores[at], stamp_ns)
+            track.observe(box_rows[at], expected_rows[at_track], names[at], scores[at], stamp_ns)
             track.doubtful &= bool(doubtful[at]) and track.hits < self._patience.doubt_hits
         for at in sorted(set(range(len(names))) - set(k.tolist())):
             doubt = bool(doubtful[at])
             self._tracks.append(
-                Track(self._next_id, names[at], scores[at], boxes[at], stamp_ns, doubt)
+                Track(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, doubt)
             )
             self._next_id += 1
         # What is doubtful has to be seen again and again without a gap.
@@ -103,10 +107,11 @@ class BoxTracker:
         """Return the (T, N) overlaps of predicted and detected boxes of the same kind."""
         if not self._tracks or not len(boxes):
             return np.zeros((len(self._tracks), len(boxes)))
-        known = np.array([track.class_name for track in self._tracks])
-        seen = np.array(detections.class_names)
+        number = defaultdict(count(1).__next__, {PERSON: 0})  # of a class: quick to compare
+        known = np.array([number[track.class_name] for track in self._tracks])
+        seen = np.array([number[name] for name in detections.class_names])
         other_class = known[:, None] != seen
-        same_kind = (known == PERSON)[:, None] == (seen == PERSON)
+        same_kind = (known == 0)[:, None] == (seen == 0)
         iou = intersections_over_union(expected, boxes)
         return np.where(same_kind, iou - _OTHER_CLASS_PENALTY * other_class, 0.0)
 

@@ -4,7 +4,14 @@ Plain functions over numpy arrays; the library has a C interface and is loaded w
 it needs no Python headers and serves every Python version.
 """
 
-from hoid_native.boxes import boxes_holding, judge_boxes, outside_boxes, overlap_ratios
+from hoid_native.boxes import (
+    boxes_holding,
+    cells_of,
+    intersections_over_union,
+    judge_boxes,
+    outside_boxes,
+    overlap_ratios,
+)
 from hoid_native.depths import sample_depths_m
 from hoid_native.geometry import Gates, Lens, adjust_bundle, optimize_pose
 from hoid_native.kernels import (
@@ -20,8 +27,10 @@ __all__ = [
     'Lens',
     'adjust_bundle',
     'boxes_holding',
+    'cells_of',
     'cover_things',
     'fast_corners',
+    'intersections_over_union',
     'judge_boxes',
     'match_along_segments',
     'match_by_projection',

@@ -13,7 +13,9 @@ from hoid_native.library import declare
 PERSON, MAY_BE_HANDLED = 1, 2
 """Roles of boxes."""
 
-_overlap_ratios = declare('hoid_overlap_ratios', c_int32, c_void_p, c_int32, c_void_p, c_void_p)
+_PAIRS = (c_int32, c_void_p, c_int32, c_void_p, c_void_p)
+_overlap_ratios = declare('hoid_overlap_ratios', *_PAIRS)
+_intersections_over_union = declare('hoid_intersections_over_union', *_PAIRS)
 _judge_boxes = declare(
     'hoid_judge_boxes',
     c_void_p,
@@ -23,6 +25,7 @@ _judge_boxes = declare(
     *[c_double] * 2,
     *[c_void_p] * 2,
 )
+_cells_of = declare('hoid_cells_of', c_int32, *[c_void_p] * 2, c_int32, *[c_void_p] * 2)
 _outside_boxes = declare('hoid_outside_boxes', *[c_int32] * 3, c_void_p, c_int32, *[c_void_p] * 3)
 _boxes_holding = declare(
     'hoid_boxes_holding', *[c_int32] * 3, c_void_p, c_int32, c_void_p, c_void_p
@@ -41,12 +44,23 @@ def overlap_ratios(
         others_xyxy_px: (M, 4), finite.
 
     """
+    return _of_pairs(_overlap_ratios, boxes_xyxy_px, others_xyxy_px)
+
+
+def intersections_over_union(
+    boxes_xyxy_px: NDArray[Any], others_xyxy_px: NDArray[Any]
+) -> NDArray[np.float64]:
+    """Return the (N, M) ratios in [0, 1] of shared area to joint area; see `overlap_ratios`."""
+    return _of_pairs(_intersections_over_union, boxes_xyxy_px, others_xyxy_px)
+
+
+def _of_pairs(
+    kernel: Any, boxes_xyxy_px: NDArray[Any], others_xyxy_px: NDArray[Any]
+) -> NDArray[np.float64]:
     boxes = np.ascontiguousarray(boxes_xyxy_px, np.float64)
     others = np.ascontiguousarray(others_xyxy_px, np.float64)
     out = np.empty((len(boxes), len(others)))
-    _overlap_ratios(
-        len(boxes), boxes.ctypes.data, len(others), others.ctypes.data, out.ctypes.data
-    )
+    kernel(len(boxes), boxes.ctypes.data, len(others), others.ctypes.data, out.ctypes.data)
     return out
 
 
@@ -141,5 +155,29 @@ def boxes_holding(
     out = np.empty(len(boxes), np.bool_)
     _boxes_holding(
         width, height, len(boxes), boxes.ctypes.data, len(flat), flat.ctypes.data, out.ctypes.data
+    )
+    return out
+
+
+def cells_of(
+    pixels: NDArray[np.int64], rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return rows[v] + columns[u] for each (u, v) of K pixels.
+
+    Args:
+        pixels: (K,) indices in the flat (H, W) image.
+        rows: (H,).
+        columns: (W,).
+
+    """
+    flat = np.ascontiguousarray(pixels, np.int64)
+    out = np.empty(len(flat), np.int64)
+    _cells_of(
+        len(columns),
+        rows.ctypes.data,
+        columns.ctypes.data,
+        len(flat),
+        flat.ctypes.data,
+        out.ctypes.data,
     )
     return out

@@ -106,6 +106,21 @@ extern "C" void hoid_overlap_ratios(
   }
 }
 
+// Write the (count, count_others) ratios of shared area to joint area; 0 without area.
+extern "C" void hoid_intersections_over_union(
+  int32_t count, const double* boxes, int32_t count_others, const double* others, double* ratio_out)
+{
+  for (int n = 0; n < count; ++n) {
+    const double* box = boxes + 4 * static_cast<std::ptrdiff_t>(n);
+    const double own = area(box);
+    for (int m = 0; m < count_others; ++m) {
+      const double* other = others + 4 * static_cast<std::ptrdiff_t>(m);
+      const double shared = shared_area(box, other), joint = own + area(other) - shared;
+      *ratio_out++ = joint > 0 ? shared / joint : 0.0;
+    }
+  }
+}
+
 // Judge boxes by the rules of the HOID paper; each is a person (role 1), may be handled (2), or neither (0).
 //
 // A person handles an object of which it covers more than `min_share`, or which it touches by (count, M) flags
@@ -177,5 +192,18 @@ extern "C" void hoid_boxes_holding(
   }
   for (int n = 0; n < count; ++n) {
     holds_out[n] = static_cast<uint8_t>(present.any_in(boxes + 4 * static_cast<std::ptrdiff_t>(n)));
+  }
+}
+
+// Write, for pixels given as indices in a flat image of some width, rows[v] + columns[u].
+extern "C" void hoid_cells_of(
+  int32_t width, const int64_t* rows, const int64_t* columns, int32_t num_pixels, const int64_t* pixels,
+  int64_t* cell_out)
+{
+  const double per_width = 1.0 / width;
+  for (int k = 0; k < num_pixels; ++k) {
+    // Half a pixel from every border of rows, which is more than the error of the product; faster than a division.
+    const auto v = static_cast<int64_t>((static_cast<double>(pixels[k]) + 0.5) * per_width);
+    cell_out[k] = rows[v] + columns[pixels[k] - v * width];
   }
 }

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hoid_native import boxes_holding, judge_boxes, outside_boxes, overlap_ratios, sample_depths_m
+from hoid_native import (
+    boxes_holding,
+    cells_of,
+    intersections_over_union,
+    judge_boxes,
+    outside_boxes,
+    overlap_ratios,
+    sample_depths_m,
+)
 from hoid_native.boxes import MAY_BE_HANDLED, PERSON, Judged
 
 HEIGHT, WIDTH, SIDE_PX = 90, 130, 10
@@ -116,3 +124,27 @@ def test_boxes_holding_a_pixel() -> None:
         x1, y1, x2, y2 = boxes.T[:, :, None]
         inside = (u >= x1) & (u < x2) & (v >= y1) & (v < y2)
         np.testing.assert_array_equal(boxes_holding(pixels, boxes, SHAPE_HW), inside.any(axis=1))
+
+
+def test_ratios_are_the_plain_ones_for_boxes_without_area_too() -> None:
+    boxes, others = crowd(0, 30), crowd(1, 20)
+    boxes[5, 2] = boxes[5, 0]
+    others[7] = boxes[5]
+    sides = np.minimum(boxes[:, None, 2:], others[:, 2:])
+    sides = np.maximum(sides - np.maximum(boxes[:, None, :2], others[:, :2]), 0.0)
+    shared = sides[..., 0] * sides[..., 1]
+    own, other = ((b[:, 2] - b[:, 0]) * (b[:, 3] - b[:, 1]) for b in (boxes, others))
+    zero = np.zeros_like(shared)
+    share = np.divide(shared, own[:, None], out=zero.copy(), where=own[:, None] > 0)
+    np.testing.assert_array_equal(overlap_ratios(boxes, others), share)
+    joint = own[:, None] + other - shared
+    iou = np.divide(shared, joint, out=zero.copy(), where=joint > 0)
+    np.testing.assert_array_equal(intersections_over_union(boxes, others), iou)
+
+
+@pytest.mark.parametrize('width', [1, 3, 130, 641, 4096])
+def test_cells_of_every_pixel(width: int) -> None:
+    rng = np.random.default_rng(0)
+    rows, columns = rng.integers(0, 99, 40), rng.integers(0, 99, width)
+    expected = (rows[:, None] + columns).ravel()
+    assert np.array_equal(cells_of(np.arange(40 * width), rows, columns), expected)
