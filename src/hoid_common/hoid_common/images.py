@@ -26,6 +26,7 @@ COMPRESSED_DEPTH_FORMAT = '16UC1; compressedDepth png'
 _COMPRESSED_DEPTH_HEADER = struct.Struct(
     '<iff'
 )  # format, and two quantisation terms of inverse depth
+_INF_BITS = np.float32(np.inf).view(np.uint32)
 _TO_BGR = {
     'bgr8': None,
     '8UC3': None,
@@ -69,7 +70,10 @@ def decode_color(image: RawImage) -> ByteArray:
 
 
 def decode_depth(image: RawImage) -> Float32Array:
-    """Return (H, W) metres of a 16UC1 (mm) or 32FC1 (m) image; NaN, inf and negative become 0."""
+    """Return (H, W) metres of a 16UC1 (mm) or 32FC1 (m) image; NaN, inf and negative become 0.
+
+    They share the message's memory when nothing is to be changed.
+    """
     if image.encoding not in _DEPTH_TYPES:
         raise MessageError(
             f'depth image has encoding "{image.encoding}"; use 16UC1 (mm) or 32FC1 (m)'
@@ -166,8 +170,11 @@ def _metres(depth: NDArray[Any]) -> Float32Array:
     if depth.dtype == np.uint16:
         metres: Float32Array = np.divide(depth, np.float32(MM_PER_M), dtype=np.float32)
         return metres
-    usable = (depth > 0) & (depth < np.inf)  # False for NaN
-    return cast('Float32Array', depth if usable.all() else np.where(usable, depth, np.float32(0)))
+    # The bits of floats, as whole numbers: positive ones in order, above them inf, NaN, negatives.
+    bits = depth.view(np.uint32)
+    if bits.max() < _INF_BITS:
+        return cast('Float32Array', depth)
+    return (bits * (bits < _INF_BITS)).view(np.float32)
 
 
 def _imdecode(data: Buffer, flags: int, what: str) -> NDArray[Any]:

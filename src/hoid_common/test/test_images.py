@@ -73,6 +73,18 @@ def test_unusable_metres_become_no_reading(bigendian: bool) -> None:
     assert depth_m.dtype.isnative
 
 
+@given(arrays(np.float32, (3, 5), elements=st.floats(width=32)))
+def test_metres_are_kept_where_they_are_a_distance(depth: NDArray[np.float32]) -> None:
+    depth_m = images.decode_depth(message(depth, '32FC1'))
+    expected = np.where((depth > 0) & (depth < np.inf), depth, np.float32(0))
+    assert depth_m.tobytes() == expected.tobytes()
+
+
+def test_metres_that_need_no_change_are_not_copied() -> None:
+    image = message(np.array([[1.5, 0.0, 2.0]], np.float32), '32FC1')
+    assert np.shares_memory(images.decode_depth(image), np.frombuffer(image.data, np.uint8))
+
+
 def with_fields(**fields: Any) -> SimpleNamespace:
     return SimpleNamespace(**(vars(message(COLOR, 'bgr8')) | fields))
 
