@@ -5,20 +5,28 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 
 namespace {
 
 constexpr int kRadius = 15;
+constexpr int kRows = 2 * kRadius + 1;
+constexpr int kColumns = kRows + 1;  // the last one pads to whole vectors
 
-// Half widths of the rows of a disc of radius 15.5: the same when rows and columns are swapped.
-struct Disc
+// What each pixel of a square counts for in the moments; 0 outside the disc of radius 15.5.
+struct Weights
 {
-  int half_width[kRadius + 1];
+  int16_t x[kRows * kColumns] = {}, y[kRows * kColumns] = {};
 
-  Disc()
+  Weights()
   {
-    for (int v = 0; v <= kRadius; ++v) {
-      half_width[v] = static_cast<int>(std::sqrt((kRadius + 0.5) * (kRadius + 0.5) - v * v));
+    for (int v = -kRadius; v <= kRadius; ++v) {
+      const int half = static_cast<int>(std::sqrt((kRadius + 0.5) * (kRadius + 0.5) - v * v));
+      for (int u = -half; u <= half; ++u) {
+        const int at = (v + kRadius) * kColumns + u + kRadius;
+        x[at] = static_cast<int16_t>(u);
+        y[at] = static_cast<int16_t>(v);
+      }
     }
   }
 };
@@ -30,20 +38,18 @@ extern "C" void hoid_orientations(
   const uint8_t* image, int32_t stride, int32_t count, const int32_t* x, const int32_t* y,
   float* angle_deg_out)
 {
-  static const Disc disc;
+  static const Weights weights;
+  uint8_t patch[kRows * kColumns] = {};
   for (int k = 0; k < count; ++k) {
-    const uint8_t* center = image + static_cast<std::ptrdiff_t>(y[k]) * stride + x[k];
+    const uint8_t* corner = image + static_cast<std::ptrdiff_t>(y[k] - kRadius) * stride + x[k] - kRadius;
+    for (int row = 0; row < kRows; ++row) {
+      std::memcpy(patch + row * kColumns, corner + static_cast<std::ptrdiff_t>(row) * stride, kRows);
+    }
     int moment_x = 0, moment_y = 0;
-    for (int v = -kRadius; v <= kRadius; ++v) {
-      const int half = disc.half_width[v < 0 ? -v : v];
-      const uint8_t* row = center + static_cast<std::ptrdiff_t>(v) * stride;
-      int sum = 0, weighted = 0;
-      for (int u = -half; u <= half; ++u) {
-        sum += row[u];
-        weighted += u * row[u];
-      }
-      moment_x += weighted;
-      moment_y += v * sum;
+    for (int at = 0; at < kRows * kColumns; ++at) {
+      const auto pixel = static_cast<int16_t>(patch[at]);
+      moment_x += pixel * weights.x[at];
+      moment_y += pixel * weights.y[at];
     }
     constexpr double kDegrees = 180.0 / 3.14159265358979323846;
     const double angle = std::atan2(moment_y, moment_x) * kDegrees;
