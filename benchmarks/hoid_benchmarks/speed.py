@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from hoid_bags.sequence import Sequence, open_sequence
@@ -64,6 +65,7 @@ def _time_track(sequence: Sequence) -> Rows:
 
 def _time_filter(sequence: Sequence) -> Rows:
     """Time extraction and, per strategy, boxes to kept features; thread CPU time."""
+    cv2.setNumThreads(1)  # what other threads do would not be counted
     for strategy in _STRATEGIES:
         config = replace(FilterConfig(), strategy=strategy)
         stage = FeatureFilter(config, sequence.camera)

@@ -69,11 +69,11 @@ class OrbExtractor:
             kept: indices, ascending, of the corners there; None for all.
             static_area_px: of the image.
         """
-        everything = np.arange(len(corners))
-        if kept is None or self._config.refill:
-            return self._spread(corners, everything if kept is None else kept, static_area_px)
-        whole = self._spread(corners, everything, corners.pyramid.levels[0].size)
-        return np.intersect1d(whole, kept, assume_unique=True)
+        if kept is not None and self._config.refill:
+            return self._spread(corners, kept, static_area_px)
+        everything, size_px = np.arange(len(corners)), corners.pyramid.levels[0].size
+        chosen = self._spread(corners, everything, size_px)
+        return chosen if kept is None else np.intersect1d(chosen, kept, assume_unique=True)
 
     def _spread(self, corners: Corners, among: IntArray, area_px: int) -> IntArray:
         kept = spread_evenly(
