@@ -49,11 +49,11 @@ def judge_interactions(situation: Situation, config: FilterConfig) -> Interactio
     is_person = situation.is_person
     candidate = _flags(config.may_be_handled(track.class_name) for track in tracks)
     overlap = overlap_ratios(situation.boxes_xyxy_px, situation.boxes_xyxy_px)
-    gap_m = np.abs(situation.depths_m[:, None] - situation.depths_m)
+    behind_m = situation.depths_m[:, None] - situation.depths_m
+    gap_m = np.abs(behind_m)
     limit = np.full(num, config.min_interaction_area)
     if plus.remember:
         limit[_flags(track.handled for track in tracks)] = plus.release_area
-    behind_m = situation.depths_m[:, None] - situation.depths_m
     near = ~((behind_m > config.depth_limit_m) | (behind_m < -plus.reach_m))
     touches = (overlap > limit[:, None]) & near & candidate[:, None]
     handled = np.asarray((touches & is_person).any(axis=1))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from hoid_common.values import (
     BoolArray,
@@ -15,8 +14,7 @@ from hoid_common.values import (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class View:
+class View(NamedTuple):
     """One image as a strategy gets it."""
 
     stamp_ns: int
@@ -25,8 +23,7 @@ class View:
     corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(NamedTuple):
     """One image with the boxes brought to its stamp."""
 
     view: View
@@ -34,8 +31,7 @@ class Scene:
     detected: bool  # False: the boxes are predicted, the detector said nothing about this image
 
 
-@dataclass(frozen=True, eq=False)
-class Verdict:
+class Verdict(NamedTuple):
     """Which of N objects are dynamic, and which of the view's K corners are not on one.
 
     Corners are marked instead of pixels: a mask of full size takes longer than all the rest.
