@@ -16,6 +16,7 @@ _LAYER = np.ones(_LAYER_BINS, np.int64)
 _NEARER_SHARE = 0.6  # of the largest layer: a nearer one that large is the person
 _MIDDLE = (0.2, 0.1, 0.8, 0.9)  # part of a box that mostly shows the person: x1 y1 x2 y2
 _STEP_M = 0.5  # a torso's depth changes by less from image to image
+_KEPT_SHARE = 0.3  # of the readings: with fewer near the known depth, that was the background's
 
 
 def torso_depth_m(
@@ -33,9 +34,10 @@ def torso_depth_m(
     middle = (x1 + left * width, y1 + top * height, x1 + right * width, y1 + bottom * height)
     readings = small_depth_m[crop(middle, small_depth_m.shape)].ravel()
     usable = (readings > 0) & (readings < _FARTHEST_M)
-    if not math.isnan(known_m):
-        usable &= np.abs(readings - known_m) < _STEP_M
     readings = readings[usable]
+    if not math.isnan(known_m):
+        near = readings[np.abs(readings - known_m) < _STEP_M]
+        readings = near if len(near) > _KEPT_SHARE * len(readings) else readings
     if len(readings) == 0:
         return math.nan
     bins = (readings / _BIN_M).astype(np.int64)
