@@ -104,6 +104,8 @@ def _check_observations(state: MapState) -> None:
     _require((np.abs(ray).max(axis=1) > _NEAREST_M).all(), 'a point lies in the camera')
     map_id = state.map_id[state.reference]
     _require((map_id[point] == state.map_id[keyframe]).all(), 'two maps share a point')
+    of_reference = point[keyframe == state.reference[point]]
+    _require(len(of_reference) == count, 'a point is not seen by its reference')
 
 
 def _check_points(state: MapState) -> None:

@@ -82,9 +82,7 @@ def snapshot(slam_map: SlamMap) -> MapState:
     row_of_point[j] = np.arange(len(j))
     point = row_of_point[_joined(keyframes.point_of_feature, features)]
     reference = _rows_of(keyframes.uid[i], points.reference_keyframe_uid[j])
-    if (reference == NONE).any():  # it was removed, and the point was not refreshed since
-        observer = _any_observers(np.repeat(np.arange(len(i)), num_features), point, len(j))
-        reference = np.where(reference == NONE, observer, reference)
+    reference = _that_see(reference, np.repeat(np.arange(len(i)), num_features), point)
     _, map_id = np.unique(keyframes.map_id[i], return_inverse=True)
     return MapState.of(
         {
@@ -199,11 +197,17 @@ def shared_points(state: MapState) -> NDArray[np.int32]:
     return shared
 
 
-def _any_observers(keyframe: IntArray, point: IntArray, count: int) -> IntArray:
-    """Return (count,) a keyframe that sees each point, for observations (F,), (F,)."""
-    out = np.full(count, NONE, np.int64)
-    out[point[point != NONE]] = keyframe[point != NONE]
-    return out
+def _that_see(reference: IntArray, keyframe: IntArray, point: IntArray) -> IntArray:
+    """Return the keyframe of each point, (P,), or another that sees it, where that one does not.
+
+    Removed, or no longer seeing the point, it stands in the map until the point is refreshed.
+    """
+    keyframe, point = keyframe[point != NONE], point[point != NONE]
+    sees = np.zeros(len(reference), np.bool_)
+    sees[point[keyframe == reference[point]]] = True
+    other = np.empty_like(reference)
+    other[point] = keyframe
+    return np.where(sees, reference, other)
 
 
 def _feature_rows(state: MapState) -> IntArray:

@@ -87,6 +87,21 @@ def test_a_map_that_lost_keyframes_and_points_is_saved_whole() -> None:
     assert snapshot(copy).digest() == snapshot(running).digest()
 
 
+def test_a_point_whose_reference_has_lost_it_is_saved_with_another() -> None:
+    slam_map = ring()
+    seen = slam_map.observations_of(slam_map.points.indices())
+    shared = np.flatnonzero(slam_map.points.num_observations[seen.j] > 1)
+    is_reference = slam_map.keyframes.uid[seen.i] == slam_map.points.reference_keyframe_uid[seen.j]
+    n = shared[is_reference[shared]][0]
+    slam_map.unobserve(int(seen.i[n]), seen.k[n : n + 1])
+    state = snapshot(slam_map)
+    sees = state.keyframe == state.reference[state.point]
+    assert np.isin(np.arange(len(state.position_m)), state.point[sees]).all()
+    again = new_map()
+    restore(again, state, CAMERA, keep=False)
+    assert snapshot(again).digest() == state.digest()
+
+
 def test_restoring_replaces_the_running_map() -> None:
     state, running = snapshot(ring(5)), ring(8)
     gone = running.keyframes.uid[running.keyframes.indices()]

@@ -171,6 +171,14 @@ def changed(name: str, row: Any, value: Any) -> MapState:
     return replace(state, **{name: array})
 
 
+def blind() -> MapState:
+    """Return a map with a point whose reference is a keyframe that does not see it."""
+    state = content().map
+    j = int(state.point[state.point >= 0][0])
+    stranger = np.setdiff1d(np.arange(len(state)), state.keyframe[state.point == j])[0]
+    return changed('reference', j, stranger)
+
+
 def unseen() -> MapState:
     state = content().map
     return replace(state, point=np.where(state.point == 5, -1, state.point).astype(np.int32))
@@ -217,6 +225,7 @@ MAPS: dict[str, tuple[str, Callable[[], MapState]]] = {
     'NaN point': ('point is out of range', lambda: changed('position_m', (4, 2), NAN)),
     'point in the camera': ('lies in the camera', at_camera),
     'reference outside': ('reference', lambda: changed('reference', 4, 10**6)),
+    'blind reference': ('not seen by its reference', blind),
     'negative found': ('count', lambda: changed('num_found', 4, -1)),
     'huge visible': ('count', lambda: changed('num_visible', 4, 2**60)),
 }  # fmt: skip
