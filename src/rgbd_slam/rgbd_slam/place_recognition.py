@@ -24,6 +24,7 @@ _REMOVED = -1
 _HASH_SEED = 12345  # the choice of bits is part of the method, not of a run
 _MERGE_SHARE = 0.25  # of the large segment that the small one may reach
 _ROW_BITS = np.uint64(32)
+_BLOCK = 256  # descriptors
 
 KeyArray = NDArray[np.uint64]
 
@@ -47,7 +48,9 @@ class PlaceIndex:
         self._config = config
         rng = np.random.default_rng(_HASH_SEED)
         orders = [rng.permutation(8 * DESCRIPTOR_BYTES) for _ in range(config.num_tables)]
-        self._bits = np.stack(orders)[:, : config.key_bits]  # (T, B)
+        self._weights = np.zeros((8 * DESCRIPTOR_BYTES, config.num_tables))  # of a bit in a key
+        for t, order in enumerate(orders):
+            self._weights[order[: config.key_bits], t] = 2.0 ** np.arange(config.key_bits)
         self.clear()
 
     def clear(self) -> None:
@@ -56,7 +59,7 @@ class PlaceIndex:
         self._pending: list[tuple[int, ByteArray]] = []
         self._pool: ByteArray = np.empty((0, DESCRIPTOR_BYTES), np.uint8)  # (M, 32)
         self._uid: IntArray = np.empty(0, np.int64)  # (M,) keyframe of each, or _REMOVED
-        self._large: KeyArray = np.empty((len(self._bits), 0), np.uint64)
+        self._large: KeyArray = np.empty((self._config.num_tables, 0), np.uint64)
         self._small = self._large
 
     def __len__(self) -> int:
@@ -110,11 +113,12 @@ class PlaceIndex:
 
     def _keys(self, descriptors: ByteArray) -> KeyArray:
         """Return (T, N) keys, already shifted above the bits of the pool row."""
-        bits = np.unpackbits(descriptors, axis=1).T[self._bits]  # (T, B, N)
-        packed = np.packbits(bits, axis=1, bitorder='little').astype(np.uint64)
-        shifts = _ROW_BITS + 8 * np.arange(packed.shape[1], dtype=np.uint64)
-        keys: KeyArray = (packed << shifts[:, None]).sum(1)
-        return keys
+        keys = np.empty((self._config.num_tables, len(descriptors)), np.uint64)
+        for start in range(0, len(descriptors), _BLOCK):  # what fits into the cache
+            part = slice(start, start + _BLOCK)
+            bits = np.unpackbits(descriptors[part], axis=1).astype(np.float64)
+            keys[:, part] = (bits @ self._weights).T
+        return keys << _ROW_BITS
 
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
         """Return (C,) queries and (C,) pool rows under one key, but for too common keys."""
@@ -131,23 +135,29 @@ class PlaceIndex:
         return query, (found & np.uint64(0xFFFFFFFF)).astype(np.int64)
 
     def _take_pending(self) -> None:
+        """Put what is new into the small segment, or all anew into the large one."""
         if not self._pending:
             return
         sizes = [len(descriptors) for _, descriptors in self._pending]
-        descriptors = np.concatenate([descriptors for _, descriptors in self._pending])
-        rows = np.arange(len(self._uid), len(self._uid) + len(descriptors), dtype=np.uint64)
+        new = np.concatenate([descriptors for _, descriptors in self._pending])
+        first = len(self._uid)
         self._uid = np.concatenate([self._uid, np.repeat([u for u, _ in self._pending], sizes)])
-        self._pool = np.concatenate([self._pool, descriptors])
+        self._pool = np.concatenate([self._pool, new])
         self._pending = []
-        new = self._keys(descriptors) | rows
-        self._small = np.sort(np.concatenate([self._small, new], axis=1))
-        if self._small.shape[1] > _MERGE_SHARE * self._large.shape[1]:
+        if self._small.shape[1] + len(new) > _MERGE_SHARE * self._large.shape[1]:
             self._merge()
+        else:
+            fresh = self._sorted_segment(new, first)
+            self._small = np.sort(np.concatenate([self._small, fresh], axis=1), kind='stable')
 
     def _merge(self) -> None:
         """Join the segments and drop what was removed."""
         kept = np.flatnonzero(self._uid != _REMOVED)
         self._pool, self._uid = self._pool[kept], self._uid[kept]
-        rows = np.arange(len(kept), dtype=np.uint64)
-        self._large = np.sort(self._keys(self._pool) | rows)
+        self._large = self._sorted_segment(self._pool, 0)
         self._small = self._large[:, :0]
+
+    def _sorted_segment(self, descriptors: ByteArray, first: int) -> KeyArray:
+        """Return the (T, N) segment of descriptors in the pool rows from `first` on."""
+        rows = np.arange(first, first + len(descriptors), dtype=np.uint64)
+        return np.sort(self._keys(descriptors) | rows, axis=1)

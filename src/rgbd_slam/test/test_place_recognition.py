@@ -85,3 +85,15 @@ def test_more_features_than_the_limit_are_thinned_evenly() -> None:
     place = _descriptors(0, 1000)
     index.add(1, place)
     assert index.query(place).votes.tolist() == [100]
+
+
+def test_keyframes_added_at_once_are_found_as_those_added_one_by_one() -> None:
+    at_once, one_by_one = _index_of(40), PlaceIndex(IndexConfig())
+    for uid in range(40):
+        one_by_one.add(uid, _descriptors(uid))
+        one_by_one.query(_descriptors(uid))
+    for uid in (0, 21, 39):
+        seen = _seen_again(_descriptors(uid), seed=2)
+        expected, found = at_once.query(seen), one_by_one.query(seen)
+        np.testing.assert_array_equal(found.uids, expected.uids)
+        np.testing.assert_array_equal(found.votes, expected.votes)
