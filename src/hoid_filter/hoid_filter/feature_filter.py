@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections import Counter
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -24,6 +25,14 @@ from hoid_filter.pyramid import Corners
 from hoid_filter.registry import make_strategy
 from hoid_filter.sanitize import sanitize
 from hoid_filter.scene import Verdict, View
+
+
+class Looked(NamedTuple):
+    """An image and its corners, which need no detections: they are found while these are made."""
+
+    frame: RgbdFrame
+    corners: Corners
+    took_s: float
 
 
 class FeatureFilter:
@@ -53,10 +62,21 @@ class FeatureFilter:
                 said nothing (which is not the same as seeing nothing).
             for_picture: also report where the features were that the verdict removed.
         """
-        check_sizes(frame)
+        return self.decide(self.look(frame), detections, for_picture=for_picture)
+
+    def look(self, frame: RgbdFrame) -> Looked:
+        """Find the corners of an image; raises MessageError when its two images differ in size."""
+        _check_sizes(frame)
         start = time.thread_time()
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
         corners = self._extractor.detect(np.asarray(gray, np.uint8))
+        return Looked(frame, corners, time.thread_time() - start)
+
+    def decide(
+        self, looked: Looked, detections: Detections | None, *, for_picture: bool = False
+    ) -> FilterResult:
+        """Return what `process` does, of images in order of time."""
+        frame, corners, looked_s = looked
         found = time.thread_time()
         verdict = self._judge(frame, detections, corners)
         self.counters['frames with too few static features'] += verdict.fallback_step > 0
@@ -73,7 +93,7 @@ class FeatureFilter:
             num_features_in=len(corners),
             num_removed=0 if verdict.kept is None else len(corners) - len(verdict.kept),
             stage_ms={
-                'extract': (found - start + done - judged) * 1e3,
+                'extract': (looked_s + done - judged) * 1e3,
                 'filter': (judged - found) * 1e3,
             },
         )
@@ -122,7 +142,7 @@ class FeatureFilter:
         return tuple(DynamicObject(*row) for row in rows)
 
 
-def check_sizes(frame: RgbdFrame) -> None:
+def _check_sizes(frame: RgbdFrame) -> None:
     """Raise MessageError when colour and depth are not of one size."""
     if frame.image_bgr.shape[:2] != frame.depth_m.shape:
         raise MessageError(

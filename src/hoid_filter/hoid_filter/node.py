@@ -28,7 +28,7 @@ from hoid_common.values import FilterResult, RgbdFrame
 from hoid_filter.config import FilterConfig
 from hoid_filter.detection_gate import STOP, DetectionGate, GateConfig, Ready
 from hoid_filter.drawing import draw_result
-from hoid_filter.feature_filter import FeatureFilter, check_sizes
+from hoid_filter.feature_filter import FeatureFilter, Looked
 
 _SILENCE_S = 0.05  # without images and detections, each of which looks at what waits
 _LOST = 'detector lost'
@@ -47,7 +47,7 @@ class NodeConfig(FilterConfig):
 
 class _Image(NamedTuple):
     header: Header
-    frame: RgbdFrame
+    looked: Looked
     size_px: tuple[int, int]  # width, height
 
 
@@ -86,9 +86,9 @@ class FilterNode(Node):
         color, depth = match.values
         pixels = conversions.color_from_msg(color), conversions.depth_from_msg(depth)
         frame = RgbdFrame(conversions.stamp_from_msg(color.header.stamp), *pixels)
-        check_sizes(frame)
+        looked = self._filter.look(frame)
         self._size_px = (frame.depth_m.shape[1], frame.depth_m.shape[0])
-        image = _Image(color.header, frame, self._size_px)
+        image = _Image(color.header, looked, self._size_px)
         if self._settings.config.strategy == 'none':
             self._process([Ready(image, None)])
         else:
@@ -123,10 +123,10 @@ class FilterNode(Node):
     def _process(self, ready: list[Ready[_Image]]) -> None:
         for image, detections in ready:
             watched = self._debug_images.is_watched
-            result = self._filter.process(image.frame, detections, for_picture=watched)
+            result = self._filter.decide(image.looked, detections, for_picture=watched)
             self._publish(image.header, image.size_px, result)
             if watched:
-                picture = draw_result(image.frame.image_bgr, result)
+                picture = draw_result(image.looked.frame.image_bgr, result)
                 self._debug_images.publish(picture, image.header)
 
     def _publish(self, header: Header, size_px: tuple[int, int], result: FilterResult) -> None:
