@@ -23,6 +23,7 @@ _VALUES = {
         ('verdicts.found_share', 'handled objects removed'),
         ('verdicts.spared_share', 'objects passed in front of that are kept'),
         ('verdicts.balanced', 'mean of both'),
+        ('ate_rmse_m', 'ATE RMSE [m]'),
     ),
     'cost': (('stage_ms.frame.median', 'time per frame [ms]'), ('peak_rss_mb', 'memory [MB]')),
 }

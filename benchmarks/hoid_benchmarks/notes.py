@@ -11,7 +11,6 @@ from hoid_benchmarks.results import Result, key_value, spread
 from hoid_benchmarks.views import grouped, setting_of
 
 _ATE = key_value('ate_rmse_m')
-_VERDICTS = ('balanced', 'found_share', 'spared_share')
 _MIN_VALUES = 3  # fewer make no curve
 
 
@@ -22,9 +21,13 @@ def curve_note(experiment: Experiment, results: Sequence[Result]) -> str:
     is, on (geometric) average: metres cannot be averaged over easy and hard sequences.
     """
     if experiment.view == 'verdicts':
-        return _verdict_note(experiment, results)
+        return f'{_verdict_note(experiment, results)} {_ate_note(experiment, results)}'.strip()
     if experiment.view != 'curve' or '.' not in experiment.varied:
         return ''
+    return _ate_note(experiment, results)
+
+
+def _ate_note(experiment: Experiment, results: Sequence[Result]) -> str:
     curves = _curves(experiment, [r for r in results if r.ok])
     values = sorted({x for curve in curves.values() for x in curve})
     if len(values) < _MIN_VALUES:
@@ -46,24 +49,28 @@ def _verdict_note(experiment: Experiment, results: Sequence[Result]) -> str:
     notes = []
     for (method,), group in grouped([r for r in results if r.ok], lambda j: (j.filter,)).items():
         by_value = grouped(group, lambda j: (str(setting_of(j, experiment.varied)),))
-        means = {
-            float(value): [_mean(mine, name) for name in _VERDICTS]
-            for (value,), mine in by_value.items()
-        }
-        best = max(means, key=lambda x: means[x][0])
+        shares = {float(value): _told_apart(mine) for (value,), mine in by_value.items()}
+        best = max(shares, key=lambda x: sum(shares[x]))
         told = '; '.join(
             f'at {x:g} {100 * found:.0f} % of the handled ones go and {100 * spared:.0f} % of the '
             f'others stay'
-            for x in dict.fromkeys((min(means), best, max(means)))
-            for _, found, spared in [means[x]]
+            for x in dict.fromkeys((min(shares), best, max(shares)))
+            for found, spared in [shares[x]]
         )
         notes.append(f'{method}: told apart best at {best:g}; {told}.')
     return ' '.join(notes)
 
 
-def _mean(results: Sequence[Result], name: str) -> float:
-    values = [v for r in results if (v := key_value(f'verdicts.{name}')(r.summary)) is not None]
-    return statistics.fmean(values) if values else math.nan
+def _told_apart(results: Sequence[Result]) -> tuple[float, float]:
+    """Return the share of handled objects removed and of others spared, over all recordings."""
+
+    def right(wrong: str, of: str) -> float:
+        wrong_sum, total = (
+            sum(key_value(f'verdicts.{name}')(r.summary) for r in results) for name in (wrong, of)
+        )
+        return 1 - wrong_sum / total if total else math.nan
+
+    return right('wrongly_static', 'handled'), right('wrongly_dynamic', 'passed')
 
 
 def _curves(experiment: Experiment, results: Sequence[Result]) -> dict[str, dict[float, float]]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from hoid_bags.sequence import Sequence
+from hoid_benchmarks.looped import LoopedSequence
 from hoid_benchmarks.plan import Perturbation
 from hoid_bringup.detection_source import DetectionSource
 from hoid_common.values import (
@@ -32,8 +31,9 @@ _FALSE_SCORE, _FALSE_SIDE = 0.28, 0.91  # score, share of each side: as YOLOX-na
 class PerturbedSequence:
     """A sequence whose frames are made harder, the same way at each iteration."""
 
-    def __init__(self, base: Sequence, perturbation: Perturbation, seed: int) -> None:
-        self._base = base
+    def __init__(self, recording: Sequence, perturbation: Perturbation, seed: int) -> None:
+        loops = perturbation.loops
+        self._base = base = LoopedSequence(recording, loops) if loops > 1 else recording
         self._perturbation = perturbation
         self._seed = seed
         self.name = base.name
@@ -43,27 +43,13 @@ class PerturbedSequence:
         self.fault = base.fault
 
     def __len__(self) -> int:
-        return len(self._base) * self._perturbation.loops
+        return len(self._base)
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         rng = np.random.default_rng(self._seed)
         texture = rng.integers(0, 255, (480, 640, 3), dtype=np.uint8)
-        for frame in self._looped():
+        for frame in self._base:
             yield self._harder(frame, rng, texture)
-
-    def _looped(self) -> Iterator[RgbdFrame]:
-        """Yield the frames forth, back, forth …, with stamps that go on."""
-        if self._perturbation.loops == 1:
-            yield from self._base
-            return
-        with tempfile.TemporaryDirectory(prefix='hoid-loop-') as folder:  # too much for memory
-            paths = [_spool(frame, Path(folder)) for frame in self._base]
-            first_ns = int(paths[0].stem)
-            for k in range(self._perturbation.loops):
-                for i, path in enumerate(paths[:: -1 if k % 2 else 1]):
-                    stamp_ns = first_ns + (k * len(paths) + i) * _FRAME_NS
-                    with np.load(path) as saved:
-                        yield RgbdFrame(stamp_ns, saved['image_bgr'], saved['depth_m'])
 
     def _harder(self, frame: RgbdFrame, rng: np.random.Generator, texture: ByteArray) -> RgbdFrame:
         p = self._perturbation
@@ -85,12 +71,6 @@ class PerturbedSequence:
         image[:, left:right] = texture[: image.shape[0], : right - left]
         depth_m[:, left:right] = _COVER_DEPTH_M
         return image, depth_m
-
-
-def _spool(frame: RgbdFrame, folder: Path) -> Path:
-    path = folder / f'{frame.stamp_ns}.npz'
-    np.savez(path, image_bgr=frame.image_bgr, depth_m=frame.depth_m)
-    return path
 
 
 def cover_columns(width_px: int, share: float, stamp_ns: int) -> tuple[int, int]:

@@ -9,73 +9,70 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence as Many
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 
 import numpy as np
 
-from hoid_bags.sequence import Sequence
 from hoid_bags.synth.commands import add_synth_arguments, scene_config
 from hoid_bags.synth.stage import Stage, set_stage
 from hoid_bags.synth.truth import ObjectState, object_states
 from hoid_benchmarks.sequences import scene_options
-from hoid_bringup.detection_source import DetectionSource
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, DynamicObject
-from hoid_filter.config import FilterConfig
-from hoid_filter.feature_filter import FeatureFilter
 
 _Point = tuple[float, float]
 
 
 @dataclass
-class _Tally:
+class Verdicts:
+    """Counts right and wrong verdicts, object by object and frame by frame.
+
+    Args:
+        scene: Name of the rendered scene, from which the truth is made anew.
+        camera: Of the recording.
+
+    Raises:
+        InputError: It is no rendered scene.
+    """
+
+    scene: InitVar[str]
+    camera: CameraModel
     handled: int = 0
     handled_removed: int = 0
     passed: int = 0  # not handled, but partly covered by a person's box
     passed_removed: int = 0
 
-    def add(self, state: ObjectState, seen: DynamicObject) -> None:
-        if state.handled:
-            self.handled += 1
-            self.handled_removed += seen.is_dynamic
-        elif seen.overlap_ratio > 0:
-            self.passed += 1
-            self.passed_removed += seen.is_dynamic
+    def __post_init__(self, scene: str) -> None:
+        self._stage = _stage(scene)
 
-
-def judge_verdicts(
-    sequence: Sequence, name: str, config: FilterConfig, detect: DetectionSource
-) -> dict[str, float | int | None]:
-    """Return the share of handled objects that are removed, and of others that are spared.
-
-    Args:
-        sequence: The rendered recording.
-        name: Of the scene, from which the truth is made anew.
-        config: Of the filter.
-        detect: Gives the boxes.
-
-    Raises:
-        InputError: The sequence is no rendered scene.
-    """
-    stage, tally = _stage(name), _Tally()
-    judge = FeatureFilter(config, sequence.camera)
-    for i, frame in enumerate(sequence):
-        objects = judge.process(frame, detect(frame)).objects
-        for state in object_states(stage, i):
-            point_px = _project(state, stage, i, sequence.camera)
+    def add(self, i: int, objects: Many[DynamicObject]) -> None:
+        """Judge what the filter said of the objects of frame i."""
+        for state in object_states(self._stage, i):
+            point_px = _project(state, self._stage, i, self.camera)
             seen = _object_at(point_px, state.class_name, objects)
-            if seen is not None:
-                tally.add(state, seen)
-    found = tally.handled_removed / tally.handled if tally.handled else None
-    spared = 1 - tally.passed_removed / tally.passed if tally.passed else None
-    return {
-        'handled': tally.handled,
-        'passed': tally.passed,
-        'found_share': found,
-        'spared_share': spared,
-        'balanced': None if found is None or spared is None else (found + spared) / 2,
-    }
+            if seen is None:
+                continue
+            if state.handled:
+                self.handled += 1
+                self.handled_removed += seen.is_dynamic
+            elif seen.overlap_ratio > 0:
+                self.passed += 1
+                self.passed_removed += seen.is_dynamic
+
+    def summary(self) -> dict[str, float | int | None]:
+        """Return the counts, and the shares of handled objects removed and of others spared."""
+        found = self.handled_removed / self.handled if self.handled else None
+        spared = 1 - self.passed_removed / self.passed if self.passed else None
+        return {
+            'handled': self.handled,
+            'passed': self.passed,
+            'wrongly_static': self.handled - self.handled_removed,
+            'wrongly_dynamic': self.passed_removed,
+            'found_share': found,
+            'spared_share': spared,
+            'balanced': None if found is None or spared is None else (found + spared) / 2,
+        }
 
 
 def _stage(name: str) -> Stage:
@@ -84,7 +81,8 @@ def _stage(name: str) -> Stage:
         raise InputError(f'{name}: only rendered scenes know who handles what')
     parser = argparse.ArgumentParser()
     add_synth_arguments(parser)
-    return set_stage(scene_config(parser.parse_args(['-', *options])))
+    # Fine textures take seconds, and are not looked at.
+    return set_stage(scene_config(parser.parse_args(['-', *options, '--width', '64'])))
 
 
 def _project(state: ObjectState, stage: Stage, i: int, camera: CameraModel) -> _Point | None:

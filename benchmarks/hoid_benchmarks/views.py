@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from hoid_benchmarks.plan import Experiment, Job
@@ -157,13 +158,24 @@ def _verdicts(experiment: Experiment, results: Sequence[Result]) -> tuple[Group,
             share(spread(group, key_value('verdicts.found_share')), group),
             share(spread(group, key_value('verdicts.spared_share')), group),
             share(spread(group, key_value('verdicts.balanced')), group),
-            number(spread(group, key_value('verdicts.handled')).median, group, 0),
-            number(spread(group, key_value('verdicts.passed')).median, group, 0),
+            _wrong('wrongly_static', 'handled', group),
+            _wrong('wrongly_dynamic', 'passed', group),
+            metres(spread(group, _ATE), group),
+            share(spread(group, _COVERAGE), group),
+            share(spread(group, removed_share), group),
         )
         for key, group in grouped(results, _by_setting(experiment.varied)).items()
     ]
     columns = (*_METHOD, experiment.varied, 'handled: removed', 'passed in front of: kept')
-    return (*columns, 'mean of both', 'handled in view', 'passed in view'), rows
+    more = ('wrongly static', 'wrongly dynamic', 'ATE RMSE [m]', 'coverage', 'features removed')
+    return (*columns, 'mean of both', *more), rows
+
+
+def _wrong(name: str, of: str, group: Sequence[Result]) -> Cell:
+    """Return how many wrong verdicts there were, an object in a frame each, of how many."""
+    wrong, every = (spread(group, key_value(f'verdicts.{key}')).median for key in (name, of))
+    cell = number(wrong, group, 0)
+    return cell if math.isnan(wrong) else replace(cell, text=f'{wrong:.0f} of {every:.0f}')
 
 
 def _cost(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:

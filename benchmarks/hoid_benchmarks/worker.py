@@ -19,7 +19,7 @@ from hoid_benchmarks.detectors import judge_detector
 from hoid_benchmarks.perturb import PerturbedSequence, perturb_detections
 from hoid_benchmarks.plan import Job
 from hoid_benchmarks.reference import reference_ms
-from hoid_benchmarks.verdicts import judge_verdicts
+from hoid_benchmarks.verdicts import Verdicts
 from hoid_bringup.detection_source import detection_source
 from hoid_bringup.evaluation import evaluate
 from hoid_bringup.offline import OfflinePipeline
@@ -27,7 +27,8 @@ from hoid_bringup.outputs import write_outputs
 from hoid_bringup.run_config import RunConfig
 from hoid_common.errors import HoidError, InputError
 
-_KEPT = ('trajectory.txt', 'trajectory_online.txt', 'ground_truth.txt', 'features.csv')
+_TRUTH = 'ground_truth.txt'
+_KEPT = ('trajectory.txt', 'trajectory_online.txt', _TRUTH, 'features.csv')
 _PICTURES = ('verdicts.png', 'features.png', 'rules.png')
 _TIMEOUT_S = 4 * 3600
 
@@ -74,7 +75,7 @@ def run_job(job: Job, path: Path, kept: Path) -> Outcome:
         if done.returncode:
             lines = done.stderr.strip().splitlines()
             return Outcome(error=lines[-1] if lines else f'exit status {done.returncode}')
-        return _collect(out, path)
+        return _collect(job, out, path)
 
 
 def _child(job: Job, path: Path, out: Path, kept: Path) -> list[str]:
@@ -85,13 +86,13 @@ def _child(job: Job, path: Path, out: Path, kept: Path) -> list[str]:
     return [sys.executable, '-m', 'hoid_benchmarks.worker', str(order)]
 
 
-def _collect(out: Path, path: Path) -> Outcome:
+def _collect(job: Job, out: Path, path: Path) -> Outcome:
     summary = {}
     if (out / 'summary.json').is_file():
         summary = json.loads((out / 'summary.json').read_text())
-    truth = open_sequence(path).ground_truth
-    if truth is not None and (out / 'trajectory.txt').is_file():
-        write_tum(out / 'ground_truth.txt', truth)
+    if job.mode == 'live' and (truth := open_sequence(path).ground_truth) is not None:
+        write_tum(out / _TRUTH, truth)
+    if (out / _TRUTH).is_file():
         summary |= _more_errors(out)
     files = {n: (out / n).read_bytes() for n in (*_KEPT, *_PICTURES) if (out / n).is_file()}
     return Outcome(summary, files)
@@ -100,7 +101,7 @@ def _collect(out: Path, path: Path) -> Outcome:
 def _more_errors(out: Path) -> dict[str, float | None]:
     """Return what the paper's tables need beside the summary."""
     try:
-        found = evaluate(read_tum(out / 'trajectory.txt'), read_tum(out / 'ground_truth.txt'))
+        found = evaluate(read_tum(out / 'trajectory.txt'), read_tum(out / _TRUTH))
     except InputError:  # too short to align: the summary says null as well
         return {'ate_mean_m': None, 'ate_median_m': None}
     return {'ate_mean_m': found.ate_mean_m, 'ate_median_m': found.ate_median_m}
@@ -115,22 +116,29 @@ def _run_offline(job: Job, path: Path, out: Path, kept: Path) -> None:
     """Run every frame, and note beside the usual outputs what the experiments need."""
     config = _config(job)
     base = open_sequence(path)
-    known = kept_detections(base, config, kept) if job.mode == 'offline' else None
+    known = kept_detections(base, config, kept) if job.mode != 'timed' else None
     detect = perturb_detections(
         known or detection_source(base, config), job.perturbation, job.seed
     )
     sequence = PerturbedSequence(base, job.perturbation, job.seed)
     pipeline = OfflinePipeline(sequence, config, detect)
+    verdicts = Verdicts(job.sequence, base.camera) if job.mode == 'verdicts' else None
     lines = ['stamp_ns,features kept']
-    for frame in sequence:
+    for i, frame in enumerate(sequence):
         pipeline.process(frame)
         lines.append(f'{frame.stamp_ns},{pipeline.num_kept[-1]}')
+        if verdicts is not None:
+            verdicts.add(i, pipeline.objects)
     if known is not None:
         known.save()
         pipeline.stage_ms.pop('detect', None)  # of reading a file, mostly
     summary = write_outputs(out, pipeline.finish(sequence, config.noted()))
     (out / 'features.csv').write_text('\n'.join(lines) + '\n')
+    if sequence.ground_truth is not None:
+        write_tum(out / _TRUTH, sequence.ground_truth)
     document = json.loads(summary.to_json()) | {'reference_ms': reference_ms()}
+    if verdicts is not None:
+        document['verdicts'] = verdicts.summary()
     (out / 'summary.json').write_text(json.dumps(document))
 
 
@@ -140,19 +148,11 @@ def _run_detector(job: Job, path: Path, out: Path, _kept: Path) -> None:
     (out / 'summary.json').write_text(json.dumps(summary))
 
 
-def _run_verdicts(job: Job, path: Path, out: Path, _kept: Path) -> None:
-    out.mkdir()
-    config, sequence = _config(job), open_sequence(path)
-    detect = detection_source(sequence, config)
-    summary = {'verdicts': judge_verdicts(sequence, job.sequence, config.filter, detect)}
-    (out / 'summary.json').write_text(json.dumps(summary))
-
-
 _RUNNERS = {
     'offline': _run_offline,
     'timed': _run_offline,
     'detect': _run_detector,
-    'verdicts': _run_verdicts,
+    'verdicts': _run_offline,
 }
 
 

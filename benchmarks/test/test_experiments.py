@@ -281,17 +281,31 @@ def test_a_curve_is_put_in_words() -> None:
 
 def test_a_verdict_curve_is_put_in_words() -> None:
     varied = 'filter.min_interaction_area'
-    shares = {0.1: (1.0, 0.2), 0.4: (0.9, 0.8), 0.8: (0.3, 1.0)}
+    wrong = {0.1: (0, 16), 0.4: (1, 4), 0.8: (7, 0)}
     results = [
         Result(
-            Job('a', 'hoid2d', 'truth', 0, 'verdicts', ((varied, area),)),
-            {'verdicts': {'found_share': f, 'spared_share': s, 'balanced': (f + s) / 2}},
+            Job(scene, 'hoid2d', 'truth', 0, 'verdicts', ((varied, area),)),
+            {
+                'verdicts': {
+                    'handled': 10 * share,
+                    'passed': 20 * share,
+                    'wrongly_static': static * share,
+                    'wrongly_dynamic': dynamic * share,
+                    'found_share': 1 - static / 10,
+                    'spared_share': 1 - dynamic / 20,
+                    'balanced': 1 - static / 20 - dynamic / 40,
+                },
+                'ate_rmse_m': 0.01,
+            },
         )
-        for area, (f, s) in shares.items()
+        for area, (static, dynamic) in wrong.items()
+        for scene, share in (('a', 1), ('b', 3))
     ]
     curve = Experiment('e', 't', 'verdicts', '', '', varied, tuple(r.job for r in results))
     note = curve_note(curve, results)
     assert note.startswith('hoid2d: told apart best at 0.4; at 0.1 100 % of the handled ones go')
     assert 'at 0.8 30 % of the handled ones go and 100 % of the others stay' in note
+    assert 'the ends of the range cost 0 % at 0.1 and 0 % at 0.8' in note
     (row, *_) = make_table(curve, results).rows
-    assert [cell.text for cell in row[3:7]] == ['0.1', '1.000', '0.200', '0.600']
+    words = [cell.text for cell in row[3:10]]
+    assert words == ['0.1', '1.000', '0.200', '0.600', '0 of 10', '16 of 20', '0.0100']

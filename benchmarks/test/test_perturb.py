@@ -7,11 +7,12 @@ import pytest
 
 from hoid_benchmarks.perturb import PerturbedSequence, cover_columns, perturb_detections
 from hoid_benchmarks.plan import Perturbation
-from hoid_common.values import CameraModel, Detections, RgbdFrame
+from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
 
 
 class Recording:
-    name, ground_truth, true_detections, fault = 'r', None, None, None
+    name, true_detections, fault = 'r', None, None
+    ground_truth: Trajectory | None = None
     camera = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
 
     def __len__(self) -> int:
@@ -36,10 +37,20 @@ def test_perturbed_frames_are_the_same_each_time_and_as_hard_as_asked() -> None:
 
 
 def test_a_looped_recording_goes_forth_and_back_in_time_order() -> None:
-    looped = PerturbedSequence(Recording(), Perturbation(loops=3), 0)
+    recording = Recording()
+    walked = np.tile(np.eye(4), (80, 1, 1))  # of the last frames no truth is known
+    walked[:, 0, 3] = np.arange(80)
+    recording.ground_truth = Trajectory(33_333_333 * np.arange(80) + 3_000_000, walked)
+    looped = PerturbedSequence(recording, Perturbation(loops=3), 0)
     stamps = [f.stamp_ns for f in looped]
     assert len(stamps) == len(looped) == 270
     assert (np.diff(stamps) > 0).all()
+    truth = looped.ground_truth
+    assert truth is not None
+    there = truth.T_world_camera[:, 0, 3].astype(int).tolist()
+    assert there == [*range(80), *reversed(range(80)), *range(80)]
+    assert set(truth.stamps_ns.tolist()) <= set(stamps)
+    assert truth.stamps_ns[80] == stamps[100]  # the way back begins with what is not known
 
 
 def test_the_cover_hides_its_share_of_the_width() -> None:

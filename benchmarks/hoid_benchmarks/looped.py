@@ -1,0 +1,61 @@
+"""A recording forth and back, for as long as one likes: its end is where its next round begins."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from hoid_bags.association import associate
+from hoid_bags.sequence import Sequence
+from hoid_common.values import CameraModel, IntArray, RgbdFrame, Trajectory
+
+_PERIOD_NS = 33_333_333
+
+
+class LoopedSequence:
+    """A recording so many times, backwards every other time, with stamps and truth that go on.
+
+    It has no exact detections.
+    """
+
+    true_detections = None
+
+    def __init__(self, base: Sequence, loops: int) -> None:
+        self.name = base.name
+        self.camera: CameraModel = base.camera
+        self.fault = base.fault
+        self._folder = tempfile.TemporaryDirectory(prefix='hoid-loop-')  # too much for memory
+        self._paths = [_spool(frame, Path(self._folder.name)) for frame in base]
+        forth = np.arange(len(self._paths))
+        self._order = np.concatenate([forth[:: -1 if k % 2 else 1] for k in range(loops)])
+        recorded_ns = np.array([int(path.stem) for path in self._paths])
+        self._stamps_ns = recorded_ns[0] + _PERIOD_NS * np.arange(len(self._order))
+        self.ground_truth = self._looped_truth(base.ground_truth, recorded_ns)
+
+    def _looped_truth(self, truth: Trajectory | None, recorded_ns: IntArray) -> Trajectory | None:
+        """Return the true poses of the frames; those of which none is known are left out."""
+        if truth is None:
+            return None
+        pairs = associate(recorded_ns, truth.stamps_ns)
+        of_frame = np.full(len(recorded_ns), -1)
+        of_frame[pairs[:, 0]] = pairs[:, 1]
+        rows = of_frame[self._order]
+        known = rows >= 0
+        return Trajectory(self._stamps_ns[known], truth.T_world_camera[rows[known]])
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        for stamp_ns, i in zip(self._stamps_ns.tolist(), self._order.tolist(), strict=True):
+            with np.load(self._paths[i]) as saved:
+                yield RgbdFrame(stamp_ns, saved['image_bgr'], saved['depth_m'])
+
+
+def _spool(frame: RgbdFrame, folder: Path) -> Path:
+    path = folder / f'{frame.stamp_ns}.npz'
+    np.savez(path, image_bgr=frame.image_bgr, depth_m=frame.depth_m)
+    return path
