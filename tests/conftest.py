@@ -7,6 +7,7 @@ import pytest
 
 from hoid_bringup.ros_domain import own_domain
 from hoid_bringup.supervisor import Supervisor, clean_shared_memory
+from hoid_system_tests.filter_peer import FilterRunner, Peer
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import node_spec
 
@@ -35,6 +36,17 @@ def probe(domain_id: int) -> Iterator[Probe]:
     node = Probe(domain_id)
     yield node
     node.close()
+
+
+@pytest.fixture
+def run(probe: Probe, start: Callable[..., Supervisor]) -> FilterRunner:
+    """Start hoid_filter with parameters and return what talks to it."""
+
+    def run_filter(**params: Any) -> Peer:
+        start('hoid_filter', 'hoid_filter_node', {'strategy': 'hoid2d', **params})
+        return Peer(probe)
+
+    return run_filter
 
 
 @pytest.fixture

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 from hoid_msgs.msg import Detection, DetectionArray
 from rclpy.serialization import serialize_message
 
-from hoid_bringup.supervisor import Supervisor
 from hoid_common.ros import conversions
 from hoid_system_tests.filter_peer import (
     DEPTH_M,
@@ -18,25 +15,14 @@ from hoid_system_tests.filter_peer import (
     IMAGE,
     PERSON,
     WIDTH,
-    Peer,
+    FilterRunner,
     num_inside,
 )
-from hoid_system_tests.probe import Probe
-
-
-@pytest.fixture
-def run(probe: Probe, start: Callable[..., Supervisor]) -> Callable[..., Peer]:
-    def run_node(**params: Any) -> Peer:
-        start('hoid_filter', 'hoid_filter_node', {'strategy': 'hoid2d', **params})
-        return Peer(probe)
-
-    return run_node
-
 
 NAN, INF = float('nan'), float('inf')
 
 
-def test_wrong_boxes_are_refused_or_clipped_one_by_one(run: Callable[..., Peer]) -> None:
+def test_wrong_boxes_are_refused_or_clipped_one_by_one(run: FilterRunner) -> None:
     peer = run()
     refused = [
         (NAN, 10.0, 50.0, 60.0),
@@ -58,7 +44,7 @@ def test_wrong_boxes_are_refused_or_clipped_one_by_one(run: Callable[..., Peer])
     peer.wait_for_count('boxes refused', len(refused))
 
 
-def test_whole_messages_that_are_wrong_are_refused(run: Callable[..., Peer]) -> None:
+def test_whole_messages_that_are_wrong_are_refused(run: FilterRunner) -> None:
     peer = run(**{'detections.wait_s': 1.0, 'detections.timeout_s': 600.0})
     peer.send_images(0)
     peer.answer(1)
@@ -83,7 +69,7 @@ def serialized_crowd(header: Any, number: int) -> bytes:
     return one[:-36] + number.to_bytes(4, 'little') + one[-32:] * number
 
 
-def test_wrong_images_are_refused(run: Callable[..., Peer]) -> None:
+def test_wrong_images_are_refused(run: FilterRunner) -> None:
     peer = run(**{'detections.wait_s': 0.1})
     peer.send_images(0, DEPTH_M[::2, ::2])
     peer.wait_for_count('depth images refused', 1)
@@ -111,7 +97,7 @@ def test_wrong_images_are_refused(run: Callable[..., Peer]) -> None:
 
 
 def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
-    run: Callable[..., Peer],
+    run: FilterRunner,
 ) -> None:
     peer = run()
     peer.send_images(0)

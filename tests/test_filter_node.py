@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import pytest
 from hoid_msgs.msg import DynamicObject as ObjectMsg
 from sensor_msgs.msg import Image
 
-from hoid_bringup.supervisor import Supervisor
 from hoid_common.ros import conversions
 from hoid_system_tests.filter_peer import (
     CUP,
@@ -18,22 +14,12 @@ from hoid_system_tests.filter_peer import (
     PERSON,
     TV,
     WIDTH,
-    Peer,
+    FilterRunner,
     num_inside,
 )
-from hoid_system_tests.probe import Probe
 
 
-@pytest.fixture
-def run(probe: Probe, start: Callable[..., Supervisor]) -> Callable[..., Peer]:
-    def run_node(**params: Any) -> Peer:
-        start('hoid_filter', 'hoid_filter_node', {'strategy': 'hoid2d', **params})
-        return Peer(probe)
-
-    return run_node
-
-
-def test_values_of_one_image(run: Callable[..., Peer]) -> None:
+def test_values_of_one_image(run: FilterRunner) -> None:
     peer = run()
     peer.send_images(0)
     peer.send_boxes(0, PERSON, CUP, TV)
@@ -59,7 +45,7 @@ def test_values_of_one_image(run: Callable[..., Peer]) -> None:
     assert list(person.size_m) == pytest.approx([0.8, 1.6])
 
 
-def test_exact_mode_waits_for_the_images_own_detections(run: Callable[..., Peer]) -> None:
+def test_exact_mode_waits_for_the_images_own_detections(run: FilterRunner) -> None:
     peer = run(**{'detections.wait_s': 1.0})
     peer.send_boxes(0, TV)
     peer.probe.spin_for(0.2)
@@ -74,7 +60,7 @@ def test_exact_mode_waits_for_the_images_own_detections(run: Callable[..., Peer]
     assert peer.said()[1]['images without detections'] == '0'
 
 
-def test_exact_mode_does_not_wait_beyond_its_limit(run: Callable[..., Peer]) -> None:
+def test_exact_mode_does_not_wait_beyond_its_limit(run: FilterRunner) -> None:
     peer = run(**{'detections.wait_s': 0.2})
     peer.send_boxes(0, PERSON)
     peer.probe.spin_for(0.2)
@@ -85,7 +71,7 @@ def test_exact_mode_does_not_wait_beyond_its_limit(run: Callable[..., Peer]) -> 
     peer.wait_for_count('images without detections', 1)
 
 
-def test_skipped_image_goes_through_with_predicted_boxes(run: Callable[..., Peer]) -> None:
+def test_skipped_image_goes_through_with_predicted_boxes(run: FilterRunner) -> None:
     peer = run()
     peer.send_images(0)
     peer.send_boxes(0, PERSON)
@@ -100,7 +86,7 @@ def test_skipped_image_goes_through_with_predicted_boxes(run: Callable[..., Peer
     assert features.header == peer.header(2)
 
 
-def test_latest_mode_never_waits(run: Callable[..., Peer]) -> None:
+def test_latest_mode_never_waits(run: FilterRunner) -> None:
     peer = run(**{'detections.mode': 'latest', 'detections.wait_s': 10.0})
     peer.send_boxes(0, PERSON)
     peer.probe.spin_for(0.2)
@@ -111,9 +97,7 @@ def test_latest_mode_never_waits(run: Callable[..., Peer]) -> None:
 
 
 @pytest.mark.parametrize('on_loss', ['unfiltered', 'stop'])
-def test_loss_of_the_detector_is_said_and_lived_with(
-    run: Callable[..., Peer], on_loss: str
-) -> None:
+def test_loss_of_the_detector_is_said_and_lived_with(run: FilterRunner, on_loss: str) -> None:
     peer = run(**{'detections.timeout_s': 1.0, 'detections.on_loss': on_loss})
     peer.send_images(0)
     peer.send_boxes(0, PERSON)
@@ -146,7 +130,7 @@ def test_loss_of_the_detector_is_said_and_lived_with(
     assert num_inside(peer.features[-1], PERSON) == 0
 
 
-def test_debug_image_is_drawn_for_a_listener(run: Callable[..., Peer]) -> None:
+def test_debug_image_is_drawn_for_a_listener(run: FilterRunner) -> None:
     peer = run()
     pictures = peer.probe.collect(Image, 'hoid_filter/debug_image')
     peer.probe.spin_for(0.3)

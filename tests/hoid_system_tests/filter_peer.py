@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -92,6 +93,10 @@ class Peer:
             f'"{name}" stays below {number}',
             timeout_s,
         )
+
+
+FilterRunner = Callable[..., Peer]
+"""Starts the node with parameters by name."""
 
 
 def num_inside(msg: FeaturesMsg, row: Row) -> int:
