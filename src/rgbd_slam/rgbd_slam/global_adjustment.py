@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import IntArray
+from hoid_common.values import BoolArray, IntArray
 from rgbd_slam.backend.bundle import adjust_sparse
 from rgbd_slam.essential_graph import move_map
 from rgbd_slam.frame import StereoCamera
@@ -30,6 +30,7 @@ from rgbd_slam.table import Table
 from rgbd_slam.window import bundle_problem
 
 _NICE = 10  # below mapping
+_ALL = slice(None)
 _DENSE_LIMIT = 500  # keyframes: dense time grows with their cube, memory with the square
 
 _logger = logging.getLogger(__name__)
@@ -58,14 +59,32 @@ def global_problem(slam_map: SlamMap, map_id: int) -> GlobalProblem:
 def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> BundleSolution:
     """Adjust a bundle with the configured noise, then with the one its residuals show.
 
+    The measured noise tells outliers that the configured one hid, and which have bent the map
+    meanwhile: it is adjusted once more, free of them.
+
     At equal accuracy the dense solver takes 4.7 s for 309 keyframes, 18 000 points and 157 000
     observations, and GTSAM 24.7 s.
     """
     solver = adjust if len(bundle.T_camera_map) <= _DENSE_LIMIT else adjust_sparse
     first = solver(camera, bundle, iterations)
     camera, bundle = with_measured_noise(camera, bundle, first)
-    bundle = replace(bundle, T_camera_map=first.T_camera_map, points_m=first.points_m)
-    return solver(camera, bundle, iterations)
+    second = solver(camera, _continued(bundle, first), iterations)
+    return solver(camera, _continued(bundle, second, ~second.outliers), iterations)
+
+
+def _continued(
+    bundle: BundleProblem, solution: BundleSolution, kept: BoolArray | slice = _ALL
+) -> BundleProblem:
+    """Return a bundle, or those of its observations that are kept, at a solution."""
+    return replace(
+        bundle,
+        T_camera_map=solution.T_camera_map,
+        points_m=solution.points_m,
+        camera=bundle.camera[kept],
+        point=bundle.point[kept],
+        measured_px=np.ascontiguousarray(bundle.measured_px[:, kept]),
+        inv_sigma2=bundle.inv_sigma2[kept],
+    )
 
 
 def lay_over(slam_map: SlamMap, problem: GlobalProblem, solution: BundleSolution) -> None:
