@@ -92,7 +92,7 @@ class KeyframeConfig(Config):
 
     reference_share: float = param(
         0.75, 'Insert when fewer of the reference keyframe\'s points are tracked', minimum=0.1,
-        maximum=1.0,
+        maximum=1.0, read_only=False,
     )  # fmt: skip
     min_close_tracked: int = param(
         60,
@@ -104,11 +104,12 @@ class KeyframeConfig(Config):
         70, 'Close features without a point that count as many', minimum=0, maximum=5000
     )
     min_gap_s: float = param(
-        0.2, 'None so soon after the last one, while tracking is good', minimum=0.0, maximum=10.0
-    )
+        0.2, 'None so soon after the last one, while tracking is good', minimum=0.0, maximum=10.0,
+        read_only=False,
+    )  # fmt: skip
     fallen_share: float = param(
         0.6, 'Insert at once with less of the points tracked after the last one', minimum=0.0,
-        maximum=1.0,
+        maximum=1.0, read_only=False,
     )  # fmt: skip
     min_new_points: int = param(
         400, 'Depth points to make in a keyframe even beyond the close limit', minimum=0,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from hoid_common import se3
+from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.config import KeyframeConfig
 from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.map import SlamMap
@@ -12,15 +14,26 @@ from rgbd_slam.tracker import Tracking
 _WELL_OBSERVED = 3  # an observation with depth counts twice
 _YOUNG_MAP = 2  # keyframes
 _YOUNG_SHARE = 0.4
+_NEIGHBOURS = 24  # keyframes that may show the same as a frame
+_SETTLED = 10  # keyframes since: what one sees is proven by others then, or culled
+_SAME_VIEW = 0.2  # rad that one view is turned by, or would have to be to show as much else
+_CELL_PX = 40  # where the map has a point, another is no news
+_ROW = 1 << 16
 
 
 class KeyframePolicy:
-    """Judges frames by how much less they see of the map than those after the last keyframe."""
+    """Judges frames by how much less they see of the map than those after the last keyframe.
 
-    def __init__(self, slam_map: SlamMap, config: KeyframeConfig, close_limit_m: float) -> None:
+    Args:
+        slam_map: The map.
+        config: Parameters, which may be replaced.
+        close_px: Disparity from which on depth is trusted to make points.
+    """
+
+    def __init__(self, slam_map: SlamMap, config: KeyframeConfig, close_px: float) -> None:
         self._map = slam_map
-        self._config = config
-        self._close_limit_m = close_limit_m
+        self.config = config
+        self._close_px = close_px
         self.inserted(0)
 
     def inserted(self, stamp_ns: int) -> None:
@@ -41,18 +54,45 @@ class KeyframePolicy:
         if i is None or queue_length > 0:
             return False
         gap_s = 1e-9 * (tracking.tracked.frame.stamp_ns - self._last_ns)
-        is_falling = num_inliers < self._config.fallen_share * self._most_inliers
-        if gap_s < self._config.min_gap_s and not is_falling:
+        is_falling = num_inliers < self.config.fallen_share * self._most_inliers
+        if gap_s < self.config.min_gap_s and not is_falling:
             return False
-        return is_falling or self._lacks_depth(tracking) or self._leaves_reference(i, num_inliers)
+        lacks = is_falling or self._lacks_depth(tracking) or self._leaves_reference(i, num_inliers)
+        return lacks and not self._is_known_view(tracking, i)
 
     def _lacks_depth(self, tracking: Tracking) -> bool:
         """Return whether few close points are tracked and many could be made."""
         frame, points = tracking.tracked.frame, tracking.tracked.points
-        close = (frame.depth_m > 0) & (frame.depth_m < self._close_limit_m)
+        close = self._is_close(frame.measurement_px.T)
         tracked = np.count_nonzero(close & (points != NO_POINT))
         new = np.count_nonzero(close & (points == NO_POINT) & frame.may_seed)
-        return bool(tracked < self._config.min_close_tracked and new > self._config.min_close_new)
+        return bool(tracked < self.config.min_close_tracked and new > self.config.min_close_new)
+
+    def _is_known_view(self, tracking: Tracking, i: int) -> bool:
+        """Return whether a settled keyframe shows the same, and nothing has appeared since.
+
+        What is not tracked there was not found again either, and one more keyframe each time the
+        camera comes by would make the map grow with time instead of with the space seen.
+        """
+        keyframes, frame = self._map.keyframes, tracking.tracked.frame
+        rows = np.r_[i, self._map.covisible(i, limit=_NEIGHBOURS)]
+        rows = rows[keyframes.uid[rows] <= keyframes.uid.max() - _SETTLED]
+        T = se3.inverse(tracking.tracked.T_map_camera) @ keyframes.T_map_camera[rows]
+        depth_m = np.median(frame.depth_m[frame.has_depth]) if frame.has_depth.any() else np.inf
+        apart = np.linalg.norm(T[:, :3, 3], axis=1) / depth_m
+        apart += np.linalg.norm(se3.log(T)[:, :3], axis=1)
+        if not (apart < _SAME_VIEW).any():
+            return False
+        unknown = (tracking.tracked.points == NO_POINT) & frame.may_seed
+        new_px = frame.measurement_px[unknown & self._is_close(frame.measurement_px.T)].T
+        known_px = tracking.expected_px[:, self._is_close(tracking.expected_px)]
+        appeared = np.count_nonzero(~np.isin(_cells(new_px), _cells(known_px)))
+        return bool(appeared <= self.config.min_close_new)
+
+    def _is_close(self, pixels: FloatArray | Float32Array) -> BoolArray:
+        """Return the (N,) mask of (3, N) u, v, u_right near enough to make points of."""
+        is_close: BoolArray = pixels[0] - pixels[2] > self._close_px  # NaN, no depth, is not
+        return is_close
 
     def _leaves_reference(self, i: int, num_inliers: int) -> bool:
         """Return whether less is tracked than the reference keyframe sees for certain."""
@@ -62,5 +102,12 @@ class KeyframePolicy:
         weight = points.num_observations[seen] + points.num_stereo[seen]
         young = len(keyframes) <= _YOUNG_MAP
         certain = np.count_nonzero(weight >= (2 if young else _WELL_OBSERVED))
-        share = _YOUNG_SHARE if young else self._config.reference_share
+        share = _YOUNG_SHARE if young else self.config.reference_share
         return bool(num_inliers < share * certain)
+
+
+def _cells(pixels: FloatArray | Float32Array) -> IntArray:
+    """Return (N,) numbers of the cells of the image that (3, N) u, v, u_right lie in."""
+    u, v = (pixels[:2] // _CELL_PX).astype(np.int64)
+    cells: IntArray = _ROW * v + u
+    return cells

@@ -29,6 +29,7 @@ from rgbd_slam.mapper_worker import MapperStoppedError
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
+from rgbd_slam.ros.periods import set_period
 from rgbd_slam.ros.room_link import RoomLink
 from rgbd_slam.ros.services import SlamServices
 from rgbd_slam.session import Processed, SlamSession
@@ -40,7 +41,8 @@ class RgbdSlamNode(Node):
     def __init__(self) -> None:
         super().__init__('rgbd_slam', automatically_declare_parameters_from_overrides=True)
         bridge_logging(self)
-        self._config = Parameters(self, SlamNodeConfig()).config
+        self._settings = Parameters(self, SlamNodeConfig(), self._reconfigure)
+        self._config = self._settings.config
         self._diagnostics = Diagnostics(self)
         self._camera_info: CameraInfo | None = None  # the latest
         self._session: SlamSession | None = None
@@ -96,6 +98,14 @@ class RgbdSlamNode(Node):
         self._diagnostics.set_count('images missing', done.status.frames_dropped)
         restarts = self._session.num_mapper_restarts
         self._diagnostics.set_count('mapping processes that died', restarts)
+
+    def _reconfigure(self, config: SlamNodeConfig) -> None:
+        self._config = config
+        self._outputs.frames = config.frames
+        set_period(self._map_timer, config.map_period_s)
+        self._room.reconfigure(config)
+        if self._session is not None:
+            self._session.reconfigure(config, self._room.looks())
 
     def _publish_map(self) -> None:
         if self._session is not None and self._session.take_map_changed():

@@ -23,8 +23,12 @@ class FrameConfig(Config):
         "The robot's base, found from the camera's frame on /tf_static; empty: the camera's own "
         'optical frame takes its place',
     )
-    publish_map_to_odom: bool = param(default=True, description='Send map -> odom on /tf')
-    publish_odom_to_base: bool = param(default=True, description='Send odom -> base on /tf')
+    publish_map_to_odom: bool = param(
+        default=True, description='Send map -> odom on /tf', read_only=False
+    )
+    publish_odom_to_base: bool = param(
+        default=True, description='Send odom -> base on /tf', read_only=False
+    )
     planar: bool = param(
         default=False, description='The base moves on a plane: no height, no roll, no pitch'
     )
@@ -45,8 +49,9 @@ class SlamNodeConfig(SlamConfig):
         choices=tuple(mode.name.lower() for mode in SlamMode),
     )  # fmt: skip
     map_period_s: float = param(
-        1.0, 'Map, path and keyframes are published at most so often', minimum=0.05, maximum=3600.0
-    )
+        1.0, 'Map, path and keyframes are published at most so often', minimum=0.05,
+        maximum=3600.0, read_only=False,
+    )  # fmt: skip
     frames: FrameConfig = field(default_factory=FrameConfig)
     input: InputConfig = field(default_factory=InputConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)

@@ -37,7 +37,9 @@ class ObjectTrackerConfig(Config):
     """Tracking of people and objects in the map frame."""
 
     enabled: bool = param(default=True, description='Follow people and objects in 3-D')
-    rate_hz: float = param(10.0, 'Images looked at per second, at most', minimum=0.1, maximum=60.0)
+    rate_hz: float = param(
+        10.0, 'Images looked at per second, at most', minimum=0.1, maximum=60.0, read_only=False
+    )
     gate_m: float = param(0.7, 'A sighting farther from a track starts a new one', minimum=0.05)
     rest_gate_m: float = param(0.35, 'The same, for what nobody handles', minimum=0.05)
     measurement_sigma_m: float = param(0.08, 'Noise of a measured centre', minimum=0.001)

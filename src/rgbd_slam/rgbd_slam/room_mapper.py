@@ -37,6 +37,12 @@ class RoomMapper:
         self._tracker = ObjectTracker(objects)
         self._floor: Floor | None = None
 
+    def reconfigure(self, dense: DenseConfig) -> bool:
+        """Take over what may change at run time; return whether the grid is another one now."""
+        changes = dense.grid != self._config.grid
+        self._config = dense
+        return changes
+
     @property
     def num_voxels(self) -> int:
         """Return the size of the dense map."""

@@ -78,6 +78,11 @@ class SlamSession:
         self.close()
         self._begin()
 
+    def reconfigure(self, config: SlamConfig, looks: FramePoses) -> None:
+        """Take over parameters that may change at run time."""
+        self._config, self._looks = config, looks
+        self._slam.reconfigure(config)
+
     def close(self) -> None:
         """End what runs in the background; the session is of no more use then."""
         self._slam.close()

@@ -17,6 +17,7 @@ from rgbd_slam.map_state import MapState, snapshot
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.mapper_link import InlineMapper, MapperLink
 from rgbd_slam.mapper_process import MapperProcess
+from rgbd_slam.motion import ConstantVelocity
 from rgbd_slam.point_tallies import PointTallies
 from rgbd_slam.pose_optimizer import covariance
 from rgbd_slam.relocalization import Relocalizer
@@ -47,7 +48,9 @@ class RgbdSlam:
         self._camera = StereoCamera.from_model(camera, config.camera)
         self._map = SlamMap(config.camera.scale_factor, config.camera.num_octaves)
         close_limit_m = config.camera.close_baselines * config.camera.baseline_m
-        self._policy = KeyframePolicy(self._map, config.keyframes, close_limit_m)
+        self._policy = KeyframePolicy(
+            self._map, config.keyframes, self._camera.baseline_px_m / close_limit_m
+        )
         self._tracker = Tracker(self._camera, self._map, config.tracking)
         link = MapperProcess if background else InlineMapper
         self._mapper: MapperLink = link(self._camera, self._map, config)
@@ -58,7 +61,7 @@ class RgbdSlam:
         self._trajectory = TrajectoryRecorder()
         self._last: TrackedFrame | None = None
         self._known_ns: int | None = None  # when the pose was known last, or first looked for
-        self._T_camera_last = np.eye(4)
+        self._motion = ConstantVelocity()
         self._T_odom_camera = np.eye(4)
         self._tallies = PointTallies(self._map.points)
 
@@ -71,7 +74,8 @@ class RgbdSlam:
             return self._start(frame, np.eye(4))
         tracking = None
         if self._last is not None:
-            tracking = self._tracker.track(frame, self._last, self._T_camera_last)
+            elapsed_ns = frame.stamp_ns - self._last.frame.stamp_ns
+            tracking = self._tracker.track(frame, self._last, self._motion.predict(elapsed_ns))
         if tracking is None:
             tracking = self._relocalized(frame)
         if tracking is None:
@@ -94,6 +98,11 @@ class RgbdSlam:
             insert,
             {'track': _MS * (tracked_s - start_s), 'map': _MS * (mapped_s - tracked_s)},
         )
+
+    def reconfigure(self, config: SlamConfig) -> None:
+        """Take over parameters that may change at run time."""
+        self._config = config
+        self._policy.config = config.keyframes
 
     def _start(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map at a pose; the first one, or a new one after a loss."""
@@ -122,7 +131,7 @@ class RgbdSlam:
 
     def _lost(self, frame: Frame) -> TrackingResult:
         """Give up on a frame; when lost for long, map anew from where the camera was last."""
-        self._T_camera_last = np.eye(4)
+        self._motion.forget()
         if self._known_ns is None:
             self._known_ns = frame.stamp_ns
         lost_s = 1e-9 * (frame.stamp_ns - self._known_ns)
@@ -136,7 +145,8 @@ class RgbdSlam:
         assert self._last is not None
         T_map_last = self._last.current_pose(self._map)
         T_last_camera = se3.inverse(T_map_last) @ tracking.tracked.T_map_camera
-        self._T_camera_last = se3.orthonormalized(se3.inverse(T_last_camera))
+        elapsed_ns = tracking.tracked.frame.stamp_ns - self._last.frame.stamp_ns
+        self._motion.observe(se3.inverse(T_last_camera), elapsed_ns)
         self._T_odom_camera = se3.orthonormalized(self._T_odom_camera @ T_last_camera)
         self._last = tracking.tracked
         self._tallies.add(tracking.tally)
@@ -193,7 +203,7 @@ class RgbdSlam:
         self._redirect(self._mapper.update())
         if not keep:
             self._last = self._known_ns = None
-            self._T_camera_last = np.eye(4)
+            self._motion.forget()
         keyframes = self._map.keyframes
         self._num_maps = 1 + int(keyframes.map_id[keyframes.alive].max())
         return np.sort(keyframes.uid[keyframes.alive])[-len(state) :]

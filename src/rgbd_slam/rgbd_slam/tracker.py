@@ -44,6 +44,7 @@ class Tracking:
     num_matches: int  # with points of the map
     num_inliers: int  # of them
     tally: PointTally
+    expected_px: FloatArray  # (3, V) where the local map has more points than the last frame saw
 
     @property
     def inlier_share(self) -> float:
@@ -237,7 +238,8 @@ class Tracker:
         tracked = tracked_frame(frame, T_map_camera, points, self._map, around.reference)
         found = fitting.points
         tally = PointTally(np.concatenate([known, view.points]), found)
-        return Tracking(tracked, estimate, len(seen.points), len(found), tally)
+        expected_px = view.queries.projection_px
+        return Tracking(tracked, estimate, len(seen.points), len(found), tally, expected_px)
 
     def _optimize(self, frame: Frame, seen: Sightings, T_camera_map: FloatArray) -> _First:
         """Return the pose that the sightings give, and those that fit it."""

@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 
 from hoid_common.values import IntArray
-from rgbd_slam.config import KeyframeConfig, MappingConfig
+from rgbd_slam.config import MappingConfig
 from rgbd_slam.culling import cull_keyframes, cull_young_points
 from rgbd_slam.frame import Frame
-from rgbd_slam.keyframe_policy import KeyframePolicy
-from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.map import SlamMap
-from rgbd_slam.point_tallies import PointTally
-from rgbd_slam.pose_optimizer import PoseEstimate
-from rgbd_slam.tracked_frame import tracked_frame
-from rgbd_slam.tracker import Tracking
 
 CONFIG = MappingConfig()
 CLOSE_M = 3.0
@@ -129,30 +123,3 @@ def test_the_root_of_a_map_stays() -> None:
     slam_map.keyframes.parent_uid[rows[1]] = -1
     cull_keyframes(slam_map, rows[-1], CONFIG, CLOSE_M)
     assert slam_map.keyframes.alive[rows[1]]
-
-
-def tracking_of(slam_map: SlamMap, i: int, stamp_s: float, num_inliers: int) -> Tracking:
-    frame = replace(frame_at(5), stamp_ns=round(stamp_s * 1e9))
-    points = np.full(FEATURES, NO_POINT, np.int64)
-    points[:num_inliers] = slam_map.keyframes.point_of_feature[i, :num_inliers]
-    tracked = tracked_frame(frame, np.eye(4), points, slam_map, i)
-    estimate = PoseEstimate(np.eye(4), np.ones(num_inliers, np.bool_), np.eye(6))
-    nothing = np.empty(0, np.int64)
-    return Tracking(tracked, estimate, num_inliers, num_inliers, PointTally(nothing, nothing))
-
-
-def test_a_frame_becomes_a_keyframe_when_it_shows_less_of_the_reference() -> None:
-    slam_map, rows = seen_by_all(1.0)
-    policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_M)
-
-    def wants(stamp_s: float, num_inliers: int, queue: int = 0) -> bool:
-        return policy.wants(tracking_of(slam_map, rows[2], stamp_s, num_inliers), queue)
-
-    assert not wants(0.5, 90)
-    assert not wants(0.6, 76)  # 75 % of 100 points are asked for
-    assert wants(0.7, 70)
-    assert not wants(0.8, 70, queue=1)  # the mapper is busy
-    policy.inserted(1_000_000_000)
-    assert not wants(1.05, 100)
-    assert not wants(1.1, 70)  # so soon after the last one
-    assert wants(1.15, 55)  # unless tracking falls

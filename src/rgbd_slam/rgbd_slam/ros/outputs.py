@@ -21,7 +21,7 @@ class SlamOutputs:
     """Publishers of the node; every message carries the stamp of the image it came from."""
 
     def __init__(self, node: Node, frames: FrameConfig) -> None:
-        self._frames = frames
+        self.frames = frames
         self._transforms = TransformPublisher(node)
         self._odom = node.create_publisher(Odometry, topics.ODOM, qos.OUTPUT)
         self._status = node.create_publisher(SlamStatus, topics.SLAM_STATUS, qos.OUTPUT)
@@ -37,14 +37,14 @@ class SlamOutputs:
 
     def publish_map(self, session: SlamSession) -> None:
         """Publish path, points and keyframes as the map says now."""
-        header = conversions.header_to_msg(session.stamp_ns, self._frames.map)
+        header = conversions.header_to_msg(session.stamp_ns, self.frames.map)
         path, cloud = session.path(), conversions.Cloud(session.map_points_m())
         self._path.publish(conversions.path_to_msg(path.stamps_ns, path.T_world_camera, header))
         self._points.publish(conversions.cloud_to_msg(cloud, header))
         self._keyframes.publish(keyframes_to_msg(session.keyframe_poses(), header))
 
     def _publish_pose(self, pose: RobotPose, header: Header) -> None:
-        names = self._frames
+        names = self.frames
         base = names.base or header.frame_id
         edges = []
         if names.publish_map_to_odom:

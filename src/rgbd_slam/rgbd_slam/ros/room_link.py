@@ -40,6 +40,12 @@ class RoomLink:
             dense.rate_hz if dense.enabled else None, objects.rate_hz if objects.enabled else None
         )
 
+    def reconfigure(self, config: SlamNodeConfig) -> None:
+        """Take over parameters that may change at run time."""
+        self._config = config
+        if self._process is not None:
+            self._process.reconfigure(config.dense)
+
     def start_map(self, camera: CameraModel) -> None:
         """Begin an empty map."""
         self._camera = camera

@@ -21,9 +21,11 @@ from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.run import run_node
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import CameraModel, Float32Array
+from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.dense.dense_mapper import StoredView
 from rgbd_slam.frame_poses import FramePose, KeyframePoses
 from rgbd_slam.room_mapper import RoomMapper
+from rgbd_slam.ros.periods import set_period
 from rgbd_slam.ros.room_outputs import RoomOutputs
 from rgbd_slam.ros.room_services import RoomServices
 from rgbd_slam.ros.room_setup import Clear, Report, RoomMessage, RoomSetup
@@ -98,8 +100,16 @@ class RoomNode(Node):
             case StoredView() if self._room is not None:
                 self._room.restore(message)
                 self._is_shown = False
+            case DenseConfig():
+                self._reconfigure(message)
             case Report():
                 self._report()
+
+    def _reconfigure(self, dense: DenseConfig) -> None:
+        self._setup = self._setup._replace(dense=dense)
+        set_period(self._timer, dense.publish_period_s)
+        if self._room is not None:
+            self._is_shown &= not self._room.reconfigure(dense)
 
     def _report(self) -> None:
         """Send the images of the dense map; one by one, so that no long one holds the receiver."""

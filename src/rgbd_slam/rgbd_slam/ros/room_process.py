@@ -13,6 +13,7 @@ from threading import Thread
 
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
+from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.dense.dense_mapper import StoredView
 from rgbd_slam.frame_poses import FramePose, KeyframePoses
 from rgbd_slam.ros.room_node import run_room
@@ -63,6 +64,10 @@ class RoomProcess:
     def clear(self) -> None:
         """Forget the map until the next `start_map`."""
         self._waiting.put(Clear())
+
+    def reconfigure(self, dense: DenseConfig) -> None:
+        """Hand over parameters that may change at run time."""
+        self._waiting.put(dense)
 
     def look(self, pose: FramePose) -> None:
         """Say where an image was taken."""

@@ -31,5 +31,6 @@ class Report(NamedTuple):
     """Send the images of the dense map back, one by one, and then None."""
 
 
-RoomMessage = CameraModel | FramePose | KeyframePoses | StoredView | Report | Clear
-"""A camera begins a new map; keyframes say where its images are; an image is one saved before."""
+RoomMessage = CameraModel | FramePose | KeyframePoses | StoredView | DenseConfig | Report | Clear
+"""A camera begins a new map; keyframes say where its images are; an image is one saved before;
+a configuration replaces what of it may change at run time."""

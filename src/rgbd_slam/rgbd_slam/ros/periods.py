@@ -1,0 +1,15 @@
+"""Timers whose period is a parameter that may change."""
+
+from __future__ import annotations
+
+from rclpy.timer import Timer
+
+_NS = 1e9
+
+
+def set_period(timer: Timer, period_s: float) -> None:
+    """Give a timer another period, counted from now: a long one must not have to end first."""
+    period_ns = round(period_s * _NS)
+    if timer.timer_period_ns != period_ns:
+        timer.timer_period_ns = period_ns
+        timer.reset()

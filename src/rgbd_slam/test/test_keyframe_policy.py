@@ -1,0 +1,114 @@
+"""When a frame becomes a keyframe, in a map of known content."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import FloatArray
+from rgbd_slam.config import KeyframeConfig
+from rgbd_slam.frame import Frame
+from rgbd_slam.keyframe_policy import KeyframePolicy
+from rgbd_slam.keyframes import NO_POINT
+from rgbd_slam.map import SlamMap
+from rgbd_slam.point_tallies import PointTally
+from rgbd_slam.pose_optimizer import PoseEstimate
+from rgbd_slam.tracked_frame import tracked_frame
+from rgbd_slam.tracker import Tracking
+
+CLOSE_PX = 10.0
+FEATURES = 200
+SEEN = 100  # of the features of each keyframe
+DEPTH_M = 2.0
+NOTHING = np.empty((3, 0))
+
+
+def frame(stamp_ns: int = 0) -> Frame:
+    """Return features all over the image, with depth near enough to make points of."""
+    u, v = np.meshgrid(np.arange(20) * 32.0, np.arange(10) * 48.0)
+    pixel = np.stack([u.ravel(), v.ravel(), u.ravel() - 2 * CLOSE_PX], axis=1)
+    return Frame(
+        stamp_ns,
+        pixel.astype(np.float32),
+        np.full(FEATURES, DEPTH_M, np.float32),
+        np.zeros(FEATURES, np.uint8),
+        np.zeros(FEATURES, np.float32),
+        np.zeros((FEATURES, 32), np.uint8),
+        np.ones(FEATURES, np.bool_),
+    )
+
+
+def mapped(newer: int) -> SlamMap:
+    """Return a map with four keyframes that see the same points, and newer ones elsewhere."""
+    slam_map = SlamMap(1.2, 8)
+    i = slam_map.add_keyframe(frame(), np.eye(4), 0)
+    j = slam_map.add_points(i, np.arange(SEEN), np.full((SEEN, 3), DEPTH_M))
+    for n in range(3):
+        other = slam_map.add_keyframe(frame(1 + n), np.eye(4), 0, i)
+        slam_map.observe(other, np.arange(SEEN), j)
+    slam_map.update_connections(i)
+    for n in range(newer):
+        slam_map.add_keyframe(frame(10 + n), np.eye(4), 0, i)
+    return slam_map
+
+
+def tracking(
+    slam_map: SlamMap,
+    stamp_s: float,
+    num_inliers: int,
+    T_map_camera: FloatArray | None = None,
+    expected_px: FloatArray = NOTHING,
+) -> Tracking:
+    T = np.eye(4) if T_map_camera is None else T_map_camera
+    points = np.full(FEATURES, NO_POINT, np.int64)
+    points[:num_inliers] = slam_map.keyframes.point_of_feature[0, :num_inliers]
+    seen = replace(frame(), stamp_ns=round(stamp_s * 1e9))
+    tracked = tracked_frame(seen, T, points, slam_map, 0)
+    estimate = PoseEstimate(se3.inverse(T), np.ones(num_inliers, np.bool_), np.eye(6))
+    tally = PointTally(np.empty(0, np.int64), np.empty(0, np.int64))
+    return Tracking(tracked, estimate, num_inliers, num_inliers, tally, expected_px)
+
+
+def test_a_frame_becomes_a_keyframe_when_it_shows_less_of_the_reference() -> None:
+    slam_map = mapped(newer=0)
+    policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_PX)
+
+    def wants(stamp_s: float, num_inliers: int, queue: int = 0) -> bool:
+        return policy.wants(tracking(slam_map, stamp_s, num_inliers), queue)
+
+    assert not wants(0.5, 90)
+    assert not wants(0.6, 76)  # 75 % of 100 points are asked for
+    assert wants(0.7, 70)
+    assert not wants(0.8, 70, queue=1)  # the mapper is busy
+    policy.inserted(1_000_000_000)
+    assert not wants(1.05, 100)
+    assert not wants(1.1, 70)  # so soon after the last one
+    assert wants(1.15, 55)  # unless tracking falls
+
+
+EVERYWHERE = frame().measurement_px.T.astype(np.float64)
+LEFT_HALF = EVERYWHERE[:, EVERYWHERE[0] < 320]
+FAR = EVERYWHERE * [[1.0], [1.0], [0.0]] + EVERYWHERE[0] * [[0.0], [0.0], [1.0]]
+
+
+@pytest.mark.parametrize(
+    ('newer', 'T_map_camera', 'expected_px', 'wanted'),
+    [
+        (10, se3.exp(np.array([0, 0.1, 0, 0.1, 0, 0])), EVERYWHERE, False),
+        (5, np.eye(4), EVERYWHERE, True),  # the keyframes there are young
+        (10, se3.exp(np.array([0, 0.3, 0, 0, 0, 0])), EVERYWHERE, True),  # another direction
+        (10, se3.exp(np.array([0, 0, 0, 0.5, 0, 0])), EVERYWHERE, True),  # from elsewhere
+        (10, np.eye(4), LEFT_HALF, True),  # somebody has left, and shows what was behind
+        (10, np.eye(4), FAR, True),  # something was put there, in front of what is known
+    ],
+)
+def test_a_view_that_the_map_knows_is_not_taken_in_again(
+    newer: int, T_map_camera: FloatArray, expected_px: FloatArray, wanted: bool
+) -> None:
+    slam_map = mapped(newer)
+    policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_PX)
+    seen = tracking(slam_map, 1.0, 40, T_map_camera, expected_px)
+    assert policy.wants(seen, 0) is wanted

@@ -1,0 +1,58 @@
+"""Parameters that change while a session runs."""
+
+from __future__ import annotations
+
+from hoid_common.slam_status import SlamState
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.frame_poses import FramePoses
+from rgbd_slam.frames import RobotFrames
+from rgbd_slam.session import SlamSession
+
+from .world import CAMERA, PERIOD_NS, World, sway
+
+POSES = sway(60)
+
+
+def _keyframes(config: SlamConfig, later: SlamConfig) -> list[int]:
+    """Return how many there are after half the way, when parameters change, and in the end."""
+    session, world, counts = SlamSession(CAMERA, config, RobotFrames()), World(), []
+    for n, pose in enumerate(POSES):
+        counts.append(session.process(world.features(n * PERIOD_NS, pose)).status.keyframes)
+        if n == len(POSES) // 2:
+            session.reconfigure(later, FramePoses(None, None))
+    return [counts[len(POSES) // 2], counts[-1]]
+
+
+def test_keyframes_are_made_by_the_rules_of_now() -> None:
+    config = SlamConfig()
+    rarely = config.updated({'keyframes.min_gap_s': 10.0, 'keyframes.fallen_share': 0.0})
+    half, whole = _keyframes(config, config)
+    held_half, held = _keyframes(config, rarely)
+    assert held_half == half
+    assert held == half < whole
+
+
+def test_a_new_map_is_started_as_soon_as_asked_now() -> None:
+    session, world = SlamSession(CAMERA, SlamConfig(), RobotFrames()), World()
+    for n, pose in enumerate(POSES[:10]):
+        session.process(world.features(n * PERIOD_NS, pose))
+    config = SlamConfig().updated({'places.new_map_after_s': 0.2})
+    session.reconfigure(config, FramePoses(None, None))
+    elsewhere = World(seed=1)  # nothing of it is known
+    states = [
+        session.process(elsewhere.features(n * PERIOD_NS, POSES[0])).status for n in range(10, 20)
+    ]
+    assert states[0].state is SlamState.LOST
+    assert states[-1].state is SlamState.TRACKING
+    assert states[-1].maps == 2
+
+
+def test_images_are_picked_at_the_rate_of_now() -> None:
+    session, world = SlamSession(CAMERA, SlamConfig(), RobotFrames()), World()
+    looks = []
+    for n, pose in enumerate(POSES):
+        looks.append(session.process(world.features(n * PERIOD_NS, pose)).look is not None)
+        if n == 29:
+            session.reconfigure(SlamConfig(), FramePoses(10.0, None))
+    assert sum(looks[:30]) == 0
+    assert sum(looks[30:]) == 10
