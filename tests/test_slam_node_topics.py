@@ -153,6 +153,33 @@ def test_odometry_transforms_and_status_of_each_image(peer: Peer) -> None:
     assert 'track' in status.stage_names
 
 
+def test_transforms_are_switched_at_run_time(peer: Peer) -> None:
+    peer.send(2)
+    peer.probe.set_parameters('rgbd_slam', {'frames.publish_map_to_odom': False})
+    peer.send(1)
+    peer.probe.set_parameters('rgbd_slam', {'frames.publish_map_to_odom': True})
+    peer.send(1)
+    sent = [START_NS + i * PERIOD_NS for i in range(1, 4)]
+    peer.probe.spin_until(lambda: bool(edges(peer.tf, sent[-1])), 'no transforms')
+    both = {('map', 'odom'), ('odom', OPTICAL)}
+    assert [set(edges(peer.tf, ns)) for ns in sent] == [both, {('odom', OPTICAL)}, both]
+
+
+def test_the_map_is_published_as_often_as_asked_at_run_time(peer: Peer) -> None:
+    peer.send(1)
+    peer.probe.spin_until(lambda: bool(peer.paths), 'no path')
+    peer.probe.set_parameters('rgbd_slam', {'map_period_s': 3600.0})
+    peer.probe.spin_for(0.3)  # what was under way
+    before = len(peer.paths)
+    while peer.status[-1].keyframes == 1:
+        assert peer.next < 150, 'no second keyframe'
+        peer.send(10)
+    peer.probe.spin_for(0.5)
+    assert len(peer.paths) == before
+    peer.probe.set_parameters('rgbd_slam', {'map_period_s': 0.1})
+    peer.probe.spin_until(lambda: len(peer.paths) > before, 'no path')
+
+
 def test_the_map_is_published_and_kept_for_those_who_come_late(peer: Peer) -> None:
     peer.send(10)
     peer.probe.spin_until(lambda: bool(peer.paths and peer.paths[-1].poses), 'no map')

@@ -7,8 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
@@ -72,6 +74,13 @@ class Probe:
         self.spin_until(future.done, f'{name} gives no answer')
         self.node.destroy_client(client)
         return future.result()
+
+    def set_parameters(self, node: str, values: dict[str, Any]) -> None:
+        """Change parameters of a node; it must agree."""
+        parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+        request = SetParameters.Request(parameters=parameters)
+        for result in self.call(SetParameters, f'{node}/set_parameters', request).results:
+            assert result.successful, result.reason
 
     def spin_for(self, duration_s: float) -> None:
         """Let messages come in."""
