@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 GRACE_S = 4.0
 _POLL_S = 0.02
-_MEMORY_PERIOD_S = 1.0  # a look takes milliseconds
+_MEMORY_PERIOD_S = 2.0  # a look goes through all processes of the machine
 RESTART_PAUSE_S = 1.0
 _BYTES_PER_MB = 2**20
 
