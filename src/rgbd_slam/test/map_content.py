@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from functools import cache
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from rgbd_slam.map_state import MapState, snapshot
 
 from .ring_world import MODEL, RingWorld, mapped, ring_poses
 
+Members = dict[str, bytes]
 OCTAVES = 8
 SCALE = 1.2
 
@@ -72,3 +74,9 @@ def written(anything: MapFile) -> bytes:
 def write(path: Path, anything: MapFile) -> None:
     """Write what may be no map, which `save` would refuse."""
     path.write_bytes(written(anything))
+
+
+def members_of(data: bytes) -> Members:
+    """Return the members of a file by name."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}

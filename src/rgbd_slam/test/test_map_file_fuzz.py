@@ -1,0 +1,90 @@
+"""Map files with bytes gone wrong anywhere: one clear line, or the map that was saved."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hoid_common.errors import MapFileError
+from rgbd_slam import map_file
+from rgbd_slam.map_file import MapFile
+from rgbd_slam.map_state import restore, snapshot
+
+from .map_content import content, members_of, new_map, saved
+from .ring_world import CAMERA
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / 'room.hoidmap'
+    path.write_bytes(saved())
+    return path
+
+
+def attempt(path: Path) -> MapFile | None:
+    """Load a file, or be refused in one line."""
+    try:
+        return map_file.load(path)
+    except MapFileError as error:
+        said = str(error)
+    assert '\n' not in said
+    return None
+
+
+def harmless(path: Path, data: bytes) -> None:
+    """Load a file: it is refused in one line, or its contents are those that were saved."""
+    path.write_bytes(data)
+    loaded = attempt(path)
+    if loaded is None:
+        return
+    good = content()
+    assert loaded.camera == good.camera
+    assert loaded.map.digest() == good.map.digest()
+
+
+_FUZZ = settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@_FUZZ
+@given(data=st.data())
+def test_flipped_bytes_never_do_harm(path: Path, data: st.DataObject) -> None:
+    damaged = bytearray(saved())
+    places = st.integers(0, len(damaged) - 1) | st.integers(len(damaged) - 2500, len(damaged) - 1)
+    for at in data.draw(st.lists(places, min_size=1, max_size=4)):
+        damaged[at] = data.draw(st.integers(0, 255))
+    harmless(path, bytes(damaged))
+
+
+@_FUZZ
+@given(end=st.integers(0, 2**30))
+def test_truncated_files_never_do_harm(path: Path, end: int) -> None:
+    harmless(path, saved()[: end % len(saved())])
+
+
+@_FUZZ
+@given(
+    name=st.sampled_from(sorted(members_of(saved()))), at=st.integers(0, 2**20),
+    value=st.binary(min_size=1, max_size=16),
+)  # fmt: skip
+def test_forged_bytes_make_a_map_or_an_error(path: Path, name: str, at: int, value: bytes) -> None:
+    members = members_of(saved())
+    array = members[name]
+    start = at % max(len(array) - len(value), 1)
+    members[name] = array[:start] + value + array[start + len(value) :]
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_STORED) as archive:
+        for member, array in members.items():
+            archive.writestr(member, array)
+    loaded = attempt(path)
+    if loaded is None:
+        return
+    slam_map = new_map()
+    restore(slam_map, loaded.map, CAMERA, keep=False)
+    assert snapshot(slam_map).digest() == loaded.map.digest()
+    assert np.isfinite(slam_map.points.view_direction).all()
