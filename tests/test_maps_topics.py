@@ -138,6 +138,7 @@ def test_the_room_is_mapped_without_its_people(
     check_grid(peer, truth)
     check_objects(peer, truth)
     check_files(peer, tmp_path / 'maps')
+    check_run_time(peer)
 
 
 def check_cloud(peer: Peer, truth: RoomTruth) -> None:
@@ -202,6 +203,26 @@ def check_files(peer: Peer, folder: Path) -> None:
     assert sorted(p.name for p in folder.iterdir()) == [
         'cloud.ply', 'room.pcd', 'room.pgm', 'room.yaml',
     ]  # fmt: skip
+
+
+def check_run_time(peer: Peer) -> None:
+    """Another grid and another rate are had without a new image, and without waiting."""
+    occupied = np.count_nonzero(np.array(peer.grids[-1].data) == 100)
+    peer.probe.set_parameters('rgbd_slam', {'dense.publish_period_s': 3600.0})
+    peer.probe.set_parameters(
+        'rgbd_slam', {'dense.grid.max_height_m': 0.3, 'dense.publish_period_s': 0.1}
+    )
+
+    def is_lower() -> bool:
+        cells = np.array(peer.grids[-1].data)
+        return bool(np.count_nonzero(cells == 100) < 0.9 * occupied)
+
+    peer.probe.spin_until(is_lower, 'the grid is as high as before')
+    peer.probe.set_parameters('rgbd_slam', {'dense.grid.resolution_m': 0.1})
+    peer.probe.spin_until(
+        lambda: peer.grids[-1].info.resolution == pytest.approx(0.1),
+        'the grid is as fine as before',
+    )
 
 
 def test_reset_empties_the_maps_and_mapping_goes_on(peer: Peer, messages: list[Messages]) -> None:
