@@ -175,7 +175,8 @@ def _layout() -> rrb.Blueprint:
         rrb.Spatial2DView(origin=DEPTH, name='depth'),
     )
     scene = rrb.Spatial3DView(origin=MAP, name='map')
-    return rrb.Blueprint(rrb.Horizontal(scene, pictures, column_shares=(3, 2)))
+    views = rrb.Horizontal(scene, pictures, column_shares=(3, 2))
+    return rrb.Blueprint(views, collapse_panels=True)  # which would take half of the window
 
 
 def _frustum_m(camera: CameraModel | None) -> FloatArray:
