@@ -57,7 +57,9 @@ class KeyframePolicy:
         is_falling = num_inliers < self.config.fallen_share * self._most_inliers
         if gap_s < self.config.min_gap_s and not is_falling:
             return False
-        lacks = is_falling or self._lacks_depth(tracking) or self._leaves_reference(i, num_inliers)
+        if is_falling:
+            return True  # a known view, too: it may be all that keeps tracking alive
+        lacks = self._lacks_depth(tracking) or self._leaves_reference(i, num_inliers)
         return lacks and not self._is_known_view(tracking, i)
 
     def _lacks_depth(self, tracking: Tracking) -> bool:

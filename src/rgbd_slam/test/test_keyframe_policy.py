@@ -112,3 +112,10 @@ def test_a_view_that_the_map_knows_is_not_taken_in_again(
     policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_PX)
     seen = tracking(slam_map, 1.0, 40, T_map_camera, expected_px)
     assert policy.wants(seen, 0) is wanted
+
+
+def test_a_known_view_is_taken_in_when_tracking_falls() -> None:
+    slam_map = mapped(newer=10)
+    policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_PX)
+    assert not policy.wants(tracking(slam_map, 1.0, 100, expected_px=EVERYWHERE), 0)
+    assert policy.wants(tracking(slam_map, 1.1, 55, expected_px=EVERYWHERE), 0)
