@@ -107,6 +107,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
     changed = config.run.changed()
     of = {name: _under(changed, name) for name in ('detector', 'filter', 'slam')}
     room = {name: changed[name] for name in changed if name.startswith(('dense.', 'objects.'))}
+    gate = {name: changed[name] for name in changed if name.startswith('detections.')}
     listening: dict[str, Any] = {'input.compressed': names.is_compressed}
     if config.lockstep and names.is_reliable:
         listening['input.reliability'] = RELIABLE
@@ -115,7 +116,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         remappings=tuple((a, b) for a, b in remappings if a != b),
         parameters={
             DETECTOR: {**of['detector'], 'model': config.run.model, **listening},
-            FILTER: {**of['filter'], **listening},
+            FILTER: {**of['filter'], **gate, **listening},
             SLAM: {**of['slam'], **room, **listening, 'map_directory': str(folder)},
         },
     )

@@ -8,6 +8,7 @@ from typing import Any
 from hoid_common.config import Config, param
 from hoid_detector.config import DetectorConfig
 from hoid_filter.config import FilterConfig
+from hoid_filter.detection_gate import GateConfig
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.object_tracker import ObjectTrackerConfig
@@ -23,6 +24,7 @@ class RunConfig(Config):
     model: str = param('', f'Detector model file, "{TRUTH}", or empty for the usual places')
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     filter: FilterConfig = field(default_factory=FilterConfig)
+    detections: GateConfig = field(default_factory=GateConfig)  # live; offline, all are waited for
     slam: SlamConfig = field(default_factory=SlamConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
     objects: ObjectTrackerConfig = field(default_factory=ObjectTrackerConfig)

@@ -62,7 +62,7 @@ def test_the_suites_own_bag_needs_no_remaps() -> None:
     options = plan(FakeBag())
     assert options.nodes == ('hoid_detector', 'hoid_filter', 'rgbd_slam')
     assert options.remappings == ()
-    assert options.use_sim_time
+    assert not options.use_sim_time  # /clock would wake every node for nothing
     assert options.parameters['rgbd_slam']['map_directory'] == 'folder'
 
 
@@ -113,6 +113,13 @@ def test_the_player_waits_for_every_listener() -> None:
         argv[argv.index('--require') + 1] == 'rgb/image=3'
     )  # detector, filter, and SLAM for its dense map
     assert argv[argv.index('--rate') + 1] == '2.0'
+
+
+def test_the_gate_of_detections_is_set_by_its_own_names() -> None:
+    options = plan(FakeBag(), **{'detections.mode': 'latest', 'filter.strategy': 'hoid2d'})
+    parameters = options.parameters['hoid_filter']
+    assert parameters['detections.mode'] == 'latest'
+    assert parameters['strategy'] == 'hoid2d'
 
 
 def test_in_lockstep_no_message_may_be_lost() -> None:
