@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.errors import ConfigError
 from hoid_common.values import FloatArray
 from rgbd_slam.dense.config import GridConfig
 from rgbd_slam.dense.floor import find_floor
@@ -92,3 +93,8 @@ def test_map_server_files_read_back(tmp_path: Path) -> None:
     text = (tmp_path / 'room.yaml').read_text()
     assert 'image: room.pgm' in text
     assert 'origin: [0.000000, 0.000000, 0.000000]' in text
+
+
+def test_a_grid_without_any_height_for_obstacles_is_refused() -> None:
+    with pytest.raises(ConfigError, match='min_height_m'):
+        GridConfig(min_height_m=1.0, max_height_m=0.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hoid_common.config import Config, param
+from hoid_common.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,15 @@ class GridConfig(Config):
     min_obstacle_points: int = param(
         1, 'Voxels in a cell that make it occupied.', minimum=1, read_only=False
     )
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError when nothing could be an obstacle."""
+        super().__post_init__()
+        if self.min_height_m >= self.max_height_m:
+            raise ConfigError(
+                f'grid.min_height_m, {self.min_height_m:g}, must be less than grid.max_height_m, '
+                f'{self.max_height_m:g}'
+            )
 
 
 @dataclass(frozen=True)
