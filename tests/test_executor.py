@@ -102,6 +102,20 @@ def test_what_is_made_or_destroyed_while_spinning_counts_at_once(
     spin_until(executor, lambda: publisher.get_subscription_count() == 0)
 
 
+def test_a_node_can_be_destroyed_between_two_spins(node: Node) -> None:
+    publisher = node.create_publisher(Header, 'gone', 10)
+    other = Node('other')
+    other.create_subscription(Header, 'gone', lambda _: None, 10)
+    executor = SteadyExecutor()
+    executor.add_node(other)
+    spin_until(executor, lambda: publisher.get_subscription_count() == 1)
+    other.destroy_node()
+    end_s = time.monotonic() + _LIMIT_S
+    while publisher.get_subscription_count():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
 def test_callbacks_may_wait_for_futures(node: Node, executor: SteadyExecutor) -> None:
     node.create_service(SetBool, 'echo', lambda _, response: response)
     client = node.create_client(SetBool, 'echo')

@@ -107,6 +107,13 @@ class SteadyExecutor(SingleThreadedExecutor):
             self._at_work.release()
         return done
 
+    def wake(self) -> None:
+        """Gather anew, as what a node has changed; what it destroyed is let go at once."""
+        super().wake()
+        if self._at_work.acquire(blocking=False):  # otherwise who spins lets go
+            self._forget()
+            self._at_work.release()
+
     def _spin_once_impl(
         self,
         timeout_sec: float | TimeoutObject | None = None,
