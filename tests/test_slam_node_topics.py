@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,13 +23,13 @@ from hoid_bringup.supervisor import Supervisor
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
 from hoid_common.values import FloatArray
+from hoid_system_tests.frame_tree import OPTICAL, edges
 from hoid_system_tests.point_world import CAMERA, PointWorld
 from hoid_system_tests.probe import Probe
 
 NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}  # tested with images elsewhere
 START_NS = 1_305_031_102_175_304_123
 PERIOD_NS = 33_333_333
-OPTICAL = 'camera_color_optical_frame'
 T_BODY_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
@@ -106,15 +105,6 @@ def peer(start: Start, probe: Probe, tmp_path: Path) -> Peer:
     peer = Peer(probe)
     peer.begin()
     return peer
-
-
-def edges(tf: list[Any], stamp_ns: int) -> dict[tuple[str, str], FloatArray]:
-    return {
-        (t.header.frame_id, t.child_frame_id): conversions.transform_from_msg(t)
-        for message in tf
-        for t in message.transforms
-        if conversions.stamp_from_msg(t.header.stamp) == stamp_ns
-    }
 
 
 def test_odometry_transforms_and_status_of_each_image(peer: Peer) -> None:

@@ -21,6 +21,18 @@ double shared_area(const double* a, const double* b)
   return side(std::max(a[0], b[0]), std::min(a[2], b[2])) * side(std::max(a[1], b[1]), std::min(a[3], b[3]));
 }
 
+double ratio(double part, double whole) { return whole > 0 ? part / whole : 0.0; }
+
+template <typename Visit>
+void each_pair(int count, const double* boxes, int count_others, const double* others, Visit visit)
+{
+  for (int n = 0; n < count; ++n) {
+    for (int m = 0; m < count_others; ++m) {
+      visit(boxes + 4 * static_cast<std::ptrdiff_t>(n), others + 4 * static_cast<std::ptrdiff_t>(m));
+    }
+  }
+}
+
 // The first pixel of a row or column whose centre is not before a place.
 int first_from(double place_px, int size)
 {
@@ -96,29 +108,19 @@ private:
 extern "C" void hoid_overlap_ratios(
   int32_t count, const double* boxes, int32_t count_others, const double* others, double* ratio_out)
 {
-  for (int n = 0; n < count; ++n) {
-    const double* box = boxes + 4 * static_cast<std::ptrdiff_t>(n);
-    const double own = area(box);
-    for (int m = 0; m < count_others; ++m) {
-      const double* other = others + 4 * static_cast<std::ptrdiff_t>(m);
-      *ratio_out++ = own > 0 ? shared_area(box, other) / own : 0.0;
-    }
-  }
+  each_pair(count, boxes, count_others, others, [&](const double* box, const double* other) {
+    *ratio_out++ = ratio(shared_area(box, other), area(box));
+  });
 }
 
 // Write the (count, count_others) ratios of shared area to joint area; 0 without area.
 extern "C" void hoid_intersections_over_union(
   int32_t count, const double* boxes, int32_t count_others, const double* others, double* ratio_out)
 {
-  for (int n = 0; n < count; ++n) {
-    const double* box = boxes + 4 * static_cast<std::ptrdiff_t>(n);
-    const double own = area(box);
-    for (int m = 0; m < count_others; ++m) {
-      const double* other = others + 4 * static_cast<std::ptrdiff_t>(m);
-      const double shared = shared_area(box, other), joint = own + area(other) - shared;
-      *ratio_out++ = joint > 0 ? shared / joint : 0.0;
-    }
-  }
+  each_pair(count, boxes, count_others, others, [&](const double* box, const double* other) {
+    const double shared = shared_area(box, other);
+    *ratio_out++ = ratio(shared, area(box) + area(other) - shared);
+  });
 }
 
 // Judge boxes by the rules of the HOID paper; each is a person (role 1), may be handled (2), or neither (0).
@@ -144,7 +146,7 @@ extern "C" void hoid_judge_boxes(
     double most = -1, most_overlap = 0, gap_m = std::numeric_limits<double>::quiet_NaN();
     bool handled = false;
     for (const int person : people) {
-      const double overlap = own > 0 ? shared_area(boxes + 4 * n, boxes + 4 * person) / own : 0;
+      const double overlap = ratio(shared_area(boxes + 4 * n, boxes + 4 * person), own);
       const double between_m = std::abs(out[n] - out[person]);
       const bool touched = touches != nullptr ? *touches++ != 0 : overlap > min_share;
       const bool by_this = touched && !(between_m >= apart_m);  // NaN: not apart
