@@ -1,5 +1,5 @@
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ from hoid_bringup.ros_domain import own_domain
 from hoid_bringup.supervisor import Supervisor, clean_shared_memory
 from hoid_system_tests.filter_peer import FilterRunner, Peer
 from hoid_system_tests.probe import Probe
-from hoid_system_tests.processes import node_spec
+from hoid_system_tests.processes import Start, node_spec
 
 PROFILE = Path(__file__).parents[1] / 'src/hoid_common/config/fastdds_profile.xml'
 
@@ -39,18 +39,18 @@ def probe(domain_id: int) -> Iterator[Probe]:
 
 
 @pytest.fixture
-def run(probe: Probe, start: Callable[..., Supervisor]) -> FilterRunner:
+def run_filter(probe: Probe, start: Start) -> FilterRunner:
     """Start hoid_filter with parameters and return what talks to it."""
 
-    def run_filter(**params: Any) -> Peer:
+    def run(**params: Any) -> Peer:
         start('hoid_filter', 'hoid_filter_node', {'strategy': 'hoid2d', **params})
         return Peer(probe)
 
-    return run_filter
+    return run
 
 
 @pytest.fixture
-def start(domain_id: int, tmp_path: Path) -> Iterator[Callable[..., Supervisor]]:
+def start(domain_id: int, tmp_path: Path) -> Iterator[Start]:
     """Start nodes as processes: `start('package', 'executable', {'parameter': value})`."""
     assert os.environ['ROS_DOMAIN_ID'] == str(domain_id)  # which they inherit
     running: list[Supervisor] = []

@@ -7,12 +7,12 @@ import pytest
 
 from hoid_bags.sequence import open_sequence
 from hoid_bags.trajectory_io import read_tum
-from hoid_bringup.evaluation import end_drift_m, interpolated
 from hoid_bringup.offline import run_offline
 from hoid_bringup.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import Trajectory
+from hoid_system_tests.drift import end_drift_m, interpolated
 
 SHARED = Path(__file__).resolve().parents[1].parent / 'shared'
 HALFSPHERE = SHARED / 'data' / 'fr3_walking_halfsphere_a'

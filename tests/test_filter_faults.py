@@ -22,8 +22,8 @@ from hoid_system_tests.filter_peer import (
 NAN, INF = float('nan'), float('inf')
 
 
-def test_wrong_boxes_are_refused_or_clipped_one_by_one(run: FilterRunner) -> None:
-    peer = run()
+def test_wrong_boxes_are_refused_or_clipped_one_by_one(run_filter: FilterRunner) -> None:
+    peer = run_filter()
     refused = [
         (NAN, 10.0, 50.0, 60.0),
         (0.0, 0.0, INF, 60.0),
@@ -44,8 +44,8 @@ def test_wrong_boxes_are_refused_or_clipped_one_by_one(run: FilterRunner) -> Non
     peer.wait_for_count('boxes refused', len(refused))
 
 
-def test_whole_messages_that_are_wrong_are_refused(run: FilterRunner) -> None:
-    peer = run(**{'detections.wait_s': 1.0, 'detections.timeout_s': 600.0})
+def test_whole_messages_that_are_wrong_are_refused(run_filter: FilterRunner) -> None:
+    peer = run_filter(**{'detections.wait_s': 1.0, 'detections.timeout_s': 600.0})
     peer.send_images(0)
     peer.answer(1)
     peer.send_boxes(1, PERSON, image_width=1920, image_height=1080)
@@ -69,8 +69,8 @@ def serialized_crowd(header: Any, number: int) -> bytes:
     return one[:-36] + number.to_bytes(4, 'little') + one[-32:] * number
 
 
-def test_wrong_images_are_refused(run: FilterRunner) -> None:
-    peer = run(**{'detections.wait_s': 0.1})
+def test_wrong_images_are_refused(run_filter: FilterRunner) -> None:
+    peer = run_filter(**{'detections.wait_s': 0.1})
     peer.send_images(0, DEPTH_M[::2, ::2])
     peer.wait_for_count('depth images refused', 1)
     strange = conversions.color_to_msg(IMAGE, peer.header(1))
@@ -97,9 +97,9 @@ def test_wrong_images_are_refused(run: FilterRunner) -> None:
 
 
 def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
-    run: FilterRunner,
+    run_filter: FilterRunner,
 ) -> None:
-    peer = run()
+    peer = run_filter()
     peer.send_images(0)
     x1, y1, x2, y2 = PERSON[1]
     peer.send_boxes(

@@ -19,8 +19,8 @@ from hoid_system_tests.filter_peer import (
 )
 
 
-def test_values_of_one_image(run: FilterRunner) -> None:
-    peer = run()
+def test_values_of_one_image(run_filter: FilterRunner) -> None:
+    peer = run_filter()
     peer.send_images(0)
     peer.send_boxes(0, PERSON, CUP, TV)
     features, objects = peer.answer()
@@ -45,8 +45,8 @@ def test_values_of_one_image(run: FilterRunner) -> None:
     assert list(person.size_m) == pytest.approx([0.8, 1.6])
 
 
-def test_exact_mode_waits_for_the_images_own_detections(run: FilterRunner) -> None:
-    peer = run(**{'detections.wait_s': 1.0})
+def test_exact_mode_waits_for_the_images_own_detections(run_filter: FilterRunner) -> None:
+    peer = run_filter(**{'detections.wait_s': 1.0})
     peer.send_boxes(0, TV)
     peer.probe.spin_for(0.2)
     peer.send_images(1)
@@ -60,8 +60,8 @@ def test_exact_mode_waits_for_the_images_own_detections(run: FilterRunner) -> No
     assert peer.said()[1]['images without detections'] == '0'
 
 
-def test_exact_mode_does_not_wait_beyond_its_limit(run: FilterRunner) -> None:
-    peer = run(**{'detections.wait_s': 0.2})
+def test_exact_mode_does_not_wait_beyond_its_limit(run_filter: FilterRunner) -> None:
+    peer = run_filter(**{'detections.wait_s': 0.2})
     peer.send_boxes(0, PERSON)
     peer.probe.spin_for(0.2)
     peer.send_images(1)
@@ -71,8 +71,8 @@ def test_exact_mode_does_not_wait_beyond_its_limit(run: FilterRunner) -> None:
     peer.wait_for_count('images without detections', 1)
 
 
-def test_skipped_image_goes_through_with_predicted_boxes(run: FilterRunner) -> None:
-    peer = run()
+def test_skipped_image_goes_through_with_predicted_boxes(run_filter: FilterRunner) -> None:
+    peer = run_filter()
     peer.send_images(0)
     peer.send_boxes(0, PERSON)
     peer.answer(1)
@@ -86,8 +86,8 @@ def test_skipped_image_goes_through_with_predicted_boxes(run: FilterRunner) -> N
     assert features.header == peer.header(2)
 
 
-def test_latest_mode_never_waits(run: FilterRunner) -> None:
-    peer = run(**{'detections.mode': 'latest', 'detections.wait_s': 10.0})
+def test_latest_mode_never_waits(run_filter: FilterRunner) -> None:
+    peer = run_filter(**{'detections.mode': 'latest', 'detections.wait_s': 10.0})
     peer.send_boxes(0, PERSON)
     peer.probe.spin_for(0.2)
     peer.send_images(1)
@@ -97,8 +97,10 @@ def test_latest_mode_never_waits(run: FilterRunner) -> None:
 
 
 @pytest.mark.parametrize('on_loss', ['unfiltered', 'stop'])
-def test_loss_of_the_detector_is_said_and_lived_with(run: FilterRunner, on_loss: str) -> None:
-    peer = run(**{'detections.timeout_s': 1.0, 'detections.on_loss': on_loss})
+def test_loss_of_the_detector_is_said_and_lived_with(
+    run_filter: FilterRunner, on_loss: str
+) -> None:
+    peer = run_filter(**{'detections.timeout_s': 1.0, 'detections.on_loss': on_loss})
     peer.send_images(0)
     peer.send_boxes(0, PERSON)
     peer.answer(1)
@@ -130,8 +132,8 @@ def test_loss_of_the_detector_is_said_and_lived_with(run: FilterRunner, on_loss:
     assert num_inside(peer.features[-1], PERSON) == 0
 
 
-def test_debug_image_is_drawn_for_a_listener(run: FilterRunner) -> None:
-    peer = run()
+def test_debug_image_is_drawn_for_a_listener(run_filter: FilterRunner) -> None:
+    peer = run_filter()
     pictures = peer.probe.collect(Image, 'hoid_filter/debug_image')
     peer.probe.spin_for(0.3)
     peer.send_images(0)

@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from hoid_msgs.msg import Features as FeaturesMsg
-from hoid_msgs.msg import SlamStatus
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
-from hoid_bringup.supervisor import Supervisor
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
 from hoid_common.values import FloatArray
-from hoid_system_tests.point_world import CAMERA, PointWorld
+from hoid_system_tests.frame_tree import OPTICAL
+from hoid_system_tests.point_world import PointWorld
 from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
+from hoid_system_tests.slam_peer import (
+    NO_ROOM,
+    PERIOD_NS,
+    START_NS,
+    SlamPeer,
+    features_msg,
+)
 from rgbd_slam.frames import T_BODY_OPTICAL, flattened
 
-START_NS, PERIOD_NS = 1_305_031_102_175_304_123, 33_333_333
-OPTICAL = 'camera_color_optical_frame'
-NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}
 IMAGES = 12
 T_BASE_CAMERA = se3.exp(np.array([0, 0, 0, 0.2, 0.0, 1.0])) @ T_BODY_OPTICAL
-
-Start = Callable[..., Supervisor]
 
 
 def camera_at(i: int) -> FloatArray:
@@ -38,15 +36,12 @@ def camera_at(i: int) -> FloatArray:
     return T
 
 
-class Peer:
-    """Sends a dozen images and keeps what is said of them."""
+class Peer(SlamPeer):
+    """Sends a dozen images of a world of points."""
 
     def __init__(self, probe: Probe) -> None:
-        self.probe = probe
         self.odom = probe.collect(Odometry, 'odom', wait=False)
-        self.status = probe.collect(SlamStatus, 'slam_status', wait=False)
-        self.tf = probe.collect(TFMessage, '/tf', qos.TF, wait=False)
-        self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
+        super().__init__(probe)
 
     def say_where_the_camera_sits(self) -> None:
         static = self.probe.publisher(TFMessage, '/tf_static', qos.TF_STATIC)
@@ -56,18 +51,10 @@ class Peer:
 
     def play(self) -> None:
         world = PointWorld()
-        camera = self.probe.publisher(CameraInfo, 'rgb/camera_info')
-        features = self.probe.publisher(FeaturesMsg, 'features')
-        header = conversions.header_to_msg(START_NS, OPTICAL)
-        camera.publish(conversions.camera_to_msg(CAMERA, header))
-        self.probe.spin_until(lambda: bool(self.status), 'the node does not get ready', 60.0)
+        self.begin()
         for i in range(IMAGES):
-            stamp_ns, before = START_NS + i * PERIOD_NS, len(self.status)
-            header = conversions.header_to_msg(stamp_ns, OPTICAL)
-            seen = world.features(camera_at(i), stamp_ns)
-            size_px = (CAMERA.width_px, CAMERA.height_px)
-            features.publish(conversions.features_to_msg(seen, header, size_px))
-            self.probe.spin_until(lambda n=before: len(self.status) > n, 'no status')  # type: ignore[misc]
+            seen = world.features(camera_at(i), START_NS + i * PERIOD_NS)
+            self.answer_to(features_msg(seen))
         self.probe.spin_until(lambda: len(self.odom) == IMAGES, 'odometry is missing')
         self.probe.spin_for(0.3)
 

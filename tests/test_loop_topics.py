@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 import psutil
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from hoid_msgs.msg import Features as FeaturesMsg
 from hoid_msgs.msg import SlamStatus
-from sensor_msgs.msg import CameraInfo
-from tf2_msgs.msg import TFMessage
 
 from hoid_bringup.supervisor import Supervisor
 from hoid_common import se3
-from hoid_common.ros import conversions, qos
+from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
 from hoid_system_tests.bent_ring import BentRing
-from hoid_system_tests.point_world import CAMERA
+from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
+from hoid_system_tests.slam_peer import (
+    NO_ROOM,
+    PERIOD_NS,
+    START_NS,
+    SlamPeer,
+    features_msg,
+)
 from rgbd_slam.frames import T_BODY_OPTICAL
 
-START_NS = 1_305_031_102_175_304_123
-PERIOD_NS = 33_333_333
-OPTICAL = 'camera_color_optical_frame'
 STEP_RAD = np.deg2rad(3.0)
 LAP = 120  # steps
 OVERLAP = 30  # steps of the second lap
 _PAUSE_S = 0.1
-NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}
-
-Start = Callable[..., Supervisor]
 
 
 class Edges(NamedTuple):
@@ -44,20 +41,14 @@ class Edges(NamedTuple):
     T_odom_camera: FloatArray
 
 
-class Walker:
+class Walker(SlamPeer):
     """Carries a camera round, and waits for the mapper at each place as a slow robot would."""
 
     def __init__(self, probe: Probe) -> None:
-        self.probe, self.world = probe, BentRing()
+        super().__init__(probe)
+        self.world = BentRing()
         self.steps: list[int] = []  # of each image
-        self.status = probe.collect(SlamStatus, 'slam_status', wait=False)
-        self.tf = probe.collect(TFMessage, '/tf', qos.TF, wait=False)
-        self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
-        camera = probe.publisher(CameraInfo, 'rgb/camera_info')
-        self.features = probe.publisher(FeaturesMsg, 'features')
-        header = conversions.header_to_msg(START_NS, OPTICAL)
-        camera.publish(conversions.camera_to_msg(CAMERA, header))
-        probe.spin_until(lambda: bool(self.status), 'the node does not get ready', 60.0)
+        self.begin()
 
     def walk(self, first: int, last: int) -> None:
         for step in range(first, last):
@@ -69,14 +60,9 @@ class Walker:
     def look(self, step: int) -> None:
         """Send the image of a place, and wait for the answer."""
         stamp_ns = START_NS + len(self.steps) * PERIOD_NS
-        header = conversions.header_to_msg(stamp_ns, OPTICAL)
-        seen = self.world.features(step * STEP_RAD, stamp_ns)
-        size_px = (CAMERA.width_px, CAMERA.height_px)
         self.steps.append(step)
-        before = len(self.status)
-        self.features.publish(conversions.features_to_msg(seen, header, size_px))
-        self.probe.spin_until(lambda: len(self.status) > before, 'no slam_status')
-        assert self.status[-1].state == SlamStatus.TRACKING
+        status = self.answer_to(features_msg(self.world.features(step * STEP_RAD, stamp_ns)))
+        assert status.state == SlamStatus.TRACKING
 
     def camera_at(self, step: int) -> FloatArray:
         """Return the true T_odom_camera."""
@@ -102,10 +88,7 @@ class Walker:
 
     def deaths(self) -> int:
         """Return how many mapping processes died, by the next diagnostics."""
-        self.diagnostics.clear()
-        self.probe.spin_until(lambda: bool(self.diagnostics), 'no diagnostics')
-        values = {v.key: v.value for v in self.diagnostics[-1].status[0].values}
-        return int(values['mapping processes that died'])
+        return int(self.diagnosis()[1]['mapping processes that died'])
 
 
 def stamp_of(message: Any) -> int:
@@ -131,12 +114,14 @@ def test_odometry_does_not_move_when_a_loop_corrects_the_map(probe: Probe) -> No
         START_NS + n * PERIOD_NS for n in range(len(walker.steps))
     ]
     true = [walker.camera_at(step) for step in walker.steps]
+    jumps_m = [distance_m(a.T_map_odom, b.T_map_odom) for a, b in pairwise(edges)]
+    assert max(jumps_m) > 0.04
+    assert distance_m(edges[LAP // 2].T_map_odom, np.eye(4)) < 0.005
     for (edge, later), (T, T_later) in zip(pairwise(edges), pairwise(true), strict=True):
         T_measured = se3.inverse(edge.T_odom_camera) @ later.T_odom_camera
-        assert distance_m(se3.inverse(T) @ T_later, T_measured) < 0.01
-    assert distance_m(edges[LAP // 2].T_map_odom, np.eye(4)) < 0.005
-    jumps_m = [distance_m(a.T_map_odom, b.T_map_odom) for a, b in pairwise(edges)]
-    assert max(jumps_m) > 0.02
+        # The closed map is bent by 1 %, which is up to 16 mm over half a view 3 m away: odometry
+        # may follow the bend of what it is measured by, but not the jump.
+        assert distance_m(se3.inverse(T) @ T_later, T_measured) < 0.25 * max(jumps_m)
     known = walker.camera_at(OVERLAP - 1)  # the same place, a lap ago
     gap_m = distance_m(edges[-1].T_odom_camera, known)
     assert gap_m > 0.04

@@ -10,87 +10,57 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hoid_msgs.msg import Features as FeaturesMsg
 from hoid_msgs.msg import SlamStatus
-from hoid_msgs.srv import LoadMap, SaveMap, SetMode
+from hoid_msgs.srv import SaveMap
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo
 from std_srvs.srv import Trigger
-from tf2_msgs.msg import TFMessage
 
 from hoid_bringup.supervisor import Supervisor
 from hoid_common import se3
-from hoid_common.ros import conversions, qos
+from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
-from hoid_system_tests.frame_tree import OPTICAL, edges
-from hoid_system_tests.point_world import CAMERA, PointWorld
+from hoid_system_tests.point_world import CAMERA, PointWorld, walked
 from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
+from hoid_system_tests.slam_peer import (
+    NO_ROOM,
+    PERIOD_NS,
+    START_NS,
+    SlamPeer,
+    features_msg,
+)
 from rgbd_slam import map_file
 from rgbd_slam.frames import T_BODY_OPTICAL
 from rgbd_slam.map_state import MapState
 
-NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}
-START_NS, PERIOD_NS = 1_305_031_102_000_000_000, 33_333_333
-
-Start = Callable[..., Supervisor]
-
 
 def camera_at(i: int) -> FloatArray:
-    """Return T_world_camera of place i: 1 cm to the right and 5 mm forward each, turning."""
-    T = se3.exp(np.array([0.0, 0.01 * i, 0, 0, 0, 0]))
-    T[:3, 3] = 0.01 * i, 0.0, 0.005 * i
-    return T
+    """Return T_world_camera of place i."""
+    return walked(i, turn_rad=0.01)
 
 
-class Peer:
-    """Sends images from places of a world of points, and keeps what is said of them."""
+class Peer(SlamPeer):
+    """Sends images from places of a world of points."""
 
     def __init__(self, probe: Probe) -> None:
-        self.probe, self.world, self.num_sent = probe, PointWorld(3000), 0
-        self.status = probe.collect(SlamStatus, 'slam_status', wait=False)
         self.odom = probe.collect(Odometry, 'odom', wait=False)
-        self.tf = probe.collect(TFMessage, '/tf', qos.TF, wait=False)
-        self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')
-        self.features = probe.publisher(FeaturesMsg, 'features')
-        header = conversions.header_to_msg(START_NS, OPTICAL)
-        self.camera.publish(conversions.camera_to_msg(CAMERA, header))
-        probe.spin_until(lambda: bool(self.status), 'the node does not get ready', 60.0)
-
-    def publish(self, place: int) -> int:
-        """Send an image and return its stamp."""
-        stamp_ns = START_NS + self.num_sent * PERIOD_NS
-        self.num_sent += 1
-        features = self.world.features(camera_at(place), stamp_ns)
-        size_px = (CAMERA.width_px, CAMERA.height_px)
-        header = conversions.header_to_msg(stamp_ns, OPTICAL)
-        self.features.publish(conversions.features_to_msg(features, header, size_px))
-        return stamp_ns
+        super().__init__(probe)
+        self.world, self.num_sent = PointWorld(3000), 0
+        self.begin()
 
     def send(self, *places: int) -> list[SlamStatus]:
-        """Send images one by one, each when the one before has been answered."""
-        first = len(self.status)
+        """Send images and return what is said of each."""
+        answers = []
         for place in places:
-            before = len(self.status)
-            self.publish(place)
-            self.probe.spin_until(lambda: len(self.status) > before, 'no slam_status')  # noqa: B023
-        return self.status[first:]
+            stamp_ns = START_NS + self.num_sent * PERIOD_NS
+            self.num_sent += 1
+            seen = self.world.features(camera_at(place), stamp_ns)
+            answers.append(self.answer_to(features_msg(seen)))
+        return answers
 
-    def pose(self) -> FloatArray:
-        """Return T_map_camera of the last image, from /tf."""
-        stamp_ns = START_NS + (self.num_sent - 1) * PERIOD_NS
-        self.probe.spin_until(lambda: len(edges(self.tf, stamp_ns)) == 2, 'no transforms')
-        tree = edges(self.tf, stamp_ns)
-        return np.asarray(tree['map', 'odom'] @ tree['odom', OPTICAL])
-
-    def save(self, name: str = '') -> Any:
-        return self.probe.call(SaveMap, 'rgbd_slam/save_map', SaveMap.Request(name=name))
-
-    def load(self, name: str = '', *, merge: bool = False) -> Any:
-        request = LoadMap.Request(name=name, merge=merge)
-        return self.probe.call(LoadMap, 'rgbd_slam/load_map', request)
-
-    def set_mode(self, mode: str) -> Any:
-        return self.probe.call(SetMode, 'rgbd_slam/set_mode', SetMode.Request(mode=mode))
+    def last_pose(self) -> FloatArray:
+        """Return T_map_camera of the last image."""
+        return self.pose(START_NS + (self.num_sent - 1) * PERIOD_NS)
 
 
 @pytest.fixture
@@ -112,7 +82,7 @@ def begin(start: Start, probe: Probe, folder: Path) -> Callable[..., tuple[Peer,
 
 def check_pose(peer: Peer, place: int) -> None:
     """The camera is where it is in the first session's map: within 2 cm and 1 degree."""
-    error = se3.log(se3.inverse(T_BODY_OPTICAL @ camera_at(place)) @ peer.pose())
+    error = se3.log(se3.inverse(T_BODY_OPTICAL @ camera_at(place)) @ peer.last_pose())
     assert np.linalg.norm(error[3:]) < 0.02
     assert np.degrees(np.linalg.norm(error[:3])) < 1
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,37 +13,25 @@ import numpy as np
 import psutil
 import pytest
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
-from hoid_msgs.msg import (
-    DynamicObjectArray,
-    Features,
-    SlamStatus,
-    TrackedObject,
-    TrackedObjectArray,
-)
-from hoid_msgs.srv import SaveMap
+from hoid_msgs.msg import SlamStatus, TrackedObject, TrackedObjectArray
 from nav_msgs.msg import OccupancyGrid
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from hoid_bags.room_truth import RoomTruth
 from hoid_bags.synth.config import SceneConfig
 from hoid_bags.synth.truth import people_centers
-from hoid_bringup.supervisor import Supervisor
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
-from hoid_common.values import FloatArray
 from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import Messages, recording
+from hoid_system_tests.room_peer import RELIABLE, RoomPeer
+from hoid_system_tests.slam_peer import NO_ROOM, SlamPeer
 from rgbd_slam.frames import T_BODY_OPTICAL
 
 SCENE = SceneConfig(num_frames=150)
-RELIABLE = {'input.reliability': 'reliable', 'input.queue_length': 100}
 ROOM = '/rgbd_slam_room'
-PERIOD_S = 1 / 30
-
-Start = Callable[..., Supervisor]
 
 
 @pytest.fixture(scope='module')
@@ -52,41 +39,18 @@ def messages() -> list[Messages]:
     return list(recording(SCENE, 'hoid+'))
 
 
-class Peer:
-    """Plays a recording image by image and keeps what is said of the room."""
+class Peer(RoomPeer):
+    """Plays a recording and keeps what is said of the room."""
 
     def __init__(self, probe: Probe) -> None:
-        self.probe = probe
-        self.status = probe.collect(SlamStatus, 'slam_status', wait=False)
-        self.clouds = probe.collect(PointCloud2, 'cloud_map', qos.LATCHED, wait=False)
         self.grids = probe.collect(OccupancyGrid, 'grid_map', qos.LATCHED, wait=False)
         self.tracked = probe.collect(TrackedObjectArray, 'tracked_objects', wait=False)
         self.markers = probe.collect(MarkerArray, 'tracked_objects/markers', wait=False)
-        self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
-        self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')
-        self.features = probe.publisher(Features, 'features')
-        self.depth = probe.publisher(Image, 'depth/image')
-        self.color = probe.publisher(Image, 'rgb/image')
-        self.objects = probe.publisher(DynamicObjectArray, 'dynamic_objects')
+        super().__init__(probe)
 
-    def begin(self, first: Messages) -> None:
-        """Send the camera and wait until the node is ready for images."""
-        self.camera.publish(first.camera)
-        self.probe.spin_until(lambda: bool(self.status), 'the node does not get ready', 60.0)
-
-    def play(self, messages: list[Messages]) -> None:
-        """Send images as a camera would, each when the one before has been answered."""
-        due_s = time.monotonic()
-        for image in messages:
-            due_s = max(due_s + PERIOD_S, time.monotonic())
-            self.probe.spin_for(due_s - time.monotonic())
-            before = len(self.status)
-            self.depth.publish(image.depth)
-            self.color.publish(image.color)
-            self.objects.publish(image.objects)
-            self.features.publish(image.features)
-            self.probe.spin_until(lambda: len(self.status) > before, 'no slam_status')  # noqa: B023
-            assert self.status[-1].state == SlamStatus.TRACKING
+    def track(self, images: list[Messages]) -> None:
+        """Show images, of which none may be lost."""
+        assert {status.state for status in self.play(images)} == {SlamStatus.TRACKING}
 
     def await_map(self, stamp_ns: int) -> None:
         """Wait until cloud and grid show an image this new."""
@@ -96,23 +60,6 @@ class Peer:
 
         self.probe.spin_until(lambda: is_new(self.clouds), 'no new cloud_map', 30.0)
         self.probe.spin_until(lambda: is_new(self.grids), 'no new grid_map', 30.0)
-
-    def cloud_m(self) -> FloatArray:
-        return conversions.cloud_from_msg(self.clouds[-1]).points_m.astype(np.float64)
-
-    def save(self, what: str, name: str) -> SaveMap.Response:
-        return self.probe.call(SaveMap, f'rgbd_slam/save_{what}', SaveMap.Request(name=name))
-
-    def diagnosis(self, node: str) -> tuple[str, dict[str, str]]:
-        """Return message and values of a node's next diagnostics."""
-
-        def of_node() -> list[Any]:
-            return [s for d in self.diagnostics for s in d.status if s.name == node]
-
-        self.diagnostics.clear()
-        self.probe.spin_until(lambda: bool(of_node()), f'no diagnostics of {node}')
-        status = of_node()[-1]
-        return status.message, {v.key: v.value for v in status.values}
 
 
 def stamp_of(msg: Any) -> int:
@@ -124,14 +71,14 @@ def peer(start: Start, probe: Probe, tmp_path: Path, messages: list[Messages]) -
     parameters = {'map_directory': str(tmp_path / 'maps'), 'dense.publish_period_s': 0.3}
     start('rgbd_slam', 'rgbd_slam_node', parameters | RELIABLE)
     peer = Peer(probe)
-    peer.begin(messages[0])
+    peer.begin(messages[0].camera)
     return peer
 
 
 def test_the_room_is_mapped_without_its_people(
     peer: Peer, messages: list[Messages], tmp_path: Path
 ) -> None:
-    peer.play(messages)
+    peer.track(messages)
     peer.await_map(messages[-11].stamp_ns)
     truth = RoomTruth(SCENE, T_BODY_OPTICAL)
     check_cloud(peer, truth)
@@ -184,12 +131,12 @@ def check_objects(peer: Peer, truth: RoomTruth) -> None:
 def check_files(peer: Peer, folder: Path) -> None:
     points = len(peer.cloud_m())
     for name in ('', 'room.pcd'):
-        answer = peer.save('cloud', name)
+        answer = peer.save(name, 'cloud')
         assert answer.success, answer.message
         assert str(points) in answer.message
     assert f'element vertex {points}\n'.encode() in (folder / 'cloud.ply').read_bytes()
     assert f'POINTS {points}\n'.encode() in (folder / 'room.pcd').read_bytes()
-    answer = peer.save('grid', 'room')
+    answer = peer.save('room', 'grid')
     assert answer.success, answer.message
     document = yaml.safe_load((folder / 'room.yaml').read_text())
     image = cv2.imread(str(folder / document['image']), cv2.IMREAD_UNCHANGED)
@@ -197,7 +144,7 @@ def check_files(peer: Peer, folder: Path) -> None:
     assert image.shape == (peer.grids[-1].info.height, peer.grids[-1].info.width)
     assert set(np.unique(image)) == {0, 205, 254}
     for what, name in (('cloud', '../cloud.ply'), ('cloud', 'cloud.stl'), ('grid', 'a/b')):
-        answer = peer.save(what, name)
+        answer = peer.save(name, what)
         assert not answer.success
         assert '"' in answer.message
     assert sorted(p.name for p in folder.iterdir()) == [
@@ -226,23 +173,23 @@ def check_run_time(peer: Peer) -> None:
 
 
 def test_reset_empties_the_maps_and_mapping_goes_on(peer: Peer, messages: list[Messages]) -> None:
-    assert not peer.save('cloud', '').success
-    peer.play(messages[:40])
+    assert not peer.save('', 'cloud').success
+    peer.track(messages[:40])
     peer.await_map(messages[20].stamp_ns)
     assert len(peer.cloud_m()) > 0
     assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request()).success
     peer.probe.spin_until(lambda: peer.clouds[-1].width == 0, 'the cloud is not empty', 30.0)
     assert peer.grids[-1].info.width == 0
-    peer.play(messages[40:80])
+    peer.track(messages[40:80])
     peer.await_map(messages[60].stamp_ns)
     assert len(peer.cloud_m()) > 0
 
 
 def test_tracking_goes_on_when_the_room_process_dies(peer: Peer, messages: list[Messages]) -> None:
-    peer.play(messages[:10])
+    peer.track(messages[:10])
     pid = int(peer.diagnosis(ROOM)[1]['process'])
     os.kill(pid, signal.SIGKILL)
-    peer.play(messages[10:30])
+    peer.track(messages[10:30])
     message, _ = peer.diagnosis('/rgbd_slam')
     assert 'has ended' in message
 
@@ -252,7 +199,7 @@ def test_no_process_outlives_a_killed_node(
 ) -> None:
     supervisor = start('rgbd_slam', 'rgbd_slam_node', RELIABLE)
     peer = Peer(probe)
-    peer.begin(messages[0])
+    peer.begin(messages[0].camera)
     pid = int(peer.diagnosis(ROOM)[1]['process'])
     parent = psutil.Process(pid).parent()
     assert parent is not None
@@ -267,10 +214,6 @@ def test_no_process_outlives_a_killed_node(
 def test_without_dense_map_and_objects_there_is_no_room_process(
     start: Start, probe: Probe, messages: list[Messages]
 ) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {'dense.enabled': False, 'objects.enabled': False})
-    probe.publisher(Features, 'features')
-    camera = probe.publisher(CameraInfo, 'rgb/camera_info')
-    status = probe.collect(SlamStatus, 'slam_status')
-    camera.publish(messages[0].camera)
-    probe.spin_until(lambda: bool(status), 'the node does not get ready', 60.0)
+    start('rgbd_slam', 'rgbd_slam_node', NO_ROOM)
+    SlamPeer(probe).begin(messages[0].camera)
     assert probe.node.count_publishers('/cloud_map') == 0

@@ -152,6 +152,12 @@ def set_parameter(bench: Bench, name: str, value: Any) -> Any:
     return bench.probe.call(SetParameters, 'sample/set_parameters', request).results[0]
 
 
+def test_a_misspelt_parameter_is_said(domain_id: int, capfd: pytest.CaptureFixture[str]) -> None:
+    assert started(domain_id, '-p', 'rule.shared:=0.75') == Settings()
+    said = 'no parameter is called "rule.shared": no effect; did you mean rule.share?'
+    assert said in capfd.readouterr().err
+
+
 def test_parameters_change_at_run_time(bench: Bench) -> None:
     assert set_parameter(bench, 'rule.share', 0.75).successful
     assert set_parameter(bench, 'rule.classes', ['cup']).successful
@@ -165,6 +171,8 @@ def test_parameters_change_at_run_time(bench: Bench) -> None:
         ('rule.share', 1.5, 'rule.share out of range Min: 0.0, Max: 1.0'),
         ('mode', 'lazy', 'mode must be one of fast, slow'),
         ('number', 4, 'read-only'),
+        ('rule.classes', None, 'rule.classes must be list, got None'),  # to be deleted
+        ('rule.classes', [1, 2], 'rule.classes must be a list of strings, got [1, 2]'),
     ],
 )
 def test_unusable_changes_are_refused(bench: Bench, name: str, value: Any, said: str) -> None:

@@ -38,12 +38,20 @@ def test_nodes_end_cleanly(sign: signal.Signals) -> None:
 
 @pytest.mark.usefixtures('domain_id')
 def test_a_node_that_cannot_start_says_why_in_one_line() -> None:
-    result = subprocess.run(
-        [sys.executable, '-c', NODE, 'fail'],
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
+    assert failure('fail') == ['error: the focal length is 0; calibrate the camera']
+
+
+@pytest.mark.usefixtures('domain_id')
+def test_arguments_that_ros_refuses_are_said_in_one_line() -> None:
+    said = failure('--ros-args', '-r', '__ns:=/two words')
+    assert said[-1].startswith('error: ')
+    assert "'-r __ns:=/two words'" in said[-1]
+    assert 'Traceback' not in ''.join(said)
+
+
+def failure(*arguments: str) -> list[str]:
+    """Return what a node says that cannot start."""
+    argv = [sys.executable, '-c', NODE, *arguments]
+    result = subprocess.run(argv, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 1
-    assert result.stderr == 'error: the focal length is 0; calibrate the camera\n'
+    return result.stderr.splitlines()

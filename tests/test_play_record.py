@@ -21,7 +21,6 @@ from hoid_bags.bag_reader import BagReader
 from hoid_bags.bag_sequence import header_stamp_ns
 from hoid_bags.bag_writer import BagWriter
 from hoid_bags.info import summarize
-from hoid_bags.stamps import NS_PER_S
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import (
     camera_from_msg,
@@ -29,7 +28,7 @@ from hoid_common.ros.conversions import (
     depth_from_msg,
     stamp_from_msg,
 )
-from hoid_common.values import CameraModel
+from hoid_common.values import NS_PER_S, CameraModel
 from hoid_system_tests.probe import Probe
 
 CAMERA = CameraModel(160, 120, 130.0, 131.0, 79.5, 59.5)
@@ -137,7 +136,7 @@ def test_lockstep_waits_for_odometry(probe: Probe, commands: Commands, bag: Path
     images = probe.collect(Image, 'rgb/image', wait=False)
     process = commands.start('play', bag, '--lockstep', '--rate', '100', '--no-clock')
     for i in range(NUM_FRAMES):
-        probe.spin_until(lambda n=i: len(images) > n, f'image {i} does not come')  # type: ignore[misc]
+        probe.spin_until_count(images, i + 1, f'image {i} does not come')
         if i < 3:
             probe.spin_for(0.2)
         assert len(images) == i + 1
@@ -192,7 +191,7 @@ def test_recording_nothing_leaves_nothing(
     probe: Probe, commands: Commands, tmp_path: Path
 ) -> None:
     process = commands.start('record', tmp_path / 'bag', '--topics', 'silence')
-    probe.spin_for(3.0)
+    probe.publisher(Image, 'silence')  # which the recorder listens to from here on
     process.send_signal(signal.SIGINT)
     status, said = ended(probe, process)
     assert status == 1

@@ -97,4 +97,7 @@ def test_a_missing_parameter_file_is_said(run_nodes: Run) -> None:
     process = run_nodes('--params', 'nowhere.yaml')
     assert process.wait(30) == 1
     assert process.stderr is not None
-    assert process.stderr.read() == 'hoid nodes: nowhere.yaml: no such parameter file\n'
+    assert (
+        process.stderr.read()
+        == 'hoid nodes: nowhere.yaml: cannot be read (No such file or directory)\n'
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +9,13 @@ import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-from hoid_bringup.supervisor import Supervisor
 from hoid_common.config import Config, Param
 from hoid_detector.node import NodeConfig as DetectorNodeConfig
 from hoid_filter.node import NodeConfig as FilterNodeConfig
 from hoid_system_tests.detector_bench import write_model
 from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
+from hoid_system_tests.slam_peer import NO_ROOM
 from rgbd_slam.node_config import SlamNodeConfig
 
 CONFIGS: dict[str, Config] = {
@@ -26,10 +26,8 @@ CONFIGS: dict[str, Config] = {
 GIVEN: dict[str, dict[str, Any]] = {
     'hoid_detector': {},
     'hoid_filter': {},
-    'rgbd_slam': {'dense.enabled': False, 'objects.enabled': False},
+    'rgbd_slam': NO_ROOM,
 }
-
-Start = Callable[..., Supervisor]
 
 
 class Client:

@@ -2,83 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from hoid_msgs.msg import Features as FeaturesMsg
 from hoid_msgs.msg import SlamStatus
 from hoid_msgs.srv import SaveTrajectory
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMsg
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from hoid_bags.trajectory_io import read_tum
-from hoid_bringup.supervisor import Supervisor
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
 from hoid_common.values import FloatArray
 from hoid_system_tests.frame_tree import OPTICAL, edges
-from hoid_system_tests.point_world import CAMERA, PointWorld
+from hoid_system_tests.point_world import PointWorld, walked
 from hoid_system_tests.probe import Probe
-
-NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}  # tested with images elsewhere
-START_NS = 1_305_031_102_175_304_123
-PERIOD_NS = 33_333_333
-T_BODY_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+from hoid_system_tests.processes import Start
+from hoid_system_tests.slam_peer import (
+    NO_ROOM,
+    PERIOD_NS,
+    START_NS,
+    SlamPeer,
+    features_msg,
+)
+from rgbd_slam.frames import T_BODY_OPTICAL
 
 
 def camera_at(i: int) -> FloatArray:
-    """Return T_world_camera of image i: 1 cm to the right and 5 mm forward each, turning."""
-    T = se3.exp(np.array([0.0, 0.004 * i, 0, 0, 0, 0]))
-    T[:3, 3] = 0.01 * i, 0.0, 0.005 * i
-    return T
+    """Return T_world_camera of image i."""
+    return walked(i, turn_rad=0.004)
 
 
-class Peer:
-    """Sends what the node needs and keeps what it says."""
+class Peer(SlamPeer):
+    """Sends images of a world of points."""
 
     def __init__(self, probe: Probe) -> None:
-        self.probe, self.world, self.next = probe, PointWorld(), 0
         self.odom = probe.collect(Odometry, 'odom', wait=False)
-        self.status = probe.collect(SlamStatus, 'slam_status', wait=False)
-        self.tf = probe.collect(TFMessage, '/tf', qos.TF, wait=False)
         self.clouds = probe.collect(PointCloud2, 'map_points', qos.LATCHED, wait=False)
         self.paths = probe.collect(PathMsg, 'path', qos.LATCHED, wait=False)
         self.markers = probe.collect(MarkerArray, 'keyframes', qos.LATCHED, wait=False)
-        self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
-        self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')
-        self.features = probe.publisher(FeaturesMsg, 'features')
+        super().__init__(probe)
+        self.world, self.next = PointWorld(), 0
 
     def message(self, i: int) -> FeaturesMsg:
-        stamp_ns = START_NS + i * PERIOD_NS
-        header = conversions.header_to_msg(stamp_ns, OPTICAL)
-        size_px = (CAMERA.width_px, CAMERA.height_px)
-        features = self.world.features(camera_at(i), stamp_ns)
-        return conversions.features_to_msg(features, header, size_px)
-
-    def send_camera(self) -> None:
-        header = conversions.header_to_msg(START_NS, OPTICAL)
-        self.camera.publish(conversions.camera_to_msg(CAMERA, header))
-
-    def begin(self) -> None:
-        """Send the camera and wait until the node is ready for images."""
-        self.send_camera()
-        self.probe.spin_until(lambda: bool(self.status), 'the node does not get ready', 60.0)
-        assert self.status[-1].state == SlamStatus.NOT_INITIALIZED
-        assert self.status[-1].frames_processed == 0
+        return features_msg(self.world.features(camera_at(i), START_NS + i * PERIOD_NS))
 
     def send(self, count: int) -> None:
-        """Send images one by one, each when the one before has been answered."""
+        """Send the next images."""
         for i in range(self.next, self.next + count):
-            before = len(self.status)
-            self.features.publish(self.message(i))
-            self.probe.spin_until(lambda: len(self.status) > before, 'no slam_status')  # noqa: B023
+            self.answer_to(self.message(i))
         self.next += count
 
     def call(self, name: str) -> str:
@@ -88,13 +66,7 @@ class Peer:
 
     def count(self, key: str) -> int:
         """Return a counter of the next diagnostics."""
-        self.diagnostics.clear()
-        self.probe.spin_until(lambda: bool(self.diagnostics), 'no diagnostics')
-        values = {v.key: v.value for v in self.diagnostics[-1].status[0].values}
-        return int(values.get(key, '0'))
-
-
-Start = Callable[..., Supervisor]
+        return int(self.diagnosis()[1].get(key, '0'))
 
 
 @pytest.fixture
@@ -104,6 +76,8 @@ def peer(start: Start, probe: Probe, tmp_path: Path) -> Peer:
     start('rgbd_slam', 'rgbd_slam_node', parameters | NO_ROOM)
     peer = Peer(probe)
     peer.begin()
+    assert peer.status[-1].state == SlamStatus.NOT_INITIALIZED
+    assert peer.status[-1].frames_processed == 0
     return peer
 
 
@@ -125,11 +99,8 @@ def test_odometry_transforms_and_status_of_each_image(peer: Peer) -> None:
     assert np.sqrt(covariance[0, 0]) < 0.02
 
     stamp_ns = START_NS + 29 * PERIOD_NS
-    peer.probe.spin_until(lambda: bool(edges(peer.tf, stamp_ns)), 'no transforms')
-    tree = edges(peer.tf, stamp_ns)
-    assert set(tree) == {('map', 'odom'), ('odom', OPTICAL)}
-    T_map_camera = tree['map', 'odom'] @ tree['odom', OPTICAL]
-    np.testing.assert_allclose(T_map_camera, T_BODY_OPTICAL @ camera_at(29), atol=0.004)
+    assert set(peer.tree(stamp_ns)) == {('map', 'odom'), ('odom', OPTICAL)}
+    np.testing.assert_allclose(peer.pose(stamp_ns), T_BODY_OPTICAL @ camera_at(29), atol=0.004)
 
     status = peer.status[-1]
     assert conversions.stamp_from_msg(status.header.stamp) == stamp_ns
@@ -302,5 +273,4 @@ def test_a_base_frame_is_found_on_tf_static(start: Start, probe: Probe) -> None:
     T_odom_base = conversions.pose_from_msg(peer.odom[-1].pose.pose)
     np.testing.assert_allclose(T_odom_base, expected, atol=0.004)
     stamp_ns = START_NS + 9 * PERIOD_NS
-    peer.probe.spin_until(lambda: bool(edges(peer.tf, stamp_ns)), 'no transforms')
-    assert set(edges(peer.tf, stamp_ns)) == {('world', 'odom'), ('odom', 'base_link')}
+    assert set(peer.tree(stamp_ns)) == {('world', 'odom'), ('odom', 'base_link')}

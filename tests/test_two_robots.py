@@ -20,11 +20,11 @@ from tf2_msgs.msg import TFMessage
 from hoid_bringup.supervisor import ProcessSpec, Supervisor
 from hoid_common.ros import conversions, qos
 from hoid_common.values import FloatArray
+from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.sliding_camera import CAMERA, PERIOD_NS, STEP_M, write_sliding
 
 FRAMES = 30
-OPTICAL = 'camera_color_optical_frame'
 LIMIT_S = 120.0
 PARAMETERS = """/**:
   ros__parameters:
@@ -59,12 +59,20 @@ class Heard:
         self.status = probe.collect(SlamStatus, f'{ns}/slam_status', wait=False)
         self.tf = probe.collect(TFMessage, f'{ns}/tf', qos.TF, wait=False)
         camera = probe.publisher(CameraInfo, f'{ns}/rgb/camera_info', wait=False)
-        both = lambda: camera.get_subscription_count() == 2  # noqa: E731 - filter and SLAM
-        probe.spin_until(both, f'{ns} does not listen', LIMIT_S)
+        probe.spin_until(
+            lambda: camera.get_subscription_count() == 2,  # filter and SLAM
+            f'{ns} does not listen',
+            LIMIT_S,
+        )
         probe.spin_for(0.5)  # they may still have to learn of us
         header = conversions.header_to_msg(robot.start_ns - 1, OPTICAL)
         camera.publish(conversions.camera_to_msg(CAMERA, header))
         probe.spin_until(lambda: bool(self.status), f'{ns} does not get ready', LIMIT_S)
+        self._probe = probe
+
+    def await_edges(self, expected: set[tuple[str, str, int]]) -> None:
+        """Wait until these are all of its frame tree's edges: parent, child, stamp in ns."""
+        self._probe.spin_until(lambda: edges(self.tf) == expected, 'transforms differ')
 
 
 @pytest.fixture
@@ -120,8 +128,9 @@ def test_each_robot_follows_its_own_camera(
         assert [conversions.stamp_from_msg(m.header.stamp) for m in said.odom] == stamps_ns
         true_m = STEP_M * np.arange(FRAMES)[:, None] * np.array(robot.moves_m)
         np.testing.assert_allclose(positions_m(said.odom), true_m, atol=0.02)
-        expected = {edge for t in stamps_ns for edge in (('map', 'odom', t), ('odom', OPTICAL, t))}
-        probe.spin_until(lambda s=said, e=expected: edges(s.tf) == e, 'transforms differ')  # type: ignore[misc]
+        said.await_edges(
+            {edge for t in stamps_ns for edge in (('map', 'odom', t), ('odom', OPTICAL, t))}
+        )
     assert probe.node.count_publishers('/tf') == 0
     names = {status.name for msg in diagnostics for status in msg.status}
     assert {f'/{r.name}/{node}' for r in ROBOTS for node in ('hoid_filter', 'rgbd_slam')} <= names

@@ -9,18 +9,14 @@ from numpy.typing import NDArray
 
 from hoid_bags import bag_types as types
 from hoid_bags.bag_types import Message, new_message
-from hoid_bags.stamps import NS_PER_S
 from hoid_common import se3
-from hoid_common.errors import ConfigError, InputError
-from hoid_common.values import CameraModel, Detections, FloatArray
+from hoid_common.values import NS_PER_S, CameraModel, Detections, FloatArray
 
 CAMERA_FRAME = 'camera_color_optical_frame'
 """Frame of both images: depth is registered to colour."""
 IMU_FRAME = 'camera_imu_frame'
 WORLD_FRAME = 'world'
 """Fixed frame of the ground truth."""
-
-_DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')
 
 
 def header(stamp_ns: int, frame_id: str) -> Message:
@@ -77,7 +73,7 @@ def camera_info(stamp_ns: int, camera: CameraModel) -> Message:
         header=header(stamp_ns, CAMERA_FRAME),
         height=camera.height_px,
         width=camera.width_px,
-        distortion_model=_DISTORTION_MODELS[len(distortion) > 5],
+        distortion_model=camera.distortion_model,
         d=np.array(distortion, np.float64),
         k=camera.matrix.ravel(),
         r=np.eye(3).ravel(),
@@ -86,28 +82,6 @@ def camera_info(stamp_ns: int, camera: CameraModel) -> Message:
         binning_y=0,
         roi=roi,
     )
-
-
-def camera_from_info(message: Message, topic: str) -> CameraModel:
-    """Return the camera of a sensor_msgs/CameraInfo.
-
-    Raises:
-        InputError: not calibrated, or a distortion model without a meaning here.
-    """
-    distorted = any(message.d)
-    if distorted and message.distortion_model not in _DISTORTION_MODELS:
-        raise InputError(
-            f'{topic}: distortion_model "{message.distortion_model}" is not one of '
-            + ', '.join(_DISTORTION_MODELS)
-        )
-    k = [float(value) for value in message.k]
-    distortion = tuple(float(value) for value in message.d) if distorted else ()
-    try:
-        return CameraModel(
-            int(message.width), int(message.height), k[0], k[4], k[2], k[5], distortion
-        )
-    except ConfigError as error:
-        raise InputError(f'{topic}: {error}; is the camera calibrated?') from error
 
 
 def pose_stamped(stamp_ns: int, T_world_camera: FloatArray) -> Message:

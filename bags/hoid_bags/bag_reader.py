@@ -14,8 +14,8 @@ from rosbags.rosbag2 import ReaderError
 
 from hoid_bags.bag_source import BagMessage, BagSource, BagTopic, WholeBag
 from hoid_bags.cut_bag import CutBag
-from hoid_bags.stamps import NS_PER_S
 from hoid_common.errors import InputError
+from hoid_common.values import NS_PER_S
 
 METADATA = 'metadata.yaml'
 

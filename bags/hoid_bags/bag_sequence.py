@@ -14,10 +14,11 @@ from hoid_bags.bag_reader import BagReader
 from hoid_bags.bag_source import BagTopic
 from hoid_bags.bag_topics import RecordedTopics, find_topics
 from hoid_bags.images import check_size, check_whole
-from hoid_bags.stamps import NS_PER_S
 from hoid_common import images
+from hoid_common.camera_info import camera_from_info
 from hoid_common.errors import InputError, MessageError
 from hoid_common.values import (
+    NS_PER_S,
     ByteArray,
     CameraModel,
     Detections,
@@ -137,9 +138,7 @@ class _Index:
             if topic_name in stamps:
                 stamps[topic_name].append(header_stamp_ns(data))
             elif topic == found.camera_info:
-                self.camera = self.camera or bag_messages.camera_from_info(
-                    bag_types.deserialize(data, topic.type_name), f'{reader.path}: {topic_name}'
-                )
+                self.camera = self.camera or _camera(data, topic, reader.path)
             elif topic == found.ground_truth:
                 pose = bag_types.deserialize(data, topic.type_name)
                 poses[bag_messages.stamp_ns(pose)] = bag_messages.pose_from_message(pose)
@@ -152,6 +151,13 @@ class _Index:
         self.depth_ns = _increasing(reader.path, found.depth.name, stamps[found.depth.name])
         self.true_detections = detections if found.true_detections else None
         self.ground_truth = _trajectory(poses) if found.ground_truth else None
+
+
+def _camera(data: bytes, topic: BagTopic, path: Path) -> CameraModel:
+    try:
+        return camera_from_info(bag_types.deserialize(data, topic.type_name))
+    except MessageError as error:
+        raise InputError(f'{path}: {topic.name}: {error}') from error
 
 
 def _increasing(path: Path, topic: str, stamps_ns: list[int]) -> IntArray:

@@ -9,11 +9,11 @@ from hoid_bags import bag_types as types
 from hoid_bags.bag_reader import BagReader
 from hoid_bags.bag_source import BagTopic
 from hoid_common.errors import InputError
+from hoid_common.images import DEPTH_ENCODINGS
 from hoid_common.ros import topics
 
 _COLOR_WORDS = ('rgb', 'color', 'colour')
 _REGISTERED_WORDS = ('aligned', 'registered', 'to_color', 'to_rgb')
-_DEPTH_ENCODINGS = ('16UC1', 'mono16', '32FC1')
 _SUFFIXES = ('/compressedDepth', '/compressed')
 _IMAGES = (types.IMAGE, types.COMPRESSED_IMAGE)
 
@@ -73,7 +73,7 @@ def _is_depth(reader: BagReader, topic: BagTopic) -> bool:
         return False
     message = types.deserialize(first.data, topic.type_name)
     if topic.type_name == types.IMAGE:
-        return message.encoding in _DEPTH_ENCODINGS
+        return message.encoding in DEPTH_ENCODINGS
     return 'compressedDepth' in message.format
 
 

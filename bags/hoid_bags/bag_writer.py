@@ -22,6 +22,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from hoid_bags.bag_types import Message, ensure_type, serialize, shared_typestore
 from hoid_common.errors import InputError
+from hoid_common.files import unwritable
 
 _METADATA_VERSION: Final = 9  # what Jazzy's rosbag2 writes
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it
@@ -72,7 +73,7 @@ class BagWriter:
                 tempfile.mkdtemp(prefix=f'.{self.path.name}.partial-', dir=self.path.parent)
             )
         except OSError as error:
-            raise self._unwritable(error) from error
+            raise unwritable(self.path, error) from error
         with ExitStack() as undo:
             undo.callback(shutil.rmtree, self._folder, ignore_errors=True)
             # Named as the bag will be: the .mcap file takes its folder's name.
@@ -86,7 +87,7 @@ class BagWriter:
             try:
                 self._writer.open()
             except OSError as error:
-                raise self._unwritable(error) from error
+                raise unwritable(self.path, error) from error
             undo.pop_all()
         return self
 
@@ -101,7 +102,7 @@ class BagWriter:
             if error is None:
                 (self._folder / self.path.name).rename(self.path)
         except OSError as cause:
-            raise self._unwritable(cause) from cause
+            raise unwritable(self.path, cause) from cause
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -133,7 +134,4 @@ class BagWriter:
         try:
             self._writer.write(self._connections[topic], stamp_ns, data)
         except OSError as error:
-            raise self._unwritable(error) from error
-
-    def _unwritable(self, error: OSError) -> InputError:
-        return InputError(f'{self.path}: cannot be written: {error.strerror or error}')
+            raise unwritable(self.path, error) from error

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.values import CameraModel
+from hoid_common.values import DISTORTION_MODELS, CameraModel
 
 TUM_DEPTH_UNITS_PER_M = 5000.0
 """Of the published PNG files of all three cameras.
@@ -36,7 +36,6 @@ TUM_CAMERAS = {'fr1': _FR1, 'fr2': _FR2, 'fr3': _FR3, 'bonn': _BONN}
 
 _TUM_NAME = re.compile(r'(?<![a-z])(?:freiburg|fr)[ _-]?([123])(?![0-9])', re.IGNORECASE)
 _BONN_NAME = re.compile(r'(?<![a-z])bonn(?![a-z])', re.IGNORECASE)
-_DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')
 
 
 def camera_from_name(name: str) -> CameraModel | None:
@@ -85,9 +84,9 @@ def read_camera_yaml(path: Path) -> CameraModel:
         )
     k = _numbers(path, loaded, 'camera_matrix', count=9)
     model = loaded.get('distortion_model', 'plumb_bob')
-    if model not in _DISTORTION_MODELS:
+    if model not in DISTORTION_MODELS:
         raise InputError(
-            f'{path}: distortion_model "{model}" is not one of {", ".join(_DISTORTION_MODELS)}'
+            f'{path}: distortion_model "{model}" is not one of {", ".join(DISTORTION_MODELS)}'
         )
     distortion = (
         _numbers(path, loaded, 'distortion_coefficients')

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hoid_bags.cameras import find_camera
 from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.encoding import JPEG, PNG, RAW
 from hoid_bags.info import describe, summarize
+from hoid_bags.options import add_folder_arguments, chosen_camera
 from hoid_bags.playback import PlayConfig
 from hoid_common.errors import ConfigError, InputError
 
@@ -19,23 +19,12 @@ def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid convert`."""
     parser.add_argument('sequence', type=Path, metavar='SEQUENCE', help='TUM folder')
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder to make')
-    parser.add_argument(
-        '--camera',
-        metavar='fr1|fr2|fr3|YAML',
-        help="TUM's camera, or a camera_info YAML (default: by the folder's name)",
-    )
+    add_folder_arguments(parser)
     parser.add_argument(
         '--rgb', choices=(JPEG, PNG, RAW), default=_CONVERT.rgb, help='default: %(default)s'
     )
     parser.add_argument(
         '--depth', choices=(PNG, RAW), default=_CONVERT.depth, help='default: %(default)s'
-    )
-    parser.add_argument(
-        '--depth-factor',
-        type=float,
-        default=_CONVERT.depth_units_per_m,
-        metavar='N',
-        help='depth units per metre (default: %(default)g)',
     )
     parser.add_argument(
         '--round-depth', action='store_true', help='round depth to mm; PNG depth may need it'
@@ -54,8 +43,7 @@ def convert_command(args: argparse.Namespace) -> None:
         round_depth=args.round_depth,
         compress=args.compress,
     )
-    camera = find_camera(args.camera) if args.camera else None
-    convert(args.sequence, args.bag, config, camera, show_progress=True)
+    convert(args.sequence, args.bag, config, chosen_camera(args), show_progress=True)
     print(describe(summarize(args.bag)))
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
-
-from tqdm import tqdm
 
 from hoid_bags import bag_messages
 from hoid_bags.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
@@ -23,7 +21,8 @@ from hoid_bags.encoding import (
     DepthEncoder,
     choose_depth_encoder,
 )
-from hoid_bags.tum_folder import TumFolder, open_tum_folder
+from hoid_bags.progress import progress
+from hoid_bags.tum_folder import ListedImage, TumFolder, open_tum_folder
 from hoid_common.config import Config, param
 from hoid_common.ros import topics
 from hoid_common.values import CameraModel
@@ -86,17 +85,8 @@ def convert(
             round_to_mm=config.round_depth,
         )
         _add_topics(writer, source, color, depth)
-        # Ties keep this order: a node that gets an image has its camera already.
-        streams = (
-            _camera_stream(source),
-            _color_stream(source, color),
-            _depth_stream(source, depth),
-            _truth_stream(source),
-            _accelerometer_stream(source),
-        )
-        merged = heapq.merge(*streams, key=attrgetter('stamp_ns'))
-        total = 2 * len(source.color) + len(source.depth) + _num_extras(source)
-        for item in tqdm(merged, total=total, unit='msg', disable=None if show_progress else True):
+        items = _in_order_of_time(source, color, depth)
+        for item in progress(items, _num_messages(source), 'messages', show=show_progress):
             writer.write(item.topic, item.stamp_ns, item.message)
 
 
@@ -112,11 +102,28 @@ def _add_topics(
         writer.add_topic(ACCELEROMETER, IMU)
 
 
-def _num_extras(source: TumFolder) -> int:
+def _num_messages(source: TumFolder) -> int:
     truth, accelerometer = source.ground_truth, source.accelerometer
-    return (0 if truth is None else len(truth)) + (
-        0 if accelerometer is None else len(accelerometer.stamps_ns)
+    num_images = 2 * len(source.color) + len(source.depth)  # each colour image with its camera
+    return (
+        num_images
+        + (0 if truth is None else len(truth))
+        + (0 if accelerometer is None else len(accelerometer.stamps_ns))
     )
+
+
+def _in_order_of_time(
+    source: TumFolder, color: ColorEncoder, depth: DepthEncoder
+) -> Iterator[_Stamped]:
+    # Ties keep this order: a node that gets an image has its camera already.
+    streams = (
+        _camera_stream(source),
+        _image_stream(source.color, color),
+        _image_stream(source.depth, depth),
+        _truth_stream(source),
+        _accelerometer_stream(source),
+    )
+    return heapq.merge(*streams, key=attrgetter('stamp_ns'))
 
 
 def _camera_stream(source: TumFolder) -> Iterator[_Stamped]:
@@ -125,13 +132,10 @@ def _camera_stream(source: TumFolder) -> Iterator[_Stamped]:
         yield _Stamped(image.stamp_ns, topics.CAMERA_INFO, message)
 
 
-def _color_stream(source: TumFolder, encoder: ColorEncoder) -> Iterator[_Stamped]:
-    for image in source.color:
-        yield _Stamped(image.stamp_ns, encoder.topic, encoder.message(image))
-
-
-def _depth_stream(source: TumFolder, encoder: DepthEncoder) -> Iterator[_Stamped]:
-    for image in source.depth:
+def _image_stream(
+    images: Iterable[ListedImage], encoder: ColorEncoder | DepthEncoder
+) -> Iterator[_Stamped]:
+    for image in images:
         yield _Stamped(image.stamp_ns, encoder.topic, encoder.message(image))
 
 

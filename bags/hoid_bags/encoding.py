@@ -30,12 +30,8 @@ from hoid_common.values import CameraModel
 
 RAW, PNG, JPEG = 'raw', 'png', 'jpeg'
 
-_COLOR_FORMATS = {
-    JPEG: 'bgr8; jpeg compressed bgr8',
-    PNG: 'bgr8; png compressed bgr8',
-}
+_COLOR_FORMATS = {JPEG: images.JPEG_FORMAT, PNG: images.PNG_FORMAT}
 _MAX_MM = np.iinfo(np.uint16).max
-_NO_QUANTIZATION = bytes(12)  # the header that compressed_depth_image_transport puts before a PNG
 
 
 @dataclass(frozen=True)
@@ -111,7 +107,7 @@ class DepthEncoder:
             depth_mm = mm_from_units(units, self.units_per_m)
             return bag_messages.image(listed.stamp_ns, depth_mm, '16UC1')
         if self.units_per_m == images.MM_PER_M:
-            packed = _NO_QUANTIZATION + data
+            packed = images.compressed_depth_of_png(data)
         else:
             packed = images.encode_compressed_depth(mm_from_units(units, self.units_per_m))
         return bag_messages.compressed_image(

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_bags.bag_reader import BagReader
-from hoid_bags.stamps import NS_PER_S, format_stamp_s
+from hoid_bags.stamps import format_stamp_s
+from hoid_common.values import NS_PER_S
 
 _MB = 1e6
 

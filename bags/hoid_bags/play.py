@@ -24,10 +24,10 @@ from hoid_bags.lockstep import LockstepGate
 from hoid_bags.playback import Cue, Pacer, PlayConfig, Score, open_score
 from hoid_bags.read_ahead import ReadAhead
 from hoid_bags.ros_session import live_name, ros_session, to_rclpy_qos
-from hoid_bags.stamps import NS_PER_S
 from hoid_common.errors import InputError
 from hoid_common.ros import qos, topics
 from hoid_common.ros.conversions import stamp_from_msg, stamp_to_msg
+from hoid_common.values import NS_PER_S
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.01  # of the keyboard while nothing is due

@@ -13,10 +13,10 @@ from hoid_bags import bag_types
 from hoid_bags.bag_reader import BagReader
 from hoid_bags.bag_sequence import header_stamp_ns
 from hoid_bags.bag_source import BagTopic
-from hoid_bags.stamps import NS_PER_S
 from hoid_common.config import Config, param
 from hoid_common.errors import InputError
 from hoid_common.ros import topics as names
+from hoid_common.values import NS_PER_S
 
 LOOP_GAP_NS = 100_000_000
 """Between the last message of one round and the first of the next: about three images."""
@@ -132,11 +132,6 @@ class Pacer:
         self._start_ns, self._rate, self._now_s = start_ns, rate, now_s
         self._start_s = now_s()
         self._held_s: float | None = None
-
-    @property
-    def is_held(self) -> bool:
-        """Return whether time stands still."""
-        return self._held_s is not None
 
     def time_ns(self) -> int:
         """Return the time of the bag."""

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from hoid_bags.bag_types import message_class
 from hoid_bags.bag_writer import BagWriter
 from hoid_bags.ros_session import from_rclpy_qos, ros_session
-from hoid_common.errors import InputError
+from hoid_common.errors import ConfigError, InputError
 from hoid_common.ros import topics
 from hoid_common.ros.executor import SteadyExecutor
 
@@ -56,9 +56,12 @@ def record(
         show_progress: Whether to count messages on stderr.
 
     Raises:
+        ConfigError: the duration is negative.
         InputError: nothing arrived, a type is not known, or the bag cannot be written; then
             nothing of it is left.
     """
+    if not duration_s >= 0:  # also refuses NaN
+        raise ConfigError(f'--duration {duration_s:g}: must be at least 0')
     with (
         BagWriter(bag) as writer,
         ros_session('hoid_record', namespace, use_sim_time=use_sim_time) as node,

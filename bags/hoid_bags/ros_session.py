@@ -15,8 +15,8 @@ from rosbags.interfaces import Qos, QosDurability, QosReliability
 from hoid_bags.bag_writer import reliable_qos
 from hoid_common.errors import ConfigError
 from hoid_common.ros import topics
+from hoid_common.ros.run import limit_exit_time
 
-_EXIT_LIMIT_S = 10
 _DEFAULT_DEPTH = 10
 _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
 
@@ -39,10 +39,7 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
             raise ConfigError(f'--namespace {namespace}: not a valid ROS namespace') from error
         yield node
     finally:
-        # Once in a few hundred exits destroy_node() never returns and holds the GIL; only a signal
-        # ends that.
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.alarm(_EXIT_LIMIT_S)
+        limit_exit_time()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from hoid_bags.bag_reader import is_bag
+from hoid_bags.bag_reader import METADATA, is_bag
 from hoid_bags.bag_sequence import BagSequence
 from hoid_bags.cameras import TUM_DEPTH_UNITS_PER_M
-from hoid_bags.tum_folder import open_tum_folder
+from hoid_bags.tum_folder import COLOR_LIST, open_tum_folder
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
 
@@ -67,6 +67,8 @@ def open_sequence(
         raise InputError(f'{path}: no such file or folder')
     if is_bag(path):
         return BagSequence(path, camera)
-    if path.is_dir():
+    if (path / COLOR_LIST).exists():
         return open_tum_folder(path, camera, depth_units_per_m)
-    raise InputError(f'{path}: neither a TUM folder nor a bag')
+    raise InputError(
+        f'{path}: neither a TUM folder (no {COLOR_LIST}) nor a bag (no {METADATA}, no .mcap file)'
+    )

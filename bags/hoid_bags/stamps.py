@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from decimal import Decimal, InvalidOperation
 
-NS_PER_S = 1_000_000_000
+from hoid_common.values import NS_PER_S
+
 _MAX_STAMP_NS = 2**31 * NS_PER_S  # builtin_interfaces/Time has int32 seconds
 
 

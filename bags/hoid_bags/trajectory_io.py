@@ -12,9 +12,8 @@ from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import Trajectory
 
-_MIN_QUATERNION_NORM = (
-    0.5  # published files round to four decimals; a norm far from 1 is no rotation
-)
+# Published files round to four decimals; a norm far from 1 is no rotation.
+_MIN_QUATERNION_NORM = 0.5
 
 
 def read_tum(path: Path) -> Trajectory:

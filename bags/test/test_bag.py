@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -195,19 +196,28 @@ def test_stamps_that_go_backwards(tmp_path: Path, camera: CameraModel) -> None:
         open_sequence(tmp_path / 'bag', camera)
 
 
-def test_camera_info_without_focal_length(tmp_path: Path, camera: CameraModel) -> None:
-    def zeroed(writer: BagWriter, t_ns: int) -> None:
+@pytest.mark.parametrize(
+    ('field', 'value', 'said'),
+    [
+        ('k', np.zeros(9), 'has fx=0.0 fy=0.0 at 32x24 px; is the camera calibrated'),
+        ('k', np.full(9, np.nan), 'is the camera calibrated'),
+        ('binning_x', 2, 'has binning'),
+        ('distortion_model', 'fisheye', 'distortion_model "fisheye"; use one of plumb_bob'),
+    ],
+)
+def test_camera_info_that_says_too_little(
+    tmp_path: Path, camera: CameraModel, field: str, value: Any, said: str
+) -> None:
+    def changed(writer: BagWriter, t_ns: int) -> None:
         message = bag_messages.camera_info(t_ns, camera)
-        message.k = np.zeros(9)
+        setattr(message, field, value)
         if t_ns == 10**9:
             writer.add_topic('rgb/camera_info', bag_types.CAMERA_INFO)
         writer.write('rgb/camera_info', t_ns, message)
 
     names = {'color': '/rgb/image', 'depth': '/depth/image'}
-    path = write_frames(tmp_path / 'bag', names, camera, extra=zeroed)
-    with pytest.raises(
-        InputError, match='/rgb/camera_info: camera focal lengths must be positive'
-    ):
+    path = write_frames(tmp_path / 'bag', names, camera, extra=changed)
+    with pytest.raises(InputError, match=f'bag: /rgb/camera_info: camera_info .*{said}'):
         open_sequence(path)
 
 

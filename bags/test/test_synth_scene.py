@@ -1,14 +1,14 @@
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 
 from hoid_bags.synth.camera_path import loop_line
 from hoid_bags.synth.config import SceneConfig
-from hoid_bags.synth.scene import SceneRenderer, SynthFrame, open_synth
+from hoid_bags.synth.scene import SceneRenderer, SynthFrame
 from hoid_bags.synth.stage import set_stage
-from hoid_bags.synth.static_model import FREE, OCCUPIED, StaticModel, floor_plan
+from hoid_bags.synth.static_model import StaticModel
+from hoid_bags.synth.truth import object_states
 from hoid_common import se3
 from hoid_common.values import FloatArray
 
@@ -121,21 +121,9 @@ def test_some_objects_are_never_touched_and_somebody_stands_still() -> None:
 
 def test_states_agree_with_boxes() -> None:
     synth = frame(120)
-    held = {state.instance for state in synth.objects if state.handled}
+    held = {state.instance for state in object_states(renderer().stage, 120) if state.handled}
     for instance, handled in zip(synth.instances, synth.handled, strict=True):
         assert handled == (instance in held)
-
-
-def test_sequence_has_truth_for_each_frame() -> None:
-    sequence = open_synth(SceneConfig(seed=1, num_frames=3, width_px=64, num_people=0))
-    frames = list(sequence)
-    truth = sequence.ground_truth
-    assert truth is not None
-    assert [f.stamp_ns for f in frames] == truth.stamps_ns.tolist()
-    assert sequence.true_detections is not None
-    assert set(sequence.true_detections) == {f.stamp_ns for f in frames}
-    assert frames[0].image_bgr.shape == (48, 64, 3)
-    assert all(0 < b.stamp_ns - a.stamp_ns <= 33_333_334 for a, b in pairwise(frames))
 
 
 def test_loop_is_long_and_closed() -> None:
@@ -149,19 +137,6 @@ def test_loop_is_long_and_closed() -> None:
     assert between[:120].min() < 0.3  # it comes back to where it was
     assert np.linalg.norm(start[:3, 3] - end[:3, 3]) < 2.0
     np.testing.assert_allclose(np.linalg.det(stage.T_world_camera[:, :3, :3]), 1)
-
-
-def test_floor_plan_is_free_where_people_walk() -> None:
-    stage = renderer().stage
-    plan = floor_plan(stage)
-    walked = np.concatenate([body.xy_m for body in stage.bodies])
-    column, row = np.floor((walked - plan.origin_m) / plan.resolution_m).astype(int).T
-    assert (plan.cells[row, column] == FREE).mean() > 0.97
-    table = next(r for r in stage.world.obstacles if r[2] - r[0] > 0.7 and 1.5 < r[1] < 3)
-    column, row = np.floor(
-        (np.array([(table[0] + table[2]) / 2, (table[1] + table[3]) / 2]) - plan.origin_m) / 0.05
-    ).astype(int)
-    assert plan.cells[row, column] == OCCUPIED
 
 
 def test_people_keep_clear_of_the_camera() -> None:

@@ -76,13 +76,13 @@ def test_missing_folder(tmp_path: Path, camera: CameraModel) -> None:
 
 
 def test_folder_without_lists(tmp_path: Path, camera: CameraModel) -> None:
-    assert 'rgb.txt: no such file' in fault_of(tmp_path, camera)
+    assert 'neither a TUM folder (no rgb.txt) nor a bag' in fault_of(tmp_path, camera)
 
 
 def test_a_file_that_is_no_recording(tmp_path: Path, camera: CameraModel) -> None:
     path = tmp_path / 'notes.txt'
     path.write_text('hello')
-    assert 'neither a TUM folder nor a bag' in fault_of(path, camera)
+    assert 'neither a TUM folder (no rgb.txt) nor a bag' in fault_of(path, camera)
 
 
 def test_empty_list(make_folder: FolderMaker, camera: CameraModel) -> None:

@@ -11,12 +11,12 @@ from pathlib import Path
 import psutil
 from distributed import Client, Future, LocalCluster, as_completed
 
+from hoid_bags.progress import progress
 from hoid_benchmarks.machine import Code
 from hoid_benchmarks.plan import Job
 from hoid_benchmarks.results import Result, read_result, result_path, write_result
 from hoid_benchmarks.sequences import Store
 from hoid_benchmarks.worker import Outcome, run_job
-from hoid_bringup.progress import progress
 from hoid_common.errors import InputError
 
 _QUIET = 50  # Dask's log level: what matters is in the results

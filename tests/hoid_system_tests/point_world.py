@@ -10,6 +10,13 @@ from hoid_common.values import CameraModel, Features, FloatArray
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 
 
+def walked(i: int, turn_rad: float) -> FloatArray:
+    """Return T_world_camera after i steps: 1 cm to the right, 5 mm forward and a turn each."""
+    T = se3.exp(np.array([0.0, turn_rad * i, 0, 0, 0, 0]))
+    T[:3, 3] = 0.01 * i, 0.0, 0.005 * i
+    return T
+
+
 class PointWorld:
     """Points in front of the first camera, in whose optical frame they are given."""
 

@@ -88,6 +88,10 @@ class Probe:
         while time.monotonic() < end_s:
             self._executor.spin_once(timeout_sec=0.02)
 
+    def spin_until_count(self, received: list[Any], count: int, complaint: str) -> None:
+        """Let messages come in until so many are there."""
+        self.spin_until(lambda: len(received) >= count, complaint)
+
     def spin_until(
         self, done: Callable[[], bool], complaint: str, timeout_s: float = TIMEOUT_S
     ) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from hoid_bringup.supervisor import ProcessSpec
+from hoid_bringup.supervisor import ProcessSpec, Supervisor
+
+Start = Callable[..., Supervisor]
+"""The fixture `start`: gets package, executable and parameters, gives who watches the process."""
 
 
 def executable(package: str, name: str) -> Path:

@@ -10,8 +10,7 @@ from hoid_bags.synth.scene import render
 from hoid_common.ros import conversions
 from hoid_filter.config import FilterConfig
 from hoid_filter.feature_filter import FeatureFilter
-
-OPTICAL = 'camera_color_optical_frame'
+from hoid_system_tests.frame_tree import OPTICAL
 
 
 class Messages(NamedTuple):

@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from hoid_bags import bag_messages
 from hoid_bags.bag_types import CAMERA_INFO, DETECTION_ARRAY, IMAGE, POSE_STAMPED
 from hoid_bags.bag_writer import BagWriter
+from hoid_bags.progress import progress
 from hoid_bags.synth.config import SceneConfig
 from hoid_bags.synth.scene import SynthFrame, render
+from hoid_common import images
 from hoid_common.ros import topics
 from hoid_common.values import CameraModel
 
@@ -42,13 +43,13 @@ def write_bag(
         for topic, type_name in _TYPES.items():
             writer.add_topic(topic, type_name)
         frames = render(config, workers)
-        for frame in tqdm(frames, total=config.frames, unit='frame', disable=not show_progress):
+        for frame in progress(frames, config.frames, 'frames', show=show_progress):
             _write(writer, frame, config.camera)
 
 
 def _write(writer: BagWriter, synth: SynthFrame, camera: CameraModel) -> None:
     stamp_ns = synth.frame.stamp_ns
-    depth_mm = np.rint(synth.frame.depth_m * np.float32(1000)).astype(np.uint16)
+    depth_mm = np.rint(synth.frame.depth_m * np.float32(images.MM_PER_M)).astype(np.uint16)
     messages = {
         topics.CAMERA_INFO: bag_messages.camera_info(stamp_ns, camera),
         topics.TRUE_DETECTIONS: bag_messages.detection_array(synth.detections, camera),

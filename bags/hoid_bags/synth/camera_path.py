@@ -46,9 +46,8 @@ def _tremor(rng: Rng, t: FloatArray) -> FloatArray:
     return np.asarray((waves / rates**1.2).sum(-1))
 
 
-Path = tuple[
-    FloatArray, FloatArray, FloatArray
-]  # position (N, 3), yaw (N,), pitch (N,), up is positive
+Path = tuple[FloatArray, FloatArray, FloatArray]
+"""Position (N, 3) m, yaw (N,) and pitch (N,) rad; up is positive."""
 
 
 def _look_at(position: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from hoid_common.config import Config, param
 from hoid_common.values import CameraModel
 
-EPOCH_NS = (
-    1_700_000_000_000_000_000  # stamp of frame 0: recordings of one seed are equal to the byte
-)
+EPOCH_NS = 1_700_000_000_000_000_000
+"""Stamp of frame 0: recordings of one seed are equal to the byte."""
 FRAME_RATE_HZ = 30.0
 PATHS = ('room', 'loop', 'xyz', 'rpy', 'static')
 LAYOUTS = ('home', 'repeated')

@@ -91,9 +91,7 @@ def _feet(
     eased = swing * swing * (3 - 2 * swing)
     ahead = np.where(phase < _STANCE, 1 - 2 * phase / _STANCE, 2 * eased - 1) * length * at.stride
     lift = at.stride * 0.1 * np.sin(np.pi * swing)
-    heel = at.stride * (
-        0.05 * np.clip((phase - 0.4) / 0.2, 0, 1) * (1 - swing)
-    )  # heel off the ground
+    heel = at.stride * (0.05 * np.clip((phase - 0.4) / 0.2, 0, 1) * (1 - swing))  # off the ground
     ankles = root + ahead[:, None] * forward + 0.05 * build.height_m * sides
     ankles = ankles + (_ANKLE_M + lift + heel)[:, None] * np.array([0, 0, 1.0])
     pitch = at.stride * (0.25 * np.sin(np.pi * swing) - 6 * heel)

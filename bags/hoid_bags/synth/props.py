@@ -23,9 +23,7 @@ class Prop:
     radius_m: float  # of its footprint
     two_handed: bool
     grip_m: tuple[float, float, float]  # right hand's grip; the left one's is mirrored in x
-    hold_m: tuple[
-        float, float, float
-    ]  # its origin while carried: right, ahead of and above the carrier's feet
+    hold_m: tuple[float, float, float]  # carried: right, ahead of and above the carrier's feet
     on_floor: bool  # stands on the floor rather than on furniture
     hold_yaw_rad: float = 0.0  # 0: its front towards the carrier
 

@@ -1,30 +1,25 @@
-"""The rendered scene as frames and as a sequence."""
+"""The rendered scene, frame by frame."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from multiprocessing import get_context
 
 import cv2
-import numpy as np
 
 from hoid_bags.synth import truth
 from hoid_bags.synth.config import SceneConfig
 from hoid_bags.synth.renderer import Renderer
-from hoid_bags.synth.stage import Stage, set_stage
-from hoid_bags.synth.truth import ObjectState
+from hoid_bags.synth.stage import set_stage
 from hoid_common.values import (
     ByteArray,
-    CameraModel,
     Detections,
     Float32Array,
     FloatArray,
     RgbdFrame,
-    Trajectory,
 )
 
 _FRAMES_PER_TASK = 4
@@ -41,8 +36,6 @@ class SynthFrame:
     detections: Detections  # exact boxes of visible pixels, scores 1
     instances: tuple[int, ...]  # of the detections
     handled: tuple[bool, ...]  # whether each detection is in somebody's hands
-    people_centers_m: FloatArray  # (P, 3) world
-    objects: tuple[ObjectState, ...]  # movable objects, seen or not
     instance_image: ByteArray  # (H, W), 0 = background; index of Stage.world.class_names
     true_depth_m: Float32Array  # (H, W), before the sensor
 
@@ -66,8 +59,6 @@ class SceneRenderer:
             detections=seen.detections,
             instances=seen.instances,
             handled=seen.handled,
-            people_centers_m=truth.people_centers(stage, i),
-            objects=truth.object_states(stage, i),
             instance_image=out.instances,
             true_depth_m=out.true_depth_m,
         )
@@ -107,57 +98,3 @@ def _start_worker(config: SceneConfig) -> None:
 
 def _render_task(first: int, end: int) -> list[SynthFrame]:
     return [_Worker.renderer.frame(i) for i in range(first, end)]
-
-
-class SynthSequence:
-    """A rendered scene as a `hoid_bags.sequence.Sequence`; rendered anew at each iteration."""
-
-    def __init__(self, config: SceneConfig) -> None:
-        self.config = config
-        self.name = f'synth-{config.seed}-{config.path}'
-        self.fault: str | None = None
-
-    @property
-    def camera(self) -> CameraModel:
-        """Return the camera of both images."""
-        return self.config.camera
-
-    @cached_property
-    def renderer(self) -> SceneRenderer:
-        """Return what renders, made at first use."""
-        return SceneRenderer(self.config)
-
-    @property
-    def stage(self) -> Stage:
-        """Return everything that is known before rendering."""
-        return self.renderer.stage
-
-    @cached_property
-    def ground_truth(self) -> Trajectory | None:
-        """Return the exact poses."""
-        return true_trajectory(self.stage)
-
-    @cached_property
-    def true_detections(self) -> Mapping[int, Detections] | None:
-        """Return the exact detections by stamp; renders every frame."""
-        frames = (self.renderer.frame(i) for i in range(len(self)))
-        return {f.frame.stamp_ns: f.detections for f in frames}
-
-    def __len__(self) -> int:
-        return self.config.frames
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        for i in range(len(self)):
-            yield self.renderer.frame(i).frame
-
-
-def open_synth(config: SceneConfig) -> SynthSequence:
-    """Open a rendered scene as a sequence."""
-    return SynthSequence(config)
-
-
-def true_trajectory(stage: Stage) -> Trajectory:
-    """Return the exact camera poses of all frames."""
-    count = stage.config.frames
-    stamps = np.array([stage.config.stamp_ns(i) for i in range(count)], np.int64)
-    return Trajectory(stamps, stage.T_world_camera[:count])

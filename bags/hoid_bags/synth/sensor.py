@@ -75,9 +75,8 @@ def depth_image(
         np.float32(0.0008) + np.float32(0.0017) * (z - np.float32(0.4)) ** 2
     )
     read = np.maximum(z + np.minimum(spread, np.float32(0.08)) * noise, np.float32(0.1))
-    focal_baseline = np.float32(
-        525.0 * _PROJECTOR_BASELINE_M
-    )  # of the sensor, whatever the image size
+    # Of the sensor, whatever the image size.
+    focal_baseline = np.float32(525.0 * _PROJECTOR_BASELINE_M)
     if config.depth_noise > 0:
         step = np.float32(_DISPARITY_STEP_PX)
         read = focal_baseline / (np.round(focal_baseline / read / step) * step)

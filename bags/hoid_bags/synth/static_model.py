@@ -1,18 +1,12 @@
-"""The true resting surfaces of a stage: how far a point is from them, and the floor plan."""
+"""The true resting surfaces of a stage: how far a point is from them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import cv2
 import numpy as np
 
-from hoid_bags.synth.mesh import Mesh
 from hoid_bags.synth.stage import Stage
-from hoid_bags.synth.world import Rect
-from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from hoid_common.values import Float32Array, FloatArray, IntArray
 
-FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # nav_msgs/OccupancyGrid
 _REACH_M = 0.06
 _PAIRS_PER_CHUNK = 2_000_000
 
@@ -88,68 +82,3 @@ def _squared_distance(points: FloatArray, corners: FloatArray) -> FloatArray:
     square = np.maximum(np.einsum('ij,ij->i', normal, normal), 1e-18)
     plane = np.einsum('ij,ij->i', points - a, normal) ** 2 / square
     return np.asarray(np.where(inside, plane, best))
-
-
-@dataclass(frozen=True, eq=False)
-class FloorPlan:
-    """An occupancy grid of the floor: rows along y, columns along x."""
-
-    cells: IntArray  # (rows, columns) FREE, OCCUPIED or UNKNOWN
-    resolution_m: float
-    origin_m: tuple[float, float]  # world x, y of the corner of cell (0, 0)
-
-
-def floor_plan(
-    stage: Stage, resolution_m: float = 0.05, low_m: float = 0.1, high_m: float = 1.6
-) -> FloorPlan:
-    """Return the true floor plan: occupied where resting surfaces lie between two heights.
-
-    Cells that cannot be reached on the floor, in furniture and beyond the walls, are unknown.
-    """
-    rooms = np.array(stage.world.rooms)
-    margin = 0.5 + resolution_m / 2  # walls in the middle of cells
-    x0, y0 = (rooms[:, :2].min(0) - margin).tolist()
-    columns, rows = np.ceil((rooms[:, 2:].max(0) + margin - [x0, y0]) / resolution_m).astype(int)
-    samples = _surface_samples(stage.static_mesh, resolution_m / 3)
-    samples = samples[(samples[:, 2] > low_m) & (samples[:, 2] < high_m)]
-    at = np.floor((samples[:, :2] - [x0, y0]) / resolution_m).astype(int)
-    at = at[((at >= 0) & (at < [columns, rows])).all(1)]
-    occupied = np.zeros((rows, columns), np.uint8)
-    occupied[at[:, 1], at[:, 0]] = 1
-    reached = _reached(occupied, stage.world.rooms, (x0, y0), resolution_m)
-    cells = np.where(reached, FREE, UNKNOWN)
-    cells[occupied > 0] = OCCUPIED
-    return FloorPlan(cells.astype(np.int64), resolution_m, (x0, y0))
-
-
-def _reached(
-    occupied: ByteArray, rooms: tuple[Rect, ...], origin: tuple[float, float], resolution_m: float
-) -> BoolArray:
-    """Return the cells connected to the largest free area within each room."""
-    count, labels = cv2.connectedComponents(1 - occupied, connectivity=4)
-    reached = np.zeros(occupied.shape, bool)
-    for x1, y1, x2, y2 in rooms:
-        c1, r1, c2, r2 = (
-            round((v - o) / resolution_m)
-            for v, o in zip((x1, y1, x2, y2), (*origin, *origin), strict=True)
-        )
-        inner = labels[r1:r2, c1:c2]
-        areas = np.bincount(inner[occupied[r1:r2, c1:c2] == 0], minlength=count)
-        reached |= labels == int(np.argmax(areas))
-    return np.asarray(reached & (occupied == 0))
-
-
-def _surface_samples(mesh: Mesh, step_m: float) -> Float32Array:
-    """Return points (N, 3) on all faces, at most about `step_m` apart."""
-    corners = mesh.vertices_m[mesh.faces]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
-    divisions = np.maximum(1, np.ceil(edges / step_m).astype(int))
-    points = []
-    for n in np.unique(divisions):
-        own = corners[divisions == n]
-        i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1))
-        keep = i + j <= n
-        u, v = (i[keep] / n).astype(np.float32), (j[keep] / n).astype(np.float32)
-        weights = np.stack([1 - u - v, u, v], -1)
-        points.append(np.einsum('kc,fcd->fkd', weights, own).reshape(-1, 3))
-    return np.concatenate(points)

@@ -53,9 +53,7 @@ class World:
     """A furnished home: x and y along the walls, z up, origin in a corner on the floor."""
 
     static: Mesh  # everything that never moves
-    class_names: tuple[
-        str, ...
-    ]  # by instance; '' for the background (0) and for what has no class
+    class_names: tuple[str, ...]  # by instance; '': the background (0) and what has no class
     props: tuple[PlacedProp, ...]
     spots: tuple[Spot, ...]  # free places to put things down
     obstacles: tuple[Rect, ...]  # footprints of furniture

@@ -42,7 +42,7 @@ COMMANDS = {
     'evaluate': Command('hoid_bringup.commands', 'compare a trajectory with the truth'),
     'bench': Command('hoid_benchmarks.commands', 'measure: speed of a stage, or all experiments'),
     'view': Command('hoid_bringup.view', 'look at a recording or a finished run'),
-    'pictures': Command('hoid_filter.pictures', 'draw what the filter sees and decides'),
+    'pictures': Command('hoid_bringup.pictures', 'draw what the filter sees and decides'),
 }
 
 

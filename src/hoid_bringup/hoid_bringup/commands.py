@@ -22,6 +22,7 @@ from hoid_bringup.replay_plan import ReplayConfig
 from hoid_bringup.run_config import TRUTH, RunConfig
 from hoid_bringup.summary import Summary
 from hoid_common.errors import InputError
+from hoid_common.files import unwritable
 
 
 def _add_shared_arguments(parser: argparse.ArgumentParser) -> None:
@@ -101,7 +102,7 @@ def evaluate_command(args: argparse.Namespace) -> None:
         try:
             args.json.write_text(json.dumps(asdict(result), indent=2) + '\n', encoding='utf-8')
         except OSError as error:
-            raise InputError(f'{args.json}: cannot be written: {error.strerror}') from error
+            raise unwritable(args.json, error) from error
 
 
 def say_detections(config: RunConfig) -> None:

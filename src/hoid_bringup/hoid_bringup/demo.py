@@ -10,6 +10,7 @@ from hoid_bags.bag_sequence import BagSequence
 from hoid_bags.synth.bag import write_bag
 from hoid_bags.synth.config import SceneConfig
 from hoid_bags.trajectory_io import read_tum
+from hoid_bringup import run_files
 from hoid_bringup.commands import say_detections
 from hoid_bringup.detection_source import detection_source
 from hoid_bringup.evaluation import align
@@ -89,7 +90,7 @@ def _draw(path: Path, bag: BagSequence, out: Path, config: RunConfig) -> None:
     if truth is None:
         raise InputError(f'{bag.path}: has no ground truth')
     runs = {
-        f'{label} ({strategy})': align(read_tum(out / _folder(label) / 'trajectory.txt'), truth)
+        f'{label} ({strategy})': align(read_tum(out / _folder(label) / run_files.FINAL), truth)
         for label, strategy in _RUNS.items()
     }
     plot_comparison(path, runs, 'Rendered home with two people, live', _scenes(bag, config))

@@ -17,12 +17,11 @@ from evo.core.trajectory import PoseTrajectory3D
 
 from hoid_common import se3
 from hoid_common.errors import InputError
-from hoid_common.values import BoolArray, FloatArray, IntArray, Trajectory
+from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray, Trajectory
 
 ASSOCIATION_S = 0.02
 RPE_INTERVAL_S = 1.0
 MIN_POSES = 3  # a rigid alignment of fewer is not unique
-_NS = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +75,7 @@ def align(estimate: Trajectory, truth: Trajectory) -> AlignedTrajectory:
     T_world_map = np.eye(4)
     T_world_map[:3, :3], T_world_map[:3, 3] = R, t
     return AlignedTrajectory(
-        np.rint(moved.timestamps * _NS).astype(np.int64),
+        np.rint(moved.timestamps * NS_PER_S).astype(np.int64),
         np.array(moved.poses_se3),
         np.array(true.poses_se3),
         T_world_map,
@@ -94,11 +93,20 @@ def evaluate(
             Without it, the share of the truth's time that the estimate covers.
 
     Raises:
-        InputError: The two do not overlap in time.
+        InputError: The two do not overlap in time, or there are more poses than images.
     """
+    if frames_total is not None and frames_total < len(estimate):
+        raise InputError(
+            f'the estimate has {len(estimate)} poses, the recording {frames_total} images: '
+            'give the number of all its images'
+        )
     aligned = align(estimate, truth)
     rpe_m, rpe_deg = relative_errors(aligned)
-    covered = len(estimate) / frames_total if frames_total else _covered_share(estimate, truth)
+    covered = (
+        len(estimate) / frames_total
+        if frames_total is not None
+        else _covered_share(estimate, truth)
+    )
     return Evaluation(
         num_pairs=len(aligned.error_m),
         coverage=covered,
@@ -111,38 +119,6 @@ def evaluate(
     )
 
 
-def end_drift_m(estimate: Trajectory, truth: Trajectory) -> float:
-    """Return how far the last pose is from the truth, seen from the first one.
-
-    For recordings too short for an error over a second. Truth is interpolated to the stamps of the
-    estimate: a nearest pose 10 ms away is centimetres away in a hand.
-
-    Raises:
-        InputError: Less than two poses of the estimate lie within the truth's time.
-    """
-    stamps = estimate.stamps_ns
-    within = (stamps >= truth.stamps_ns[0]) & (stamps <= truth.stamps_ns[-1])
-    if np.count_nonzero(within) < 2:
-        raise InputError(_no_overlap(estimate, truth, int(np.count_nonzero(within))))
-    ends = np.flatnonzero(within)[[0, -1]]
-    first, last = estimate.T_world_camera[ends]
-    first_true, last_true = interpolated(truth, stamps[ends])
-    motion_true = se3.inverse(first_true) @ last_true
-    apart = se3.inverse(motion_true) @ se3.inverse(first) @ last
-    return float(np.linalg.norm(apart[:3, 3]))
-
-
-def interpolated(trajectory: Trajectory, stamps_ns: IntArray) -> FloatArray:
-    """Return (N, 4, 4) poses at stamps within a trajectory's time, on screws between its own."""
-    known_ns = trajectory.stamps_ns
-    after = np.clip(np.searchsorted(known_ns, stamps_ns), 1, len(known_ns) - 1)
-    T = trajectory.T_world_camera[after - 1]
-    span_ns = np.maximum(known_ns[after] - known_ns[after - 1], 1)
-    share = (stamps_ns - known_ns[after - 1]) / span_ns
-    step = se3.log(se3.inverse(T) @ trajectory.T_world_camera[after])
-    return T @ se3.exp(share[:, None] * step)
-
-
 def relative_errors(
     aligned: AlignedTrajectory, interval_s: float = RPE_INTERVAL_S
 ) -> tuple[FloatArray, FloatArray]:
@@ -151,7 +127,7 @@ def relative_errors(
     evo counts intervals in frames only, and a trajectory with gaps needs them in time: pose i is
     paired with the one nearest to t_i + interval, if there is one within the association limit.
     """
-    stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / _NS
+    stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / NS_PER_S
     first, second = _pairs_at_interval(stamps_s, interval_s)
     if not len(first):
         return np.empty(0), np.empty(0)
@@ -177,8 +153,8 @@ def _relative(T_world_camera: FloatArray, first: IntArray, second: IntArray) -> 
 
 def _covered_share(estimate: Trajectory, truth: Trajectory) -> float:
     """Return the share of true poses that have an estimated one within a frame's time."""
-    period_s = float(np.median(np.diff(estimate.stamps_ns))) / _NS
-    limit_ns = max(ASSOCIATION_S, 0.75 * period_s) * _NS
+    period_s = float(np.median(np.diff(estimate.stamps_ns))) / NS_PER_S
+    limit_ns = max(ASSOCIATION_S, 0.75 * period_s) * NS_PER_S
     right = np.clip(np.searchsorted(estimate.stamps_ns, truth.stamps_ns), 1, len(estimate) - 1)
     gap_ns = np.minimum(
         np.abs(estimate.stamps_ns[right] - truth.stamps_ns),
@@ -189,13 +165,14 @@ def _covered_share(estimate: Trajectory, truth: Trajectory) -> float:
 
 def _to_evo(trajectory: Trajectory) -> PoseTrajectory3D:
     return PoseTrajectory3D(
-        poses_se3=list(trajectory.T_world_camera), timestamps=trajectory.stamps_ns / _NS
+        poses_se3=list(trajectory.T_world_camera), timestamps=trajectory.stamps_ns / NS_PER_S
     )
 
 
 def _no_overlap(estimate: Trajectory, truth: Trajectory, num_pairs: int) -> str:
     spans = ' and '.join(
-        f'{t.stamps_ns[0] / _NS:.2f}-{t.stamps_ns[-1] / _NS:.2f} s' for t in (estimate, truth)
+        f'{t.stamps_ns[0] / NS_PER_S:.2f}-{t.stamps_ns[-1] / NS_PER_S:.2f} s'
+        for t in (estimate, truth)
     )
     return (
         f'estimate and ground truth share {num_pairs} poses within {ASSOCIATION_S} s, '

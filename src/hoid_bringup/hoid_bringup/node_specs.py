@@ -15,8 +15,12 @@ from hoid_common.errors import ConfigError
 
 DETECTOR, FILTER, SLAM = 'hoid_detector', 'hoid_filter', 'rgbd_slam'
 # The interpreter of this process, not a script: a script's first line cannot hold a path with
-# spaces. Each node is `main` of `PACKAGE.node`.
-_CODE = 'import sys; from {package}.node import main; sys.exit(main())'
+# spaces. Each node is `main` of `PACKAGE.node`. Ctrl-C during the imports ends it without a word.
+_CODE = (
+    'import signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); '
+    'from {package}.node import main; '
+    'signal.signal(signal.SIGINT, signal.default_int_handler); sys.exit(main())'
+)
 
 
 @dataclass(frozen=True)

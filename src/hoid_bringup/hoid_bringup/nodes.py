@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import tempfile
 import time
@@ -13,10 +14,12 @@ from typing import Any
 from hoid_bringup.camera_topics import CAMERA_TOPICS
 from hoid_bringup.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.supervisor import Supervisor, clean_shared_memory
-from hoid_common.errors import InputError
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.param_file import load_params
 from hoid_common.ros.topics import NAMESPACED_TF
 
 _TICK_S = 0.2
+_NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
 _ALL = (DETECTOR, FILTER, SLAM)
 
 
@@ -84,10 +87,13 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
     """Return what the options ask for.
 
     Raises:
-        InputError: The parameter file is missing.
+        ConfigError: The parameter file is missing or none, or the namespace is no valid name.
     """
-    if args.params is not None and not args.params.is_file():
-        raise InputError(f'{args.params}: no such parameter file')
+    if not _NAMESPACE.fullmatch(args.namespace):
+        raise ConfigError(f'--namespace {args.namespace}: use letters, digits, _ and / only')
+    if args.params is not None:
+        for node in _ALL:
+            load_params(args.params, node)
     parameters: dict[str, dict[str, Any]] = {node: {} for node in _ALL}
     for node, name, value in (
         (DETECTOR, 'model', args.detector),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import resource
 import time
 from collections import defaultdict
@@ -9,22 +10,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hoid_bags.progress import progress
 from hoid_bags.sequence import Sequence
 from hoid_bringup import offline_maps
 from hoid_bringup.detection_source import DetectionSource, detection_source
 from hoid_bringup.offline_maps import MapFiles, Mapped
 from hoid_bringup.outputs import write_outputs
-from hoid_bringup.progress import progress
 from hoid_bringup.run_config import RunConfig
 from hoid_bringup.summary import FilterCounts, MapCounts, RunResult, Summary
+from hoid_common.files import check_writable
 from hoid_common.values import DynamicObject, FilterResult, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.frame_poses import FramePoses, KeyframePoses
 from rgbd_slam.frames import RobotFrames
 from rgbd_slam.room_mapper import RoomMapper
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking_result import TrackingResult
+from rgbd_slam.tracking_result import SlamStats, TrackingResult
 
+_LOG = logging.getLogger(__name__)
 _MS = 1e3
 _KIB_PER_MB = 1024
 
@@ -128,7 +131,9 @@ class OfflinePipeline:
         frames, room = self._frames, self._room
         room.settle(self._room_keyframes())
         cloud = room.cloud() if room.num_voxels else None
-        stats = self._slam.stats
+        grid = room.grid(cloud) if cloud is not None else None
+        if cloud is not None and grid is None:
+            _LOG.warning('no grid is written, as no floor was seen')
         return RunResult(
             input_name=sequence.name,
             recording=recording,
@@ -140,22 +145,26 @@ class OfflinePipeline:
             keyframes=frames.cameras(self._slam.keyframe_trajectory()),
             map_points_m=frames.points_m(self._slam.map_points_m()),
             cloud=cloud,
-            grid=room.grid(cloud) if cloud is not None else None,
+            grid=grid,
             ground_truth=sequence.ground_truth,
-            map_counts=MapCounts(
-                stats.num_keyframes,
-                stats.num_map_points,
-                stats.num_maps,
-                stats.num_loops,
-                stats.num_merges,
-                stats.num_relocalizations,
-            ),
+            map_counts=_map_counts(self._slam.stats),
             filter_counts=FilterCounts(
                 self._features_in, self._features_removed, self._objects_dynamic
             ),
             stage_ms=self.stage_ms,
             peak_rss_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _KIB_PER_MB,
         )
+
+
+def _map_counts(stats: SlamStats) -> MapCounts:
+    return MapCounts(
+        keyframes=stats.num_keyframes,
+        map_points=stats.num_map_points,
+        maps=stats.num_maps,
+        loops=stats.num_loops,
+        merges=stats.num_merges,
+        relocalizations=stats.num_relocalizations,
+    )
 
 
 def run_offline(
@@ -186,6 +195,7 @@ def run_offline(
     Raises:
         HoidError: The recording, the model or the output folder is unusable.
     """
+    check_writable(out_dir)
     maps.check()
     pipeline = OfflinePipeline(sequence, config, detect, dense=dense)
     if maps.load is not None:
@@ -195,7 +205,7 @@ def run_offline(
         tracking = pipeline.process(frame)
         bar.set_postfix_str(tracking.state.name.lower(), refresh=False)
     noted = options if options is not None else config.noted()
-    result = pipeline.finish(sequence, noted, recording)
+    summary = write_outputs(out_dir, pipeline.finish(sequence, noted, recording))
     if maps.save is not None:
         pipeline.save_map(maps.save)
-    return write_outputs(out_dir, result)
+    return summary

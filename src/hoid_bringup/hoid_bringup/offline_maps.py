@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_common.errors import ConfigError
+from hoid_common.files import check_writable
 from hoid_common.values import CameraModel
 from rgbd_slam import map_file, map_use
 from rgbd_slam.config import CameraConfig
@@ -23,9 +24,11 @@ class MapFiles(NamedTuple):
     save: Path | None = None
 
     def check(self) -> None:
-        """Raise ConfigError for what cannot be done."""
+        """Raise HoidError for what cannot be done."""
         if self.localize and self.load is None:
             raise ConfigError('--localize needs --map FILE')
+        if self.save is not None:
+            check_writable(self.save.parent)
 
 
 class Mapped(NamedTuple):
@@ -54,4 +57,5 @@ def save(path: Path, of: Mapped) -> None:
     views = of.room.views()
     if views:
         content = content._replace(dense=DenseState.of_views(views, keyframes.uids))
+    path.parent.mkdir(parents=True, exist_ok=True)
     map_file.save(path, content)

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import shutil
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from hoid_bags.bag_sequence import BagSequence
-from hoid_bags.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
 from hoid_bags.convert import ConvertConfig, convert
+from hoid_bags.options import add_folder_arguments, chosen_camera
 from hoid_bags.sequence import Sequence, open_sequence
-from hoid_bags.tum_folder import COLOR_LIST
-from hoid_bringup.run_config import TRUTH, RunConfig
-from hoid_common.errors import ConfigError, InputError
+from hoid_bringup.run_config import SHORT_NAMES, TRUTH, RunConfig
+from hoid_common.errors import ConfigError
+from hoid_common.files import scratch_folder
 
 _SHORTCUTS = {
-    'filter': 'filter.strategy',
+    **SHORT_NAMES,
     'detector': 'model',
     'min_interaction_area': 'filter.min_interaction_area',
     'depth_limit': 'filter.depth_limit_m',
-    'seed': 'slam.seed',
 }
 
 
@@ -34,18 +31,7 @@ def add_recording_arguments(
 ) -> None:
     """Add the recording and how to read it."""
     parser.add_argument('input', metavar='INPUT', type=Path, help=what)
-    parser.add_argument(
-        '--camera',
-        metavar='fr1|fr2|fr3|YAML',
-        help="camera of a folder: TUM's, or a camera_info YAML (default: by the folder's name)",
-    )
-    parser.add_argument(
-        '--depth-factor',
-        type=float,
-        default=TUM_DEPTH_UNITS_PER_M,
-        metavar='N',
-        help="depth units per metre of a folder's images (default: %(default)g)",
-    )
+    add_folder_arguments(parser)
 
 
 def add_method_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,8 +61,7 @@ def recording(args: argparse.Namespace) -> Sequence:
     Raises:
         InputError: It cannot be used.
     """
-    camera = find_camera(args.camera) if args.camera else None
-    return open_sequence(args.input, camera, args.depth_factor)
+    return open_sequence(args.input, chosen_camera(args), args.depth_factor)
 
 
 @contextmanager
@@ -86,24 +71,15 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
     Raises:
         InputError: It cannot be used.
     """
-    camera = find_camera(args.camera) if args.camera else None
-    if not (args.input / COLOR_LIST).exists():
-        yield BagSequence(args.input, camera)
+    found = recording(args)
+    if isinstance(found, BagSequence):
+        yield found
         return
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-        folder = tempfile.mkdtemp(prefix='.bag-', dir=args.out)
-    except OSError as error:
-        raise InputError(f'{args.out}: cannot be written to: {error.strerror}') from error
-    try:
-        path = Path(folder) / args.input.resolve().name
+    with scratch_folder(args.out, 'bag') as folder:
+        path = folder / args.input.resolve().name
         config = ConvertConfig(depth_units_per_m=args.depth_factor)
-        convert(args.input, path, config, camera, show_progress=True)
+        convert(args.input, path, config, found.camera, show_progress=True)
         yield BagSequence(path)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        with suppress(OSError):
-            args.out.rmdir()  # goes only when nothing was written
 
 
 def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunConfig:

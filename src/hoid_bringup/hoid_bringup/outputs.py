@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,10 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from hoid_bags.trajectory_io import write_tum
+from hoid_bringup import run_files
 from hoid_bringup.evaluation import AlignedTrajectory, align
 from hoid_bringup.plots import plot_run
 from hoid_bringup.summary import RunResult, Summary, summarize
 from hoid_common.errors import InputError
+from hoid_common.files import scratch_folder, unwritable
 from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.dense import export
 from rgbd_slam.dense.grid import write_map_server
@@ -28,36 +28,34 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
     """
     summary = summarize(result)
     with staged(out_dir) as stage:
-        write_tum(stage / 'trajectory.txt', result.final)
-        write_tum(stage / 'trajectory_online.txt', result.online)
-        write_tum(stage / 'keyframes.txt', result.keyframes)
-        write_ply(stage / 'map.ply', result.map_points_m)
+        write_tum(stage / run_files.FINAL, result.final)
+        write_tum(stage / run_files.ONLINE, result.online)
+        write_tum(stage / run_files.KEYFRAMES, result.keyframes)
+        write_ply(stage / run_files.MAP, result.map_points_m)
         if result.cloud is not None:
-            export.write_ply(stage / 'cloud.ply', result.cloud)
+            export.write_ply(stage / run_files.CLOUD, result.cloud)
         if result.grid is not None:
-            write_map_server(result.grid, stage / 'grid')
+            write_map_server(result.grid, stage / run_files.GRID)
         aligned = _aligned_or_none(result.final, result.ground_truth)
-        plot_run(stage / 'trajectory.png', result.final, aligned, _title(summary))
-        (stage / 'summary.json').write_text(summary.to_json(), encoding='utf-8')
+        plot_run(stage / run_files.PICTURE, result.final, aligned, _title(summary))
+        (stage / run_files.SUMMARY).write_text(summary.to_json(), encoding='utf-8')
     return summary
 
 
 @contextmanager
 def staged(out_dir: Path) -> Iterator[Path]:
-    """Give a temporary folder whose files move into `out_dir` when the block ends well."""
-    try:
-        out_dir.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix='.partial-', dir=out_dir))
-    except OSError as error:
-        raise InputError(f'{out_dir}: cannot be written to: {error.strerror}') from error
-    try:
-        yield stage
-        for path in sorted(stage.iterdir()):
-            path.replace(out_dir / path.name)
-    except OSError as error:
-        raise InputError(f'{out_dir}: cannot write results: {error.strerror}') from error
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
+    """Give a temporary folder whose files move into `out_dir` when the block ends well.
+
+    Raises:
+        InputError: The folder cannot be written to, or the disk is full.
+    """
+    with scratch_folder(out_dir, 'partial') as stage:
+        try:
+            yield stage
+            for path in sorted(stage.iterdir()):
+                path.replace(out_dir / path.name)
+        except OSError as error:
+            raise unwritable(out_dir, error) from error
 
 
 def write_ply(path: Path, points_m: FloatArray) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import cast
 
@@ -16,9 +17,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
 from hoid_bringup.evaluation import AlignedTrajectory
-from hoid_common.values import ByteArray, FloatArray, IntArray, Trajectory
+from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray, Trajectory
 
-_NS = 1e9
 _GAP_S = 0.25  # a longer silence is drawn as a break in the line
 _TRUTH = '#b4b9c2'
 _PATH = '#2563a8'
@@ -72,38 +72,53 @@ def plot_comparison(
         title: What was run, in one line.
         thumbnails: (H, W, 3) BGR pictures for a row above.
     """
-    strip_in = _STRIP_IN if thumbnails else 0.0
-    figure = Figure(figsize=(_SIZE_IN[0], _PATHS_IN + strip_in), dpi=_DPI, layout='constrained')
+    height_in = _PATHS_IN + (_STRIP_IN if thumbnails else 0.0)
+    figure = Figure(figsize=(_SIZE_IN[0], height_in), dpi=_DPI, layout='constrained')
     FigureCanvasAgg(figure)
     engine = cast('ConstrainedLayoutEngine', figure.get_layout_engine())
     engine.set(w_pad=_PAD_IN)
     figure.suptitle(title, fontsize=12, fontweight='bold')
-    paths: FigureBase = figure
-    if thumbnails:
-        parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(strip_in, _PATHS_IN))
-        strip, paths = parts[:, 0]
-        for i, image_bgr in enumerate(thumbnails):
-            axes = strip.add_subplot(1, len(thumbnails), i + 1)
-            axes.imshow(image_bgr[..., ::-1])
-            axes.set_axis_off()
-    rows = paths.add_gridspec(2, len(runs), height_ratios=(2.2, 1.0))
-    bottom = paths.add_subplot(rows[1, :])
+    below = _below_thumbnails(figure, thumbnails) if thumbnails else figure
+    rows = below.add_gridspec(2, len(runs), height_ratios=(2.2, 1.0))
+    _draw_paths(below, [below.add_subplot(rows[0, i]) for i in range(len(runs))], runs)
+    _draw_error_curves(below.add_subplot(rows[1, :]), runs)
+    figure.savefig(path, format='png', metadata={'Software': None})
+
+
+def _below_thumbnails(figure: Figure, thumbnails: Sequence[ByteArray]) -> FigureBase:
+    """Draw a row of BGR pictures and return what is left of the figure below it."""
+    parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(_STRIP_IN, _PATHS_IN))
+    strip, below = parts[:, 0]
+    for i, image_bgr in enumerate(thumbnails):
+        axes = strip.add_subplot(1, len(thumbnails), i + 1)
+        axes.imshow(image_bgr[..., ::-1])
+        axes.set_axis_off()
+    return cast('FigureBase', below)
+
+
+def _draw_paths(
+    figure: FigureBase, above: Sequence[Axes], runs: Mapping[str, AlignedTrajectory]
+) -> None:
+    """Draw each run's path from above, at one scale of error."""
     worst_cm = max(100 * float(np.percentile(run.error_m, 99)) for run in runs.values())
     norm = Normalize(0.0, max(worst_cm, 1e-3))
-    above = [paths.add_subplot(rows[0, i]) for i in range(len(runs))]
-    for axes, (label, run), color in zip(above, runs.items(), _COLORS, strict=False):
+    for axes, (label, run) in zip(above, runs.items(), strict=True):
         lines = _draw_plane(axes, run, (0, 1), norm)
         rmse_cm = 100 * float(np.sqrt(np.mean(run.error_m**2)))
         _label(axes, f'{label}: ATE RMSE {rmse_cm:.2f} cm', 'x [m]', 'y [m]')
-        stamps_s = (run.stamps_ns - run.stamps_ns[0]) / _NS
-        bottom.plot(stamps_s, 100 * run.error_m, color=color, lw=1.8, label=label)
-    paths.colorbar(lines, ax=above, label='error [cm]', extend='max', shrink=0.9)
-    bottom.set(yscale='log', ylim=(_LEAST_SHOWN_CM, None))
-    bottom.yaxis.set_major_formatter(FormatStrFormatter('%g'))
-    bottom.yaxis.set_minor_formatter(NullFormatter())
-    bottom.legend(loc='upper right', fontsize=9)
-    _label(bottom, '', 'time [s]', 'error [cm]')
-    figure.savefig(path, format='png', metadata={'Software': None})
+    figure.colorbar(lines, ax=list(above), label='error [cm]', extend='max', shrink=0.9)
+
+
+def _draw_error_curves(axes: Axes, runs: Mapping[str, AlignedTrajectory]) -> None:
+    """Draw the runs' errors over time, on a logarithmic axis."""
+    for (label, run), color in zip(runs.items(), cycle(_COLORS), strict=False):
+        stamps_s = (run.stamps_ns - run.stamps_ns[0]) / NS_PER_S
+        axes.plot(stamps_s, 100 * run.error_m, color=color, lw=1.8, label=label)
+    axes.set(yscale='log', ylim=(_LEAST_SHOWN_CM, None))
+    axes.yaxis.set_major_formatter(FormatStrFormatter('%g'))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.legend(loc='upper right', fontsize=9)
+    _label(axes, '', 'time [s]', 'error [cm]')
 
 
 def _draw_errors(
@@ -116,7 +131,7 @@ def _draw_errors(
     _draw_plane(above, aligned, (0, 1), norm)
     lines = _draw_plane(side, aligned, (0, 2), norm)
     figure.colorbar(lines, ax=[above, side], label='error [cm]', extend='max', shrink=0.9)
-    stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / _NS
+    stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / NS_PER_S
     _path(bottom, np.stack([stamps_s, error_cm], axis=1), joined, values=error_cm, norm=norm)
     rmse_cm = float(np.sqrt(np.mean(error_cm**2)))
     bottom.axhline(rmse_cm, color=_TRUTH, ls='--', lw=1.3, label=f'RMSE {rmse_cm:.2f} cm')
@@ -153,7 +168,7 @@ def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) 
         axes.plot(*xyz_m[0, plane], 'o', color='black', ms=5, zorder=4, label='start')
         _fit(axes, xyz_m[:, plane])
     above.legend(loc='best', fontsize=9, framealpha=0.9)
-    stamps_s = (estimate.stamps_ns - estimate.stamps_ns[0]) / _NS
+    stamps_s = (estimate.stamps_ns - estimate.stamps_ns[0]) / NS_PER_S
     speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1) / np.diff(stamps_s)
     points = np.stack([stamps_s[1:], speed], axis=1)
     _path(bottom, points, joined[1:], color=_PATH, width=1.2, label='speed')
@@ -162,7 +177,7 @@ def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) 
 
 def _joined(stamps_ns: IntArray) -> FloatArray:
     """Return (N-1,) 1 where consecutive poses belong to one stroke, NaN over a gap."""
-    return np.where(np.diff(stamps_ns) <= _GAP_S * _NS, 1.0, np.nan)
+    return np.where(np.diff(stamps_ns) <= _GAP_S * NS_PER_S, 1.0, np.nan)
 
 
 def _path(

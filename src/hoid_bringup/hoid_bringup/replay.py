@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
-import tempfile
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from hoid_bags.bag_reader import BagReader
 from hoid_bags.bag_sequence import BagSequence
+from hoid_bags.progress import progress
 from hoid_bags.ros_session import ros_session
 from hoid_bringup.live_recorder import LiveRecorder
 from hoid_bringup.node_specs import node_specs
 from hoid_bringup.outputs import write_outputs
-from hoid_bringup.progress import progress
 from hoid_bringup.replay_plan import BagNames, ReplayConfig, node_options, player_spec
 from hoid_bringup.ros_domain import own_domain
 from hoid_bringup.summary import MapCounts, RunResult, Summary
 from hoid_bringup.supervisor import ProcessExit, Supervisor, clean_shared_memory
 from hoid_common.errors import InputError
+from hoid_common.files import scratch_folder
 
 _READY_LIMIT_S = 90.0
 _TICK_S = 0.25
@@ -53,8 +52,8 @@ def replay(
             is unusable.
     """
     noted = {**(options or config.run.noted()), 'rate': config.rate, 'lockstep': config.lockstep}
-    with _workplace(out_dir) as folder, own_domain():
-        live = _LiveRun(bag, config, folder, out_dir / 'logs')
+    with scratch_folder(out_dir, 'replay') as folder, own_domain():
+        live = _LiveRun(bag, config, folder.resolve(), out_dir / 'logs')
         try:
             result = live.run(noted, show_progress=show_progress)
         finally:
@@ -171,17 +170,3 @@ def _last_words(log: Path) -> str:
         lines = []
     said = [line.strip() for line in lines if line.strip()]
     return said[-1].removeprefix('error: ') if said else 'it said nothing'
-
-
-@contextmanager
-def _workplace(out_dir: Path) -> Iterator[Path]:
-    """Give a folder for the nodes' files, within the output folder, and remove it afterwards."""
-    try:
-        out_dir.mkdir(parents=True, exist_ok=True)
-        folder = tempfile.mkdtemp(prefix='.replay-', dir=out_dir)
-    except OSError as error:
-        raise InputError(f'{out_dir}: cannot be written to: {error.strerror}') from error
-    try:
-        yield Path(folder).resolve()
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +16,8 @@ from rgbd_slam.object_tracker import ObjectTrackerConfig
 
 TRUTH = 'truth'
 """As a model: the exact boxes that a rendered bag brings, in place of a detector's."""
+SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
+"""What people ask for by a short name, and read of a run whether they changed it or not."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,20 @@ class RunConfig(Config):
 
     def noted(self) -> dict[str, Any]:
         """Return what a summary says of a run: strategy, seed, and what else was changed."""
-        rest = self.changed()
-        for name in ('filter.strategy', 'slam.seed'):
-            rest.pop(name, None)
-        return {'filter': self.filter.strategy, 'seed': self.slam.seed, **rest}
+        values = {p.name: p.value for p in self.params()}
+        always = {short: values[name] for short, name in SHORT_NAMES.items()}
+        rest = {n: v for n, v in self.changed().items() if n not in SHORT_NAMES.values()}
+        return {**always, **rest}
+
+    @classmethod
+    def from_noted(cls, noted: Mapping[str, Any]) -> RunConfig:
+        """Return the configuration that a summary notes, as read from JSON.
+
+        What is no parameter, as of a replay or of another version, is left out.
+        """
+        known = {p.name for p in cls().params()}
+        named = {SHORT_NAMES.get(name, name): value for name, value in noted.items()}
+        values = {name: value for name, value in named.items() if name in known}
+        return cls().updated(
+            {n: tuple(v) if isinstance(v, list) else v for n, v in values.items()}
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import platform
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,7 @@ from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.dense.grid import Grid
 from rgbd_slam.dense.voxel_map import ColoredCloud
 
+_LOG = logging.getLogger(__name__)
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'rosbags', 'evo')
 
 
@@ -119,7 +121,7 @@ class Summary:
 
 def summarize(result: RunResult) -> Summary:
     """Evaluate a run and condense its times."""
-    errors = _errors(result.final, result.ground_truth)
+    errors = _errors(result.final, result.ground_truth, say_why_not=True)
     online = _errors(result.online, result.ground_truth)
     total = result.frames_total
     return Summary(
@@ -156,14 +158,18 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _errors(estimate: Trajectory, truth: Trajectory | None) -> dict[str, float | None]:
+def _errors(
+    estimate: Trajectory, truth: Trajectory | None, *, say_why_not: bool = False
+) -> dict[str, float | None]:
     """Return the errors by name; all None where there is no truth or too little of an estimate."""
     names = ('ate_rmse_m', 'rpe_trans_1s_rmse_m', 'rpe_rot_1s_rmse_deg')
     if truth is None:
         return dict.fromkeys(names)
     try:
         evaluation = asdict(evaluate(estimate, truth))
-    except InputError:
+    except InputError as error:
+        if say_why_not:
+            _LOG.warning('no errors: %s', error)
         return dict.fromkeys(names)
     return {name: None if (v := evaluation[name]) is None else round(v, 6) for name in names}
 

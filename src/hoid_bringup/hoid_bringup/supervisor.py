@@ -22,7 +22,9 @@ from typing import Self
 
 import psutil
 
-_log = logging.getLogger(__name__)
+from hoid_common.files import unwritable
+
+_LOG = logging.getLogger(__name__)
 
 GRACE_S = 4.0
 _POLL_S = 0.02
@@ -77,7 +79,7 @@ class Supervisor:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._due_s: dict[str, float] = {}  # monotonic time at which a dead child starts anew
         self._peak_rss_bytes: dict[str, int] = {}
-        self._look_s = 0.0  # when to look at the memory next
+        self._next_look_s = 0.0  # when to look at the memory next
 
     def __enter__(self) -> Self:
         try:
@@ -108,8 +110,8 @@ class Supervisor:
     def poll(self) -> list[ProcessExit]:
         """Return the children that ended since the last call; restart them if so told."""
         now_s = time.monotonic()
-        if now_s >= self._look_s:
-            self._look_s = now_s + _MEMORY_PERIOD_S
+        if now_s >= self._next_look_s:
+            self._next_look_s = now_s + _MEMORY_PERIOD_S
             for name, process in self._running.items():
                 self._note_memory(name, process.pid)
         exits = []
@@ -140,13 +142,16 @@ class Supervisor:
             self._signal_all(sign)
             self._wait(wait_s)
             if self._running and sign is signal.SIGTERM:
-                _log.warning('%s did not end; killed', ', '.join(self._running))
+                _LOG.warning('%s did not end; killed', ', '.join(self._running))
 
     def _start(self, spec: ProcessSpec) -> None:
         output = None
         if self._log_dir is not None:
-            self._log_dir.mkdir(parents=True, exist_ok=True)
-            output = (self._log_dir / f'{spec.name}.log').open('ab')
+            try:
+                self._log_dir.mkdir(parents=True, exist_ok=True)
+                output = (self._log_dir / f'{spec.name}.log').open('ab')
+            except OSError as error:
+                raise unwritable(self._log_dir, error) from error
         with contextlib.ExitStack() as stack:
             if output is not None:
                 stack.enter_context(output)  # the child keeps its own copy of the descriptor

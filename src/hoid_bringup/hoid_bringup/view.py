@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import subprocess
 import sys
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
-from hoid_bags.cameras import find_camera
+from hoid_bags.options import chosen_camera
 from hoid_bags.sequence import Sequence, open_sequence
 from hoid_bringup.options import (
     add_method_arguments,
@@ -49,9 +50,9 @@ def view_command(args: argparse.Namespace) -> None:
     if args.save is not None:
         path = args.save if args.save.suffix == _SUFFIX else Path(f'{args.save}{_SUFFIX}')
         _write(args, path)
-        sys.stdout.write(
-            f'{path} ({path.stat().st_size / 1e6:.1f} MB); to open it: rerun {path}\n'
-        )
+        size_mb = path.stat().st_size / 1e6
+        how = f'./hoid env rerun {shlex.quote(str(path))}'
+        sys.stdout.write(f'{path} ({size_mb:.1f} MB); to open it: {how}\n')
         return
     _check_display()
     with tempfile.TemporaryDirectory(prefix='hoid-view-') as folder:
@@ -88,8 +89,7 @@ def _recording_of_run(args: argparse.Namespace, noted: Path | None) -> Sequence 
         where = path or 'not noted in its summary'
         sys.stdout.write(f'no images, as the recording is gone ({where}); give --recording PATH\n')
         return None
-    camera = find_camera(args.camera) if args.camera else None
-    return open_sequence(path, camera, args.depth_factor)
+    return open_sequence(path, chosen_camera(args), args.depth_factor)
 
 
 def _check_display() -> None:

@@ -12,8 +12,9 @@ import rerun as rr
 from rerun import blueprint as rrb
 
 from hoid_common import images, se3
-from hoid_common.errors import InputError
+from hoid_common.files import unwritable
 from hoid_common.values import (
+    NS_PER_S,
     ByteArray,
     CameraModel,
     DynamicObject,
@@ -40,10 +41,8 @@ _POINT_COLOR = (120, 200, 255)
 _KEYFRAME_COLOR = (90, 130, 220)
 _FRUSTUM_M = 0.06  # depth of a keyframe's pyramid
 _GAP_S = 0.5  # a path is broken where it has no pose for so long
-_NS = 1e9
 _DEPTH_STRIDE = 2  # depth is shown in half size: it is most of the file
 _JPEG_QUALITY = 85
-_MM_PER_M = 1000
 
 
 class ViewLog:
@@ -65,7 +64,7 @@ class ViewLog:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._unfinished.touch()
         except OSError as error:
-            raise InputError(f'{self._path}: cannot be written: {error.strerror}') from error
+            raise unwritable(self._path, error) from error
         self._stream.save(self._unfinished, default_blueprint=_layout())
         self._stream.log(MAP, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         return self
@@ -99,7 +98,7 @@ class ViewLog:
 
     def path(self, entity: str, trajectory: Trajectory) -> None:
         """Show where the camera went, broken where nothing is known."""
-        gaps = np.flatnonzero(np.diff(trajectory.stamps_ns) > _GAP_S * _NS) + 1
+        gaps = np.flatnonzero(np.diff(trajectory.stamps_ns) > _GAP_S * NS_PER_S) + 1
         strips = np.split(trajectory.T_world_camera[:, :3, 3], gaps)
         lines = rr.LineStrips3D(strips, colors=_PATH_COLORS[entity], radii=rr.Radius.ui_points(1))
         self._stream.log(entity, lines, static=True)
@@ -138,7 +137,7 @@ class ViewLog:
         self._stream.log(IMAGE, rr.EncodedImage(contents=jpeg, media_type='image/jpeg'))
         png = _depth_png(frame.depth_m)
         self._stream.log(
-            DEPTH, rr.EncodedDepthImage(blob=png, media_type='image/png', meter=_MM_PER_M)
+            DEPTH, rr.EncodedDepthImage(blob=png, media_type='image/png', meter=images.MM_PER_M)
         )
         self._boxes(result.objects)
         features = result.features
@@ -198,7 +197,7 @@ def _label(item: DynamicObject) -> str:
 
 def _depth_png(depth_m: Float32Array) -> bytes:
     """Return a 16-bit PNG of the depth (H, W) in mm, in half size."""
-    small = depth_m[::_DEPTH_STRIDE, ::_DEPTH_STRIDE] * _MM_PER_M + 0.5
+    small = depth_m[::_DEPTH_STRIDE, ::_DEPTH_STRIDE] * images.MM_PER_M + 0.5
     small_mm = np.minimum(small, np.iinfo(np.uint16).max).astype(np.uint16)
     _, png = cv2.imencode('.png', small_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return png.tobytes()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_bags.association import MAX_PAIR_GAP_NS
+from hoid_bags.progress import progress
 from hoid_bags.sequence import Sequence
 from hoid_bringup.detection_source import detection_source
-from hoid_bringup.progress import progress
 from hoid_bringup.run_config import TRUTH as EXACT
 from hoid_bringup.run_config import RunConfig
 from hoid_bringup.view_log import TRUTH, ViewLog

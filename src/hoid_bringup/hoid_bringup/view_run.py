@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from hoid_bags.sequence import Sequence
 from hoid_bags.trajectory_io import read_tum
+from hoid_bringup import run_files
 from hoid_bringup.evaluation import align
 from hoid_bringup.run_config import RunConfig
 from hoid_bringup.view_log import ESTIMATE, TRUTH, ViewLog
@@ -16,9 +16,6 @@ from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import Trajectory
 from rgbd_slam.dense.export import read_ply
-
-SUMMARY = 'summary.json'
-_NOTED = {'filter': 'filter.strategy', 'seed': 'slam.seed'}  # short names in a summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +31,7 @@ class FinishedRun:
 
 def is_run(path: Path) -> bool:
     """Return whether a path is the output folder of a run."""
-    return (path / SUMMARY).is_file()
+    return (path / run_files.SUMMARY).is_file()
 
 
 def open_run(folder: Path) -> FinishedRun:
@@ -43,7 +40,7 @@ def open_run(folder: Path) -> FinishedRun:
     Raises:
         InputError: A file is missing or damaged.
     """
-    path = folder / SUMMARY
+    path = folder / run_files.SUMMARY
     try:
         summary = json.loads(path.read_text(encoding='utf-8'))
         options, recording = dict(summary['options']), summary.get('recording')
@@ -52,9 +49,9 @@ def open_run(folder: Path) -> FinishedRun:
     return FinishedRun(
         folder,
         Path(recording) if recording else None,
-        _config(options),
-        read_tum(folder / 'trajectory.txt'),
-        read_tum(folder / 'keyframes.txt'),
+        RunConfig.from_noted(options),
+        read_tum(folder / run_files.FINAL),
+        read_tum(folder / run_files.KEYFRAMES),
     )
 
 
@@ -66,8 +63,8 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
     """
     log.path(ESTIMATE, run.final)
     log.keyframes(run.keyframes.T_world_camera, sequence.camera if sequence else None)
-    log.points(read_ply(run.folder / 'map.ply').points_m)
-    dense = run.folder / 'cloud.ply'
+    log.points(read_ply(run.folder / run_files.MAP).points_m)
+    dense = run.folder / run_files.CLOUD
     if dense.is_file():
         log.cloud(*read_ply(dense))
     if sequence is not None and sequence.ground_truth is not None:
@@ -78,16 +75,3 @@ def _in_map(truth: Trajectory, estimate: Trajectory) -> Trajectory:
     """Return the true poses in the run's map frame, where they fit the estimate best."""
     T_map_world = se3.inverse(align(estimate, truth).T_world_map)
     return Trajectory(truth.stamps_ns, T_map_world @ truth.T_world_camera)
-
-
-def _config(options: dict[str, Any]) -> RunConfig:
-    """Return the configuration that a summary notes; what is no parameter is left out."""
-    known = {param.name for param in RunConfig().params()}
-    named = {_NOTED.get(name, name): value for name, value in options.items()}
-    return RunConfig().updated(
-        {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in named.items()
-            if name in known
-        }
-    )

@@ -37,30 +37,6 @@ def test_evaluate_prints_and_writes_numbers(
     assert '"num_pairs": 60' in out.read_text()
 
 
-@pytest.mark.parametrize(
-    ('argv', 'said'),
-    [
-        (['run', 'nowhere', '--out', 'x'], 'nowhere: no such'),
-        (['run', '.', '--out', 'x', '--filter', 'magic'], 'must be one of none, person'),
-        (['run', '.', '--out', 'x', '--min-interaction-area', '2'], 'must be in [0.0, 1.0]'),
-        (['run', '.', '--out', 'x', '--set', 'filter.nonsense=1'], 'no parameter "nonsense"'),
-        (['run', '.', '--out', 'x', '--set', 'oops'], 'expected NAME=VALUE'),
-        (['evaluate', 'missing.txt', 'missing.txt'], 'missing.txt: no such file'),
-    ],
-)
-def test_an_error_is_one_line_and_status_1(
-    argv: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(argv) == 1
-    error = capsys.readouterr().err
-    assert error.startswith(f'hoid {argv[0]}: ')
-    assert said in error
-    assert error.count('\n') == 1
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize('argv', [[], ['fly'], ['run'], ['evaluate', 'one']])
 def test_wrong_usage_is_status_2(argv: list[str]) -> None:
     with pytest.raises(SystemExit) as exit_info:

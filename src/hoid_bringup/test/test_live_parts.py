@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 from pathlib import Path
 from typing import cast
@@ -109,9 +110,8 @@ def test_bags_that_nodes_cannot_hear_are_refused(bag: FakeBag, said: str) -> Non
 def test_the_player_waits_for_every_listener() -> None:
     config = ReplayConfig(rate=2.0)
     argv = player_spec(cast('BagSequence', FakeBag()), config).argv
-    assert (
-        argv[argv.index('--require') + 1] == 'rgb/image=3'
-    )  # detector, filter, and SLAM for its dense map
+    # Detector, filter, and SLAM for its dense map.
+    assert argv[argv.index('--require') + 1] == 'rgb/image=3'
     assert argv[argv.index('--rate') + 1] == '2.0'
 
 
@@ -120,6 +120,15 @@ def test_the_gate_of_detections_is_set_by_its_own_names() -> None:
     parameters = options.parameters['hoid_filter']
     assert parameters['detections.mode'] == 'latest'
     assert parameters['strategy'] == 'hoid2d'
+
+
+def test_a_summary_notes_what_makes_the_same_run_again() -> None:
+    changes = {'filter.strategy': 'person', 'slam.seed': 3, 'detector.classes': ('cup', 'person')}
+    noted = RunConfig().updated(changes).noted()
+    assert noted == {'filter': 'person', 'seed': 3, 'detector.classes': ('cup', 'person')}
+    read = {**json.loads(json.dumps(noted)), 'rate': 2.0, 'of.later.versions': 1}
+    assert RunConfig.from_noted(read) == RunConfig().updated(changes)
+    assert RunConfig().noted().keys() == {'filter', 'seed'}
 
 
 def test_in_lockstep_no_message_may_be_lost() -> None:

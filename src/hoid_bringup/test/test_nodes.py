@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import pytest
 
 from hoid_bringup.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
 from hoid_bringup.nodes import add_nodes_arguments, node_options
-from hoid_common.errors import InputError
+from hoid_common.errors import ConfigError
 
 FRAME_TREE = (('/tf', 'tf'), ('/tf_static', 'tf_static'))
 
@@ -49,6 +50,25 @@ def test_parameters_go_to_their_nodes() -> None:
     assert options().parameters == {DETECTOR: {}, FILTER: {}, SLAM: {}}
 
 
-def test_a_missing_parameter_file_is_said() -> None:
-    with pytest.raises(InputError, match='no such parameter file'):
+@pytest.mark.parametrize('name', ['robot', '/robot/arm_2', 'a/b/'])
+def test_namespaces(name: str) -> None:
+    assert options('--namespace', name).namespace == name
+
+
+@pytest.mark.parametrize(
+    'name', ['two words', '2nd', 'a//b', 'ärm', '/'.join(['a' * 20] * 20) + '-']
+)
+def test_what_is_no_namespace_is_said(name: str) -> None:
+    with pytest.raises(ConfigError, match=f'--namespace {name}: use letters'):
+        options('--namespace', name)
+
+
+def test_a_parameter_file_is_checked_before_anything_starts(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r'nowhere\.yaml: cannot be read \(No such file'):
         options('--params', 'nowhere.yaml')
+    path = tmp_path / 'params.yaml'
+    path.write_text('hoid_filter: {strategy: none}\n')
+    with pytest.raises(ConfigError, match='section "hoid_filter" has no "ros__parameters"'):
+        options('--params', str(path))
+    path.write_text('/**: {ros__parameters: {strategy: none}}\n')
+    assert options('--params', str(path)).params_file == path

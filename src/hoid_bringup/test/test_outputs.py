@@ -84,6 +84,17 @@ def test_a_run_that_tracked_nothing_has_null_errors(tmp_path: Path, num_tracked:
     assert summary.frames_tracked == num_tracked
 
 
+def test_truth_of_another_time_is_said_to_give_no_errors(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    truth = spiral(100)
+    late = Trajectory(truth.stamps_ns + 10**12, truth.T_world_camera)
+    assert write_outputs(tmp_path, result(spiral(90), late)).ate_rmse_m is None
+    (record,) = caplog.records
+    assert 'share 0 poses' in record.getMessage()
+    assert 'of the same recording?' in record.getMessage()
+
+
 def test_without_ground_truth_errors_are_null(tmp_path: Path) -> None:
     write_outputs(tmp_path, result(spiral(90), None))
     loaded = json.loads((tmp_path / 'summary.json').read_text())
@@ -106,7 +117,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path) -> None:
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'out').write_text('')
-    with pytest.raises(InputError, match='out: cannot be written to'):
+    with pytest.raises(InputError, match='out: cannot be written'):
         write_outputs(tmp_path / 'out', result(spiral(9), None))
 
 

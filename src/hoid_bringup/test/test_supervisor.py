@@ -7,7 +7,10 @@ import sys
 import time
 from pathlib import Path
 
-from hoid_bringup.supervisor import ProcessExit, ProcessSpec, Supervisor
+import pytest
+
+from hoid_bringup.supervisor import GRACE_S, ProcessExit, ProcessSpec, Supervisor
+from hoid_common.errors import InputError
 
 STUBBORN = (
     'import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN);'
@@ -20,7 +23,7 @@ def python(name: str, code: str) -> ProcessSpec:
 
 
 def wait_for(path: Path, text: str) -> None:
-    deadline_s = time.monotonic() + 10
+    deadline_s = time.monotonic() + 60
     while not (path.exists() and text in path.read_text()):
         assert time.monotonic() < deadline_s, f'{path} never said {text}'
         time.sleep(0.01)
@@ -42,7 +45,7 @@ def test_a_child_that_ignores_signals_is_killed_in_time(tmp_path: Path) -> None:
         start_s = time.monotonic()
         supervisor.stop(grace_s=0.2)
     assert not is_alive(pid)
-    assert time.monotonic() - start_s < 2.0
+    assert time.monotonic() - start_s < GRACE_S
 
 
 def test_an_early_end_is_reported_with_its_status() -> None:
@@ -58,7 +61,7 @@ def test_an_early_end_is_reported_with_its_status() -> None:
 def test_a_dead_child_is_restarted(tmp_path: Path) -> None:
     spec = python('phoenix', 'import os; print(os.getpid(), flush=True); os._exit(1)')
     with Supervisor([spec], restart=True, restart_pause_s=0.05, log_dir=tmp_path) as group:
-        deadline_s = time.monotonic() + 10
+        deadline_s = time.monotonic() + 60
         while len((tmp_path / 'phoenix.log').read_text().split()) < 2:
             group.poll()
             assert time.monotonic() < deadline_s
@@ -85,3 +88,10 @@ def test_children_end_when_their_supervisor_is_killed(tmp_path: Path) -> None:
     while is_alive(pid):
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
+
+
+def test_a_folder_for_logs_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    supervisor = Supervisor([python('any', '')], log_dir=tmp_path / 'file' / 'logs')
+    with pytest.raises(InputError, match='file/logs: cannot be written'), supervisor:
+        pytest.fail('it started')

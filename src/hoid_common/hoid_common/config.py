@@ -6,13 +6,18 @@ become dotted names (`extraction.num_features`), the same in Python, YAML and RO
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
-from typing import Any, NamedTuple, Self, cast
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from difflib import get_close_matches
+from typing import Any, NamedTuple, Self, TypeVar, cast
 
 from hoid_common.errors import ConfigError
 
+C = TypeVar('C', bound='Config')
+
 _SPEC = 'hoid_param'
+_ALIKE = 0.8  # of difflib's ratios: a letter or two
+_MOST_MEANT = 3  # names that are offered for an unknown one
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,16 @@ def param(
     choices: tuple[str, ...] = (),
     read_only: bool = True,
 ) -> Any:
-    """Declare a config field; `read_only=False` lets it change at run time."""
+    """Declare a config field.
+
+    Args:
+        default: Its type is the field's: bool, int, float, str, or a tuple of strings.
+        description: For people, such as those who ask `ros2 param describe`.
+        minimum: Least value of a number.
+        maximum: Greatest value of a number.
+        choices: The only values of a string.
+        read_only: False lets it change at run time.
+    """
     spec = ParamSpec(description, minimum, maximum, choices, read_only)
     return field(default=default, metadata={_SPEC: spec})
 
@@ -54,13 +68,10 @@ class Config:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if _SPEC not in f.metadata:
-                continue
-            value = getattr(self, f.name)
-            if type(value) is int and isinstance(f.default, float):
-                value = float(value)  # `3` in a YAML file
-                object.__setattr__(self, f.name, value)
-            _check(type(self).__name__, f, value)
+            if _SPEC in f.metadata:
+                name, value = f'{type(self).__name__}.{f.name}', getattr(self, f.name)
+                checked = _checked(name, value, f.default, f.metadata[_SPEC])
+                object.__setattr__(self, f.name, checked)
 
     def params(self, prefix: str = '') -> Iterator[Param]:
         """Yield every leaf in order of declaration."""
@@ -72,38 +83,69 @@ class Config:
                 yield Param(f'{prefix}{f.name}', value, f.metadata[_SPEC])
 
     def updated(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy with the dotted names replaced; an unknown one raises ConfigError."""
-        here: dict[str, Any] = {}
-        nested: dict[str, dict[str, Any]] = {}
-        names = {f.name for f in fields(self)}
+        """Return a copy with the values of dotted names replaced.
+
+        Raises:
+            ConfigError: A name is unknown, or a value of another type or out of range.
+        """
+        known = {leaf.name: leaf for leaf in self.params()}
         for name, value in values.items():
-            head, _, rest = name.partition('.')
-            if head not in names:
-                raise ConfigError(f'{type(self).__name__} has no parameter "{name}"')
-            if rest:
-                nested.setdefault(head, {})[rest] = value
-            else:
-                here[head] = value
-        for head, inner in nested.items():
-            here[head] = getattr(self, head).updated(inner)
-        return replace(self, **here)
+            if name not in known:
+                raise ConfigError(f'no parameter is called "{name}"{did_you_mean(name, known)}')
+            _checked(name, value, known[name].value, known[name].spec)  # by its whole name
+        return _replaced(self, values)
 
 
-def _check(owner: str, f: Field[Any], value: Any) -> None:
-    spec: ParamSpec = f.metadata[_SPEC]
-    default = f.default if f.default is not MISSING else value
-    if not isinstance(value, type(default)) or isinstance(value, bool) != isinstance(
-        default, bool
-    ):
-        raise ConfigError(f'{owner}.{f.name} must be {type(default).__name__}, got {value!r}')
+def _replaced(config: C, values: Mapping[str, Any]) -> C:
+    here: dict[str, Any] = {}
+    nested: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        head, _, rest = name.partition('.')
+        if rest:
+            nested.setdefault(head, {})[rest] = value
+        else:
+            here[head] = value
+    for head, inner in nested.items():
+        here[head] = _replaced(getattr(config, head), inner)
+    return replace(config, **here)
+
+
+def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
+    """Return a value of the type of another and within its range.
+
+    Raises:
+        ConfigError: It is of another type or out of range; the name is said as given.
+    """
+    if type(value) is int and isinstance(like, float):
+        value = float(value)  # `3` in a YAML file
+    if not isinstance(value, type(like)) or isinstance(value, bool) != isinstance(like, bool):
+        kind = 'list' if isinstance(like, tuple) else type(like).__name__  # as in a YAML file
+        raise ConfigError(f'{name} must be {kind}, got {value!r}')
+    if isinstance(value, tuple) and not all(isinstance(item, str) for item in value):
+        raise ConfigError(f'{name} must be a list of strings, got {list(value)}')
     if spec.choices and value not in spec.choices:
-        raise ConfigError(
-            f'{owner}.{f.name} must be one of {", ".join(spec.choices)}, got {value!r}'
-        )
+        raise ConfigError(f'{name} must be one of {", ".join(spec.choices)}, got {value!r}')
     if isinstance(value, int | float) and not isinstance(value, bool):
-        low = spec.minimum is None or value >= spec.minimum
-        high = spec.maximum is None or value <= spec.maximum
-        if not (low and high):  # also refuses NaN
-            raise ConfigError(
-                f'{owner}.{f.name} must be in [{spec.minimum}, {spec.maximum}], got {value}'
-            )
+        high_enough = spec.minimum is None or value >= spec.minimum
+        low_enough = spec.maximum is None or value <= spec.maximum
+        if not (high_enough and low_enough):  # also refuses NaN
+            raise ConfigError(f'{name} must be {_range(spec)}, got {value}')
+    return value
+
+
+def _range(spec: ParamSpec) -> str:
+    if spec.maximum is None:
+        return f'at least {spec.minimum}'
+    return (
+        f'at most {spec.maximum}'
+        if spec.minimum is None
+        else f'in [{spec.minimum}, {spec.maximum}]'
+    )
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return which known names an unknown one may stand for, as the end of a complaint."""
+    names = list(known)
+    parts = [n for n in names if n.endswith(f'.{name}') or n.startswith(f'{name}.')]
+    likely = parts or get_close_matches(name, names, cutoff=_ALIKE)
+    return f'; did you mean {", ".join(likely[:_MOST_MEANT])}?' if likely else ''

@@ -22,10 +22,11 @@ Pixels: TypeAlias = NDArray[Any]
 
 MM_PER_M = 1000.0
 COMPRESSED_DEPTH_FORMAT = '16UC1; compressedDepth png'
+JPEG_FORMAT = 'bgr8; jpeg compressed bgr8'
+PNG_FORMAT = 'bgr8; png compressed bgr8'
 
-_COMPRESSED_DEPTH_HEADER = struct.Struct(
-    '<iff'
-)  # format, and two quantisation terms of inverse depth
+# Format, and two quantisation terms of inverse depth.
+_COMPRESSED_DEPTH_HEADER = struct.Struct('<iff')
 _INF_BITS = np.float32(np.inf).view(np.uint32)
 _TO_BGR = {
     'bgr8': None,
@@ -42,6 +43,7 @@ _DEPTH_TYPES: dict[str, np.dtype[Any]] = {
     'mono16': np.dtype('u2'),
     '32FC1': np.dtype('f4'),
 }
+DEPTH_ENCODINGS = tuple(_DEPTH_TYPES)
 
 
 class RawImage(Protocol):
@@ -59,6 +61,9 @@ def decode_color(image: RawImage) -> ByteArray:
     """Return the (H, W, 3) BGR picture of a bgr8, rgb8, mono8, bgra8 or rgba8 image.
 
     It shares the message's memory when no conversion is needed.
+
+    Raises:
+        MessageError: Another encoding, or a size that the data does not have.
     """
     if image.encoding not in _TO_BGR:
         raise MessageError(
@@ -73,6 +78,9 @@ def decode_depth(image: RawImage) -> Float32Array:
     """Return (H, W) metres of a 16UC1 (mm) or 32FC1 (m) image; NaN, inf and negative become 0.
 
     They share the message's memory when nothing is to be changed.
+
+    Raises:
+        MessageError: Another encoding, or a size that the data does not have.
     """
     if image.encoding not in _DEPTH_TYPES:
         raise MessageError(
@@ -83,7 +91,7 @@ def decode_depth(image: RawImage) -> Float32Array:
 
 
 def decode_compressed_color(data: Buffer) -> ByteArray:
-    """Return the (H, W, 3) BGR picture of a JPEG or PNG."""
+    """Return the (H, W, 3) BGR picture of a JPEG or PNG; raises MessageError where it is none."""
     return cast('ByteArray', _imdecode(data, cv2.IMREAD_COLOR, 'compressed colour image'))
 
 
@@ -93,6 +101,9 @@ def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
     Args:
         format_: the message's `format`, such as "16UC1; compressedDepth png".
         data: a 12-byte header, then the PNG (uint16: mm, or quantised inverse depth for 32FC1).
+
+    Raises:
+        MessageError: Another format, too few bytes, or no PNG of one 16-bit channel.
     """
     encoding = format_.split(';', maxsplit=1)[0].strip()
     if encoding not in ('16UC1', '32FC1') or 'rvl' in format_.lower():
@@ -124,7 +135,12 @@ def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
     ok, png = cv2.imencode('.png', depth_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not ok:
         raise MessageError(f'depth image of shape {depth_mm.shape} cannot be encoded as PNG')
-    return _COMPRESSED_DEPTH_HEADER.pack(0, 0.0, 0.0) + png.tobytes()
+    return compressed_depth_of_png(png.tobytes())
+
+
+def compressed_depth_of_png(png: bytes) -> bytes:
+    """Return the data of a compressedDepth message for a PNG of uint16 millimetres."""
+    return _COMPRESSED_DEPTH_HEADER.pack(0, 0.0, 0.0) + png
 
 
 def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:

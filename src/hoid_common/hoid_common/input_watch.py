@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hoid_common.input_config import BEST_EFFORT
+
 _TIMEOUT_S = 2.0
 
 
@@ -38,12 +40,11 @@ class InputWatch:
         head = f'no {self.what}{yet} for {self._silent_s(now_s):.1f} s on {self.topic}'
         if not offered:
             return f'{head}: no publisher'
-        plural = 's' if len(offered) > 1 else ''
+        found = f'{head}: {len(offered)} publisher{"s" if len(offered) > 1 else ""}'
+        if self.reliability == BEST_EFFORT or BEST_EFFORT not in offered:
+            return f'{found}, silent'
         kinds = ', '.join(sorted(set(offered)))
-        return (
-            f'{head}: {len(offered)} publisher{plural}, reliability {kinds}, '
-            f'we ask for {self.reliability}'
-        )
+        return f'{found}, reliability {kinds}, we ask for {self.reliability}'
 
     def _silent_s(self, now_s: float) -> float:
         return now_s - (self.since_s if self.last_s is None else self.last_s)

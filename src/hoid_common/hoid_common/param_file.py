@@ -1,4 +1,4 @@
-"""ROS parameter files read without ROS: for the offline pipeline, and to check shipped ones."""
+"""ROS parameter files read without ROS: to check them before a node stumbles over them."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
     """Return the dotted names and values that a parameter file holds for a node.
 
     Sections that fit are `/**`, the node's name, or a name that ends in `/` and the node's name.
+
+    Raises:
+        ConfigError: The file cannot be read, or is no such file.
     """
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ConfigError(f'{path}: cannot be read ({error.strerror})') from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f'{path}: is not YAML ({str(error).splitlines()[0]})') from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{path}: is not YAML ({" ".join(str(error).split())})') from error
     if not isinstance(content, Mapping):
         raise ConfigError(f'{path}: is not a ROS parameter file')
     values: dict[str, Any] = {}

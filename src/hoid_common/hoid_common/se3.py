@@ -10,6 +10,7 @@ import numpy as np
 from hoid_common.values import FloatArray
 
 _SMALL_ANGLE_RAD = 1e-4  # series of two terms are exact below
+_XYZ = np.arange(3)
 
 
 def hat(w: FloatArray) -> FloatArray:
@@ -83,48 +84,17 @@ def orthonormalized(T: FloatArray) -> FloatArray:
 
 def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
     """Return unit quaternions (..., 4), x y z w, of rotations (..., 3, 3) (Shepperd's method)."""
-    trace = np.trace(R, axis1=-2, axis2=-1)
-    diag = np.stack([R[..., 0, 0], R[..., 1, 1], R[..., 2, 2], trace], axis=-1)
-    choice = np.argmax(diag, axis=-1)
-    m = R
-    x = np.stack(
-        [
-            1 + 2 * m[..., 0, 0] - trace,
-            m[..., 1, 0] + m[..., 0, 1],
-            m[..., 2, 0] + m[..., 0, 2],
-            m[..., 2, 1] - m[..., 1, 2],
-        ],
-        axis=-1,
-    )
-    y = np.stack(
-        [
-            m[..., 1, 0] + m[..., 0, 1],
-            1 + 2 * m[..., 1, 1] - trace,
-            m[..., 2, 1] + m[..., 1, 2],
-            m[..., 0, 2] - m[..., 2, 0],
-        ],
-        axis=-1,
-    )
-    z = np.stack(
-        [
-            m[..., 2, 0] + m[..., 0, 2],
-            m[..., 2, 1] + m[..., 1, 2],
-            1 + 2 * m[..., 2, 2] - trace,
-            m[..., 1, 0] - m[..., 0, 1],
-        ],
-        axis=-1,
-    )
-    w = np.stack(
-        [
-            m[..., 2, 1] - m[..., 1, 2],
-            m[..., 0, 2] - m[..., 2, 0],
-            m[..., 1, 0] - m[..., 0, 1],
-            1 + trace,
-        ],
-        axis=-1,
-    )
-    candidates = np.stack([x, y, z, w], axis=-2)
-    quat = np.take_along_axis(candidates, choice[..., None, None], axis=-2)[..., 0, :]
+    transposed = np.swapaxes(R, -1, -2)
+    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
+    trace = diagonal.sum(-1, keepdims=True)
+    # Row i is the quaternion times four times its component i; the largest one divides best.
+    rows = np.empty((*R.shape[:-2], 4, 4))
+    rows[..., :3, :3] = R + transposed
+    rows[..., _XYZ, _XYZ] = 1 + 2 * diagonal - trace
+    rows[..., :3, 3] = rows[..., 3, :3] = (R - transposed)[..., [2, 0, 1], [1, 2, 0]]
+    rows[..., 3, 3] = 1 + trace[..., 0]
+    largest = np.argmax(np.concatenate([diagonal, trace], axis=-1), axis=-1)
+    quat = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
     return np.asarray(quat / np.linalg.norm(quat, axis=-1, keepdims=True))
 
 

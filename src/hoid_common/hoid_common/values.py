@@ -24,8 +24,12 @@ ByteArray = NDArray[np.uint8]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+NAN = float('nan')
+NS_PER_S = 1_000_000_000
 DESCRIPTOR_BYTES = 32
 PERSON = 'person'
+DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')
+"""Names in ROS of the lens models whose coefficients OpenCV takes: up to five, and eight."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,11 @@ class CameraModel:
             raise ConfigError(
                 f'camera size must be positive, got {self.width_px}x{self.height_px}'
             )
+
+    @property
+    def distortion_model(self) -> str:
+        """Return the lens model's name in ROS, by the number of its coefficients."""
+        return DISTORTION_MODELS[len(self.distortion) > 5]
 
     @cached_property
     def matrix(self) -> FloatArray:
@@ -126,9 +135,7 @@ class Features:
     angle_deg: Float32Array  # (N,) in [0, 360)
     response: Float32Array  # (N,)
     descriptors: ByteArray  # (N, 32)
-    may_seed: (
-        BoolArray  # (N,); False near a mask's edge: good for tracking, not for new map points
-    )
+    may_seed: BoolArray  # (N,); False near a mask's edge: to be tracked, not for new map points
 
     def __post_init__(self) -> None:
         n = len(self.octave)
@@ -181,11 +188,9 @@ class DynamicObject:
     track_id: int  # -1 when the strategy does not track
     reason: Reason
     overlap_ratio: float = 0.0  # shared area / own area, over the people in view; in [0, 1]
-    depth_gap_m: float = float('nan')  # |object - person| at the sample boxes; NaN when unknown
-    center_camera_m: tuple[float, float, float] = (
-        float('nan'),
-    ) * 3  # NaN when depth does not allow
-    size_m: tuple[float, float] = (float('nan'),) * 2  # width, height at that depth
+    depth_gap_m: float = NAN  # |object - person| at the sample boxes; NaN when unknown
+    center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)  # when depth does not allow
+    size_m: tuple[float, float] = (NAN, NAN)  # width, height at that depth
 
     @property
     def is_dynamic(self) -> bool:

@@ -49,21 +49,35 @@ def test_updated_replaces_nested_values_only_there() -> None:
 @pytest.mark.parametrize(
     ('name', 'value', 'said'),
     [
-        ('inner.share', 1.5, r'Inner\.share must be in \[0\.0, 1\.0\], got 1\.5'),
-        ('inner.share', float('nan'), r'Inner\.share must be in'),
-        ('count', 0, r'Outer\.count must be in \[1, None\], got 0'),
-        ('count', 2.5, r'Outer\.count must be int, got 2\.5'),
-        ('count', True, r'Outer\.count must be int, got True'),
-        ('enabled', 1, r'Outer\.enabled must be bool, got 1'),
-        ('mode', 'lazy', r'Outer\.mode must be one of fast, slow, got .lazy.'),
-        ('inner.classes', 'cup', r'Inner\.classes must be tuple'),
-        ('speed', 1, r'Outer has no parameter "speed"'),
-        ('inner.speed', 1, r'Inner has no parameter "speed"'),
+        ('inner.share', 1.5, r'inner\.share must be in \[0\.0, 1\.0\], got 1\.5'),
+        ('inner.share', float('nan'), r'inner\.share must be in'),
+        ('count', 0, 'count must be at least 1, got 0'),
+        ('count', 2.5, r'count must be int, got 2\.5'),
+        ('count', True, 'count must be int, got True'),
+        ('enabled', 1, 'enabled must be bool, got 1'),
+        ('mode', 'lazy', 'mode must be one of fast, slow, got .lazy.'),
+        ('inner.classes', 'cup', r'inner\.classes must be list'),
+        (
+            'inner.classes',
+            ('cup', 1),
+            r"inner\.classes must be a list of strings, got \['cup', 1\]",
+        ),
+        ('inner.classes', None, r'inner\.classes must be list, got None'),
+        ('speed', 1, '"speed"$'),
+        ('inner.shares', 1, r'"inner\.shares"; did you mean inner\.share\?'),
+        ('share', 1, r'"share"; did you mean inner\.share\?'),
+        ('inner', 1, r'"inner"; did you mean inner\.share, inner\.classes\?'),
+        ('count.x', 1, r'"count\.x"; did you mean count\?'),
     ],
 )
 def test_unusable_values_are_named(name: str, value: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         Outer().updated({name: value})
+
+
+def test_what_code_gets_wrong_is_named_by_its_class() -> None:
+    with pytest.raises(ConfigError, match=r'Inner\.share must be in'):
+        Inner(share=2.0)
 
 
 def test_whole_numbers_become_floats_where_floats_are_meant() -> None:
@@ -99,6 +113,8 @@ def test_parameter_files_hold_sections_of_several_nodes(tmp_path: Path) -> None:
     [
         ('a: [', 'is not YAML'),
         ('- 1', 'is not a ROS parameter file'),
+        ('', 'is not a ROS parameter file'),
+        ('\x00\x7f', 'is not YAML'),
         ('outer: {count: 1}', 'section "outer" has no "ros__parameters"'),
     ],
 )

@@ -141,3 +141,12 @@ def test_a_missing_input_is_said_in_plain_words() -> None:
     assert '2 publishers, reliability best_effort, reliable,' in watch.complaint(
         110.0, ['reliable', 'best_effort']
     )
+    assert watch.complaint(110.0, ['reliable'] * 2).endswith('/image: 2 publishers, silent')
+
+
+@pytest.mark.parametrize('offered', ['reliable', 'best_effort'])
+def test_best_effort_hears_every_publisher(offered: str) -> None:
+    watch = InputWatch('images', '/image', 'best_effort', since_s=0.0)
+    assert (
+        watch.complaint(3.0, [offered]) == 'no images yet for 3.0 s on /image: 1 publisher, silent'
+    )

@@ -42,7 +42,11 @@ def names_in_file(path: Path) -> tuple[str, ...]:
 
 
 def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the names that exporters leave in a model: a dict or list literal, or a,b,c."""
+    """Return the names that exporters leave in a model: a dict or list literal, or a,b,c.
+
+    Raises:
+        ModelError: What is said of them is no list of names.
+    """
     for key in _METADATA_KEYS:
         if text := metadata.get(key):
             return _parse(key, text)
@@ -52,13 +56,13 @@ def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
 def _parse(key: str, text: str) -> tuple[str, ...]:
     try:
         value = ast.literal_eval(text)
-    except (ValueError, SyntaxError):
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):  # no literal
         value = [name.strip() for name in text.split(',')]
     if isinstance(value, dict):
-        by_index = {int(index): str(name) for index, name in value.items()}
-        if sorted(by_index) != list(range(len(by_index))):
-            raise ModelError(f'model metadata "{key}": class indices {sorted(by_index)} have gaps')
-        value = [by_index[index] for index in range(len(by_index))]
+        by_index = {str(index): name for index, name in value.items()}
+        if by_index.keys() != {str(index) for index in range(len(value))}:
+            raise ModelError(f'model metadata "{key}": class indices {[*value]} have gaps')
+        value = [by_index[str(index)] for index in range(len(value))]
     if not isinstance(value, list | tuple) or not value:
         raise ModelError(f'model metadata "{key}" is no list of class names: {text[:60]!r}')
     return tuple(str(name) for name in value)

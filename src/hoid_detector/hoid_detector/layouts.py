@@ -148,9 +148,8 @@ def _kind(probe: Probe, grid: _Grid) -> str:
         _require(num_channels > 4 and not grid.anchors_last, probe)
         return 'rtdetr'
     num_classes = probe.num_classes
-    if (
-        num_classes is None
-    ):  # 4 + C channels stand before the anchors, 5 + C behind, but for COCO's number
+    if num_classes is None:
+        # 4 + C channels stand before the anchors, 5 + C behind, but for COCO's number.
         known = num_channels in (4 + _COCO_CLASSES, 5 + _COCO_CLASSES)
         num_classes = _COCO_CLASSES if known else num_channels - (4 if grid.anchors_last else 5)
     _require(num_channels in (4 + num_classes, 5 + num_classes), probe)

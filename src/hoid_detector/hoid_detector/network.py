@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
-from onnxruntime.capi import (
-    onnxruntime_pybind11_state as ort_errors,
-)
+from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from hoid_common.errors import ConfigError, ModelError
 

@@ -6,14 +6,13 @@ import numpy as np
 
 from hoid_common.values import PERSON, BoolArray, Detections, Float32Array, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.depth_regions import shrink
+from hoid_filter.depth_regions import SHRINK, shrink
 from hoid_filter.interaction import Interactions, Situation, judge_interactions
 from hoid_filter.masking import Masks, cover, make_masks
 from hoid_filter.overlap import areas_px2
 from hoid_filter.scene import Verdict, View
-from hoid_filter.torso import torso_depth_m
 from hoid_filter.tracks import BoxTracker, Patience
-from hoid_native import sample_depths_m
+from hoid_native import sample_depths_m, torso_depths_m
 
 
 class HoidPlus:
@@ -50,6 +49,8 @@ class HoidPlus:
         if not plus.doubt_large_people:
             return np.zeros(len(detections), np.bool_)
         large = areas_px2(detections.boxes_xyxy_px) > plus.doubt_area * image_area_px2
+        if not large.any():
+            return large
         weak = detections.scores < plus.doubt_score
         is_person = np.array([name == PERSON for name in detections.class_names], np.bool_)
         return large & weak & is_person
@@ -58,10 +59,11 @@ class HoidPlus:
         height, width = view.depth_m.shape
         tracks, boxes = self._tracker.advance(view.stamp_ns, width, height)
         depths_m = sample_depths_m(view.depth_m, boxes, self._config.sample_box_px)
-        for n, (track, box) in enumerate(zip(tracks, boxes.tolist(), strict=True)):
-            if track.is_person:
-                track.torso_m = torso_depth_m(small_depth_m, box, track.torso_m)
-                depths_m[n] = track.torso_m
+        people = [n for n, track in enumerate(tracks) if track.is_person]
+        known_m = np.array([tracks[n].torso_m for n in people])
+        depths_m[people] = torso_depths_m(small_depth_m, boxes[people] / SHRINK, known_m)
+        for n in people:
+            tracks[n].torso_m = float(depths_m[n])
         return Situation(view.stamp_ns, tracks, boxes, depths_m)
 
 

@@ -14,7 +14,7 @@ from hoid_filter.depth_regions import SHRINK, cells
 from hoid_filter.interaction import Situation
 from hoid_filter.pyramid import Int32Array
 from hoid_filter.scene import View
-from hoid_native import cells_of, cover_things
+from hoid_native import cover_things, values_at, widen
 
 _PATCH_MARGIN_PX = 8  # features this near see what moves in their patch
 _SAMPLE_STRIDES = (32, 8, 1)
@@ -26,6 +26,14 @@ _CERTAINTY = {
     Reason.HANDLED: 2,
     Reason.PERSON: 3,
 }
+# How near a pixel is to what moves; what is added to the last says how sure it is that it moves.
+_FREE, _NEAR_SEED, _NEAR_PATCH = 0, 1, 2
+# What the mask lets pass, and ever more of it while too little is left.
+_LIMITS = (
+    _NEAR_SEED,
+    _NEAR_PATCH + _CERTAINTY[Reason.REMEMBERED],
+    _NEAR_PATCH + _CERTAINTY[Reason.HANDLED],
+)
 
 
 class Masks(NamedTuple):
@@ -48,21 +56,15 @@ def make_masks(certainty: ByteArray, view: View, plus: PlusConfig, enough: float
     if not certainty.any():
         return Masks(size_px)
     grid = _grid(view.depth_m.shape, certainty.shape)
-    cells = cells_of(view.corner_pixels, grid.rows, grid.columns)
-    wide = _widen(certainty, _PATCH_MARGIN_PX)
-    seeds = _free(_widen(wide, plus.seed_margin_px), cells) if plus.guard_seeds else None
-    for step in range(max(_CERTAINTY.values())):
-        moves = wide if step == 0 else np.greater(certainty, step)
-        kept = np.flatnonzero(_free(moves, cells))
+    near = widen(certainty, round(_PATCH_MARGIN_PX / SHRINK))
+    nearness = widen(near, round(plus.seed_margin_px / SHRINK)) + near + certainty
+    at_corner = values_at(view.corner_pixels, nearness, grid.rows, grid.columns)
+    seeds = at_corner == _FREE if plus.guard_seeds else None
+    for step, limit in enumerate(_LIMITS):
+        kept = np.flatnonzero(at_corner <= limit)
         if not plus.fall_back or _leaves(kept, view, enough):
-            return Masks(size_px - grid.area_px(moves), kept, seeds, step)
-    return Masks(size_px, None, _free(wide, cells), step + 1)
-
-
-def _free(moves: ByteArray | BoolArray, cells: IntArray) -> BoolArray:
-    """Return the (K,) corners, in cells of the small image, where nothing moves."""
-    free: BoolArray = moves.ravel()[cells] == 0
-    return free
+            return Masks(size_px - grid.area_px(nearness > limit), kept, seeds, step)
+    return Masks(size_px, None, at_corner <= _NEAR_SEED, len(_LIMITS))
 
 
 def _leaves(kept: IntArray, view: View, enough: float) -> bool:
@@ -81,13 +83,13 @@ def _leaves(kept: IntArray, view: View, enough: float) -> bool:
 class _Grid(NamedTuple):
     """How the small image covers the full one, cell by cell."""
 
-    rows: IntArray  # (H,) first cell of the row of cells at each row of pixels
+    rows: IntArray  # (H,) row of cells at each row of pixels
     columns: IntArray  # (W,) column of cells at each column of pixels
     areas_px: Int32Array  # (h, w) of the cells
 
-    def area_px(self, cells: ByteArray | BoolArray) -> int:
-        """Return the area of the (h, w) cells that are not 0."""
-        return int(self.areas_px[cells > 0].sum())
+    def area_px(self, cells: BoolArray) -> int:
+        """Return the area of (h, w) cells."""
+        return int(self.areas_px[cells].sum())
 
 
 @functools.cache
@@ -95,7 +97,7 @@ def _grid(size_hw: tuple[int, int], small_hw: tuple[int, int]) -> _Grid:
     rows, columns = (_nearest(*sizes) for sizes in zip(size_hw, small_hw, strict=True))
     heights, widths = np.bincount(rows), np.bincount(columns)
     areas_px = np.outer(heights, widths).astype(np.int32)
-    return _Grid(rows * small_hw[1], columns, areas_px)
+    return _Grid(rows, columns, areas_px)
 
 
 def _nearest(size: int, small_size: int) -> IntArray:
@@ -129,10 +131,3 @@ def cover(
         np.array([_CERTAINTY[reasons[n]] for n in moving], np.uint8),
         seen,
     )
-
-
-def _widen(moves: ByteArray, margin_px: int) -> ByteArray:
-    """Return 1 within a margin of what is not 0."""
-    side = 2 * round(margin_px / SHRINK) + 1
-    kernel = np.ones((side, side), np.uint8)
-    return np.asarray(cv2.dilate(np.minimum(moves, 1), kernel), np.uint8)

@@ -51,12 +51,14 @@ def build_pyramid(image_gray: ByteArray, num_levels: int, scale_factor: float) -
 def find_corners(pyramid: Pyramid, threshold: int, border_px: int) -> Corners:
     """Return the FAST corners of every level."""
     found = [fast_corners(level, threshold, border_px) for level in pyramid.levels]
-    octave = np.repeat(np.arange(len(found), dtype=np.uint8), [len(c.x) for c in found])
+    counts = [len(c.x) for c in found]
+    octave = np.repeat(np.arange(len(found), dtype=np.uint8), counts)
+    steps_px = np.repeat(pyramid.steps_px, counts, axis=0)
     xy_px = np.stack(
         [np.concatenate([c.x for c in found]), np.concatenate([c.y for c in found])], axis=1
     )
     # Pixel centres, not corners, are whole numbers: a level's pixel (0, 0) lies at (s - 1) / 2.
-    uv_px = (xy_px + np.float32(0.5)) * pyramid.steps_px[octave] - np.float32(0.5)
+    uv_px = (xy_px + np.float32(0.5)) * steps_px - np.float32(0.5)
     score = np.concatenate([c.score for c in found])
     return Corners(
         pyramid, xy_px, uv_px, flat_pixels(uv_px, pyramid.levels[0].shape[1]), octave, score

@@ -8,6 +8,7 @@ import numpy as np
 
 from hoid_common.values import Detections
 from hoid_filter.overlap import areas_px2, clip_boxes
+from hoid_native import are_boxes_fit
 
 
 class Sanitized(NamedTuple):
@@ -27,9 +28,9 @@ def sanitize(
     image, and all but the `max_detections` best. Boxes that reach beyond the image and scores
     beyond [0, 1] are clipped.
     """
-    if len(detections) <= max_detections and _is_fit(detections, width_px, height_px):
-        return Sanitized(detections, 0, 0)
     raw, scores = detections.boxes_xyxy_px, detections.scores
+    if len(raw) <= max_detections and are_boxes_fit(raw, scores, (height_px, width_px)):
+        return Sanitized(detections, 0, 0)
     boxes = clip_boxes(raw, width_px, height_px).astype(np.float32)
     clipped = (boxes != raw).any(axis=1) | (scores < 0) | (scores > 1)
     usable = np.isfinite(raw).all(axis=1) & np.isfinite(scores) & (areas_px2(boxes) > 0)
@@ -46,13 +47,3 @@ def sanitize(
         np.clip(scores[kept], 0.0, 1.0),
     )
     return Sanitized(fit, len(detections) - len(kept), int(np.count_nonzero(clipped[kept])))
-
-
-def _is_fit(detections: Detections, width_px: int, height_px: int) -> bool:
-    """Return whether nothing is to be mended; NaN fails every comparison."""
-    scores = detections.scores.tolist()
-    for (x1, y1, x2, y2), score in zip(detections.boxes_xyxy_px.tolist(), scores, strict=True):
-        inside = 0 <= x1 < x2 <= width_px and 0 <= y1 < y2 <= height_px
-        if not (inside and 0 <= score <= 1):
-            return False
-    return True

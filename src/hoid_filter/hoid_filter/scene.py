@@ -24,9 +24,8 @@ class View(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """One image with the boxes brought to its stamp."""
+    """Boxes brought to the stamp of an image."""
 
-    view: View
     detections: Detections  # at the image's stamp, inside the image
     detected: bool  # False: the boxes are predicted, the detector said nothing about this image
 

@@ -40,10 +40,10 @@ def spread_evenly(
     num, total = len(octave), int(budgets.sum())
     if num <= total:
         return np.arange(num)
-    per_px = np.sqrt(np.maximum(budgets, 1) / area_px).astype(np.float32)
-    cell = (uv_px * per_px[octave][:, None]).astype(np.int64)
+    per_px = np.sqrt(np.maximum(budgets, 1) / area_px).astype(np.float32)[octave]
+    column, row = ((uv_px[:, axis] * per_px).astype(np.int64) for axis in (0, 1))
     level = octave.astype(np.int64)
-    place = (level << 2 * _CELL_BITS) | (cell[:, 1] << _CELL_BITS) | cell[:, 0]
+    place = (level << 2 * _CELL_BITS) | (row << _CELL_BITS) | column
     # Whole keys are sorted, index included: several times as fast as a stable argsort, and as
     # free of ties.
     weakness = ((255 - score.astype(np.int64)) << _INDEX_BITS) | np.arange(num)
@@ -52,7 +52,8 @@ def spread_evenly(
     rank[by_cell] = _rank_in_runs(place[by_cell])
     queue_key = (((level << _INDEX_BITS) | rank) << _WEAKNESS_BITS + _INDEX_BITS) | weakness
     queue = np.sort(queue_key) & _INDEX_MASK
-    surplus = _rank_in_runs(octave[queue]) - budgets[octave[queue]]
+    queued = octave[queue]
+    surplus = _rank_in_runs(queued) - budgets[queued]
     within = surplus < 0
     kept, spare = queue[within], queue[~within]
     missing = total - len(kept)
@@ -62,8 +63,9 @@ def spread_evenly(
 
 def _rank_in_runs(sorted_keys: IntArray | ByteArray) -> IntArray:
     """Return each element's position within its run of equal keys."""
-    index = np.arange(len(sorted_keys))
-    first = np.zeros(len(sorted_keys), np.int64)
-    starts = np.flatnonzero(sorted_keys[1:] != sorted_keys[:-1]) + 1
-    first[starts] = starts
-    return index - np.maximum.accumulate(first)
+    is_first = np.ones(len(sorted_keys), np.bool_)
+    is_first[1:] = sorted_keys[1:] != sorted_keys[:-1]
+    starts = np.flatnonzero(is_first)
+    return np.arange(len(sorted_keys)) - np.repeat(
+        starts, np.diff(starts, append=len(sorted_keys))
+    )

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import PERSON, BoolArray, Float32Array, IntArray, Reason
+from hoid_common.values import PERSON, ByteArray, IntArray, Reason
 from hoid_filter.config import FilterConfig
 from hoid_filter.prediction import BoxPredictor
 from hoid_filter.sanitize import sanitize
 from hoid_filter.scene import Scene, Verdict, View
-from hoid_native import boxes_holding, judge_boxes, outside_boxes, sample_depths_m
+from hoid_native import judge_boxes, sample_depths_m
 from hoid_native.boxes import MAY_BE_HANDLED as ROLE_CANDIDATE
 from hoid_native.boxes import PERSON as ROLE_PERSON
+
+_CLASSES = 256  # of a detector, about
+# Why a box moves, by its role; what does not move counts as without one.
+_DETECTED = {0: Reason.STATIC, ROLE_PERSON: Reason.PERSON, ROLE_CANDIDATE: Reason.HANDLED}
+_PREDICTED = {0: Reason.STATIC, ROLE_PERSON: Reason.PREDICTED, ROLE_CANDIDATE: Reason.PREDICTED}
 
 
 class Rule(NamedTuple):
@@ -23,7 +29,7 @@ class Rule(NamedTuple):
 
     min_share: float  # the person covers more than this share of the object's box ...
     apart_m: float  # ... and both are less than this apart in depth, or one depth is not known
-    touches: BoolArray | None = None  # (N, M) flags of objects and people, instead of the share
+    reach_px: float = math.nan  # instead of the share: a key point of the object is this near
 
 
 class ImageRule(ABC):
@@ -31,44 +37,43 @@ class ImageRule(ABC):
 
     def __init__(self, config: FilterConfig) -> None:
         self.config = config
+        self._role_of = functools.lru_cache(_CLASSES)(self._role)
         self._predictor = BoxPredictor(config.prediction_limit_s)
 
     @abstractmethod
-    def rule(self, scene: Scene, /) -> Rule:
+    def rule(self) -> Rule:
         """Return when a person handles an object."""
 
     def judge(self, view: View) -> Verdict:
         """Return the verdict on every detection."""
         scene = scene_of(view, self._predictor)
         found = scene.detections
-        roles = self._roles(found.class_names)
+        names = found.class_names
         judged = judge_boxes(
             view.depth_m,
+            view.corner_pixels,
             found.boxes_xyxy_px,
-            np.array(roles, np.uint8),
+            np.fromiter(map(self._role_of, names), np.uint8, len(names)),
             self.config.sample_box_px,
-            *self.rule(scene),
+            *self.rule(),
         )
-        kept, area_px = _outside(found.boxes_xyxy_px[judged.moves], view)
         return Verdict(
             boxes_xyxy_px=found.boxes_xyxy_px,
-            class_names=found.class_names,
+            class_names=names,
             scores=found.scores,
-            track_ids=_no_tracks(len(found)),
-            reasons=_reasons(roles, judged.moves, scene.detected),
+            track_ids=_no_tracks(len(names)),
+            reasons=_reasons(judged.moves, scene.detected),
             overlap_ratios=judged.overlap,
             depths_m=judged.depth_m,
             depth_gaps_m=judged.gap_m,
-            static_area_px=area_px,
-            kept=kept,
+            static_area_px=judged.area_px,
+            kept=None if judged.area_px == view.depth_m.size else judged.outside,
         )
 
-    def _roles(self, class_names: tuple[str, ...]) -> list[int]:
-        may_be_handled = self.config.may_be_handled
-        return [
-            ROLE_PERSON if name == PERSON else ROLE_CANDIDATE if may_be_handled(name) else 0
-            for name in class_names
-        ]
+    def _role(self, class_name: str) -> int:
+        if class_name == PERSON:
+            return ROLE_PERSON
+        return ROLE_CANDIDATE if self.config.may_be_handled(class_name) else 0
 
 
 class NoFilter:
@@ -100,7 +105,7 @@ class NoFilter:
 class PersonOnly(ImageRule):
     """Drops people's boxes and nothing else."""
 
-    def rule(self, _scene: Scene, /) -> Rule:
+    def rule(self) -> Rule:
         """Return that nobody handles anything."""
         return Rule(math.inf, math.inf)
 
@@ -108,7 +113,7 @@ class PersonOnly(ImageRule):
 class Hoid2d(ImageRule):
     """The paper's 2-D rule: a person covers more of the object than the limit."""
 
-    def rule(self, _scene: Scene, /) -> Rule:
+    def rule(self) -> Rule:
         """Return that the overlap is greater than the limit, at any depth."""
         return Rule(self.config.min_interaction_area, math.inf)
 
@@ -120,7 +125,7 @@ class Hoid3d(ImageRule):
     harms the map, a static one taken for moving costs a few features.
     """
 
-    def rule(self, _scene: Scene, /) -> Rule:
+    def rule(self) -> Rule:
         """Return that overlap and depth both say so."""
         return Rule(self.config.min_interaction_area, self.config.depth_limit_m)
 
@@ -133,19 +138,12 @@ class Descriptor(ImageRule):
     within the distance threshold of each other.
     """
 
-    def rule(self, scene: Scene, /) -> Rule:
+    def rule(self) -> Rule:
         """Return that a key point of the object has the person in its window."""
-        boxes = scene.detections.boxes_xyxy_px.astype(np.float64)
-        is_person = [name == PERSON for name in scene.detections.class_names]
-        reach = self.config.descriptor.window_px / 2
-        people = boxes[np.array(is_person, np.bool_)] + [-reach, -reach, reach, reach]
-        first = np.maximum(boxes[:, None, :2], people[:, :2])
-        last = np.minimum(boxes[:, None, 2:], people[:, 2:])
-        shared = np.concatenate([first, last], axis=-1).reshape(-1, 4)
-        touches = boxes_holding(scene.view.corner_pixels, shared, scene.view.depth_m.shape)
+        descriptor = self.config.descriptor
         # At the distance itself they are still near.
-        apart_m = math.nextafter(self.config.descriptor.distance_m, math.inf)
-        return Rule(math.inf, apart_m, touches)
+        apart_m = math.nextafter(descriptor.distance_m, math.inf)
+        return Rule(math.inf, apart_m, descriptor.window_px / 2)
 
 
 def scene_of(view: View, predictor: BoxPredictor) -> Scene:
@@ -158,14 +156,7 @@ def scene_of(view: View, predictor: BoxPredictor) -> Scene:
         height, width = view.depth_m.shape
         predicted = predictor.predict(view.stamp_ns)
         heard = sanitize(predicted, width, height, len(predicted)).detections
-    return Scene(view, heard, detected)
-
-
-def _outside(boxes_xyxy_px: Float32Array, view: View) -> tuple[IntArray | None, int]:
-    """Return which corners lie outside all boxes, None for all, and the area outside."""
-    if len(boxes_xyxy_px) == 0:
-        return None, view.depth_m.size
-    return outside_boxes(view.corner_pixels, boxes_xyxy_px, view.depth_m.shape)
+    return Scene(heard, detected)
 
 
 def _no_tracks(num: int) -> IntArray:
@@ -174,12 +165,6 @@ def _no_tracks(num: int) -> IntArray:
     return ids
 
 
-def _reasons(roles: list[int], moves: BoolArray, detected: bool) -> tuple[Reason, ...]:
-    person = Reason.PERSON if detected else Reason.PREDICTED
-    other = Reason.HANDLED if detected else Reason.PREDICTED
-    return tuple(
-        [
-            Reason.STATIC if not moving else person if role == ROLE_PERSON else other
-            for role, moving in zip(roles, moves.tolist(), strict=True)
-        ]
-    )
+def _reasons(moves: ByteArray, detected: bool) -> tuple[Reason, ...]:
+    reason_of = _DETECTED if detected else _PREDICTED
+    return tuple([reason_of[role] for role in moves.tolist()])

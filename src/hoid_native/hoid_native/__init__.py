@@ -5,29 +5,33 @@ it needs no Python headers and serves every Python version.
 """
 
 from hoid_native.boxes import (
-    boxes_holding,
-    cells_of,
+    are_boxes_fit,
     intersections_over_union,
     judge_boxes,
-    outside_boxes,
     overlap_ratios,
 )
-from hoid_native.depths import sample_depths_m
+from hoid_native.depths import sample_depths_m, torso_depths_m
 from hoid_native.geometry import Gates, Lens, adjust_bundle, optimize_pose
 from hoid_native.kernels import (
+    Bar,
+    Candidates,
+    Wanted,
     fast_corners,
     match_along_segments,
     match_by_projection,
     orientations_deg,
 )
+from hoid_native.masks import values_at, widen
 from hoid_native.regions import cover_things
 
 __all__ = [
+    'Bar',
+    'Candidates',
     'Gates',
     'Lens',
+    'Wanted',
     'adjust_bundle',
-    'boxes_holding',
-    'cells_of',
+    'are_boxes_fit',
     'cover_things',
     'fast_corners',
     'intersections_over_union',
@@ -36,7 +40,9 @@ __all__ = [
     'match_by_projection',
     'optimize_pose',
     'orientations_deg',
-    'outside_boxes',
     'overlap_ratios',
     'sample_depths_m',
+    'torso_depths_m',
+    'values_at',
+    'widen',
 ]

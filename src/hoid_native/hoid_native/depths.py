@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_native.arguments import address, contiguous
 from hoid_native.library import declare
 
 _sample_depths = declare(
     'hoid_sample_depths', c_void_p, *[c_int32] * 3, c_void_p, c_int32, c_void_p
 )
+_torso_depths = declare('hoid_torso_depths', c_void_p, *[c_int32] * 3, *[c_void_p] * 3)
 
 
 def sample_depths_m(
@@ -26,11 +28,31 @@ def sample_depths_m(
         side_px: side of a square; beyond the image it sees the image's edge.
 
     """
-    depth = np.ascontiguousarray(depth_m, np.float32)
-    boxes = np.ascontiguousarray(boxes_xyxy_px, np.float64)
-    height, width = depth.shape
-    out = np.empty(len(boxes))
-    _sample_depths(
-        depth.ctypes.data, width, height, len(boxes), boxes.ctypes.data, side_px, out.ctypes.data
-    )
+    (height, width), n = depth_m.shape, len(boxes_xyxy_px)
+    depth = contiguous(depth_m, np.float32)
+    boxes = contiguous(boxes_xyxy_px, np.float64, n, 4)
+    out = np.empty(n)
+    _sample_depths(address(depth), width, height, n, address(boxes), side_px, address(out))
+    return out
+
+
+def torso_depths_m(
+    depth_m: NDArray[np.float32], boxes_xyxy_px: NDArray[Any], known_m: NDArray[Any]
+) -> NDArray[np.float64]:
+    """Return the (N,) depths of the layers that fill the middles of people's boxes; NaN: none.
+
+    The nearest layer of about a torso's thickness that is not much smaller than the largest one is
+    the person; readings near the known depth are looked at alone unless they are few.
+
+    Args:
+        depth_m: (H, W); 0 or NaN = no reading.
+        boxes_xyxy_px: (N, 4), finite, in pixels of this image.
+        known_m: (N,) depths of the same people a moment ago; NaN = unknown.
+
+    """
+    (height, width), n = depth_m.shape, len(boxes_xyxy_px)
+    depth = contiguous(depth_m, np.float32)
+    boxes, known = contiguous(boxes_xyxy_px, np.float64, n, 4), contiguous(known_m, np.float64, n)
+    out = np.empty(n)
+    _torso_depths(address(depth), width, height, n, address(boxes), address(known), address(out))
     return out

@@ -6,12 +6,14 @@ outliers are told on (u, v, u_right) (Mur-Artal and Tardos, T-RO 2017).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from ctypes import c_int32, c_void_p
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_native.arguments import address, contiguous
 from hoid_native.library import declare
 
 _optimize_pose = declare('hoid_optimize_pose', c_void_p, c_void_p, c_int32, *[c_void_p] * 6)
@@ -36,6 +38,7 @@ class Lens(NamedTuple):
     disparity_px_m: float
     disparity_noise_px: float  # standard deviation of measured disparities: a constant part,
     relative_noise: float  # and a part that grows with the disparity
+    pixel_noise: float = 1.0  # standard deviation of pixels, in units of that of their weights
 
 
 class Gates(NamedTuple):
@@ -83,19 +86,15 @@ def optimize_pose(
 
     """
     n = len(inv_sigma2)
-    points, measured, weight = _rows(points_m, n), _rows(measured_px, n), _row(inv_sigma2)
+    matches = (
+        contiguous(points_m, np.float64, n, 3),
+        contiguous(measured_px, np.float64, n, 3),
+        contiguous(inv_sigma2, np.float64, n),
+    )
     T = np.array(T_camera_map, np.float64, order='C')
     inliers, information = np.empty(n, np.bool_), np.empty((6, 6))
-    _optimize_pose(
-        *(np.array(part, np.float64).ctypes.data_as(c_void_p) for part in (lens, gates)),
-        n,
-        points.ctypes.data,
-        measured.ctypes.data,
-        weight.ctypes.data,
-        T.ctypes.data,
-        inliers.ctypes.data,
-        information.ctypes.data,
-    )
+    changed = T, inliers, information
+    _optimize_pose(*_numbers(lens, gates), n, *map(address, matches + changed))
     return PoseFit(T, inliers, information)
 
 
@@ -128,37 +127,28 @@ def adjust_bundle(
     """
     order = np.argsort(point, kind='stable')
     num_points, m = len(points_m), len(order)
-    T, points = np.array(T_camera_map, np.float64), np.array(points_m, np.float64, order='C')
-    of_camera = np.ascontiguousarray(camera[order], np.int32)
-    of_point = np.ascontiguousarray(point[order], np.int32)
-    measured, weight = _rows(measured_px[order], m), _row(inv_sigma2[order])
+    T, points = (np.array(part, np.float64, order='C') for part in (T_camera_map, points_m))
+    observations = (
+        contiguous(camera[order], np.int32, m),
+        contiguous(point[order], np.int32, m),
+        contiguous(measured_px[order], np.float64, m, 3),
+        contiguous(inv_sigma2[order], np.float64, m),
+    )
     chi2, costs = np.empty(m), np.empty(2)
     _adjust_bundle(
-        *(np.array(part, np.float64).ctypes.data_as(c_void_p) for part in (lens, gates)),
+        *_numbers(lens, gates),
         len(T),
         num_free,
         num_points,
         m,
-        of_camera.ctypes.data,
-        of_point.ctypes.data,
-        measured.ctypes.data,
-        weight.ctypes.data,
+        *map(address, observations),
         iterations,
-        T.ctypes.data,
-        points.ctypes.data,
-        chi2.ctypes.data,
-        costs.ctypes.data,
+        *map(address, (T, points, chi2, costs)),
     )
     out = np.empty(m)
     out[order] = chi2
     return BundleFit(T, points, out, float(costs[0]), float(costs[1]))
 
 
-def _rows(array: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    if array.shape != (n, 3):
-        raise ValueError(f'expected {(n, 3)} coordinates, not {array.shape}')
-    return np.ascontiguousarray(array, np.float64)
-
-
-def _row(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.ascontiguousarray(array, np.float64)
+def _numbers(lens: Lens, gates: Gates) -> Iterator[Any]:
+    return (address(np.array(values, np.float64)) for values in (lens, gates))

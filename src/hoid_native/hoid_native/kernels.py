@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from ctypes import c_double, c_int32, c_void_p
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_native.arguments import address, contiguous
 from hoid_native.library import declare
 
 _MAX_CORNERS_SHARE = 0.25  # of the pixels: non-maximum suppression leaves at most one of four
-
+_DESCRIPTOR_BYTES = 32
 
 _fast_corners = declare(
     'hoid_fast_corners', c_void_p, *[c_int32] * 6, c_void_p, c_void_p, c_void_p
@@ -62,24 +63,24 @@ def fast_corners(image_gray: NDArray[np.uint8], threshold: int, border_px: int) 
 
     Source: Rosten and Drummond, ECCV 2006; the same corners and scores as OpenCV's.
     """
-    image = _rows_contiguous(image_gray)
-    height, width = image.shape
+    height, width = image_gray.shape
     if min(height, width) < 2 * max(border_px, 3) + 32:  # a block of 32 pixels must fit
         return Corners(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0, np.uint8))
+    image = contiguous(image_gray, np.uint8)
     capacity = int(height * width * _MAX_CORNERS_SHARE)
     x, y = np.empty((2, capacity), np.int32)
     score = np.empty(capacity, np.uint8)
     n = _fast_corners(
-        image.ctypes.data,
+        address(image),
         width,
         height,
         image.strides[0],
         threshold,
         border_px,
         capacity,
-        x.ctypes.data,
-        y.ctypes.data,
-        score.ctypes.data,
+        address(x),
+        address(y),
+        address(score),
     )
     return Corners(x[:n].copy(), y[:n].copy(), score[:n].copy())
 
@@ -91,144 +92,115 @@ def orientations_deg(
 
     Source: Rublee et al., ORB, ICCV 2011, sec. 3.2.
     """
-    image = _rows_contiguous(image_gray)
-    x, y = np.ascontiguousarray(x, np.int32), np.ascontiguousarray(y, np.int32)
-    height, width = image.shape
+    height, width = image_gray.shape
     if len(x) and (min(x.min(), y.min()) < 15 or x.max() >= width - 15 or y.max() >= height - 15):
         raise ValueError('orientations_deg: pixels must be at least 15 px from the edge')
-    out = np.empty(len(x), np.float32)
-    _orientations(
-        image.ctypes.data,
-        image.strides[0],
-        len(x),
-        x.ctypes.data,
-        y.ctypes.data,
-        out.ctypes.data,
-    )
+    n = len(x)
+    image = contiguous(image_gray, np.uint8)
+    pixels = contiguous(x, np.int32, n), contiguous(y, np.int32, n)
+    out = np.empty(n, np.float32)
+    _orientations(address(image), image.strides[0], n, *map(address, pixels), address(out))
     return out
+
+
+class Wanted(NamedTuple):
+    """What Q queries ask of a feature, wherever it lies."""
+
+    min_octave: NDArray[np.int8]  # (Q,) inclusive
+    max_octave: NDArray[np.int8]  # (Q,) inclusive
+    descriptors: NDArray[np.uint8]  # (Q, 32)
+
+
+class Candidates(NamedTuple):
+    """N features among which queries look for theirs."""
+
+    measurement_px: NDArray[np.float32]  # (N, 3) u, v, u_right; NaN u_right: no depth
+    octave: NDArray[np.uint8]  # (N,)
+    descriptors: NDArray[np.uint8]  # (N, 32)
+    free: NDArray[np.bool_] | None = None  # (N,) those that may be matched; None: all
+
+
+class Bar(NamedTuple):
+    """How good a match must be."""
+
+    max_distance: int  # Hamming
+    ratio: float  # by which the best must beat a second best of its octave; 1.0: no test
 
 
 def match_by_projection(
     projection_px: NDArray[np.float64],
     radius_px: NDArray[np.float64],
-    min_octave: NDArray[np.int8],
-    max_octave: NDArray[np.int8],
-    query_descriptors: NDArray[np.uint8],
-    measurement_px: NDArray[np.float32],
-    octave: NDArray[np.uint8],
-    descriptors: NDArray[np.uint8],
-    free: NDArray[np.bool_] | None,
-    max_distance: int,
-    ratio: float,
+    wanted: Wanted,
+    candidates: Candidates,
+    bar: Bar,
 ) -> Pairs:
     """Return the best feature of each query near its expected pixel, one to one.
 
     Args:
         projection_px: (3, Q) u, v, u_right where each query is expected; NaN u_right: unknown.
         radius_px: (Q,) half sides of the square windows.
-        min_octave: (Q,) inclusive.
-        max_octave: (Q,) inclusive.
-        query_descriptors: (Q, 32).
-        measurement_px: (N, 3) u, v, u_right of the features; NaN u_right: no depth.
-        octave: (N,).
-        descriptors: (N, 32).
-        free: (N,) features that may be matched; None for all.
-        max_distance: largest Hamming distance of a match.
-        ratio: a best candidate must beat a second best of its octave by this; 1.0: no test.
+        wanted: by each query.
+        candidates: which agree in u_right too where both know it.
+        bar: for a match.
 
     """
-    num_queries, num_features = len(radius_px), len(octave)
-    u, v, u_right = np.ascontiguousarray(projection_px, np.float64)
-    radius = np.ascontiguousarray(radius_px, np.float64)
-    low, high = (
-        np.ascontiguousarray(min_octave, np.int8),
-        np.ascontiguousarray(max_octave, np.int8),
-    )
-    wanted = np.ascontiguousarray(query_descriptors)
-    measured = np.ascontiguousarray(measurement_px, np.float32)
-    levels, known = np.ascontiguousarray(octave, np.uint8), np.ascontiguousarray(descriptors)
-    may = None if free is None else np.ascontiguousarray(free)
-    out = np.empty((3, num_queries), np.int32)
-    n = _match_by_projection(
-        num_queries,
-        u.ctypes.data,
-        v.ctypes.data,
-        u_right.ctypes.data,
-        radius.ctypes.data,
-        low.ctypes.data,
-        high.ctypes.data,
-        wanted.ctypes.data,
-        num_features,
-        measured.ctypes.data,
-        levels.ctypes.data,
-        known.ctypes.data,
-        None if may is None else may.ctypes.data,
-        max_distance,
-        ratio,
-        *(row.ctypes.data for row in out),
-    )
-    return Pairs(*(row[:n] for row in out))
+    q = len(wanted.descriptors)
+    places = *contiguous(projection_px, np.float64, 3, q), contiguous(radius_px, np.float64, q)
+    return _match(_match_by_projection, places, wanted, candidates, bar)
 
 
 def match_along_segments(
     segments_px: NDArray[np.float64],
     octave_radius_px: NDArray[np.float64],
-    min_octave: NDArray[np.int8],
-    max_octave: NDArray[np.int8],
-    query_descriptors: NDArray[np.uint8],
-    measurement_px: NDArray[np.float32],
-    octave: NDArray[np.uint8],
-    descriptors: NDArray[np.uint8],
-    free: NDArray[np.bool_] | None,
-    max_distance: int,
-    ratio: float,
+    wanted: Wanted,
+    candidates: Candidates,
+    bar: Bar,
 ) -> Pairs:
     """Return the best feature of each query along the segment where it may be, one to one.
 
     Args:
         segments_px: (Q, 4) u, v of both ends.
-        octave_radius_px: (L,) how far from the segment a feature of each octave may lie.
-        min_octave: (Q,) inclusive.
-        max_octave: (Q,) inclusive, below L.
-        query_descriptors: (Q, 32).
-        measurement_px: (N, 3) u, v, u_right of the features; the last is not looked at.
-        octave: (N,), below L.
-        descriptors: (N, 32).
-        free: (N,) features that may be matched; None for all.
-        max_distance: largest Hamming distance of a match.
-        ratio: a best candidate must beat a second best of its octave by this; 1.0: no test.
+        octave_radius_px: (L,) how far from the segment a feature of each octave may lie; all
+            octaves are below L.
+        wanted: by each query.
+        candidates: whose u_right is not looked at.
+        bar: for a match.
 
     """
-    num_queries, num_features = len(segments_px), len(octave)
-    segments = np.ascontiguousarray(segments_px, np.float64)
-    radius = np.ascontiguousarray(octave_radius_px, np.float64)
-    low, high = (
-        np.ascontiguousarray(min_octave, np.int8),
-        np.ascontiguousarray(max_octave, np.int8),
+    places = (
+        contiguous(segments_px, np.float64, len(wanted.descriptors), 4),
+        contiguous(octave_radius_px, np.float64),
     )
-    wanted = np.ascontiguousarray(query_descriptors)
-    measured = np.ascontiguousarray(measurement_px, np.float32)
-    levels, known = np.ascontiguousarray(octave, np.uint8), np.ascontiguousarray(descriptors)
-    may = None if free is None else np.ascontiguousarray(free)
-    out = np.empty((3, num_queries), np.int32)
-    n = _match_along_segments(
-        num_queries,
-        segments.ctypes.data,
-        radius.ctypes.data,
-        low.ctypes.data,
-        high.ctypes.data,
-        wanted.ctypes.data,
-        num_features,
-        measured.ctypes.data,
-        levels.ctypes.data,
-        known.ctypes.data,
-        None if may is None else may.ctypes.data,
-        max_distance,
-        ratio,
-        *(row.ctypes.data for row in out),
-    )
-    return Pairs(*(row[:n] for row in out))
+    return _match(_match_along_segments, places, wanted, candidates, bar)
 
 
-def _rows_contiguous(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return image if image.strides[1] == 1 else np.ascontiguousarray(image)
+def _match(
+    kernel: Any,
+    places: tuple[NDArray[np.float64], ...],
+    wanted: Wanted,
+    candidates: Candidates,
+    bar: Bar,
+) -> Pairs:
+    q, n = len(wanted.descriptors), len(candidates.octave)
+    queries = (
+        contiguous(wanted.min_octave, np.int8, q),
+        contiguous(wanted.max_octave, np.int8, q),
+        contiguous(wanted.descriptors, np.uint8, q, _DESCRIPTOR_BYTES),
+    )
+    features = (
+        contiguous(candidates.measurement_px, np.float32, n, 3),
+        contiguous(candidates.octave, np.uint8, n),
+        contiguous(candidates.descriptors, np.uint8, n, _DESCRIPTOR_BYTES),
+    )
+    free = None if candidates.free is None else contiguous(candidates.free, np.bool_, n)
+    out = np.empty((3, q), np.int32)
+    num = kernel(
+        q,
+        *map(address, (*places, *queries)),
+        n,
+        *map(address, features),
+        None if free is None else address(free),
+        *bar,
+        *map(address, out),
+    )
+    return Pairs(*out[:, :num])

@@ -7,6 +7,7 @@ from ctypes import c_int32, c_void_p
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_native.arguments import address, contiguous
 from hoid_native.library import declare
 
 _cover_things = declare('hoid_cover_things', c_void_p, *[c_int32] * 3, *[c_void_p] * 6)
@@ -35,19 +36,17 @@ def cover_things(
             area, it has merged with what it touches, and all pixels near its depth count.
 
     """
-    depth = np.ascontiguousarray(depth_m, np.float32)
-    areas = np.ascontiguousarray(areas_xyxy_px, np.int32)
-    rows = [np.ascontiguousarray(values, np.float64) for values in (depths_m, reaches_m)]
-    flags = [np.ascontiguousarray(values) for values in (certainties, seen)]
-    height, width = depth.shape
-    out = np.empty(depth.shape, np.uint8)
+    (height, width), n = depth_m.shape, len(areas_xyxy_px)
+    depth = contiguous(depth_m, np.float32)
+    areas = contiguous(areas_xyxy_px, np.int32, n, 4)
+    things = (
+        contiguous(depths_m, np.float64, n),
+        contiguous(reaches_m, np.float64, n),
+        contiguous(certainties, np.uint8, n),
+        contiguous(seen, np.bool_, n),
+    )
+    out = np.empty((height, width), np.uint8)
     _cover_things(
-        depth.ctypes.data,
-        width,
-        height,
-        len(areas),
-        areas.ctypes.data,
-        *(values.ctypes.data for values in rows + flags),
-        out.ctypes.data,
+        address(depth), width, height, n, address(areas), *map(address, things), address(out)
     )
     return out

@@ -113,7 +113,8 @@ extern "C" int32_t hoid_adjust_bundle(
   double* chi2, double* costs)
 {
   const Problem problem{
-    {camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6]},
+    {camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6],
+     camera[7]},
     {gates[0], gates[1]},
     num_cameras, num_free, num_points, num_observations, camera_of, point_of, measured, weight};
   Adjustment adjustment(

@@ -10,7 +10,7 @@ namespace {
 constexpr double kCostBehind = 1e3;  // of a point behind a camera that observes it
 
 // J_map = J_point R: derivatives by the point in the map's frame.
-STEREO_INLINE void rotated(
+ALWAYS_INLINE void rotated(
   const double J[kRows][kPoint], const double* T, double out[kRows][kPoint])
 {
   for (int r = 0; r < kRows; ++r) {
@@ -22,7 +22,7 @@ STEREO_INLINE void rotated(
 
 // H[a][b] += sum over rows of weight * A[row][a] * B[row][b].
 template <int NA, int NB>
-STEREO_INLINE void add_product(
+ALWAYS_INLINE void add_product(
   const double A[kRows][NA], const double B[kRows][NB], const Weights& weights, double* H)
 {
   for (int r = 0; r < kRows; ++r) {
@@ -36,7 +36,7 @@ STEREO_INLINE void add_product(
 }
 
 template <int N>
-STEREO_INLINE void add_gradient(
+ALWAYS_INLINE void add_gradient(
   const double J[kRows][N], const double* e, const Weights& weights, double* g)
 {
   for (int a = 0; a < N; ++a) {
@@ -45,7 +45,7 @@ STEREO_INLINE void add_gradient(
 }
 
 // The inverse of a symmetric 3x3, damped on its diagonal.
-STEREO_INLINE void inverse_of(const double* H, double damping, double out[3][3])
+ALWAYS_INLINE void inverse_of(const double* H, double damping, double out[3][3])
 {
   const double xx = H[0] * (1 + damping) + kPivot, yy = H[4] * (1 + damping) + kPivot;
   const double zz = H[8] * (1 + damping) + kPivot, xy = H[1], xz = H[2], yz = H[5];
@@ -60,7 +60,7 @@ STEREO_INLINE void inverse_of(const double* H, double damping, double out[3][3])
 }
 
 // S[i, h] -= Y_i^T W_h for one point and two cameras.
-STEREO_INLINE void subtract_block(const double Y[3][kPose], const double* W, int n, double* S)
+ALWAYS_INLINE void subtract_block(const double Y[3][kPose], const double* W, int n, double* S)
 {
   for (int a = 0; a < kPose; ++a) {
     for (int b = 0; b < kPose; ++b) {
@@ -71,7 +71,7 @@ STEREO_INLINE void subtract_block(const double Y[3][kPose], const double* W, int
 
 }  // namespace
 
-STEREO_MULTIVERSION void eliminate(
+MULTIVERSION("avx2") void eliminate(
   const Problem& problem, const System& system, double damping, double* S, double* right)
 {
   const int n = kPose * problem.num_free;
@@ -109,7 +109,7 @@ STEREO_MULTIVERSION void eliminate(
   }
 }
 
-STEREO_MULTIVERSION void linearize(
+MULTIVERSION("avx2") void linearize(
   const Problem& problem, const State& state, const uint8_t* used, System& system)
 {
   for (auto* part : {&system.H_cc, &system.g_c, &system.H_pp, &system.g_p, &system.H_pc}) {
@@ -125,7 +125,7 @@ STEREO_MULTIVERSION void linearize(
       continue;
     }
     residual(problem.camera, x, seen, e);
-    const Weights weight = weights_of(problem.camera, seen, e, problem.gates.mono, true);
+    const Weights weight = weights_of(problem.camera, seen, e, problem.gates.mono);
     point_jacobian(problem.camera, x, J);
     rotated(J, T, J_map);
     add_product<kPoint, kPoint>(J_map, J_map, weight, &system.H_pp[9 * j]);
@@ -139,7 +139,7 @@ STEREO_MULTIVERSION void linearize(
   }
 }
 
-STEREO_MULTIVERSION void move_points(
+MULTIVERSION("avx2") void move_points(
   const Problem& problem, const System& system, double damping, const double* step, State& state)
 {
   for (int first = 0, end = 0; first < problem.num_observations; first = end) {
@@ -166,7 +166,7 @@ STEREO_MULTIVERSION void move_points(
   }
 }
 
-STEREO_MULTIVERSION double cost_of(
+MULTIVERSION("avx2") double cost_of(
   const Problem& problem, const State& state, const uint8_t* used, double* chi2_out)
 {
   double sum = 0.0;
@@ -180,7 +180,7 @@ STEREO_MULTIVERSION double cost_of(
     chi2_out[m] = behind ? std::numeric_limits<double>::infinity() : chi2(seen, e);
     if (used[m]) {
       sum += behind ? kCostBehind
-                    : weights_of(problem.camera, seen, e, problem.gates.mono, true).cost;
+                    : weights_of(problem.camera, seen, e, problem.gates.mono).cost;
     }
   }
   return sum;

@@ -26,7 +26,7 @@ struct Problem
   const double* measured;    // (M, 3)
   const double* weight;      // (M)
 
-  STEREO_INLINE Observation at(int m) const { return {measured + 3 * m, weight[m]}; }
+  ALWAYS_INLINE Observation at(int m) const { return {measured + 3 * m, weight[m]}; }
 };
 
 struct State

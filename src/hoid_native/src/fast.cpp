@@ -10,12 +10,7 @@
 #include <cstring>
 #include <vector>
 
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define MULTIVERSION __attribute__((target_clones("avx2", "default")))
-#else
-#define MULTIVERSION
-#endif
-#define ALWAYS_INLINE __attribute__((always_inline)) inline
+#include "multiversion.hpp"
 
 namespace {
 
@@ -125,7 +120,7 @@ bool is_peak(const Row& above, const Row& row, const Row& below, int x)
 
 // Write the corners (x, y, score) of a (height, width) image, at least `border` >= 3 pixels from
 // its edge, in raster order; return how many there are, at most `capacity`.
-extern "C" MULTIVERSION int32_t hoid_fast_corners(
+extern "C" MULTIVERSION("avx2") int32_t hoid_fast_corners(
   const uint8_t* image, int32_t width, int32_t height, int32_t stride, int32_t threshold,
   int32_t border, int32_t capacity, int32_t* x_out, int32_t* y_out, uint8_t* score_out)
 {

@@ -6,18 +6,12 @@
 
 #include "matching.hpp"
 
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define MULTIVERSION __attribute__((target_clones("popcnt", "default")))
-#else
-#define MULTIVERSION
-#endif
-
 namespace {
 
 using namespace matching;
 
 // Squared distance of a pixel from a segment that starts at a and runs along (du, dv).
-MATCHING_INLINE double square_from_segment(
+ALWAYS_INLINE double square_from_segment(
   double u, double v, double du, double dv)
 {
   const double length2 = du * du + dv * dv;
@@ -34,7 +28,7 @@ MATCHING_INLINE double square_from_segment(
 // both have a right coordinate that agrees too. The best candidate must be within `max_distance`
 // and, when the second best is of the same octave, beat it by `ratio`. A feature goes to the
 // nearest of the queries that want it.
-extern "C" MULTIVERSION int32_t hoid_match_by_projection(
+extern "C" MULTIVERSION("popcnt") int32_t hoid_match_by_projection(
   int32_t num_queries, const double* u, const double* v, const double* u_right,
   const double* radius_px, const int8_t* min_octave, const int8_t* max_octave,
   const uint8_t* query_descriptors, int32_t num_features, const float* measurement_px,
@@ -69,7 +63,7 @@ extern "C" MULTIVERSION int32_t hoid_match_by_projection(
 
 // The same along segments (queries, 4): u, v of both ends. A candidate lies within the radius of
 // its own octave (octaves) of the segment.
-extern "C" MULTIVERSION int32_t hoid_match_along_segments(
+extern "C" MULTIVERSION("popcnt") int32_t hoid_match_along_segments(
   int32_t num_queries, const double* segments_px, const double* octave_radius_px,
   const int8_t* min_octave, const int8_t* max_octave, const uint8_t* query_descriptors,
   int32_t num_features, const float* measurement_px, const uint8_t* octave,

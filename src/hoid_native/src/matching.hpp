@@ -8,7 +8,7 @@
 #include <cstring>
 #include <vector>
 
-#define MATCHING_INLINE __attribute__((always_inline)) inline
+#include "multiversion.hpp"
 
 namespace matching {
 
@@ -69,7 +69,7 @@ public:
 
   // Visit the features of all cells that a rectangle touches.
   template <typename Visit>
-  MATCHING_INLINE void visit(
+  ALWAYS_INLINE void visit(
     double u_min, double v_min, double u_max, double v_max, Visit visit_feature) const
   {
     if (!(u_max >= low_u_ && u_min <= high_u_ && v_max >= low_v_ && v_min <= high_v_)) {
@@ -96,7 +96,7 @@ private:
   std::vector<int> start_, features_;
 };
 
-MATCHING_INLINE int hamming(const uint8_t* a, const uint8_t* b)
+ALWAYS_INLINE int hamming(const uint8_t* a, const uint8_t* b)
 {
   uint64_t x[4], y[4];
   std::memcpy(x, a, kDescriptorBytes);
@@ -117,13 +117,13 @@ struct Problem
   int max_distance;
   double ratio;
 
-  MATCHING_INLINE bool may_match(int q, int k) const
+  ALWAYS_INLINE bool may_match(int q, int k) const
   {
     return octave[k] >= min_octave[q] && octave[k] <= max_octave[q] &&
            (free == nullptr || free[k]);
   }
 
-  MATCHING_INLINE int distance(int q, int k) const
+  ALWAYS_INLINE int distance(int q, int k) const
   {
     return hamming(
       query_descriptors + static_cast<size_t>(q) * kDescriptorBytes,

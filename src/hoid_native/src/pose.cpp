@@ -1,5 +1,5 @@
 // The pose of one image from matched map points: Gauss-Newton on pixels and disparities with
-// Huber kernels, then without outliers.
+// Huber kernels, and without outliers.
 
 #include <algorithm>
 #include <cstring>
@@ -14,13 +14,8 @@ using namespace stereo;
 constexpr int kMinPoints = 4;
 constexpr double kConverged = 1e-7;
 
-struct Round
-{
-  int iterations;
-  bool robust;
-};
-// After each round outliers are told anew; in the last one those that are left count in full.
-constexpr Round kRounds[] = {{4, true}, {3, true}, {3, false}};
+// Iterations of each round, after which outliers are told anew.
+constexpr int kRounds[] = {4, 3, 3};
 
 struct Problem
 {
@@ -31,11 +26,11 @@ struct Problem
   const double* measured;  // (count, 3)
   const double* weight;    // (count)
 
-  STEREO_INLINE Observation at(int k) const { return {measured + 3 * k, weight[k]}; }
+  ALWAYS_INLINE Observation at(int k) const { return {measured + 3 * k, weight[k]}; }
 };
 
 // Add the rows of one observation to the upper triangle of H and to g.
-STEREO_INLINE void accumulate(
+ALWAYS_INLINE void accumulate(
   const double J[kRows][kPose], const double* e, const Weights& weights, double H[kPose][kPose],
   double* g)
 {
@@ -50,8 +45,8 @@ STEREO_INLINE void accumulate(
   }
 }
 
-STEREO_MULTIVERSION void normal_equations(
-  const Problem& problem, const double* T, const uint8_t* inliers, bool robust,
+MULTIVERSION("avx2") void normal_equations(
+  const Problem& problem, const double* T, const uint8_t* inliers,
   double H[kPose][kPose], double* g)
 {
   std::memset(H, 0, sizeof(double) * kPose * kPose);
@@ -67,7 +62,7 @@ STEREO_MULTIVERSION void normal_equations(
       continue;
     }
     residual(problem.camera, x, seen, e);
-    const Weights weights = weights_of(problem.camera, seen, e, problem.gates.mono, robust);
+    const Weights weights = weights_of(problem.camera, seen, e, problem.gates.mono);
     point_jacobian(problem.camera, x, J_point);
     pose_jacobian(x, J_point, J);
     accumulate(J, e, weights, H, g);
@@ -80,11 +75,11 @@ STEREO_MULTIVERSION void normal_equations(
 }
 
 void iterate(
-  const Problem& problem, const Round& round, const uint8_t* inliers, Pose T, double* information)
+  const Problem& problem, int iterations, const uint8_t* inliers, Pose T, double* information)
 {
   double H[kPose][kPose], factor[kPose * kPose], step[kPose];
-  for (int n = 0; n < round.iterations; ++n) {
-    normal_equations(problem, T, inliers, round.robust, H, step);
+  for (int n = 0; n < iterations; ++n) {
+    normal_equations(problem, T, inliers, H, step);
     std::memcpy(information, H, sizeof(H));
     std::memcpy(factor, H, sizeof(H));
     if (!solve_positive(factor, step, kPose)) {
@@ -101,7 +96,7 @@ void iterate(
   }
 }
 
-STEREO_MULTIVERSION int tell_outliers(const Problem& problem, const double* T, uint8_t* inliers)
+MULTIVERSION("avx2") int tell_outliers(const Problem& problem, const double* T, uint8_t* inliers)
 {
   int count = 0;
   for (int k = 0; k < problem.count; ++k) {
@@ -124,18 +119,18 @@ extern "C" int32_t hoid_optimize_pose(
   const double* measured, const double* weight, double* T, uint8_t* inliers, double* information)
 {
   const Problem problem{
-    {camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6]}, {gates[0], gates[1]}, count, points,
+    {camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6], camera[7]}, {gates[0], gates[1]}, count, points,
     measured, weight};
   std::fill_n(inliers, count, uint8_t{1});
   for (int a = 0; a < kPose * kPose; ++a) {
     information[a] = a % (kPose + 1) == 0 ? 1.0 : 0.0;
   }
   int num_inliers = count;
-  for (const Round& round : kRounds) {
+  for (const int iterations : kRounds) {
     if (num_inliers < kMinPoints) {
       break;
     }
-    iterate(problem, round, inliers, T, information);
+    iterate(problem, iterations, inliers, T, information);
     num_inliers = tell_outliers(problem, T, inliers);
   }
   return num_inliers;

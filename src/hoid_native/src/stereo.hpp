@@ -9,12 +9,7 @@
 #include <cmath>
 #include <cstdint>
 
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define STEREO_MULTIVERSION __attribute__((target_clones("avx2", "default")))
-#else
-#define STEREO_MULTIVERSION
-#endif
-#define STEREO_INLINE __attribute__((always_inline)) inline
+#include "multiversion.hpp"
 
 namespace stereo {
 
@@ -25,11 +20,12 @@ constexpr double kMinDepthM = 0.05;
 constexpr double kGateDisparity = 3.841;  // 95 % of one degree of freedom
 constexpr double kSmallAngleRad = 1e-4;
 
-// Seven numbers as they come from Python.
+// Eight numbers as they come from Python.
 struct Camera
 {
   double fx, fy, cx, cy, disparity_m;
   double noise_px, relative_noise;  // of a disparity: what does not depend on it, and what does
+  double pixel_noise;  // standard deviation of pixels, in units of that of their weights
 };
 
 // Row-major 4x4, T_camera_map.
@@ -41,21 +37,21 @@ struct Observation
   const double* measured;
   double weight;
 
-  STEREO_INLINE bool has_depth() const { return measured[2] == measured[2]; }
-  STEREO_INLINE double disparity() const { return measured[0] - measured[2]; }
+  ALWAYS_INLINE bool has_depth() const { return measured[2] == measured[2]; }
+  ALWAYS_INLINE double disparity() const { return measured[0] - measured[2]; }
 };
 
 struct Gates
 {
   double mono, stereo;
 
-  STEREO_INLINE double of(const Observation& seen) const
+  ALWAYS_INLINE double of(const Observation& seen) const
   {
     return seen.has_depth() ? stereo : mono;
   }
 };
 
-STEREO_INLINE void to_camera(const double* T, const double* p, double* x)
+ALWAYS_INLINE void to_camera(const double* T, const double* p, double* x)
 {
   for (int r = 0; r < 3; ++r) {
     x[r] = T[4 * r] * p[0] + T[4 * r + 1] * p[1] + T[4 * r + 2] * p[2] + T[4 * r + 3];
@@ -64,7 +60,7 @@ STEREO_INLINE void to_camera(const double* T, const double* p, double* x)
 
 // Write measured - expected of u, v and the disparity u - u_right, which is 0 without depth. Depth
 // is held at its minimum.
-STEREO_INLINE void residual(
+ALWAYS_INLINE void residual(
   const Camera& camera, const double* x, const Observation& seen, double* out)
 {
   const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
@@ -74,47 +70,49 @@ STEREO_INLINE void residual(
 }
 
 // What tells outliers: u_right is held to the same noise as u and v.
-STEREO_INLINE double chi2(const Observation& seen, const double* e)
+ALWAYS_INLINE double chi2(const Observation& seen, const double* e)
 {
   const double right = seen.has_depth() ? e[0] - e[2] : 0.0;
   return seen.weight * (e[0] * e[0] + e[1] * e[1] + right * right);
 }
 
-STEREO_INLINE double huber_cost(double chi2, double gate)
+ALWAYS_INLINE double huber_cost(double chi2, double gate)
 {
   return chi2 <= gate ? chi2 : 2 * std::sqrt(gate * chi2) - gate;
 }
 
-STEREO_INLINE double huber_weight(double chi2, double gate)
+ALWAYS_INLINE double huber_weight(double chi2, double gate)
 {
   return chi2 <= gate ? 1.0 : std::sqrt(gate / chi2);
 }
 
 // What an observation counts in the sums: pixel and disparity have kernels of their own, as a
-// depth reading beside an edge is wrong while the pixel is right.
+// depth reading beside an edge is wrong while the pixel is right. All is in units of the weights,
+// whatever the noise: what the pixels of an image err by together does not average out.
 struct Weights
 {
   double pixel, disparity, cost;
 };
 
-STEREO_INLINE Weights weights_of(
-  const Camera& camera, const Observation& seen, const double* e, double gate_pixel, bool robust)
+ALWAYS_INLINE Weights weights_of(
+  const Camera& camera, const Observation& seen, const double* e, double gate_pixel)
 {
-  const double pixel2 = seen.weight * (e[0] * e[0] + e[1] * e[1]);
-  Weights out{seen.weight * (robust ? huber_weight(pixel2, gate_pixel) : 1.0), 0.0,
-              huber_cost(pixel2, gate_pixel)};
+  const double unit = camera.pixel_noise * camera.pixel_noise;
+  const double pixel2 = seen.weight * (e[0] * e[0] + e[1] * e[1]) / unit;
+  Weights out{seen.weight * huber_weight(pixel2, gate_pixel), 0.0,
+              unit * huber_cost(pixel2, gate_pixel)};
   if (seen.has_depth()) {
     const double part = camera.relative_noise * seen.disparity();
     const double weight = 1.0 / (camera.noise_px * camera.noise_px + part * part);
     const double disparity2 = weight * e[2] * e[2];
-    out.disparity = weight * huber_weight(disparity2, kGateDisparity);
-    out.cost += huber_cost(disparity2, kGateDisparity);
+    out.disparity = unit * weight * huber_weight(disparity2, kGateDisparity);
+    out.cost += unit * huber_cost(disparity2, kGateDisparity);
   }
   return out;
 }
 
 // Derivatives of u, v and disparity by the point in the camera's frame, [row][coordinate].
-STEREO_INLINE void point_jacobian(
+ALWAYS_INLINE void point_jacobian(
   const Camera& camera, const double* x, double J[kRows][kPoint])
 {
   const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
@@ -130,7 +128,7 @@ STEREO_INLINE void point_jacobian(
 }
 
 // Derivatives by the pose's twist, [row][rotation, then translation], from those by the point.
-STEREO_INLINE void pose_jacobian(
+ALWAYS_INLINE void pose_jacobian(
   const double* x, const double J_point[kRows][kPoint], double J[kRows][kPose])
 {
   for (int r = 0; r < kRows; ++r) {

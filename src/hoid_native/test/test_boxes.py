@@ -7,11 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from hoid_native import (
-    boxes_holding,
-    cells_of,
+    are_boxes_fit,
     intersections_over_union,
     judge_boxes,
-    outside_boxes,
     overlap_ratios,
     sample_depths_m,
 )
@@ -44,25 +42,41 @@ def plain_mask(boxes: Boxes) -> NDArray[np.bool_]:
     return mask
 
 
+def holds(boxes: Boxes, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return (N, K) flags of boxes and the pixels whose centre is in them."""
+    v, u = np.divmod(pixels, WIDTH)
+    x1, y1, x2, y2 = boxes.T[:, :, None]
+    flags: NDArray[np.bool_] = (u >= x1) & (u < x2) & (v >= y1) & (v < y2)
+    return flags
+
+
 def plain_judgement(
     depth_m: NDArray[np.float32],
+    pixels: NDArray[np.int64],
     boxes: Boxes,
     roles: NDArray[np.uint8],
     min_share: float,
     apart_m: float,
-    touches: NDArray[np.bool_] | None,
+    reach_px: float,
 ) -> Judged:
     people, index = roles == PERSON, np.arange(len(boxes))
     far_m = sample_depths_m(depth_m, boxes, SIDE_PX)
     overlap = overlap_ratios(boxes, boxes[people])
     gap_m = np.abs(far_m[:, None] - far_m[people])
-    pairs = (overlap > min_share if touches is None else touches) & ~(gap_m >= apart_m)
+    near = [-reach_px, -reach_px, reach_px, reach_px]
+    seen = holds(boxes, pixels)[:, None] & holds(boxes[people] + near, pixels)
+    touches = overlap > min_share if np.isnan(reach_px) else seen.any(axis=2)
+    pairs = touches & ~(gap_m >= apart_m)
     best = (overlap + pairs).argmax(axis=1)
+    moves = people | (pairs.any(axis=1) & (roles == MAY_BE_HANDLED))
+    mask = plain_mask(boxes[moves])
     return Judged(
         far_m,
         np.where(people, 0.0, overlap[index, best]),
         np.where(people, np.nan, gap_m[index, best]),
-        people | (pairs.any(axis=1) & (roles == MAY_BE_HANDLED)),
+        roles * moves,
+        np.flatnonzero(~mask.ravel()[pixels]),
+        int(np.count_nonzero(~mask)),
     )
 
 
@@ -73,36 +87,26 @@ def test_judges_as_the_plain_form(seed: int, limits: tuple[float, float]) -> Non
     depth_m = np.kron(rng.uniform(0.5, 2, (9, 13)), np.ones((10, 10))).astype(np.float32)
     depth_m[rng.random(SHAPE_HW) < 0.2] = 0.0
     depth_m[:30, :40] = 0.0
-    boxes = crowd(seed, 25)
+    boxes, pixels = crowd(seed, 25), corners(seed)
     roles = rng.integers(0, 3, 25).astype(np.uint8)
-    touches = rng.random((25, np.count_nonzero(roles == PERSON))) < 0.2
-    for given in (None, touches):
-        found = judge_boxes(depth_m, boxes, roles, SIDE_PX, *limits, given)
-        for got, expected in zip(
-            found, plain_judgement(depth_m, boxes, roles, *limits, given), strict=True
-        ):
+    for reach_px, given in ((np.nan, pixels), (0.0, pixels[:60]), (3.5, pixels[:60])):
+        found = judge_boxes(depth_m, given, boxes, roles, SIDE_PX, *limits, reach_px)
+        plain = plain_judgement(depth_m, given, boxes, roles, *limits, reach_px)
+        for got, expected in zip(found, plain, strict=True):
             np.testing.assert_array_equal(got, expected)
 
 
 def test_without_people_nothing_is_handled() -> None:
-    depth_m = np.ones(SHAPE_HW, np.float32)
+    depth_m, pixels = np.ones(SHAPE_HW, np.float32), corners(0)
     roles = np.full(3, MAY_BE_HANDLED, np.uint8)
-    found = judge_boxes(depth_m, crowd(0, 3), roles, SIDE_PX, 0.0, np.inf)
+    found = judge_boxes(depth_m, pixels, crowd(0, 3), roles, SIDE_PX, 0.0, np.inf)
     assert not found.moves.any()
     assert found.overlap.tolist() == [0.0] * 3
     assert np.isnan(found.gap_m).all()
-    none = judge_boxes(depth_m, np.empty((0, 4)), roles[:0], SIDE_PX, 0.0, np.inf)
-    assert [len(values) for values in none] == [0] * 4
-
-
-@pytest.mark.parametrize('num', [0, 1, 12])
-def test_outside_boxes_is_what_a_drawn_mask_leaves(num: int) -> None:
-    for seed in range(20):
-        boxes, pixels = crowd(seed, num), corners(seed)
-        outside, area_px = outside_boxes(pixels, boxes, SHAPE_HW)
-        mask = plain_mask(boxes)
-        np.testing.assert_array_equal(outside, np.flatnonzero(~mask.ravel()[pixels]))
-        assert area_px == np.count_nonzero(~mask)
+    assert found.outside.tolist() == list(range(len(pixels)))
+    assert found.area_px == HEIGHT * WIDTH
+    none = judge_boxes(depth_m, pixels[:0], np.empty((0, 4)), roles[:0], SIDE_PX, 0.0, np.inf)
+    assert [len(values) for values in none[:5]] == [0] * 5
 
 
 @pytest.mark.parametrize(
@@ -110,20 +114,25 @@ def test_outside_boxes_is_what_a_drawn_mask_leaves(num: int) -> None:
 )
 def test_boxes_beyond_the_image_and_inverted_ones(beyond: Any) -> None:
     boxes, pixels = np.array([beyond], np.float64), np.arange(HEIGHT * WIDTH)
-    outside, area_px = outside_boxes(pixels, boxes, SHAPE_HW)
-    assert np.array_equal(outside, np.flatnonzero(~plain_mask(boxes)))
-    assert area_px == len(outside)
+    person = np.array([PERSON], np.uint8)
+    depth_m = np.ones(SHAPE_HW, np.float32)
+    found = judge_boxes(depth_m, pixels, boxes, person, SIDE_PX, 0.4, 0.2)
+    assert np.array_equal(found.outside, np.flatnonzero(~plain_mask(boxes)))
+    assert found.area_px == len(found.outside)
 
 
-def test_boxes_holding_a_pixel() -> None:
-    for seed in range(20):
-        boxes, pixels = crowd(seed, 40), corners(seed)[:100]
-        boxes[::2, 2:] = boxes[::2, :2] + 4
-        boxes[::5, 2] = boxes[::5, 0] - 1  # inverted: nothing in them
-        v, u = np.divmod(pixels, WIDTH)
-        x1, y1, x2, y2 = boxes.T[:, :, None]
-        inside = (u >= x1) & (u < x2) & (v >= y1) & (v < y2)
-        np.testing.assert_array_equal(boxes_holding(pixels, boxes, SHAPE_HW), inside.any(axis=1))
+def test_only_boxes_with_an_area_inside_the_image_and_scores_up_to_one_are_fit() -> None:
+    fit = np.array([[0, 0, WIDTH, HEIGHT], [3.5, 4, 3.6, 9]], np.float32)
+    scores = np.array([0, 1], np.float32)
+    assert are_boxes_fit(fit, scores, SHAPE_HW)
+    assert are_boxes_fit(fit[:0], scores[:0], SHAPE_HW)
+    for column, value in ((0, -0.1), (2, 3.5), (2, WIDTH + 0.1), (3, 3), (3, HEIGHT + 1), (1, -1)):
+        for wrong in (value, np.nan):
+            boxes = fit.copy()
+            boxes[1, column] = wrong
+            assert not are_boxes_fit(boxes, scores, SHAPE_HW)
+    for wrong in (-0.01, 1.01, np.nan):
+        assert not are_boxes_fit(fit, np.array([0.5, wrong], np.float32), SHAPE_HW)
 
 
 def test_ratios_are_the_plain_ones_for_boxes_without_area_too() -> None:
@@ -140,11 +149,3 @@ def test_ratios_are_the_plain_ones_for_boxes_without_area_too() -> None:
     joint = own[:, None] + other - shared
     iou = np.divide(shared, joint, out=zero.copy(), where=joint > 0)
     np.testing.assert_array_equal(intersections_over_union(boxes, others), iou)
-
-
-@pytest.mark.parametrize('width', [1, 3, 130, 641, 4096])
-def test_cells_of_every_pixel(width: int) -> None:
-    rng = np.random.default_rng(0)
-    rows, columns = rng.integers(0, 99, 40), rng.integers(0, 99, width)
-    expected = (rows[:, None] + columns).ravel()
-    assert np.array_equal(cells_of(np.arange(40 * width), rows, columns), expected)

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from hoid_native import sample_depths_m
 
@@ -35,6 +36,21 @@ def test_same_as_numpys_median() -> None:
     squares = [depth_m[int(y) + 25 : int(y) + 35, int(x) + 25 : int(x) + 35] for x, y in corner]
     expected = [np.median(square.astype(np.float64)) for square in squares]
     np.testing.assert_allclose(sample_depths_m(depth_m, boxes, 10), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize('side_px', [1, 2, 5, 10])
+def test_median_of_any_readings_to_the_bit(side_px: int) -> None:
+    """Few or many, odd or even in number, all alike or far apart."""
+    rng = np.random.default_rng(side_px)
+    for spread_m in (0.0, 1e-6, 0.01, 1.0, 60.0):
+        depth_m = (0.3 + rng.random((40, 60)) * spread_m).astype(np.float32)
+        depth_m[rng.random(depth_m.shape) < 0.4] = 0.0
+        depth_m[rng.random(depth_m.shape) < 0.2] = depth_m[0].max()
+        corner = rng.integers(0, 30, (200, 2))
+        squares = [depth_m[y : y + side_px, x : x + side_px] for x, y in corner]
+        expected = [np.median(s[s > 0].astype(np.float64)) if s.any() else np.nan for s in squares]
+        boxes = np.concatenate([corner, corner + side_px], 1)
+        np.testing.assert_array_equal(sample_depths_m(depth_m, boxes, side_px), expected)
 
 
 def test_no_boxes_no_depths() -> None:

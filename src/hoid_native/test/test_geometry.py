@@ -162,3 +162,32 @@ def test_a_point_between_fixed_cameras_is_their_least_squares() -> None:
     )  # fmt: skip
     np.testing.assert_allclose(fit.points_m[0], best.x, atol=2e-5)
     assert fit.cost_after == pytest.approx(2 * best.cost, rel=1e-4)
+
+
+def test_kernels_are_as_wide_as_the_noise() -> None:
+    """Pixels off by 2 px count less for a camera whose pixels are good to 0.1 px."""
+    _, points = scene(4, 100)
+    measured = pixels(TRUTH, points)
+    measured[:20, 0] += 2.0
+    measured[:, 2] = np.nan
+    errors = []
+    for noise in (1.0, 0.1):
+        lens = LENS._replace(pixel_noise=noise)
+        fit = optimize_pose(lens, GATES, points, measured, np.ones(100), TRUTH)
+        assert fit.inliers.all()
+        errors.append(np.linalg.norm(fit.T_camera_map - TRUTH))
+    assert errors[1] < 0.3 * errors[0]
+
+
+def test_only_the_ratio_of_pixel_and_depth_noise_matters_where_all_fits() -> None:
+    _, points = scene(5, 60)
+    measured = pixels(TRUTH, points)
+    halved = LENS._replace(
+        pixel_noise=0.5,
+        disparity_noise_px=0.5 * LENS.disparity_noise_px,
+        relative_noise=0.5 * LENS.relative_noise,
+    )
+    one, other = (
+        optimize_pose(lens, GATES, points, measured, np.ones(60), TRUTH) for lens in (LENS, halved)
+    )
+    np.testing.assert_allclose(one.information, other.information, rtol=1e-9)

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hoid_native import match_along_segments
+from hoid_native import Bar, Candidates, Wanted, match_along_segments
 
 ByteArray = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
@@ -64,19 +64,24 @@ def test_matches_are_those_of_the_definition(seed: int) -> None:
     low = rng.integers(0, 4, num_q).astype(np.int8)
     free = rng.random(num_k) < 0.8
     found = match_along_segments(
-        segments, RADIUS_PX, low, np.minimum(low + 1, 3).astype(np.int8), wanted, measured,
-        octave, known, free, MOST, 1.0,
-    )  # fmt: skip
+        segments,
+        RADIUS_PX,
+        Wanted(low, np.minimum(low + 1, 3).astype(np.int8), wanted),
+        Candidates(measured, octave, known, free),
+        Bar(MOST, 1.0),
+    )
     mine = set(zip(found.q.tolist(), found.k.tolist(), strict=True))
     assert mine == brute_force(segments, low, wanted, measured, octave, known, free)
 
 
 def test_a_segment_that_is_unknown_matches_nothing() -> None:
     nothing = match_along_segments(
-        np.full((1, 4), np.nan), RADIUS_PX, np.zeros(1, np.int8), np.ones(1, np.int8),
-        np.zeros((1, 32), np.uint8), np.zeros((1, 3), np.float32), np.zeros(1, np.uint8),
-        np.zeros((1, 32), np.uint8), None, MOST, 1.0,
-    )  # fmt: skip
+        np.full((1, 4), np.nan),
+        RADIUS_PX,
+        Wanted(np.zeros(1, np.int8), np.ones(1, np.int8), np.zeros((1, 32), np.uint8)),
+        Candidates(np.zeros((1, 3), np.float32), np.zeros(1, np.uint8), np.zeros((1, 32), 'u1')),
+        Bar(MOST, 1.0),
+    )
     assert len(nothing.q) == 0
 
 
@@ -86,10 +91,12 @@ def test_rivals_of_one_octave_leave_a_query_unmatched() -> None:
     measured = np.array([[20, 50, np.nan], [80, 50, np.nan]], np.float32)
     pairs = [
         match_along_segments(
-            np.array([[0.0, 50, 100, 50]]), RADIUS_PX, np.zeros(1, np.int8), np.ones(1, np.int8),
-            np.full((1, 32), 1, np.uint8), measured, np.zeros(2, np.uint8), known, None, MOST,
-            ratio,
+            np.array([[0.0, 50, 100, 50]]),
+            RADIUS_PX,
+            Wanted(np.zeros(1, np.int8), np.ones(1, np.int8), np.full((1, 32), 1, np.uint8)),
+            Candidates(measured, np.zeros(2, np.uint8), known),
+            Bar(MOST, ratio),
         )
         for ratio in (1.0, 0.9)
-    ]  # fmt: skip
+    ]
     assert [pair.k.tolist() for pair in pairs] == [[1], []]

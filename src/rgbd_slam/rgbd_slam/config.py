@@ -107,8 +107,12 @@ class KeyframeConfig(Config):
         0.2, 'None so soon after the last one, while tracking is good', minimum=0.0, maximum=10.0,
         read_only=False,
     )  # fmt: skip
+    fewer_share: float = param(
+        0.7, 'Insert with less of the points tracked after the last one, in a view that is new',
+        minimum=0.0, maximum=1.0, read_only=False,
+    )  # fmt: skip
     fallen_share: float = param(
-        0.6, 'Insert at once with less of the points tracked after the last one', minimum=0.0,
+        0.6, 'Insert at once with less of them, in a known view, too', minimum=0.0,
         maximum=1.0, read_only=False,
     )  # fmt: skip
     min_new_points: int = param(

@@ -1,11 +1,14 @@
-"""Which points and keyframes leave the map (ORB-SLAM's rules)."""
+"""Which points and keyframes leave the map (after ORB-SLAM's rules)."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from hoid_common import se3
 from rgbd_slam.config import MappingConfig
+from rgbd_slam.frame import StereoCamera
 from rgbd_slam.keyframes import NO_POINT
+from rgbd_slam.local_map import visible_points
 from rgbd_slam.map import SlamMap
 
 _YOUNG = 3  # keyframes that a point has to prove itself
@@ -14,16 +17,26 @@ _MIN_WEIGHT = 3  # observations must exceed it, one with depth counting twice
 _MIN_OBSERVERS = 3  # besides the keyframe itself
 
 
-def cull_young_points(slam_map: SlamMap, i: int, config: MappingConfig) -> None:
-    """Remove recent points that frames do not find, or that later keyframes do not see."""
+def cull_young_points(
+    slam_map: SlamMap, camera: StereoCamera, i: int, config: MappingConfig
+) -> None:
+    """Remove unproven points that frames do not find, or that keyframe `i` should see.
+
+    What left the view before it was proven stays, and is judged when it comes into view again.
+    """
     points, uid = slam_map.points, slam_map.keyframes.uid[i]
     j = points.indices()
-    age = uid - points.first_keyframe_uid[j]
-    j, age = j[age <= _YOUNG], age[age <= _YOUNG]
     weight = points.num_observations[j] + points.num_stereo[j]
-    lost = points.num_found[j] < config.min_found_ratio * points.num_visible[j]
-    unseen = (age >= _MIN_AGE) & (weight <= _MIN_WEIGHT)
-    slam_map.remove_points(j[lost | unseen])
+    age = uid - points.first_keyframe_uid[j]
+    is_weak = weight <= _MIN_WEIGHT
+    young = is_weak | (age <= _YOUNG)
+    lost = young & (points.num_found[j] < config.min_found_ratio * points.num_visible[j])
+    due = j[is_weak & (age >= _MIN_AGE)]
+    due = due[points.map_id[due] == slam_map.keyframes.map_id[i]]
+    T_camera_map = se3.inverse(slam_map.keyframes.T_map_camera[i])
+    unseen = visible_points(slam_map, camera, T_camera_map, due, 1.0).points
+    unseen = np.setdiff1d(unseen, slam_map.keyframes.point_of_feature[i])
+    slam_map.remove_points(np.union1d(j[lost], unseen))
 
 
 def cull_keyframes(slam_map: SlamMap, i: int, config: MappingConfig, close_limit_m: float) -> None:

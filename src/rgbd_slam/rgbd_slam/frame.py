@@ -38,6 +38,7 @@ class StereoCamera:
     bounds_px: tuple[
         float, float, float, float
     ]  # u_min, v_min, u_max, v_max of the undistorted image
+    pixel_noise: float = 1.0  # standard deviation of a pixel in octave 0 [px]
 
     @classmethod
     def from_model(cls, camera: CameraModel, config: CameraConfig) -> StereoCamera:
@@ -72,7 +73,13 @@ class StereoCamera:
             self.baseline_px_m,
             self.disparity_noise_px,
             self.relative_noise,
+            self.pixel_noise,
         )
+
+    def disparity_sigma_px(self, disparity_px: FloatArray) -> FloatArray:
+        """Return (N,) standard deviations of disparities."""
+        sigma: FloatArray = np.hypot(self.disparity_noise_px, self.relative_noise * disparity_px)
+        return sigma
 
     def project(self, points_camera_m: FloatArray) -> FloatArray:
         """Return (N, 3) u, v, u_right of (N, 3) points in front of the camera."""

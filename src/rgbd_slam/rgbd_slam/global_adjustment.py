@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import get_context
@@ -21,6 +20,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import BoolArray, IntArray
 from rgbd_slam.backend.bundle import adjust_sparse
+from rgbd_slam.child_process import start_child
 from rgbd_slam.essential_graph import move_map
 from rgbd_slam.frame import StereoCamera
 from rgbd_slam.local_ba import BundleProblem, BundleSolution, adjust
@@ -136,7 +136,7 @@ class _Background:
         self._process = context.Process(
             target=_solve_apart, args=(theirs,), name='global adjustment', daemon=True
         )
-        self._process.start()
+        start_child(self._process)
         theirs.close()
         # More than a pipe holds: it waits for the process to have started.
         work = (camera, problem.bundle, iterations)
@@ -169,7 +169,6 @@ def _send(pipe: Connection, work: object) -> None:
 
 def _solve_apart(pipe: Connection) -> None:
     """Solve what the pipe brings; the main function of the process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICE)
     with suppress(EOFError, OSError):  # the mapper has ended, or wants nothing of it any more
         pipe.send(solve(*pipe.recv()))

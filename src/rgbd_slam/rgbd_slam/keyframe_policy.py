@@ -54,12 +54,14 @@ class KeyframePolicy:
         if i is None or queue_length > 0:
             return False
         gap_s = 1e-9 * (tracking.tracked.frame.stamp_ns - self._last_ns)
-        is_falling = num_inliers < self.config.fallen_share * self._most_inliers
+        share = num_inliers / max(self._most_inliers, 1)
+        is_falling = share < self.config.fallen_share
         if gap_s < self.config.min_gap_s and not is_falling:
             return False
         if is_falling:
             return True  # a known view, too: it may be all that keeps tracking alive
-        lacks = self._lacks_depth(tracking) or self._leaves_reference(i, num_inliers)
+        lacks = share < self.config.fewer_share or self._lacks_depth(tracking)
+        lacks = lacks or self._leaves_reference(i, num_inliers)
         return lacks and not self._is_known_view(tracking, i)
 
     def _lacks_depth(self, tracking: Tracking) -> bool:

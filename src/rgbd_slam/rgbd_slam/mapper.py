@@ -31,6 +31,7 @@ class KeyframeRequest:
     points: IntArray  # (N,) point seen by each feature, or NO_POINT
     point_uids: IntArray  # (N,)
     counts: PointCounts  # of the frames since the last keyframe
+    camera: StereoCamera  # with the noise measured so far
 
 
 class Mapper:
@@ -63,13 +64,13 @@ class Mapper:
         i = self._add(request)
         if i is None:
             return None
-        cull_young_points(self.map, i, self._config.mapping)
+        cull_young_points(self.map, self._camera, i, self._config.mapping)
         self._add_depth_points(i, self._close_limit_m)
         self.map.update_connections(i)
         triangulate_with_neighbours(self.map, self._camera, i, self._config.mapping.triangulation)
         fuse_into_neighbours(self.map, self._camera, i, self._config.mapping)
         self.map.update_connections(i)
-        adjust_window(self.map, self._camera, i, self._config.mapping)
+        adjust_window(self.map, request.camera, i, self._config.mapping)
         cull_keyframes(self.map, i, self._config.mapping, self._close_limit_m)
         self.loops = self.loops.with_event(self._closer.process(i))
         return i

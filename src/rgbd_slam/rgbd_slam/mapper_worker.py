@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import atexit
 import os
-import signal
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from queue import Empty, SimpleQueue
@@ -18,6 +17,7 @@ from typing import NamedTuple
 
 from hoid_common.errors import HoidError
 from hoid_common.values import FloatArray
+from rgbd_slam.child_process import start_child
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.loop_closing import LoopCounts
@@ -80,7 +80,6 @@ def run_mapper(
 ) -> None:
     """Take keyframes in until the pipe ends; the main function of the process."""
     os.nice(_NICE)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all: the tracker ends this
     slam_map = SlamMap(config.camera.scale_factor, config.camera.num_octaves)
     mapper = Mapper(camera, slam_map, config, background=True)
     version = 0
@@ -131,7 +130,7 @@ class MapperWorker:
         self._process = context.Process(
             target=run_mapper, args=(request_reader, report_writer, camera, config), name='mapper'
         )
-        self._process.start()
+        start_child(self._process)
         request_reader.close()
         report_writer.close()
         atexit.register(self.close)  # before multiprocessing waits for the process

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import hoid_native
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from hoid_native import Bar, Candidates, Wanted
 from rgbd_slam.frame import Frame
 
 MAX_HAMMING = 256
@@ -65,13 +66,11 @@ def match_by_projection(
     (1.0: no such test).
     """
     pairs = hoid_native.match_by_projection(
-        *queries,
-        frame.measurement_px,
-        frame.octave,
-        frame.descriptors,
-        free,
-        max_distance,
-        ratio,
+        queries.projection_px,
+        queries.radius_px,
+        Wanted(queries.min_octave, queries.max_octave, queries.descriptors),
+        Candidates(frame.measurement_px, frame.octave, frame.descriptors, free),
+        Bar(max_distance, ratio),
     )
     return Matches(*(part.astype(np.int64) for part in pairs))
 

@@ -45,7 +45,7 @@ def optimize_pose(
 ) -> PoseEstimate:
     """Return the pose that explains the matches best, from an initial one.
 
-    Three rounds, after each of which outliers are told anew; the last one without a kernel.
+    Three rounds, after each of which outliers are told anew.
     """
     fit = hoid_native.optimize_pose(
         camera.lens,
@@ -59,5 +59,11 @@ def optimize_pose(
 
 
 def covariance(estimate: PoseEstimate) -> FloatArray:
-    """Return (6, 6) of a small motion in the camera's own frame, rotation first [rad^2, m^2]."""
-    return np.asarray(np.linalg.pinv(estimate.information, hermitian=True))
+    """Return (6, 6) of a small motion in the camera's own frame, rotation first [rad^2, m^2].
+
+    It is told from the configured noise: the measured one leaves out what errs together.
+    """
+    try:
+        return np.asarray(np.linalg.inv(estimate.information))
+    except np.linalg.LinAlgError:  # a motion that nothing tells of
+        return np.asarray(np.linalg.pinv(estimate.information, hermitian=True))

@@ -18,6 +18,7 @@ from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.mapper_link import InlineMapper, MapperLink
 from rgbd_slam.mapper_process import MapperProcess
 from rgbd_slam.motion import ConstantVelocity
+from rgbd_slam.noise_meter import NoiseMeter
 from rgbd_slam.point_tallies import PointTallies
 from rgbd_slam.pose_optimizer import covariance
 from rgbd_slam.relocalization import Relocalizer
@@ -64,6 +65,7 @@ class RgbdSlam:
         self._motion = ConstantVelocity()
         self._T_odom_camera = np.eye(4)
         self._tallies = PointTallies(self._map.points)
+        self._noise = NoiseMeter(self._camera)
 
     def process(self, features: Features) -> TrackingResult:
         """Track one frame, and map it when it shows something new."""
@@ -150,6 +152,7 @@ class RgbdSlam:
         self._T_odom_camera = se3.orthonormalized(self._T_odom_camera @ T_last_camera)
         self._last = tracking.tracked
         self._tallies.add(tracking.tally)
+        self._tracker.camera = self._noise.add(tracking.tracked, self._map)
         self._record(tracking.tracked)
 
     def _insert_keyframe(self, tracking: Tracking) -> None:
@@ -161,6 +164,7 @@ class RgbdSlam:
             tracked.points,
             tracked.point_uids,
             self._tallies.take(),
+            self._tracker.camera,
         )
         self._policy.inserted(tracked.frame.stamp_ns)
         i = self._mapper.insert(request)

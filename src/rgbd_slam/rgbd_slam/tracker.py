@@ -63,7 +63,7 @@ class Tracker:
     """Tracks frames in a map that it does not change."""
 
     def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: TrackingConfig) -> None:
-        self._camera = camera
+        self.camera = camera
         self._map = slam_map
         self._config = config
         self._inv_sigma2 = slam_map.octave_scale**-2.0
@@ -129,7 +129,7 @@ class Tracker:
             yield self._search(frame, known, T_expected, radii_px)
             yield self._search(frame, known, T_last_map, radii_px)
             yield self._recognize(frame, last, known, reference)
-        more = known.joined(read_by_frame(last, self._map, self._camera))
+        more = known.joined(read_by_frame(last, self._map, self.camera))
         yield self._search(frame, more, T_expected, radii_px)
         yield self._search(frame, more, T_last_map, radii_px)
         if len(known.point) < config.few_points:
@@ -159,7 +159,7 @@ class Tracker:
         behind = x[2] < MIN_DEPTH_M
         x[2][behind] = MIN_DEPTH_M
         pixels = np.empty_like(x)
-        project(self._camera, x, pixels)
+        project(self.camera, x, pixels)
         pixels[:, behind] = _OUTSIDE_PX
         return pixels
 
@@ -180,7 +180,7 @@ class Tracker:
             self._map.octave_scale[frame.octave[matches.k]],
             frame.depth_m[matches.k],
             landmarks.position_m[matches.q],
-            self._camera,
+            self.camera,
             config.alignment,
             np.random.default_rng(frame.stamp_ns % 2**63),
         )
@@ -214,10 +214,12 @@ class Tracker:
         """Find more points of the local map and refine the pose on all."""
         known = first.seen.points
         around = local_map(self._map, known, reference, self._config.max_local_keyframes)
-        others = np.setdiff1d(around.points, known, assume_unique=True)
+        is_known = np.zeros(self._map.points.capacity, np.bool_)
+        is_known[known] = True
+        others = around.points[~is_known[around.points]]
         view = visible_points(
             self._map,
-            self._camera,
+            self.camera,
             first.estimate.T_camera_map,
             others,
             self._config.local_map_radius,
@@ -248,5 +250,5 @@ class Tracker:
             frame.measurement_px[seen.k].astype(np.float64),
             self._inv_sigma2[frame.octave[seen.k]],
         )
-        estimate = optimize_pose(self._camera, problem, T_camera_map)
+        estimate = optimize_pose(self.camera, problem, T_camera_map)
         return _First(estimate, seen.select(estimate.inliers))

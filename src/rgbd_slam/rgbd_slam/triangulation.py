@@ -14,6 +14,7 @@ import numpy as np
 import hoid_native
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
+from hoid_native import Bar, Candidates, Wanted
 from rgbd_slam.config import TriangulationConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.keyframes import NO_POINT
@@ -85,18 +86,13 @@ def _matches(
     """Match features `k` of the first view with free ones of the second, along epipolar lines."""
     first, second = views.first, views.second
     octave = first.octave[k].astype(np.int8)
+    above = np.minimum(octave + 1, len(octave_scale) - 1).astype(np.int8)
     pairs = hoid_native.match_along_segments(
         epipolar_segments(views, k, camera, config.min_depth_m),
         np.sqrt(_EPIPOLAR_CHI2) * octave_scale,
-        octave - np.int8(1),
-        np.minimum(octave + 1, len(octave_scale) - 1).astype(np.int8),
-        first.descriptors[k],
-        second.measurement_px,
-        second.octave,
-        second.descriptors,
-        free,
-        config.max_hamming,
-        config.ratio,
+        Wanted(octave - np.int8(1), above, first.descriptors[k]),
+        Candidates(second.measurement_px, second.octave, second.descriptors, free),
+        Bar(config.max_hamming, config.ratio),
     )
     return Matches(*(part.astype(np.int64) for part in pairs))
 

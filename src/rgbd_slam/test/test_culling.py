@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hoid_common import se3
 from hoid_common.values import IntArray
 from rgbd_slam.config import MappingConfig
 from rgbd_slam.culling import cull_keyframes, cull_young_points
-from rgbd_slam.frame import Frame
+from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.map import SlamMap
 
 CONFIG = MappingConfig()
+CAMERA = StereoCamera(100.0, 100.0, 200.0, 200.0, 8.0, 0.3, 0.0, (0.0, 0.0, 400.0, 400.0))
 CLOSE_M = 3.0
 FEATURES = 100
 
@@ -48,7 +50,7 @@ def test_young_points_that_frames_do_not_find_go(found: int, stays: bool) -> Non
     j = points_of(slam_map, i, 5)
     slam_map.points.num_visible[j] = 12
     slam_map.points.num_found[j] = found  # a quarter is asked for
-    cull_young_points(slam_map, i, CONFIG)
+    cull_young_points(slam_map, CAMERA, i, CONFIG)
     assert slam_map.points.alive[j].tolist() == [stays] * 5
 
 
@@ -60,7 +62,7 @@ def test_young_points_that_frames_do_not_find_go(found: int, stays: bool) -> Non
         (2.0, 2, 2, True),  # weight 4
         (0.0, 3, 3, False),  # three without depth: weight 3
         (0.0, 4, 3, True),
-        (2.0, 1, 4, True),  # has stayed long enough
+        (2.0, 1, 4, False),  # still in view, and still not seen
     ],
 )
 def test_young_points_that_keyframes_do_not_see_go(
@@ -72,8 +74,31 @@ def test_young_points_that_keyframes_do_not_see_go(
     rows = later(slam_map, max(age, observers - 1), depth_m=depth_m)
     for i in rows[: observers - 1]:
         slam_map.observe(i, np.arange(3), j)
-    cull_young_points(slam_map, rows[age - 1], CONFIG)
+    cull_young_points(slam_map, CAMERA, rows[age - 1], CONFIG)
     assert slam_map.points.alive[j].tolist() == [stays] * 3
+
+
+def test_points_that_left_the_view_are_judged_when_it_comes_back() -> None:
+    slam_map = SlamMap(1.2, 8)
+    j = points_of(slam_map, slam_map.add_keyframe(frame_at(1), np.eye(4), 0), 3)
+    away = se3.exp(np.array([0, np.pi, 0, 0, 0, 0]))
+    for n in range(6):
+        i = slam_map.add_keyframe(frame_at(2 + n), away, 0, 0)
+        cull_young_points(slam_map, CAMERA, i, CONFIG)
+        assert slam_map.points.alive[j].all()
+    back = slam_map.add_keyframe(frame_at(10), np.eye(4), 0, 0)
+    slam_map.observe(back, np.arange(1), j[:1])
+    cull_young_points(slam_map, CAMERA, back, CONFIG)
+    assert slam_map.points.alive[j].tolist() == [True, False, False]
+
+
+def test_points_of_another_map_are_left_alone() -> None:
+    slam_map = SlamMap(1.2, 8)
+    j = points_of(slam_map, slam_map.add_keyframe(frame_at(1), np.eye(4), 0), 3)
+    for n in range(4):
+        i = slam_map.add_keyframe(frame_at(2 + n), np.eye(4), 1)
+    cull_young_points(slam_map, CAMERA, i, CONFIG)
+    assert slam_map.points.alive[j].all()
 
 
 def seen_by_all(

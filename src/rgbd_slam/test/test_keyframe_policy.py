@@ -119,3 +119,15 @@ def test_a_known_view_is_taken_in_when_tracking_falls() -> None:
     policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_PX)
     assert not policy.wants(tracking(slam_map, 1.0, 100, expected_px=EVERYWHERE), 0)
     assert policy.wants(tracking(slam_map, 1.1, 55, expected_px=EVERYWHERE), 0)
+
+
+@pytest.mark.parametrize(('newer', 'wanted'), [(0, True), (10, False)])
+def test_fewer_points_than_after_the_last_keyframe_are_enough_in_a_new_view(
+    newer: int, wanted: bool
+) -> None:
+    """Most of what the reference is certain of may be tracked while much else is lost."""
+    slam_map = mapped(newer)
+    policy = KeyframePolicy(slam_map, KeyframeConfig(reference_share=0.5), CLOSE_PX)
+    assert not policy.wants(tracking(slam_map, 1.0, 100, expected_px=EVERYWHERE), 0)
+    assert not policy.wants(tracking(slam_map, 1.1, 72, expected_px=EVERYWHERE), 0)
+    assert policy.wants(tracking(slam_map, 1.2, 68, expected_px=EVERYWHERE), 0) is wanted

@@ -11,6 +11,7 @@ from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.landmarks import read_by_frame, seen_by_frame
 from rgbd_slam.map import SlamMap
 from rgbd_slam.matching import match_by_descriptor
+from rgbd_slam.pose_optimizer import PoseEstimate, covariance
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.tracker import Tracker
@@ -115,3 +116,13 @@ def test_a_camera_shaken_hard_is_tracked_through() -> None:
     assert states == [TrackingState.TRACKING] * len(poses)
     assert slam.stats.num_relocalizations == 0
     assert position_errors_m(slam.trajectory_final(), poses).max() < 0.03
+
+
+def test_the_covariance_is_the_inverse_of_what_is_known() -> None:
+    none = np.empty(0, np.bool_)
+    rng = np.random.default_rng(0)
+    half = rng.normal(size=(6, 6))
+    known = PoseEstimate(np.eye(4), none, half @ half.T + np.eye(6))
+    np.testing.assert_allclose(covariance(known) @ known.information, np.eye(6), atol=1e-9)
+    blind = PoseEstimate(np.eye(4), none, np.diag([4.0, 2.0, 1.0, 5.0, 10.0, 0.0]))
+    np.testing.assert_allclose(np.diag(covariance(blind)), [0.25, 0.5, 1.0, 0.2, 0.1, 0.0])

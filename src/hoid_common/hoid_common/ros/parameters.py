@@ -7,6 +7,7 @@ misspelt name in a parameter file be noticed.
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable, Iterable
 from typing import Any, Generic, TypeVar
 
@@ -19,7 +20,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from hoid_common.config import Config, Param
+from hoid_common.config import Config, Param, did_you_mean
 from hoid_common.errors import ConfigError
 
 C = TypeVar('C', bound=Config)
@@ -54,7 +55,8 @@ class Parameters(Generic[C]):
             )
         for name in sorted(given.keys() - names):
             if not name.startswith(_OF_ROS):
-                node.get_logger().warning(f'parameter "{name}" is not known here; no effect')
+                meant = did_you_mean(name, names)
+                node.get_logger().warning(f'no parameter is called "{name}": no effect{meant}')
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
@@ -84,7 +86,7 @@ class Parameters(Generic[C]):
 
 
 def _from_ros(value: Any) -> Any:
-    return value if isinstance(value, bool | int | float | str) else tuple(value)
+    return tuple(value) if isinstance(value, list | array) else value
 
 
 def _to_ros(value: Any) -> Any:

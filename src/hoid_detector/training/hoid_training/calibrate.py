@@ -25,7 +25,7 @@ from hoid_training.export import write_onnx
 from hoid_training.network import Detector
 
 _LOG = logging.getLogger(__name__)
-_PRECISION = 0.91  # a little more than the 0.9 that unseen seeds are to have
+_PRECISION = 0.92  # on homes held out; 0.9 is what unseen seeds are to have
 _SCORES = np.arange(0.08, 0.6, 0.01)
 
 Seen = list[tuple[Truth, Detections]]

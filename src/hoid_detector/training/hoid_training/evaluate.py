@@ -153,7 +153,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Print recall and precision by class, for people and for objects."""
     parser = argparse.ArgumentParser(description='Measure a detector on rendered scenes.')
     parser.add_argument('model', type=Path)
-    parser.add_argument('--seeds', type=int, default=12)
+    parser.add_argument('--seeds', type=int, default=24)
     parser.add_argument('--frames', type=int, default=15, help='of each seed')
     parser.add_argument('--score', type=float, default=DetectorConfig().score_threshold)
     args = parser.parse_args(argv)

@@ -120,9 +120,8 @@ def _factors(camera: StereoCamera, problem: BundleProblem) -> gtsam.NonlinearFac
 def _noise_steps(camera: StereoCamera, problem: BundleProblem) -> IntArray:
     """Return (M,) the step in `_STEPS` nearest to the noise of each disparity."""
     disparity = np.nan_to_num(problem.measured_px[0] - problem.measured_px[2])
-    variance = camera.disparity_noise_px**2 + (camera.relative_noise * disparity) ** 2
     middles = np.sqrt(_STEPS[1:] * _STEPS[:-1])
-    return np.asarray(np.searchsorted(middles, np.sqrt(variance)), np.int64)
+    return np.asarray(np.searchsorted(middles, camera.disparity_sigma_px(disparity)), np.int64)
 
 
 def _mono_noise(inv_sigma2: float) -> gtsam.noiseModel.Robust:

@@ -13,6 +13,7 @@ from threading import Thread
 
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
+from rgbd_slam.child_process import start_child
 from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.dense.dense_mapper import StoredView
 from rgbd_slam.frame_poses import FramePose, KeyframePoses
@@ -38,7 +39,7 @@ class RoomProcess:
         reader, self._writer = context.Pipe(duplex=False)
         self._reader, writer = context.Pipe(duplex=False)
         self._process = context.Process(target=run_room, args=(reader, writer, setup), name='room')
-        self._process.start()
+        start_child(self._process)
         reader.close()
         writer.close()
         self._views: SimpleQueue[StoredView | None] = SimpleQueue()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from hoid_msgs.srv import SaveMap
 from rclpy.node import Node
 
 from hoid_common.errors import InputError
+from hoid_common.files import scratch_folder, unwritable
 from hoid_common.ros import topics
 from rgbd_slam.dense.export import CLOUD_WRITERS
 from rgbd_slam.dense.grid import write_map_server
@@ -76,9 +76,9 @@ def _answering(act: Callable[[str], str]) -> Callable[..., SaveMap.Response]:
 def _write_whole(folder: Path, write: Callable[[Path], None]) -> None:
     """Write files aside, and move them into the folder when all are there."""
     try:
-        with tempfile.TemporaryDirectory(prefix='.partial-', dir=folder) as aside:
-            write(Path(aside))
-            for file in sorted(Path(aside).iterdir()):
+        with scratch_folder(folder, 'partial') as aside:
+            write(aside)
+            for file in sorted(aside.iterdir()):
                 file.replace(folder / file.name)
     except OSError as error:
-        raise InputError(f'{folder}: cannot be written to: {error.strerror}') from error
+        raise unwritable(folder, error) from error

@@ -9,7 +9,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from hoid_bags.trajectory_io import write_tum
-from hoid_common.errors import InputError
+from hoid_common.files import unwritable
 from hoid_common.ros import topics
 from rgbd_slam.map_directory import path_in
 from rgbd_slam.node_config import SlamNodeConfig
@@ -63,7 +63,7 @@ class SlamServices:
             try:
                 write_tum(path, trajectory)
             except OSError as error:
-                raise InputError(f'{path}: cannot be written: {error.strerror}') from error
+                raise unwritable(path, error) from error
             return f'{len(trajectory)} poses written to {path}'
 
         return answered(answer, save)

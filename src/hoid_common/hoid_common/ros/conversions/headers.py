@@ -5,17 +5,17 @@ from __future__ import annotations
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
-_NS_PER_S = 1_000_000_000
+from hoid_common.values import NS_PER_S
 
 
 def stamp_from_msg(stamp: Time) -> int:
     """Return nanoseconds."""
-    return int(stamp.sec) * _NS_PER_S + int(stamp.nanosec)
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def stamp_to_msg(stamp_ns: int) -> Time:
     """Return the message of nanoseconds."""
-    sec, nanosec = divmod(stamp_ns, _NS_PER_S)
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
     return Time(sec=sec, nanosec=nanosec)
 
 

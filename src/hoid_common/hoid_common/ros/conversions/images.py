@@ -26,9 +26,7 @@ def color_to_msg(image_bgr: ByteArray, header: Header) -> Image:
 def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) -> CompressedImage:
     """Return a JPEG message of a (H, W, 3) picture; quality in [1, 100]."""
     jpeg = images.encode_jpeg(image_bgr, quality)
-    return CompressedImage(
-        header=header, format='bgr8; jpeg compressed bgr8', data=bytes_field(jpeg)
-    )
+    return CompressedImage(header=header, format=images.JPEG_FORMAT, data=bytes_field(jpeg))
 
 
 def depth_from_msg(msg: Image | CompressedImage) -> Float32Array:

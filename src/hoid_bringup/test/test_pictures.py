@@ -5,13 +5,11 @@ import cv2
 import numpy as np
 import pytest
 
+from hoid_bringup.pictures import draw_scenes, frame_numbers, write_sheets
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.values import CameraModel, Detections, Reason, RgbdFrame, Trajectory
 from hoid_filter.config import FilterConfig
 from hoid_filter.drawing import KEPT_BGR, REASON_BGR
-from hoid_filter.pictures import draw_scenes, frame_numbers, write_sheets
-
-from .helpers import detections
 
 HEIGHT, WIDTH = 240, 320
 PERSON = (100.0, 60.0, 180.0, 220.0)
@@ -41,7 +39,8 @@ class Recording:
 
 
 def seen(frame: RgbdFrame) -> Detections:
-    return detections(('person', PERSON), ('cup', CUP), stamp_ns=frame.stamp_ns)
+    boxes = np.array([PERSON, CUP], np.float32)
+    return Detections(frame.stamp_ns, boxes, ('person', 'cup'), np.full(2, 0.9, np.float32))
 
 
 def has_color(picture: np.ndarray, x: int, y: int, bgr: tuple[int, int, int]) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from string import ascii_uppercase
@@ -17,20 +17,17 @@ from string import ascii_uppercase
 import cv2
 import numpy as np
 
-from hoid_bags.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
+from hoid_bags.options import add_folder_arguments, chosen_camera
 from hoid_bags.sequence import Sequence, open_sequence
+from hoid_bringup.detection_source import DetectionSource, detection_source
+from hoid_bringup.run_config import TRUTH, RunConfig
 from hoid_common.errors import ConfigError, InputError
+from hoid_common.files import unwritable
 from hoid_common.values import ByteArray, Detections, RgbdFrame
-from hoid_detector.config import DetectorConfig
-from hoid_detector.model_path import find_model
-from hoid_detector.onnx_detector import OnnxDetector
 from hoid_filter.config import STRATEGIES, FilterConfig
 from hoid_filter.drawing import draw_result, draw_title
 from hoid_filter.feature_filter import FeatureFilter
 
-DetectionSource = Callable[[RgbdFrame], Detections | None]
-
-_EXACT = 'truth'  # in place of a detector: the boxes that a rendered bag holds
 _NUM_SCENES = 3
 _ALONE = ('none', 'hoid2d', 'hoid3d')  # strategies that judge each image for itself
 
@@ -58,16 +55,10 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--detector',
         metavar='MODEL',
-        help=f'ONNX file; "{_EXACT}": the exact boxes of a rendered bag (default: usual places)',
+        default='',
+        help=f'ONNX file; "{TRUTH}": the exact boxes of a rendered bag (default: usual places)',
     )
-    parser.add_argument('--camera', metavar='fr1|fr2|fr3|YAML', help='camera of a folder')
-    parser.add_argument(
-        '--depth-factor',
-        type=float,
-        default=TUM_DEPTH_UNITS_PER_M,
-        metavar='N',
-        help="depth units per metre of a folder's images (default: %(default)g)",
-    )
+    add_folder_arguments(parser)
 
 
 def pictures_command(args: argparse.Namespace) -> None:
@@ -76,10 +67,9 @@ def pictures_command(args: argparse.Namespace) -> None:
     Raises:
         HoidError: the recording, the detector, a frame's number or the folder cannot be used.
     """
-    camera = find_camera(args.camera) if args.camera else None
-    sequence = open_sequence(args.input, camera, args.depth_factor)
+    sequence = open_sequence(args.input, chosen_camera(args), args.depth_factor)
     wanted = frame_numbers(args.frames, len(sequence))
-    detect = _detection_source(sequence, args.detector)
+    detect = detection_source(sequence, RunConfig(model=args.detector))  # also for "none"
     config = FilterConfig(strategy=args.filter)
     scenes = dict(draw_scenes(sequence, wanted, detect, config))
     for path in write_sheets([scenes[n] for n in wanted], wanted, args.filter, args.out):
@@ -165,19 +155,6 @@ def _drawn_alone(
     }
 
 
-def _detection_source(sequence: Sequence, requested: str | None) -> DetectionSource:
-    if requested == _EXACT:
-        exact = sequence.true_detections
-        if exact is None:
-            raise InputError(
-                f'{sequence.name}: has no exact boxes for "--detector {_EXACT}"; '
-                'only bags of "hoid synth" have'
-            )
-        return lambda frame: exact.get(frame.stamp_ns)
-    detector = OnnxDetector(find_model(requested), DetectorConfig())
-    return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)
-
-
 def _letter(k: int) -> str:
     return ascii_uppercase[k] if k < len(ascii_uppercase) else f'{k + 1}'
 
@@ -188,5 +165,5 @@ def _write(path: Path, picture: ByteArray) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data.tobytes())
     except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error.strerror}') from error
+        raise unwritable(path, error) from error
     return path

@@ -1,0 +1,122 @@
+"""What users get wrong: one line that names it, status 1, and no file left behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoid_bags import bag_messages
+from hoid_bags.bag_types import IMU
+from hoid_bags.bag_writer import BagWriter
+from hoid_bags.trajectory_io import write_tum
+from hoid_bringup import cli
+from hoid_common import se3
+from hoid_common.values import Trajectory
+
+STAMPS_S = (1.0, 1.1, 1.2)
+OUT = ('--out', 'new')
+FR3 = ('run', 'fr3_room', *OUT)
+
+
+def write_lists(folder: Path, *kinds: str) -> None:
+    """Write a TUM folder's lists, and image files that nobody gets to open."""
+    for kind in kinds:
+        (folder / kind).mkdir(parents=True)
+        rows = [f'{stamp_s} {kind}/{stamp_s}.png\n' for stamp_s in STAMPS_S]
+        (folder / f'{kind}.txt').write_text(''.join(rows))
+        for row in rows:
+            (folder / row.split()[1]).write_bytes(b'')
+
+
+def write_path(path: Path, start_ns: int) -> None:
+    twists = 0.01 * np.random.default_rng(0).standard_normal((9, 6)).cumsum(axis=0)
+    write_tum(path, Trajectory(start_ns + 10**8 * np.arange(9), se3.exp(twists)))
+
+
+@pytest.fixture(scope='module')
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of things that are not what they are taken for."""
+    place = tmp_path_factory.mktemp('bad input')
+    write_lists(place / 'fr3_room', 'rgb', 'depth')
+    write_lists(place / 'fr3_colour_only', 'rgb')
+    write_lists(place / 'fr3_cut', 'rgb', 'depth')
+    listed = place / 'fr3_cut' / 'rgb.txt'
+    listed.write_text(listed.read_text()[:-7])
+    (place / 'empty').mkdir()
+    (place / 'text').write_text('neither a model nor a map nor a folder\n')
+    (place / 'list.yaml').write_text('- 1\n')
+    write_path(place / 'path.txt', 10**18)
+    write_path(place / 'later.txt', 2 * 10**18)
+    with BagWriter(place / 'imu_bag') as bag:
+        bag.add_topic('imu', IMU)
+        bag.write('imu', 1, bag_messages.imu(1, np.zeros(3)))
+    (place / 'void_bag').mkdir()
+    (place / 'void_bag' / 'metadata.yaml').write_text('rosbag2_bagfile_information:\n')
+    return place
+
+
+CASES = {
+    # recordings
+    ('run', 'nowhere', *OUT): 'nowhere: no such file or folder',
+    ('run', 'empty', *OUT): 'empty: neither a TUM folder (no rgb.txt) nor a bag',
+    ('replay', 'empty', *OUT): 'empty: neither a TUM folder (no rgb.txt) nor a bag',
+    ('convert', 'empty', 'new'): 'empty/rgb.txt: no such file',
+    ('run', 'text', *OUT): 'text: neither a TUM folder',
+    ('run', 'fr3_colour_only', *OUT): 'fr3_colour_only/depth.txt: no such file',
+    ('run', 'fr3_cut', *OUT): 'fr3_cut/rgb.txt: line 3: names "rgb/1", which is not there',
+    ('run', 'void_bag', *OUT): 'void_bag: cannot be read: ',
+    ('run', 'imu_bag', *OUT): 'imu_bag: has no colour images',
+    ('replay', 'imu_bag', *OUT): 'imu_bag: has no colour images',
+    ('info', 'empty'): 'empty: not a bag',
+    ('convert', 'fr3_room', 'imu_bag'): 'imu_bag: exists already',
+    (*FR3, '--camera', 'fr4'): 'camera "fr4": neither fr1, fr2, fr3',
+    (*FR3, '--camera', 'list.yaml'): 'list.yaml: expected a camera_info mapping',
+    (*FR3, '--depth-factor', '0'): 'must be positive, got 0',
+    # models and maps
+    (*FR3, '--detector', 'text'): 'text is no usable ONNX model',
+    (*FR3, '--detector', 'yolo99'): 'detector model yolo99 does not exist',
+    (*FR3, '--detector', 'truth'): 'has no exact boxes',
+    (*FR3, '--filter', 'none', '--map', 'text'): 'text: is no map file',
+    (*FR3, '--localize'): '--localize needs --map',
+    # parameters
+    (*FR3, '--filter', 'magic'): 'filter.strategy must be one of none, person',
+    (*FR3, '--min-interaction-area', '2'): 'min_interaction_area must be in [0.0, 1.0], got 2.0',
+    (*FR3, '--seed', '-1'): 'slam.seed must be at least 0, got -1',
+    (*FR3, '--set', 'oops'): 'expected NAME=VALUE',
+    (*FR3, '--set', 'filtr.strategy=none'): '"filtr.strategy"; did you mean filter.strategy?',
+    (*FR3, '--set', 'filter=none'): '"filter"; did you mean filter.strategy',
+    (*FR3, '--set', 'num_features=9'): 'did you mean filter.extraction.num_features?',
+    (*FR3, '--set', 'slam.seed.x=1'): 'did you mean slam.seed?',
+    ('replay', 'fr3_room', *OUT, '--rate', '0'): 'rate must be in [0.01, 100.0], got 0.0',
+    ('nodes', '--params', 'list.yaml'): 'list.yaml: is not a ROS parameter file',
+    ('nodes', '--namespace', 'two words'): '--namespace two words: use letters',
+    ('record', 'new', '--duration', '-1'): '--duration -1: must be at least 0',
+    # places to write to
+    ('run', 'fr3_room', '--out', 'text/new'): 'text/new: cannot be written: part of this path',
+    ('replay', 'fr3_room', '--out', 'text'): 'text: cannot be written: part of this path',
+    (*FR3, '--filter', 'none', '--save-map', 'text/map'): 'text: cannot be written: part of',
+    ('synth', 'text/new', '--frames', '1'): 'text/new: cannot be written: part of this path',
+    ('nodes', '--log-dir', 'text/logs'): 'text/logs: cannot be written: part of this path',
+    # trajectories
+    ('evaluate', 'nowhere', 'path.txt'): 'nowhere: no such file',
+    ('evaluate', 'text', 'path.txt'): 'text: line 1: "neither" is not a time in seconds',
+    ('evaluate', 'later.txt', 'path.txt'): 'share 0 poses within 0.02 s',
+    ('evaluate', 'path.txt', 'path.txt', '--frames', '5'): 'has 9 poses, the recording 5 images',
+    ('evaluate', 'path.txt', 'path.txt', '--json', 'text/new'): 'text/new: cannot be written',
+}
+
+
+@pytest.mark.parametrize(('argv', 'said'), CASES.items(), ids=map(' '.join, CASES))
+def test_one_line_says_what_is_wrong(
+    argv: tuple[str, ...], said: str, place: Path, monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(place)
+    before = sorted(place.rglob('*'))
+    assert cli.main(argv) == 1
+    (line,) = (text for text in capfd.readouterr().err.splitlines() if '%|' not in text)
+    assert line.startswith(f'hoid {argv[0]}: ')
+    assert said in line
+    assert sorted(place.rglob('*')) == before

@@ -1,0 +1,50 @@
+"""sensor_msgs/CameraInfo to a camera, for live messages and those in bags alike."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from hoid_common.errors import MessageError
+from hoid_common.values import DISTORTION_MODELS, CameraModel
+
+
+class RawCameraInfo(Protocol):
+    """The fields of sensor_msgs/CameraInfo that say how pixels are seen."""
+
+    width: int
+    height: int
+    distortion_model: str
+    d: Any  # numbers, in OpenCV's order
+    k: Any  # nine numbers, row by row
+    binning_x: int
+    binning_y: int
+    roi: Any  # sensor_msgs/RegionOfInterest
+
+
+def camera_from_info(info: RawCameraInfo) -> CameraModel:
+    """Return the camera that took the pictures, of K and D.
+
+    Raises:
+        MessageError: Not calibrated, of an unknown distortion model, or with binning or a region
+            of interest, which K does not say.
+    """
+    distortion = tuple(float(d) for d in info.d)
+    if any(distortion) and info.distortion_model not in DISTORTION_MODELS:
+        raise MessageError(
+            f'camera_info has distortion_model "{info.distortion_model}"; '
+            f'use one of {", ".join(DISTORTION_MODELS)}'
+        )
+    if max(info.binning_x, info.binning_y) > 1 or info.roi.x_offset or info.roi.y_offset:
+        raise MessageError(
+            'camera_info has binning or a region of interest; publish the full image'
+        )
+    fx, _, cx, _, fy, cy, *_ = k = [float(value) for value in info.k]
+    if not (np.isfinite(k).all() and min(fx, fy) > 0 and min(info.width, info.height) > 0):
+        raise MessageError(
+            f'camera_info has fx={fx} fy={fy} at {info.width}x{info.height} px; '
+            'is the camera calibrated?'
+        )
+    size_px = int(info.width), int(info.height)
+    return CameraModel(*size_px, fx, fy, cx, cy, distortion if any(distortion) else ())

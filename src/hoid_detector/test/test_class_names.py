@@ -1,0 +1,48 @@
+"""Class names in the forms that exporters leave them in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hoid_common.errors import ModelError
+from hoid_detector.class_names import known_names, names_in_metadata
+
+
+@pytest.mark.parametrize(
+    'text', ["{0: 'person', 1: 'cup'}", '{"1": "cup", "0": "person"}', "['person', 'cup']",
+             "('person', 'cup')", 'person, cup']
+)  # fmt: skip
+def test_every_form_gives_the_names_in_order(text: str) -> None:
+    assert names_in_metadata({'names': text}) == ('person', 'cup')
+    assert names_in_metadata({'date': 'today', 'labels': text}) == ('person', 'cup')
+
+
+def test_no_names_are_none() -> None:
+    assert names_in_metadata({'names': '', 'date': 'today'}) is None
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ("{0: 'person', 2: 'cup'}", r'class indices \[0, 2\] have gaps'),
+        ("{'person': 'cup'}", r"class indices \['person'\] have gaps"),
+        ("{0.5: 'person', 0: 'cup'}", r'class indices \[0\.5, 0\] have gaps'),
+        ('5', 'is no list of class names'),
+        ('[]', 'is no list of class names'),
+        ("'person'", 'is no list of class names'),
+    ],
+)
+def test_what_is_no_list_of_names_is_said(text: str, said: str) -> None:
+    with pytest.raises(ModelError, match=f'model metadata "names".*{said}'):
+        names_in_metadata({'names': text})
+
+
+def test_a_file_beats_the_model(tmp_path: Path) -> None:
+    path = tmp_path / 'names.txt'
+    path.write_text('person\n\n  cup \n')
+    assert known_names(str(path), {'names': '[1]'}) == ('person', 'cup')
+    path.write_bytes(b'\xff\xfe')
+    with pytest.raises(ModelError, match=r'names\.txt cannot be read'):
+        known_names(str(path), {})
