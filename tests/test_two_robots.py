@@ -90,10 +90,15 @@ def suites(domain_id: int, tmp_path: Path) -> Iterator[Supervisor]:
         yield running
 
 
-def play(folder: Path, robot: Robot) -> subprocess.Popen[str]:
-    """Play a robot's recording to it, image by image."""
+def record(folder: Path, robot: Robot) -> Path:
+    """Write a robot's recording."""
     bag = folder / f'bag_{robot.name}'
     write_sliding(bag, robot.start_ns, FRAMES, robot.slides_px, compressed=robot.compressed)
+    return bag
+
+
+def play(bag: Path, robot: Robot) -> subprocess.Popen[str]:
+    """Play a robot's recording to it, image by image."""
     argv = ['play', str(bag), '--namespace', robot.name, '--no-clock', '--lockstep']
     return subprocess.Popen(
         [sys.executable, '-m', 'hoid_bringup', *argv], stderr=subprocess.PIPE, text=True
@@ -115,9 +120,10 @@ def edges(tf: list[Any]) -> set[tuple[str, str, int]]:
 def test_each_robot_follows_its_own_camera(
     suites: Supervisor, probe: Probe, tmp_path: Path
 ) -> None:
+    bags = {robot: record(tmp_path, robot) for robot in ROBOTS}
     diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
     heard = {robot: Heard(probe, robot) for robot in ROBOTS}
-    players = [play(tmp_path, robot) for robot in ROBOTS]
+    players = [play(bag, robot) for robot, bag in bags.items()]
     probe.spin_until(
         lambda: all(len(h.odom) == FRAMES for h in heard.values()), 'odometry is missing', LIMIT_S
     )

@@ -19,6 +19,8 @@ from hoid_common.ros import qos
 TIMEOUT_S = 15.0
 _START_S = 60.0  # of a node, on a busy machine
 _DISCOVERY_S = 0.3
+# A test does not spin while it prepares something, and must not lose what comes in meanwhile.
+_EVERYTHING = QoSProfile(depth=1000, reliability=qos.OUTPUT.reliability)
 
 
 class Probe:
@@ -53,7 +55,7 @@ class Probe:
         return publisher
 
     def collect(
-        self, type_: type[Any], topic: str, profile: QoSProfile = qos.OUTPUT, *, wait: bool = True
+        self, type_: type[Any], topic: str, profile: QoSProfile = _EVERYTHING, *, wait: bool = True
     ) -> list[Any]:
         """Return the list that grows with each message; with `wait`, once somebody publishes."""
         received: list[Any] = []
