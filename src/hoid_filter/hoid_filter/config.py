@@ -97,8 +97,6 @@ class PlusConfig(Config):
         0.25, 'How far a handled object reaches before and behind its middle',
         minimum=0.05, maximum=2.0,
     )  # fmt: skip
-    guard_seeds: bool = param(True, 'Make no map points near a mask', read_only=False)
-    seed_margin_px: int = param(12, 'How near is near, for map points', minimum=0, maximum=200)
     fall_back: bool = param(
         True, 'Unmask in steps rather than leave too few features', read_only=False
     )

@@ -27,12 +27,12 @@ _CERTAINTY = {
     Reason.PERSON: 3,
 }
 # How near a pixel is to what moves; what is added to the last says how sure it is that it moves.
-_FREE, _NEAR_SEED, _NEAR_PATCH = 0, 1, 2
+_FREE, _NEAR = 0, 1
 # What the mask lets pass, and ever more of it while too little is left.
 _LIMITS = (
-    _NEAR_SEED,
-    _NEAR_PATCH + _CERTAINTY[Reason.REMEMBERED],
-    _NEAR_PATCH + _CERTAINTY[Reason.HANDLED],
+    _FREE,
+    _NEAR + _CERTAINTY[Reason.REMEMBERED],
+    _NEAR + _CERTAINTY[Reason.HANDLED],
 )
 
 
@@ -41,7 +41,7 @@ class Masks(NamedTuple):
 
     static_area_px: int  # of the image
     kept: IntArray | None = None  # of the K corners, ascending, what is static; None = all
-    seeds: BoolArray | None = None  # (K,), False = no seed; None = all that are kept
+    seeds: BoolArray | None = None  # (K,), False = no map point; None = one of each that is kept
     step: int = 0  # how far the mask was relaxed
 
 
@@ -49,22 +49,24 @@ def make_masks(certainty: ByteArray, view: View, plus: PlusConfig, enough: float
     """Return the masks of one image from what covers its pixels.
 
     While fewer than `enough` corners with depth are left, the mask gives back first its margin and
-    what is only remembered, then objects and predictions, then everything. Seeds stay away from
-    all of it: the tracker may look at a person's features, but the map never holds them.
+    what is only remembered, then objects and predictions, then everything. What was given back
+    makes no map points: the tracker may look at a person's features, but the map never holds them.
+    All else makes some, up to the margin: a feature that is kept and not mapped holds no pose, and
+    takes the budget of one that would.
     """
     size_px = view.depth_m.size
     if not certainty.any():
         return Masks(size_px)
     grid = _grid(view.depth_m.shape, certainty.shape)
-    near = widen(certainty, round(_PATCH_MARGIN_PX / SHRINK))
-    nearness = widen(near, round(plus.seed_margin_px / SHRINK)) + near + certainty
+    nearness = widen(certainty, round(_PATCH_MARGIN_PX / SHRINK)) + certainty
     at_corner = values_at(view.corner_pixels, nearness, grid.rows, grid.columns)
-    seeds = at_corner == _FREE if plus.guard_seeds else None
+    is_free = at_corner == _FREE
     for step, limit in enumerate(_LIMITS):
         kept = np.flatnonzero(at_corner <= limit)
         if not plus.fall_back or _leaves(kept, view, enough):
+            seeds = is_free if step else None
             return Masks(size_px - grid.area_px(nearness > limit), kept, seeds, step)
-    return Masks(size_px, None, at_corner <= _NEAR_SEED, len(_LIMITS))
+    return Masks(size_px, None, is_free, len(_LIMITS))
 
 
 def _leaves(kept: IntArray, view: View, enough: float) -> bool:
