@@ -134,7 +134,20 @@ class _Clock:
 
 def _with_cover(found: Detections, share: float, shape_hw: tuple[int, ...]) -> Detections:
     left, right = cover_columns(shape_hw[1], share, found.stamp_ns)
+    found = _not_hidden(found, left, right)
     return _with(found, np.array([[left, 0, right, shape_hw[0]]], np.float32), PERSON)
+
+
+def _not_hidden(found: Detections, left: int, right: int) -> Detections:
+    """Return what at least half is seen of beside the hidden columns, cut off there."""
+    x1, x2 = found.boxes_xyxy_px[:, 0], found.boxes_xyxy_px[:, 2]
+    first, last = np.stack([x1, np.maximum(x1, right)]), np.stack([np.minimum(x2, left), x2])
+    side = np.argmax(last - first, axis=0)  # the wider of the two that are left of it
+    boxes = found.boxes_xyxy_px.copy()
+    boxes[:, 0], boxes[:, 2] = (np.choose(side, ends) for ends in (first, last))
+    seen = np.flatnonzero(boxes[:, 2] - boxes[:, 0] >= 0.5 * (x2 - x1))
+    names = tuple(found.class_names[n] for n in seen)
+    return Detections(found.stamp_ns, boxes[seen], names, found.scores[seen])
 
 
 def _with_false_person(found: Detections, shape_hw: tuple[int, ...]) -> Detections:

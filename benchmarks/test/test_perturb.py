@@ -83,9 +83,20 @@ def test_missed_detections_are_empty_and_late_ones_none() -> None:
     assert sum(d is not None for d in slow) == 30
     run = [is_empty(d) for d in outcomes(Perturbation(missed_run=10))]
     assert sum(run) == 0  # the first run comes after 3 s
-    covered = outcomes(Perturbation(covered_share=0.5))[0]
-    assert covered is not None
-    assert covered.class_names == ('person', 'person')
+
+
+def test_what_the_cover_hides_is_not_detected() -> None:
+    frame = RgbdFrame(0, np.zeros((48, 64, 3), np.uint8), np.ones((48, 64), np.float32))
+    left, right = cover_columns(64, 0.5, 0)
+    boxes = np.array(
+        [[left + 1, 2, right - 1, 4], [left - 8, 2, left + 4, 9], [right - 4, 1, right + 3, 5]]
+    )
+    seen = Detections(0, boxes.astype(np.float32), ('a', 'b', 'c'), np.ones(3, np.float32))
+    found = perturb_detections(lambda _: seen, Perturbation(covered_share=0.5), 0)(frame)
+    assert found is not None
+    assert found.class_names == ('b', 'person')
+    expected = [[left - 8, 2, left, 9], [left, 0, right, 48]]
+    np.testing.assert_array_equal(found.boxes_xyxy_px, expected)
 
 
 def test_extra_boxes_lie_in_the_image_and_stay_the_same() -> None:

@@ -15,6 +15,7 @@ using regions::Run;
 
 constexpr double kInsideShare = 0.6;   // of a region that belongs to what a box shows
 constexpr double kFilledShare = 0.25;  // of a box: with less, what it shows has merged with what it touches
+constexpr double kBeyond = 0.1;        // of a box's side: how far what it shows may reach out of it
 constexpr int kReach = 5;              // pixels from a region within which it fills gaps without readings
 
 // A part of an image: columns [x1, x2), rows [y1, y2).
@@ -70,12 +71,12 @@ struct Thing
 class Cover
 {
 public:
-  Cover(const float* depth_m, int width, const Regions& regions, uint8_t* certainty)
+  Cover(const float* depth_m, int width, int height, const Regions& regions, uint8_t* certainty)
   : depth_m_(depth_m),
     width_(width),
+    height_(height),
     regions_(regions),
     certainty_(certainty),
-    of_region_(regions.count()),
     inside_(regions.count())
   {
   }
@@ -100,19 +101,6 @@ public:
     }
   }
 
-  // Cover the regions that belong to things, also where they reach beyond the areas.
-  void finish(int height)
-  {
-    for (int y = 0; y < height; ++y) {
-      for (const Run* run = regions_.begin(y); run != regions_.end(y); ++run) {
-        for (int x = run->first; of_region_[run->region] != 0 && x < run->last; ++x) {
-          uint8_t& out = certainty_[y * width_ + x];
-          out = std::max(out, of_region_[run->region]);
-        }
-      }
-    }
-  }
-
 private:
   template <typename Visit>
   void each_run(const Area& area, Visit visit) const
@@ -124,6 +112,15 @@ private:
         }
       }
     }
+  }
+
+  // Return an area with what its box may have missed of the thing.
+  Area grown(const Area& area) const
+  {
+    const auto x = static_cast<int>(std::lround(kBeyond * area.width()));
+    const auto y = static_cast<int>(std::lround(kBeyond * area.height()));
+    return {
+      std::max(area.x1 - x, 0), std::max(area.y1 - y, 0), std::min(area.x2 + x, width_), std::min(area.y2 + y, height_)};
   }
 
   // Set the pixels of the regions that belong to a thing; return how many pixels those regions have.
@@ -142,7 +139,6 @@ private:
       const bool own = inside_[r] >= kInsideShare * regions_.size[r] &&
                        std::abs(regions_.mean_m[r] - thing.depth_m) < thing.reach_m;
       size += own ? regions_.size[r] : 0;
-      of_region_[r] = own ? std::max(of_region_[r], thing.certainty) : of_region_[r];
       inside_[r] = own ? 1 : 0;
     }
     each_run(area, [&](int y, const Run& run) {
@@ -150,6 +146,14 @@ private:
         const int first = std::max(run.first, area.x1) - area.x1;
         uint8_t* row = pixels_.data() + static_cast<std::ptrdiff_t>(y - area.y1) * area.width();
         std::fill_n(row + first, run.shared(area.x1, area.x2), uint8_t{1});
+      }
+    });
+    const Area wide = grown(area);
+    each_run(wide, [&](int y, const Run& run) {
+      const int last = inside_[run.region] != 0 ? std::min(run.last, wide.x2) : 0;
+      for (int x = std::max(run.first, wide.x1); x < last; ++x) {
+        uint8_t& out = certainty_[y * width_ + x];
+        out = std::max(out, thing.certainty);
       }
     });
     for (const int r : touched_) {
@@ -170,10 +174,9 @@ private:
   }
 
   const float* depth_m_;
-  int width_;
+  int width_, height_;
   const Regions& regions_;
   uint8_t* certainty_;
-  std::vector<uint8_t> of_region_;
   std::vector<int> inside_;   // pixels of each region in the area at hand; all 0 between things
   std::vector<int> touched_;  // regions in the area at hand
   std::vector<uint8_t> pixels_;
@@ -185,19 +188,19 @@ private:
 //
 // Each thing is given by the area (x1, y1, x2, y2) of its box, its depth and how far it reaches before and behind
 // that, how sure it is that it moves, and whether it was seen there or is only expected. A thing is the regions
-// that lie mostly in its area and near its depth, with the gaps between them; when they are too little of an area
-// where it was seen, it has merged with what it touches: then every pixel of the area within reach counts. Without
-// a depth (NaN) a thing is its area.
+// that lie mostly in its area and near its depth, with the gaps between them; it may reach a little out of its area,
+// no further: a box misses a hand, and what lies beyond is the desk that the hand has merged with. When its regions
+// are too little of an area where it was seen, it has merged as a whole: then every pixel of the area within reach
+// counts. Without a depth (NaN) a thing is its area.
 extern "C" MULTIVERSION("avx2") void hoid_cover_things(
   const float* depth_m, int32_t width, int32_t height, int32_t count, const int32_t* areas, const double* depths_m,
   const double* reaches_m, const uint8_t* certainties, const uint8_t* seen, uint8_t* certainty_out)
 {
   std::fill(certainty_out, certainty_out + static_cast<std::ptrdiff_t>(width) * height, uint8_t{0});
   const Regions found(depth_m, width, height);
-  Cover cover(depth_m, width, found, certainty_out);
+  Cover cover(depth_m, width, height, found, certainty_out);
   for (int n = 0; n < count; ++n) {
     const Area area{areas[4 * n], areas[4 * n + 1], areas[4 * n + 2], areas[4 * n + 3]};
     cover.add({area, depths_m[n], reaches_m[n], certainties[n], seen[n] != 0});
   }
-  cover.finish(height);
 }

@@ -31,7 +31,6 @@ def plain_cover(
     sizes = np.bincount(flat, minlength=num)
     mean_m = np.bincount(flat, weights=depth_m.ravel(), minlength=num) / np.maximum(sizes, 1)
     certainty = np.zeros(depth_m.shape, np.uint8)
-    of_region = np.zeros(num, np.uint8)
     rows = zip(
         areas.tolist(), depths_m.tolist(), reaches_m.tolist(), certainties, seen, strict=True
     )
@@ -42,15 +41,21 @@ def plain_cover(
             inside = np.bincount(labels[area].ravel(), minlength=num)
             own = (inside >= 0.6 * sizes) & (np.abs(mean_m - thing_m) < reach_m)
             own[0] = False
-            of_region[own] = np.maximum(of_region[own], value)
+            wide = beyond(y1, y2), beyond(x1, x2)
+            np.maximum(certainty[wide], value, out=certainty[wide], where=own[labels[wide]])
             pixels = own[labels[area]]
             if there and sizes[own].sum() < 0.25 * pixels.size:
                 pixels |= np.abs(depth_m[area] - np.float32(thing_m)) < reach_m
             beside = np.asarray(cv2.dilate(pixels.view(np.uint8), GAP))
             pixels |= (beside > 0) & (depth_m[area] <= 0)
         np.maximum(certainty[area], value, out=certainty[area], where=pixels)
-    covered: NDArray[np.uint8] = np.maximum(certainty, of_region[labels])
-    return covered
+    return certainty
+
+
+def beyond(first: int, last: int) -> slice:
+    """Return the side of an area with a tenth of it on either side."""
+    more = (last - first + 5) // 10
+    return slice(max(first - more, 0), last + more)
 
 
 def room(rng: np.random.Generator) -> NDArray[np.float32]:
