@@ -41,7 +41,7 @@ class Masks(NamedTuple):
 
     static_area_px: int  # of the image
     kept: IntArray | None = None  # of the K corners, ascending, what is static; None = all
-    seeds: BoolArray | None = None  # (K,), False = no map point; None = one of each that is kept
+    seeds: BoolArray | None = None  # (K,), False = no map point; None = all that are kept
     step: int = 0  # how far the mask was relaxed
 
 
