@@ -73,6 +73,9 @@ def begin(start: Start, probe: Probe, folder: Path) -> Callable[..., tuple[Peer,
     """Start a node and return a peer of it."""
 
     def begin(**params: Any) -> tuple[Peer, Supervisor]:
+        probe.spin_until(
+            lambda: probe.node.count_subscribers('features') == 0, 'the node before stays', 30.0
+        )
         given = {'map_directory': str(folder)} | NO_ROOM | params
         supervisor = start('rgbd_slam', 'rgbd_slam_node', given)
         return Peer(probe), supervisor

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}
 """Parameters without the room's maps, for which the node would want images."""
 START_NS, PERIOD_NS = 1_305_031_102_175_304_123, 33_333_333
 _READY_S = 60.0  # it starts processes
+_RESEND_S = 3.0
 
 
 def features_msg(features: Features) -> FeaturesMsg:
@@ -48,9 +50,17 @@ class SlamPeer:
         self.camera.publish(msg or conversions.camera_to_msg(CAMERA, header))
 
     def begin(self, msg: CameraInfo | None = None) -> None:
-        """Send the camera and wait until the node is ready for images."""
-        self.send_camera(msg)
-        self.probe.spin_until(lambda: bool(self.status), 'the node does not get ready', _READY_S)
+        """Send the camera, again and again as a driver does, until the node is ready."""
+        due_s = 0.0
+
+        def is_ready() -> bool:
+            nonlocal due_s
+            if not self.status and time.monotonic() > due_s:
+                due_s = time.monotonic() + _RESEND_S
+                self.send_camera(msg)
+            return bool(self.status)
+
+        self.probe.spin_until(is_ready, 'the node does not get ready', _READY_S)
 
     def answer_to(self, features: FeaturesMsg) -> SlamStatus:
         """Send an image's features and return what is said of it."""
