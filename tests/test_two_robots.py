@@ -18,11 +18,11 @@ from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
 from hoid_bringup.supervisor import ProcessSpec, Supervisor
-from hoid_common.ros import conversions, qos
+from hoid_common.ros import conversions, qos, topics
 from hoid_common.values import FloatArray
 from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.probe import Probe
-from hoid_system_tests.sliding_camera import CAMERA, PERIOD_NS, STEP_M, write_sliding
+from hoid_system_tests.sliding_camera import CAMERA, PERIOD_NS, STEP_M, image_topics, write_sliding
 
 FRAMES = 30
 LIMIT_S = 120.0
@@ -99,7 +99,10 @@ def record(folder: Path, robot: Robot) -> Path:
 
 def play(bag: Path, robot: Robot) -> subprocess.Popen[str]:
     """Play a robot's recording to it, image by image."""
-    argv = ['play', str(bag), '--namespace', robot.name, '--no-clock', '--lockstep']
+    color, depth, _ = image_topics(robot.compressed)
+    listeners = {topics.CAMERA_INFO: 2, color: 1, depth: 1}
+    required = [f'--require={name}={number}' for name, number in listeners.items()]
+    argv = ['play', str(bag), '--namespace', robot.name, '--no-clock', '--lockstep', *required]
     return subprocess.Popen(
         [sys.executable, '-m', 'hoid_bringup', *argv], stderr=subprocess.PIPE, text=True
     )
@@ -125,10 +128,14 @@ def test_each_robot_follows_its_own_camera(
     heard = {robot: Heard(probe, robot) for robot in ROBOTS}
     players = [play(bag, robot) for robot, bag in bags.items()]
     probe.spin_until(
-        lambda: all(len(h.odom) == FRAMES for h in heard.values()), 'odometry is missing', LIMIT_S
+        lambda: all(p.poll() is not None for p in players), 'a player does not end', LIMIT_S
     )
     for player in players:
-        assert player.wait(timeout=30) == 0, player.stderr
+        assert player.stderr is not None
+        assert (player.returncode, player.stderr.read()) == (0, '')
+    probe.spin_until(
+        lambda: all(len(h.odom) == FRAMES for h in heard.values()), 'odometry is missing'
+    )
     for robot, said in heard.items():
         stamps_ns = [robot.start_ns + i * PERIOD_NS for i in range(FRAMES)]
         assert [conversions.stamp_from_msg(m.header.stamp) for m in said.odom] == stamps_ns

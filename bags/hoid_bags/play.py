@@ -14,6 +14,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
@@ -33,6 +34,7 @@ _LOG = logging.getLogger(__name__)
 _TICK_S = 0.01  # of the keyboard while nothing is due
 _CLOCK_PERIOD_S = 0.02  # real time; every /clock message costs every node on simulated time
 _SETTLE_S = 0.3  # a matched subscriber may need this long until it receives
+_SETTLE_LOCKSTEP_S = 1.0  # nobody answers to a frame that got lost
 _ACK_LIMIT = Duration(seconds=2)
 _BAR = '{l_bar}{bar}| {n:.1f}/{total_fmt} s [{elapsed}] {postfix}'
 
@@ -98,9 +100,13 @@ class Player:
         self._clock = (
             node.create_publisher(Clock, topics.CLOCK, qos.CLOCK) if config.clock else None
         )
+        self._answers: tuple[Subscription, ...] = ()
         if gate is not None:
-            for kind, name in ((Odometry, topics.ODOM), (SlamStatus, topics.SLAM_STATUS)):
+            self._answers = tuple(
                 node.create_subscription(kind, name, self._on_answer, qos.OUTPUT)
+                for kind, name in ((Odometry, topics.ODOM), (SlamStatus, topics.SLAM_STATUS))
+            )
+        self._count_publishers = node.count_publishers
         self._is_paused = False
         self._clock_ns = 0
         self._clock_period_ns = round(_CLOCK_PERIOD_S * config.rate * NS_PER_S)
@@ -108,15 +114,18 @@ class Player:
     def wait_for_subscribers(self, minimum: Mapping[str, int]) -> None:
         """Wait until those asked for are matched; with none asked for, until any are.
 
+        In lockstep somebody must be there to answer as well.
+
         Raises:
             InputError: those asked for did not come in time.
         """
         now_s = time.monotonic()
         deadline_s, changed_s, count = now_s + self._config.wait_s, now_s, 0
+        settle_s = _SETTLE_LOCKSTEP_S if self._answers else _SETTLE_S
         while now_s < deadline_s:
-            if self._num_subscribers() != count:
-                changed_s, count = now_s, self._num_subscribers()
-            if self._missing(minimum) is None and now_s > changed_s + _SETTLE_S:
+            if self._num_peers() != count:
+                changed_s, count = now_s, self._num_peers()
+            if self._missing(minimum) is None and now_s > changed_s + settle_s:
                 return
             time.sleep(_TICK_S)
             now_s = time.monotonic()
@@ -212,6 +221,12 @@ class Player:
     def _num_subscribers(self) -> int:
         return sum(p.get_subscription_count() for p in self._publishers.values())
 
+    def _num_answering(self) -> int:
+        return sum(self._count_publishers(s.topic_name) for s in self._answers)
+
+    def _num_peers(self) -> int:
+        return self._num_subscribers() + self._num_answering()
+
     def _missing(self, minimum: Mapping[str, int]) -> str | None:
         """Return which subscribers are still missing, in words."""
         for name, wanted in minimum.items():
@@ -219,6 +234,8 @@ class Player:
             count = publisher.get_subscription_count() if publisher else 0
             if count < wanted:
                 return f'topic "{name}": {count} of {wanted} subscribers'
+        if self._answers and not self._num_answering():
+            return f'topic "{topics.ODOM}": no publisher'
         return None if self._num_subscribers() else 'no topic of the bag has a subscriber'
 
     def _show(self, bar: tqdm[Any], played_s: float) -> None:

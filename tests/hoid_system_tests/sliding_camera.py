@@ -40,7 +40,7 @@ def write_sliding(
         direction_px: Where the camera goes, such as (1, 0) for right or (0, 1) for down.
         compressed: Write JPEG and compressedDepth.
     """
-    color_topic, depth_topic, type_name = _topics(compressed)
+    color_topic, depth_topic, type_name = image_topics(compressed)
     wall = _wall(num_frames)
     with BagWriter(path) as writer:
         writer.add_topic(topics.CAMERA_INFO, bag_types.CAMERA_INFO)
@@ -75,7 +75,8 @@ def _packed(
     )
 
 
-def _topics(compressed: bool) -> tuple[str, str, str]:
+def image_topics(compressed: bool) -> tuple[str, str, str]:
+    """Return the topics of colour and depth, and the type of both."""
     color, depth = topics.RGB_IMAGE, topics.DEPTH_IMAGE
     if not compressed:
         return color, depth, bag_types.IMAGE

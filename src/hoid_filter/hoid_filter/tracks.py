@@ -15,8 +15,10 @@ from hoid_native import intersections_over_union
 
 _MIN_IOU = 0.2  # of a predicted box and the detection of the same thing
 _MIN_IOU_DOUBTFUL = 0.5
-_OTHER_CLASS_PENALTY = 0.15  # detectors waver between classes of objects
-_VELOCITY_GAIN = 0.3  # of the alpha-beta filter: the edges of detected boxes jump by some pixels
+# Detectors waver between classes of objects, with much the same box; another box is another thing.
+_MIN_IOU_OTHER_CLASS = 0.5
+_OTHER_CLASS_PENALTY = 0.15
+_VELOCITY_GAIN = 0.3  # of the alpha-beta filter: detected boxes jump by some pixels
 _MIN_VISIBLE = 0.15  # share of a box inside the image, else it has left
 _KNOWN_HITS = 3  # a thing seen less often ...
 _UNKNOWN_COAST_SHARE = 0.3  # ... is believed for less long when it is missed
@@ -34,7 +36,8 @@ class Track:
     seen_ns: int  # when last detected
     doubtful: bool = False  # not to be believed yet
     hits: int = 1
-    velocity_px_s: list[float] = field(default_factory=lambda: [0.0] * 4)  # of the box's edges
+    # Of the box as a whole: its edges jump, and so would the size that is predicted from them.
+    velocity_px_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
     torso_m: float = float('nan')  # depth of a person's torso
     handled: bool = False
     untouched_s: float = float('inf')  # time seen since it was last handled
@@ -50,8 +53,10 @@ class Track:
         """Take in a detection of a thing whose box was expected elsewhere."""
         step_s = (stamp_ns - self.seen_ns) * _NS
         if step_s > 0:
-            edges = zip(self.velocity_px_s, box, expected, strict=True)
-            self.velocity_px_s = [v + _VELOCITY_GAIN * (b - e) / step_s for v, b, e in edges]
+            off_px = [new - old for new, old in zip(box, expected, strict=True)]
+            moved_px = (off_px[0] + off_px[2]) / 2, (off_px[1] + off_px[3]) / 2
+            pairs = zip(self.velocity_px_s, moved_px, strict=True)
+            self.velocity_px_s = [v + _VELOCITY_GAIN * px / step_s for v, px in pairs]
             self.untouched_s += step_s
         self.box_xyxy_px, self.seen_ns = box, stamp_ns
         self.class_name, self.score, self.hits = class_name, score, self.hits + 1
@@ -113,7 +118,8 @@ class BoxTracker:
         other_class = known[:, None] != seen
         same_kind = (known == 0)[:, None] == (seen == 0)
         iou = intersections_over_union(expected, boxes)
-        return np.where(same_kind, iou - _OTHER_CLASS_PENALTY * other_class, 0.0)
+        alike = same_kind & ~(other_class & (iou < _MIN_IOU_OTHER_CLASS))
+        return np.where(alike, iou - _OTHER_CLASS_PENALTY * other_class, 0.0)
 
     def advance(
         self, stamp_ns: int, width_px: int, height_px: int
@@ -149,8 +155,8 @@ class BoxTracker:
 def boxes_at(tracks: list[Track], stamp_ns: int) -> FloatArray:
     """Return the (T, 4) boxes expected at a stamp: where they were seen, moved on since."""
     seen = np.array([track.box_xyxy_px for track in tracks]).reshape(-1, 4)
-    velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 4)
+    velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 2)
     since_s = np.array([stamp_ns - track.seen_ns for track in tracks]) * _NS
-    boxes: FloatArray = seen + velocity_px_s * since_s[:, None]
+    boxes: FloatArray = seen + np.tile(velocity_px_s * since_s[:, None], 2)
     boxes[:, 2:] = np.maximum(boxes[:, 2:], boxes[:, :2] + 1.0)
     return boxes
