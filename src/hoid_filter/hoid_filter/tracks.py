@@ -34,6 +34,7 @@ class Track:
     score: float
     box_xyxy_px: list[float]  # as last detected
     seen_ns: int  # when last detected
+    unsure: bool = False  # all its detections were doubtful
     doubtful: bool = False  # not to be believed yet
     hits: int = 1
     # Of the box as a whole: its edges jump, and so would the size that is predicted from them.
@@ -96,15 +97,16 @@ class BoxTracker:
         for at_track, at in zip(i.tolist(), k.tolist(), strict=True):
             track = self._tracks[at_track]
             track.observe(box_rows[at], expected_rows[at_track], names[at], scores[at], stamp_ns)
-            track.doubtful &= bool(doubtful[at]) and track.hits < self._patience.doubt_hits
+            track.unsure &= bool(doubtful[at])
+            track.doubtful = track.unsure and track.hits < self._patience.doubt_hits
         for at in sorted(set(range(len(names))) - set(k.tolist())):
             doubt = bool(doubtful[at])
             self._tracks.append(
-                Track(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, doubt)
+                Track(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, doubt, doubt)
             )
             self._next_id += 1
-        # What is doubtful has to be seen again and again without a gap.
-        self._tracks = [t for t in self._tracks if t.seen_ns == stamp_ns or not t.doubtful]
+        # What was never sure has to be seen again and again without a gap, also once believed.
+        self._tracks = [t for t in self._tracks if t.seen_ns == stamp_ns or not t.unsure]
 
     def _likeness(
         self, expected: FloatArray, detections: Detections, boxes: FloatArray

@@ -56,3 +56,22 @@ def test_what_is_missed_moves_on_but_does_not_grow() -> None:
     assert (width, height) == pytest.approx((98.0, 158.0))
     middle = (missed[0] + missed[2]) / 2, (missed[1] + missed[3]) / 2
     assert middle == pytest.approx((265.0 + 6 * 5, 150.0), abs=0.5)
+
+
+def test_what_was_never_sure_is_gone_when_it_is_missed() -> None:
+    boxes, doubt = tracker(), np.ones(1, np.bool_)
+    for n in range(6):
+        boxes.observe(detections(('person', CHAIR), stamp_ns=n * FRAME_NS), doubt)
+    (track,), _ = boxes.advance(5 * FRAME_NS, 640, 480)
+    assert (track.unsure, track.doubtful) == (True, False)  # believed, after four in a row
+    observe(boxes, Detections.none(6 * FRAME_NS))
+    assert boxes.advance(6 * FRAME_NS, 640, 480)[0] == ()
+
+
+def test_what_was_sure_once_is_expected_when_it_is_missed() -> None:
+    boxes = tracker()
+    for n in range(6):
+        doubt = np.array([n != 3])
+        boxes.observe(detections(('person', CHAIR), stamp_ns=n * FRAME_NS), doubt)
+    observe(boxes, Detections.none(6 * FRAME_NS))
+    assert len(boxes.advance(6 * FRAME_NS, 640, 480)[0]) == 1
