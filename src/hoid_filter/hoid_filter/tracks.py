@@ -34,8 +34,7 @@ class Track:
     score: float
     box_xyxy_px: list[float]  # as last detected
     seen_ns: int  # when last detected
-    unsure: bool = False  # all its detections were doubtful
-    doubtful: bool = False  # not to be believed yet
+    hits_needed: int = 0  # to be believed; 0 = it was seen for sure
     hits: int = 1
     # Of the box as a whole: its edges jump, and so would the size that is predicted from them.
     velocity_px_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
@@ -47,6 +46,11 @@ class Track:
     def is_person(self) -> bool:
         """Return whether it moves by itself."""
         return self.class_name == PERSON
+
+    @property
+    def doubtful(self) -> bool:
+        """Return whether it is not to be believed yet."""
+        return self.hits < self.hits_needed
 
     def observe(
         self, box: list[float], expected: list[float], class_name: str, score: float, stamp_ns: int
@@ -97,16 +101,15 @@ class BoxTracker:
         for at_track, at in zip(i.tolist(), k.tolist(), strict=True):
             track = self._tracks[at_track]
             track.observe(box_rows[at], expected_rows[at_track], names[at], scores[at], stamp_ns)
-            track.unsure &= bool(doubtful[at])
-            track.doubtful = track.unsure and track.hits < self._patience.doubt_hits
+            track.hits_needed *= bool(doubtful[at])
         for at in sorted(set(range(len(names))) - set(k.tolist())):
-            doubt = bool(doubtful[at])
+            needed = self._patience.doubt_hits * bool(doubtful[at])
             self._tracks.append(
-                Track(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, doubt, doubt)
+                Track(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, needed)
             )
             self._next_id += 1
         # What was never sure has to be seen again and again without a gap, also once believed.
-        self._tracks = [t for t in self._tracks if t.seen_ns == stamp_ns or not t.unsure]
+        self._tracks = [t for t in self._tracks if t.seen_ns == stamp_ns or not t.hits_needed]
 
     def _likeness(
         self, expected: FloatArray, detections: Detections, boxes: FloatArray
