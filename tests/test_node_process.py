@@ -7,7 +7,7 @@ import sys
 import pytest
 
 NODE = """
-import sys
+import sys, time
 from rclpy.node import Node
 from hoid_common.errors import ConfigError
 from hoid_common.ros.run import run_node
@@ -15,25 +15,41 @@ from hoid_common.ros.run import run_node
 class Tiny(Node):
     def __init__(self):
         super().__init__('tiny')
-        if len(sys.argv) > 1:
+        if 'fail' in sys.argv:
             raise ConfigError('the focal length is 0; calibrate the camera')
-        self.create_timer(0.01, lambda: print('spins', flush=True) or self.destroy_timer)
+        if 'load' in sys.argv:
+            print('loads', flush=True)
+            time.sleep(60)
+        self.create_timer(0.01, self._work)
+
+    def _work(self):
+        print('works', flush=True)
+        if 'long' in sys.argv:
+            time.sleep(1)
+        print('is done', flush=True)
 
 sys.exit(run_node(Tiny))
 """
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
 
 
 @pytest.mark.usefixtures('domain_id')
-@pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('sign', SIGNALS)
 def test_nodes_end_cleanly(sign: signal.Signals) -> None:
-    process = subprocess.Popen(
-        [sys.executable, '-c', NODE], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == 'spins\n'
-    process.send_signal(sign)
-    _, errors = process.communicate(timeout=20)
-    assert (process.returncode, errors) == (0, '')
+    status, _, errors = ended_by(sign)
+    assert (status, errors) == (0, '')
+
+
+@pytest.mark.usefixtures('domain_id')
+@pytest.mark.parametrize('sign', SIGNALS)
+def test_a_signal_lets_the_callback_that_runs_return(sign: signal.Signals) -> None:
+    assert ended_by(sign, 'long') == (0, 'is done\n', '')
+
+
+@pytest.mark.usefixtures('domain_id')
+@pytest.mark.parametrize('sign', SIGNALS)
+def test_a_signal_ends_a_node_that_is_being_made(sign: signal.Signals) -> None:
+    assert ended_by(sign, 'load') == (0, '', '')
 
 
 @pytest.mark.usefixtures('domain_id')
@@ -55,3 +71,18 @@ def failure(*arguments: str) -> list[str]:
     result = subprocess.run(argv, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 1
     return result.stderr.splitlines()
+
+
+def ended_by(sign: signal.Signals, *arguments: str) -> tuple[int, str, str]:
+    """Send a node a signal at its first line; return its status, further output and errors."""
+    argv = [sys.executable, '-c', NODE, *arguments]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(argv, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        process.send_signal(sign)
+        try:
+            output, errors = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    return process.returncode, output, errors
