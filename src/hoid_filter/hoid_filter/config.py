@@ -101,7 +101,7 @@ class PlusConfig(Config):
         True, 'Unmask in steps rather than leave too few features', read_only=False
     )
     min_static_share: float = param(
-        0.2, 'Corners with depth outside the mask that are too few, as a share of num_features',
+        0.1, 'Corners with depth outside the mask that are too few, as a share of num_features',
         minimum=0.0, maximum=1.0,
     )  # fmt: skip
 
