@@ -48,7 +48,7 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
     except HoidError as error:
         return _failed(error)
     finally:
-        _limit_exit_time()
+        limit_exit_time()
         executor.shutdown()
         if node is not None:
             node.destroy_node()
@@ -65,7 +65,7 @@ def _spin(executor: SteadyExecutor) -> None:
     def end() -> None:
         os.read(hear_fd, 1)
         ended.set()
-        _limit_exit_time()
+        limit_exit_time()
         executor.wake()
 
     # A Python handler would not run while this thread waits for messages; a byte comes through.
@@ -77,8 +77,8 @@ def _spin(executor: SteadyExecutor) -> None:
         executor.spin_once()
 
 
-def _limit_exit_time() -> None:
-    """Have this process ended by SIGALRM if it is still there in 10 s.
+def limit_exit_time() -> None:
+    """Have this process ended by SIGALRM in 10 s; `signal.alarm(0)` takes that back.
 
     Fast DDS 2.14 deadlocks in DomainParticipant::set_listener() when another participant's news
     come just as this one is destroyed. rclpy holds the GIL there, so only a signal ends that.
