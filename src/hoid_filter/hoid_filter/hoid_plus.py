@@ -22,7 +22,9 @@ class HoidPlus:
         self._config = config
         plus = config.plus
         coast_s = plus.coast_s if plus.bridge_misses else 0.0
-        self._tracker = BoxTracker(Patience(coast_s, plus.rest_s, plus.doubt_detections))
+        self._tracker = BoxTracker(
+            Patience(config.prediction_limit_s, coast_s, plus.rest_s, plus.doubt_detections)
+        )
 
     def judge(self, view: View) -> Verdict:
         """Return the verdict on what is detected, and on what is predicted to move (last)."""
@@ -73,7 +75,7 @@ def _verdict(situation: Situation, found: Interactions, masks: Masks) -> Verdict
     shown = [
         n
         for n, track in enumerate(tracks)
-        if track.seen_ns == situation.stamp_ns or found.reasons[n] is not Reason.STATIC
+        if not track.missed or found.reasons[n] is not Reason.STATIC
     ]
     return Verdict(
         boxes_xyxy_px=situation.boxes_xyxy_px[shown].astype(np.float32),

@@ -36,6 +36,7 @@ class Track:
     seen_ns: int  # when last detected
     hits_needed: int = 0  # to be believed; 0 = it was seen for sure
     hits: int = 1
+    missed: bool = False  # among the last detections
     # Of the box as a whole: its edges jump, and so would the size that is predicted from them.
     velocity_px_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
     torso_m: float = float('nan')  # depth of a person's torso
@@ -65,13 +66,15 @@ class Track:
             self.untouched_s += step_s
         self.box_xyxy_px, self.seen_ns = box, stamp_ns
         self.class_name, self.score, self.hits = class_name, score, self.hits + 1
+        self.missed = False
 
 
 @dataclass(frozen=True)
 class Patience:
     """What the tracker believes without, or against, a detection."""
 
-    coast_s: float  # how long something known lives on without detections
+    late_s: float  # how long boxes are predicted while the detector says nothing
+    coast_s: float  # how long something known that is missed is predicted
     rest_s: float  # how long an object is suspect after it was handled
     doubt_hits: int  # detections that make a doubtful thing believed
 
@@ -83,14 +86,18 @@ class BoxTracker:
         self._patience = patience
         self._tracks: list[Track] = []
         self._next_id = 0
+        self._heard_ns: int | None = None  # stamp of the last detections
 
     def observe(self, detections: Detections, doubtful: BoolArray) -> None:
-        """Update the tracks with what was detected at a stamp.
+        """Update the tracks with what was detected at a stamp; what is not newer is ignored.
 
         Args:
             doubtful: (N,), True for detections to be believed only where they go on a track.
         """
         stamp_ns = detections.stamp_ns
+        if self._heard_ns is not None and stamp_ns <= self._heard_ns:
+            return
+        self._heard_ns = stamp_ns
         boxes = detections.boxes_xyxy_px.astype(np.float64)
         expected = boxes_at(self._tracks, stamp_ns)
         least = np.where(doubtful, _MIN_IOU_DOUBTFUL, _MIN_IOU)
@@ -98,6 +105,8 @@ class BoxTracker:
         i, k = match_greedily(np.where(likeness >= least, likeness, 0.0), _MIN_IOU)
         names, scores = detections.class_names, detections.scores.tolist()
         box_rows, expected_rows = boxes.tolist(), expected.tolist()
+        for track in self._tracks:
+            track.missed = True
         for at_track, at in zip(i.tolist(), k.tolist(), strict=True):
             track = self._tracks[at_track]
             track.observe(box_rows[at], expected_rows[at_track], names[at], scores[at], stamp_ns)
@@ -109,7 +118,7 @@ class BoxTracker:
             )
             self._next_id += 1
         # What was never sure has to be seen again and again without a gap, also once believed.
-        self._tracks = [t for t in self._tracks if t.seen_ns == stamp_ns or not t.hits_needed]
+        self._tracks = [t for t in self._tracks if not (t.missed and t.hits_needed)]
 
     def _likeness(
         self, expected: FloatArray, detections: Detections, boxes: FloatArray
@@ -129,32 +138,43 @@ class BoxTracker:
     def advance(
         self, stamp_ns: int, width_px: int, height_px: int
     ) -> tuple[tuple[Track, ...], FloatArray]:
-        """Forget what was missed for too long or left the image.
+        """Forget what was not seen for too long or left the image.
 
         Returns:
-            The other tracks, those detected at the stamp first, and their (T, 4) boxes, clipped.
+            The tracks to be believed at the stamp, those of the last detections first, and their
+            (T, 4) boxes, clipped. One that is missed and not believed is remembered all the same,
+            so that it is known when it is seen again.
         """
         boxes = boxes_at(self._tracks, stamp_ns)
         inside = clip_boxes(boxes, width_px, height_px)
         visible = areas_px2(inside) > _MIN_VISIBLE * areas_px2(boxes)
-        alive = [
+        remembered = [
             n
             for n, track in enumerate(self._tracks)
-            if visible[n] and self._is_alive(track, stamp_ns)
+            if visible[n] and _unseen_s(track, stamp_ns) <= self._limit_s(track)
         ]
-        alive.sort(key=lambda n: self._tracks[n].seen_ns != stamp_ns)
-        self._tracks = [self._tracks[n] for n in alive]
-        return tuple(self._tracks), inside[alive]
+        believed = [n for n in remembered if self._is_believed(self._tracks[n], stamp_ns)]
+        believed.sort(key=lambda n: self._tracks[n].missed)
+        tracks = tuple(self._tracks[n] for n in believed)
+        self._tracks = [self._tracks[n] for n in remembered]
+        return tracks, inside[believed]
 
-    def _is_alive(self, track: Track, stamp_ns: int) -> bool:
-        """Return whether it was just seen, or moved when last seen and that is not long ago."""
-        missed_s = (stamp_ns - track.seen_ns) * _NS
-        if missed_s == 0:
+    def _limit_s(self, track: Track) -> float:
+        return self._patience.coast_s if track.missed else self._patience.late_s
+
+    def _is_believed(self, track: Track, stamp_ns: int) -> bool:
+        """Return whether it was not missed, or moved when last seen and that is not long ago."""
+        if not track.missed:
             return True
         known = track.hits >= _KNOWN_HITS
         if not track.is_person and not (known and track.untouched_s < self._patience.rest_s):
             return False
-        return missed_s <= self._patience.coast_s * (1.0 if known else _UNKNOWN_COAST_SHARE)
+        share = 1.0 if known else _UNKNOWN_COAST_SHARE
+        return _unseen_s(track, stamp_ns) <= share * self._patience.coast_s
+
+
+def _unseen_s(track: Track, stamp_ns: int) -> float:
+    return (stamp_ns - track.seen_ns) * _NS
 
 
 def boxes_at(tracks: list[Track], stamp_ns: int) -> FloatArray:

@@ -21,16 +21,21 @@ def view(
     found: Detections | None,
     depth_m: Float32Array | None = None,
     corners_xy_px: tuple[tuple[int, int], ...] | None = None,
-    stamp_ns: int = 0,
+    stamp_ns: int | None = None,
 ) -> View:
-    """Return what a strategy gets; without other corners every pixel is one."""
+    """Return what a strategy gets, unless said so of the stamp of the detections.
+
+    Without other corners every pixel is one.
+    """
+    if stamp_ns is None:
+        stamp_ns = 0 if found is None else found.stamp_ns
     pixels = (
         np.arange(HEIGHT * WIDTH)
         if corners_xy_px is None
         else np.array([y * WIDTH + x for x, y in corners_xy_px], np.int64)
     )
     return View(
-        stamp_ns=stamp_ns if found is None else found.stamp_ns,
+        stamp_ns=stamp_ns,
         heard=found,
         depth_m=np.full((HEIGHT, WIDTH), 2.0, np.float32) if depth_m is None else depth_m,
         corner_pixels=pixels,

@@ -89,6 +89,41 @@ def test_returning_person_keeps_the_track() -> None:
     assert back.track_ids.tolist() == [0]
 
 
+@pytest.mark.parametrize('late', [1, 4])
+@pytest.mark.parametrize('period', [1, 2, 5])
+def test_late_and_rare_detections_are_predicted_without_a_gap(late: int, period: int) -> None:
+    strategy = plus()
+    for n in range(30):
+        heard = cup_covered_by(0.6, (n - late) * FRAME_NS) if n % period == 0 else None
+        found = reasons(strategy.judge(view(heard, stamp_ns=n * FRAME_NS)))
+        assert found == {'person': Reason.PREDICTED, 'cup': Reason.PREDICTED}
+
+
+def test_what_stands_still_is_reported_between_detections() -> None:
+    strategy = plus()
+    strategy.judge(view(cup_covered_by(0.1, 0)))
+    found = reasons(strategy.judge(view(None, stamp_ns=FRAME_NS)))
+    assert found == {'person': Reason.PREDICTED, 'cup': Reason.STATIC}
+
+
+def test_nothing_is_predicted_for_longer_than_the_limit() -> None:
+    strategy = HoidPlus(FilterConfig(prediction_limit_s=0.2))
+    strategy.judge(view(cup_covered_by(0.6, 0)))
+    assert len(strategy.judge(view(None, stamp_ns=200_000_000)).reasons) == 2
+    assert strategy.judge(view(None, stamp_ns=200_000_001)).reasons == ()
+
+
+def test_object_that_is_missed_at_times_is_known_all_the_same() -> None:
+    strategy = plus()
+    verdicts = []
+    for n in range(12):
+        stamp_ns = n * FRAME_NS
+        found = Detections.none(stamp_ns) if n % 3 == 2 else cup_covered_by(0.6, stamp_ns)
+        verdicts.append(strategy.judge(view(found)))
+    assert all('cup' in reasons(verdict) for verdict in verdicts[3:])
+    assert {i for verdict in verdicts for i in verdict.track_ids.tolist()} == {0, 1}
+
+
 def judge_huge(strategy: HoidPlus, score: float, n: int = 0) -> Reason:
     found = detections(('person', HUGE), stamp_ns=n * FRAME_NS, score=score)
     (reason,) = strategy.judge(view(found)).reasons

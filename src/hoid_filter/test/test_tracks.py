@@ -15,7 +15,7 @@ CHAIR: BoxTuple = (60.0, 60.0, 100.0, 110.0)
 
 
 def tracker() -> BoxTracker:
-    return BoxTracker(Patience(coast_s=0.4, rest_s=1.0, doubt_hits=4))
+    return BoxTracker(Patience(late_s=0.5, coast_s=0.4, rest_s=1.0, doubt_hits=4))
 
 
 def observe(boxes: BoxTracker, found: Detections) -> None:
