@@ -77,9 +77,10 @@ def _experiments(args: argparse.Namespace, store: Store) -> None:
     if args.job:
         _repeat(engine, plan.job(args.job))
         return
-    results = engine.stored(plan.jobs())
+    found = engine.stored(plan.jobs())
     if not args.report:
-        results |= engine.run(plan.only(args.only).jobs())
+        found |= engine.run(plan.only(args.only).jobs())
+    results = {job: found[job] for job in plan.jobs() if job in found}  # in the plan's order
     page = Report(plan, results, folder, RunList(plan, store, _ROOT)).write()
     sys.stdout.write(f'{_counted(results.values())}\n{page}\n')
     if args.check and (broken := check(results.values())):

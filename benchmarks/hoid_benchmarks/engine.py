@@ -56,7 +56,7 @@ class Engine:
         ready = [job for job in waiting if job.sequence in paths]
         if ready:
             done |= self._run_all(ready, paths)
-        return done
+        return {job: done[job] for job in jobs}  # in the plan's order, whichever ended first
 
     def repeat(self, job: Job) -> Result:
         """Run a job whatever is stored of it."""

@@ -66,6 +66,7 @@ def test_each_job_runs_once_and_what_is_timed_runs_alone_at_the_end(
     engine: Engine, ran: Log
 ) -> None:
     results = engine.run(JOBS)
+    assert tuple(results) == JOBS  # the missing one and the one that runs last in their places
     assert set(ran.jobs) == set(JOBS[:3])
     assert ran.jobs[-1] == JOBS[0]
     assert results[JOBS[1]].summary == {'ate_rmse_m': 0.1}

@@ -129,6 +129,14 @@ def test_our_own_row_stands_beside_published_ones_where_it_was_run() -> None:
     assert len(published()[0].rows) == len(dynamic.rows)
 
 
+def test_our_own_row_is_of_the_detector_that_the_table_names() -> None:
+    ates_m = {'yolox_nano': 0.5, 'yolov8n_int8': 0.02}
+    jobs = [Job('fr3_walking_xyz', 'hoid+', name, 0) for name in ates_m]
+    dynamic, _ = published([result(job, ates_m[job.detector]) for job in jobs])
+    words = [c.text for c in dynamic.rows[-1][:3]]
+    assert words == ['this project, hoid+, yolov8n_int8', '-', '0.0200']
+
+
 def test_commands_repeat_the_job() -> None:
     job = Job('a', 'hoid2d', 'x', 3, parameters=(('filter.min_interaction_area', 0.3),))
     words = command_of(job, 'PATH')
