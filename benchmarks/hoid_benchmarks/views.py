@@ -49,9 +49,19 @@ def _comparison(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
             after = spread(group, key_value(name))
             better = improvement(baseline, group, name)
             cells += [metres(after, group), text('-') if key[1] == first else better]
-        rows.append((*cells, share(spread(group, _COVERAGE), group)))
+        online = metres(spread(group, key_value('ate_online_rmse_m')), group)
+        rows.append((*cells, online, share(spread(group, _COVERAGE), group), _frame_times(group)))
     columns = (*_METHOD, 'RMSE [m]', 'better', 'mean [m]', 'better', 'median [m]', 'better')
-    return (*columns, 'coverage'), rows
+    return (*columns, 'online RMSE [m]', 'coverage', 'frame [ms]: median / p95'), rows
+
+
+def _frame_times(group: Sequence[Result]) -> Cell:
+    """Return what a frame takes; empty where no run was timed."""
+    median, p95 = (
+        spread(group, key_value(f'stage_ms.frame.{q}')).median for q in ('median', 'p95')
+    )
+    cell = number(median, group)
+    return replace(cell, text='' if math.isnan(median) else f'{median:.1f} / {p95:.1f}')
 
 
 def improvement(

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hoid_bags.cameras import camera_from_name
+from hoid_benchmarks.headlines import headlines
 from hoid_benchmarks.literature import published
 from hoid_benchmarks.notes import curve_note
 from hoid_benchmarks.plan import Experiment, Job, Plan, load_plan
@@ -101,6 +102,26 @@ def test_the_comparison_states_improvement_in_percent(plan: Plan) -> None:
     assert row[4].text == '95.0 %'
     assert table.markdown().count('\n') == 2 + len(table.rows)
     assert table.csv().splitlines()[0].startswith('sequence,filter')
+    assert [c.text for c in row[-3:]] == ['none', '1.000', '']
+
+
+def test_the_comparison_shows_the_online_error_and_the_time_of_a_frame(plan: Plan) -> None:
+    compare = plan.experiments[0]
+    more = {'ate_online_rmse_m': 0.03, 'stage_ms': {'frame': {'median': 11.34, 'p95': 12.0}}}
+    plain = [result(j, 0.02) for j in compare.jobs]
+    table = make_table(compare, [replace(r, summary={**r.summary, **more}) for r in plain])
+    columns = ('online RMSE [m]', 'coverage', 'frame [ms]: median / p95')
+    assert table.columns[-3:] == columns
+    words = {tuple(cell.text for cell in row[-3:]) for row in table.rows}
+    assert words == {('0.0300 [0.0300-0.0300]', '1.000', '11.3 / 12.0')}
+
+
+@pytest.mark.parametrize(('after_m', 'words'), [(0.01, '50.0 % better'), (0.021, '5.0 % worse')])
+def test_headlines_say_which_way_it_went(plan: Plan, after_m: float, words: str) -> None:
+    jobs = plan.experiments[0].jobs
+    results = {j: result(j, 0.02 if j.filter == 'none' else after_m) for j in jobs}
+    (headline,) = headlines(plan, results)
+    assert headline.value.text == words
 
 
 def test_failed_runs_are_rows_that_say_why(plan: Plan) -> None:
