@@ -64,6 +64,17 @@ def test_jobs_are_shared_between_experiments_and_no_filter_needs_no_detector(pla
     assert len({job.key for job in jobs}) == len(jobs)
 
 
+_ONE_SEED = ('timed', 'detect', 'pictures')  # costs and pictures: nothing that a seed changes
+
+
+@pytest.mark.parametrize('name', ['full', 'readme'])
+def test_every_shipped_accuracy_has_five_seeds(name: str) -> None:
+    for experiment in load_plan(name).experiments:
+        seeds = {job.seed for job in experiment.jobs}
+        one_is_enough = all(job.mode in _ONE_SEED for job in experiment.jobs)
+        assert seeds == ({0} if one_is_enough else {0, 1, 2, 3, 4}), experiment.id
+
+
 def test_unknown_plans_views_and_experiments_are_refused(plan: Plan, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match='full'):
         load_plan('nonsense')
