@@ -1,5 +1,6 @@
 """Plans, results, tables and the page, without running the system."""
 
+import argparse
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -7,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from hoid_bags.cameras import camera_from_name
+from hoid_benchmarks import commands
+from hoid_benchmarks.commands import add_bench_arguments, repeating_command
 from hoid_benchmarks.headlines import headlines
 from hoid_benchmarks.literature import published
 from hoid_benchmarks.notes import curve_note
@@ -176,6 +179,29 @@ def test_commands_repeat_the_job() -> None:
     assert '--set filter.min_interaction_area=0.3' in ' '.join(words)
     assert '--set filter.extraction.num_features=1020' in ' '.join(words)
     assert command_of(replace(job, mode='live'), 'PATH')[0] == 'replay'
+
+
+@pytest.mark.parametrize(
+    ('words', 'command'),
+    [
+        (['full'], './hoid bench full --out docs/out/bench'),
+        (['full', '--out', '../out/bench'], './hoid bench full'),
+        (
+            ['my.yaml', '--data', '/tum', '--out', 'two words'],
+            "./hoid bench docs/my.yaml --data ../tum --out 'docs/two words'",
+        ),
+    ],
+)
+def test_the_command_on_the_page_repeats_data_and_folder_from_the_root(
+    words: list[str], command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'root' / 'docs').mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / 'root' / 'docs')
+    monkeypatch.setattr(commands, '_ROOT', tmp_path / 'root')
+    parser = argparse.ArgumentParser()
+    add_bench_arguments(parser)
+    args = parser.parse_args([w.replace('/tum', f'{tmp_path}/tum') for w in words])
+    assert repeating_command(args.what, args) == command
 
 
 def test_seeds_vary_the_feature_budget_and_seed_0_is_the_default() -> None:
