@@ -147,7 +147,12 @@ class Engine:
         for name, data in outcome.files.items():
             (folder / name).write_bytes(data)
         result = Result(
-            job, outcome.summary, outcome.error, code=self.code.digest, commit=self.code.commit
+            job,
+            outcome.summary,
+            outcome.error,
+            code=self.code.digest,
+            commit=self.code.commit,
+            machine=outcome.machine,
         )
         write_result(self.folder, result)
         return result

@@ -16,6 +16,7 @@ from hoid_bags.sequence import open_sequence
 from hoid_bags.trajectory_io import read_tum, write_tum
 from hoid_benchmarks.detections import kept_detections
 from hoid_benchmarks.detectors import judge_detector
+from hoid_benchmarks.machine import machine as this_machine
 from hoid_benchmarks.perturb import PerturbedSequence, perturb_detections
 from hoid_benchmarks.plan import Job
 from hoid_benchmarks.reference import reference_ms
@@ -40,6 +41,7 @@ class Outcome:
     summary: dict[str, Any] = field(default_factory=dict)
     files: dict[str, bytes] = field(default_factory=dict)
     error: str = ''
+    machine: str = field(default_factory=this_machine)  # that ran it, also in a cluster
 
 
 def command_of(job: Job, path: str, out: str = 'OUT') -> list[str]:

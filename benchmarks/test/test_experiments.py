@@ -14,7 +14,9 @@ from hoid_benchmarks.headlines import headlines
 from hoid_benchmarks.literature import published
 from hoid_benchmarks.notes import curve_note
 from hoid_benchmarks.plan import Experiment, Job, Plan, load_plan
+from hoid_benchmarks.report import Report
 from hoid_benchmarks.results import Result, key_value, read_result, spread, write_result
+from hoid_benchmarks.runs import RunList
 from hoid_benchmarks.sequences import Store, scene_options
 from hoid_benchmarks.views import failures, make_table, missing
 from hoid_benchmarks.worker import command_of
@@ -97,6 +99,20 @@ def test_results_survive_and_a_cut_off_one_is_none(tmp_path: Path) -> None:
     assert found is not None
     assert found.summary['ate_rmse_m'] == 0.01
     assert read_result(tmp_path, replace(job, seed=1)) is None
+
+
+def test_the_page_names_the_machines_that_ran_not_the_one_that_reports(tmp_path: Path) -> None:
+    jobs = [Job('a', 'none', '', seed) for seed in range(4)]
+    machines = ('Xeon, 2 cores', 'EPYC, 8 cores', 'Xeon, 2 cores', '')  # '': an older result
+    for job, machine in zip(jobs, machines, strict=True):
+        write_result(tmp_path, replace(result(job, 0.01), machine=machine))
+    found = {job: r for job in jobs if (r := read_result(tmp_path, job))}
+    plan = Plan('p', (Experiment('e', 't', 'accuracy', '', '', '', tuple(jobs)),), './hoid bench')
+    store = Store(tmp_path, tmp_path)
+    page = Report(plan, found, tmp_path, RunList(plan, store, tmp_path)).write().read_text()
+    assert '<dt>Machine</dt><dd>EPYC, 8 cores; Xeon, 2 cores</dd>' in page
+    older = Report(plan, {jobs[3]: found[jobs[3]]}, tmp_path, RunList(plan, store, tmp_path))
+    assert '<dt>Machine</dt>' not in older.write().read_text()
 
 
 def test_spread_is_the_median_of_runs_that_ended_well() -> None:
