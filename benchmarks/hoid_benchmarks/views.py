@@ -131,7 +131,8 @@ def _processed_share(summary: Mapping[str, Any]) -> float | None:
 def _stages(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
     rows = []
     for key, group in grouped(results, by_method).items():
-        for stage in sorted({s for r in group for s in r.summary.get('stage_ms', {})}):
+        spent = [r.summary.get('stage_ms', {}).items() for r in group]
+        for stage in sorted({name for items in spent for name, ms in items if ms is not None}):
             times = [
                 spread(group, key_value(f'stage_ms.{stage}.{q}')).median for q in ('median', 'p95')
             ]

@@ -154,6 +154,14 @@ def test_headlines_say_which_way_it_went(plan: Plan, after_m: float, words: str)
     assert headline.value.text == words
 
 
+def test_only_stages_that_were_timed_are_rows(plan: Plan) -> None:
+    stages = replace(plan.experiments[0], view='stages')
+    job = stages.jobs[0]
+    times = {'track': {'median': 2.0, 'p95': 3.0}, 'detect': None}
+    table = make_table(stages, [Result(job, {'stage_ms': times})])
+    assert [[c.text for c in row[3:]] for row in table.rows] == [['track', '2.00', '3.00']]
+
+
 def test_failed_runs_are_rows_that_say_why(plan: Plan) -> None:
     jobs = plan.experiments[0].jobs
     results = [Result(jobs[0], {}, 'sequence a is missing'), *(result(j, 1.0) for j in jobs[1:])]
