@@ -112,7 +112,7 @@ def _repeat(engine: Engine, job: Job) -> None:
     result = engine.repeat(job)
     if not result.ok:
         raise HoidError(result.error)
-    names = ('ate_rmse_m', 'coverage', 'frames_processed', 'detector')
+    names = ('ate_rmse_m', 'coverage', 'frames_processed', 'detector', 'masks')
     for name in names:
         if name in result.summary:
             sys.stdout.write(f'{name}  {result.summary[name]}\n')

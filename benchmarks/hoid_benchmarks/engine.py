@@ -63,7 +63,7 @@ class Engine:
         paths, reasons = self._sequences([job])
         if job.sequence in reasons:
             return Result(job, {}, reasons[job.sequence], missing=True)
-        return self._keep(job, run_job(job, paths[job.sequence], self._kept))
+        return self._keep(job, run_job(job, paths[job.sequence], self.store))
 
     def stored(self, jobs: Iterable[Job]) -> dict[Job, Result]:
         """Return the results that are there and need not be run again."""
@@ -115,15 +115,11 @@ class Engine:
         ):
             yield client
 
-    @property
-    def _kept(self) -> Path:
-        return self.store.made / 'detections'
-
     def _outcomes(
         self, client: Client, jobs: Sequence[Job], paths: Mapping[str, Path]
     ) -> Iterator[tuple[Job, Outcome]]:
         futures = {
-            client.submit(run_job, job, paths[job.sequence], self._kept, pure=False): job
+            client.submit(run_job, job, paths[job.sequence], self.store, pure=False): job
             for job in jobs
         }
         try:

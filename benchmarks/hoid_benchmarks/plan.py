@@ -23,9 +23,9 @@ _KEYS = (
 )  # fmt: skip
 _VIEWS = (
     'comparison', 'curve', 'ablation', 'accuracy', 'stages', 'detectors', 'verdicts', 'cost',
-    'pictures',
+    'pictures', 'masks',
 )  # fmt: skip
-_MODES = ('offline', 'timed', 'live', 'detect', 'verdicts', 'pictures')
+_MODES = ('offline', 'timed', 'live', 'detect', 'verdicts', 'pictures', 'masks')
 _OFFICIAL = 'official'  # as a sequence: every one that --data holds
 _BUDGET = 'filter.extraction.num_features'
 _BUDGET_STEP = 0.01

@@ -51,7 +51,7 @@ class RunList:
         lines = [self._hoid(recipe)] if recipe else []
         if (
             job.perturbation != Perturbation()
-            or job.mode in ('detect', 'verdicts')
+            or job.mode in ('detect', 'verdicts', 'masks')
             or path is None
         ):
             return f'{self.plan.command} --job {job.key}'

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from hoid_benchmarks.masks import SHARES
 from hoid_benchmarks.plan import Experiment, Job
 from hoid_benchmarks.results import Result, key_value, removed_share, spread
 from hoid_benchmarks.tables import Cell, Table, metres, number, percent, share, text
@@ -208,6 +209,20 @@ def _cost(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Row
     return (*columns, *more), rows
 
 
+def _masks(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    rows = [
+        (
+            *map(text, (r.job.sequence, r.job.detector, r.job.variant or '-', variant)),
+            number(frames, [r], 0),
+            *(percent(100 * value, [r]) for value in shares),
+        )
+        for r in results
+        for variant, frames, *shares in r.summary.get('masks', [])
+    ]
+    columns = ('sequence', 'detector', 'perturbation', 'variant', 'frames that differ')
+    return (*columns, *SHARES), rows
+
+
 def _pictures(_experiment: Experiment, _results: Sequence[Result]) -> tuple[Group, Rows]:
     return (), []
 
@@ -222,6 +237,7 @@ _MAKERS: dict[str, Callable[[Experiment, Sequence[Result]], tuple[Group, Rows]]]
     'verdicts': _verdicts,
     'cost': _cost,
     'pictures': _pictures,
+    'masks': _masks,
 }
 
 

@@ -43,9 +43,9 @@ def ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Log:
     """Seed 2 fails."""
     log = Log(tmp_path / 'ran')
 
-    def run_job(job: Job, path: Path, kept: Path) -> Outcome:
+    def run_job(job: Job, path: Path, store: Store) -> Outcome:
         assert path.name == 'here'
-        assert kept.name == 'detections'
+        assert store.made.name == 'made'
         log.add(job)
         if job.seed == 2:
             return Outcome(error='lost')

@@ -69,7 +69,12 @@ def test_jobs_are_shared_between_experiments_and_no_filter_needs_no_detector(pla
     assert len({job.key for job in jobs}) == len(jobs)
 
 
-_ONE_SEED = ('timed', 'detect', 'pictures')  # costs and pictures: nothing that a seed changes
+_ONE_SEED = (
+    'timed',
+    'detect',
+    'pictures',
+    'masks',
+)  # costs and pictures: nothing that a seed changes
 
 
 @pytest.mark.parametrize('name', ['full', 'readme'])
