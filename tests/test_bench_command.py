@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from hoid_system_tests.browser import headless_browser, shown_on_a_phone
+
 PLAN = """
 experiments:
   - id: compare
@@ -101,6 +103,21 @@ def test_it_goes_on_where_it_was_stopped(folder: Path, first_done: str) -> None:
     assert 'synth-5-frames=16+width=320' in page
     figures = {p.suffix for p in (folder / 'one' / 'tiny' / 'figures').iterdir()}
     assert figures == {'.png', '.svg'}
+
+
+def test_its_page_opens_in_a_browser(folder: Path, first_done: str) -> None:
+    assert first_done
+    url = (folder / 'one' / 'tiny' / 'index.html').as_uri()
+    with headless_browser() as browser, shown_on_a_phone(browser, url) as page:
+        strategies = page.locator('#table-compare tbody td:nth-child(2)')
+        assert strategies.all_inner_texts() == ['none', 'hoid2d']
+        page.locator('#table-compare th button').nth(1).click()
+        assert strategies.all_inner_texts() == ['hoid2d', 'none']
+        paths = page.locator('#compare .plot').first.locator('.scatterlayer .trace')
+        assert paths.count() == 3  # the truth and two filters
+        command = page.locator('.facts dd').first.inner_text()
+        assert command.endswith(f'{folder.name}/one')
+        assert '/tiny.yaml --out ' in command
 
 
 def test_failed_and_missing_runs_are_rows_with_the_reason(folder: Path, first_done: str) -> None:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from hoid_benchmarks.literature import published
 from hoid_benchmarks.page import Head, Headline, RunGroup, Section, render_page
 from hoid_benchmarks.page import Page as Content
 from hoid_benchmarks.plan import Experiment, Job
 from hoid_benchmarks.tables import Cell, Table
+from hoid_system_tests.browser import headless_browser, shown_on_a_phone
 
 JOBS = tuple(Job('a', 'none', '', seed) for seed in range(3))
-_PATIENCE_MS = 120_000  # of a busy machine
 _INK_IS_THE_TEXT_COLOR = (
     "() => getComputedStyle(document.querySelector('.xtitle')).fill"
     ' === getComputedStyle(document.body).color'
@@ -57,15 +56,8 @@ def test_the_page_is_self_contained_and_escapes() -> None:
 
 @pytest.fixture(scope='module')
 def browser() -> Iterator[Browser]:
-    chromium = shutil.which('chromium') or shutil.which('google-chrome')
-    if chromium is None:
-        pytest.skip('no chromium on this machine: apt install chromium')
-    with sync_playwright() as driver:
-        running = driver.chromium.launch(
-            executable_path=chromium, args=['--no-sandbox'], timeout=_PATIENCE_MS
-        )
+    with headless_browser() as running:
         yield running
-        running.close()
 
 
 @pytest.fixture(scope='module')
@@ -77,18 +69,8 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture
 def page(browser: Browser, url: str) -> Iterator[Page]:
-    """The page on a phone with no network; nothing may complain or be asked for."""
-    context = browser.new_context(viewport={'width': 390, 'height': 844}, offline=True)
-    shown = context.new_page()
-    shown.set_default_timeout(_PATIENCE_MS)
-    said: list[str] = []
-    shown.on('console', lambda message: said.append(message.text))
-    shown.on('pageerror', lambda error: said.append(str(error)))
-    shown.on('request', lambda request: said.extend([request.url] * (request.url != url)))
-    shown.goto(url)
-    yield shown
-    context.close()
-    assert [line for line in said if not line.startswith('data:')] == []
+    with shown_on_a_phone(browser, url) as shown:
+        yield shown
 
 
 def column(page: Page, number: int) -> list[str]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
+import shlex
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from hoid_benchmarks.check import check
@@ -22,6 +25,7 @@ from hoid_common.errors import HoidError
 
 _MASKS, _ROOMS = 'masks', 'rooms'
 _ROOT = Path(__file__).resolve().parents[2]
+_OUT = Path('out/bench')
 
 
 def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +45,7 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     add('--report', action='store_true', help='run nothing: write the report of what has run')
     add('--detector', metavar='MODEL', help='instead of every detector of the plan')
     add('--data', type=Path, metavar='DIR', help='folder of unpacked official sequences')
-    add('--out', type=Path, default=Path('out/bench'), metavar='DIR', help='default: %(default)s')
+    add('--out', type=Path, default=_OUT, metavar='DIR', help='default: %(default)s')
     add('--workers', type=int, default=0, metavar='N', help='runs at a time (default: one a core)')
     add('--cluster', default='', metavar='ADDRESS', help='of a Dask scheduler that shares files')
     add('--check', action='store_true', help='fail when a stored bound is broken by this code')
@@ -66,7 +70,9 @@ def bench_command(args: argparse.Namespace) -> None:
 
 
 def _experiments(args: argparse.Namespace, store: Store) -> None:
-    plan = load_plan('quick' if args.quick else args.what, store.official_sequences())
+    what = 'quick' if args.quick else args.what
+    plan = load_plan(what, store.official_sequences())
+    plan = replace(plan, command=repeating_command(what, args))
     if args.detector:
         plan = plan.with_detector(args.detector)
     folder = args.out / plan.name
@@ -77,13 +83,28 @@ def _experiments(args: argparse.Namespace, store: Store) -> None:
     if args.job:
         _repeat(engine, plan.job(args.job))
         return
-    results = engine.stored(plan.jobs())
+    found = engine.stored(plan.jobs())
     if not args.report:
-        results |= engine.run(plan.only(args.only).jobs())
+        found |= engine.run(plan.only(args.only).jobs())
+    results = {job: found[job] for job in plan.jobs() if job in found}  # in the plan's order
     page = Report(plan, results, folder, RunList(plan, store, _ROOT)).write()
     sys.stdout.write(f'{_counted(results.values())}\n{page}\n')
     if args.check and (broken := check(results.values())):
         raise HoidError('; '.join(broken))
+
+
+def repeating_command(what: str, args: argparse.Namespace) -> str:
+    """Return what asks for the same experiments, data and folder in the root of the project."""
+    words = ['./hoid', 'bench', _from_root(what) if Path(what).suffix else what]
+    if args.data is not None:
+        words += ['--data', _from_root(args.data)]
+    if (out := _from_root(args.out)) != str(_OUT):
+        words += ['--out', out]
+    return shlex.join(words)
+
+
+def _from_root(path: str | Path) -> str:
+    return os.path.relpath(path, _ROOT)
 
 
 def _repeat(engine: Engine, job: Job) -> None:
@@ -91,7 +112,7 @@ def _repeat(engine: Engine, job: Job) -> None:
     result = engine.repeat(job)
     if not result.ok:
         raise HoidError(result.error)
-    names = ('ate_rmse_m', 'coverage', 'frames_processed', 'detector')
+    names = ('ate_rmse_m', 'coverage', 'frames_processed', 'detector', 'masks')
     for name in names:
         if name in result.summary:
             sys.stdout.write(f'{name}  {result.summary[name]}\n')

@@ -56,14 +56,14 @@ class Engine:
         ready = [job for job in waiting if job.sequence in paths]
         if ready:
             done |= self._run_all(ready, paths)
-        return done
+        return {job: done[job] for job in jobs}  # in the plan's order, whichever ended first
 
     def repeat(self, job: Job) -> Result:
         """Run a job whatever is stored of it."""
         paths, reasons = self._sequences([job])
         if job.sequence in reasons:
             return Result(job, {}, reasons[job.sequence], missing=True)
-        return self._keep(job, run_job(job, paths[job.sequence], self._kept))
+        return self._keep(job, run_job(job, paths[job.sequence], self.store))
 
     def stored(self, jobs: Iterable[Job]) -> dict[Job, Result]:
         """Return the results that are there and need not be run again."""
@@ -115,15 +115,11 @@ class Engine:
         ):
             yield client
 
-    @property
-    def _kept(self) -> Path:
-        return self.store.made / 'detections'
-
     def _outcomes(
         self, client: Client, jobs: Sequence[Job], paths: Mapping[str, Path]
     ) -> Iterator[tuple[Job, Outcome]]:
         futures = {
-            client.submit(run_job, job, paths[job.sequence], self._kept, pure=False): job
+            client.submit(run_job, job, paths[job.sequence], self.store, pure=False): job
             for job in jobs
         }
         try:
@@ -147,7 +143,12 @@ class Engine:
         for name, data in outcome.files.items():
             (folder / name).write_bytes(data)
         result = Result(
-            job, outcome.summary, outcome.error, code=self.code.digest, commit=self.code.commit
+            job,
+            outcome.summary,
+            outcome.error,
+            code=self.code.digest,
+            commit=self.code.commit,
+            machine=outcome.machine,
         )
         write_result(self.folder, result)
         return result

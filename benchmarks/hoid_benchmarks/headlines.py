@@ -29,7 +29,7 @@ def _headline(results: list[Result]) -> Headline | None:
     if len(methods) < 2 or not before > 0 or not after > 0:
         return None
     better = 100 * (1 - after / before)
-    value = Cell(f'{better:.1f} % better', better, (job,))
+    value = Cell(f'{abs(better):.1f} % {"better" if better >= 0 else "worse"}', better, (job,))
     coverage = spread(methods[-1], _COVERAGE).median
     return Headline(
         value,

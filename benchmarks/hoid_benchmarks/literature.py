@@ -28,21 +28,21 @@ def _table(entry: Mapping[str, Any], results: Sequence[Result]) -> Table:
     rows = [tuple(_cell(value) for value in row) for row in entry['rows']]
     ours = [_ours(column, entry, results) for column in entry['columns'][1:-1]]
     if any(cell.jobs for cell in ours):
-        name = f'this project, {entry["filter"]}'
+        name = ', '.join(filter(None, ('this project', entry['filter'], entry.get('detector'))))
         rows.append((text(name), *ours, text('run here, median and range')))
     return Table(entry['id'], entry['title'], tuple(entry['columns']), tuple(rows))
 
 
 def _ours(column: str, entry: Mapping[str, Any], results: Sequence[Result]) -> Cell:
+    method = (entry['sequences'].get(column), entry['filter'], entry.get('detector', ''))
     plain = [
         r
         for r in results
         if r.ok
-        and (r.job.sequence, r.job.filter) == (entry['sequences'].get(column), entry['filter'])
+        and (r.job.sequence, r.job.filter, r.job.detector) == method
         and (r.job.mode, r.job.variant) == ('offline', '')
     ]
-    same_detector = [r for r in plain if r.job.detector == plain[0].job.detector]
-    return metres(spread(same_detector, _ATE), same_detector) if same_detector else text('-')
+    return metres(spread(plain, _ATE), plain) if plain else text('-')
 
 
 def _cell(value: float | str) -> Cell:

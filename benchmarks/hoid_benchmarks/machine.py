@@ -1,4 +1,4 @@
-"""What machine, versions and code a result comes from."""
+"""What machine and code a result comes from."""
 
 from __future__ import annotations
 
@@ -7,11 +7,7 @@ import os
 import platform
 import subprocess
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
-
-_LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'evo')
-
 
 _SOURCES = ('*.py', '*.cpp', '*.hpp', '*.h', '*.onnx')
 _CODE_FOLDERS = ('src', 'bags')  # of what a run executes
@@ -40,12 +36,6 @@ def machine() -> str:
     return f'{_processor()}, {os.cpu_count()} cores, {memory_gib:.0f} GiB, {platform.system()}'
 
 
-def versions() -> str:
-    """Return the versions of Python and of the libraries that results depend on."""
-    found = [f'{name} {_version(name)}' for name in _LIBRARIES]
-    return ', '.join([f'Python {platform.python_version()}', *found])
-
-
 def _sources(root: Path) -> list[Path]:
     found = (p for f in _CODE_FOLDERS for kind in _SOURCES for p in (root / f).rglob(kind))
     return sorted(p for p in found if not {'test', 'training'} & set(p.relative_to(root).parts))
@@ -68,10 +58,3 @@ def _processor() -> str:
         if line.startswith('model name')
     )
     return next(names, platform.machine())
-
-
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return 'not installed'

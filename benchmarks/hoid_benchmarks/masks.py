@@ -19,7 +19,7 @@ from hoid_bags.synth.config import SceneConfig
 from hoid_bags.tum_folder import open_tum_folder
 from hoid_benchmarks.labelled import Labelled, pasted_people, rendered_people
 from hoid_benchmarks.perturb import perturb_detections
-from hoid_benchmarks.plan import Perturbation
+from hoid_benchmarks.plan import Job, Perturbation
 from hoid_benchmarks.sequences import PEOPLE_SUFFIX, Store
 from hoid_bringup.detection_source import DetectionSource
 from hoid_bringup.run_config import TRUTH
@@ -35,15 +35,14 @@ from hoid_filter.scene import Verdict, View
 
 _EDGE_PX = 5  # corners this near to what moves see both: they count for nothing
 _SYNTH = 'synth-'
-_COLUMNS = (
-    'variant',
-    'frames that differ',
+SHARES = (
     'moving kept',
     'static lost',
     'moving among kept',
     'moving among seeds',
     'static not seeds',
 )
+_COLUMNS = ('variant', 'frames that differ', *SHARES)
 
 
 @dataclass(frozen=True)
@@ -90,6 +89,17 @@ class Tally:
         self.static_lost += _count(static & ~kept)
         self.seeds += _count(seeds & (moving | static))
 
+    def shares(self) -> tuple[float, ...]:
+        """Return what `SHARES` names, each in [0, 1]."""
+        kept = self.moving_kept + self.static - self.static_lost
+        return (
+            self.moving_kept / max(self.moving, 1),
+            self.static_lost / max(self.static, 1),
+            self.moving_kept / max(kept, 1),
+            self.moving_seeds / max(self.seeds, 1),
+            1 - (self.seeds - self.moving_seeds) / max(self.static, 1),
+        )
+
 
 def mask_report(only: Sequence[str], store: Store) -> str:
     """Return a table for each case, or for each that is named.
@@ -103,6 +113,17 @@ def mask_report(only: Sequence[str], store: Store) -> str:
     """
     cases = [(name, find_case(name)) for name in only or CASES]
     return '\n'.join(_table(name, case, store) for name, case in cases)
+
+
+def mask_rows(job: Job, store: Store) -> list[list[str | float]]:
+    """Return a row for each variant: its name, the frames that differ, then `SHARES`.
+
+    Raises:
+        HoidError: The recording or the detector is missing.
+    """
+    case = MaskCase(job.sequence, job.detector, job.perturbation)
+    judged = judge_masks(case, variants(), store)
+    return [[name, n.frames_that_differ, *n.shares()] for name, n in judged.items()]
 
 
 def find_case(text: str) -> MaskCase:
@@ -139,15 +160,7 @@ def _table(name: str, case: MaskCase, store: Store) -> str:
         '|---' * len(_COLUMNS) + '|',
     ]
     for variant, n in judge_masks(case, variants(), store).items():
-        kept = n.moving_kept + n.static - n.static_lost
-        shares = (
-            n.moving_kept / max(n.moving, 1),
-            n.static_lost / max(n.static, 1),
-            n.moving_kept / max(kept, 1),
-            n.moving_seeds / max(n.seeds, 1),
-            1 - (n.seeds - n.moving_seeds) / max(n.static, 1),
-        )
-        cells = ' | '.join(f'{100 * share:.1f} %' for share in shares)
+        cells = ' | '.join(f'{100 * share:.1f} %' for share in n.shares())
         lines.append(f'| {variant} | {n.frames_that_differ} | {cells} |')
     return '\n'.join([*lines, ''])
 

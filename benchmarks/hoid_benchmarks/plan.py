@@ -23,9 +23,9 @@ _KEYS = (
 )  # fmt: skip
 _VIEWS = (
     'comparison', 'curve', 'ablation', 'accuracy', 'stages', 'detectors', 'verdicts', 'cost',
-    'pictures',
+    'pictures', 'masks',
 )  # fmt: skip
-_MODES = ('offline', 'timed', 'live', 'detect', 'verdicts', 'pictures')
+_MODES = ('offline', 'timed', 'live', 'detect', 'verdicts', 'pictures', 'masks')
 _OFFICIAL = 'official'  # as a sequence: every one that --data holds
 _BUDGET = 'filter.extraction.num_features'
 _BUDGET_STEP = 0.01
@@ -167,7 +167,7 @@ def load_plan(name_or_path: str, official: Sequence[str] = ()) -> Plan:
     try:
         document = yaml.safe_load(path.read_text())
         experiments = tuple(_experiment(entry, official) for entry in document['experiments'])
-        return Plan(path.stem, experiments, f'./hoid bench {name_or_path}')
+        return Plan(path.stem, experiments)
     except (yaml.YAMLError, KeyError, TypeError) as error:
         raise ConfigError(f'{path}: {str(error).splitlines()[0]}: see experiments/') from error
 

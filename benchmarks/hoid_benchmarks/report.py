@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import cv2
 
@@ -14,7 +15,6 @@ from hoid_benchmarks.figure_files import save_figures
 from hoid_benchmarks.figures import make_plots
 from hoid_benchmarks.headlines import headlines
 from hoid_benchmarks.literature import published
-from hoid_benchmarks.machine import machine, versions
 from hoid_benchmarks.notes import curve_note
 from hoid_benchmarks.page import Head, Page, Picture, Section, render_page
 from hoid_benchmarks.plan import Experiment, Job, Plan
@@ -76,14 +76,15 @@ class Report:
         )
 
     def _head(self) -> Head:
-        commits = sorted({r.commit for r in self.results.values() if r.commit})
+        every = self.results.values()
         facts = {
             'Command': self.plan.command,
-            'Commit': ', '.join(commits) or 'not from a clone',
-            'Machine': machine(),
-            'Versions': versions(),
+            'Commit': _distinct(r.commit for r in every) or 'not from a clone',
+            'Machine': _distinct(r.machine for r in every),
+            'Versions': _distinct(_versions(r.summary) for r in every),
             'Written': datetime.now(UTC).strftime('%Y-%m-%d %H:%M UTC'),
         }
+        facts = {name: fact for name, fact in facts.items() if fact}
         top = headlines(self.plan, self.results)
         return Head(f'HOID RGB-D SLAM: {self.plan.name} experiments', facts, top)
 
@@ -102,6 +103,14 @@ class Report:
                 )
         columns = ('experiment', 'not run', 'command')
         return Table('not_run', 'Experiments that have not run yet', columns, tuple(rows))
+
+
+def _distinct(values: Iterable[str]) -> str:
+    return '; '.join(sorted(set(values) - {''}))
+
+
+def _versions(summary: Mapping[str, Any]) -> str:
+    return ', '.join(f'{name} {version}' for name, version in summary.get('versions', {}).items())
 
 
 def _pictures(result: Result, folder: Path) -> list[Picture]:

@@ -23,6 +23,7 @@ class Result:
     missing: bool = False  # its sequence is not here; never stored
     code: str = ''  # digest of what ran
     commit: str = ''
+    machine: str = ''  # that ran it; not noted by earlier versions
 
     @property
     def ok(self) -> bool:
@@ -54,6 +55,7 @@ def write_result(folder: Path, result: Result) -> None:
         'error': result.error,
         'code': result.code,
         'commit': result.commit,
+        'machine': result.machine,
     }
     unfinished = path.with_suffix('.tmp')
     unfinished.write_text(json.dumps(document, indent=1, sort_keys=True) + '\n')
@@ -72,6 +74,7 @@ def read_result(folder: Path, job: Job) -> Result | None:
         document['error'],
         code=document.get('code', ''),
         commit=document.get('commit', ''),
+        machine=document.get('machine', ''),
     )
 
 

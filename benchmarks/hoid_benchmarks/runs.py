@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -50,14 +51,14 @@ class RunList:
         lines = [self._hoid(recipe)] if recipe else []
         if (
             job.perturbation != Perturbation()
-            or job.mode in ('detect', 'verdicts')
+            or job.mode in ('detect', 'verdicts', 'masks')
             or path is None
         ):
             return f'{self.plan.command} --job {job.key}'
         return '\n'.join([*lines, self._hoid(command_of(job, str(path), f'out/{job.key}'))])
 
     def _hoid(self, words: Sequence[str]) -> str:
-        return ' '.join(['./hoid', *(self._relative(w) for w in words)])
+        return shlex.join(['./hoid', *(self._relative(w) for w in words)])
 
     def _relative(self, word: str) -> str:
         return os.path.relpath(word, self.root) if Path(word).is_absolute() else word

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from hoid_benchmarks.masks import SHARES
 from hoid_benchmarks.plan import Experiment, Job
 from hoid_benchmarks.results import Result, key_value, removed_share, spread
 from hoid_benchmarks.tables import Cell, Table, metres, number, percent, share, text
@@ -49,9 +50,19 @@ def _comparison(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
             after = spread(group, key_value(name))
             better = improvement(baseline, group, name)
             cells += [metres(after, group), text('-') if key[1] == first else better]
-        rows.append((*cells, share(spread(group, _COVERAGE), group)))
+        online = metres(spread(group, key_value('ate_online_rmse_m')), group)
+        rows.append((*cells, online, share(spread(group, _COVERAGE), group), _frame_times(group)))
     columns = (*_METHOD, 'RMSE [m]', 'better', 'mean [m]', 'better', 'median [m]', 'better')
-    return (*columns, 'coverage'), rows
+    return (*columns, 'online RMSE [m]', 'coverage', 'frame [ms]: median / p95'), rows
+
+
+def _frame_times(group: Sequence[Result]) -> Cell:
+    """Return what a frame takes; empty where no run was timed."""
+    median, p95 = (
+        spread(group, key_value(f'stage_ms.frame.{q}')).median for q in ('median', 'p95')
+    )
+    cell = number(median, group)
+    return replace(cell, text='' if math.isnan(median) else f'{median:.1f} / {p95:.1f}')
 
 
 def improvement(
@@ -121,7 +132,8 @@ def _processed_share(summary: Mapping[str, Any]) -> float | None:
 def _stages(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
     rows = []
     for key, group in grouped(results, by_method).items():
-        for stage in sorted({s for r in group for s in r.summary.get('stage_ms', {})}):
+        spent = [r.summary.get('stage_ms', {}).items() for r in group]
+        for stage in sorted({name for items in spent for name, ms in items if ms is not None}):
             times = [
                 spread(group, key_value(f'stage_ms.{stage}.{q}')).median for q in ('median', 'p95')
             ]
@@ -197,6 +209,20 @@ def _cost(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Row
     return (*columns, *more), rows
 
 
+def _masks(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    rows = [
+        (
+            *map(text, (r.job.sequence, r.job.detector, r.job.variant or '-', variant)),
+            number(frames, [r], 0),
+            *(percent(100 * value, [r]) for value in shares),
+        )
+        for r in results
+        for variant, frames, *shares in r.summary.get('masks', [])
+    ]
+    columns = ('sequence', 'detector', 'perturbation', 'variant', 'frames that differ')
+    return (*columns, *SHARES), rows
+
+
 def _pictures(_experiment: Experiment, _results: Sequence[Result]) -> tuple[Group, Rows]:
     return (), []
 
@@ -211,6 +237,7 @@ _MAKERS: dict[str, Callable[[Experiment, Sequence[Result]], tuple[Group, Rows]]]
     'verdicts': _verdicts,
     'cost': _cost,
     'pictures': _pictures,
+    'masks': _masks,
 }
 
 

@@ -16,9 +16,12 @@ from hoid_bags.sequence import open_sequence
 from hoid_bags.trajectory_io import read_tum, write_tum
 from hoid_benchmarks.detections import kept_detections
 from hoid_benchmarks.detectors import judge_detector
+from hoid_benchmarks.machine import machine as this_machine
+from hoid_benchmarks.masks import mask_rows
 from hoid_benchmarks.perturb import PerturbedSequence, perturb_detections
 from hoid_benchmarks.plan import Job
 from hoid_benchmarks.reference import reference_ms
+from hoid_benchmarks.sequences import Store
 from hoid_benchmarks.verdicts import Verdicts
 from hoid_bringup.detection_source import detection_source
 from hoid_bringup.evaluation import evaluate
@@ -40,6 +43,7 @@ class Outcome:
     summary: dict[str, Any] = field(default_factory=dict)
     files: dict[str, bytes] = field(default_factory=dict)
     error: str = ''
+    machine: str = field(default_factory=this_machine)  # that ran it, also in a cluster
 
 
 def command_of(job: Job, path: str, out: str = 'OUT') -> list[str]:
@@ -55,19 +59,19 @@ def command_of(job: Job, path: str, out: str = 'OUT') -> list[str]:
     return ['replay' if job.mode == 'live' else 'run', path, '--out', out, *method]
 
 
-def run_job(job: Job, path: Path, kept: Path) -> Outcome:
+def run_job(job: Job, path: Path, store: Store) -> Outcome:
     """Run a job in a child process; never raises, so that one failure does not end the rest.
 
     Args:
         job: What to run.
         path: Of its sequence.
-        kept: Folder of detections that are kept from run to run.
+        store: Where other sequences lie, and detections are kept from run to run.
     """
     with tempfile.TemporaryDirectory(prefix='hoid-bench-') as folder:
         out = Path(folder) / 'run'
         try:
             done = subprocess.run(
-                _child(job, path, out, kept), capture_output=True, text=True, check=False,
+                _child(job, path, out, store), capture_output=True, text=True, check=False,
                 timeout=_TIMEOUT_S, env={**os.environ, 'OMP_NUM_THREADS': '1'},
             )  # fmt: skip
         except subprocess.TimeoutExpired:
@@ -78,11 +82,11 @@ def run_job(job: Job, path: Path, kept: Path) -> Outcome:
         return _collect(job, out, path)
 
 
-def _child(job: Job, path: Path, out: Path, kept: Path) -> list[str]:
+def _child(job: Job, path: Path, out: Path, store: Store) -> list[str]:
     if job.mode in ('live', 'pictures'):
         return [sys.executable, '-m', 'hoid_bringup', *command_of(job, str(path), str(out))]
     order = out.with_name('job.pickle')
-    order.write_bytes(pickle.dumps((job, path, out, kept)))
+    order.write_bytes(pickle.dumps((job, path, out, store)))
     return [sys.executable, '-m', 'hoid_benchmarks.worker', str(order)]
 
 
@@ -112,10 +116,11 @@ def _config(job: Job) -> RunConfig:
     return RunConfig().updated(named | job.settings())
 
 
-def _run_offline(job: Job, path: Path, out: Path, kept: Path) -> None:
+def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     """Run every frame, and note beside the usual outputs what the experiments need."""
     config = _config(job)
     base = open_sequence(path)
+    kept = store.made / 'detections'
     known = kept_detections(base, config, kept) if job.mode != 'timed' else None
     detect = perturb_detections(
         known or detection_source(base, config), job.perturbation, job.seed
@@ -142,10 +147,15 @@ def _run_offline(job: Job, path: Path, out: Path, kept: Path) -> None:
     (out / 'summary.json').write_text(json.dumps(document))
 
 
-def _run_detector(job: Job, path: Path, out: Path, _kept: Path) -> None:
+def _run_detector(job: Job, path: Path, out: Path, _store: Store) -> None:
     out.mkdir()
     summary = {'detector': judge_detector(open_sequence(path), path, job.detector)}
     (out / 'summary.json').write_text(json.dumps(summary))
+
+
+def _run_masks(job: Job, _path: Path, out: Path, store: Store) -> None:
+    out.mkdir()
+    (out / 'summary.json').write_text(json.dumps({'masks': mask_rows(job, store)}))
 
 
 _RUNNERS = {
@@ -153,15 +163,16 @@ _RUNNERS = {
     'timed': _run_offline,
     'detect': _run_detector,
     'verdicts': _run_offline,
+    'masks': _run_masks,
 }
 
 
 def main() -> int:
     """Run one job, pickled in the file that the argument names."""
     order = Path(sys.argv[1]).read_bytes()
-    job, path, out, kept = pickle.loads(order)  # noqa: S301  written by the parent process
+    job, path, out, store = pickle.loads(order)  # noqa: S301  written by the parent process
     try:
-        _RUNNERS[job.mode](job, path, out, kept)
+        _RUNNERS[job.mode](job, path, out, store)
     except HoidError as error:
         sys.stderr.write(f'{error}\n')
         return 1

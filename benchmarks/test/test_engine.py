@@ -10,7 +10,7 @@ from distributed import LocalCluster
 
 from hoid_benchmarks import engine as engine_module
 from hoid_benchmarks.engine import Engine
-from hoid_benchmarks.machine import Code
+from hoid_benchmarks.machine import Code, machine
 from hoid_benchmarks.plan import Job
 from hoid_benchmarks.sequences import Store
 from hoid_benchmarks.worker import Outcome
@@ -43,9 +43,9 @@ def ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Log:
     """Seed 2 fails."""
     log = Log(tmp_path / 'ran')
 
-    def run_job(job: Job, path: Path, kept: Path) -> Outcome:
+    def run_job(job: Job, path: Path, store: Store) -> Outcome:
         assert path.name == 'here'
-        assert kept.name == 'detections'
+        assert store.made.name == 'made'
         log.add(job)
         if job.seed == 2:
             return Outcome(error='lost')
@@ -66,10 +66,12 @@ def test_each_job_runs_once_and_what_is_timed_runs_alone_at_the_end(
     engine: Engine, ran: Log
 ) -> None:
     results = engine.run(JOBS)
+    assert tuple(results) == JOBS  # the missing one and the one that runs last in their places
     assert set(ran.jobs) == set(JOBS[:3])
     assert ran.jobs[-1] == JOBS[0]
     assert results[JOBS[1]].summary == {'ate_rmse_m': 0.1}
     assert results[JOBS[2]].error == 'lost'
+    assert [r.machine for r in results.values()] == [machine()] * 3 + ['']
     assert results[JOBS[3]].missing
     assert engine.stored(JOBS).keys() == {JOBS[0], JOBS[1]}
     engine.run(JOBS)

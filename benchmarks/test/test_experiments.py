@@ -1,5 +1,6 @@
 """Plans, results, tables and the page, without running the system."""
 
+import argparse
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -7,10 +8,15 @@ from pathlib import Path
 import pytest
 
 from hoid_bags.cameras import camera_from_name
+from hoid_benchmarks import commands
+from hoid_benchmarks.commands import add_bench_arguments, repeating_command
+from hoid_benchmarks.headlines import headlines
 from hoid_benchmarks.literature import published
 from hoid_benchmarks.notes import curve_note
 from hoid_benchmarks.plan import Experiment, Job, Plan, load_plan
+from hoid_benchmarks.report import Report
 from hoid_benchmarks.results import Result, key_value, read_result, spread, write_result
+from hoid_benchmarks.runs import RunList
 from hoid_benchmarks.sequences import Store, scene_options
 from hoid_benchmarks.views import failures, make_table, missing
 from hoid_benchmarks.worker import command_of
@@ -63,6 +69,22 @@ def test_jobs_are_shared_between_experiments_and_no_filter_needs_no_detector(pla
     assert len({job.key for job in jobs}) == len(jobs)
 
 
+_ONE_SEED = (
+    'timed',
+    'detect',
+    'pictures',
+    'masks',
+)  # costs and pictures: nothing that a seed changes
+
+
+@pytest.mark.parametrize('name', ['full', 'readme'])
+def test_every_shipped_accuracy_has_five_seeds(name: str) -> None:
+    for experiment in load_plan(name).experiments:
+        seeds = {job.seed for job in experiment.jobs}
+        one_is_enough = all(job.mode in _ONE_SEED for job in experiment.jobs)
+        assert seeds == ({0} if one_is_enough else {0, 1, 2, 3, 4}), experiment.id
+
+
 def test_unknown_plans_views_and_experiments_are_refused(plan: Plan, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match='full'):
         load_plan('nonsense')
@@ -84,6 +106,20 @@ def test_results_survive_and_a_cut_off_one_is_none(tmp_path: Path) -> None:
     assert read_result(tmp_path, replace(job, seed=1)) is None
 
 
+def test_the_page_names_the_machines_that_ran_not_the_one_that_reports(tmp_path: Path) -> None:
+    jobs = [Job('a', 'none', '', seed) for seed in range(4)]
+    machines = ('Xeon, 2 cores', 'EPYC, 8 cores', 'Xeon, 2 cores', '')  # '': an older result
+    for job, machine in zip(jobs, machines, strict=True):
+        write_result(tmp_path, replace(result(job, 0.01), machine=machine))
+    found = {job: r for job in jobs if (r := read_result(tmp_path, job))}
+    plan = Plan('p', (Experiment('e', 't', 'accuracy', '', '', '', tuple(jobs)),), './hoid bench')
+    store = Store(tmp_path, tmp_path)
+    page = Report(plan, found, tmp_path, RunList(plan, store, tmp_path)).write().read_text()
+    assert '<dt>Machine</dt><dd>EPYC, 8 cores; Xeon, 2 cores</dd>' in page
+    older = Report(plan, {jobs[3]: found[jobs[3]]}, tmp_path, RunList(plan, store, tmp_path))
+    assert '<dt>Machine</dt>' not in older.write().read_text()
+
+
 def test_spread_is_the_median_of_runs_that_ended_well() -> None:
     job = Job('a', 'none', '', 0)
     runs = [result(job, x) for x in (0.3, 0.1, 0.2)] + [Result(job, {}, 'died')]
@@ -101,6 +137,34 @@ def test_the_comparison_states_improvement_in_percent(plan: Plan) -> None:
     assert row[4].text == '95.0 %'
     assert table.markdown().count('\n') == 2 + len(table.rows)
     assert table.csv().splitlines()[0].startswith('sequence,filter')
+    assert [c.text for c in row[-3:]] == ['none', '1.000', '']
+
+
+def test_the_comparison_shows_the_online_error_and_the_time_of_a_frame(plan: Plan) -> None:
+    compare = plan.experiments[0]
+    more = {'ate_online_rmse_m': 0.03, 'stage_ms': {'frame': {'median': 11.34, 'p95': 12.0}}}
+    plain = [result(j, 0.02) for j in compare.jobs]
+    table = make_table(compare, [replace(r, summary={**r.summary, **more}) for r in plain])
+    columns = ('online RMSE [m]', 'coverage', 'frame [ms]: median / p95')
+    assert table.columns[-3:] == columns
+    words = {tuple(cell.text for cell in row[-3:]) for row in table.rows}
+    assert words == {('0.0300 [0.0300-0.0300]', '1.000', '11.3 / 12.0')}
+
+
+@pytest.mark.parametrize(('after_m', 'words'), [(0.01, '50.0 % better'), (0.021, '5.0 % worse')])
+def test_headlines_say_which_way_it_went(plan: Plan, after_m: float, words: str) -> None:
+    jobs = plan.experiments[0].jobs
+    results = {j: result(j, 0.02 if j.filter == 'none' else after_m) for j in jobs}
+    (headline,) = headlines(plan, results)
+    assert headline.value.text == words
+
+
+def test_only_stages_that_were_timed_are_rows(plan: Plan) -> None:
+    stages = replace(plan.experiments[0], view='stages')
+    job = stages.jobs[0]
+    times = {'track': {'median': 2.0, 'p95': 3.0}, 'detect': None}
+    table = make_table(stages, [Result(job, {'stage_ms': times})])
+    assert [[c.text for c in row[3:]] for row in table.rows] == [['track', '2.00', '3.00']]
 
 
 def test_failed_runs_are_rows_that_say_why(plan: Plan) -> None:
@@ -129,6 +193,14 @@ def test_our_own_row_stands_beside_published_ones_where_it_was_run() -> None:
     assert len(published()[0].rows) == len(dynamic.rows)
 
 
+def test_our_own_row_is_of_the_detector_that_the_table_names() -> None:
+    ates_m = {'yolox_nano': 0.5, 'yolov8n_int8': 0.02}
+    jobs = [Job('fr3_walking_xyz', 'hoid+', name, 0) for name in ates_m]
+    dynamic, _ = published([result(job, ates_m[job.detector]) for job in jobs])
+    words = [c.text for c in dynamic.rows[-1][:3]]
+    assert words == ['this project, hoid+, yolov8n_int8', '-', '0.0200']
+
+
 def test_commands_repeat_the_job() -> None:
     job = Job('a', 'hoid2d', 'x', 3, parameters=(('filter.min_interaction_area', 0.3),))
     words = command_of(job, 'PATH')
@@ -136,6 +208,29 @@ def test_commands_repeat_the_job() -> None:
     assert '--set filter.min_interaction_area=0.3' in ' '.join(words)
     assert '--set filter.extraction.num_features=1020' in ' '.join(words)
     assert command_of(replace(job, mode='live'), 'PATH')[0] == 'replay'
+
+
+@pytest.mark.parametrize(
+    ('words', 'command'),
+    [
+        (['full'], './hoid bench full --out docs/out/bench'),
+        (['full', '--out', '../out/bench'], './hoid bench full'),
+        (
+            ['my.yaml', '--data', '/tum', '--out', 'two words'],
+            "./hoid bench docs/my.yaml --data ../tum --out 'docs/two words'",
+        ),
+    ],
+)
+def test_the_command_on_the_page_repeats_data_and_folder_from_the_root(
+    words: list[str], command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'root' / 'docs').mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / 'root' / 'docs')
+    monkeypatch.setattr(commands, '_ROOT', tmp_path / 'root')
+    parser = argparse.ArgumentParser()
+    add_bench_arguments(parser)
+    args = parser.parse_args([w.replace('/tum', f'{tmp_path}/tum') for w in words])
+    assert repeating_command(args.what, args) == command
 
 
 def test_seeds_vary_the_feature_budget_and_seed_0_is_the_default() -> None:

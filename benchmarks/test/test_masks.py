@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +13,21 @@ import pytest
 from hoid_bags.synth.config import SceneConfig
 from hoid_benchmarks import masks
 from hoid_benchmarks.labelled import rendered_people
-from hoid_benchmarks.masks import CASES, Tally, find_case, judge_masks, mask_report, variants
+from hoid_benchmarks.masks import (
+    CASES,
+    MaskCase,
+    Tally,
+    find_case,
+    judge_masks,
+    mask_report,
+    mask_rows,
+    variants,
+)
 from hoid_benchmarks.perturb import perturb_detections
-from hoid_benchmarks.plan import Perturbation
+from hoid_benchmarks.plan import Experiment, Job, Perturbation
+from hoid_benchmarks.results import Result
 from hoid_benchmarks.sequences import Store
+from hoid_benchmarks.views import make_table
 from hoid_common.errors import ConfigError
 from hoid_common.values import Detections, RgbdFrame
 from hoid_filter.config import FilterConfig
@@ -39,6 +52,28 @@ def test_corners_are_counted_by_what_the_strategy_keeps(monkeypatch: pytest.Monk
         moving=2, moving_kept=1, moving_seeds=1, static=2, static_lost=1, seeds=2
     )
     assert nothing == Tally(2, 2, 2, 2, 0, 4, frames_that_differ=1)
+
+
+def test_a_job_judges_every_variant_and_its_page_shows_the_shares(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    job = Job('synth-1', 'hoid+', 'truth', 0, 'masks', (), Perturbation(missed_every=3))
+
+    def judged(case: MaskCase, configs: Mapping[str, FilterConfig], _: Store) -> dict[str, Tally]:
+        assert case == CASES['rendered-missed']
+        assert list(configs) == list(variants())
+        return {'hoid+': Tally(), 'none': Tally(4, 1, 1, 8, 2, 5, frames_that_differ=7)}
+
+    monkeypatch.setattr(masks, 'judge_masks', judged)
+    rows = mask_rows(job, STORE)
+    assert rows[1] == ['none', 7, 1 / 4, 2 / 8, 1 / 7, 1 / 5, 1 - 4 / 8]
+    result = Result(job, json.loads(json.dumps({'masks': rows})))
+    table = make_table(Experiment('m', 'Masks', 'masks', '', '', '', (job,)), [result])
+    assert [cell.text for cell in table.rows[1]] == [
+        'synth-1', 'truth', 'missed_every=3', 'none', '7',
+        '25.0 %', '25.0 %', '14.3 %', '20.0 %', '50.0 %',
+    ]  # fmt: skip
+    assert len(table.columns) == len(table.rows[1])
 
 
 def test_every_switch_and_strategy_is_a_variant() -> None:

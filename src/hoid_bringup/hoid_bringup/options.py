@@ -17,6 +17,7 @@ from hoid_bags.sequence import Sequence, open_sequence
 from hoid_bringup.run_config import SHORT_NAMES, TRUTH, RunConfig
 from hoid_common.errors import ConfigError
 from hoid_common.files import scratch_folder
+from hoid_filter.config import STRATEGIES
 
 _SHORTCUTS = {
     **SHORT_NAMES,
@@ -36,8 +37,7 @@ def add_recording_arguments(
 
 def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the choice of filter and detector and every other parameter."""
-    strategies = ', '.join(_choices('filter.strategy'))
-    parser.add_argument('--filter', metavar='STRATEGY', help=f'one of {strategies}')
+    parser.add_argument('--filter', choices=STRATEGIES, help='how dynamic objects are told')
     parser.add_argument(
         '--detector',
         metavar='MODEL',
@@ -110,7 +110,3 @@ def _assignment(text: str) -> tuple[str, Any]:
     except yaml.YAMLError as error:
         raise ConfigError(f'--set {text}: "{value_text}" is not a value') from error
     return name, tuple(value) if isinstance(value, list) else value
-
-
-def _choices(name: str) -> tuple[str, ...]:
-    return next(p.spec.choices for p in RunConfig().params() if p.name == name)

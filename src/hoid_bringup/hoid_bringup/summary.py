@@ -22,6 +22,7 @@ from rgbd_slam.dense.voxel_map import ColoredCloud
 
 _LOG = logging.getLogger(__name__)
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'rosbags', 'evo')
+_STAGES = ('detect', 'extract', 'filter', 'track', 'map', 'frame')
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class Summary:
     loops: int
     merges: int
     relocalizations: int
-    stage_ms: Mapping[str, Spread | None]
+    stage_ms: Mapping[str, Spread | None]  # every stage; None where nothing was timed
     latency_ms: Spread | None
     peak_rss_mb: float
     peak_rss_by_node_mb: Mapping[str, float]
@@ -137,7 +138,10 @@ def summarize(result: RunResult) -> Summary:
         rpe_trans_1s_rmse_m=errors['rpe_trans_1s_rmse_m'],
         rpe_rot_1s_rmse_deg=errors['rpe_rot_1s_rmse_deg'],
         **asdict(result.map_counts),
-        stage_ms={name: Spread.of(values) for name, values in result.stage_ms.items()},
+        stage_ms={
+            name: Spread.of(result.stage_ms.get(name, ()))
+            for name in dict.fromkeys((*_STAGES, *result.stage_ms))
+        },
         latency_ms=Spread.of(result.latency_ms),
         peak_rss_mb=round(result.peak_rss_mb, 1),
         peak_rss_by_node_mb={n: round(mb, 1) for n, mb in result.rss_by_node_mb.items()},

@@ -44,6 +44,16 @@ def test_wrong_usage_is_status_2(argv: list[str]) -> None:
     assert exit_info.value.code == 2
 
 
+@pytest.mark.parametrize('command', ['run', 'replay', 'view', 'pictures'])
+def test_an_unknown_strategy_is_wrong_usage_in_every_command(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        cli.main([command, 'SEQUENCE', '--out', 'DIR', '--filter', 'bogus'])
+    assert exit_info.value.code == 2
+    assert "--filter: invalid choice: 'bogus'" in capsys.readouterr().err
+
+
 def test_interruption_is_status_130(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def interrupted(_path: Path) -> None:
         raise KeyboardInterrupt

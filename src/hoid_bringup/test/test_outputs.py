@@ -39,7 +39,7 @@ def result(final: Trajectory, truth: Trajectory | None) -> RunResult:
         ground_truth=truth,
         map_counts=MapCounts(9, 2, maps=1, loops=1),
         filter_counts=FilterCounts(100_000, 20, 3),
-        stage_ms={'frame': [1.0, 2, 3], 'detect': []},
+        stage_ms={'frame': [1.0, 2, 3], 'rest': [4.0]},
         peak_rss_mb=321.04,
         recording=Path('spiral.bag'),
     )
@@ -61,7 +61,12 @@ def test_all_files_of_the_contract(tmp_path: Path) -> None:
     loaded = json.loads((out / 'summary.json').read_text())
     assert loaded['recording'] == str(Path.cwd() / 'spiral.bag')
     assert set(CONTRACT.split()) <= set(loaded)
-    assert loaded['stage_ms'] == {'frame': {'median': 2.0, 'p95': 2.9}, 'detect': None}
+    nothing = dict.fromkeys(('detect', 'extract', 'filter', 'track', 'map'))
+    assert loaded['stage_ms'] == {
+        **nothing,
+        'frame': {'median': 2.0, 'p95': 2.9},
+        'rest': {'median': 4.0, 'p95': 4.0},
+    }
     assert loaded['filter'] == {
         'features_in': 100_000,
         'features_removed': 20,
