@@ -7,6 +7,7 @@ import time
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.errors import MessageError
 from hoid_common.values import CameraModel, Features, FloatArray, IntArray, Trajectory
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
@@ -68,8 +69,13 @@ class RgbdSlam:
         self._noise = NoiseMeter(self._camera)
 
     def process(self, features: Features) -> TrackingResult:
-        """Track one frame, and map it when it shows something new."""
+        """Track one frame, and map it when it shows something new.
+
+        Raises:
+            MessageError: A feature is of an octave that the configuration does not know.
+        """
         start_s = time.thread_time()
+        _check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
         self._redirect(self._mapper.update())
         if len(self._map.keyframes) == 0:
@@ -286,4 +292,14 @@ class RgbdSlam:
             loops.closed,
             loops.merged,
             self._num_relocalizations,
+        )
+
+
+def _check_octaves(features: Features, num_octaves: int) -> None:
+    """Refuse what the tables of scales and weights, here and in native code, do not hold."""
+    highest = int(features.octave.max(initial=0))
+    if highest >= num_octaves:
+        raise MessageError(
+            f'features.octave: {highest} is beyond the camera.num_octaves of SLAM, {num_octaves}: '
+            "set it to the filter's extraction.num_levels"
         )
