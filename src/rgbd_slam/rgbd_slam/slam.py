@@ -12,6 +12,7 @@ from hoid_common.values import CameraModel, Features, FloatArray, IntArray, Traj
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.frame_poses import KeyframePoses
+from rgbd_slam.image_clock import ImageClock
 from rgbd_slam.keyframe_policy import KeyframePolicy
 from rgbd_slam.map import Redirect, SlamMap
 from rgbd_slam.map_state import MapState, snapshot
@@ -62,7 +63,7 @@ class RgbdSlam:
         self._num_relocalizations = 0
         self._trajectory = TrajectoryRecorder()
         self._last: TrackedFrame | None = None
-        self._known_ns: int | None = None  # when the pose was known last, or first looked for
+        self._clock = ImageClock()
         self._motion = ConstantVelocity()
         self._T_odom_camera = np.eye(4)
         self._tallies = PointTallies(self._map.points)
@@ -77,6 +78,9 @@ class RgbdSlam:
         start_s = time.thread_time()
         _check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
+        if self._clock.add(frame.stamp_ns):
+            self._motion.forget()
+            self._policy.restart()
         self._redirect(self._mapper.update())
         if len(self._map.keyframes) == 0:
             return self._start(frame, np.eye(4))
@@ -140,10 +144,7 @@ class RgbdSlam:
     def _lost(self, frame: Frame) -> TrackingResult:
         """Give up on a frame; when lost for long, map anew from where the camera was last."""
         self._motion.forget()
-        if self._known_ns is None:
-            self._known_ns = frame.stamp_ns
-        lost_s = 1e-9 * (frame.stamp_ns - self._known_ns)
-        if self.is_mapping and lost_s > self._config.places.new_map_after_s:
+        if self.is_mapping and self._clock.lost_s > self._config.places.new_map_after_s:
             T = np.eye(4) if self._last is None else self._last.current_pose(self._map)
             return self._start(frame, T)
         return TrackingResult(frame.stamp_ns, TrackingState.LOST)
@@ -183,7 +184,7 @@ class RgbdSlam:
             )
 
     def _record(self, tracked: TrackedFrame) -> None:
-        self._known_ns = tracked.frame.stamp_ns
+        self._clock.recognised()
         self._trajectory.add(
             tracked.frame.stamp_ns,
             tracked.T_map_camera,
@@ -212,7 +213,8 @@ class RgbdSlam:
         self._mapper.load(state, keep=keep)
         self._redirect(self._mapper.update())
         if not keep:
-            self._last = self._known_ns = None
+            self._last = None
+            self._clock.recognised()  # there is time to find the camera in it
             self._motion.forget()
         keyframes = self._map.keyframes
         self._num_maps = 1 + int(keyframes.map_id[keyframes.alive].max())

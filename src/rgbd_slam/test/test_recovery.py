@@ -73,6 +73,32 @@ def test_what_is_mapped_where_nothing_is_known_stays_out_of_the_trajectory() -> 
     assert len(slam.map_points_m()) == stats.num_map_points
 
 
+LATER = 3000  # images, of a clock that is set back by 100 s then
+
+
+def test_after_stamps_that_go_back_another_scene_becomes_a_new_map() -> None:
+    """As of a bag that starts anew: time was counted from what is now the future."""
+    config = SlamConfig().updated({'places.new_map_after_s': 1.0})
+    here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, config)
+    for n, pose in enumerate(POSES[:30]):
+        slam.process(seen(here, LATER + n, pose))
+    states = [slam.process(seen(there, n, T)).state for n, T in enumerate(POSES[:60])]
+    assert states[:30] == [LOST] * 30
+    assert states[32:] == [TRACKING] * 28
+    assert slam.stats.num_maps == 2
+
+
+def test_after_stamps_that_go_back_the_map_goes_on_growing() -> None:
+    config = SlamConfig().updated({'keyframes.fallen_share': 0.0})  # which waits for no time
+    world, slam = World(), RgbdSlam(CAMERA, config)
+    for n, pose in enumerate(POSES[:10]):
+        slam.process(seen(world, LATER + n, pose))
+    results = [slam.process(seen(world, n, T)) for n, T in enumerate(POSES)]
+    assert [r.state for r in results] == [TRACKING] * len(POSES)
+    assert sum(r.is_keyframe for r in results) >= 3
+    assert slam.stats.num_maps == 1
+
+
 def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None:
     """The camera turns round in the dark, maps what is there, and turns back in the light."""
     config = SlamConfig().updated({'places.new_map_after_s': 0.2})
