@@ -5,10 +5,11 @@ from __future__ import annotations
 # A stamp this much older than the newest one means that time started anew: a bag that loops, a
 # clock that was set.
 _RESTART_NS = 1_000_000_000
+_MOST_NS = 500_000_000  # of a gap: in a longer one nobody has looked
 
 
 class ImageClock:
-    """Counts for how long no image was recognised."""
+    """Counts for how long images have come of which none was recognised."""
 
     def __init__(self) -> None:
         self._newest_ns: int | None = None  # since time started
@@ -22,7 +23,7 @@ class ImageClock:
             return newest_ns is not None
         gap_ns = max(stamp_ns - newest_ns, 0)
         self._newest_ns = newest_ns + gap_ns
-        self._lost_ns += gap_ns
+        self._lost_ns += min(gap_ns, _MOST_NS)
         return False
 
     def recognised(self) -> None:
@@ -31,5 +32,5 @@ class ImageClock:
 
     @property
     def lost_s(self) -> float:
-        """Return the time since an image was recognised, or since the first."""
+        """Return for how long images have come since one was recognised, or since the first."""
         return 1e-9 * self._lost_ns

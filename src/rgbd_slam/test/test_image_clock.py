@@ -20,6 +20,11 @@ def test_time_is_counted_from_image_to_image() -> None:
     assert lost_s(7.0, 7.1, 7.3) == pytest.approx(0.3)
 
 
+def test_a_gap_counts_as_half_a_second_at_most() -> None:
+    assert lost_s(7.0, 17.0) == pytest.approx(0.5)
+    assert lost_s(7.0, 7.4, 17.0, 17.1) == pytest.approx(1.0)
+
+
 def test_stamps_that_stand_still_or_change_places_count_once() -> None:
     assert lost_s(7.0, 7.2, 7.2, 7.1, 7.3) == pytest.approx(0.3)
     assert lost_s(7.0, 6.0, 6.5, 7.1) == pytest.approx(0.1)

@@ -73,6 +73,17 @@ def test_what_is_mapped_where_nothing_is_known_stays_out_of_the_trajectory() -> 
     assert len(slam.map_points_m()) == stats.num_map_points
 
 
+def test_a_gap_in_the_stream_is_no_time_lost() -> None:
+    """Nobody looked for ten seconds: the camera is looked for as long as after any loss."""
+    here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, SlamConfig())
+    for n, pose in enumerate(POSES[:20]):
+        slam.process(seen(here, n, pose))
+    gap = round(10e9 / PERIOD_NS)
+    assert slam.process(seen(there, 20 + gap, POSES[0])).state is LOST
+    assert slam.process(seen(here, 21 + gap, POSES[20])).state is TRACKING
+    assert slam.stats.num_maps == 1
+
+
 LATER = 3000  # images, of a clock that is set back by 100 s then
 
 
