@@ -31,6 +31,9 @@ from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_poses, keyframe_tr
 
 _MS = 1e3
 _MIN_FIRST_FEATURES = 50  # with depth, to start a map; triangulation adds to them
+# What a camera may have turned and gone while lost, as standard deviations [rad, m]: of poses in
+# a map that nothing has joined with the main one.
+_UNKNOWN_COVARIANCE = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
 
 
 class RgbdSlam:
@@ -104,7 +107,7 @@ class RgbdSlam:
             TrackingState.TRACKING,
             T_map_camera,
             self._T_odom_camera,
-            covariance(tracking.estimate),
+            self._covariance(tracking),
             tracking.num_matches,
             tracking.num_inliers,
             insert,
@@ -118,8 +121,8 @@ class RgbdSlam:
 
     def _start(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map at a pose; the first one, or a new one after a loss."""
+        is_first = len(self._map.keyframes) == 0
         if np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_FIRST_FEATURES:
-            is_first = len(self._map.keyframes) == 0
             state = TrackingState.NOT_INITIALIZED if is_first else TrackingState.LOST
             return TrackingResult(frame.stamp_ns, state)
         i = self._mapper.start_map(frame, T_map_camera, self._num_maps)
@@ -130,8 +133,14 @@ class RgbdSlam:
         self._record(self._last)
         return TrackingResult(
             frame.stamp_ns, TrackingState.TRACKING, T_map_camera, self._T_odom_camera,
-            np.zeros((6, 6)), len(points), len(points), is_keyframe=True,
+            np.zeros((6, 6)) if is_first else _UNKNOWN_COVARIANCE, len(points), len(points),
+            is_keyframe=True,
         )  # fmt: skip
+
+    def _covariance(self, tracking: Tracking) -> FloatArray:
+        """Return how well the pose is known: in the main map, not in one started since a loss."""
+        in_own_map = covariance(tracking.estimate)
+        return in_own_map if self.is_in_main_map else in_own_map + _UNKNOWN_COVARIANCE
 
     def _relocalized(self, frame: Frame) -> Tracking | None:
         """Find a lost frame in the map; how it moved since the last one stays unknown."""

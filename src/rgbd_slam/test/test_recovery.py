@@ -121,13 +121,19 @@ def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None
     twist[:, 1] = np.r_[look, *turned]
     twist[:, 3] = 0.4 * np.sin(np.linspace(0, 20, 170))
     poses = se3.exp(twist)
-    maps = []
+    maps, unknown = [], []
     for n, pose in enumerate(poses):
-        slam.process(seen(world, n, pose, covered=n in dark))
+        result = slam.process(seen(world, n, pose, covered=n in dark))
+        if result.covariance is not None:
+            sigmas = np.sqrt(np.diag(result.covariance))
+            assert (sigmas[:3].min() > 1) == (sigmas[3:].min() > 5)  # rad, m
+            assert (sigmas[3:].min() > 5) == (not slam.is_in_main_map)
+            unknown += [n] if sigmas[3:].min() > 5 else []
         keyframes = slam._map.keyframes
         maps.append(len(np.unique(keyframes.map_id[keyframes.indices()])))
     assert max(maps) == 2
     assert maps[-1] == 1
+    assert unknown[0] == maps.index(2)  # where the new map lies in the first one
     assert (slam.stats.num_maps, slam.stats.num_merges, slam.stats.num_loops) == (1, 1, 0)
     assert len(slam.trajectory_final()) == len(slam.trajectory_online())
     errors = position_errors_m(slam.trajectory_final(), poses)
