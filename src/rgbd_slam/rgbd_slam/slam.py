@@ -57,7 +57,7 @@ class RgbdSlam:
         self._policy = KeyframePolicy(
             self._map, config.keyframes, self._camera.baseline_px_m / close_limit_m
         )
-        self._tracker = Tracker(self._camera, self._map, config.tracking)
+        self._tracker = Tracker(self._camera, self._map, config.tracking, config.seed)
         link = MapperProcess if background else InlineMapper
         self._mapper: MapperLink = link(self._camera, self._map, config)
         self._relocalizer = Relocalizer(self._map, self._camera, self._tracker, config)
