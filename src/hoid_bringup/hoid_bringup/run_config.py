@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hoid_common.config import Config, param
+from hoid_common.errors import ConfigError
 from hoid_detector.config import DetectorConfig
-from hoid_filter.config import FilterConfig
+from hoid_filter.config import ExtractionConfig, FilterConfig
 from hoid_filter.detection_gate import GateConfig
-from rgbd_slam.config import SlamConfig
+from rgbd_slam.config import CameraConfig, SlamConfig
 from rgbd_slam.dense.config import DenseConfig
 from rgbd_slam.object_tracker import ObjectTrackerConfig
 
@@ -22,7 +23,13 @@ SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
 
 @dataclass(frozen=True)
 class RunConfig(Config):
-    """Parameters of an offline run or a replay; nested names are those of the nodes."""
+    """Parameters of an offline run or a replay; nested names are those of the nodes.
+
+    SLAM's octaves follow the filter's unless they are set, too.
+
+    Raises:
+        ConfigError: A value is out of range, or the octaves of filter and SLAM do not agree.
+    """
 
     model: str = param('', f'Detector model file, "{TRUTH}", or empty for the usual places')
     detector: DetectorConfig = field(default_factory=DetectorConfig)
@@ -31,6 +38,11 @@ class RunConfig(Config):
     slam: SlamConfig = field(default_factory=SlamConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
     objects: ObjectTrackerConfig = field(default_factory=ObjectTrackerConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        camera = _following(self.slam.camera, self.filter.extraction)
+        object.__setattr__(self, 'slam', replace(self.slam, camera=camera))
 
     @property
     def needs_detections(self) -> bool:
@@ -61,3 +73,23 @@ class RunConfig(Config):
         return cls().updated(
             {n: tuple(v) if isinstance(v, list) else v for n, v in values.items()}
         )
+
+
+def _following(camera: CameraConfig, extraction: ExtractionConfig) -> CameraConfig:
+    """Return SLAM's camera with the octaves of the features that the filter makes."""
+    default = CameraConfig()
+    if camera.num_octaves == default.num_octaves:
+        camera = replace(camera, num_octaves=max(extraction.num_levels, default.num_octaves))
+    if camera.scale_factor == default.scale_factor:
+        camera = replace(camera, scale_factor=extraction.scale_factor)
+    if extraction.num_levels > camera.num_octaves:
+        raise ConfigError(
+            f'filter.extraction.num_levels, {extraction.num_levels}, must not be beyond '
+            f'slam.camera.num_octaves, {camera.num_octaves}'
+        )
+    if extraction.scale_factor != camera.scale_factor:
+        raise ConfigError(
+            f'filter.extraction.scale_factor, {extraction.scale_factor:g}, must be '
+            f'slam.camera.scale_factor, {camera.scale_factor:g}'
+        )
+    return camera

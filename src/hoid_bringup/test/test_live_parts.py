@@ -131,6 +131,36 @@ def test_a_summary_notes_what_makes_the_same_run_again() -> None:
     assert RunConfig().noted().keys() == {'filter', 'seed'}
 
 
+def test_octaves_of_slam_follow_those_of_the_filter() -> None:
+    options = plan(
+        FakeBag(),
+        **{'filter.extraction.num_levels': 12, 'filter.extraction.scale_factor': 1.1},
+    )
+    slam = options.parameters['rgbd_slam']
+    assert (slam['camera.num_octaves'], slam['camera.scale_factor']) == (12, 1.1)
+    assert 'camera.num_octaves' not in plan(FakeBag()).parameters['rgbd_slam']
+    fewer = RunConfig().updated({'filter.extraction.num_levels': 4})
+    assert fewer.slam.camera.num_octaves == 8  # as in saved maps
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        (
+            {'filter.extraction.num_levels': 12, 'slam.camera.num_octaves': 10},
+            r'filter\.extraction\.num_levels, 12, .* slam\.camera\.num_octaves, 10',
+        ),
+        (
+            {'slam.camera.scale_factor': 1.3},
+            r'filter\.extraction\.scale_factor, 1\.2, .* slam\.camera\.scale_factor, 1\.3',
+        ),
+    ],
+)
+def test_octaves_that_do_not_agree_are_refused(changes: dict[str, object], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        RunConfig().updated(changes)
+
+
 def test_in_lockstep_no_message_may_be_lost() -> None:
     config = ReplayConfig(lockstep=True)
     bag = cast('BagSequence', FakeBag())

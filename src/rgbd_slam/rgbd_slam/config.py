@@ -30,7 +30,9 @@ class CameraConfig(Config):
     scale_factor: float = param(
         1.2, 'Scale between two octaves, as in extraction', minimum=1.01, maximum=2.0
     )
-    num_octaves: int = param(8, 'Octaves, as in extraction', minimum=1, maximum=16)
+    num_octaves: int = param(
+        8, 'Octaves: at least the levels of extraction', minimum=1, maximum=16
+    )
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,10 @@ class KeyframePolicy:
         self._map = slam_map
         self.config = config
         self._close_px = close_px
+        self.restart()
+
+    def restart(self) -> None:
+        """Expect stamps that start anew: the last keyframe is long ago."""
         self.inserted(0)
 
     def inserted(self, stamp_ns: int) -> None:

@@ -140,10 +140,11 @@ class LoopCloser:
         map_id = int(keyframes.map_id[i])
         move_map(self._map, *closed_poses(self._map, map_id, self._loops, config.essential_shared))
         self._fuse(i, c)
-        if small:
-            return LoopEvent.REJOINED
-        self._adjust(map_id)
-        return LoopEvent.CLOSED
+        # A solution of the map as it was would undo what has just been drawn together.
+        is_outdated = self._adjuster.is_running and self._looped == map_id
+        if not small or is_outdated:
+            self._adjust(map_id)
+        return LoopEvent.REJOINED if small else LoopEvent.CLOSED
 
     def _merge(self, i: int, c: int, T_c_i: FloatArray) -> LoopEvent:
         merge_maps(self._map, i, c, T_c_i)

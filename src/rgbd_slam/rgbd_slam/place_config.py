@@ -81,8 +81,8 @@ class PlaceConfig(Config):
     """All of it."""
 
     new_map_after_s: float = param(
-        3.0, 'Lost for longer, a new map is started', minimum=0.1, maximum=3600.0,
-        read_only=False,
+        3.0, 'Lost for longer while images come, a new map is started', minimum=0.1,
+        maximum=3600.0, read_only=False,
     )  # fmt: skip
     index: IndexConfig = IndexConfig()
     verification: VerificationConfig = VerificationConfig()

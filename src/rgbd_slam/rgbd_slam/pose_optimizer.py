@@ -22,7 +22,7 @@ class PoseEstimate(NamedTuple):
 
     T_camera_map: FloatArray  # (4, 4)
     inliers: BoolArray  # (N,)
-    information: FloatArray  # (6, 6) of the left twist, rotation first, at the solution
+    information: FloatArray  # (6, 6) of the left twist, rotation first [1/rad^2, 1/m^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,9 @@ def optimize_pose(
 ) -> PoseEstimate:
     """Return the pose that explains the matches best, from an initial one.
 
-    Three rounds, after each of which outliers are told anew.
+    Three rounds, after each of which outliers are told anew. The information is told from the
+    noise of pixels as configured, or as measured where that is more, as of blurred images; where
+    it is less it leaves out what errs together.
     """
     fit = hoid_native.optimize_pose(
         camera.lens,
@@ -55,14 +57,14 @@ def optimize_pose(
         problem.inv_sigma2,
         T_camera_map,
     )
-    return PoseEstimate(*fit)
+    # In the sums pixels have their configured weights and disparities are weighed against them, so
+    # that the measured noise scales all of it alike.
+    information = fit.information / max(1.0, camera.pixel_noise**2)
+    return PoseEstimate(fit.T_camera_map, fit.inliers, information)
 
 
 def covariance(estimate: PoseEstimate) -> FloatArray:
-    """Return (6, 6) of a small motion in the camera's own frame, rotation first [rad^2, m^2].
-
-    It is told from the configured noise: the measured one leaves out what errs together.
-    """
+    """Return (6, 6) of a small motion in the camera's own frame, rotation first [rad^2, m^2]."""
     try:
         return np.asarray(np.linalg.inv(estimate.information))
     except np.linalg.LinAlgError:  # a motion that nothing tells of

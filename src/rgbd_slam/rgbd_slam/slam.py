@@ -7,10 +7,12 @@ import time
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.errors import MessageError
 from hoid_common.values import CameraModel, Features, FloatArray, IntArray, Trajectory
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.frame_poses import KeyframePoses
+from rgbd_slam.image_clock import ImageClock
 from rgbd_slam.keyframe_policy import KeyframePolicy
 from rgbd_slam.map import Redirect, SlamMap
 from rgbd_slam.map_state import MapState, snapshot
@@ -29,6 +31,9 @@ from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_poses, keyframe_tr
 
 _MS = 1e3
 _MIN_FIRST_FEATURES = 50  # with depth, to start a map; triangulation adds to them
+# What a camera may have turned and gone while lost, as standard deviations [rad, m]: of poses in
+# a map that nothing has joined with the main one.
+_UNKNOWN_COVARIANCE = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
 
 
 class RgbdSlam:
@@ -52,7 +57,7 @@ class RgbdSlam:
         self._policy = KeyframePolicy(
             self._map, config.keyframes, self._camera.baseline_px_m / close_limit_m
         )
-        self._tracker = Tracker(self._camera, self._map, config.tracking)
+        self._tracker = Tracker(self._camera, self._map, config.tracking, config.seed)
         link = MapperProcess if background else InlineMapper
         self._mapper: MapperLink = link(self._camera, self._map, config)
         self._relocalizer = Relocalizer(self._map, self._camera, self._tracker, config)
@@ -61,16 +66,24 @@ class RgbdSlam:
         self._num_relocalizations = 0
         self._trajectory = TrajectoryRecorder()
         self._last: TrackedFrame | None = None
-        self._known_ns: int | None = None  # when the pose was known last, or first looked for
+        self._clock = ImageClock()
         self._motion = ConstantVelocity()
         self._T_odom_camera = np.eye(4)
         self._tallies = PointTallies(self._map.points)
         self._noise = NoiseMeter(self._camera)
 
     def process(self, features: Features) -> TrackingResult:
-        """Track one frame, and map it when it shows something new."""
+        """Track one frame, and map it when it shows something new.
+
+        Raises:
+            MessageError: A feature is of an octave that the configuration does not know.
+        """
         start_s = time.thread_time()
+        _check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
+        if self._clock.add(frame.stamp_ns):
+            self._motion.forget()
+            self._policy.restart()
         self._redirect(self._mapper.update())
         if len(self._map.keyframes) == 0:
             return self._start(frame, np.eye(4))
@@ -94,7 +107,7 @@ class RgbdSlam:
             TrackingState.TRACKING,
             T_map_camera,
             self._T_odom_camera,
-            covariance(tracking.estimate),
+            self._covariance(tracking),
             tracking.num_matches,
             tracking.num_inliers,
             insert,
@@ -108,8 +121,8 @@ class RgbdSlam:
 
     def _start(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map at a pose; the first one, or a new one after a loss."""
+        is_first = len(self._map.keyframes) == 0
         if np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_FIRST_FEATURES:
-            is_first = len(self._map.keyframes) == 0
             state = TrackingState.NOT_INITIALIZED if is_first else TrackingState.LOST
             return TrackingResult(frame.stamp_ns, state)
         i = self._mapper.start_map(frame, T_map_camera, self._num_maps)
@@ -120,8 +133,14 @@ class RgbdSlam:
         self._record(self._last)
         return TrackingResult(
             frame.stamp_ns, TrackingState.TRACKING, T_map_camera, self._T_odom_camera,
-            np.zeros((6, 6)), len(points), len(points), is_keyframe=True,
+            np.zeros((6, 6)) if is_first else _UNKNOWN_COVARIANCE, len(points), len(points),
+            is_keyframe=True,
         )  # fmt: skip
+
+    def _covariance(self, tracking: Tracking) -> FloatArray:
+        """Return how well the pose is known: in the main map, not in one started since a loss."""
+        in_own_map = covariance(tracking.estimate)
+        return in_own_map if self.is_in_main_map else in_own_map + _UNKNOWN_COVARIANCE
 
     def _relocalized(self, frame: Frame) -> Tracking | None:
         """Find a lost frame in the map; how it moved since the last one stays unknown."""
@@ -134,10 +153,7 @@ class RgbdSlam:
     def _lost(self, frame: Frame) -> TrackingResult:
         """Give up on a frame; when lost for long, map anew from where the camera was last."""
         self._motion.forget()
-        if self._known_ns is None:
-            self._known_ns = frame.stamp_ns
-        lost_s = 1e-9 * (frame.stamp_ns - self._known_ns)
-        if self.is_mapping and lost_s > self._config.places.new_map_after_s:
+        if self.is_mapping and self._clock.lost_s > self._config.places.new_map_after_s:
             T = np.eye(4) if self._last is None else self._last.current_pose(self._map)
             return self._start(frame, T)
         return TrackingResult(frame.stamp_ns, TrackingState.LOST)
@@ -177,7 +193,7 @@ class RgbdSlam:
             )
 
     def _record(self, tracked: TrackedFrame) -> None:
-        self._known_ns = tracked.frame.stamp_ns
+        self._clock.recognised()
         self._trajectory.add(
             tracked.frame.stamp_ns,
             tracked.T_map_camera,
@@ -206,7 +222,8 @@ class RgbdSlam:
         self._mapper.load(state, keep=keep)
         self._redirect(self._mapper.update())
         if not keep:
-            self._last = self._known_ns = None
+            self._last = None
+            self._clock.recognised()  # there is time to find the camera in it
             self._motion.forget()
         keyframes = self._map.keyframes
         self._num_maps = 1 + int(keyframes.map_id[keyframes.alive].max())
@@ -286,4 +303,14 @@ class RgbdSlam:
             loops.closed,
             loops.merged,
             self._num_relocalizations,
+        )
+
+
+def _check_octaves(features: Features, num_octaves: int) -> None:
+    """Refuse what the tables of scales and weights, here and in native code, do not hold."""
+    highest = int(features.octave.max(initial=0))
+    if highest >= num_octaves:
+        raise MessageError(
+            f'features.octave: {highest} is beyond the camera.num_octaves of SLAM, {num_octaves}: '
+            "set it to the filter's extraction.num_levels"
         )

@@ -60,12 +60,22 @@ class _First(NamedTuple):
 
 
 class Tracker:
-    """Tracks frames in a map that it does not change."""
+    """Tracks frames in a map that it does not change.
 
-    def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: TrackingConfig) -> None:
+    Args:
+        camera: The camera, which may be replaced by one with other noise.
+        slam_map: The map.
+        config: Parameters.
+        seed: Of the samples tried where a frame is recognised; with its stamp.
+    """
+
+    def __init__(
+        self, camera: StereoCamera, slam_map: SlamMap, config: TrackingConfig, seed: int = 0
+    ) -> None:
         self.camera = camera
         self._map = slam_map
         self._config = config
+        self._seed = seed
         self._inv_sigma2 = slam_map.octave_scale**-2.0
 
     def track(
@@ -182,7 +192,7 @@ class Tracker:
             landmarks.position_m[matches.q],
             self.camera,
             config.alignment,
-            np.random.default_rng(frame.stamp_ns % 2**63),
+            np.random.default_rng((self._seed, frame.stamp_ns % 2**63)),
         )
         T_camera_map = alignment.T_camera_points
         is_found = alignment.status is AlignmentStatus.OK

@@ -10,6 +10,8 @@ from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.essential_graph import Loop, closed_poses, move_map, path_length_m
 from rgbd_slam.geometric_verification import PlaceStatus
+from rgbd_slam.global_adjustment import global_problem
+from rgbd_slam.local_ba import BundleSolution
 from rgbd_slam.loop_closing import Join, LoopCloser, LoopEvent
 from rgbd_slam.map import SlamMap
 from rgbd_slam.map_merging import merge_maps
@@ -220,3 +222,34 @@ def test_where_two_places_look_the_same_neither_is_believed() -> None:
     mapped(slam_map, world, truth, truth)
     finder = PlaceFinder(slam_map, CAMERA, SlamConfig().places, 0)
     assert finder.locate(world.frame(truth[3], 99)[0]) is None
+
+
+class _Slow:
+    """A solution of the map as it was, which whoever waits can have."""
+
+    def __init__(self, slam_map: SlamMap) -> None:
+        self.problem = global_problem(slam_map, 0)
+
+    def is_done(self, timeout_s: float) -> bool:
+        return timeout_s > 0
+
+    def take(self) -> BundleSolution:
+        bundle = self.problem.bundle
+        outliers = np.zeros(len(bundle.camera), np.bool_)
+        return BundleSolution(bundle.T_camera_map, bundle.points_m, outliers, 0.0, 0.0)
+
+    def close(self) -> None:
+        pass
+
+
+def test_an_adjustment_under_way_does_not_undo_a_rejoin() -> None:
+    truth, slam_map = ring_poses(36, LAPS), SlamMap(1.2, 8)
+    rows = mapped(slam_map, RingWorld(), truth, drifted(truth, 0.1 * DRIFT))
+    closer = LoopCloser(slam_map, CAMERA, SlamConfig().updated({'places.loops.long_way_m': 50.0}))
+    closer._looped, slow = 0, _Slow(slam_map)
+    closer._adjuster._running = slow  # type: ignore[assignment]  # as in the background
+    before = _errors_m(slam_map, rows, truth)
+    assert closer.process(int(rows[-1])) is LoopEvent.REJOINED
+    closer._adjuster.poll(1.0)
+    assert not closer.is_adjusting
+    assert _errors_m(slam_map, rows, truth)[-1] < 0.3 * before[-1]

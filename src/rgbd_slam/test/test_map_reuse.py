@@ -106,13 +106,11 @@ def test_mapping_goes_on_in_a_loaded_map(saved: MapState) -> None:
 
 
 def test_a_place_unknown_for_long_starts_a_map_beside_the_loaded_one(saved: MapState) -> None:
-    slam = RgbdSlam(CAMERA, SlamConfig())
+    slam = RgbdSlam(CAMERA, SlamConfig().updated({'places.new_map_after_s': 0.3}))
     slam.load(saved, keep=False)
-    elsewhere = World(seed=7)
-    early = run(slam, elsewhere, sway(90)[:3])
-    assert all(result.state is TrackingState.LOST for result in early)
-    late = run(slam, elsewhere, sway(90)[3:9], 100)
-    assert late[0].is_keyframe
+    results = run(slam, World(seed=7), sway(90)[:16])
+    assert all(result.state is TrackingState.LOST for result in results[:10])
+    assert results[10].is_keyframe
     assert slam.stats.num_maps == 2
     assert not slam.is_in_main_map
 

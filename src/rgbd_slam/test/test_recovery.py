@@ -73,6 +73,43 @@ def test_what_is_mapped_where_nothing_is_known_stays_out_of_the_trajectory() -> 
     assert len(slam.map_points_m()) == stats.num_map_points
 
 
+def test_a_gap_in_the_stream_is_no_time_lost() -> None:
+    """Nobody looked for ten seconds: the camera is looked for as long as after any loss."""
+    here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, SlamConfig())
+    for n, pose in enumerate(POSES[:20]):
+        slam.process(seen(here, n, pose))
+    gap = round(10e9 / PERIOD_NS)
+    assert slam.process(seen(there, 20 + gap, POSES[0])).state is LOST
+    assert slam.process(seen(here, 21 + gap, POSES[20])).state is TRACKING
+    assert slam.stats.num_maps == 1
+
+
+LATER = 3000  # images, of a clock that is set back by 100 s then
+
+
+def test_after_stamps_that_go_back_another_scene_becomes_a_new_map() -> None:
+    """As of a bag that starts anew: time was counted from what is now the future."""
+    config = SlamConfig().updated({'places.new_map_after_s': 1.0})
+    here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, config)
+    for n, pose in enumerate(POSES[:30]):
+        slam.process(seen(here, LATER + n, pose))
+    states = [slam.process(seen(there, n, T)).state for n, T in enumerate(POSES[:60])]
+    assert states[:30] == [LOST] * 30
+    assert states[32:] == [TRACKING] * 28
+    assert slam.stats.num_maps == 2
+
+
+def test_after_stamps_that_go_back_the_map_goes_on_growing() -> None:
+    config = SlamConfig().updated({'keyframes.fallen_share': 0.0})  # which waits for no time
+    world, slam = World(), RgbdSlam(CAMERA, config)
+    for n, pose in enumerate(POSES[:10]):
+        slam.process(seen(world, LATER + n, pose))
+    results = [slam.process(seen(world, n, T)) for n, T in enumerate(POSES)]
+    assert [r.state for r in results] == [TRACKING] * len(POSES)
+    assert sum(r.is_keyframe for r in results) >= 3
+    assert slam.stats.num_maps == 1
+
+
 def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None:
     """The camera turns round in the dark, maps what is there, and turns back in the light."""
     config = SlamConfig().updated({'places.new_map_after_s': 0.2})
@@ -84,13 +121,19 @@ def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None
     twist[:, 1] = np.r_[look, *turned]
     twist[:, 3] = 0.4 * np.sin(np.linspace(0, 20, 170))
     poses = se3.exp(twist)
-    maps = []
+    maps, unknown = [], []
     for n, pose in enumerate(poses):
-        slam.process(seen(world, n, pose, covered=n in dark))
+        result = slam.process(seen(world, n, pose, covered=n in dark))
+        if result.covariance is not None:
+            sigmas = np.sqrt(np.diag(result.covariance))
+            assert (sigmas[:3].min() > 1) == (sigmas[3:].min() > 5)  # rad, m
+            assert (sigmas[3:].min() > 5) == (not slam.is_in_main_map)
+            unknown += [n] if sigmas[3:].min() > 5 else []
         keyframes = slam._map.keyframes
         maps.append(len(np.unique(keyframes.map_id[keyframes.indices()])))
     assert max(maps) == 2
     assert maps[-1] == 1
+    assert unknown[0] == maps.index(2)  # where the new map lies in the first one
     assert (slam.stats.num_maps, slam.stats.num_merges, slam.stats.num_loops) == (1, 1, 0)
     assert len(slam.trajectory_final()) == len(slam.trajectory_online())
     errors = position_errors_m(slam.trajectory_final(), poses)

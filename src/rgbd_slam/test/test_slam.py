@@ -5,12 +5,14 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hoid_common.errors import MessageError
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import StereoCamera
 from rgbd_slam.map import SlamMap
@@ -51,6 +53,26 @@ def test_a_known_trajectory_comes_back_and_repeats() -> None:
     assert np.sqrt((errors**2).mean()) < 0.004
     assert errors.max() < 0.012
     assert 3 <= first.stats.num_keyframes < 40
+
+
+def test_features_of_an_unknown_octave_are_refused_and_change_nothing() -> None:
+    config = SlamConfig().updated({'camera.num_octaves': 6})
+    world, slam = World(), RgbdSlam(CAMERA, config)
+
+    def see(n: int, highest: int) -> TrackingState:
+        seen = world.features(n * PERIOD_NS, POSES[n])
+        octave = np.minimum(seen.octave, highest)
+        octave[0] = highest
+        return slam.process(replace(seen, octave=octave)).state
+
+    said = r'features\.octave: 6 .* camera\.num_octaves of SLAM, 6: .* extraction\.num_levels'
+    with pytest.raises(MessageError, match=said):
+        see(0, highest=6)
+    assert see(0, highest=5) is TrackingState.TRACKING
+    with pytest.raises(MessageError, match=said):
+        see(1, highest=6)
+    assert see(2, highest=5) is TrackingState.TRACKING
+    assert len(slam.trajectory_online()) == 2
 
 
 def test_mapping_in_a_process_of_its_own() -> None:

@@ -1,10 +1,13 @@
 """Tracking where the usual prediction fails: known poses come back by the next best means."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
+from rgbd_slam.alignment import Alignment, align_image
 from rgbd_slam.config import SlamConfig, TrackingConfig
 from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.keyframes import NO_POINT
@@ -59,6 +62,23 @@ def test_a_turn_that_nobody_expects_is_tracked(turn_rad: float) -> None:
     error_rad, error_m = Known().error(1, [0, turn_rad, 0.05, 0.05, 0, 0])
     assert error_rad < 0.004
     assert error_m < 0.015
+
+
+def test_the_samples_tried_follow_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    turned = se3.exp(np.array([0, 0.3, 0, 0, 0, 0]))  # at once: recognised, not predicted
+    states: list[Any] = []
+
+    def noted(*args: Any) -> Alignment:
+        states.append(args[-1].bit_generator.state['state'])
+        return align_image(*args)
+
+    monkeypatch.setattr('rgbd_slam.tracker.align_image', noted)
+    for seed in (0, 1, 1):
+        world, slam = World(), RgbdSlam(MODEL, SlamConfig(seed=seed))
+        for n, pose in enumerate((np.eye(4), turned)):
+            slam.process(world.features(n * PERIOD_NS, pose))
+    first, second, again = states
+    assert first != second == again
 
 
 def test_a_jump_that_no_hand_makes_is_left_to_relocalisation() -> None:
