@@ -72,19 +72,19 @@ def serialized_crowd(header: Any, number: int) -> bytes:
 def test_wrong_images_are_refused(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 0.1})
     peer.send_images(0, DEPTH_M[::2, ::2])
-    peer.wait_for_count('depth images refused', 1)
+    peer.wait_for_count('matched images refused', 1)
     strange = conversions.color_to_msg(IMAGE, peer.header(1))
     strange.encoding = 'yuv422'
     peer.color.publish(strange)
     peer.depth.publish(conversions.depth_to_msg(DEPTH_M, peer.header(1)))
-    peer.wait_for_count('depth images refused', 2)
+    peer.wait_for_count('colour images refused', 1)
     for i, fields in ((3, {'encoding': '64FC1'}), (4, {'height': 2 * HEIGHT})):
         wrong = conversions.depth_to_msg(DEPTH_M, peer.header(i))
         for name, value in fields.items():
             setattr(wrong, name, value)
         peer.color.publish(conversions.color_to_msg(IMAGE, peer.header(i)))
         peer.depth.publish(wrong)
-        peer.wait_for_count('depth images refused', i)
+        peer.wait_for_count('depth images refused', i - 2)
     depth_m = np.tile(np.where(np.arange(WIDTH) % 2, np.float32('nan'), 2.5001), (HEIGHT, 1))
     holed = conversions.depth_to_msg(np.full((HEIGHT, WIDTH), np.float32(2.5001)), peer.header(5))
     holed.data = depth_m.astype(np.float32).tobytes()

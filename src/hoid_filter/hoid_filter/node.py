@@ -74,8 +74,8 @@ class FilterNode(Node):
         inputs = Inputs(self, config.input, self._diagnostics)
         matcher = StampMatcher(('colour', 'depth'), int(config.sync_slop_s * 1e9))
         images = Synchronizer(matcher, self._take_images, self._diagnostics)
-        inputs.color(images.input('colour'))
-        inputs.depth(images.input('depth'))
+        inputs.color(images.input('colour', conversions.color_from_msg))
+        inputs.depth(images.input('depth', conversions.depth_from_msg))
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._take_camera, 'camera infos')
         if config.strategy != 'none':
             inputs.messages(DetectionArray, topics.DETECTIONS, self._take_detections, 'detections')
@@ -83,12 +83,11 @@ class FilterNode(Node):
             self._silence = self.create_timer(_SILENCE_S, self._poll, clock=steady)
 
     def _take_images(self, match: Match) -> None:
-        color, depth = match.values
-        pixels = conversions.color_from_msg(color), conversions.depth_from_msg(depth)
-        frame = RgbdFrame(conversions.stamp_from_msg(color.header.stamp), *pixels)
+        (header, image_bgr), (_, depth_m) = match.values
+        frame = RgbdFrame(match.stamp_ns, image_bgr, depth_m)
         looked = self._filter.look(frame)
         self._size_px = (frame.depth_m.shape[1], frame.depth_m.shape[0])
-        image = _Image(color.header, looked, self._size_px)
+        image = _Image(header, looked, self._size_px)
         if self._settings.config.strategy == 'none':
             self._process([Ready(image, None)])
         else:
