@@ -123,7 +123,8 @@ class FeatureFilter:
         if self.camera is not None:
             focal_px = np.array([self.camera.fx_px, self.camera.fy_px])
             principal_px = np.array([self.camera.cx_px, self.camera.cy_px])
-            middle_px = (boxes[:, :2] + boxes[:, 2:]) / 2
+            imaged_px = ((boxes[:, :2] + boxes[:, 2:]) / 2).astype(np.float32)
+            middle_px = self.camera.undistort_px(imaged_px)
             centers[:, :2] = (middle_px - principal_px) / focal_px * verdict.depths_m[:, None]
             centers[:, 2] = verdict.depths_m
             sizes = (boxes[:, 2:] - boxes[:, :2]) / focal_px * verdict.depths_m[:, None]

@@ -1,3 +1,5 @@
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -58,6 +60,16 @@ def test_object_has_its_place_in_the_camera_frame(frame: RgbdFrame) -> None:
     assert person.is_dynamic
     assert person.center_camera_m == pytest.approx((-0.48, 0.04, 2.0))
     assert person.size_m == pytest.approx((0.8, 1.6))
+
+
+def test_place_is_found_through_a_lens_that_distorts(frame: RgbdFrame) -> None:
+    lens = dataclasses.replace(CAMERA, distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
+    center_m = (-0.9, 0.6, 2.0)
+    u, v = lens.project_px(np.array([center_m]))[0]
+    assert u > 320 - 0.9 / 2.0 * 500 + 10  # the lens moves it by more than 10 px
+    found = detections(('person', (u - 50, v - 60, u + 50, v + 60)), stamp_ns=frame.stamp_ns)
+    (person,) = FeatureFilter(FilterConfig(strategy='person'), lens).process(frame, found).objects
+    assert person.center_camera_m == pytest.approx(center_m, abs=1e-4)
 
 
 def test_without_a_camera_places_are_unknown(frame: RgbdFrame) -> None:
