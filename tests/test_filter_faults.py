@@ -9,7 +9,9 @@ from hoid_msgs.msg import Detection, DetectionArray
 from rclpy.serialization import serialize_message
 
 from hoid_common.ros import conversions
+from hoid_common.values import CameraModel
 from hoid_system_tests.filter_peer import (
+    CAMERA,
     DEPTH_M,
     HEIGHT,
     IMAGE,
@@ -113,3 +115,18 @@ def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
     assert [o.score for o in objects.objects] == [1.0, 0.0]
     peer.wait_for_count('boxes clipped', 2)
     peer.wait_for_count('boxes refused', 1)
+
+
+def test_camera_of_another_size_is_refused(run_filter: FilterRunner) -> None:
+    half = CameraModel(WIDTH // 2, HEIGHT // 2, 250.0, 250.0, 160.0, 120.0)
+    peer = run_filter()  # which gets the right camera first
+    # In turns, so that each is told from before: by the first image, then by the message itself.
+    for i, camera in enumerate((half, CAMERA, half, CAMERA)):
+        peer.camera.publish(conversions.camera_to_msg(camera, peer.header(i)))
+        peer.wait_for_count('camera infos received', i + 2)
+        peer.send_images(i)
+        peer.send_boxes(i, PERSON)
+        (person,) = peer.answer(i + 1)[1].objects
+        assert np.isnan([*person.center_camera_m, *person.size_m]).all() == (camera is half)
+    peer.wait_for_count('camera infos refused', 2)
+    assert peer.said()[1]['camera infos refused'] == '2'

@@ -48,7 +48,6 @@ class NodeConfig(FilterConfig):
 class _Image(NamedTuple):
     header: Header
     looked: Looked
-    size_px: tuple[int, int]  # width, height
 
 
 class FilterNode(Node):
@@ -86,8 +85,10 @@ class FilterNode(Node):
         (header, image_bgr), (_, depth_m) = match.values
         frame = RgbdFrame(match.stamp_ns, image_bgr, depth_m)
         looked = self._filter.look(frame)
-        self._size_px = (frame.depth_m.shape[1], frame.depth_m.shape[0])
-        image = _Image(header, looked, self._size_px)
+        if frame.size_px != self._size_px:
+            self._size_px = frame.size_px
+            self._check_camera()
+        image = _Image(header, looked)
         if self._settings.config.strategy == 'none':
             self._process([Ready(image, None)])
         else:
@@ -102,6 +103,14 @@ class FilterNode(Node):
 
     def _take_camera(self, msg: CameraInfo) -> None:
         self._filter.camera = conversions.camera_from_msg(msg)
+        self._check_camera()
+
+    def _check_camera(self) -> None:
+        """Say when the camera is not that of the images; places of objects are then unknown."""
+        camera, size_px = self._filter.camera, self._size_px
+        if camera is not None and size_px not in (None, camera.size_px):
+            error = MessageError(f'camera_info is of a {camera.size_px} px image, not {size_px}')
+            self._diagnostics.report(error, 'camera infos refused')
 
     def _poll(self) -> None:
         self._go_on(self._gate.poll(time.monotonic()))
@@ -123,7 +132,7 @@ class FilterNode(Node):
         for image, detections in ready:
             watched = self._debug_images.is_watched
             result = self._filter.decide(image.looked, detections, for_picture=watched)
-            self._publish(image.header, image.size_px, result)
+            self._publish(image.header, image.looked.frame.size_px, result)
             if watched:
                 picture = draw_result(image.looked.frame.image_bgr, result)
                 self._debug_images.publish(picture, image.header)

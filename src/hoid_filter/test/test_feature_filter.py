@@ -78,6 +78,13 @@ def test_without_a_camera_places_are_unknown(frame: RgbdFrame) -> None:
     assert np.isnan(person.center_camera_m).all()
 
 
+def test_with_a_camera_of_another_size_places_are_unknown(frame: RgbdFrame) -> None:
+    found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
+    half = CameraModel(WIDTH // 2, HEIGHT // 2, 250.0, 250.0, 160.0, 120.0)
+    (person,) = FeatureFilter(FilterConfig(strategy='person'), half).process(frame, found).objects
+    assert np.isnan((*person.center_camera_m, *person.size_m)).all()
+
+
 def test_silent_detector_is_bridged_by_prediction(frame: RgbdFrame) -> None:
     feature_filter = FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA)
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
