@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from hoid_msgs.msg import Detection, DetectionArray
+from hoid_msgs.msg import DynamicObject as ObjectMsg
 from rclpy.serialization import serialize_message
 
 from hoid_common.ros import conversions
@@ -16,6 +17,7 @@ from hoid_system_tests.filter_peer import (
     HEIGHT,
     IMAGE,
     PERSON,
+    TV,
     WIDTH,
     FilterRunner,
     num_inside,
@@ -130,3 +132,22 @@ def test_camera_of_another_size_is_refused(run_filter: FilterRunner) -> None:
         assert np.isnan([*person.center_camera_m, *person.size_m]).all() == (camera is half)
     peer.wait_for_count('camera infos refused', 2)
     assert peer.said()[1]['camera infos refused'] == '2'
+
+
+def test_a_recording_may_start_over(run_filter: FilterRunner) -> None:
+    peer = run_filter()
+    first = 10_000  # of the end of the recording
+    peer.send_images(first)
+    peer.send_boxes(first, PERSON)
+    peer.answer(1)
+    peer.send_images(0)
+    peer.send_boxes(0, PERSON)
+    assert peer.answer(2)[1].header == peer.header(0)
+    peer.wait_for_count('times that stamps went back', 1)
+    peer.send_boxes(first + 1, TV)  # late, and of before
+    peer.wait_for_count('detections refused', 1)
+    peer.send_images(1)  # which the detector skips
+    features, objects = peer.answer(3)
+    assert [(o.class_name, o.reason) for o in objects.objects] == [('person', ObjectMsg.PREDICTED)]
+    assert num_inside(features, PERSON) == 0
+    assert peer.said()[1]['times that stamps went back'] == '1'

@@ -49,7 +49,11 @@ class FeatureFilter:
     def reconfigure(self, config: FilterConfig) -> None:
         """Take over parameters that may change at run time; what was remembered is forgotten."""
         self._config = config
-        self._strategy = make_strategy(config)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was remembered of earlier images, as when their stamps start anew."""
+        self._strategy = make_strategy(self._config)
 
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False

@@ -92,7 +92,14 @@ class FilterNode(Node):
         if self._settings.config.strategy == 'none':
             self._process([Ready(image, None)])
         else:
+            self._restart_if_back(frame.stamp_ns)
             self._go_on(self._gate.add_image(frame.stamp_ns, image, time.monotonic()))
+
+    def _restart_if_back(self, stamp_ns: int) -> None:
+        if self._gate.restart_if_back(stamp_ns):
+            self._filter.reset()
+            error = MessageError('stamps went back by a second or more: all objects are forgotten')
+            self._diagnostics.report(error, 'times that stamps went back')
 
     def _take_detections(self, msg: DetectionArray) -> None:
         said = (msg.image_width, msg.image_height)

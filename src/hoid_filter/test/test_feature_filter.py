@@ -97,6 +97,21 @@ def test_silent_detector_is_bridged_by_prediction(frame: RgbdFrame) -> None:
     assert feature_filter.process(much_later, None).objects == ()
 
 
+def test_reset_forgets_earlier_images_and_keeps_the_camera(frame: RgbdFrame) -> None:
+    feature_filter = FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA)
+    late = dataclasses.replace(frame, stamp_ns=10**12)
+    found = detections(('person', PERSON_BOX), stamp_ns=late.stamp_ns)
+    feature_filter.process(late, found)
+    feature_filter.reset()
+    early = dataclasses.replace(found, stamp_ns=frame.stamp_ns)
+    (person,) = feature_filter.process(frame, early).objects
+    assert person.reason is Reason.PERSON
+    assert person.center_camera_m == pytest.approx((-0.48, 0.04, 2.0))
+    next_one = dataclasses.replace(frame, stamp_ns=frame.stamp_ns + 33_000_000)
+    (person,) = feature_filter.process(next_one, None).objects
+    assert person.reason is Reason.PREDICTED
+
+
 def test_bad_boxes_are_counted(frame: RgbdFrame) -> None:
     feature_filter = FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA)
     found = detections(
