@@ -146,7 +146,7 @@ class Features:
     angle_deg: Float32Array  # (N,) in [0, 360)
     response: Float32Array  # (N,)
     descriptors: ByteArray  # (N, 32)
-    may_seed: BoolArray  # (N,); False near a mask's edge: to be tracked, not for new map points
+    may_seed: BoolArray  # (N,); False: what may move after all, to be tracked but not mapped
 
     def __post_init__(self) -> None:
         n = len(self.octave)
