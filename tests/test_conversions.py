@@ -233,3 +233,6 @@ def test_clouds_that_contradict_themselves_are_refused() -> None:
     msg.width = 3
     with pytest.raises(MessageError, match='24 bytes, 3 points take 36'):
         conversions.cloud_from_msg(msg)
+    msg.width, msg.fields[2].offset = 2, 10
+    with pytest.raises(MessageError, match='point_step 12, but its fields take 14'):
+        conversions.cloud_from_msg(msg)

@@ -184,6 +184,14 @@ def test_parameters_change_at_run_time(bench: Bench) -> None:
     assert classes_seen(bench) == ['cup']
 
 
+@pytest.mark.parametrize('value', [5, 'person', True, None])  # None deletes it
+def test_classes_that_are_no_list_are_refused_in_one_line(bench: Bench, value: object) -> None:
+    refused = set_parameter(bench, 'classes', value)
+    assert not refused.successful
+    assert refused.reason == f'classes must be list, got {value!r}'
+    assert classes_seen(bench) == ['person', 'cup']
+
+
 @pytest.mark.parametrize(
     ('changes', 'words'),
     [

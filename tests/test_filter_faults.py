@@ -6,14 +6,18 @@ from typing import Any
 
 import numpy as np
 from hoid_msgs.msg import Detection, DetectionArray
+from hoid_msgs.msg import DynamicObject as ObjectMsg
 from rclpy.serialization import serialize_message
 
 from hoid_common.ros import conversions
+from hoid_common.values import CameraModel
 from hoid_system_tests.filter_peer import (
+    CAMERA,
     DEPTH_M,
     HEIGHT,
     IMAGE,
     PERSON,
+    TV,
     WIDTH,
     FilterRunner,
     num_inside,
@@ -72,19 +76,19 @@ def serialized_crowd(header: Any, number: int) -> bytes:
 def test_wrong_images_are_refused(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 0.1})
     peer.send_images(0, DEPTH_M[::2, ::2])
-    peer.wait_for_count('depth images refused', 1)
+    peer.wait_for_count('matched images refused', 1)
     strange = conversions.color_to_msg(IMAGE, peer.header(1))
     strange.encoding = 'yuv422'
     peer.color.publish(strange)
     peer.depth.publish(conversions.depth_to_msg(DEPTH_M, peer.header(1)))
-    peer.wait_for_count('depth images refused', 2)
+    peer.wait_for_count('colour images refused', 1)
     for i, fields in ((3, {'encoding': '64FC1'}), (4, {'height': 2 * HEIGHT})):
         wrong = conversions.depth_to_msg(DEPTH_M, peer.header(i))
         for name, value in fields.items():
             setattr(wrong, name, value)
         peer.color.publish(conversions.color_to_msg(IMAGE, peer.header(i)))
         peer.depth.publish(wrong)
-        peer.wait_for_count('depth images refused', i)
+        peer.wait_for_count('depth images refused', i - 2)
     depth_m = np.tile(np.where(np.arange(WIDTH) % 2, np.float32('nan'), 2.5001), (HEIGHT, 1))
     holed = conversions.depth_to_msg(np.full((HEIGHT, WIDTH), np.float32(2.5001)), peer.header(5))
     holed.data = depth_m.astype(np.float32).tobytes()
@@ -113,3 +117,37 @@ def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
     assert [o.score for o in objects.objects] == [1.0, 0.0]
     peer.wait_for_count('boxes clipped', 2)
     peer.wait_for_count('boxes refused', 1)
+
+
+def test_camera_of_another_size_is_refused(run_filter: FilterRunner) -> None:
+    half = CameraModel(WIDTH // 2, HEIGHT // 2, 250.0, 250.0, 160.0, 120.0)
+    peer = run_filter()  # which gets the right camera first
+    # In turns, so that each is told from before: by the first image, then by the message itself.
+    for i, camera in enumerate((half, CAMERA, half, CAMERA)):
+        peer.camera.publish(conversions.camera_to_msg(camera, peer.header(i)))
+        peer.wait_for_count('camera infos received', i + 2)
+        peer.send_images(i)
+        peer.send_boxes(i, PERSON)
+        (person,) = peer.answer(i + 1)[1].objects
+        assert np.isnan([*person.center_camera_m, *person.size_m]).all() == (camera is half)
+    peer.wait_for_count('camera infos refused', 2)
+    assert peer.said()[1]['camera infos refused'] == '2'
+
+
+def test_a_recording_may_start_over(run_filter: FilterRunner) -> None:
+    peer = run_filter()
+    first = 10_000  # of the end of the recording
+    peer.send_images(first)
+    peer.send_boxes(first, PERSON)
+    peer.answer(1)
+    peer.send_images(0)
+    peer.send_boxes(0, PERSON)
+    assert peer.answer(2)[1].header == peer.header(0)
+    peer.wait_for_count('times that stamps went back', 1)
+    peer.send_boxes(first + 1, TV)  # late, and of before
+    peer.wait_for_count('detections refused', 1)
+    peer.send_images(1)  # which the detector skips
+    features, objects = peer.answer(3)
+    assert [(o.class_name, o.reason) for o in objects.objects] == [('person', ObjectMsg.PREDICTED)]
+    assert num_inside(features, PERSON) == 0
+    assert peer.said()[1]['times that stamps went back'] == '1'

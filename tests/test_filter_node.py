@@ -143,3 +143,18 @@ def test_debug_image_is_drawn_for_a_listener(run_filter: FilterRunner) -> None:
     assert pictures[0].header == peer.header(0)
     assert picture.shape == IMAGE.shape
     assert picture[300, 100].tolist() == [60, 60, 230]  # the left edge of the person's box
+
+
+def test_a_parameter_set_at_run_time_changes_the_verdicts(run_filter: FilterRunner) -> None:
+    peer = run_filter()
+    chair = ('chair', (200.0, 100.0, 400.0, 300.0))  # half of it in the person's box
+    seat = ('chair', (300.0, 100.0, 400.0, 300.0))  # the other half
+    for i, (limit, reason) in enumerate(
+        [(0.4, ObjectMsg.HANDLED), (0.6, ObjectMsg.STATIC), (0.4, ObjectMsg.HANDLED)]
+    ):
+        peer.probe.set_parameters('hoid_filter', {'min_interaction_area': limit})
+        peer.send_images(i)
+        peer.send_boxes(i, PERSON, chair)
+        features, objects = peer.answer(i + 1)
+        assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON, reason]
+        assert (num_inside(features, seat) > 20) == (reason == ObjectMsg.STATIC)

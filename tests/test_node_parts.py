@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 
 from hoid_common.config import Config, param
-from hoid_common.errors import ConfigError
+from hoid_common.errors import ConfigError, MessageError
 from hoid_common.input_config import InputConfig
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.diagnostics import Diagnostics
@@ -48,7 +48,7 @@ class Settings(Config):
 
 
 class Sample(Node):
-    """Matches colour and depth, and refuses pictures that cannot be decoded."""
+    """Matches colour and depth, and refuses pictures that cannot be decoded or differ in size."""
 
     def __init__(self, context: Context, *args: str) -> None:
         super().__init__(
@@ -64,12 +64,13 @@ class Sample(Node):
         inputs = Inputs(self, self.parameters.config.input, self.diagnostics)
         matcher = StampMatcher(('colour', 'depth'), 20 * MS)
         self.sync = Synchronizer(matcher, self._on_match, self.diagnostics)
-        inputs.color(self.sync.input('colour'))
-        inputs.depth(self.sync.input('depth'))
+        inputs.color(self.sync.input('colour', conversions.color_from_msg))
+        inputs.depth(self.sync.input('depth', conversions.depth_from_msg))
 
     def _on_match(self, match: Match) -> None:
-        conversions.color_from_msg(match.values[0])
-        conversions.depth_from_msg(match.values[1])
+        sizes = [value.shape[:2] for _, value in match.values]
+        if sizes[0] != sizes[1]:
+            raise MessageError(f'sizes {sizes} differ')
         self.matches.append(match)
 
 
@@ -222,13 +223,25 @@ def test_a_bad_message_is_refused_and_the_node_lives_on(bench: Bench) -> None:
     bad.encoding = 'yuv422'
     colors.publish(bad)
     depths.publish(depth(1000))
-    key = 'depth images refused'  # whichever message completes the pair
-    bench.probe.spin_until(
-        lambda: bench.count(key) + bench.count('colour images refused') == 1, 'nothing refused'
-    )
+    bench.probe.spin_until(lambda: bench.count('colour images refused') == 1, 'nothing refused')
     colors.publish(color(1033))
     depths.publish(depth(1033))
     bench.probe.spin_until(lambda: len(bench.node.matches) == 1, 'the node is dead')
+    assert bench.count('depth images refused') == 0
+
+
+def test_a_refused_match_takes_no_other_one_with_it(bench: Bench) -> None:
+    take_color = bench.node.sync.input('colour', conversions.color_from_msg)
+    take_depth = bench.node.sync.input('depth', conversions.depth_from_msg)
+    small = conversions.color_to_msg(IMAGE[::2], color(1100).header)
+    for msg in (depth(1050), depth(1083)):  # the next is due at 1116
+        take_depth(msg)
+    for msg in (small, color(1116)):
+        take_color(msg)
+    assert bench.node.matches == []
+    take_depth(depth(1117))  # decides on both
+    assert [match.stamp_ns for match in bench.node.matches] == [1116 * MS]
+    assert bench.count('matched images refused') == 1
 
 
 def test_compressed_images_by_parameter(domain_id: int) -> None:

@@ -103,6 +103,9 @@ def test_each_parameter_is_described_and_changes_or_is_refused(
     free = {name: leaf for name, leaf in leaves.items() if not leaf.spec.read_only}
     for name, leaf in free.items():
         check_change(client, name, leaf)
+    for name, leaf in leaves.items():
+        if isinstance(leaf.value, tuple):
+            check_no_list(client, name)
 
 
 def check_description(leaf: Param, said: Any) -> None:
@@ -130,3 +133,13 @@ def check_change(client: Client, name: str, leaf: Param) -> None:
         assert name.rsplit('.', 1)[-1] in result.reason
         assert client.get([name]) == [after]
     client.set({name: before if before else after})
+
+
+def check_no_list(client: Client, name: str) -> None:
+    """ROS leaves the type of a list open, so it is the node that refuses another one."""
+    before = client.get([name])
+    for value in (5, 0.5, True, 'person', [b'p'], [1, 2], [True], None):  # None deletes it
+        (result,) = client.set({name: value})
+        assert not result.successful, (name, value)
+        assert len(result.reason.splitlines()) == 1
+        assert client.get([name]) == before

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -59,11 +59,7 @@ def decode_color(data: bytes, name: object) -> ByteArray:
     Raises:
         InputError: truncated, or no image.
     """
-    check_whole(data, name)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        raise InputError(f'{name}: not an image that can be decoded')
-    return cast('ByteArray', image)
+    return cast('ByteArray', _decode(data, cv2.IMREAD_COLOR, name))
 
 
 def decode_depth(data: bytes, name: object) -> DepthUnits:
@@ -72,10 +68,7 @@ def decode_depth(data: bytes, name: object) -> DepthUnits:
     Raises:
         InputError: truncated, no image, or of another kind.
     """
-    check_whole(data, name)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(f'{name}: not an image that can be decoded')
+    image = _decode(data, cv2.IMREAD_UNCHANGED, name)
     if image.dtype != np.uint16 or image.ndim != 2:
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise InputError(
@@ -100,3 +93,14 @@ def check_size(
 def depth_m_from_units(depth: DepthUnits, units_per_m: float) -> Float32Array:
     """Return metres, the float32 nearest to value / units."""
     return np.divide(depth, np.float32(units_per_m), dtype=np.float32)
+
+
+def _decode(data: bytes, flags: int, name: object) -> NDArray[Any]:
+    check_whole(data, name)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:  # such as of more pixels than OpenCV takes
+        image = None
+    if image is None:
+        raise InputError(f'{name}: not an image that can be decoded')
+    return cast('NDArray[Any]', image)

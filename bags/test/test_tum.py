@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -137,6 +138,16 @@ def test_image_of_other_bytes(make_folder: FolderMaker, camera: CameraModel) -> 
     folder = make_folder(2)
     path = image(folder, 'rgb')
     path.write_text('<html>not found</html>')
+    assert f'{path}: not an image' in fault_of(folder, camera)
+
+
+@pytest.mark.parametrize('kind', ['rgb', 'depth'])
+def test_image_said_to_be_huge(make_folder: FolderMaker, camera: CameraModel, kind: str) -> None:
+    folder = make_folder()
+    path = image(folder, kind)
+    png = path.read_bytes()
+    header = png[12:16] + (60_000).to_bytes(4, 'big') * 2 + png[24:29]
+    path.write_bytes(png[:12] + header + zlib.crc32(header).to_bytes(4, 'big') + png[33:])
     assert f'{path}: not an image' in fault_of(folder, camera)
 
 

@@ -195,7 +195,11 @@ def _metres(depth: NDArray[Any]) -> Float32Array:
 
 def _imdecode(data: Buffer, flags: int, what: str) -> NDArray[Any]:
     raw = np.frombuffer(data, np.uint8)
-    pixels = cv2.imdecode(raw, flags) if len(raw) else None
+    try:
+        pixels = cv2.imdecode(raw, flags) if len(raw) else None
+    except cv2.error as error:  # such as of more pixels than OpenCV takes
+        reason = ' '.join(error.err.split())
+        raise MessageError(f'{what} of {len(raw)} bytes cannot be decoded: {reason}') from error
     if pixels is None:
         raise MessageError(f'{what} of {len(raw)} bytes is not a readable JPEG or PNG')
     return pixels

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 # A stamp this much older than the last one means that time started anew: a bag that loops, a clock
 # that was set.
-_RESTART_NS = 1_000_000_000
+RESTART_NS = 1_000_000_000
 
 
 class _Item(NamedTuple):
@@ -85,7 +85,7 @@ class StampMatcher:
         """Take an item in and return the matches that it completes, oldest first."""
         newest_ns = self._newest_ns.get(name)
         if newest_ns is not None and stamp_ns <= newest_ns:
-            if newest_ns - stamp_ns < _RESTART_NS:
+            if newest_ns - stamp_ns < RESTART_NS:
                 self.counts[name].late += 1
                 return []
             self.reset()

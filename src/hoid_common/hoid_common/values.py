@@ -59,6 +59,11 @@ class CameraModel:
             )
 
     @property
+    def size_px(self) -> tuple[int, int]:
+        """Return width, height."""
+        return self.width_px, self.height_px
+
+    @property
     def distortion_model(self) -> str:
         """Return the lens model's name in ROS, by the number of its coefficients."""
         return DISTORTION_MODELS[len(self.distortion) > 5]
@@ -96,6 +101,12 @@ class RgbdFrame:
     stamp_ns: int  # of the colour image
     image_bgr: ByteArray  # (H, W, 3)
     depth_m: Float32Array  # (H, W); 0 = no reading
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Return width, height."""
+        height, width = self.depth_m.shape
+        return width, height
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +146,7 @@ class Features:
     angle_deg: Float32Array  # (N,) in [0, 360)
     response: Float32Array  # (N,)
     descriptors: ByteArray  # (N, 32)
-    may_seed: BoolArray  # (N,); False near a mask's edge: to be tracked, not for new map points
+    may_seed: BoolArray  # (N,); False: what may move after all, to be tracked but not mapped
 
     def __post_init__(self) -> None:
         n = len(self.octave)

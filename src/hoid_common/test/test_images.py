@@ -1,3 +1,5 @@
+import struct
+import zlib
 from array import array
 from types import SimpleNamespace
 from typing import Any
@@ -155,6 +157,21 @@ def test_jpeg_round_trip_is_close() -> None:
 def test_an_empty_jpeg_is_named() -> None:
     with pytest.raises(MessageError, match='compressed colour image of 0 bytes'):
         images.decode_compressed_color(b'')
+
+
+def png_said_to_be_of(side_px: int, pixels: NDArray[Any]) -> bytes:
+    """A PNG whose header says another size."""
+    png = cv2.imencode('.png', pixels)[1].tobytes()
+    header = b'IHDR' + struct.pack('>II', side_px, side_px) + png[24:29]
+    return png[:12] + header + struct.pack('>I', zlib.crc32(header)) + png[33:]
+
+
+def test_more_pixels_than_opencv_takes_are_named() -> None:
+    with pytest.raises(MessageError, match=r'^compressed colour image .* cannot be decoded: .+$'):
+        images.decode_compressed_color(png_said_to_be_of(60_000, COLOR))
+    depth = bytes(12) + png_said_to_be_of(60_000, np.ones((2, 2), np.uint16))
+    with pytest.raises(MessageError, match=r'^compressed depth .* cannot be decoded: .+$'):
+        images.decode_compressed_depth(images.COMPRESSED_DEPTH_FORMAT, depth)
 
 
 @given(st.integers(0, 65535))

@@ -6,9 +6,7 @@ import os
 from dataclasses import dataclass, field
 
 from hoid_msgs.msg import DetectionArray
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
@@ -54,9 +52,8 @@ class DetectorNode(LifecycleNode):
         self._detector: OnnxDetector | None = None
         self._active, self._enabled = False, True
         self._failure: HoidError | None = None
-        self._settings = Parameters(self, NodeConfig(), self._reconfigure)
+        self._settings = Parameters(self, NodeConfig(), self._reconfigure, self._approve)
         os.nice(self._settings.config.niceness)
-        self.add_on_set_parameters_callback(self._check_classes)
         self._diagnostics = Diagnostics(self)
         self._done = self.create_guard_condition(self._publish)
         self._worker = NewestWins(self._detect, self._done.trigger)
@@ -140,10 +137,10 @@ class DetectorNode(LifecycleNode):
         self._diagnostics.set_value('asked for by ~/enable', response.message)
         return response
 
-    def _check_classes(self, parameters: list[Parameter]) -> SetParametersResult:
-        wanted = [tuple(p.value) for p in parameters if p.name == 'classes']
-        reason = self._detector.objection(wanted[0]) if wanted and self._detector else ''
-        return SetParametersResult(successful=not reason, reason=reason)
+    def _approve(self, config: NodeConfig) -> None:
+        objection = self._detector.objection(config.classes) if self._detector else ''
+        if objection:
+            raise ConfigError(objection)
 
     def _reconfigure(self, config: NodeConfig) -> None:
         if self._detector is not None:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
 from hoid_common.config import Config, param
-from hoid_common.values import Detections
+from hoid_common.errors import MessageError
+from hoid_common.sync import RESTART_NS
+from hoid_common.values import NS_PER_S, Detections
 
 EXACT, LATEST = 'exact', 'latest'
 UNFILTERED, STOP = 'unfiltered', 'stop'
 _QUEUE_LENGTH = 30
+_LEAD_S = 1.0  # much more than detections come before their image, which waits for its depth
 
 Item = TypeVar('Item')
 
@@ -68,9 +72,10 @@ class DetectionGate(Generic[Item]):
         self.config = config
         self.num_unanswered = 0  # images that went through without detections of their own
         self._images: deque[_Waiting[Item]] = deque()
-        self._detections: deque[Detections] = deque(maxlen=_QUEUE_LENGTH)
+        self._detections = _queue()
         self._asked_s: float | None = None  # first image since the last answer
         self._image_s = 0.0  # last image
+        self._newest_ns: int | None = None  # its stamp
 
     @property
     def silent_s(self) -> float:
@@ -82,16 +87,38 @@ class DetectionGate(Generic[Item]):
         """Return whether the detector counts as lost."""
         return self.silent_s > self.config.timeout_s
 
+    def restart_if_back(self, stamp_ns: int) -> bool:
+        """Forget the past when an image's stamp says that time started anew; return whether so.
+
+        To be called before the image is added. What was detected in it may have come already, and
+        is kept.
+        """
+        if self._newest_ns is None or self._newest_ns - stamp_ns < RESTART_NS:
+            return False
+        self._images.clear()
+        self._detections = _queue(
+            found for found in self._detections if found.stamp_ns <= stamp_ns
+        )
+        return True
+
     def add_image(self, stamp_ns: int, item: Item, now_s: float) -> list[Ready[Item]]:
         """Take an image and return what is ready."""
-        self._image_s = now_s
+        self._image_s, self._newest_ns = now_s, stamp_ns
         if self._asked_s is None:
             self._asked_s = now_s
         self._images.append(_Waiting(stamp_ns, item, now_s))
         return self.poll(now_s)
 
     def add_detections(self, detections: Detections, now_s: float) -> list[Ready[Item]]:
-        """Take detections and return what is ready."""
+        """Take detections and return what is ready.
+
+        Raises:
+            MessageError: They are of a later image than can have been taken by now.
+        """
+        if self._newest_ns is not None:
+            lead_s = (detections.stamp_ns - self._newest_ns) / NS_PER_S
+            if lead_s > now_s - self._image_s + _LEAD_S:
+                raise MessageError(f'detections are {lead_s:.1f} s ahead of the newest image')
         self._asked_s = None
         self._detections.append(detections)
         return self.poll(now_s)
@@ -120,7 +147,10 @@ class DetectionGate(Generic[Item]):
 
     def _take(self, stamp_ns: int) -> Detections | None:
         """Return the newest detections up to a stamp, and forget the older ones."""
-        newest = None
-        while self._detections and self._detections[0].stamp_ns <= stamp_ns:
-            newest = self._detections.popleft()
-        return newest
+        past = [found for found in self._detections if found.stamp_ns <= stamp_ns]
+        self._detections = _queue(found for found in self._detections if found.stamp_ns > stamp_ns)
+        return max(past, key=lambda found: found.stamp_ns, default=None)
+
+
+def _queue(found: Iterable[Detections] = ()) -> deque[Detections]:
+    return deque(found, maxlen=_QUEUE_LENGTH)

@@ -39,7 +39,7 @@ class FeatureFilter:
     """Finds corners, judges objects, masks the dynamic ones, spreads and describes the rest."""
 
     def __init__(self, config: FilterConfig, camera: CameraModel | None = None) -> None:
-        """Take the camera, if known, for the 3-D centres of objects."""
+        """Take the camera, if known, for the 3-D centres of objects in images of its size."""
         self._config = config
         self.camera = camera
         self._extractor = OrbExtractor(config.extraction)
@@ -49,7 +49,11 @@ class FeatureFilter:
     def reconfigure(self, config: FilterConfig) -> None:
         """Take over parameters that may change at run time; what was remembered is forgotten."""
         self._config = config
-        self._strategy = make_strategy(config)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was remembered of earlier images, as when their stamps start anew."""
+        self._strategy = make_strategy(self._config)
 
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
@@ -88,7 +92,7 @@ class FeatureFilter:
         done = time.thread_time()
         return FilterResult(
             features=features,
-            objects=self._objects(verdict),
+            objects=self._objects(verdict, frame.size_px),
             removed_uv_px=self._removed(corners, verdict, for_picture),
             num_features_in=len(corners),
             num_removed=0 if verdict.kept is None else len(corners) - len(verdict.kept),
@@ -116,14 +120,15 @@ class FeatureFilter:
         removed_uv_px: Float32Array = corners.uv_px[removed]
         return removed_uv_px
 
-    def _objects(self, verdict: Verdict) -> tuple[DynamicObject, ...]:
+    def _objects(self, verdict: Verdict, size_px: tuple[int, int]) -> tuple[DynamicObject, ...]:
         boxes = verdict.boxes_xyxy_px.astype(np.float64)
         centers = np.full((len(boxes), 3), np.nan)
         sizes = np.full((len(boxes), 2), np.nan)
-        if self.camera is not None:
+        if self.camera is not None and self.camera.size_px == size_px:
             focal_px = np.array([self.camera.fx_px, self.camera.fy_px])
             principal_px = np.array([self.camera.cx_px, self.camera.cy_px])
-            middle_px = (boxes[:, :2] + boxes[:, 2:]) / 2
+            imaged_px = ((boxes[:, :2] + boxes[:, 2:]) / 2).astype(np.float32)
+            middle_px = self.camera.undistort_px(imaged_px)
             centers[:, :2] = (middle_px - principal_px) / focal_px * verdict.depths_m[:, None]
             centers[:, 2] = verdict.depths_m
             sizes = (boxes[:, 2:] - boxes[:, :2]) / focal_px * verdict.depths_m[:, None]

@@ -48,7 +48,6 @@ class NodeConfig(FilterConfig):
 class _Image(NamedTuple):
     header: Header
     looked: Looked
-    size_px: tuple[int, int]  # width, height
 
 
 class FilterNode(Node):
@@ -74,8 +73,8 @@ class FilterNode(Node):
         inputs = Inputs(self, config.input, self._diagnostics)
         matcher = StampMatcher(('colour', 'depth'), int(config.sync_slop_s * 1e9))
         images = Synchronizer(matcher, self._take_images, self._diagnostics)
-        inputs.color(images.input('colour'))
-        inputs.depth(images.input('depth'))
+        inputs.color(images.input('colour', conversions.color_from_msg))
+        inputs.depth(images.input('depth', conversions.depth_from_msg))
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._take_camera, 'camera infos')
         if config.strategy != 'none':
             inputs.messages(DetectionArray, topics.DETECTIONS, self._take_detections, 'detections')
@@ -83,16 +82,24 @@ class FilterNode(Node):
             self._silence = self.create_timer(_SILENCE_S, self._poll, clock=steady)
 
     def _take_images(self, match: Match) -> None:
-        color, depth = match.values
-        pixels = conversions.color_from_msg(color), conversions.depth_from_msg(depth)
-        frame = RgbdFrame(conversions.stamp_from_msg(color.header.stamp), *pixels)
+        (header, image_bgr), (_, depth_m) = match.values
+        frame = RgbdFrame(match.stamp_ns, image_bgr, depth_m)
         looked = self._filter.look(frame)
-        self._size_px = (frame.depth_m.shape[1], frame.depth_m.shape[0])
-        image = _Image(color.header, looked, self._size_px)
+        if frame.size_px != self._size_px:
+            self._size_px = frame.size_px
+            self._check_camera()
+        image = _Image(header, looked)
         if self._settings.config.strategy == 'none':
             self._process([Ready(image, None)])
         else:
+            self._restart_if_back(frame.stamp_ns)
             self._go_on(self._gate.add_image(frame.stamp_ns, image, time.monotonic()))
+
+    def _restart_if_back(self, stamp_ns: int) -> None:
+        if self._gate.restart_if_back(stamp_ns):
+            self._filter.reset()
+            error = MessageError('stamps went back by a second or more: all objects are forgotten')
+            self._diagnostics.report(error, 'times that stamps went back')
 
     def _take_detections(self, msg: DetectionArray) -> None:
         said = (msg.image_width, msg.image_height)
@@ -103,6 +110,14 @@ class FilterNode(Node):
 
     def _take_camera(self, msg: CameraInfo) -> None:
         self._filter.camera = conversions.camera_from_msg(msg)
+        self._check_camera()
+
+    def _check_camera(self) -> None:
+        """Say when the camera is not that of the images; places of objects are then unknown."""
+        camera, size_px = self._filter.camera, self._size_px
+        if camera is not None and size_px not in (None, camera.size_px):
+            error = MessageError(f'camera_info is of a {camera.size_px} px image, not {size_px}')
+            self._diagnostics.report(error, 'camera infos refused')
 
     def _poll(self) -> None:
         self._go_on(self._gate.poll(time.monotonic()))
@@ -124,7 +139,7 @@ class FilterNode(Node):
         for image, detections in ready:
             watched = self._debug_images.is_watched
             result = self._filter.decide(image.looked, detections, for_picture=watched)
-            self._publish(image.header, image.size_px, result)
+            self._publish(image.header, image.looked.frame.size_px, result)
             if watched:
                 picture = draw_result(image.looked.frame.image_bgr, result)
                 self._debug_images.publish(picture, image.header)

@@ -1,9 +1,11 @@
 import pytest
 
+from hoid_common.errors import MessageError
 from hoid_common.values import Detections
 from hoid_filter.detection_gate import LATEST, STOP, DetectionGate, GateConfig, Ready
 
 MS = 1_000_000
+S = 1_000_000_000
 
 
 def gate(**values: object) -> DetectionGate[str]:
@@ -79,3 +81,57 @@ def test_stop_on_loss_gives_nothing() -> None:
     assert stopping.poll(2.0) == []
     stopping.add_detections(Detections.none(30), 2.0)
     assert stamps(stopping.add_image(30, 'c', 2.0)) == [('c', 30)]
+
+
+def test_detections_far_ahead_of_the_images_are_refused() -> None:
+    exact = gate()
+    exact.add_image(10 * S, 'a', 0.0)
+    with pytest.raises(MessageError, match=r'detections are 3600.0 s ahead of the newest image'):
+        exact.add_detections(Detections.none(3610 * S), 0.01)
+    assert stamps(exact.add_detections(Detections.none(10 * S), 0.02)) == [('a', 10 * S)]
+
+
+def test_detections_somewhat_ahead_hold_no_others_back() -> None:
+    exact = gate()
+    exact.add_image(10 * S, 'a', 0.0)
+    assert stamps(exact.add_detections(Detections.none(10 * S + 900 * MS), 0.01)) == [('a', None)]
+    exact.add_image(10 * S + 33 * MS, 'b', 0.03)
+    exact.add_detections(Detections.none(10 * S + 33 * MS), 0.04)
+    assert stamps(exact.add_image(10 * S + 66 * MS, 'c', 0.2)) == []
+    assert stamps(exact.add_detections(Detections.none(10 * S + 66 * MS), 0.2)) == [
+        ('c', 10 * S + 66 * MS)
+    ]
+    assert stamps(exact.add_image(10 * S + 900 * MS, 'd', 0.9)) == [('d', 10 * S + 900 * MS)]
+
+
+def test_after_a_pause_detections_may_come_before_their_image() -> None:
+    exact = gate()
+    exact.add_image(10 * S, 'a', 0.0)
+    exact.add_detections(Detections.none(10 * S), 0.01)
+    assert exact.add_detections(Detections.none(70 * S), 60.0) == []
+    assert stamps(exact.add_image(70 * S, 'b', 60.01)) == [('b', 70 * S)]
+
+
+def test_time_may_start_anew() -> None:
+    exact = gate()
+    exact.add_image(60 * S, 'a', 0.0)
+    exact.add_detections(Detections.none(60 * S + 33 * MS), 0.01)
+    exact.add_image(60 * S + 66 * MS, 'waits', 0.06)
+    exact.add_detections(Detections.none(10 * S), 0.07)  # before their image
+    assert exact.restart_if_back(10 * S)
+    assert stamps(exact.add_image(10 * S, 'b', 0.08)) == [('b', 10 * S)]
+    assert not exact.restart_if_back(10 * S + 33 * MS)
+    assert exact.add_image(10 * S + 33 * MS, 'c', 0.1) == []
+    with pytest.raises(MessageError, match='ahead'):  # from before, and late
+        exact.add_detections(Detections.none(60 * S + 66 * MS), 0.11)
+    assert stamps(exact.add_detections(Detections.none(10 * S + 33 * MS), 0.12)) == [
+        ('c', 10 * S + 33 * MS)
+    ]
+
+
+@pytest.mark.parametrize('back_ns', [0, 5 * MS, 999 * MS])
+def test_a_little_back_is_no_new_start(back_ns: int) -> None:
+    exact = gate()
+    assert not exact.restart_if_back(10 * S)
+    exact.add_image(10 * S, 'a', 0.0)
+    assert not exact.restart_if_back(10 * S - back_ns)

@@ -1,3 +1,5 @@
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -60,10 +62,27 @@ def test_object_has_its_place_in_the_camera_frame(frame: RgbdFrame) -> None:
     assert person.size_m == pytest.approx((0.8, 1.6))
 
 
+def test_place_is_found_through_a_lens_that_distorts(frame: RgbdFrame) -> None:
+    lens = dataclasses.replace(CAMERA, distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
+    center_m = (-0.9, 0.6, 2.0)
+    u, v = lens.project_px(np.array([center_m]))[0]
+    assert u > 320 - 0.9 / 2.0 * 500 + 10  # the lens moves it by more than 10 px
+    found = detections(('person', (u - 50, v - 60, u + 50, v + 60)), stamp_ns=frame.stamp_ns)
+    (person,) = FeatureFilter(FilterConfig(strategy='person'), lens).process(frame, found).objects
+    assert person.center_camera_m == pytest.approx(center_m, abs=1e-4)
+
+
 def test_without_a_camera_places_are_unknown(frame: RgbdFrame) -> None:
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     (person,) = FeatureFilter(FilterConfig(strategy='person')).process(frame, found).objects
     assert np.isnan(person.center_camera_m).all()
+
+
+def test_with_a_camera_of_another_size_places_are_unknown(frame: RgbdFrame) -> None:
+    found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
+    half = CameraModel(WIDTH // 2, HEIGHT // 2, 250.0, 250.0, 160.0, 120.0)
+    (person,) = FeatureFilter(FilterConfig(strategy='person'), half).process(frame, found).objects
+    assert np.isnan((*person.center_camera_m, *person.size_m)).all()
 
 
 def test_silent_detector_is_bridged_by_prediction(frame: RgbdFrame) -> None:
@@ -76,6 +95,21 @@ def test_silent_detector_is_bridged_by_prediction(frame: RgbdFrame) -> None:
     assert person.is_dynamic
     much_later = RgbdFrame(frame.stamp_ns + 10**10, frame.image_bgr, frame.depth_m)
     assert feature_filter.process(much_later, None).objects == ()
+
+
+def test_reset_forgets_earlier_images_and_keeps_the_camera(frame: RgbdFrame) -> None:
+    feature_filter = FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA)
+    late = dataclasses.replace(frame, stamp_ns=10**12)
+    found = detections(('person', PERSON_BOX), stamp_ns=late.stamp_ns)
+    feature_filter.process(late, found)
+    feature_filter.reset()
+    early = dataclasses.replace(found, stamp_ns=frame.stamp_ns)
+    (person,) = feature_filter.process(frame, early).objects
+    assert person.reason is Reason.PERSON
+    assert person.center_camera_m == pytest.approx((-0.48, 0.04, 2.0))
+    next_one = dataclasses.replace(frame, stamp_ns=frame.stamp_ns + 33_000_000)
+    (person,) = feature_filter.process(next_one, None).objects
+    assert person.reason is Reason.PREDICTED
 
 
 def test_bad_boxes_are_counted(frame: RgbdFrame) -> None:

@@ -35,15 +35,22 @@ class Parameters(Generic[C]):
     Args:
         defaults: the config whose leaves become parameters.
         on_change: called with the new config after parameters were set at run time.
+        approve: called before with what is to be the new config, all values of which are of their
+            type and within their range; raises ConfigError to refuse it.
     """
 
     def __init__(
-        self, node: Node, defaults: C, on_change: Callable[[C], None] | None = None
+        self,
+        node: Node,
+        defaults: C,
+        on_change: Callable[[C], None] | None = None,
+        approve: Callable[[C], None] | None = None,
     ) -> None:
         given = {name: p.value for name, p in node.get_parameters_by_prefix('').items()}
         names = {leaf.name for leaf in defaults.params()}
         self._names = names
         self._on_change = on_change
+        self._approve = approve
         self._config = defaults.updated(
             {name: _from_ros(value) for name, value in given.items() if name in names}
         )
@@ -72,7 +79,9 @@ class Parameters(Generic[C]):
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
-            self._updated(parameters)
+            new = self._updated(parameters)
+            if self._approve is not None:
+                self._approve(new)
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -42,6 +42,9 @@ def cloud_from_msg(msg: PointCloud2) -> Cloud:
             f'cloud holds {len(msg.data)} bytes, {n} points take {n * msg.point_step}'
         )
     names = [name for name in ('x', 'y', 'z', 'rgb') if name in offsets]
+    needed = max(offsets[name] for name in names) + 4
+    if needed > msg.point_step:
+        raise MessageError(f'cloud has point_step {msg.point_step}, but its fields take {needed}')
     layout = np.dtype(
         {
             'names': names,
