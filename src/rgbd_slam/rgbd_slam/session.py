@@ -89,10 +89,10 @@ class SlamSession:
 
     def process(self, features: Features) -> Processed:
         """Track one image; a paused session only says that it is paused."""
+        self._gaps.add(features.stamp_ns)
         if self.is_paused:
             return Processed(self._status(SlamState.PAUSED), None)
         self.stamp_ns = features.stamp_ns
-        self._gaps.add(features.stamp_ns)
         result = self._slam.process(features)
         self._num_processed += 1
         self._map_changed |= result.is_keyframe
