@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-import psutil
 import pytest
 from hoid_msgs.msg import SlamStatus
 
@@ -17,7 +16,7 @@ from hoid_common.values import FloatArray
 from hoid_system_tests.bent_ring import BentRing
 from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.probe import Probe
-from hoid_system_tests.processes import Start
+from hoid_system_tests.processes import Start, mapper_of
 from hoid_system_tests.slam_peer import (
     NO_ROOM,
     PERIOD_NS,
@@ -143,14 +142,3 @@ def test_a_killed_mapper_is_replaced_while_tracking_goes_on(
     last = walker.edges()[-1]
     T_map_camera = last.T_map_odom @ last.T_odom_camera
     assert distance_m(T_map_camera, walker.camera_at(39)) < 0.01
-
-
-def mapper_of(node: Supervisor) -> psutil.Process:
-    """Return the one process that the node has spawned."""
-    (process,) = (
-        child
-        for pid in node.pids.values()
-        for child in psutil.Process(pid).children()
-        if 'spawn_main' in ' '.join(child.cmdline())
-    )
-    return process

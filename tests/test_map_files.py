@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hoid_msgs.msg import SlamStatus
-from hoid_msgs.srv import SaveMap
+from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory
 from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
 
+from hoid_bags.trajectory_io import read_tum
 from hoid_bringup.supervisor import Supervisor
 from hoid_common import se3
 from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
 from hoid_system_tests.point_world import CAMERA, PointWorld, walked
 from hoid_system_tests.probe import Probe
-from hoid_system_tests.processes import Start
+from hoid_system_tests.processes import Start, mapper_of
 from hoid_system_tests.slam_peer import (
     NO_ROOM,
     PERIOD_NS,
@@ -226,6 +228,46 @@ def test_images_are_tracked_while_a_large_map_is_saved(begin: Begin, folder: Pat
     assert len(waits_s) >= 4
     assert max(waits_s) < saving_s / 2
     assert peer.status[-1].frames_processed == peer.num_sent
+
+
+@contextmanager
+def mapper_at_a_stand(node: Supervisor) -> Iterator[None]:
+    """Let a node's mapper do nothing for a while, as one that has much to do."""
+    mapper = mapper_of(node)
+    mapper.suspend()
+    try:
+        yield
+    finally:
+        mapper.resume()
+
+
+@pytest.mark.parametrize(
+    ('name', 'type_', 'request_'),
+    [
+        ('save_trajectory', SaveTrajectory, SaveTrajectory.Request(kind='final')),
+        ('load_map', LoadMap, LoadMap.Request(merge=True)),
+    ],
+)
+def test_images_are_tracked_while_a_service_waits_for_the_mapper(
+    begin: Begin, folder: Path, name: str, type_: type[Any], request_: Any
+) -> None:
+    peer, node = begin()
+    peer.send(*range(10))
+    assert peer.save().success
+    client = peer.probe.node.create_client(type_, f'rgbd_slam/{name}')
+    peer.probe.spin_until(client.service_is_ready, f'no {name}')
+    with mapper_at_a_stand(node):
+        statuses = peer.send(*range(10, 60))
+        assert statuses[-1].mapper_queue > 0
+        answer = client.call_async(request_)
+        peer.probe.spin_for(0.5)  # it is at work
+        statuses += peer.send(*range(60, 50, -1))
+        assert {status.state for status in statuses} == {SlamStatus.TRACKING}
+        assert not answer.done()
+    peer.probe.spin_until(answer.done, f'{name} gives no answer', 60.0)
+    assert answer.result().success, answer.result().message
+    if name == 'save_trajectory':
+        assert len(read_tum(folder / 'trajectory.txt')) == 70
 
 
 def tampered(data: bytes) -> bytes:

@@ -159,20 +159,21 @@ def test_the_map_is_published_and_kept_for_those_who_come_late(peer: Peer) -> No
 
 
 def test_pause_resume_and_reset(peer: Peer) -> None:
-    peer.send(3)
+    peer.send(8)
     assert 'paused' in peer.call('pause')
     peer.send(2)
     assert peer.status[-1].state == SlamStatus.PAUSED
-    assert peer.status[-1].frames_processed == 3
+    assert peer.status[-1].frames_processed == 8
     assert 'running' in peer.call('resume')
-    peer.send(1)
+    peer.send(3)
     assert peer.status[-1].state == SlamStatus.TRACKING
-    assert peer.status[-1].frames_processed == 4
+    assert peer.status[-1].frames_processed == 11
+    assert peer.status[-1].frames_dropped == 0  # those that came in the pause are not missing
     peer.call('reset')
     peer.send(1)
     assert peer.status[-1].frames_processed == 1
     assert peer.status[-1].keyframes == 1
-    peer.probe.spin_until(lambda: len(peer.odom) == 5, 'odometry is missing')
+    peer.probe.spin_until(lambda: len(peer.odom) == 12, 'odometry is missing')
     T_odom_camera = conversions.pose_from_msg(peer.odom[-1].pose.pose)
     np.testing.assert_allclose(T_odom_camera, T_BODY_OPTICAL, atol=1e-9)
 

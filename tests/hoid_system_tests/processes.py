@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import psutil
 import yaml
 
 from hoid_bringup.supervisor import ProcessSpec, Supervisor
@@ -39,3 +40,14 @@ def node_spec(
         text = yaml.safe_dump(value, default_flow_style=True).removesuffix('\n...\n').strip()
         argv += ['-p', f'{key}:={text}']
     return ProcessSpec(name, tuple(argv))
+
+
+def mapper_of(node: Supervisor) -> psutil.Process:
+    """Return the mapper of a SLAM node without a room: the one process that it has spawned."""
+    (process,) = (
+        child
+        for pid in node.pids.values()
+        for child in psutil.Process(pid).children()
+        if 'spawn_main' in ' '.join(child.cmdline())
+    )
+    return process

@@ -15,6 +15,7 @@ _YOUNG = 3  # keyframes that a point has to prove itself
 _MIN_AGE = 2
 _MIN_WEIGHT = 3  # observations must exceed it, one with depth counting twice
 _MIN_OBSERVERS = 3  # besides the keyframe itself
+_MIN_CLOSE = 30  # points to judge a keyframe by; with fewer, those without near depth count too
 
 
 def cull_young_points(
@@ -40,7 +41,10 @@ def cull_young_points(
 
 
 def cull_keyframes(slam_map: SlamMap, i: int, config: MappingConfig, close_limit_m: float) -> None:
-    """Remove neighbours of `i` nearly all of whose close points three others see as finely."""
+    """Remove neighbours of `i` nearly all of whose close points three others see as finely.
+
+    Where hardly any point is close, as in a hall, all points count.
+    """
     for neighbour in slam_map.covisible(i, min_shared=15).tolist():
         if _is_redundant(slam_map, neighbour, config.redundant_share, close_limit_m):
             slam_map.remove_keyframe(neighbour)
@@ -52,7 +56,9 @@ def _is_redundant(slam_map: SlamMap, i: int, share: float, close_limit_m: float)
         return False  # the root of a map holds its frame
     j = keyframes.point_of_feature[i]
     depth = keyframes.depth_m[i]
-    k = np.flatnonzero((j != NO_POINT) & (depth > 0) & (depth < close_limit_m))
+    seen_here = j != NO_POINT
+    close = seen_here & (depth > 0) & (depth < close_limit_m)
+    k = np.flatnonzero(close if np.count_nonzero(close) >= _MIN_CLOSE else seen_here)
     j = j[k].astype(np.int64)
     many = points.num_observations[j] > _MIN_OBSERVERS
     octave = np.zeros(points.capacity, np.int64)

@@ -52,6 +52,10 @@ class MapperLink(Protocol):
         """Bring the map up to date, without waiting, and say what became of old keyframes."""
         ...
 
+    def settle(self) -> None:
+        """Ask for a last adjustment of what has grown; without waiting, see `is_settled`."""
+        ...
+
     def finish(self) -> tuple[Redirect, ...]:
         """Wait until everything handed over is in the map and has settled there."""
         ...
@@ -93,9 +97,13 @@ class InlineMapper:
         """Say what became of keyframes removed since the last call."""
         return self._map.take_redirects()
 
+    def settle(self) -> None:
+        """Adjust what has grown once more, at once."""
+        self._mapper.settle(0.0)
+
     def finish(self) -> tuple[Redirect, ...]:
         """Let the map settle and say the same."""
-        self._mapper.settle(0.0)
+        self.settle()
         return self._map.take_redirects()
 
     def close(self) -> None:

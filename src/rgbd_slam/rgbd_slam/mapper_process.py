@@ -104,6 +104,10 @@ class MapperProcess:
         self._redirects.clear()
         return redirects
 
+    def settle(self) -> None:
+        """Ask for a last adjustment of what has grown; without waiting, see `is_settled`."""
+        self._hand_over(Settle(0.0))
+
     def finish(self) -> tuple[Redirect, ...]:
         """Wait until everything handed over is in the map, and the whole map is adjusted."""
         self._hand_over(Settle(_SETTLE_S))

@@ -50,7 +50,7 @@ class RgbdSlamNode(Node):
         self._outputs = SlamOutputs(self, self._config.frames)
         self._room = RoomLink(self, self._config, self._diagnostics)
         self._first_map = self._read_first_map()
-        self._answers = SlamServices(self, self._config, self._known_session, self._reset)
+        self._answers = SlamServices(self, self._known_session, self._reset)
         self._map_answers = MapServices(self, self._config, self._known_session, self._room)
         # Wall time, and apart from the images: publishing a map must not hold odometry back.
         steady = Clock(clock_type=ClockType.STEADY_TIME)

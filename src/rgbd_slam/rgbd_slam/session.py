@@ -89,10 +89,10 @@ class SlamSession:
 
     def process(self, features: Features) -> Processed:
         """Track one image; a paused session only says that it is paused."""
+        self._gaps.add(features.stamp_ns)
         if self.is_paused:
             return Processed(self._status(SlamState.PAUSED), None)
         self.stamp_ns = features.stamp_ns
-        self._gaps.add(features.stamp_ns)
         result = self._slam.process(features)
         self._num_processed += 1
         self._map_changed |= result.is_keyframe
@@ -128,6 +128,16 @@ class SlamSession:
         """Whether the map stays as it is while no keyframe is made."""
         return self._slam.is_settled
 
+    def settle(self) -> None:
+        """Ask for a last adjustment of what has grown; without waiting, see `is_settled`."""
+        self._slam.settle()
+
+    @property
+    def is_mapper_idle(self) -> bool:
+        """Whether no keyframe waits for the mapper: what is asked of it is done at once."""
+        # The first of them takes in what the mapper has said since the last image.
+        return self._slam.is_settled or self._slam.mapper_queue == 0
+
     def saved_map(self) -> MapFile:
         """Copy the map for a file; see `map_use.copied`."""
         return map_use.copied(self._slam, self._frames, self.camera, self._config.camera)
@@ -154,12 +164,13 @@ class SlamSession:
     def trajectory(self, kind: str) -> Trajectory:
         """Return the camera's poses in the map: final, online or keyframes.
 
+        Final ones are by the map as it is: whoever wants it settled asks for that before.
+
         Raises:
             ConfigError: Another kind.
         """
         if kind == 'final':
-            self._slam.finish()
-            self._map_changed = True
+            self._map_changed = True  # settling moves it without a trace in the counts
             return self._frames.cameras(self._slam.trajectory_final())
         if kind == 'online':
             return self._frames.cameras(self._slam.trajectory_online())

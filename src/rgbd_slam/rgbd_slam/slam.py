@@ -235,8 +235,12 @@ class RgbdSlam:
         self._redirect(self._mapper.update())
         return self._mapper.is_settled
 
+    def settle(self) -> None:
+        """Ask for a last adjustment of what has grown; without waiting, see `is_settled`."""
+        self._mapper.settle()
+
     def finish(self) -> None:
-        """Let the map settle after the last frame."""
+        """Let the map settle after the last frame, and wait for it."""
         self._redirect(self._mapper.finish())
 
     def close(self) -> None:

@@ -5,25 +5,35 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hoid_common.values import FloatArray, IntArray, Trajectory
 from rgbd_slam.frame_poses import KeyframePoses
 from rgbd_slam.keyframes import KeyframeTable
 from rgbd_slam.map import Redirect, SlamMap
 
+_BLOCK = 1024  # frames
+_FRAME = np.dtype(
+    [
+        ('stamp_ns', np.int64),
+        ('reference_uid', np.int64),
+        # Without their last rows (0, 0, 0, 1): 208 bytes a frame, as a session may last for days.
+        ('T_map_camera', np.float64, (3, 4)),
+        ('T_reference_camera', np.float64, (3, 4)),
+    ]
+)
+
 
 class TrajectoryRecorder:
     """Stores frames relative to their reference keyframes: later corrections reach them."""
 
     def __init__(self) -> None:
-        self._stamps_ns: list[int] = []
-        self._online: list[FloatArray] = []
-        self._reference_uid: list[int] = []
-        self._T_reference_camera: list[FloatArray] = []
+        self._blocks = [np.empty(0, _FRAME)]  # all but the first of _BLOCK frames
+        self._count = 0
         self._removed: dict[int, Redirect] = {}  # keyframes, and what took their place
 
     def __len__(self) -> int:
-        return len(self._stamps_ns)
+        return self._count
 
     def add(
         self,
@@ -32,11 +42,12 @@ class TrajectoryRecorder:
         reference_uid: int,
         T_reference_camera: FloatArray,
     ) -> None:
-        """Record a tracked frame."""
-        self._stamps_ns.append(stamp_ns)
-        self._online.append(T_map_camera)
-        self._reference_uid.append(reference_uid)
-        self._T_reference_camera.append(T_reference_camera)
+        """Record a tracked frame; its poses (4, 4) are copied."""
+        n = self._count % _BLOCK
+        if n == 0:
+            self._blocks.append(np.empty(_BLOCK, _FRAME))
+        self._blocks[-1][n] = stamp_ns, reference_uid, T_map_camera[:3], T_reference_camera[:3]
+        self._count += 1
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
         """Hang frames of removed keyframes on those that took their place."""
@@ -44,19 +55,24 @@ class TrajectoryRecorder:
 
     def online(self) -> Trajectory:
         """Return the poses as they were known when each frame was tracked."""
-        return Trajectory(np.array(self._stamps_ns, np.int64), _stacked(self._online))
+        frames = self._frames()
+        return Trajectory(frames['stamp_ns'].copy(), _whole(frames['T_map_camera']))
 
     def final(self, keyframes: KeyframeTable) -> Trajectory:
         """Return the poses that follow from where the keyframes of the main map are now.
 
         Frames of other maps are left out: nothing says where those maps lie.
         """
-        uids, which = np.unique(np.array(self._reference_uid, np.int64), return_inverse=True)
+        frames = self._frames()
+        uids, which = np.unique(frames['reference_uid'], return_inverse=True)
         rows, T_map_reference = self._placed(keyframes, uids)
-        poses = T_map_reference[which] @ _stacked(self._T_reference_camera)
+        poses = T_map_reference[which] @ _whole(frames['T_reference_camera'])
         known = np.isin(which, np.flatnonzero(rows >= 0))
         known &= keyframes.map_id[rows[which]] == main_map(keyframes)
-        return Trajectory(np.array(self._stamps_ns, np.int64)[known], poses[known])
+        return Trajectory(frames['stamp_ns'][known], poses[known])
+
+    def _frames(self) -> NDArray[np.void]:
+        return np.concatenate(self._blocks)[: self._count]
 
     def _placed(self, keyframes: KeyframeTable, uids: IntArray) -> tuple[IntArray, FloatArray]:
         """Return the rows (K,) that keyframes hang on, removed ones too, and where they are.
@@ -103,5 +119,8 @@ def keyframe_poses(slam_map: SlamMap) -> KeyframePoses:
     )  # fmt: skip
 
 
-def _stacked(poses: list[FloatArray]) -> FloatArray:
-    return np.array(poses).reshape(-1, 4, 4)
+def _whole(upper: FloatArray) -> FloatArray:
+    """Return poses (N, 4, 4) of their first three rows (N, 3, 4)."""
+    poses = np.zeros((len(upper), 4, 4))
+    poses[:, :3], poses[:, 3, 3] = upper, 1.0
+    return poses

@@ -131,6 +131,14 @@ def test_a_keyframe_goes_when_three_others_see_most_of_it() -> None:
         np.testing.assert_array_equal(slam_map.keyframes.point_of_feature[rows[-1]], seen)
 
 
+@pytest.mark.parametrize('depth_m', [8.0, 0.0])
+def test_a_keyframe_of_a_hall_goes_as_well(depth_m: float) -> None:
+    for share, stays in ((0.55, True), (0.95, False)):
+        slam_map, rows = seen_by_all(share, depth_m=depth_m)
+        cull_keyframes(slam_map, rows[-1], replace(CONFIG, redundant_share=0.6), CLOSE_M)
+        assert bool(slam_map.keyframes.alive[rows[1]]) is stays
+
+
 def test_two_others_are_not_enough() -> None:
     slam_map, rows = seen_by_all(1.0, observers=2)
     cull_keyframes(slam_map, rows[-1], CONFIG, CLOSE_M)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hoid_common.errors import InputError
@@ -27,6 +28,37 @@ def test_jitter_and_a_restarted_bag_are_no_gaps() -> None:
         for i in range(40):
             gaps.add((start_ms + 33 * i + (-1) ** i * 5) * MS)
     assert gaps.num_missing == 0
+
+
+def missing_of(stamps_ms: list[float]) -> int:
+    gaps = StreamGaps()
+    for stamp_ms in stamps_ms:
+        gaps.add(round(stamp_ms * MS))
+    return gaps.num_missing
+
+
+@pytest.mark.parametrize('slower', [1.4, 1.5, 2.0, 3.0])
+def test_a_camera_that_slows_down_drops_nothing_for_long(slower: float) -> None:
+    fast = [33.3 * n for n in range(60)]
+    slow = [fast[-1] + slower * 33.3 * n for n in range(1, 301)]
+    at_first = missing_of(fast + slow[:60])
+    assert at_first <= 40
+    assert missing_of(fast + slow) == at_first
+    later = slow[-1] + slower * 33.3 * 4  # three are missing, at the rate of now
+    assert missing_of([*fast, *slow, later]) == at_first + 3
+
+
+def test_a_pause_of_the_stream_drops_nothing() -> None:
+    stamps_ms = [33.3 * n for n in range(60)]
+    again = [stamps_ms[-1] + 60_000 + 33.3 * n for n in range(60)]
+    assert missing_of(stamps_ms + again) == 0
+    assert missing_of([*stamps_ms, *again[:30], *again[32:]]) == 2
+
+
+def test_images_missing_at_random_are_all_counted() -> None:
+    rng = np.random.default_rng(0)
+    come = [n for n in range(300) if n < 10 or n == 299 or rng.random() > 0.6]
+    assert missing_of([33.3 * n for n in come]) == 300 - len(come)
 
 
 def test_files_stay_in_their_folder(tmp_path: Path) -> None:

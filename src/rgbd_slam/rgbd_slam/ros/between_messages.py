@@ -27,7 +27,7 @@ class BetweenMessages:
         """Return what an act returns, or raise the HoidError that it raises.
 
         Raises:
-            InputError: The node does not get round to it.
+            InputError: The node does not get round to it, and will not do it later either.
         """
         done: Future[object] = Future()
         self._waiting.put((act, done))
@@ -35,11 +35,15 @@ class BetweenMessages:
         try:
             return done.result(_LIMIT_S)  # type: ignore[return-value]  # it is the act's
         except TimeoutError:
+            if not done.cancel():  # the node is at it: its outcome is the answer
+                return done.result()  # type: ignore[return-value]
             raise InputError(f'the node has been busy for {_LIMIT_S:g} s; try again') from None
 
     def _work(self) -> None:
         while not self._waiting.empty():
             act, done = self._waiting.get()
+            if not done.set_running_or_notify_cancel():
+                continue
             try:
                 done.set_result(act())
             except HoidError as error:

@@ -1,7 +1,7 @@
-"""Services that save and load the map, and that end or go on with mapping.
+"""Services that save map and trajectory, load a map, and end or go on with mapping.
 
 They have a thread of their own: the tracker copies the map, or takes one over, between two images,
-and does not wait for files.
+and waits neither for files nor for the mapper: these threads do.
 """
 
 from __future__ import annotations
@@ -9,19 +9,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from threading import Thread
+from typing import TypeVar
 
-from hoid_msgs.srv import LoadMap, SaveMap, SetMode
+from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
+from hoid_bags.trajectory_io import write_tum
 from hoid_common.errors import InputError
+from hoid_common.files import unwritable
 from hoid_common.ros import topics
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import IntArray
 from rgbd_slam import map_file
 from rgbd_slam.dense.dense_mapper import StoredView
 from rgbd_slam.dense_state import DenseState
-from rgbd_slam.map_directory import map_path
+from rgbd_slam.map_directory import map_path, path_in
 from rgbd_slam.map_file import MapFile
 from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.answers import answered
@@ -29,8 +32,10 @@ from rgbd_slam.ros.between_messages import BetweenMessages
 from rgbd_slam.ros.room_link import RoomLink
 from rgbd_slam.session import SlamSession
 
+T = TypeVar('T')
+
 _MODES = {mode.name.lower(): mode for mode in SlamMode}
-_SETTLE_S = 30.0
+_SETTLE_S = 40.0
 _LOOK_S = 0.05
 _END_S = 2.0
 _MB = 1e6
@@ -65,6 +70,7 @@ class MapServices:
         owner = node.get_fully_qualified_name()
         for type_, topic, answer in (
             (SaveMap, topics.SAVE_MAP, self._save),
+            (SaveTrajectory, topics.SAVE_TRAJECTORY, self._save_trajectory),
             (LoadMap, topics.LOAD_MAP, self._load),
             (SetMode, topics.SET_MODE, self._set_mode),
         ):
@@ -91,6 +97,12 @@ class MapServices:
     def _save(self, request: SaveMap.Request, answer: SaveMap.Response) -> SaveMap.Response:
         return answered(answer, lambda: self._save_as(request.name))
 
+    def _save_trajectory(
+        self, request: SaveTrajectory.Request, answer: SaveTrajectory.Response
+    ) -> SaveTrajectory.Response:
+        kind = request.kind or SaveTrajectory.Request.FINAL
+        return answered(answer, lambda: self._save_poses(request.name, kind))
+
     def _load(self, request: LoadMap.Request, answer: LoadMap.Response) -> LoadMap.Response:
         return answered(answer, lambda: self._load_from(request.name, keep=request.merge))
 
@@ -111,15 +123,52 @@ class MapServices:
         keyframes = session.all_keyframes()
         return session.saved_map(), keyframes.uids, self._room.views(keyframes)
 
+    def _save_poses(self, name: str, kind: str) -> str:
+        path = path_in(self._config.map_directory, name, 'trajectory.txt')
+        note = ''
+        if kind == SaveTrajectory.Request.FINAL and not self._settle():
+            note = '; the map was still being adjusted'
+        trajectory = self._between.call(lambda: self._session().trajectory(kind))
+        try:
+            write_tum(path, trajectory)
+        except OSError as error:
+            raise unwritable(path, error) from error
+        return f'{len(trajectory)} poses written to {path}{note}'
+
+    def _settle(self) -> bool:
+        """Have the map adjusted as a whole, once what runs has ended; return whether it is."""
+        end_s = time.monotonic() + _SETTLE_S
+        if not self._is_settled_by(end_s):
+            return False
+        self._between.call(lambda: self._session().settle())
+        return self._is_settled_by(end_s)
+
+    def _is_settled_by(self, end_s: float) -> bool:
+        return self._until(lambda: self._session().is_settled or None, end_s) is not None
+
+    def _until(self, act: Callable[[], T | None], end_s: float) -> T | None:
+        """Call an act between messages until it gives something; return that, or None at the end.
+
+        Images are tracked meanwhile; this thread waits.
+        """
+        while (given := self._between.call(act)) is None and time.monotonic() < end_s:
+            time.sleep(_LOOK_S)
+        return given
+
     def _load_from(self, name: str, *, keep: bool) -> str:
         path = map_path(self._config.map_directory, name)
         content = map_file.load(path)
 
-        def take_over() -> str:
-            loaded = self._session().load(content, keep=keep)
+        def take_over() -> str | None:
+            session = self._session()
+            if not session.is_mapper_idle:
+                return None  # the node would wait for all that is queued
+            loaded = session.load(content, keep=keep)
             return self._room.load(content.dense, loaded, keep=keep)
 
-        note = self._between.call(take_over)
+        note = self._until(take_over, time.monotonic() + _SETTLE_S)
+        if note is None:
+            raise InputError('keyframes still wait for the mapper; ask again')
         return f'{_said(content)} loaded from {path}{note}'
 
     def _switch(self, name: str) -> str:
@@ -127,15 +176,10 @@ class MapServices:
         if mode is None:
             raise InputError(f'no mode "{name}"; use one of {", ".join(_MODES)}')
         self._between.call(lambda: self._session().set_mode(mode))
-        end_s = time.monotonic() + _SETTLE_S
-        while mode is SlamMode.LOCALIZATION and not self._between.call(
-            lambda: self._session().is_settled
-        ):
-            if time.monotonic() > end_s:
-                raise InputError('the map is still being adjusted; ask again')
-            time.sleep(_LOOK_S)
         if mode is SlamMode.MAPPING:
             return 'mapping: the map grows and is corrected'
+        if not self._is_settled_by(time.monotonic() + _SETTLE_S):
+            raise InputError('the map is still being adjusted; ask again')
         return 'localization: the map stays as it is'
 
 

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hoid_msgs.srv import SaveTrajectory
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from hoid_bags.trajectory_io import write_tum
-from hoid_common.files import unwritable
 from hoid_common.ros import topics
-from rgbd_slam.map_directory import path_in
-from rgbd_slam.node_config import SlamNodeConfig
 from rgbd_slam.ros.answers import answered
 from rgbd_slam.session import SlamSession
 
 
 class SlamServices:
-    """Lets others reset, pause and resume the session and save what it knows.
+    """Lets others reset, pause and resume the session.
 
     Args:
         session: Gives the session, or raises InputError while there is none.
@@ -28,17 +23,14 @@ class SlamServices:
     def __init__(
         self,
         node: Node,
-        config: SlamNodeConfig,
         session: Callable[[], SlamSession],
         reset: Callable[[], None],
     ) -> None:
-        self._config = config
         self._session = session
         self._reset_all = reset
         node.create_service(Trigger, topics.RESET, self._reset)
         node.create_service(Trigger, topics.PAUSE, self._pause)
         node.create_service(Trigger, topics.RESUME, self._resume)
-        node.create_service(SaveTrajectory, topics.SAVE_TRAJECTORY, self._save_trajectory)
 
     def _reset(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         self._reset_all()
@@ -53,17 +45,3 @@ class SlamServices:
     def _set_paused(self, *, paused: bool) -> str:
         self._session().is_paused = paused
         return 'paused: images are ignored' if paused else 'running'
-
-    def _save_trajectory(
-        self, request: SaveTrajectory.Request, answer: SaveTrajectory.Response
-    ) -> SaveTrajectory.Response:
-        def save() -> str:
-            path = path_in(self._config.map_directory, request.name, 'trajectory.txt')
-            trajectory = self._session().trajectory(request.kind or SaveTrajectory.Request.FINAL)
-            try:
-                write_tum(path, trajectory)
-            except OSError as error:
-                raise unwritable(path, error) from error
-            return f'{len(trajectory)} poses written to {path}'
-
-        return answered(answer, save)

@@ -1,0 +1,59 @@
+"""A map grows with the space seen and not with time: one way, gone ten times."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import pytest
+
+from rgbd_slam.config import SlamConfig
+from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking_result import TrackingState
+
+from .world import CAMERA, PERIOD_NS, World, sway
+
+POSES = sway(91, turn_rad=3.0, way_m=0.5)[:-1]  # round the room both ways, ending where it began
+PASSES = 10
+GROWTH = 1.1  # at most, after the second pass
+
+
+class Size(NamedTuple):
+    """What a session takes."""
+
+    keyframes: int
+    points: int
+    memory: int  # bytes allocated by the whole process
+
+    @classmethod
+    def of(cls, slam: RgbdSlam) -> Size:
+        stats, memory = slam.stats, tracemalloc.get_traced_memory()[0]
+        return cls(stats.num_keyframes, stats.num_map_points, memory)
+
+
+@pytest.fixture(autouse=True)
+def _allocations() -> Iterator[None]:
+    tracemalloc.start()
+    yield
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    'close_baselines',
+    [
+        40.0,  # most is close
+        5.0,  # hardly anything is, as in a hall
+    ],
+)
+def test_what_is_seen_again_adds_nothing(close_baselines: float) -> None:
+    config = SlamConfig().updated({'camera.close_baselines': close_baselines})
+    world, slam, sizes = World(), RgbdSlam(CAMERA, config), []
+    for n in range(PASSES * len(POSES)):
+        seen = world.features(n * PERIOD_NS, POSES[n % len(POSES)])
+        assert slam.process(seen).state is TrackingState.TRACKING
+        if (n + 1) % len(POSES) == 0:
+            sizes.append(Size.of(slam))
+    assert sizes[1].keyframes > 10
+    for name, second, last in zip(Size._fields, sizes[1], sizes[-1], strict=True):
+        assert last < GROWTH * second, name
