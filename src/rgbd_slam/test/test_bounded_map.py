@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import tracemalloc
-from collections.abc import Iterator
 from typing import NamedTuple
 
+import psutil
 import pytest
 
 from rgbd_slam.config import SlamConfig
@@ -24,19 +23,12 @@ class Size(NamedTuple):
 
     keyframes: int
     points: int
-    memory: int  # bytes allocated by the whole process
+    memory: int  # resident bytes of the process
 
     @classmethod
     def of(cls, slam: RgbdSlam) -> Size:
-        stats, memory = slam.stats, tracemalloc.get_traced_memory()[0]
-        return cls(stats.num_keyframes, stats.num_map_points, memory)
-
-
-@pytest.fixture(autouse=True)
-def _allocations() -> Iterator[None]:
-    tracemalloc.start()
-    yield
-    tracemalloc.stop()
+        stats = slam.stats
+        return cls(stats.num_keyframes, stats.num_map_points, psutil.Process().memory_info().rss)
 
 
 @pytest.mark.parametrize(
