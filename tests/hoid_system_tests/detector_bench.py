@@ -18,6 +18,7 @@ from sensor_msgs.msg import Image
 from hoid_common.ros import conversions, qos
 from hoid_common.values import ByteArray
 from hoid_detector.node import DetectorNode
+from hoid_system_tests.probe import SETTLE_S
 
 ROWS = ((10.0, 20.0, 30.0, 60.0, 0.9, 0.0), (50.0, 8.0, 90.0, 24.0, 0.6, 41.0))
 IMAGE = np.full((128, 192, 3), 60, np.uint8)  # twice the network's size
@@ -103,6 +104,7 @@ class Bench:
     def call(self, type_: Any, name: str, request: Any) -> Any:
         client = self.peer.create_client(type_, name)
         self.until(lambda: client.service_is_ready() or None)
+        self.spin(SETTLE_S)
         future = client.call_async(request)
         self.until(future.done)
         return future.result()

@@ -19,6 +19,9 @@ from hoid_common.ros import qos
 TIMEOUT_S = 15.0
 _START_S = 60.0  # of a node, on a busy machine
 _DISCOVERY_S = 0.3
+SETTLE_S = (
+    0.1  # a server knows a client later than the client the server; its answer would be lost
+)
 # A test does not spin while it prepares something, and must not lose what comes in meanwhile.
 _EVERYTHING = QoSProfile(depth=1000, reliability=qos.OUTPUT.reliability)
 
@@ -72,6 +75,7 @@ class Probe:
         """Return a service's answer."""
         client = self.node.create_client(type_, name)
         self.spin_until(client.service_is_ready, f'nobody offers {name}', _START_S)
+        self.spin_for(SETTLE_S)
         future = client.call_async(request)
         self.spin_until(future.done, f'{name} gives no answer')
         self.node.destroy_client(client)
