@@ -56,7 +56,7 @@ class Client:
         return list(self._call(SetParameters, 'set_parameters', request).results)
 
     def _call(self, type_: type[Any], name: str, request: Any) -> Any:
-        return self._probe.call(type_, f'{self._node}/{name}', request)
+        return self._probe.call(type_, f'{self._node}/{name}', request, times=3)
 
 
 def other_value(leaf: Param) -> Any:
