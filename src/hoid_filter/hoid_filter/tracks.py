@@ -49,6 +49,11 @@ class Track:
         return self.class_name == PERSON
 
     @property
+    def is_known(self) -> bool:
+        """Return whether it was seen often enough to be more than a whim of the detector."""
+        return self.hits >= _KNOWN_HITS
+
+    @property
     def doubtful(self) -> bool:
         """Return whether it is not to be believed yet."""
         return self.hits < self.hits_needed
@@ -153,24 +158,22 @@ class BoxTracker:
             for n, track in enumerate(self._tracks)
             if visible[n] and _unseen_s(track, stamp_ns) <= self._limit_s(track)
         ]
-        believed = [n for n in remembered if self._is_believed(self._tracks[n], stamp_ns)]
+        believed = [n for n in remembered if self._is_believed(self._tracks[n])]
         believed.sort(key=lambda n: self._tracks[n].missed)
         tracks = tuple(self._tracks[n] for n in believed)
         self._tracks = [self._tracks[n] for n in remembered]
         return tracks, inside[believed]
 
     def _limit_s(self, track: Track) -> float:
-        return self._patience.coast_s if track.missed else self._patience.late_s
-
-    def _is_believed(self, track: Track, stamp_ns: int) -> bool:
-        """Return whether it was not missed, or moved when last seen and that is not long ago."""
         if not track.missed:
-            return True
-        known = track.hits >= _KNOWN_HITS
-        if not track.is_person and not (known and track.untouched_s < self._patience.rest_s):
-            return False
-        share = 1.0 if known else _UNKNOWN_COAST_SHARE
-        return _unseen_s(track, stamp_ns) <= share * self._patience.coast_s
+            return self._patience.late_s
+        share = 1.0 if track.is_known else _UNKNOWN_COAST_SHARE
+        return share * self._patience.coast_s
+
+    def _is_believed(self, track: Track) -> bool:
+        """Return whether it was not missed, or moved when last seen."""
+        suspect = track.is_known and track.untouched_s < self._patience.rest_s
+        return not track.missed or track.is_person or suspect
 
 
 def _unseen_s(track: Track, stamp_ns: int) -> float:

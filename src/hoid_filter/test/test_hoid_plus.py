@@ -124,6 +124,16 @@ def test_object_that_is_missed_at_times_is_known_all_the_same() -> None:
     assert {i for verdict in verdicts for i in verdict.track_ids.tolist()} == {0, 1}
 
 
+def test_object_that_only_flickers_is_never_known() -> None:
+    strategy = plus()
+    for n in range(30):
+        stamp_ns = n * FRAME_NS
+        seen = n % 6 == 0  # 0.2 s apart
+        person = detections(('person', PERSON), stamp_ns=stamp_ns)
+        found = cup_covered_by(0.6, stamp_ns) if seen else person
+        assert ('cup' in reasons(strategy.judge(view(found)))) is seen
+
+
 def judge_huge(strategy: HoidPlus, score: float, n: int = 0) -> Reason:
     found = detections(('person', HUGE), stamp_ns=n * FRAME_NS, score=score)
     (reason,) = strategy.judge(view(found)).reasons
