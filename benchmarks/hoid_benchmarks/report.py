@@ -110,7 +110,8 @@ def _distinct(values: Iterable[str]) -> str:
 
 
 def _versions(summary: Mapping[str, Any]) -> str:
-    return ', '.join(f'{name} {version}' for name, version in summary.get('versions', {}).items())
+    versions = sorted(summary.get('versions', {}).items())  # stored results are sorted, too
+    return ', '.join(f'{name} {version}' for name, version in versions)
 
 
 def _pictures(result: Result, folder: Path) -> list[Picture]:

@@ -45,15 +45,17 @@ def _comparison(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
     rows = []
     for key, group in grouped(results, by_method).items():
         baseline = [r for r in results if (r.job.sequence, r.job.filter) == (key[0], first)]
-        cells = [*map(text, key)]
+        errors = []
         for name in ('ate_rmse_m', 'ate_mean_m', 'ate_median_m'):
             after = spread(group, key_value(name))
             better = improvement(baseline, group, name)
-            cells += [metres(after, group), text('-') if key[1] == first else better]
+            errors += [metres(after, group), text('-') if key[1] == first else better]
         online = metres(spread(group, key_value('ate_online_rmse_m')), group)
-        rows.append((*cells, online, share(spread(group, _COVERAGE), group), _frame_times(group)))
-    columns = (*_METHOD, 'RMSE [m]', 'better', 'mean [m]', 'better', 'median [m]', 'better')
-    return (*columns, 'online RMSE [m]', 'coverage', 'frame [ms]: median / p95'), rows
+        other = online, share(spread(group, _COVERAGE), group), _frame_times(group)
+        rows.append((*map(text, key), *errors[:2], *other, *errors[2:]))
+    columns = (*_METHOD, 'RMSE [m]', 'better', 'online RMSE [m]', 'coverage')
+    more = 'frame [ms]: median / p95', 'mean [m]', 'better', 'median [m]', 'better'
+    return (*columns, *more), rows
 
 
 def _frame_times(group: Sequence[Result]) -> Cell:
