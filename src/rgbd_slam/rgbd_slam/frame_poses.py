@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoid_common.sync import RESTART_NS
 from hoid_common.values import BoolArray, FloatArray, IntArray
 
 _NS = 1_000_000_000
 _EARLY_NS = 5_000_000  # stamps jitter
-_RESTART_NS = _NS  # a stamp that much older means that time started anew
 
 
 class KeyframePoses(NamedTuple):
@@ -61,7 +61,7 @@ class Rate:
     def take_due(self, stamp_ns: int) -> bool:
         """Return whether a stamp is due; if so, count from it on."""
         last_ns = self._last_ns
-        if last_ns is None or stamp_ns < last_ns - _RESTART_NS:
+        if last_ns is None or stamp_ns < last_ns - RESTART_NS:
             self._last_ns = stamp_ns
             return True
         grid_ns = last_ns + self._period_ns

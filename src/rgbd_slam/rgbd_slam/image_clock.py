@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-# A stamp this much older than the newest one means that time started anew: a bag that loops, a
-# clock that was set.
-_RESTART_NS = 1_000_000_000
+from hoid_common.sync import RESTART_NS
+
 _MOST_NS = 500_000_000  # of a gap: in a longer one nobody has looked
 
 
@@ -18,7 +17,7 @@ class ImageClock:
     def add(self, stamp_ns: int) -> bool:
         """Take the next image's stamp; return whether time started anew with it."""
         newest_ns = self._newest_ns
-        if newest_ns is None or stamp_ns < newest_ns - _RESTART_NS:
+        if newest_ns is None or stamp_ns < newest_ns - RESTART_NS:
             self._newest_ns, self._lost_ns = stamp_ns, 0
             return newest_ns is not None
         gap_ns = max(stamp_ns - newest_ns, 0)
