@@ -97,7 +97,7 @@ def read_camera_yaml(path: Path) -> CameraModel:
     try:
         return CameraModel(size[0], size[1], k[0], k[4], k[2], k[5], distortion)
     except ConfigError as error:
-        raise InputError(f'{path}: camera_matrix: {error}') from error
+        raise InputError(f'{path}: {error}') from error
 
 
 def _positive_int(path: Path, loaded: dict[str, Any], key: str) -> int:

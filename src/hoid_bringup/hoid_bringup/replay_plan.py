@@ -123,9 +123,15 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
 
 
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
-    """Return the player's command line; it begins when all nodes listen to the images."""
+    """Return the player's command line; it begins when all nodes listen to the images.
+
+    Only what the nodes hear is played: an IMU's thousand messages a second cost all of them time.
+    """
     color = bag.topics.color.name.lstrip('/')
-    run = config.run
+    run, found = config.run, bag.topics
+    heard = [found.color, found.depth, found.camera_info]
+    if config.uses_truth:
+        heard.append(found.true_detections)
     looks = run.dense.enabled or run.objects.enabled  # SLAM alone does not look at images
     listeners = len(config.nodes) - (not looks)
     lockstep = ('--lockstep',) if config.lockstep else ()
@@ -136,6 +142,7 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
             *('--rate', str(config.rate), '--wait', str(_SUBSCRIBER_LIMIT_S)),
             # Stamps are the images' own; /clock would only wake every node 50 times a second.
             *('--no-clock', '--require', f'{color}={listeners}', *lockstep),
+            *('--topics', *(topic.name for topic in heard if topic is not None)),
         ),
     )
 

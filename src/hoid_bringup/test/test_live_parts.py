@@ -115,6 +115,15 @@ def test_the_player_waits_for_every_listener() -> None:
     assert argv[argv.index('--rate') + 1] == '2.0'
 
 
+def test_only_what_the_nodes_hear_is_played() -> None:
+    bag = cast('BagSequence', FakeBag(truth='/true_detections'))
+    heard = ('/rgb/image', '/depth/image', '/rgb/camera_info')
+    argv = player_spec(bag, ReplayConfig()).argv
+    assert argv[argv.index('--topics') + 1 :] == heard
+    argv = player_spec(bag, ReplayConfig(run=RunConfig().updated({'model': TRUTH}))).argv
+    assert argv[argv.index('--topics') + 1 :] == (*heard, '/true_detections')
+
+
 def test_the_gate_of_detections_is_set_by_its_own_names() -> None:
     options = plan(FakeBag(), **{'detections.mode': 'latest', 'filter.strategy': 'hoid2d'})
     parameters = options.parameters['hoid_filter']

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hoid_common.errors import MessageError
+from hoid_common.errors import ConfigError, MessageError
 from hoid_common.values import DISTORTION_MODELS, CameraModel
 
 
@@ -47,4 +47,7 @@ def camera_from_info(info: RawCameraInfo) -> CameraModel:
             'is the camera calibrated?'
         )
     size_px = int(info.width), int(info.height)
-    return CameraModel(*size_px, fx, fy, cx, cy, distortion if any(distortion) else ())
+    try:
+        return CameraModel(*size_px, fx, fy, cx, cy, distortion if any(distortion) else ())
+    except ConfigError as error:
+        raise MessageError(f'camera_info: {error}') from error

@@ -1,6 +1,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -41,6 +42,15 @@ def test_distortion_is_taken_out_again() -> None:
     )
 
 
+@pytest.mark.parametrize('num_coefficients', [4, 5, 8])
+def test_the_lens_is_that_of_opencv(num_coefficients: int) -> None:
+    bent = camera((*DISTORTION, 0.11, -0.07, 0.02)[:num_coefficients])
+    points = np.random.default_rng(0).uniform([-1.5, -1, 1.5], [1.5, 1, 4], (50, 3))
+    zero = np.zeros(3)
+    expected, _ = cv2.projectPoints(points, zero, zero, bent.matrix, np.array(bent.distortion))
+    np.testing.assert_allclose(bent.project_px(points), expected[:, 0], rtol=0, atol=1e-9)
+
+
 def test_no_distortion_costs_nothing() -> None:
     uv = np.zeros((3, 2), np.float32)
     assert camera().undistort_px(uv) is uv
@@ -51,6 +61,19 @@ def test_cameras_that_cannot_be_are_refused(bad: dict[str, Any]) -> None:
     fields = {'width_px': 640, 'height_px': 480, 'fx_px': 1.0, 'fy_px': 1.0}
     with pytest.raises(ConfigError, match='must be positive'):
         CameraModel(**(fields | bad), cx_px=0.0, cy_px=0.0)
+
+
+@pytest.mark.parametrize('bad', [(0.1,) * 12, (float('nan'),)])
+def test_lenses_that_are_not_known_are_refused(bad: tuple[float, ...]) -> None:
+    with pytest.raises(ConfigError, match='distortion must be up to 8 numbers'):
+        camera(bad)
+
+
+def test_what_a_lens_does_not_have_may_be_left_out_or_zero() -> None:
+    pixels = np.random.default_rng(0).uniform(0, 480, (50, 2)).astype(np.float32)
+    expected = camera((0.1, -0.2, 0, 0, 0)).undistort_px(pixels)
+    for distortion in ((0.1, -0.2), (0.1, -0.2, *(0,) * 12)):
+        np.testing.assert_array_equal(camera(distortion).undistort_px(pixels), expected)
 
 
 def detections(
