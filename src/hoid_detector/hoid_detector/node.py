@@ -34,7 +34,7 @@ class NodeConfig(DetectorConfig):
 
     model: str = param('', 'ONNX file or name of a known model; empty looks in the usual places')
     niceness: int = param(
-        5, 'Lower priority than what the pose waits for; 0 = the same', minimum=0, maximum=19
+        0, 'Lower priority than what else the pose waits for', minimum=0, maximum=19
     )
     autostart: bool = param(True, 'become active at once; false waits for a lifecycle manager')
     input: InputConfig = field(default_factory=InputConfig)
@@ -55,7 +55,7 @@ class DetectorNode(LifecycleNode):
         self._settings = Parameters(self, NodeConfig(), self._reconfigure, self._approve)
         os.nice(self._settings.config.niceness)
         self._diagnostics = Diagnostics(self)
-        self._done = self.create_guard_condition(self._publish)
+        self._done = self.create_guard_condition(self._finish)
         self._worker = NewestWins(self._detect, self._done.trigger)
         self._detections = self.create_publisher(DetectionArray, topics.DETECTIONS, qos.OUTPUT)
         self._debug_images = DebugImages(self)
@@ -111,20 +111,23 @@ class DetectorNode(LifecycleNode):
         assert self._detector is not None
         image_bgr = conversions.color_from_msg(msg)
         detections = self._detector.detect(image_bgr, conversions.stamp_from_msg(msg.header.stamp))
-        return msg.header, image_bgr, detections, self._detector.detect_ms
+        size_px, names = image_bgr.shape[1::-1], self._detector.class_names
+        detect_ms = self._detector.detect_ms
+        # From this thread, as somebody waits for it.
+        self._detections.publish(
+            conversions.detections_to_msg(detections, msg.header, size_px, names, detect_ms)
+        )
+        return msg.header, image_bgr, detections, detect_ms
 
-    def _publish(self) -> None:
+    def _finish(self) -> None:
         try:
             seen = self._worker.finish()
         except HoidError as error:
             self._diagnostics.report(error, 'images refused')
             return
-        if seen is None or self._detector is None:
+        if seen is None:
             return
         header, image_bgr, detections, detect_ms = seen
-        size_px, names = image_bgr.shape[1::-1], self._detector.class_names
-        msg = conversions.detections_to_msg(detections, header, size_px, names, detect_ms)
-        self._detections.publish(msg)
         if self._debug_images.is_watched:
             self._debug_images.publish(draw_detections(image_bgr, detections), header)
         self._diagnostics.count('images processed')

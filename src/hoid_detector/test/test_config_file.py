@@ -10,7 +10,7 @@ from hoid_detector.config import DetectorConfig
 FILE = Path(__file__).parents[1] / 'config' / 'hoid_detector.yaml'
 OF_THE_NODE = {
     'model': '',
-    'niceness': 5,
+    'niceness': 0,
     'autostart': True,
     'input.reliability': 'best_effort',
     'input.compressed': False,

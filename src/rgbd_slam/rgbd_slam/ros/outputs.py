@@ -51,10 +51,10 @@ class SlamOutputs:
             edges.append((names.map, names.odom, pose.T_map_odom))
         if names.publish_odom_to_base:
             edges.append((names.odom, base, pose.T_odom_base))
-        self._transforms.send(conversions.stamp_from_msg(header.stamp), edges)
         odom_header = Header(stamp=header.stamp, frame_id=names.odom)
         self._odom.publish(
             conversions.odometry_to_msg(
                 pose.T_odom_base, pose.covariance, pose.twist, odom_header, base
             )
         )
+        self._transforms.send(conversions.stamp_from_msg(header.stamp), edges)

@@ -30,7 +30,7 @@ from rgbd_slam.ros.room_outputs import RoomOutputs
 from rgbd_slam.ros.room_services import RoomServices
 from rgbd_slam.ros.room_setup import Clear, Report, RoomMessage, RoomSetup
 
-_NICE = 10  # below what the pose waits for
+_NICE = 19  # below what the pose waits for
 _SLOP_NS = 20_000_000
 _PATIENCE_NS = 300_000_000  # for the verdict on an image's objects
 _CAPACITY = 60  # images that wait for the tracker to say where they were taken: 2 s
