@@ -90,9 +90,7 @@ class CameraModel:
         """Return the (N, 2) pixels where a camera with this K and no distortion sees them."""
         if not any(self.distortion) or len(uv_px) == 0:
             return uv_px
-        out = cv2.undistortPoints(
-            uv_px.reshape(-1, 1, 2), self.matrix, self._lens, P=self.matrix
-        )
+        out = cv2.undistortPoints(uv_px.reshape(-1, 1, 2), self.matrix, self._lens, P=self.matrix)
         return np.asarray(out.reshape(-1, 2), np.float32)
 
     def project_px(self, points_camera_m: FloatArray) -> FloatArray:
