@@ -110,7 +110,7 @@ class KeyframeConfig(Config):
         read_only=False,
     )  # fmt: skip
     fewer_share: float = param(
-        0.7, 'Insert with less of the points tracked after the last one, in a view that is new',
+        0.85, 'Insert with less of the points tracked after the last one, in a view that is new',
         minimum=0.0, maximum=1.0, read_only=False,
     )  # fmt: skip
     fallen_share: float = param(

@@ -74,7 +74,7 @@ def tracking(
 
 def test_a_frame_becomes_a_keyframe_when_it_shows_less_of_the_reference() -> None:
     slam_map = mapped(newer=0)
-    policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_PX)
+    policy = KeyframePolicy(slam_map, KeyframeConfig(fewer_share=0.5), CLOSE_PX)
 
     def wants(stamp_s: float, num_inliers: int, queue: int = 0) -> bool:
         return policy.wants(tracking(slam_map, stamp_s, num_inliers), queue)
@@ -129,5 +129,5 @@ def test_fewer_points_than_after_the_last_keyframe_are_enough_in_a_new_view(
     slam_map = mapped(newer)
     policy = KeyframePolicy(slam_map, KeyframeConfig(reference_share=0.5), CLOSE_PX)
     assert not policy.wants(tracking(slam_map, 1.0, 100, expected_px=EVERYWHERE), 0)
-    assert not policy.wants(tracking(slam_map, 1.1, 72, expected_px=EVERYWHERE), 0)
-    assert policy.wants(tracking(slam_map, 1.2, 68, expected_px=EVERYWHERE), 0) is wanted
+    assert not policy.wants(tracking(slam_map, 1.1, 87, expected_px=EVERYWHERE), 0)
+    assert policy.wants(tracking(slam_map, 1.2, 83, expected_px=EVERYWHERE), 0) is wanted
