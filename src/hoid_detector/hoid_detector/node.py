@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from hoid_msgs.msg import DetectionArray
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -40,7 +41,12 @@ class NodeConfig(DetectorConfig):
     input: InputConfig = field(default_factory=InputConfig)
 
 
-_Seen = tuple[Header, ByteArray, Detections, float]  # the last: ms it took
+class _Seen(NamedTuple):
+    header: Header
+    image_bgr: ByteArray  # (H, W, 3)
+    detections: Detections
+    detect_ms: float
+    is_watched: bool  # somebody listened to the debug image
 
 
 class DetectorNode(LifecycleNode):
@@ -112,12 +118,12 @@ class DetectorNode(LifecycleNode):
         image_bgr = conversions.color_from_msg(msg)
         detections = self._detector.detect(image_bgr, conversions.stamp_from_msg(msg.header.stamp))
         size_px, names = image_bgr.shape[1::-1], self._detector.class_names
-        detect_ms = self._detector.detect_ms
+        detect_ms, is_watched = self._detector.detect_ms, self._debug_images.is_watched
         # From this thread, as somebody waits for it.
         self._detections.publish(
             conversions.detections_to_msg(detections, msg.header, size_px, names, detect_ms)
         )
-        return msg.header, image_bgr, detections, detect_ms
+        return _Seen(msg.header, image_bgr, detections, detect_ms, is_watched)
 
     def _finish(self) -> None:
         try:
@@ -127,12 +133,12 @@ class DetectorNode(LifecycleNode):
             return
         if seen is None:
             return
-        header, image_bgr, detections, detect_ms = seen
-        if self._debug_images.is_watched:
-            self._debug_images.publish(draw_detections(image_bgr, detections), header)
+        if seen.is_watched:
+            picture = draw_detections(seen.image_bgr, seen.detections)
+            self._debug_images.publish(picture, seen.header)
         self._diagnostics.count('images processed')
         self._diagnostics.set_count('images dropped for newer ones', self._worker.num_dropped)
-        self._diagnostics.set_value('time per image', f'{detect_ms:.1f} ms')
+        self._diagnostics.set_value('time per image', f'{seen.detect_ms:.1f} ms')
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
