@@ -27,8 +27,8 @@ def camera_from_info(info: RawCameraInfo) -> CameraModel:
     """Return the camera that took the pictures, of K and D.
 
     Raises:
-        MessageError: Not calibrated, of an unknown distortion model, or with binning or a region
-            of interest, which K does not say.
+        MessageError: Not calibrated, of an unknown distortion model or with more coefficients than
+            those have, or with binning or a region of interest, which K does not say.
     """
     distortion = tuple(float(d) for d in info.d)
     if any(distortion) and info.distortion_model not in DISTORTION_MODELS:
