@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from hoid_common.values import (
     DESCRIPTOR_BYTES,
+    BoolArray,
     ByteArray,
     Features,
     Float32Array,
@@ -15,8 +19,11 @@ from hoid_common.values import (
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.pyramid import Corners, build_pyramid, find_corners, flat_pixels
 from hoid_filter.spread import octave_budgets, spread_evenly
-from hoid_native import orientations_deg
+from hoid_native import corner_peaks_px, orientations_deg
 
+_Measure = Callable[[ByteArray, NDArray[np.int32], NDArray[np.int32]], Float32Array]
+
+_NO_BOXES: Float32Array = np.empty((0, 4), np.float32)
 _PATCH_PX = 31  # of the descriptor, as in the ORB paper
 
 
@@ -86,14 +93,26 @@ class OrbExtractor:
         return among[kept]
 
     def describe(
-        self, corners: Corners, chosen: IntArray, depth_m: Float32Array, stamp_ns: int
+        self,
+        corners: Corners,
+        chosen: IntArray,
+        depth_m: Float32Array,
+        stamp_ns: int,
+        moving_xyxy_px: Float32Array = _NO_BOXES,
     ) -> Features:
-        """Return the features at the chosen corners, which are in order of octave."""
-        angle_deg = _orientations_deg(corners, chosen)
+        """Return the features at the chosen corners, which are in order of octave.
+
+        A corner outside the boxes (N, 4) of what moves gives a feature outside of them.
+        """
+        angle_deg = _by_level(orientations_deg, corners, chosen)
         uv_px = corners.uv_px.take(chosen, axis=0)
+        peak_px = uv_px + self._peaks_px(corners, chosen)
+        if len(moving_xyxy_px):
+            entering = (_inside(peak_px, moving_xyxy_px) & ~_inside(uv_px, moving_xyxy_px)).any(1)
+            peak_px[entering] = uv_px[entering]
         return Features(
             stamp_ns=stamp_ns,
-            uv_px=uv_px,
+            uv_px=peak_px,
             depth_m=sample_depth_m(depth_m, uv_px),
             octave=corners.octave[chosen],
             angle_deg=angle_deg,
@@ -101,6 +120,11 @@ class OrbExtractor:
             descriptors=self._descriptors(corners, chosen, angle_deg),
             may_seed=np.ones(len(chosen), np.bool_),
         )
+
+    def _peaks_px(self, corners: Corners, chosen: IntArray) -> Float32Array:
+        """Return the (N, 2) level-0 offsets from corners' pixels to where they are strongest."""
+        steps_px = corners.pyramid.steps_px[corners.octave[chosen]]
+        return _by_level(corner_peaks_px, corners, chosen) * steps_px
 
     def _descriptors(
         self, corners: Corners, chosen: IntArray, angle_deg: Float32Array
@@ -123,16 +147,24 @@ class OrbExtractor:
         return np.asarray(descriptors, np.uint8)
 
 
-def _orientations_deg(corners: Corners, chosen: IntArray) -> Float32Array:
+def _by_level(measure: _Measure, corners: Corners, chosen: IntArray) -> Float32Array:
+    """Measure the chosen corners, which are in order of octave, each in the image of its level."""
     octave = corners.octave[chosen]
     xy_px = corners.xy_px[chosen]
     ends = np.searchsorted(octave, np.arange(len(corners.pyramid.levels) + 1)).tolist()
     return np.concatenate(
         [
-            orientations_deg(level, xy_px[first:last, 0], xy_px[first:last, 1])
+            measure(level, xy_px[first:last, 0], xy_px[first:last, 1])
             for level, first, last in zip(corners.pyramid.levels, ends, ends[1:], strict=False)
         ]
     )
+
+
+def _inside(uv_px: Float32Array, boxes_xyxy_px: Float32Array) -> BoolArray:
+    """Return (K, N): whether the centre of each position's pixel is in each box."""
+    centers_px = np.rint(uv_px)[:, None]
+    first, end = boxes_xyxy_px[:, :2], boxes_xyxy_px[:, 2:]
+    return np.logical_and((centers_px >= first).all(2), (centers_px < end).all(2))
 
 
 def sample_depth_m(depth_m: Float32Array, uv_px: Float32Array) -> Float32Array:

@@ -17,6 +17,7 @@ from hoid_common.values import (
     DynamicObject,
     FilterResult,
     Float32Array,
+    Reason,
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig
@@ -86,7 +87,10 @@ class FeatureFilter:
         self.counters['frames with too few static features'] += verdict.fallback_step > 0
         judged = time.thread_time()
         chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)
-        features = self._extractor.describe(corners, chosen, frame.depth_m, frame.stamp_ns)
+        moving = [reason is not Reason.STATIC for reason in verdict.reasons]
+        features = self._extractor.describe(
+            corners, chosen, frame.depth_m, frame.stamp_ns, verdict.boxes_xyxy_px[moving]
+        )
         if verdict.seeds is not None:
             features = dataclasses.replace(features, may_seed=verdict.seeds[chosen])
         done = time.thread_time()

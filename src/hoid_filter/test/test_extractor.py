@@ -71,6 +71,35 @@ def test_rotated_image_gives_rotated_features(
     assert np.median(distance) < 20
 
 
+def test_features_follow_a_move_by_less_than_a_pixel(depth_m: Float32Array) -> None:
+    noise = np.random.default_rng(7).integers(0, 256, (HEIGHT, WIDTH)).astype(np.uint8)
+    smooth = cv2.GaussianBlur(noise.astype(np.float32), (0, 0), 1.5)
+    image_gray = cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX)
+    move_px = np.array([0.4, -0.3], np.float32)
+    to_moved = np.column_stack([np.eye(2), move_px])
+    moved_gray = cv2.warpAffine(image_gray, to_moved, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
+    extractor = OrbExtractor(ExtractionConfig(num_levels=1))
+    before, after = (
+        extractor.extract(np.asarray(gray, np.uint8), depth_m, None, 0)
+        for gray in (image_gray, moved_gray)
+    )
+    steps_px = after.uv_px[None] - before.uv_px[:, None]
+    errors_px = np.linalg.norm(steps_px - move_px, axis=2).min(axis=1)
+    assert np.median(errors_px) < 0.2  # a whole pixel would be wrong by 0.5
+
+
+def test_features_lie_within_the_pixels_of_their_corners(
+    image_gray: ByteArray, depth_m: Float32Array
+) -> None:
+    extractor = OrbExtractor(ExtractionConfig())
+    corners = extractor.detect(image_gray)
+    chosen = extractor.choose(corners, None, image_gray.size)
+    features = extractor.describe(corners, chosen, depth_m, 0)
+    moved = features.uv_px - corners.uv_px[chosen]
+    assert (np.abs(moved) <= 0.5 * corners.pyramid.steps_px[features.octave] + 1e-4).all()
+    assert (moved != 0).any(axis=1).mean() > 0.5
+
+
 def test_blank_image_gives_no_features(depth_m: Float32Array) -> None:
     features = OrbExtractor(ExtractionConfig()).extract(
         np.full((HEIGHT, WIDTH), 90, np.uint8), depth_m, None, 0

@@ -20,6 +20,7 @@ _fast_corners = declare(
 _orientations = declare(
     'hoid_orientations', c_void_p, c_int32, c_int32, c_void_p, c_void_p, c_void_p
 )
+_corner_peaks = declare('hoid_corner_peaks', c_void_p, c_int32, c_int32, *[c_void_p] * 3)
 _match_by_projection = declare(
     'hoid_match_by_projection',
     c_int32,
@@ -83,6 +84,26 @@ def fast_corners(image_gray: NDArray[np.uint8], threshold: int, border_px: int) 
         address(score),
     )
     return Corners(x[:n].copy(), y[:n].copy(), score[:n].copy())
+
+
+def corner_peaks_px(
+    image_gray: NDArray[np.uint8], x: NDArray[np.int32], y: NDArray[np.int32]
+) -> NDArray[np.float32]:
+    """Return the (N, 2) offsets from FAST corners to where their score peaks between the pixels.
+
+    The peak is that of the quadratic that fits the signed scores of a corner's pixel and its eight
+    neighbours best, no further than the edge of the pixel: within [-0.5, 0.5] in x and in y, and 0
+    where the quadratic has none. Pixels must be at least 4 px from the edge.
+    """
+    height, width = image_gray.shape
+    if len(x) and (min(x.min(), y.min()) < 4 or x.max() >= width - 4 or y.max() >= height - 4):
+        raise ValueError('corner_peaks_px: pixels must be at least 4 px from the edge')
+    n = len(x)
+    image = contiguous(image_gray, np.uint8)
+    pixels = contiguous(x, np.int32, n), contiguous(y, np.int32, n)
+    out = np.empty((n, 2), np.float32)
+    _corner_peaks(address(image), image.strides[0], n, *map(address, pixels), address(out))
+    return out
 
 
 def orientations_deg(

@@ -11,6 +11,7 @@ from hoid_native import (
     Bar,
     Candidates,
     Wanted,
+    corner_peaks_px,
     fast_corners,
     match_by_projection,
     orientations_deg,
@@ -66,6 +67,59 @@ def test_too_small_an_image_has_no_corners() -> None:
 def test_white_and_black_images_saturate_without_corners() -> None:
     for value in (0, 255):
         assert len(fast_corners(np.full((80, 80), value, np.uint8), 7, 3).x) == 0
+
+
+def spots(shift_px: tuple[float, float]) -> ByteArray:
+    """Return dark spots on a bright ground, 20 px apart, moved by (x, y)."""
+    y, x = np.mgrid[:120, :160].astype(float)
+    apart = np.hypot((x - shift_px[0] + 10) % 20 - 10, (y - shift_px[1] + 10) % 20 - 10)
+    return np.asarray(np.rint(220 - 180 * np.exp(-0.5 * (apart / 1.5) ** 2)), np.uint8)
+
+
+@pytest.mark.parametrize('shift_px', [(0.0, 0.0), (0.3, 0.0), (-0.2, 0.4), (0.4, -0.4)])
+def test_peaks_tell_where_a_spot_is_between_pixels(shift_px: tuple[float, float]) -> None:
+    image = spots(shift_px)
+    x, y, _ = fast_corners(image, 7, 10)
+    peak_px = np.stack([x, y], axis=1) + corner_peaks_px(image, x, y)
+    error_px = (peak_px - shift_px + 10) % 20 - 10
+    assert len(error_px) == 7 * 5
+    assert np.abs(error_px).max() < 0.1
+
+
+_RING = [(0, -3), (1, -3), (2, -2), (3, -1), (3, 0), (3, 1), (2, 2), (1, 3)]
+_CIRCLE = _RING + [(-x, -y) for x, y in _RING]
+
+
+def signed_score(image: ByteArray, x: int, y: int) -> int:
+    gain = [int(image[y + dy, x + dx]) - int(image[y, x]) for dx, dy in _CIRCLE]
+    arcs = [[gain[(first + n) % 16] for n in range(9)] for first in range(16)]
+    return max(max(min(arc), -max(arc)) for arc in arcs)
+
+
+def test_peaks_are_those_of_the_quadratic_that_fits_nine_scores_best() -> None:
+    image = textured(4)
+    x, y, score = fast_corners(image, 7, 4)
+    found = corner_peaks_px(image, x, y)
+    around = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    design = np.array([[1, dx, dy, dx * dx / 2, dx * dy, dy * dy / 2] for dx, dy in around])
+    num_peaks = 0
+    for n, (u, v) in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
+        scores = [signed_score(image, u + dx, v + dy) for dx, dy in around]
+        assert scores[4] == score[n] + 1
+        _, b, c, d, e, f = np.linalg.lstsq(design, np.array(scores, float))[0]
+        curvature = np.array([[d, e], [e, f]])
+        if np.linalg.eigvalsh(curvature).max() < -1e-9:
+            expected = np.clip(-np.linalg.solve(curvature, [b, c]), -0.5, 0.5)
+            num_peaks += 1
+        else:
+            expected = np.zeros(2)
+        assert found[n] == pytest.approx(expected, abs=1e-4)
+    assert num_peaks > 0.5 * len(x) > 20
+
+
+def test_peaks_near_the_edge_are_refused() -> None:
+    with pytest.raises(ValueError, match='4 px'):
+        corner_peaks_px(textured(1), np.array([3], np.int32), np.array([50], np.int32))
 
 
 @pytest.mark.parametrize('angle_deg', [0, 30, 90, 135, 200, 359])

@@ -1,0 +1,97 @@
+// Where between the pixels a FAST corner is strongest.
+//
+// The FAST-9/16 score (Rosten and Drummond, ECCV 2006) of the corner's pixel and its eight
+// neighbours, signed, so that it goes on below any threshold; then the peak of the quadratic that
+// fits the nine in the least-squares sense.
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+
+#include "multiversion.hpp"
+
+namespace {
+
+constexpr int kCircle = 16;
+constexpr int kOffsetX[kCircle] = {0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1};
+constexpr int kOffsetY[kCircle] = {-3, -3, -2, -1, 0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3};
+constexpr int kSide = 3, kCells = kSide * kSide, kLanes = 16;
+constexpr float kWithin = 0.5F;  // pixels: no neighbour scores higher than the corner
+
+// One number for each of the nine pixels, row by row; the rest pads.
+using Cells = int16_t __attribute__((vector_size(sizeof(int16_t) * kLanes)));
+
+ALWAYS_INLINE Cells smaller(Cells a, Cells b) { return a < b ? a : b; }
+
+ALWAYS_INLINE Cells larger(Cells a, Cells b) { return a > b ? a : b; }
+
+ALWAYS_INLINE Cells around(const uint8_t* at, std::ptrdiff_t stride)
+{
+  Cells cells{};
+  for (int row = 0; row < kSide; ++row) {
+    for (int column = 0; column < kSide; ++column) {
+      cells[kSide * row + column] = at[(row - 1) * stride + column - 1];
+    }
+  }
+  return cells;
+}
+
+// For each pixel, the most by which all of some 9 contiguous circle pixels exceed it.
+ALWAYS_INLINE Cells best_arc(const Cells* gain)
+{
+  Cells two[kCircle], four[kCircle];
+  for (int k = 0; k < kCircle; ++k) {
+    two[k] = smaller(gain[k], gain[(k + 1) % kCircle]);
+  }
+  for (int k = 0; k < kCircle; ++k) {
+    four[k] = smaller(two[k], two[(k + 2) % kCircle]);
+  }
+  Cells best = Cells{} + INT16_MIN;
+  for (int k = 0; k < kCircle; ++k) {
+    const Cells eight = smaller(four[k], four[(k + 4) % kCircle]);
+    best = larger(best, smaller(eight, gain[(k + 8) % kCircle]));
+  }
+  return best;
+}
+
+ALWAYS_INLINE Cells scores(const uint8_t* at, std::ptrdiff_t stride)
+{
+  const Cells center = around(at, stride);
+  Cells brighter[kCircle], darker[kCircle];
+  for (int k = 0; k < kCircle; ++k) {
+    brighter[k] = around(at + kOffsetY[k] * stride + kOffsetX[k], stride) - center;
+    darker[k] = -brighter[k];
+  }
+  return larger(best_arc(brighter), best_arc(darker));
+}
+
+// The peak of the quadratic a + b x + c y + d x^2 + e x y + f y^2 through nine values, as
+// far as the edge of the middle pixel; its centre when there is no peak.
+void write_peak(const Cells& s, float* offset)
+{
+  const auto sum = [&s](int a, int b, int c) { return static_cast<float>(s[a] + s[b] + s[c]); };
+  const float left = sum(0, 3, 6), right = sum(2, 5, 8), over = sum(0, 1, 2), under = sum(6, 7, 8);
+  const float b = (right - left) / 6, c = (under - over) / 6;
+  const float two_d = (right + left - 2 * sum(1, 4, 7)) / 3;
+  const float two_f = (under + over - 2 * sum(3, 4, 5)) / 3;
+  const float e = static_cast<float>(s[8] - s[6] - s[2] + s[0]) / 4;
+  const float determinant = two_d * two_f - e * e;
+  offset[0] = offset[1] = 0;
+  if (two_d < 0 && two_f < 0 && determinant > 0) {
+    offset[0] = std::clamp((e * c - two_f * b) / determinant, -kWithin, kWithin);
+    offset[1] = std::clamp((e * b - two_d * c) / determinant, -kWithin, kWithin);
+  }
+}
+
+}  // namespace
+
+// Write the offset (x, y) of the peak from each pixel (x, y), at least 4 pixels from the edge.
+extern "C" MULTIVERSION("avx2") void hoid_corner_peaks(
+  const uint8_t* image, int32_t stride, int32_t count, const int32_t* x, const int32_t* y,
+  float* offset_out)
+{
+  for (int k = 0; k < count; ++k) {
+    const uint8_t* corner = image + static_cast<std::ptrdiff_t>(y[k]) * stride + x[k];
+    write_peak(scores(corner, stride), offset_out + 2 * k);
+  }
+}
