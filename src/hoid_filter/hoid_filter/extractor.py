@@ -113,7 +113,7 @@ class OrbExtractor:
         return Features(
             stamp_ns=stamp_ns,
             uv_px=peak_px,
-            depth_m=sample_depth_m(depth_m, uv_px),
+            depth_m=sample_depth_m(depth_m, peak_px),
             octave=corners.octave[chosen],
             angle_deg=angle_deg,
             response=corners.score[chosen].astype(np.float32),
