@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from hoid_bags.sequence import Sequence
-from hoid_benchmarks.looped import LoopedSequence
 from hoid_benchmarks.plan import Perturbation
+from hoid_benchmarks.rearranged import Arrangement, RearrangedSequence
 from hoid_bringup.detection_source import DetectionSource
 from hoid_common.values import (
     PERSON,
@@ -17,12 +17,15 @@ from hoid_common.values import (
     CameraModel,
     Detections,
     Float32Array,
+    IntArray,
     RgbdFrame,
     Trajectory,
 )
 
 _FRAME_NS = 33_333_333
 _MISSED_EVERY_NS = 3_000_000_000
+_NS_PER_MS = 1_000_000
+_REARRANGING = ('loops', 'cut_images', 'jump_back', 'keep_every', 'stamp_jitter_ms')
 _COVER_PERIOD_S = 6.0
 _COVER_DEPTH_M = 0.8
 _FALSE_SCORE, _FALSE_SIDE = 0.28, 0.91  # score, share of each side: as YOLOX-nano was seen to err
@@ -32,10 +35,10 @@ class PerturbedSequence:
     """A sequence whose frames are made harder, the same way at each iteration."""
 
     def __init__(self, recording: Sequence, perturbation: Perturbation, seed: int) -> None:
-        loops = perturbation.loops
-        self._base = base = LoopedSequence(recording, loops) if loops > 1 else recording
+        self._base = base = _rearranged(recording, perturbation, seed)
         self._perturbation = perturbation
         self._seed = seed
+        self._first_black = _middle(len(recording))
         self.name = base.name
         self.camera: CameraModel = base.camera
         self.ground_truth: Trajectory | None = base.ground_truth
@@ -43,13 +46,18 @@ class PerturbedSequence:
         self.fault = base.fault
 
     def __len__(self) -> int:
-        return len(self._base)
+        """Return how many images show anything."""
+        return len(self._base) - self._perturbation.black_images
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         rng = np.random.default_rng(self._seed)
         texture = rng.integers(0, 255, (480, 640, 3), dtype=np.uint8)
-        for frame in self._base:
-            yield self._harder(frame, rng, texture)
+        black = range(self._first_black, self._first_black + self._perturbation.black_images)
+        for n, frame in enumerate(self._base):
+            if n in black:
+                yield _black(frame)
+            else:
+                yield self._harder(frame, rng, texture)
 
     def _harder(self, frame: RgbdFrame, rng: np.random.Generator, texture: ByteArray) -> RgbdFrame:
         p = self._perturbation
@@ -71,6 +79,40 @@ class PerturbedSequence:
         image[:, left:right] = texture[: image.shape[0], : right - left]
         depth_m[:, left:right] = _COVER_DEPTH_M
         return image, depth_m
+
+
+def _middle(count: int) -> int:
+    return count // 2
+
+
+def _black(frame: RgbdFrame) -> RgbdFrame:
+    black, nothing = np.zeros_like(frame.image_bgr), np.zeros_like(frame.depth_m)
+    return replace(frame, image_bgr=black, depth_m=nothing)
+
+
+def _rearranged(recording: Sequence, perturbation: Perturbation, seed: int) -> Sequence:
+    """Return a recording with its images in the order and at the times that are asked for."""
+    p, rng = perturbation, np.random.default_rng(seed)
+    plain = Perturbation()
+    if all(getattr(p, name) == getattr(plain, name) for name in _REARRANGING):
+        return recording
+
+    def arrange(recorded_ns: IntArray) -> Arrangement:
+        forth = np.arange(len(recorded_ns))
+        order = np.concatenate([forth[:: -1 if k % 2 else 1] for k in range(p.loops)])
+        stamps_ns = recorded_ns[0] + _FRAME_NS * np.arange(len(order) + p.jump_back)
+        middle = _middle(len(forth))
+        order = np.r_[order[:middle], order[middle - p.jump_back :]]
+        seen = middle + p.black_images
+        order = np.delete(order, slice(seen, seen + p.cut_images))
+        if p.loops == 1 and not (p.jump_back or p.cut_images):
+            stamps_ns = recorded_ns[order]
+        kept = slice(0, len(order), p.keep_every)
+        limit_ns = p.stamp_jitter_ms * _NS_PER_MS
+        off_ns = rng.uniform(-limit_ns, limit_ns, len(order)).round().astype(np.int64)
+        return Arrangement(order[kept], (stamps_ns[: len(order)] + off_ns)[kept])
+
+    return RearrangedSequence(recording, arrange)
 
 
 def cover_columns(width_px: int, share: float, stamp_ns: int) -> tuple[int, int]:

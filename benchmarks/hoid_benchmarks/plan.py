@@ -43,6 +43,13 @@ class Perturbation:
     depth_missing_share: float = 0.0  # of the pixels without a reading
     covered_share: float = 0.0  # of the image's width hidden by a moving person-like box
     loops: int = 1  # the recording forth and back so many times
+    black_images: int = 0  # in a row, from the middle on
+    cut_images: int = (
+        0  # left out after these, as if the camera had been carried elsewhere at once
+    )
+    jump_back: int = 0  # images: from the middle on once more, from so long before
+    keep_every: int = 1  # 2: every second image is lost
+    stamp_jitter_ms: float = 0.0  # by how much stamps are off, at most
     extra_boxes: int = 0  # objects reported beside those that are there
     false_every: int = 0  # 10: a weak person over most of the image in every tenth frame
 

@@ -53,6 +53,59 @@ def test_a_looped_recording_goes_forth_and_back_in_time_order() -> None:
     assert truth.stamps_ns[80] == stamps[100]  # the way back begins with what is not known
 
 
+def walked(count: int) -> Trajectory:
+    """Return a true pose for each image of the recording, a metre further each time."""
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, 0, 3] = np.arange(count)
+    return Trajectory(33_333_333 * np.arange(count), poses)
+
+
+def arranged(perturbation: Perturbation) -> tuple[list[RgbdFrame], dict[int, int], int]:
+    """Return the images, where each was truly taken by its stamp, and how many show anything."""
+    recording = Recording()
+    recording.ground_truth = walked(90)
+    made = PerturbedSequence(recording, perturbation, 3)
+    truth = made.ground_truth
+    assert truth is not None
+    places = truth.T_world_camera[:, 0, 3].astype(int).tolist()
+    there = dict(zip(truth.stamps_ns.tolist(), places, strict=True))
+    return list(made), there, len(made)
+
+
+def test_a_covered_lens_shows_nothing_and_the_stream_goes_on() -> None:
+    frames, _, visible = arranged(Perturbation(black_images=20))
+    black = [not f.image_bgr.any() and not f.depth_m.any() for f in frames]
+    assert black == [False] * 45 + [True] * 20 + [False] * 25
+    assert visible == 70
+
+
+def test_after_a_blackout_the_camera_is_elsewhere_at_once() -> None:
+    frames, there, visible = arranged(Perturbation(black_images=10, cut_images=15))
+    assert [there[f.stamp_ns] for f in frames] == [*range(55), *range(70, 90)]
+    assert [n for n, f in enumerate(frames) if not f.image_bgr.any()] == list(range(45, 55))
+    assert set(np.diff([f.stamp_ns for f in frames])) == {33_333_333}
+    assert visible == 65
+
+
+def test_a_jump_goes_back_to_a_place_seen_before() -> None:
+    frames, there, visible = arranged(Perturbation(jump_back=20))
+    assert [there[f.stamp_ns] for f in frames] == [*range(45), *range(25, 90)]
+    assert set(np.diff([f.stamp_ns for f in frames])) == {33_333_333}
+    assert visible == 110
+
+
+def test_images_are_lost_at_their_own_times_and_stamps_are_off() -> None:
+    frames, there, visible = arranged(Perturbation(keep_every=2))
+    assert [there[f.stamp_ns] for f in frames] == list(range(0, 90, 2))
+    assert [f.stamp_ns for f in frames] == [33_333_333 * n for n in range(0, 90, 2)]
+    assert visible == 45
+    frames, there, _ = arranged(Perturbation(stamp_jitter_ms=5.0))
+    assert [there[f.stamp_ns] for f in frames] == list(range(90))
+    off_ms = np.array([f.stamp_ns - 33_333_333 * n for n, f in enumerate(frames)]) / 1e6
+    assert np.abs(off_ms).max() <= 5
+    assert off_ms.std() == pytest.approx(5 / 3**0.5, rel=0.2)
+
+
 def test_the_cover_hides_its_share_of_the_width() -> None:
     for stamp_ns in range(0, 10**10, 10**9):
         left, right = cover_columns(640, 0.4, stamp_ns)

@@ -1,10 +1,11 @@
-"""A recording forth and back, for as long as one likes: its end is where its next round begins."""
+"""A recording whose images come in another order, fewer of them, or at other times."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,30 +13,37 @@ from hoid_bags.association import associate
 from hoid_bags.sequence import Sequence
 from hoid_common.values import CameraModel, IntArray, RgbdFrame, Trajectory
 
-_PERIOD_NS = 33_333_333
+
+class Arrangement(NamedTuple):
+    """Which images of a recording come when."""
+
+    order: IntArray  # (M,) of the recording's images
+    stamps_ns: IntArray  # (M,), ascending
 
 
-class LoopedSequence:
-    """A recording so many times, backwards every other time, with stamps and truth that go on.
+class RearrangedSequence:
+    """A recording rearranged; the truth goes with the images. It has no exact detections.
 
-    It has no exact detections.
+    Args:
+        base: The recording.
+        arrange: From the stamps (N,) of its images to what comes when.
     """
 
     true_detections = None
 
-    def __init__(self, base: Sequence, loops: int) -> None:
+    def __init__(self, base: Sequence, arrange: Callable[[IntArray], Arrangement]) -> None:
         self.name = base.name
         self.camera: CameraModel = base.camera
         self.fault = base.fault
-        self._folder = tempfile.TemporaryDirectory(prefix='hoid-loop-')  # too much for memory
+        self._folder = tempfile.TemporaryDirectory(
+            prefix='hoid-rearranged-'
+        )  # too much for memory
         self._paths = [_spool(frame, Path(self._folder.name)) for frame in base]
-        forth = np.arange(len(self._paths))
-        self._order = np.concatenate([forth[:: -1 if k % 2 else 1] for k in range(loops)])
         recorded_ns = np.array([int(path.stem) for path in self._paths])
-        self._stamps_ns = recorded_ns[0] + _PERIOD_NS * np.arange(len(self._order))
-        self.ground_truth = self._looped_truth(base.ground_truth, recorded_ns)
+        self._order, self._stamps_ns = arrange(recorded_ns)
+        self.ground_truth = self._rearranged(base.ground_truth, recorded_ns)
 
-    def _looped_truth(self, truth: Trajectory | None, recorded_ns: IntArray) -> Trajectory | None:
+    def _rearranged(self, truth: Trajectory | None, recorded_ns: IntArray) -> Trajectory | None:
         """Return the true poses of the frames; those of which none is known are left out."""
         if truth is None:
             return None
