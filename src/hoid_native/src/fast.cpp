@@ -1,8 +1,6 @@
 // FAST-9/16 corners with their score and 3x3 non-maximum suppression, on one pyramid level.
 //
-// Rosten and Drummond, "Machine learning for high-speed corner detection", ECCV 2006: a pixel is a
-// corner when 9 contiguous pixels of the circle of radius 3 are all brighter than it by more than
-// the threshold, or all darker. The score is the largest threshold at which it still is one.
+// The score is the largest threshold at which a pixel still is a corner.
 
 #include <algorithm>
 #include <cstddef>
@@ -10,17 +8,13 @@
 #include <cstring>
 #include <vector>
 
-#include "multiversion.hpp"
+#include "fast_circle.hpp"
 
 namespace {
 
-constexpr int kCircle = 16;
-constexpr int kRadius = 3;
 constexpr int kLanes = 32;
-constexpr int kOffsetX[kCircle] = {0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1};
-constexpr int kOffsetY[kCircle] = {-3, -3, -2, -1, 0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3};
 
-// One byte for each of the pixels of a block; operators work on all of them at once.
+// One byte for each of the pixels of a block.
 using Lanes = uint8_t __attribute__((vector_size(kLanes)));
 using Words = uint64_t __attribute__((vector_size(kLanes)));
 
@@ -31,10 +25,6 @@ ALWAYS_INLINE Lanes load(const uint8_t* at)
   return lanes;
 }
 
-ALWAYS_INLINE Lanes smaller(Lanes a, Lanes b) { return a < b ? a : b; }
-
-ALWAYS_INLINE Lanes larger(Lanes a, Lanes b) { return a > b ? a : b; }
-
 // a - b, not below 0.
 ALWAYS_INLINE Lanes excess(Lanes a, Lanes b) { return larger(a, b) - b; }
 
@@ -42,24 +32,6 @@ ALWAYS_INLINE bool any_above(Lanes lanes, uint8_t threshold)
 {
   const Words over = reinterpret_cast<Words>(excess(lanes, Lanes{} + threshold));
   return (over[0] | over[1] | over[2] | over[3]) != 0;
-}
-
-// For each pixel, the most by which all of some 9 contiguous circle pixels exceed it.
-ALWAYS_INLINE Lanes best_arc(const Lanes* gain)
-{
-  Lanes two[kCircle], four[kCircle];
-  for (int k = 0; k < kCircle; ++k) {
-    two[k] = smaller(gain[k], gain[(k + 1) % kCircle]);
-  }
-  for (int k = 0; k < kCircle; ++k) {
-    four[k] = smaller(two[k], two[(k + 2) % kCircle]);
-  }
-  Lanes best{};
-  for (int k = 0; k < kCircle; ++k) {
-    const Lanes eight = smaller(four[k], four[(k + 4) % kCircle]);
-    best = larger(best, smaller(eight, gain[(k + 8) % kCircle]));
-  }
-  return best;
 }
 
 // Of any 9 contiguous circle pixels at least two neighbouring compass points are members.

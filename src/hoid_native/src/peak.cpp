@@ -1,29 +1,21 @@
 // Where between the pixels a FAST corner is strongest.
 //
-// The FAST-9/16 score (Rosten and Drummond, ECCV 2006) of the corner's pixel and its eight
-// neighbours, signed, so that it goes on below any threshold; then the peak of the quadratic that
-// fits the nine in the least-squares sense.
+// The FAST-9/16 scores of the corner's pixel and its eight neighbours, signed, so that they go on
+// below any threshold; then the peak of the quadratic that fits the nine in the least-squares sense.
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
 
-#include "multiversion.hpp"
+#include "fast_circle.hpp"
 
 namespace {
 
-constexpr int kCircle = 16;
-constexpr int kOffsetX[kCircle] = {0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1};
-constexpr int kOffsetY[kCircle] = {-3, -3, -2, -1, 0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3};
-constexpr int kSide = 3, kCells = kSide * kSide, kLanes = 16;
+constexpr int kSide = 3, kLanes = 16;
 constexpr float kWithin = 0.5F;  // pixels: no neighbour scores higher than the corner
 
 // One number for each of the nine pixels, row by row; the rest pads.
 using Cells = int16_t __attribute__((vector_size(sizeof(int16_t) * kLanes)));
-
-ALWAYS_INLINE Cells smaller(Cells a, Cells b) { return a < b ? a : b; }
-
-ALWAYS_INLINE Cells larger(Cells a, Cells b) { return a > b ? a : b; }
 
 ALWAYS_INLINE Cells around(const uint8_t* at, std::ptrdiff_t stride)
 {
@@ -34,24 +26,6 @@ ALWAYS_INLINE Cells around(const uint8_t* at, std::ptrdiff_t stride)
     }
   }
   return cells;
-}
-
-// For each pixel, the most by which all of some 9 contiguous circle pixels exceed it.
-ALWAYS_INLINE Cells best_arc(const Cells* gain)
-{
-  Cells two[kCircle], four[kCircle];
-  for (int k = 0; k < kCircle; ++k) {
-    two[k] = smaller(gain[k], gain[(k + 1) % kCircle]);
-  }
-  for (int k = 0; k < kCircle; ++k) {
-    four[k] = smaller(two[k], two[(k + 2) % kCircle]);
-  }
-  Cells best = Cells{} + INT16_MIN;
-  for (int k = 0; k < kCircle; ++k) {
-    const Cells eight = smaller(four[k], four[(k + 4) % kCircle]);
-    best = larger(best, smaller(eight, gain[(k + 8) % kCircle]));
-  }
-  return best;
 }
 
 ALWAYS_INLINE Cells scores(const uint8_t* at, std::ptrdiff_t stride)
@@ -65,8 +39,8 @@ ALWAYS_INLINE Cells scores(const uint8_t* at, std::ptrdiff_t stride)
   return larger(best_arc(brighter), best_arc(darker));
 }
 
-// The peak of the quadratic a + b x + c y + d x^2 + e x y + f y^2 through nine values, as
-// far as the edge of the middle pixel; its centre when there is no peak.
+// The peak of the quadratic a + b x + c y + d x^2 + e x y + f y^2 through nine values, as far as the
+// edge of the middle pixel; its centre when there is no peak.
 void write_peak(const Cells& s, float* offset)
 {
   const auto sum = [&s](int a, int b, int c) { return static_cast<float>(s[a] + s[b] + s[c]); };
