@@ -52,9 +52,16 @@ def test_poses_outside_the_truth_do_not_count() -> None:
 def test_a_second_among_people_drifts_less_than_two_centimetres(
     strategy: str, tmp_path: Path
 ) -> None:
+    """The bar is one of medians: where a single last image lies varies by 6 mm with the budget."""
     sequence = open_sequence(HALFSPHERE)
-    config = RunConfig().updated({'filter.strategy': strategy})
-    summary = run_offline(sequence, config, tmp_path, show_progress=False)
-    assert summary.frames_tracked == len(sequence) == 25
     assert sequence.ground_truth is not None
-    assert end_drift_m(read_tum(tmp_path / 'trajectory.txt'), sequence.ground_truth) <= 0.02
+    drifts_m = []
+    for budget in (980, 990, 1000, 1010, 1020):  # the seeds of the benchmarks
+        config = RunConfig().updated(
+            {'filter.strategy': strategy, 'filter.extraction.num_features': budget}
+        )
+        summary = run_offline(sequence, config, tmp_path / str(budget), show_progress=False)
+        assert summary.frames_tracked == len(sequence) == 25
+        final = read_tum(tmp_path / str(budget) / 'trajectory.txt')
+        drifts_m.append(end_drift_m(final, sequence.ground_truth))
+    assert np.median(drifts_m) <= 0.02
