@@ -74,7 +74,7 @@ def test_rotated_image_gives_rotated_features(
 def test_features_follow_a_move_by_less_than_a_pixel(depth_m: Float32Array) -> None:
     noise = np.random.default_rng(7).integers(0, 256, (HEIGHT, WIDTH)).astype(np.uint8)
     smooth = cv2.GaussianBlur(noise.astype(np.float32), (0, 0), 1.5)
-    image_gray = cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX)
+    image_gray = 255 * (smooth - smooth.min()) / (smooth.max() - smooth.min())
     move_px = np.array([0.4, -0.3], np.float32)
     to_moved = np.column_stack([np.eye(2), move_px])
     moved_gray = cv2.warpAffine(image_gray, to_moved, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
