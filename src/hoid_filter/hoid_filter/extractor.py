@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from hoid_common.values import (
     DESCRIPTOR_BYTES,
@@ -17,11 +16,11 @@ from hoid_common.values import (
     IntArray,
 )
 from hoid_filter.config import ExtractionConfig
-from hoid_filter.pyramid import Corners, build_pyramid, find_corners, flat_pixels
+from hoid_filter.pyramid import Corners, Int32Array, build_pyramid, find_corners, flat_pixels
 from hoid_filter.spread import octave_budgets, spread_evenly
 from hoid_native import corner_peaks_px, orientations_deg
 
-_Measure = Callable[[ByteArray, NDArray[np.int32], NDArray[np.int32]], Float32Array]
+_Measure = Callable[[ByteArray, Int32Array, Int32Array], Float32Array]
 
 _NO_BOXES: Float32Array = np.empty((0, 4), np.float32)
 _PATCH_PX = 31  # of the descriptor, as in the ORB paper

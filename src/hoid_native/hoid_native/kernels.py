@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from ctypes import c_double, c_int32, c_void_p
 from typing import Any, NamedTuple
 
@@ -95,14 +96,8 @@ def corner_peaks_px(
     neighbours best, no further than the edge of the pixel: within [-0.5, 0.5] in x and in y, and 0
     where the quadratic has none. Pixels must be at least 4 px from the edge.
     """
-    height, width = image_gray.shape
-    if len(x) and (min(x.min(), y.min()) < 4 or x.max() >= width - 4 or y.max() >= height - 4):
-        raise ValueError('corner_peaks_px: pixels must be at least 4 px from the edge')
-    n = len(x)
-    image = contiguous(image_gray, np.uint8)
-    pixels = contiguous(x, np.int32, n), contiguous(y, np.int32, n)
-    out = np.empty((n, 2), np.float32)
-    _corner_peaks(address(image), image.strides[0], n, *map(address, pixels), address(out))
+    out = np.empty((len(x), 2), np.float32)
+    _measure(_corner_peaks, image_gray, x, y, 4, out)
     return out
 
 
@@ -113,15 +108,27 @@ def orientations_deg(
 
     Source: Rublee et al., ORB, ICCV 2011, sec. 3.2.
     """
+    out = np.empty(len(x), np.float32)
+    _measure(_orientations, image_gray, x, y, 15, out)
+    return out
+
+
+def _measure(
+    kernel: Callable[..., Any],
+    image_gray: NDArray[np.uint8],
+    x: NDArray[np.int32],
+    y: NDArray[np.int32],
+    border_px: int,
+    out: NDArray[np.float32],
+) -> None:
+    """Let a kernel write what it measures around each of N pixels."""
     height, width = image_gray.shape
-    if len(x) and (min(x.min(), y.min()) < 15 or x.max() >= width - 15 or y.max() >= height - 15):
-        raise ValueError('orientations_deg: pixels must be at least 15 px from the edge')
-    n = len(x)
+    n, b = len(x), border_px
+    if n and (min(x.min(), y.min()) < b or x.max() >= width - b or y.max() >= height - b):
+        raise ValueError(f'pixels must be at least {border_px} px from the edge')
     image = contiguous(image_gray, np.uint8)
     pixels = contiguous(x, np.int32, n), contiguous(y, np.int32, n)
-    out = np.empty(n, np.float32)
-    _orientations(address(image), image.strides[0], n, *map(address, pixels), address(out))
-    return out
+    kernel(address(image), image.strides[0], n, *map(address, pixels), address(out))
 
 
 class Wanted(NamedTuple):
