@@ -34,7 +34,7 @@ class ExtractionConfig(Config):
     refill: bool = param(
         True, 'Spread the budget over what is not masked; false: over all, then drop the masked'
     )
-    border_px: int = param(19, 'Margin without features, at every level', minimum=16, maximum=100)
+    border_px: int = param(19, 'Margin without features, at every level', minimum=19, maximum=100)
 
 
 @dataclass(frozen=True)

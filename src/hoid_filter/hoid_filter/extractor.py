@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -18,12 +18,10 @@ from hoid_common.values import (
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.pyramid import Corners, Int32Array, build_pyramid, find_corners, flat_pixels
 from hoid_filter.spread import octave_budgets, spread_evenly
-from hoid_native import corner_peaks_px, orientations_deg
-
-_Measure = Callable[[ByteArray, Int32Array, Int32Array], Float32Array]
+from hoid_native import corner_peaks_px, orb_descriptors, orientations_deg
 
 _NO_BOXES: Float32Array = np.empty((0, 4), np.float32)
-_PATCH_PX = 31  # of the descriptor, as in the ORB paper
+_SMOOTHING = cv2.getGaussianKernel(7, 2.0)  # of what descriptors compare, as in OpenCV
 
 
 class OrbExtractor:
@@ -31,13 +29,6 @@ class OrbExtractor:
 
     def __init__(self, config: ExtractionConfig) -> None:
         self._config = config
-        self._describer = cv2.ORB.create(
-            nfeatures=config.num_features,
-            scaleFactor=config.scale_factor,
-            nlevels=config.num_levels,
-            edgeThreshold=config.border_px,
-            patchSize=_PATCH_PX,
-        )
         self._budgets = octave_budgets(config.num_features, config.num_levels, config.scale_factor)
 
     def extract(
@@ -103,9 +94,12 @@ class OrbExtractor:
 
         A corner outside the boxes (N, 4) of what moves gives a feature outside of them.
         """
-        angle_deg = _by_level(orientations_deg, corners, chosen)
+        octave = corners.octave[chosen]
+        angle_deg, offset_px, descriptors = _measure(
+            corners.pyramid.levels, corners.xy_px[chosen], octave
+        )
         uv_px = corners.uv_px.take(chosen, axis=0)
-        peak_px = uv_px + self._peaks_px(corners, chosen)
+        peak_px = uv_px + offset_px * corners.pyramid.steps_px[octave]
         if len(moving_xyxy_px):
             entering = (_inside(peak_px, moving_xyxy_px) & ~_inside(uv_px, moving_xyxy_px)).any(1)
             peak_px[entering] = uv_px[entering]
@@ -113,50 +107,36 @@ class OrbExtractor:
             stamp_ns=stamp_ns,
             uv_px=peak_px,
             depth_m=sample_depth_m(depth_m, peak_px),
-            octave=corners.octave[chosen],
+            octave=octave,
             angle_deg=angle_deg,
             response=corners.score[chosen].astype(np.float32),
-            descriptors=self._descriptors(corners, chosen, angle_deg),
+            descriptors=descriptors,
             may_seed=np.ones(len(chosen), np.bool_),
         )
 
-    def _peaks_px(self, corners: Corners, chosen: IntArray) -> Float32Array:
-        """Return the (N, 2) level-0 offsets from corners' pixels to where they are strongest."""
-        steps_px = corners.pyramid.steps_px[corners.octave[chosen]]
-        return _by_level(corner_peaks_px, corners, chosen) * steps_px
 
-    def _descriptors(
-        self, corners: Corners, chosen: IntArray, angle_deg: Float32Array
-    ) -> ByteArray:
-        if len(chosen) == 0:
-            return np.empty((0, DESCRIPTOR_BYTES), np.uint8)
-        octave = corners.octave[chosen]
-        # OpenCV divides by the nominal scale and rounds to find the level's pixel again.
-        scale = self._config.scale_factor ** octave[:, None].astype(np.float64)
-        nominal_px = corners.xy_px[chosen] * scale
-        points = [
-            cv2.KeyPoint(u, v, _PATCH_PX, angle, 1.0, level)
-            for (u, v), angle, level in zip(
-                nominal_px.tolist(), angle_deg.tolist(), octave.tolist(), strict=True
-            )
-        ]
-        described, descriptors = self._describer.compute(corners.pyramid.levels[0], points)
-        if len(described) != len(points):
-            raise AssertionError('a corner within the border was not described')
-        return np.asarray(descriptors, np.uint8)
+def _measure(
+    levels: Sequence[ByteArray], xy_px: Int32Array, octave: ByteArray
+) -> tuple[Float32Array, Float32Array, ByteArray]:
+    """Return angles (N,), offsets (N, 2) of peaks and descriptors (N, 32) of pixels by level.
 
-
-def _by_level(measure: _Measure, corners: Corners, chosen: IntArray) -> Float32Array:
-    """Measure the chosen corners, which are in order of octave, each in the image of its level."""
-    octave = corners.octave[chosen]
-    xy_px = corners.xy_px[chosen]
-    ends = np.searchsorted(octave, np.arange(len(corners.pyramid.levels) + 1)).tolist()
-    return np.concatenate(
-        [
-            measure(level, xy_px[first:last, 0], xy_px[first:last, 1])
-            for level, first, last in zip(corners.pyramid.levels, ends, ends[1:], strict=False)
-        ]
-    )
+    Args:
+        levels: of the pyramid, in whose images all is measured.
+        xy_px: (N, 2) pixels of their own level.
+        octave: (N,) in ascending order.
+    """
+    x, y = np.ascontiguousarray(xy_px.T)
+    angle_deg = np.empty(len(octave), np.float32)
+    offset_px = np.empty((len(octave), 2), np.float32)
+    descriptors = np.empty((len(octave), DESCRIPTOR_BYTES), np.uint8)
+    ends = np.searchsorted(octave, np.arange(len(levels) + 1)).tolist()
+    for level, first, end in zip(levels, ends, ends[1:], strict=False):
+        of = slice(first, end)
+        smooth = np.asarray(cv2.sepFilter2D(level, cv2.CV_8U, _SMOOTHING, _SMOOTHING), np.uint8)
+        angle_deg[of] = orientations_deg(level, x[of], y[of])
+        offset_px[of] = corner_peaks_px(level, x[of], y[of])
+        descriptors[of] = orb_descriptors(smooth, x[of], y[of], angle_deg[of])
+    return angle_deg, offset_px, descriptors
 
 
 def _inside(uv_px: Float32Array, boxes_xyxy_px: Float32Array) -> BoolArray:

@@ -100,6 +100,23 @@ def test_features_lie_within_the_pixels_of_their_corners(
     assert (moved != 0).any(axis=1).mean() > 0.5
 
 
+def test_descriptors_are_those_of_opencv_at_the_same_pixels(
+    image_gray: ByteArray, depth_m: Float32Array
+) -> None:
+    extractor = OrbExtractor(ExtractionConfig(num_levels=1))
+    corners = extractor.detect(image_gray)
+    features = extractor.describe(corners, np.arange(0, len(corners), 7), depth_m, 0)
+    points = [
+        cv2.KeyPoint(x, y, 31, angle, 1.0, 0)
+        for (x, y), angle in zip(
+            corners.xy_px[::7].tolist(), features.angle_deg.tolist(), strict=True
+        )
+    ]
+    _, expected = cv2.ORB.create(nlevels=1, edgeThreshold=19).compute(image_gray, points)
+    assert len(points) > 300
+    assert np.array_equal(features.descriptors, expected)
+
+
 def test_blank_image_gives_no_features(depth_m: Float32Array) -> None:
     features = OrbExtractor(ExtractionConfig()).extract(
         np.full((HEIGHT, WIDTH), 90, np.uint8), depth_m, None, 0

@@ -20,6 +20,7 @@ from hoid_native.kernels import (
     fast_corners,
     match_along_segments,
     match_by_projection,
+    orb_descriptors,
     orientations_deg,
 )
 from hoid_native.masks import values_at, widen
@@ -41,6 +42,7 @@ __all__ = [
     'match_along_segments',
     'match_by_projection',
     'optimize_pose',
+    'orb_descriptors',
     'orientations_deg',
     'overlap_ratios',
     'sample_depths_m',

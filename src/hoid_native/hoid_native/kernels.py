@@ -22,6 +22,7 @@ _orientations = declare(
     'hoid_orientations', c_void_p, c_int32, c_int32, c_void_p, c_void_p, c_void_p
 )
 _corner_peaks = declare('hoid_corner_peaks', c_void_p, c_int32, c_int32, *[c_void_p] * 3)
+_orb_descriptors = declare('hoid_orb_descriptors', c_void_p, c_int32, c_int32, *[c_void_p] * 4)
 _match_by_projection = declare(
     'hoid_match_by_projection',
     c_int32,
@@ -113,22 +114,39 @@ def orientations_deg(
     return out
 
 
+def orb_descriptors(
+    image_smooth: NDArray[np.uint8],
+    x: NDArray[np.int32],
+    y: NDArray[np.int32],
+    angle_deg: NDArray[np.float32],
+) -> NDArray[np.uint8]:
+    """Return the (N, 32) descriptors of pixels >= 19 px from the edge, turned by their angles.
+
+    Source: Rublee et al., ORB, ICCV 2011, sec. 4; the same bits as OpenCV's.
+    """
+    out = np.empty((len(x), _DESCRIPTOR_BYTES), np.uint8)
+    _measure(
+        _orb_descriptors, image_smooth, x, y, 19, contiguous(angle_deg, np.float32, len(x)), out
+    )
+    return out
+
+
 def _measure(
     kernel: Callable[..., Any],
     image_gray: NDArray[np.uint8],
     x: NDArray[np.int32],
     y: NDArray[np.int32],
     border_px: int,
-    out: NDArray[np.float32],
+    *more: NDArray[Any],
 ) -> None:
-    """Let a kernel write what it measures around each of N pixels."""
+    """Let a kernel write what it measures around each of N pixels into the last of the arrays."""
     height, width = image_gray.shape
     n, b = len(x), border_px
     if n and (min(x.min(), y.min()) < b or x.max() >= width - b or y.max() >= height - b):
         raise ValueError(f'pixels must be at least {border_px} px from the edge')
     image = contiguous(image_gray, np.uint8)
-    pixels = contiguous(x, np.int32, n), contiguous(y, np.int32, n)
-    kernel(address(image), image.strides[0], n, *map(address, pixels), address(out))
+    arrays = contiguous(x, np.int32, n), contiguous(y, np.int32, n), *more
+    kernel(address(image), image.strides[0], n, *map(address, arrays))
 
 
 class Wanted(NamedTuple):

@@ -14,6 +14,7 @@ from hoid_native import (
     corner_peaks_px,
     fast_corners,
     match_by_projection,
+    orb_descriptors,
     orientations_deg,
 )
 
@@ -143,6 +144,30 @@ def test_orientation_is_that_of_opencv() -> None:
 def test_orientation_near_the_edge_is_refused() -> None:
     with pytest.raises(ValueError, match='15 px'):
         orientations_deg(textured(1), np.array([14], np.int32), np.array([50], np.int32))
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_descriptors_are_those_of_opencv(seed: int) -> None:
+    image = textured(seed, 240, 320)
+    rng = np.random.default_rng(seed)
+    n = 2000
+    x, y = rng.integers(19, [320 - 19, 240 - 19], (n, 2), dtype=np.int32).T
+    angle_deg = rng.uniform(0, 360, n).astype(np.float32)
+    angle_deg[:4] = 0, 90, 180, 270
+    points = [
+        cv2.KeyPoint(u, v, 31, angle, 1.0, 0)
+        for u, v, angle in zip(x.tolist(), y.tolist(), angle_deg.tolist(), strict=True)
+    ]
+    _, expected = cv2.ORB.create(nlevels=1, edgeThreshold=19).compute(image, points)
+    kernel = cv2.getGaussianKernel(7, 2.0)
+    smooth = np.asarray(cv2.sepFilter2D(image, cv2.CV_8U, kernel, kernel), np.uint8)
+    assert np.array_equal(orb_descriptors(smooth, x, y, angle_deg), expected)
+
+
+def test_descriptors_near_the_edge_are_refused() -> None:
+    column, row, angle_deg = (np.array([n], np.int32) for n in (50, 18, 0))
+    with pytest.raises(ValueError, match='19 px'):
+        orb_descriptors(textured(1), column, row, angle_deg.astype(np.float32))
 
 
 def brute_force(
