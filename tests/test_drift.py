@@ -52,11 +52,11 @@ def test_poses_outside_the_truth_do_not_count() -> None:
 def test_a_second_among_people_drifts_less_than_two_centimetres(
     strategy: str, tmp_path: Path
 ) -> None:
-    """The bar is one of medians: where a single last image lies varies by 6 mm with the budget."""
+    """The bar is one of medians: where a single last image lies varies by 4 mm with the budget."""
     sequence = open_sequence(HALFSPHERE)
     assert sequence.ground_truth is not None
     drifts_m = []
-    for budget in (980, 990, 1000, 1010, 1020):  # the seeds of the benchmarks
+    for budget in range(960, 1041, 10):
         config = RunConfig().updated(
             {'filter.strategy': strategy, 'filter.extraction.num_features': budget}
         )

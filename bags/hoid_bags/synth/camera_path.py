@@ -13,7 +13,7 @@ HEIGHT_M = 1.45
 LOOP_SPEED_MPS = 0.645
 _LOOP_MARGIN_M = 1.5
 _CORNER_M = 0.75
-_FRONT_Y_M = 1.0
+FRONT_Y_M = 1.0
 
 
 def camera_poses(config: SceneConfig, times_s: FloatArray) -> FloatArray:
@@ -59,7 +59,7 @@ def _look_at(position: FloatArray, target: FloatArray) -> tuple[FloatArray, Floa
 def _sweep(
     rng: Rng, t: FloatArray, amplitude: tuple[float, float, float], period_s: float
 ) -> FloatArray:
-    middle = np.array([WIDTHS_M[0] / 2, _FRONT_Y_M, HEIGHT_M])
+    middle = np.array([WIDTHS_M[0] / 2, FRONT_Y_M, HEIGHT_M])
     periods = period_s * rng.uniform(0.85, 1.2, 3) * [1.0, 0.71, 0.57]
     phase = rng.uniform(0, 2 * np.pi, 3)
     return np.asarray(middle + np.sin(2 * np.pi * t[:, None] / periods + phase) * amplitude)

@@ -45,6 +45,11 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
         '--near', type=float, default=default.near_m, help='distance people seek, m (%(default)s)'
     )
     parser.add_argument(
+        '--together',
+        action='store_true',
+        help='they walk as one group past the camera, back and forth, as near as said',
+    )
+    parser.add_argument(
         '--people-seed',
         type=int,
         default=default.people_seed,
@@ -84,6 +89,7 @@ def scene_config(args: argparse.Namespace) -> SceneConfig:
         layout=args.layout,
         num_people=args.people,
         near_m=args.near,
+        together=args.together,
         people_seed=args.people_seed,
         start_s=args.start,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hoid_common.config import Config, param
+from hoid_common.errors import ConfigError
 from hoid_common.values import CameraModel
 
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -12,6 +13,7 @@ EPOCH_NS = 1_700_000_000_000_000_000
 FRAME_RATE_HZ = 30.0
 PATHS = ('room', 'loop', 'xyz', 'rpy', 'static')
 LAYOUTS = ('home', 'repeated')
+MOST_NEAR_TOGETHER_M = 1.8  # beyond it stands furniture
 _VGA_WIDTH_PX = 640
 _VGA_FOCAL_PX = 525.0
 _DEFAULT_FRAMES = 300
@@ -31,6 +33,7 @@ class SceneConfig(Config):
     near_m: float = param(
         1.7, 'distance from the camera that people seek', minimum=1.0, maximum=5.0
     )
+    together: bool = param(False, 'people walk as one group past the camera, back and forth')
     people_seed: int = param(
         0, 'other people, who do other things in the same home; 0: those of the seed', minimum=0
     )
@@ -41,6 +44,16 @@ class SceneConfig(Config):
     motion_blur: float = param(1.0, 'scale of the exposure time', minimum=0.0, maximum=10.0)
     depth_noise: float = param(1.0, 'scale of the depth noise', minimum=0.0, maximum=10.0)
     depth_holes: bool = param(True, 'leave out depth at edges, grazing and dark surfaces')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.together and self.path == 'loop':
+            raise ConfigError('SceneConfig.together needs a camera that stays: no path "loop"')
+        if self.together and self.near_m > MOST_NEAR_TOGETHER_M:
+            raise ConfigError(
+                f'SceneConfig.near_m of people together must be at most {MOST_NEAR_TOGETHER_M}, '
+                f'got {self.near_m}'
+            )
 
     @property
     def frames(self) -> int:

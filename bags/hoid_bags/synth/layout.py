@@ -31,7 +31,9 @@ WIDTHS_M = (6.4, 5.8)
 PARTITION_M = 0.12
 DOORWAYS_M = ((0.55, 1.55), (3.92, 4.92))  # y ranges of the openings between the rooms
 LANES_Y_M = (1.05, 4.42)  # where one walks through them
+PASSAGE_Y_M = (1.45, 3.3)  # free from wall to wall where people walk together
 DOORWAY_HEIGHT_M = 2.1
+_TABLE_BEYOND_PASSAGE_Y_M = 3.85
 _TEXELS_PER_M = 260.0
 _NUM_TABLE_PROPS = 5
 _NUM_FLOOR_PROPS = 3
@@ -46,14 +48,13 @@ def build_world(config: SceneConfig) -> World:
     textures, builder = Textures(), WorldBuilder()
     studio = Studio(textures, rng, _TEXELS_PER_M * min(config.scale, 1.0))
     two = config.path == 'loop'
-    repeated = config.layout == 'repeated'
     x0s = (0.0, WIDTHS_M[0] + PARTITION_M)[: 1 + two]
     furnishers = [Furnisher(studio, builder, x0, w) for x0, w in zip(x0s, WIDTHS_M, strict=False)]
     for k, furnisher in enumerate(furnishers):
-        _furnish(furnisher, k, two, repeated)
+        _furnish(furnisher, k, config)
     rooms = tuple((x0, 0.0, x0 + w, DEPTH_M) for x0, w in zip(x0s, WIDTHS_M, strict=False))
     doorways = _partition(furnishers[0]) if two else ()
-    builder.spots += _floor_spots(rng, builder.obstacles, rooms, two)
+    builder.spots += _floor_spots(rng, builder.obstacles, rooms, config)
     props, free = _place_props(furnishers[0], rng)
     people = Studio(
         textures,
@@ -77,7 +78,8 @@ def build_world(config: SceneConfig) -> World:
     )
 
 
-def _furnish(f: Furnisher, k: int, two: bool, repeated: bool) -> None:
+def _furnish(f: Furnisher, k: int, config: SceneConfig) -> None:
+    two = config.path == 'loop'
     sides = ('left', 'right') if k == 0 else ('right', 'left')
     if not two and f.rng.random() < 0.5:
         sides = ('right', 'left')
@@ -89,21 +91,27 @@ def _furnish(f: Furnisher, k: int, two: bool, repeated: bool) -> None:
         (1.0, f.cupboard),
         (1.5, f.sideboard),
     ]
-    if repeated:
+    if config.layout == 'repeated':
         slots = [(1.5, _repeating(f, f.desk))] * 3
     spans = f.along('back', slots, 0.12, f.width_m - 0.12)
     wide = [s for s in spans if s[1] - s[0] > 1.3]
     f.pictures('back', wide, 1.42)
     for span in [s for s in spans if s not in wide][:1]:
         f.clock('back', float(np.mean(span)))
-    f.couch(f.builder, f.wall_pose(sides[0], DEPTH_M / 2 + float(f.rng.uniform(-0.3, 0.3))))
+    if not config.together:
+        f.couch(f.builder, f.wall_pose(sides[0], DEPTH_M / 2 + float(f.rng.uniform(-0.3, 0.3))))
     f.pictures(sides[0], [(0.6, 1.4), (1.7, 3.9), (4.1, 5.2)], 1.15)
     _window_side(f, sides[1], two)
     aside = 0.0 if two else 1.05 if sides[0] == 'left' else -1.05
     middle = f.width_m / 2 + aside + float(f.rng.uniform(-0.15, 0.15))
-    f.table_group(
-        middle, 2.72 if two else 3.15, 0.0 if two else np.pi / 2 + float(f.rng.uniform(-0.1, 0.1))
-    )
+    if config.together:
+        f.table_group(middle, _TABLE_BEYOND_PASSAGE_Y_M, 0.0)
+    else:
+        f.table_group(
+            middle,
+            2.72 if two else 3.15,
+            0.0 if two else np.pi / 2 + float(f.rng.uniform(-0.1, 0.1)),
+        )
     near = 0.45 if sides[0] == 'left' else f.width_m - 0.45
     f.standing(furniture.floor_lamp(f.studio, f.palette), near, 4.7, '', 0.16)
     f.standing(
@@ -164,10 +172,12 @@ def _partition(f: Furnisher) -> tuple[Rect, ...]:
 
 
 def _floor_spots(
-    rng: Rng, obstacles: list[Rect], rooms: tuple[Rect, ...], two: bool
+    rng: Rng, obstacles: list[Rect], rooms: tuple[Rect, ...], config: SceneConfig
 ) -> list[Spot]:
     """Draw free places on the floor, off the lanes, with room to stand beside."""
     rects = np.array(obstacles)
+    two = config.path == 'loop'
+    front_m = PASSAGE_Y_M[1] + 0.25 if config.together else 1.7
     spots: list[Spot] = []
     for _ in range(4000):
         if len(spots) == _FLOOR_SPOTS * len(rooms):
@@ -177,7 +187,7 @@ def _floor_spots(
         middle = np.array([(room[0] + room[2]) / 2, at[1] + rng.uniform(-1, 1)])
         way = (middle - at) / np.linalg.norm(middle - at)
         stand = at + 0.5 * way
-        lane = min(abs(at[1] - y) for y in LANES_Y_M) < 0.55 if two else at[1] < 1.7
+        lane = min(abs(at[1] - y) for y in LANES_Y_M) < 0.55 if two else at[1] < front_m
         crowded = any(np.hypot(*(at - s.position_m[:2])) < 0.75 for s in spots)
         if lane or crowded or _clearance(at, rects) < 0.36 or _clearance(stand, rects) < 0.3:
             continue

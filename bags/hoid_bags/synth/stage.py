@@ -12,8 +12,10 @@ from hoid_bags.synth.body import Joints, skin_mesh
 from hoid_bags.synth.camera_path import camera_poses
 from hoid_bags.synth.config import FRAME_RATE_HZ, SceneConfig
 from hoid_bags.synth.gait import joints
+from hoid_bags.synth.group import write_group
 from hoid_bags.synth.layout import WIDTHS_M, build_world
 from hoid_bags.synth.mesh import Mesh, merged
+from hoid_bags.synth.noise import Rng
 from hoid_bags.synth.script import Part, Playwright
 from hoid_bags.synth.world import Rect, World
 from hoid_common.values import FloatArray
@@ -69,10 +71,17 @@ def set_stage(config: SceneConfig) -> Stage:
     world = build_world(config)
     T_world_camera = camera_poses(config, config.start_s + np.arange(count) / FRAME_RATE_HZ)
     rng = np.random.default_rng([config.seed, 4, *config.people_stream])
-    keep_out = () if config.path == 'loop' else (_CAMERA_ZONE,)
-    parts = Playwright(world, T_world_camera, rng, keep_out, config.near_m).write(
-        config.num_people
-    )
+    parts = _write_parts(config, world, T_world_camera, rng)
     bodies = [body_track(part, count, rng) for part in parts]
     objects = object_tracks(world, parts, bodies, count)
     return Stage(config, world, T_world_camera, tuple(parts), tuple(bodies), tuple(objects))
+
+
+def _write_parts(
+    config: SceneConfig, world: World, T_world_camera: FloatArray, rng: Rng
+) -> list[Part]:
+    if config.together:
+        return write_group(world, config, rng)
+    keep_out = () if config.path == 'loop' else (_CAMERA_ZONE,)
+    playwright = Playwright(world, T_world_camera, rng, keep_out, config.near_m)
+    return playwright.write(config.num_people)

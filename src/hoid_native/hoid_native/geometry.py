@@ -24,6 +24,7 @@ _adjust_bundle = declare(
     *[c_int32] * 4,
     *[c_void_p] * 4,
     c_int32,
+    c_int32,
     *[c_void_p] * 4,
 )
 
@@ -39,6 +40,7 @@ class Lens(NamedTuple):
     disparity_noise_px: float  # standard deviation of measured disparities: a constant part,
     relative_noise: float  # and a part that grows with the disparity
     pixel_noise: float = 1.0  # standard deviation of pixels, in units of that of their weights
+    joint_noise: bool = False  # u_right is as noisy as u and v, all under one kernel
 
 
 class Gates(NamedTuple):
@@ -108,9 +110,10 @@ def adjust_bundle(
     point: NDArray[np.int64],
     measured_px: NDArray[np.float64],
     inv_sigma2: NDArray[np.float64],
+    rounds: int,
     iterations: int,
 ) -> BundleFit:
-    """Adjust with a Huber kernel, leave out what does not fit, and adjust again.
+    """Adjust with a Huber kernel, in rounds after each of which what does not fit is left out.
 
     Args:
         lens: Of all images.
@@ -122,7 +125,8 @@ def adjust_bundle(
         point: (M,) which point; once a camera at most.
         measured_px: (M, 3) u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
-        iterations: Of each of the two, at most.
+        rounds: How many, at least one.
+        iterations: Of each round, at most.
 
     """
     order = np.argsort(point, kind='stable')
@@ -142,6 +146,7 @@ def adjust_bundle(
         num_points,
         m,
         *map(address, observations),
+        rounds,
         iterations,
         *map(address, (T, points, chi2, costs)),
     )

@@ -104,24 +104,25 @@ private:
 
 }  // namespace
 
-// Adjust with a Huber kernel, leave out what does not fit, and adjust again. Poses (C, 4, 4) and
-// points (P, 3) move; chi2 (M) and the costs before and after are written.
+// Adjust with a Huber kernel, in rounds after each of which what does not fit is left out. Poses
+// (C, 4, 4) and points (P, 3) move; chi2 (M) and the costs before and after are written.
 extern "C" int32_t hoid_adjust_bundle(
   const double* camera, const double* gates, int32_t num_cameras, int32_t num_free,
   int32_t num_points, int32_t num_observations, const int32_t* camera_of, const int32_t* point_of,
-  const double* measured, const double* weight, int32_t iterations, double* T, double* points,
+  const double* measured, const double* weight, int32_t rounds, int32_t iterations,
+  double* T, double* points,
   double* chi2, double* costs)
 {
   const Problem problem{
-    {camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6],
-     camera[7]},
-    {gates[0], gates[1]},
-    num_cameras, num_free, num_points, num_observations, camera_of, point_of, measured, weight};
+    Camera(camera), {gates[0], gates[1]}, num_cameras, num_free, num_points, num_observations,
+    camera_of, point_of, measured, weight};
   Adjustment adjustment(
     problem, {{T, T + kPoseSize * num_cameras}, {points, points + kPoint * num_points}});
   costs[0] = adjustment.minimize(iterations);
-  adjustment.drop_outliers();
-  adjustment.minimize(iterations);
+  for (int round = 1; round < rounds; ++round) {
+    adjustment.drop_outliers();
+    adjustment.minimize(iterations);
+  }
   costs[1] = adjustment.update();
   std::copy(adjustment.state().T.begin(), adjustment.state().T.end(), T);
   std::copy(adjustment.state().points.begin(), adjustment.state().points.end(), points);

@@ -27,7 +27,7 @@ ALWAYS_INLINE void add_product(
 {
   for (int r = 0; r < kRows; ++r) {
     for (int a = 0; a < NA; ++a) {
-      const double scaled = (r < 2 ? weights.pixel : weights.disparity) * A[r][a];
+      const double scaled = (r < 2 ? weights.pixel : weights.depth) * A[r][a];
       for (int b = 0; b < NB; ++b) {
         H[a * NB + b] += scaled * B[r][b];
       }
@@ -40,7 +40,7 @@ ALWAYS_INLINE void add_gradient(
   const double J[kRows][N], const double* e, const Weights& weights, double* g)
 {
   for (int a = 0; a < N; ++a) {
-    g[a] += weights.pixel * (J[0][a] * e[0] + J[1][a] * e[1]) + weights.disparity * J[2][a] * e[2];
+    g[a] += weights.pixel * (J[0][a] * e[0] + J[1][a] * e[1]) + weights.depth * J[2][a] * e[2];
   }
 }
 
@@ -125,7 +125,7 @@ MULTIVERSION("avx2") void linearize(
       continue;
     }
     residual(problem.camera, x, seen, e);
-    const Weights weight = weights_of(problem.camera, seen, e, problem.gates.mono);
+    const Weights weight = weights_of(problem.camera, problem.gates, seen, e);
     point_jacobian(problem.camera, x, J);
     rotated(J, T, J_map);
     add_product<kPoint, kPoint>(J_map, J_map, weight, &system.H_pp[9 * j]);
@@ -177,10 +177,9 @@ MULTIVERSION("avx2") double cost_of(
     to_camera(T, &state.points[kPoint * problem.point_of[m]], x);
     residual(problem.camera, x, seen, e);
     const bool behind = x[2] < kMinDepthM;
-    chi2_out[m] = behind ? std::numeric_limits<double>::infinity() : chi2(seen, e);
+    chi2_out[m] = behind ? std::numeric_limits<double>::infinity() : chi2(problem.camera, seen, e);
     if (used[m]) {
-      sum += behind ? kCostBehind
-                    : weights_of(problem.camera, seen, e, problem.gates.mono).cost;
+      sum += behind ? kCostBehind : weights_of(problem.camera, problem.gates, seen, e).cost;
     }
   }
   return sum;

@@ -36,7 +36,7 @@ ALWAYS_INLINE void accumulate(
 {
   for (int r = 0; r < kRows; ++r) {
     for (int a = 0; a < kPose; ++a) {
-      const double scaled = (r < 2 ? weights.pixel : weights.disparity) * J[r][a];
+      const double scaled = (r < 2 ? weights.pixel : weights.depth) * J[r][a];
       g[a] += scaled * e[r];
       for (int b = a; b < kPose; ++b) {
         H[a][b] += scaled * J[r][b];
@@ -62,7 +62,7 @@ MULTIVERSION("avx2") void normal_equations(
       continue;
     }
     residual(problem.camera, x, seen, e);
-    const Weights weights = weights_of(problem.camera, seen, e, problem.gates.mono);
+    const Weights weights = weights_of(problem.camera, problem.gates, seen, e);
     point_jacobian(problem.camera, x, J_point);
     pose_jacobian(x, J_point, J);
     accumulate(J, e, weights, H, g);
@@ -104,7 +104,7 @@ MULTIVERSION("avx2") int tell_outliers(const Problem& problem, const double* T, 
     double x[3], e[3];
     to_camera(T, problem.points + 3 * k, x);
     residual(problem.camera, x, seen, e);
-    inliers[k] = x[2] >= kMinDepthM && chi2(seen, e) <= problem.gates.of(seen);
+    inliers[k] = x[2] >= kMinDepthM && chi2(problem.camera, seen, e) <= problem.gates.of(seen);
     count += inliers[k];
   }
   return count;
@@ -119,8 +119,7 @@ extern "C" int32_t hoid_optimize_pose(
   const double* measured, const double* weight, double* T, uint8_t* inliers, double* information)
 {
   const Problem problem{
-    {camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6], camera[7]}, {gates[0], gates[1]}, count, points,
-    measured, weight};
+    Camera(camera), {gates[0], gates[1]}, count, points, measured, weight};
   std::fill_n(inliers, count, uint8_t{1});
   for (int a = 0; a < kPose * kPose; ++a) {
     information[a] = a % (kPose + 1) == 0 ? 1.0 : 0.0;

@@ -15,17 +15,23 @@ namespace stereo {
 
 constexpr int kPose = 6;
 constexpr int kPoint = 3;
-constexpr int kRows = 3;  // u, v, disparity
+constexpr int kRows = 3;  // u, v, and disparity, or u_right where noise is joint
 constexpr double kMinDepthM = 0.05;
 constexpr double kGateDisparity = 3.841;  // 95 % of one degree of freedom
 constexpr double kSmallAngleRad = 1e-4;
 
-// Eight numbers as they come from Python.
+// Nine numbers as they come from Python.
 struct Camera
 {
   double fx, fy, cx, cy, disparity_m;
   double noise_px, relative_noise;  // of a disparity: what does not depend on it, and what does
   double pixel_noise;  // standard deviation of pixels, in units of that of their weights
+  bool joint_noise;  // u_right is as noisy as u and v, all under one kernel, as in ORB-SLAM
+
+  explicit Camera(const double* n)
+  : fx(n[0]), fy(n[1]), cx(n[2]), cy(n[3]), disparity_m(n[4]), noise_px(n[5]),
+    relative_noise(n[6]), pixel_noise(n[7]), joint_noise(n[8] != 0)
+  {}
 };
 
 // Row-major 4x4, T_camera_map.
@@ -58,21 +64,22 @@ ALWAYS_INLINE void to_camera(const double* T, const double* p, double* x)
   }
 }
 
-// Write measured - expected of u, v and the disparity u - u_right, which is 0 without depth. Depth
-// is held at its minimum.
+// Write measured - expected of u, v and the disparity u - u_right, or u_right itself where noise is
+// joint; 0 without depth. Depth is held at its minimum.
 ALWAYS_INLINE void residual(
   const Camera& camera, const double* x, const Observation& seen, double* out)
 {
   const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
   out[0] = seen.measured[0] - (camera.fx * x[0] * inv_z + camera.cx);
   out[1] = seen.measured[1] - (camera.fy * x[1] * inv_z + camera.cy);
-  out[2] = seen.has_depth() ? seen.disparity() - camera.disparity_m * inv_z : 0.0;
+  const double disparity = seen.disparity() - camera.disparity_m * inv_z;
+  out[2] = !seen.has_depth() ? 0.0 : camera.joint_noise ? out[0] - disparity : disparity;
 }
 
 // What tells outliers: u_right is held to the same noise as u and v.
-ALWAYS_INLINE double chi2(const Observation& seen, const double* e)
+ALWAYS_INLINE double chi2(const Camera& camera, const Observation& seen, const double* e)
 {
-  const double right = seen.has_depth() ? e[0] - e[2] : 0.0;
+  const double right = !seen.has_depth() ? 0.0 : camera.joint_noise ? e[2] : e[0] - e[2];
   return seen.weight * (e[0] * e[0] + e[1] * e[1] + right * right);
 }
 
@@ -91,27 +98,32 @@ ALWAYS_INLINE double huber_weight(double chi2, double gate)
 // whatever the noise: what the pixels of an image err by together does not average out.
 struct Weights
 {
-  double pixel, disparity, cost;
+  double pixel, depth, cost;  // of u and v, and of the third row
 };
 
 ALWAYS_INLINE Weights weights_of(
-  const Camera& camera, const Observation& seen, const double* e, double gate_pixel)
+  const Camera& camera, const Gates& gates, const Observation& seen, const double* e)
 {
+  if (camera.joint_noise) {
+    const double all = chi2(camera, seen, e), gate = gates.of(seen);
+    const double weight = seen.weight * huber_weight(all, gate);
+    return {weight, seen.has_depth() ? weight : 0.0, huber_cost(all, gate)};
+  }
   const double unit = camera.pixel_noise * camera.pixel_noise;
   const double pixel2 = seen.weight * (e[0] * e[0] + e[1] * e[1]) / unit;
-  Weights out{seen.weight * huber_weight(pixel2, gate_pixel), 0.0,
-              unit * huber_cost(pixel2, gate_pixel)};
+  Weights out{seen.weight * huber_weight(pixel2, gates.mono), 0.0,
+              unit * huber_cost(pixel2, gates.mono)};
   if (seen.has_depth()) {
     const double part = camera.relative_noise * seen.disparity();
     const double weight = 1.0 / (camera.noise_px * camera.noise_px + part * part);
     const double disparity2 = weight * e[2] * e[2];
-    out.disparity = unit * weight * huber_weight(disparity2, kGateDisparity);
+    out.depth = unit * weight * huber_weight(disparity2, kGateDisparity);
     out.cost += unit * huber_cost(disparity2, kGateDisparity);
   }
   return out;
 }
 
-// Derivatives of u, v and disparity by the point in the camera's frame, [row][coordinate].
+// Derivatives of the three rows by the point in the camera's frame, [row][coordinate].
 ALWAYS_INLINE void point_jacobian(
   const Camera& camera, const double* x, double J[kRows][kPoint])
 {
@@ -125,6 +137,11 @@ ALWAYS_INLINE void point_jacobian(
   J[1][2] = -fy * x[1] * inv_z;
   J[2][0] = J[2][1] = 0.0;
   J[2][2] = -camera.disparity_m * inv_z * inv_z;
+  if (camera.joint_noise) {
+    for (int a = 0; a < kPoint; ++a) {
+      J[2][a] = J[0][a] - J[2][a];
+    }
+  }
 }
 
 // Derivatives by the pose's twist, [row][rotation, then translation], from those by the point.

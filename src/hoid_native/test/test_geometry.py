@@ -77,6 +77,40 @@ def test_information_is_that_of_numeric_derivatives() -> None:
     np.testing.assert_allclose(fit.information, expected, rtol=1e-6, atol=1e-3)
 
 
+def test_joint_noise_weighs_u_right_like_u_and_v_under_one_kernel() -> None:
+    """Against scipy: ORB-SLAM's least squares on (u, v, u_right), with a Huber kernel over all."""
+    rng, points = scene(7, 80)
+    measured = pixels(TRUTH, points) + rng.normal(0, 0.8, (80, 3))
+    measured[::4, 2] = np.nan
+    weight = np.linspace(0.3, 1, 80)
+    gate = np.where(np.isnan(measured[:, 2]), GATES.mono, GATES.stereo)
+
+    def residuals(twist: FloatArray) -> FloatArray:
+        moved = np.eye(4)
+        moved[:3, :3], moved[:3, 3] = rotation(twist[:3] + 1e-300), twist[3:]
+        seen = np.nan_to_num(pixels(moved @ TRUTH, points) - measured)
+        chi = np.sqrt(weight) * np.linalg.norm(seen, axis=1)
+        robust = np.sqrt(np.where(chi**2 <= gate, chi**2, 2 * np.sqrt(gate) * chi - gate))
+        return np.asarray(robust[fit.inliers])
+
+    lens = LENS._replace(joint_noise=True)
+    fit = optimize_pose(lens, GATES, points, measured, weight, TRUTH)
+    T_found_truth = fit.T_camera_map @ np.linalg.inv(TRUTH)
+    found = np.append(_rotation_vector(T_found_truth[:3, :3]), T_found_truth[:3, 3])
+    best = least_squares(residuals, found, x_scale=1e-3)
+    np.testing.assert_allclose(found, best.x, atol=1e-5)
+    other = optimize_pose(LENS, GATES, points, measured, weight, TRUTH)
+    assert np.abs(other.T_camera_map - fit.T_camera_map).max() > 1e-4
+
+
+def _rotation_vector(R: FloatArray) -> FloatArray:
+    """Return that of a small rotation."""
+    skew = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    size = np.linalg.norm(skew)
+    vector: FloatArray = np.arcsin(size) / size * skew
+    return vector
+
+
 def test_a_wrong_depth_does_not_move_the_pose_much() -> None:
     _, points = scene(5, 100)
     measured = pixels(TRUTH, points)
@@ -125,7 +159,7 @@ def test_bundle_comes_back_to_the_truth() -> None:
         start[i] = pose(rng.normal(0, 0.01, 3), rng.normal(0, 0.01, 3)) @ poses[i]
     fit = adjust_bundle(
         LENS, GATES, start, 3, points + rng.normal(0, 0.01, points.shape), camera, point, measured,
-        np.ones(len(camera)), 15,
+        np.ones(len(camera)), 2, 15,
     )  # fmt: skip
     np.testing.assert_array_equal(fit.T_camera_map[3:], poses[3:])
     np.testing.assert_allclose(fit.T_camera_map[:3], poses[:3], atol=1e-6)
@@ -133,6 +167,21 @@ def test_bundle_comes_back_to_the_truth() -> None:
     assert np.median(np.abs(fit.points_m - points)[well]) < 1e-6
     assert ((fit.chi2 > GATES.mono) == wrong).mean() > 0.995
     assert fit.cost_after < 0.02 * fit.cost_before
+
+
+def test_what_does_not_fit_bends_the_first_round_alone() -> None:
+    rng, points = scene(8, 60)
+    camera, point = (part.ravel() for part in np.mgrid[:3, :60])
+    poses = np.stack([TRUTH, *(pose([0.02 * i, 0.03, 0.01], [0.2 * i, 0, 0]) for i in (1, 2))])
+    measured = np.concatenate([pixels(T, points) for T in poses])
+    measured[rng.random(180) < 0.05, 0] += 25
+    start = poses.copy()
+    start[0] = pose([0.005, 0, 0], [0.01, 0, 0]) @ TRUTH
+    problem = start, 1, points, camera, point, measured, np.ones(180)
+    one, two = (adjust_bundle(LENS, GATES, *problem, rounds, 10) for rounds in (1, 2))
+    off_by_one, off_by_two = (np.abs(fit.T_camera_map[0] - TRUTH).max() for fit in (one, two))
+    assert off_by_one > 1e-4
+    assert off_by_two < 1e-6
 
 
 def test_a_point_between_fixed_cameras_is_their_least_squares() -> None:
@@ -158,7 +207,7 @@ def test_a_point_between_fixed_cameras_is_their_least_squares() -> None:
     best = least_squares(residuals, point, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     fit = adjust_bundle(
         LENS, GATES, poses, 0, point[None] + 0.05, np.arange(4), np.zeros(4, int), measured,
-        weight, 30,
+        weight, 2, 30,
     )  # fmt: skip
     np.testing.assert_allclose(fit.points_m[0], best.x, atol=2e-5)
     assert fit.cost_after == pytest.approx(2 * best.cost, rel=1e-4)

@@ -23,6 +23,11 @@ class CameraConfig(Config):
     relative_depth_noise: float = param(
         0.03, 'Part of it that grows with the disparity: scale errors', minimum=0.0, maximum=0.5
     )
+    joint_noise: bool = param(
+        False,
+        'ORB-SLAM: u_right is as noisy as u and v, and one robust kernel spans the three; '
+        'otherwise depth readings have a noise and a kernel of their own',
+    )
     close_baselines: float = param(
         40.0, 'Depth is trusted to make points up to this many baselines', minimum=1.0,
         maximum=1000.0,
@@ -117,6 +122,12 @@ class KeyframeConfig(Config):
         0.6, 'Insert at once with less of them, in a known view, too', minimum=0.0,
         maximum=1.0, read_only=False,
     )  # fmt: skip
+    skip_known_views: bool = param(
+        True, 'None where the map shows the same view, so that it does not grow with time'
+    )
+    keep_outliers: bool = param(
+        False, 'ORB-SLAM: matches that do not fit the pose go with it, for adjustment to judge'
+    )
     min_new_points: int = param(
         400, 'Depth points to make in a keyframe even beyond the close limit', minimum=0,
         maximum=5000,
@@ -154,7 +165,11 @@ class MappingConfig(Config):
     fixed_window: int = param(
         12, 'Keyframes that it holds and whose observations it uses', minimum=1, maximum=200
     )
-    iterations: int = param(5, 'Of local bundle adjustment, twice', minimum=1, maximum=50)
+    rounds: int = param(
+        2, 'Of local bundle adjustment; what does not fit is left out of the next one', minimum=1,
+        maximum=5,
+    )  # fmt: skip
+    iterations: int = param(5, 'Of each round, at most', minimum=1, maximum=50)
     min_found_ratio: float = param(
         0.25, 'Young points tracked in less of the frames that should see them go', minimum=0.0,
         maximum=1.0,

@@ -39,6 +39,7 @@ class StereoCamera:
         float, float, float, float
     ]  # u_min, v_min, u_max, v_max of the undistorted image
     pixel_noise: float = 1.0  # standard deviation of a pixel in octave 0 [px]
+    joint_noise: bool = False  # u_right is as noisy as u and v, and judged with them
 
     @classmethod
     def from_model(cls, camera: CameraModel, config: CameraConfig) -> StereoCamera:
@@ -60,6 +61,7 @@ class StereoCamera:
             config.disparity_noise_px,
             config.relative_depth_noise,
             bounds,
+            joint_noise=config.joint_noise,
         )
 
     @cached_property
@@ -74,6 +76,7 @@ class StereoCamera:
             self.disparity_noise_px,
             self.relative_noise,
             self.pixel_noise,
+            self.joint_noise,
         )
 
     def disparity_sigma_px(self, disparity_px: FloatArray) -> FloatArray:

@@ -66,7 +66,7 @@ class KeyframePolicy:
             return True  # a known view, too: it may be all that keeps tracking alive
         lacks = share < self.config.fewer_share or self._lacks_depth(tracking)
         lacks = lacks or self._leaves_reference(i, num_inliers)
-        return lacks and not self._is_known_view(tracking, i)
+        return lacks and not (self.config.skip_known_views and self._is_known_view(tracking, i))
 
     def _lacks_depth(self, tracking: Tracking) -> bool:
         """Return whether few close points are tracked and many could be made."""

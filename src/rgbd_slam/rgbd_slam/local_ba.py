@@ -50,8 +50,10 @@ class BundleSolution(NamedTuple):
     cost_after: float
 
 
-def adjust(camera: StereoCamera, problem: BundleProblem, iterations: int) -> BundleSolution:
-    """Adjust with a Huber kernel, leave out what does not fit, and adjust again."""
+def adjust(
+    camera: StereoCamera, problem: BundleProblem, iterations: int, rounds: int = 2
+) -> BundleSolution:
+    """Adjust with a Huber kernel, in rounds after each of which what does not fit is left out."""
     fit = hoid_native.adjust_bundle(
         camera.lens,
         GATES,
@@ -62,6 +64,7 @@ def adjust(camera: StereoCamera, problem: BundleProblem, iterations: int) -> Bun
         problem.point,
         problem.measured_px.T,
         problem.inv_sigma2,
+        rounds,
         iterations,
     )
     gate = np.where(np.isfinite(problem.measured_px[2]), CHI2_STEREO, CHI2_MONO)

@@ -14,6 +14,7 @@ from rgbd_slam.frame import Frame, StereoCamera
 from rgbd_slam.frame_poses import KeyframePoses
 from rgbd_slam.image_clock import ImageClock
 from rgbd_slam.keyframe_policy import KeyframePolicy
+from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.map import Redirect, SlamMap
 from rgbd_slam.map_state import MapState, snapshot
 from rgbd_slam.mapper import KeyframeRequest
@@ -173,12 +174,14 @@ class RgbdSlam:
 
     def _insert_keyframe(self, tracking: Tracking) -> None:
         tracked = tracking.tracked
+        keep_outliers = self._config.keyframes.keep_outliers
+        points = tracking.matched if keep_outliers else tracked.points
         request = KeyframeRequest(
             tracked.frame,
             tracked.T_reference_camera,
             tracked.reference_uid,
-            tracked.points,
-            tracked.point_uids,
+            points,
+            self._map.points.uid[points],
             self._tallies.take(),
             self._tracker.camera,
         )
@@ -188,6 +191,8 @@ class RgbdSlam:
         if i is not None:
             keyframes = self._map.keyframes
             points = keyframes.point_of_feature[i, : len(tracked.frame)].astype(np.int64)
+            if keep_outliers:  # only in the map
+                points[tracking.is_outlier] = NO_POINT
             self._last = tracked_frame(
                 tracked.frame, keyframes.T_map_camera[i].copy(), points, self._map, i
             )

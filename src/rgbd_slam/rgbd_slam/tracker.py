@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray, IntArray
+from hoid_common.values import BoolArray, FloatArray, IntArray
 from rgbd_slam.alignment import AlignmentStatus, align_image
 from rgbd_slam.config import TrackingConfig
 from rgbd_slam.frame import Frame, StereoCamera
@@ -41,10 +41,20 @@ class Tracking:
 
     tracked: TrackedFrame
     estimate: PoseEstimate
-    num_matches: int  # with points of the map
+    matched: IntArray  # (N,) point matched with each feature, or NO_POINT; outliers as well
     num_inliers: int  # of them
     tally: PointTally
     expected_px: FloatArray  # (3, V) where the local map has more points than the last frame saw
+
+    @property
+    def num_matches(self) -> int:
+        """Return how many features were matched with points of the map."""
+        return int(np.count_nonzero(self.matched != NO_POINT))
+
+    @property
+    def is_outlier(self) -> BoolArray:
+        """Return the (N,) mask of features whose match does not fit the pose."""
+        return np.asarray((self.matched != NO_POINT) & (self.tracked.points == NO_POINT))
 
     @property
     def inlier_share(self) -> float:
@@ -244,14 +254,15 @@ class Tracker:
         estimate, fitting = self._optimize(frame, seen, first.estimate.T_camera_map)
         if len(fitting.k) < self._config.min_inliers:
             return None
-        points = np.full(len(frame), NO_POINT, np.int64)
+        matched, points = np.full((2, len(frame)), NO_POINT, np.int64)
+        matched[seen.k] = seen.point
         points[fitting.k] = fitting.point
         T_map_camera = se3.inverse(estimate.T_camera_map)
         tracked = tracked_frame(frame, T_map_camera, points, self._map, around.reference)
         found = fitting.points
         tally = PointTally(np.concatenate([known, view.points]), found)
         expected_px = view.queries.projection_px
-        return Tracking(tracked, estimate, len(seen.points), len(found), tally, expected_px)
+        return Tracking(tracked, estimate, matched, len(found), tally, expected_px)
 
     def _optimize(self, frame: Frame, seen: Sightings, T_camera_map: FloatArray) -> _First:
         """Return the pose that the sightings give, and those that fit it."""

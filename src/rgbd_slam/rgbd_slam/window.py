@@ -27,7 +27,7 @@ def adjust_window(slam_map: SlamMap, camera: StereoCamera, i: int, config: Mappi
     if len(free) == 0 or len(fixed) == 0:
         return
     cameras = np.concatenate([free, fixed])
-    _solve(slam_map, camera, cameras, len(free), j, config.iterations)
+    _solve(slam_map, camera, cameras, len(free), j, config)
 
 
 def _holding(slam_map: SlamMap, j: IntArray, free: IntArray, limit: int) -> IntArray:
@@ -44,10 +44,10 @@ def _solve(
     cameras: IntArray,
     num_free: int,
     j: IntArray,
-    iterations: int,
+    config: MappingConfig,
 ) -> None:
     problem, seen = bundle_problem(slam_map, cameras, num_free, j)
-    solution = adjust(camera, problem, iterations)
+    solution = adjust(camera, problem, config.iterations, config.rounds)
     slam_map.set_poses(cameras[:num_free], se3.inverse(solution.T_camera_map[:num_free]))
     slam_map.set_positions(j, solution.points_m.T)
     _forget(slam_map, Observations(*(part[solution.outliers] for part in seen)))

@@ -69,7 +69,7 @@ def tracking(
     tracked = tracked_frame(seen, T, points, slam_map, 0)
     estimate = PoseEstimate(se3.inverse(T), np.ones(num_inliers, np.bool_), np.eye(6))
     tally = PointTally(np.empty(0, np.int64), np.empty(0, np.int64))
-    return Tracking(tracked, estimate, num_inliers, num_inliers, tally, expected_px)
+    return Tracking(tracked, estimate, points, num_inliers, tally, expected_px)
 
 
 def test_a_frame_becomes_a_keyframe_when_it_shows_less_of_the_reference() -> None:
@@ -112,6 +112,13 @@ def test_a_view_that_the_map_knows_is_not_taken_in_again(
     policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_PX)
     seen = tracking(slam_map, 1.0, 40, T_map_camera, expected_px)
     assert policy.wants(seen, 0) is wanted
+
+
+def test_known_views_are_taken_in_where_asked_for() -> None:
+    slam_map = mapped(newer=10)
+    config = KeyframeConfig(skip_known_views=False)
+    seen = tracking(slam_map, 1.0, 40, expected_px=EVERYWHERE)
+    assert KeyframePolicy(slam_map, config, CLOSE_PX).wants(seen, 0)
 
 
 def test_a_known_view_is_taken_in_when_tracking_falls() -> None:

@@ -15,7 +15,9 @@ import pytest
 from hoid_common.errors import MessageError
 from rgbd_slam.config import SlamConfig
 from rgbd_slam.frame import StereoCamera
+from rgbd_slam.keyframes import NO_POINT
 from rgbd_slam.map import SlamMap
+from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.mapper_process import MapperProcess
 from rgbd_slam.mapper_worker import MapperStoppedError
 from rgbd_slam.slam import RgbdSlam
@@ -53,6 +55,27 @@ def test_a_known_trajectory_comes_back_and_repeats() -> None:
     assert np.sqrt((errors**2).mean()) < 0.004
     assert errors.max() < 0.012
     assert 3 <= first.stats.num_keyframes < 40
+
+
+@pytest.mark.parametrize('keep_outliers', [False, True])
+def test_a_keyframe_takes_matches_that_do_not_fit_along_where_asked_to(
+    keep_outliers: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = SlamConfig().updated(
+        {'keyframes.keep_outliers': keep_outliers, 'keyframes.min_gap_s': 0.0}
+    )
+    world, slam = World(), RgbdSlam(CAMERA, config)
+    slam.process(world.features(0, POSES[0]))
+    moved = world.features(PERIOD_NS, POSES[0])
+    moved.uv_px[::10] += 8  # something that they are on has moved
+    requests: list[KeyframeRequest] = []
+    monkeypatch.setattr(slam._mapper, 'insert', requests.append)
+    monkeypatch.setattr(slam._policy, 'wants', lambda *_: True)
+    slam.process(moved)
+    (request,) = requests
+    taken = request.points != NO_POINT
+    assert taken[::10].mean() > 0.9 if keep_outliers else not taken[::10].any()
+    assert np.delete(taken, slice(None, None, 10)).mean() > 0.9
 
 
 def test_features_of_an_unknown_octave_are_refused_and_change_nothing() -> None:

@@ -1,8 +1,9 @@
 """Bundle adjustment in GTSAM, for problems too large for the dense solver of a window.
 
 It takes the same problem with the same noise: pixels, and disparities where a feature has depth.
-One Huber kernel spans both, where the dense solver has two. GTSAM keeps the camera-point blocks
-sparse, so that memory grows with the observations and not with keyframes times points.
+One Huber kernel spans both, where the dense solver has two; `joint_noise` is the dense solver's
+alone. GTSAM keeps the camera-point blocks sparse, so that memory grows with the observations and
+not with keyframes times points.
 """
 
 from __future__ import annotations
