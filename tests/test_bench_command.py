@@ -45,6 +45,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def start(folder: Path, out: str) -> subprocess.Popen[str]:
     words = ['bench', 'tiny.yaml', '--out', out, '--workers', '1']
+    # A shell lets what it starts in the background ignore SIGINT, and so all that this starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     return subprocess.Popen(
         [sys.executable, '-m', 'hoid_bringup', *words],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
