@@ -110,8 +110,7 @@ extern "C" int32_t hoid_adjust_bundle(
   const double* camera, const double* gates, int32_t num_cameras, int32_t num_free,
   int32_t num_points, int32_t num_observations, const int32_t* camera_of, const int32_t* point_of,
   const double* measured, const double* weight, int32_t rounds, int32_t iterations,
-  double* T, double* points,
-  double* chi2, double* costs)
+  double* T, double* points, double* chi2, double* costs)
 {
   const Problem problem{
     Camera(camera), {gates[0], gates[1]}, num_cameras, num_free, num_points, num_observations,
