@@ -16,9 +16,9 @@ from hoid_common.values import (
     IntArray,
 )
 from hoid_filter.config import ExtractionConfig
-from hoid_filter.pyramid import Corners, Int32Array, build_pyramid, find_corners, flat_pixels
+from hoid_filter.pyramid import Corners, Int32Array, build_pyramid, find_corners
 from hoid_filter.spread import octave_budgets, spread_evenly
-from hoid_native import corner_peaks_px, orb_descriptors, orientations_deg
+from hoid_native import corner_peaks_px, depths_off_edges_m, orb_descriptors, orientations_deg
 
 _NO_BOXES: Float32Array = np.empty((0, 4), np.float32)
 _SMOOTHING = cv2.getGaussianKernel(7, 2.0)  # of what descriptors compare, as in OpenCV
@@ -103,10 +103,13 @@ class OrbExtractor:
         if len(moving_xyxy_px):
             entering = (_inside(peak_px, moving_xyxy_px) & ~_inside(uv_px, moving_xyxy_px)).any(1)
             peak_px[entering] = uv_px[entering]
+        nearest_px = np.rint(peak_px).astype(np.int32)
         return Features(
             stamp_ns=stamp_ns,
             uv_px=peak_px,
-            depth_m=sample_depth_m(depth_m, peak_px),
+            depth_m=depths_off_edges_m(
+                depth_m, nearest_px, self._config.edge_radius_px, self._config.edge_step
+            ),
             octave=octave,
             angle_deg=angle_deg,
             response=corners.score[chosen].astype(np.float32),
@@ -144,9 +147,3 @@ def _inside(uv_px: Float32Array, boxes_xyxy_px: Float32Array) -> BoolArray:
     centers_px = np.rint(uv_px)[:, None]
     first, end = boxes_xyxy_px[:, :2], boxes_xyxy_px[:, 2:]
     return np.logical_and((centers_px >= first).all(2), (centers_px < end).all(2))
-
-
-def sample_depth_m(depth_m: Float32Array, uv_px: Float32Array) -> Float32Array:
-    """Return the (N,) depths of an (H, W) image's nearest pixels; 0 where there is no reading."""
-    values = depth_m.ravel()[flat_pixels(uv_px, depth_m.shape[1])]
-    return np.where(values > 0, values, np.float32(0))  # NaN > 0 is false

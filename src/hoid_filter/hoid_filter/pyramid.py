@@ -60,12 +60,11 @@ def find_corners(pyramid: Pyramid, threshold: int, border_px: int) -> Corners:
     # Pixel centres, not corners, are whole numbers: a level's pixel (0, 0) lies at (s - 1) / 2.
     uv_px = (xy_px + np.float32(0.5)) * steps_px - np.float32(0.5)
     score = np.concatenate([c.score for c in found])
-    return Corners(
-        pyramid, xy_px, uv_px, flat_pixels(uv_px, pyramid.levels[0].shape[1]), octave, score
-    )
+    pixel = _flat_pixels(uv_px, pyramid.levels[0].shape[1])
+    return Corners(pyramid, xy_px, uv_px, pixel, octave, score)
 
 
-def flat_pixels(uv_px: Float32Array, width_px: int) -> IntArray:
+def _flat_pixels(uv_px: Float32Array, width_px: int) -> IntArray:
     """Return the (N,) indices, in a flat image, of the pixels nearest to (N, 2) positions."""
     nearest = np.rint(uv_px).astype(np.int64)
     flat: IntArray = nearest[:, 1] * width_px + nearest[:, 0]

@@ -4,7 +4,7 @@ import pytest
 
 from hoid_common.values import ByteArray, Float32Array
 from hoid_filter.config import ExtractionConfig
-from hoid_filter.extractor import OrbExtractor, sample_depth_m
+from hoid_filter.extractor import OrbExtractor
 
 HEIGHT, WIDTH = 480, 640
 
@@ -125,7 +125,21 @@ def test_blank_image_gives_no_features(depth_m: Float32Array) -> None:
     assert features.descriptors.shape == (0, 32)
 
 
-def test_depth_is_that_of_the_nearest_pixel_and_zero_when_unknown() -> None:
-    depth_m = np.array([[1.0, 2.0], [np.nan, -1.0]], np.float32)
-    uv_px = np.array([[0.4, 0.4], [0.6, 0.0], [0.0, 1.0], [1.0, 1.0]], np.float32)
-    assert sample_depth_m(depth_m, uv_px).tolist() == [1.0, 2.0, 0.0, 0.0]
+def test_depth_is_that_of_the_nearest_pixel(image_gray: ByteArray) -> None:
+    ramp_m = np.linspace(2.0, 2.5, HEIGHT * WIDTH, dtype=np.float32).reshape(HEIGHT, WIDTH)
+    features = OrbExtractor(ExtractionConfig()).extract(image_gray, ramp_m, None, 0)
+    column, row = np.rint(features.uv_px).astype(int).T
+    np.testing.assert_array_equal(features.depth_m, ramp_m[row, column])
+
+
+@pytest.mark.parametrize('reach_px', [0, 3, 8])
+def test_depth_at_an_edge_of_depth_is_none(
+    image_gray: ByteArray, depth_m: Float32Array, reach_px: int
+) -> None:
+    depth_m[:, 320:] = 3.0
+    config = ExtractionConfig(edge_radius_px=reach_px)
+    features = OrbExtractor(config).extract(image_gray, depth_m, None, 0)
+    column = np.rint(features.uv_px[:, 0])
+    near = (column >= 320 - reach_px) & (column < 320 + reach_px)
+    assert near.any() == bool(reach_px)
+    assert np.array_equal(features.depth_m == 0, near)

@@ -10,7 +10,7 @@ from hoid_native.boxes import (
     judge_boxes,
     overlap_ratios,
 )
-from hoid_native.depths import sample_depths_m, torso_depths_m
+from hoid_native.depths import depths_off_edges_m, sample_depths_m, torso_depths_m
 from hoid_native.geometry import Gates, Lens, adjust_bundle, optimize_pose
 from hoid_native.kernels import (
     Bar,
@@ -36,6 +36,7 @@ __all__ = [
     'are_boxes_fit',
     'corner_peaks_px',
     'cover_things',
+    'depths_off_edges_m',
     'fast_corners',
     'intersections_over_union',
     'judge_boxes',

@@ -1,4 +1,4 @@
-// Depth of what a box shows, read at the centre of the box.
+// Depths where they can be believed: the median at the centre of a box, and pixels away from edges.
 
 #include <algorithm>
 #include <cmath>
@@ -75,5 +75,28 @@ extern "C" MULTIVERSION("avx2") void hoid_sample_depths(
   std::vector<uint32_t> bits(static_cast<std::size_t>(side_px) * side_px + 1);
   for (int n = 0; n < count; ++n) {
     median_m_out[n] = median::median(bits.data(), squares[n].read(bits.data()));
+  }
+}
+
+// Write the reading at each pixel (x, y) of the image, or 0 where there is none or an edge is near: where readings in
+// the square around it differ by more than a share of it. Readings are positive; 0 and NaN are none.
+extern "C" void hoid_depths_off_edges(
+  const float* depth_m, int32_t width, int32_t height, int32_t count, const int32_t* x, const int32_t* y,
+  int32_t radius_px, double step, float* depth_m_out)
+{
+  for (int n = 0; n < count; ++n) {
+    const float reading = depth_m[static_cast<std::ptrdiff_t>(y[n]) * width + x[n]];
+    const int left = std::max(x[n] - radius_px, 0), right = std::min(x[n] + radius_px, width - 1);
+    const int top = std::max(y[n] - radius_px, 0), bottom = std::min(y[n] + radius_px, height - 1);
+    float nearest = reading, farthest = reading;
+    for (int v = top; v <= bottom; ++v) {
+      const float* row = depth_m + static_cast<std::ptrdiff_t>(v) * width;
+      for (int u = left; u <= right; ++u) {
+        nearest = row[u] > 0 && row[u] < nearest ? row[u] : nearest;
+        farthest = row[u] > farthest ? row[u] : farthest;
+      }
+    }
+    const bool believed = reading > 0 && farthest - nearest <= step * reading;
+    depth_m_out[n] = believed ? reading : 0.0F;
   }
 }
