@@ -35,9 +35,9 @@ class ExtractionConfig(Config):
         True, 'Spread the budget over what is not masked; false: over all, then drop the masked'
     )
     border_px: int = param(19, 'Margin without features, at every level', minimum=19, maximum=100)
-    edge_radius_px: int = param(
-        3, 'A depth so near to an edge of depth is not believed; 0 believes all', minimum=0,
-        maximum=20,
+    edge_radius: float = param(
+        0.005, 'A depth so near to an edge of depth is not believed, as a share of the '
+        "image's width; 0 believes all", minimum=0.0, maximum=0.05,
     )  # fmt: skip
     edge_step: float = param(
         0.05, 'Share of the depth by which readings differ at an edge', minimum=0.0, maximum=1.0

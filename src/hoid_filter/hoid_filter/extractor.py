@@ -104,11 +104,12 @@ class OrbExtractor:
             entering = (_inside(peak_px, moving_xyxy_px) & ~_inside(uv_px, moving_xyxy_px)).any(1)
             peak_px[entering] = uv_px[entering]
         nearest_px = np.rint(peak_px).astype(np.int32)
+        edge_radius_px = int(self._config.edge_radius * depth_m.shape[1])
         return Features(
             stamp_ns=stamp_ns,
             uv_px=peak_px,
             depth_m=depths_off_edges_m(
-                depth_m, nearest_px, self._config.edge_radius_px, self._config.edge_step
+                depth_m, nearest_px, edge_radius_px, self._config.edge_step
             ),
             octave=octave,
             angle_deg=angle_deg,

@@ -137,7 +137,7 @@ def test_depth_at_an_edge_of_depth_is_none(
     image_gray: ByteArray, depth_m: Float32Array, reach_px: int
 ) -> None:
     depth_m[:, 320:] = 3.0
-    config = ExtractionConfig(edge_radius_px=reach_px)
+    config = ExtractionConfig(edge_radius=(reach_px + 0.5) / WIDTH)
     features = OrbExtractor(config).extract(image_gray, depth_m, None, 0)
     column = np.rint(features.uv_px[:, 0])
     near = (column >= 320 - reach_px) & (column < 320 + reach_px)
