@@ -36,7 +36,7 @@ class ExtractionConfig(Config):
     )
     border_px: int = param(19, 'Margin without features, at every level', minimum=19, maximum=100)
     edge_radius: float = param(
-        0.005, 'A depth so near to an edge of depth is not believed, as a share of the '
+        0.0, 'A depth so near to an edge of depth is not believed, as a share of the '
         "image's width; 0 believes all", minimum=0.0, maximum=0.05,
     )  # fmt: skip
     edge_step: float = param(
