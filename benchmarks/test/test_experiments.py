@@ -78,11 +78,12 @@ _ONE_SEED = (
 
 
 @pytest.mark.parametrize('name', ['full', 'readme'])
-def test_every_shipped_accuracy_has_five_seeds(name: str) -> None:
+def test_every_shipped_accuracy_has_five_seeds_at_least(name: str) -> None:
     for experiment in load_plan(name).experiments:
         seeds = {job.seed for job in experiment.jobs}
         one_is_enough = all(job.mode in _ONE_SEED for job in experiment.jobs)
-        assert seeds == ({0} if one_is_enough else {0, 1, 2, 3, 4}), experiment.id
+        expected = {0} if one_is_enough else set(range(max(5, len(seeds))))
+        assert seeds == expected, experiment.id
 
 
 def test_unknown_plans_views_and_experiments_are_refused(plan: Plan, tmp_path: Path) -> None:
