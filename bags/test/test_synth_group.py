@@ -33,11 +33,11 @@ WITHOUT_XY_M = (  # each person's first and hundredth place, from before there w
 )
 
 
+_stage = cache(set_stage)  # by configuration: a test may name what another leaves out
+
+
 def stage(seed: int = 1, num_people: int = 4, near_m: float = 1.5) -> Stage:
     return _stage(replace(GROUP, seed=seed, num_people=num_people, near_m=near_m))
-
-
-_stage = cache(set_stage)  # by configuration: a test may name what another leaves out
 
 
 def positions(of: Stage) -> FloatArray:

@@ -187,9 +187,8 @@ def _floor_spots(
         middle = np.array([(room[0] + room[2]) / 2, at[1] + rng.uniform(-1, 1)])
         way = (middle - at) / np.linalg.norm(middle - at)
         stand = at + 0.5 * way
-        if min(abs(at[1] - y) for y in LANES_Y_M) < 0.55 if two else at[1] < front_m:
-            continue  # in the way
-        if _clearance(at, rects) < 0.36 or _clearance(stand, rects) < 0.3:
+        lane = min(abs(at[1] - y) for y in LANES_Y_M) < 0.55 if two else at[1] < front_m
+        if lane or _clearance(at, rects) < 0.36 or _clearance(stand, rects) < 0.3:
             continue
         if any(np.hypot(*(at - s.position_m[:2])) < 0.75 for s in spots):
             continue
