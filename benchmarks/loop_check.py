@@ -22,17 +22,17 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_bags.sequence import Sequence, open_sequence
-from hoid_bringup.evaluation import evaluate
-from hoid_bringup.offline import OfflinePipeline
-from hoid_bringup.run_config import RunConfig
+from hoid_bringup.evaluate.evaluation import evaluate
+from hoid_bringup.run.offline import OfflinePipeline
+from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.errors import HoidError
 from hoid_common.values import FloatArray, Trajectory
-from rgbd_slam.loop_closing import Join, LoopEvent
+from rgbd_slam.loops.loop_closing import Join, LoopEvent
 
 _FALSE_M, _FALSE_DEG = 0.1, 3.0
 _MM = 1e3
-_JOINS = logging.getLogger('rgbd_slam.loop_closing')
+_JOINS = logging.getLogger('rgbd_slam.loops.loop_closing')
 
 
 class Checked(NamedTuple):

@@ -26,9 +26,9 @@ from bag_of_words import BagIndex, Vocabulary
 from hoid_bags.sequence import open_sequence
 from hoid_common.values import BoolArray, ByteArray, FloatArray
 from hoid_filter.config import ExtractionConfig
-from hoid_filter.extractor import OrbExtractor
-from rgbd_slam.place_config import IndexConfig
-from rgbd_slam.place_recognition import PlaceIndex
+from hoid_filter.extraction.extractor import OrbExtractor
+from rgbd_slam.config.place_config import IndexConfig
+from rgbd_slam.places.place_recognition import PlaceIndex
 
 _EVERY = 10
 _APART_S = 5.0

@@ -17,13 +17,13 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 from std_srvs.srv import SetBool
 
-from hoid_bags.bag_sequence import BagSequence
-from hoid_bags.synth.bag import write_bag
-from hoid_bags.synth.config import SceneConfig
+from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_common.errors import ModelError
 from hoid_common.ros import conversions, qos
-from hoid_detector.model_path import SYNTHETIC
+from hoid_detector.model.model_path import SYNTHETIC
 from hoid_detector.node import DetectorNode
+from hoid_synth.bag import write_bag
+from hoid_synth.config import SceneConfig
 from hoid_system_tests.detector_bench import FRAME, IMAGE, STAMP_NS, Bench, write_model
 from hoid_training.evaluate import Tally, Truth, count
 

@@ -23,7 +23,7 @@ from hoid_system_tests.slam_peer import (
     SlamPeer,
     features_msg,
 )
-from rgbd_slam.frames import T_BODY_OPTICAL, flattened
+from rgbd_slam.robot_frames import T_BODY_OPTICAL, flattened
 
 IMAGES = 12
 T_BASE_CAMERA = se3.exp(np.array([0, 0, 0, 0.2, 0.0, 1.0])) @ T_BODY_OPTICAL

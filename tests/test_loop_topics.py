@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hoid_msgs.msg import SlamStatus
 
-from hoid_bringup.supervisor import Supervisor
+from hoid_bringup.live.supervisor import Supervisor
 from hoid_common import se3
 from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
@@ -24,7 +24,7 @@ from hoid_system_tests.slam_peer import (
     SlamPeer,
     features_msg,
 )
-from rgbd_slam.frames import T_BODY_OPTICAL
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 STEP_RAD = np.deg2rad(3.0)
 LAP = 120  # steps

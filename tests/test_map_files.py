@@ -16,9 +16,9 @@ from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory
 from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
 
-from hoid_bags.trajectory_io import read_tum
-from hoid_bringup.supervisor import Supervisor
+from hoid_bringup.live.supervisor import Supervisor
 from hoid_common import se3
+from hoid_common.io.trajectory_io import read_tum
 from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
 from hoid_system_tests.point_world import CAMERA, PointWorld, walked
@@ -31,9 +31,9 @@ from hoid_system_tests.slam_peer import (
     SlamPeer,
     features_msg,
 )
-from rgbd_slam import map_file
-from rgbd_slam.frames import T_BODY_OPTICAL
-from rgbd_slam.map_state import MapState
+from rgbd_slam.map_io import map_file
+from rgbd_slam.model.map_state import MapState
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 
 def camera_at(i: int) -> FloatArray:

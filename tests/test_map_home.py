@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from hoid_msgs.msg import SlamStatus
 
-from hoid_bags.room_truth import RoomTruth
-from hoid_bags.synth.config import SceneConfig
-from hoid_bags.synth.stage import set_stage
 from hoid_common import se3
 from hoid_common.ros import conversions
+from hoid_synth.acting.stage import set_stage
+from hoid_synth.config import SceneConfig
+from hoid_synth.room_truth import RoomTruth
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import recording
 from hoid_system_tests.room_peer import RELIABLE, RoomPeer
-from rgbd_slam import map_file
-from rgbd_slam.frames import T_BODY_OPTICAL
+from rgbd_slam.map_io import map_file
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 SCENE = SceneConfig(num_frames=90, width_px=320)
 LATER = SceneConfig(num_frames=30, width_px=320, people_seed=3, start_s=2.0)  # other people

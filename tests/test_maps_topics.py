@@ -18,17 +18,17 @@ from nav_msgs.msg import OccupancyGrid
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from hoid_bags.room_truth import RoomTruth
-from hoid_bags.synth.config import SceneConfig
-from hoid_bags.synth.truth import people_centers
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
+from hoid_synth.config import SceneConfig
+from hoid_synth.room_truth import RoomTruth
+from hoid_synth.truth import people_centers
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import Messages, recording
 from hoid_system_tests.room_peer import RELIABLE, RoomPeer
 from hoid_system_tests.slam_peer import NO_ROOM, SlamPeer
-from rgbd_slam.frames import T_BODY_OPTICAL
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 SCENE = SceneConfig(num_frames=150)
 ROOM = '/rgbd_slam_room'

@@ -9,11 +9,11 @@ from dataclasses import replace
 import pytest
 from playwright.sync_api import Browser, Page
 
-from hoid_benchmarks.literature import published
-from hoid_benchmarks.page import Head, Headline, RunGroup, Section, render_page
-from hoid_benchmarks.page import Page as Content
-from hoid_benchmarks.plan import Experiment, Job
-from hoid_benchmarks.tables import Cell, Table
+from hoid_benchmarks.plan.plan import Experiment, Job
+from hoid_benchmarks.report.literature import published
+from hoid_benchmarks.report.page import Head, Headline, RunGroup, Section, render_page
+from hoid_benchmarks.report.page import Page as Content
+from hoid_benchmarks.report.tables import Cell, Table
 from hoid_system_tests.browser import headless_browser, shown_on_a_phone
 
 JOBS = tuple(Job('a', 'none', '', seed) for seed in range(3))

@@ -8,10 +8,10 @@ import pytest
 import yaml
 
 from hoid_common.config import Config
-from hoid_common.param_file import load_params
+from hoid_common.io.param_file import load_params
 from hoid_detector.node import NodeConfig as DetectorNodeConfig
 from hoid_filter.node import NodeConfig as FilterNodeConfig
-from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.config.node_config import SlamNodeConfig
 
 FILES = sorted((Path(__file__).parents[1] / 'src').glob('*/config/*.yaml'))
 DEFAULTS: dict[str, Config] = {

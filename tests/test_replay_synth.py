@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from hoid_bags.bag_sequence import BagSequence
-from hoid_bags.synth.bag import write_bag
-from hoid_bags.synth.config import SceneConfig
-from hoid_bags.trajectory_io import read_tum
+from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bringup import cli
+from hoid_common.io.trajectory_io import read_tum
+from hoid_synth.bag import write_bag
+from hoid_synth.config import SceneConfig
 
 FRAMES = 75  # two people walk past, close to the camera
 

@@ -8,21 +8,22 @@ from typing import cast
 import numpy as np
 import pytest
 
-from hoid_bags.bag_sequence import BagSequence
-from hoid_bags.room_truth import RoomTruth
-from hoid_bags.synth.config import SceneConfig
-from hoid_bags.synth.truth import object_states, people_centers
-from hoid_benchmarks.room_ghost import Ghost, cylinder_depth_m
-from hoid_benchmarks.room_run import MappedRoom, Tracks
-from hoid_benchmarks.room_scores import score
-from hoid_bringup.run_config import RunConfig
+from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_benchmarks.rooms.room_ghost import Ghost, cylinder_depth_m
+from hoid_benchmarks.rooms.room_run import MappedRoom, Tracks
+from hoid_benchmarks.rooms.room_scores import score
+from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.values import CameraModel, Detections, FloatArray, RgbdFrame
-from rgbd_slam.dense.grid import Grid
-from rgbd_slam.dense.voxel_map import ColoredCloud
-from rgbd_slam.frame_poses import FramePose, KeyframePoses
-from rgbd_slam.frames import T_BODY_OPTICAL
-from rgbd_slam.object_tracker import ObjectState, TrackedObject
+from hoid_synth.config import SceneConfig
+from hoid_synth.room_truth import RoomTruth
+from hoid_synth.truth import object_states, people_centers
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
+from rgbd_slam.scene.fusion_scheduler import FramePose
+from rgbd_slam.scene.grid import Grid
+from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
+from rgbd_slam.scene.voxel_map import ColoredCloud
 
 SCENE = SceneConfig(seed=1)
 OFFSET_M = np.array([0.03, 0.0, 0.04])

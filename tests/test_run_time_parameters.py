@@ -16,7 +16,7 @@ from hoid_system_tests.detector_bench import write_model
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import NO_ROOM
-from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.config.node_config import SlamNodeConfig
 
 CONFIGS: dict[str, Config] = {
     'hoid_detector': DetectorNodeConfig(),

@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
-from hoid_bags.trajectory_io import read_tum
 from hoid_common import se3
+from hoid_common.io.trajectory_io import read_tum
 from hoid_common.ros import conversions, qos
 from hoid_common.values import FloatArray
 from hoid_system_tests.frame_tree import OPTICAL, edges
@@ -31,7 +31,7 @@ from hoid_system_tests.slam_peer import (
     SlamPeer,
     features_msg,
 )
-from rgbd_slam.frames import T_BODY_OPTICAL
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 
 def camera_at(i: int) -> FloatArray:

@@ -17,8 +17,9 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
-from hoid_bringup.supervisor import ProcessSpec, Supervisor
-from hoid_common.ros import conversions, qos, topics
+from hoid_bringup.live.supervisor import ProcessSpec, Supervisor
+from hoid_common import topics
+from hoid_common.ros import conversions, qos
 from hoid_common.values import FloatArray
 from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.probe import Probe

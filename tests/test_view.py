@@ -12,18 +12,19 @@ import cv2
 import numpy as np
 import pytest
 
-from hoid_bags.bag_sequence import BagSequence
-from hoid_bags.synth.bag import write_bag
-from hoid_bags.synth.config import SceneConfig
-from hoid_bringup import cli, view
-from hoid_bringup.outputs import write_outputs
-from hoid_bringup.summary import FilterCounts, MapCounts, RunResult
+from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bringup import cli
+from hoid_bringup.run.outputs import write_outputs
+from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult
+from hoid_bringup.view import view
 from hoid_common import se3
 from hoid_common.values import FloatArray, Trajectory
-from rgbd_slam.dense.voxel_map import ColoredCloud
+from hoid_synth.bag import write_bag
+from hoid_synth.config import SceneConfig
+from rgbd_slam.scene.voxel_map import ColoredCloud
 
 _WHY = 'the viewer is an optional extra: requirements/view.lock'
-log = pytest.importorskip('hoid_bringup.view_log', reason=_WHY, exc_type=ModuleNotFoundError)
+log = pytest.importorskip('hoid_bringup.view.view_log', reason=_WHY, exc_type=ModuleNotFoundError)
 RrdReader = pytest.importorskip('rerun.chunk', reason=_WHY).RrdReader
 
 FRAMES = 8

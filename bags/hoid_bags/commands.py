@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from hoid_bags.bag.encoding import JPEG, PNG, RAW
+from hoid_bags.bag.info import describe, summarize
 from hoid_bags.convert import ConvertConfig, convert
-from hoid_bags.encoding import JPEG, PNG, RAW
-from hoid_bags.info import describe, summarize
+from hoid_bags.live.playback import PlayConfig
 from hoid_bags.options import add_folder_arguments, chosen_camera
-from hoid_bags.playback import PlayConfig
 from hoid_common.errors import ConfigError, InputError
 
 _CONVERT, _PLAY = ConvertConfig(), PlayConfig()
@@ -104,7 +104,7 @@ def add_play_arguments(parser: argparse.ArgumentParser) -> None:
 
 def play_command(args: argparse.Namespace) -> None:
     """Play a bag; the space bar pauses it on a terminal."""
-    from hoid_bags.play import play  # needs ROS, which convert and info do not
+    from hoid_bags.live.play import play  # needs ROS, which convert and info do not
 
     config = PlayConfig(
         rate=args.rate,
@@ -142,7 +142,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 
 def record_command(args: argparse.Namespace) -> None:
     """Record topics until Ctrl-C."""
-    from hoid_bags.record import RESULT_TOPICS, record  # needs ROS
+    from hoid_bags.live.record import RESULT_TOPICS, record  # needs ROS
 
     count = record(
         args.bag,

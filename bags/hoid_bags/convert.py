@@ -9,11 +9,10 @@ from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-from hoid_bags import bag_messages
-from hoid_bags.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
-from hoid_bags.bag_writer import BagWriter
-from hoid_bags.cameras import TUM_DEPTH_UNITS_PER_M
-from hoid_bags.encoding import (
+from hoid_bags.bag import bag_messages
+from hoid_bags.bag.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
+from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.bag.encoding import (
     JPEG,
     PNG,
     RAW,
@@ -22,9 +21,10 @@ from hoid_bags.encoding import (
     choose_depth_encoder,
 )
 from hoid_bags.progress import progress
-from hoid_bags.tum_folder import ListedImage, TumFolder, open_tum_folder
+from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
+from hoid_bags.tum.tum_folder import ListedImage, TumFolder, open_tum_folder
+from hoid_common import topics
 from hoid_common.config import Config, param
-from hoid_common.ros import topics
 from hoid_common.values import CameraModel
 
 ACCELEROMETER = f'{topics.IMU}/accelerometer'

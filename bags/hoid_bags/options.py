@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from hoid_bags.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
+from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
 from hoid_common.values import CameraModel
 
 

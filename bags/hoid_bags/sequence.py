@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from hoid_bags.bag_reader import METADATA, is_bag
-from hoid_bags.bag_sequence import BagSequence
-from hoid_bags.cameras import TUM_DEPTH_UNITS_PER_M
-from hoid_bags.tum_folder import COLOR_LIST, open_tum_folder
+from hoid_bags.bag.bag_reader import METADATA, is_bag
+from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
+from hoid_bags.tum.tum_folder import COLOR_LIST, open_tum_folder
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoid_bags.association import associate
+from hoid_bags.tum.association import associate
 
 STAMPS = st.lists(st.integers(0, 60), max_size=12, unique=True).map(sorted)
 

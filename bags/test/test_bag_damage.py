@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoid_bags.bag_reader import BagReader
-from hoid_bags.info import summarize
-from hoid_bags.playback import PlayConfig, open_score
+from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.info import summarize
+from hoid_bags.live.playback import PlayConfig, open_score
 from hoid_bags.sequence import open_sequence
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel

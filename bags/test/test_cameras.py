@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hoid_bags.cameras import camera_from_name, find_camera, read_camera_yaml
+from hoid_bags.tum.cameras import camera_from_name, find_camera, read_camera_yaml
 from hoid_common.errors import InputError
 
 YAML = """\

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoid_bags.bag_reader import BagReader
-from hoid_bags.info import describe, summarize
+from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.info import describe, summarize
 
 
 def test_the_bandwidth_of_a_topic(bag: Path) -> None:

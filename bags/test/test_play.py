@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoid_bags import bag_messages, bag_types
-from hoid_bags.bag_sequence import BagSequence, header_stamp_ns
-from hoid_bags.bag_writer import BagWriter
-from hoid_bags.keyboard import KeyPresses
-from hoid_bags.lockstep import LockstepGate
-from hoid_bags.playback import LOOP_GAP_NS, Cue, Pacer, PlayConfig, moved_header, open_score
-from hoid_bags.read_ahead import ReadAhead
+from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag.bag_sequence import BagSequence, header_stamp_ns
+from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.live.keyboard import KeyPresses
+from hoid_bags.live.lockstep import LockstepGate
+from hoid_bags.live.playback import LOOP_GAP_NS, Cue, Pacer, PlayConfig, moved_header, open_score
+from hoid_bags.live.read_ahead import ReadAhead
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.values import CameraModel
 

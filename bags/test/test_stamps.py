@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoid_bags.stamps import format_stamp_s, parse_stamp_ns
+from hoid_common.io.stamps import format_stamp_s, parse_stamp_ns
 
 
 @given(st.integers(0, 2**31 * 10**9 - 1))

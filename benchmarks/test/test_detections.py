@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hoid_benchmarks.detections import KeptDetections
+from hoid_benchmarks.plan.detections import KeptDetections
 from hoid_common.values import Detections, RgbdFrame
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from distributed import LocalCluster
 
-from hoid_benchmarks import engine as engine_module
-from hoid_benchmarks.engine import Engine
-from hoid_benchmarks.machine import Code, machine
-from hoid_benchmarks.plan import Job
-from hoid_benchmarks.sequences import Store
-from hoid_benchmarks.worker import Outcome
+from hoid_benchmarks.jobs import engine as engine_module
+from hoid_benchmarks.jobs.engine import Engine
+from hoid_benchmarks.jobs.machine import Code, machine
+from hoid_benchmarks.jobs.worker import Outcome
+from hoid_benchmarks.plan.plan import Job
+from hoid_benchmarks.plan.sequences import Store
 
 JOBS = (
     Job('here', 'none', '', 0, mode='timed'),

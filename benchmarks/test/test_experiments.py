@@ -7,20 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from hoid_bags.cameras import camera_from_name
+from hoid_bags.tum.cameras import camera_from_name
 from hoid_benchmarks import commands
 from hoid_benchmarks.commands import add_bench_arguments, repeating_command
-from hoid_benchmarks.headlines import headlines
-from hoid_benchmarks.literature import published
-from hoid_benchmarks.notes import curve_note
-from hoid_benchmarks.plan import Experiment, Job, Plan, load_plan
-from hoid_benchmarks.report import Report
-from hoid_benchmarks.results import Result, key_value, read_result, spread, write_result
-from hoid_benchmarks.runs import RunList
-from hoid_benchmarks.sequences import Store, scene_options
-from hoid_benchmarks.views import failures, make_table, missing
-from hoid_benchmarks.worker import command_of
-from hoid_bringup.run_config import RunConfig
+from hoid_benchmarks.jobs.results import Result, key_value, read_result, spread, write_result
+from hoid_benchmarks.jobs.runs import RunList
+from hoid_benchmarks.jobs.worker import command_of
+from hoid_benchmarks.plan.plan import Experiment, Job, Plan, load_plan
+from hoid_benchmarks.plan.sequences import Store, scene_options
+from hoid_benchmarks.report.headlines import headlines
+from hoid_benchmarks.report.literature import published
+from hoid_benchmarks.report.notes import curve_note
+from hoid_benchmarks.report.report import Report
+from hoid_benchmarks.report.views import failures, make_table, missing
+from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError, InputError
 
 PLAN = """
@@ -256,7 +256,7 @@ def test_missing_sequences_say_where_to_get_them(tmp_path: Path) -> None:
 
 
 def test_every_named_plan_file_is_shipped() -> None:
-    folder = Path(__file__).parents[1] / 'hoid_benchmarks' / 'experiments'
+    folder = Path(__file__).parents[1] / 'hoid_benchmarks' / 'plan' / 'experiments'
     assert {p.stem for p in folder.glob('*.yaml')} == {'quick', 'full', 'readme', 'scenes'}
 
 

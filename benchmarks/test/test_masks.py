@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoid_bags.synth.config import SceneConfig
-from hoid_benchmarks import masks
-from hoid_benchmarks.labelled import rendered_people
-from hoid_benchmarks.masks import (
+from hoid_benchmarks.jobs import masks
+from hoid_benchmarks.jobs.labelled import rendered_people
+from hoid_benchmarks.jobs.masks import (
     CASES,
     MaskCase,
     Tally,
@@ -23,15 +22,16 @@ from hoid_benchmarks.masks import (
     mask_rows,
     variants,
 )
-from hoid_benchmarks.perturb import perturb_detections
-from hoid_benchmarks.plan import Experiment, Job, Perturbation
-from hoid_benchmarks.results import Result
-from hoid_benchmarks.sequences import Store
-from hoid_benchmarks.views import make_table
+from hoid_benchmarks.jobs.results import Result
+from hoid_benchmarks.plan.perturb import perturb_detections
+from hoid_benchmarks.plan.plan import Experiment, Job, Perturbation
+from hoid_benchmarks.plan.sequences import Store
+from hoid_benchmarks.report.views import make_table
 from hoid_common.errors import ConfigError
 from hoid_common.values import Detections, RgbdFrame
 from hoid_filter.config import FilterConfig
-from hoid_filter.scene import View
+from hoid_filter.detections.aligned_detections import View
+from hoid_synth.config import SceneConfig
 
 STORE = Store(Path('/nowhere'), Path('/nowhere'))
 HEIGHT, WIDTH = 60, 80

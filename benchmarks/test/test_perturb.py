@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hoid_benchmarks.perturb import PerturbedSequence, cover_columns, perturb_detections
-from hoid_benchmarks.plan import Perturbation
+from hoid_benchmarks.plan.perturb import PerturbedSequence, cover_columns, perturb_detections
+from hoid_benchmarks.plan.plan import Perturbation
 from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import psutil
 import yaml
 
-from hoid_bringup.supervisor import ProcessSpec, Supervisor
+from hoid_bringup.live.supervisor import ProcessSpec, Supervisor
 
 Start = Callable[..., Supervisor]
 """The fixture `start`: gets package, executable and parameters, gives who watches the process."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from hoid_bags.synth.config import SceneConfig
-from hoid_bags.synth.scene import render
 from hoid_common.ros import conversions
 from hoid_filter.config import FilterConfig
 from hoid_filter.feature_filter import FeatureFilter
+from hoid_synth.config import SceneConfig
+from hoid_synth.scene import render
 from hoid_system_tests.frame_tree import OPTICAL
 
 

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_bags import bag_messages, bag_types
-from hoid_bags.bag_types import Message
-from hoid_bags.bag_writer import BagWriter
-from hoid_common import images
-from hoid_common.ros import topics
+from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag.bag_types import Message
+from hoid_bags.bag.bag_writer import BagWriter
+from hoid_common import topics
+from hoid_common.io import images
 from hoid_common.values import ByteArray, CameraModel
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)

@@ -30,19 +30,21 @@ class Command:
 
 
 COMMANDS = {
-    'demo': Command('hoid_bringup.demo', 'render a scene, replay it live with and without filter'),
+    'demo': Command(
+        'hoid_benchmarks.demo', 'render a scene, replay it live with and without filter'
+    ),
     'convert': Command('hoid_bags.commands', 'turn a TUM folder into an MCAP bag'),
-    'synth': Command('hoid_bags.synth.commands', 'render a scene with people into a bag'),
+    'synth': Command('hoid_synth.commands', 'render a scene with people into a bag'),
     'info': Command('hoid_bags.commands', "list a bag's topics"),
     'play': Command('hoid_bags.commands', 'play a bag on topics'),
     'record': Command('hoid_bags.commands', 'record topics into a bag'),
-    'nodes': Command('hoid_bringup.nodes', 'run the three nodes for a live robot'),
-    'run': Command('hoid_bringup.commands', 'process a recording offline, every frame'),
-    'replay': Command('hoid_bringup.commands', 'play a recording through the live nodes'),
-    'evaluate': Command('hoid_bringup.commands', 'compare a trajectory with the truth'),
+    'nodes': Command('hoid_bringup.live.nodes', 'run the three nodes for a live robot'),
+    'run': Command('hoid_bringup.run.commands', 'process a recording offline, every frame'),
+    'replay': Command('hoid_bringup.run.commands', 'play a recording through the live nodes'),
+    'evaluate': Command('hoid_bringup.run.commands', 'compare a trajectory with the truth'),
     'bench': Command('hoid_benchmarks.commands', 'measure: speed of a stage, or all experiments'),
-    'view': Command('hoid_bringup.view', 'look at a recording or a finished run'),
-    'pictures': Command('hoid_bringup.pictures', 'draw what the filter sees and decides'),
+    'view': Command('hoid_bringup.view.view', 'look at a recording or a finished run'),
+    'pictures': Command('hoid_bringup.view.pictures', 'draw what the filter sees and decides'),
 }
 
 

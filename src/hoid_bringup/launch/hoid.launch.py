@@ -12,8 +12,8 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from hoid_bringup.camera_topics import CAMERA_TOPICS
-from hoid_common.ros.topics import NAMESPACED_TF
+from hoid_bringup.live.camera_topics import CAMERA_TOPICS
+from hoid_common.topics import NAMESPACED_TF
 from hoid_filter.config import FilterConfig
 from launch import LaunchContext, LaunchDescription
 

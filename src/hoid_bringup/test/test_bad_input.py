@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoid_bags import bag_messages
-from hoid_bags.bag_types import IMU
-from hoid_bags.bag_writer import BagWriter
-from hoid_bags.trajectory_io import write_tum
+from hoid_bags.bag import bag_messages
+from hoid_bags.bag.bag_types import IMU
+from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bringup import cli
 from hoid_common import se3
+from hoid_common.io.trajectory_io import write_tum
 from hoid_common.values import Trajectory
 
 STAMPS_S = (1.0, 1.1, 1.2)

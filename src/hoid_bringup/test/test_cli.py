@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoid_bags.trajectory_io import write_tum
 from hoid_bringup import cli
+from hoid_common.io.trajectory_io import write_tum
 from hoid_common.values import Trajectory
 
 
@@ -58,7 +58,7 @@ def test_interruption_is_status_130(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     def interrupted(_path: Path) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr('hoid_bringup.commands.read_tum', interrupted)
+    monkeypatch.setattr('hoid_bringup.run.commands.read_tum', interrupted)
     assert cli.main(['evaluate', str(tmp_path), str(tmp_path)]) == 130
 
 

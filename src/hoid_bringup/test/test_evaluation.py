@@ -9,7 +9,7 @@ from evo.core.trajectory import PoseTrajectory3D
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoid_bringup import evaluation
+from hoid_bringup.evaluate import evaluation
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import FloatArray, Trajectory

@@ -15,14 +15,14 @@ from unittest.mock import MagicMock
 import pytest
 import yaml
 
-from hoid_bringup.camera_topics import CAMERA_TOPICS
+from hoid_bringup.live.camera_topics import CAMERA_TOPICS
+from hoid_common import topics
 from hoid_common.config import Config
-from hoid_common.param_file import load_params
-from hoid_common.ros import topics
-from hoid_common.ros.topics import NAMESPACED_TF
+from hoid_common.io.param_file import load_params
+from hoid_common.topics import NAMESPACED_TF
 from hoid_detector.config import DetectorConfig
 from hoid_filter.config import FilterConfig
-from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.config.node_config import SlamNodeConfig
 
 SRC = Path(__file__).parents[2]
 MODULES = """launch launch.actions launch.conditions launch.substitutions launch_ros

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from hoid_bringup.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
-from hoid_bringup.nodes import add_nodes_arguments, node_options
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
+from hoid_bringup.live.nodes import add_nodes_arguments, node_options
 from hoid_common.errors import ConfigError
 
 FRAME_TREE = (('/tf', 'tf'), ('/tf_static', 'tf_static'))

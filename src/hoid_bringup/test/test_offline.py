@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from hoid_bringup.offline import run_offline
-from hoid_bringup.run_config import TRUTH, RunConfig
+from hoid_bringup.run.offline import run_offline
+from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
 
@@ -62,7 +62,7 @@ class WallSequence:
 def _no_pictures() -> Iterator[None]:
     """Leave out the picture of each run, which takes longer than the run; see test_outputs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('hoid_bringup.outputs.plot_run', lambda *_: None)
+        patch.setattr('hoid_bringup.run.outputs.plot_run', lambda *_: None)
         yield
 
 

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from hoid_bags.trajectory_io import read_tum
-from hoid_bringup.outputs import staged, write_outputs
-from hoid_bringup.summary import FilterCounts, MapCounts, RunResult, Spread
+from hoid_bringup.run.outputs import staged, write_outputs
+from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Spread
 from hoid_common.errors import InputError
+from hoid_common.io.trajectory_io import read_tum
 from hoid_common.values import Trajectory
 
 CONTRACT = """frames_total frames_processed frames_tracked coverage ate_rmse_m ate_online_rmse_m

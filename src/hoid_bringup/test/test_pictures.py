@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hoid_bringup.pictures import draw_scenes, frame_numbers, write_sheets
+from hoid_bringup.view.pictures import draw_scenes, frame_numbers, write_sheets
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.values import CameraModel, Detections, Reason, RgbdFrame, Trajectory
 from hoid_filter.config import FilterConfig

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hoid_bringup.supervisor import GRACE_S, ProcessExit, ProcessSpec, Supervisor
+from hoid_bringup.live.supervisor import GRACE_S, ProcessExit, ProcessSpec, Supervisor
 from hoid_common.errors import InputError
 
 STUBBORN = (
@@ -70,7 +70,7 @@ def test_a_dead_child_is_restarted(tmp_path: Path) -> None:
 
 def test_children_end_when_their_supervisor_is_killed(tmp_path: Path) -> None:
     code = (
-        'import sys, time; from pathlib import Path; from hoid_bringup.supervisor import *;'
+        'import sys, time; from pathlib import Path; from hoid_bringup.live.supervisor import *;'
         'spec = ProcessSpec("child", (sys.executable, "-c", "import time; time.sleep(60)"));'
         'group = Supervisor([spec]).__enter__();'
         f'Path({str(tmp_path / "pid")!r}).write_text(str(group.pids["child"]) + " ");'

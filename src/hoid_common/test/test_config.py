@@ -6,7 +6,7 @@ import pytest
 
 from hoid_common.config import Config, param
 from hoid_common.errors import ConfigError
-from hoid_common.param_file import load_params
+from hoid_common.io.param_file import load_params
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from hoid_common.errors import InputError
-from hoid_common.files import check_writable, scratch_folder, unwritable
+from hoid_common.io.files import check_writable, scratch_folder, unwritable
 
 
 def leave_a_result(within: Path) -> None:

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from hoid_common import images
 from hoid_common.errors import MessageError
+from hoid_common.io import images
 
 COLOR = np.array([[[10, 20, 30], [40, 50, 60]], [[70, 80, 90], [5, 6, 7]]], np.uint8)
 

@@ -12,9 +12,10 @@ from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
+from hoid_common import topics
 from hoid_common.config import param
 from hoid_common.errors import ConfigError, HoidError
-from hoid_common.ros import conversions, qos, topics
+from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import InputConfig, Inputs
@@ -24,7 +25,7 @@ from hoid_common.ros.run import run_node
 from hoid_common.values import ByteArray, Detections
 from hoid_detector.config import DetectorConfig
 from hoid_detector.drawing import draw_detections
-from hoid_detector.model_path import find_model
+from hoid_detector.model.model_path import find_model
 from hoid_detector.newest_wins import NewestWins
 from hoid_detector.onnx_detector import OnnxDetector
 

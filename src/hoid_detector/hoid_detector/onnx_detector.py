@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from hoid_common.errors import ConfigError, MessageError, ModelError
 from hoid_common.values import BoolArray, ByteArray, Detections, IntArray
-from hoid_detector.class_names import COCO, known_names
 from hoid_detector.config import DetectorConfig
-from hoid_detector.decoders import Candidates, Size
-from hoid_detector.layouts import Layout, Probe, recognize
-from hoid_detector.letterbox import Letterbox, Placement, Preprocessing, open_size
-from hoid_detector.network import Network
-from hoid_detector.nms import nms
+from hoid_detector.model.class_names import COCO, known_names
+from hoid_detector.model.decoders import Candidates, Size
+from hoid_detector.model.layouts import Layout, Probe, recognize
+from hoid_detector.model.letterbox import Letterbox, Placement, Preprocessing, open_size
+from hoid_detector.model.network import Network
+from hoid_detector.model.nms import nms
 
 _LOG = logging.getLogger(__name__)
 

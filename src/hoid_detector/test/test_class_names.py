@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hoid_common.errors import ModelError
-from hoid_detector.class_names import known_names, names_in_metadata
+from hoid_detector.model.class_names import known_names, names_in_metadata
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hoid_common.param_file import load_params
+from hoid_common.io.param_file import load_params
 from hoid_detector.config import DetectorConfig
 
 FILE = Path(__file__).parents[1] / 'config' / 'hoid_detector.yaml'

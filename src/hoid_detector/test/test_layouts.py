@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hoid_common.errors import ModelError
 from hoid_common.values import Detections
 from hoid_detector.config import DetectorConfig
-from hoid_detector.decoders import cells
+from hoid_detector.model.decoders import cells
 from hoid_detector.onnx_detector import OnnxDetector
 
 SIZE_WH = (96, 64)  # network input

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoid_detector.letterbox import Letterbox, Preprocessing, open_size, placed
+from hoid_detector.model.letterbox import Letterbox, Preprocessing, open_size, placed
 
 SIDES = st.integers(8, 2000)
 

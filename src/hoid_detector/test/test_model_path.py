@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from hoid_common.errors import ModelError
-from hoid_detector import model_path
-from hoid_detector.model_path import find_model
+from hoid_detector.model import model_path
+from hoid_detector.model.model_path import find_model
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_names_stand_for_files(
     assert find_model('my_model') == own
     assert find_model('my_model.onnx') == own
     assert find_model(str(own)) == own
-    shipped = touch(Path(model_path.__file__).parent / 'models' / 'synthetic.onnx')
+    shipped = touch(Path(model_path.__file__).parents[1] / 'models' / 'synthetic.onnx')
     assert find_model('synthetic') == shipped
     monkeypatch.setenv('HOID_MODEL', 'my_model')
     assert find_model() == own

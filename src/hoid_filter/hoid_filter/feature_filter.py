@@ -21,11 +21,11 @@ from hoid_common.values import (
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig
-from hoid_filter.extractor import OrbExtractor
-from hoid_filter.pyramid import Corners
-from hoid_filter.registry import make_strategy
-from hoid_filter.sanitize import sanitize
-from hoid_filter.scene import Verdict, View
+from hoid_filter.detections.aligned_detections import Verdict, View
+from hoid_filter.detections.sanitize import sanitize
+from hoid_filter.extraction.extractor import OrbExtractor
+from hoid_filter.extraction.pyramid import Corners
+from hoid_filter.rules.registry import make_strategy
 
 
 class Looked(NamedTuple):

@@ -13,9 +13,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
+from hoid_common import topics
 from hoid_common.config import param
 from hoid_common.errors import MessageError
-from hoid_common.ros import conversions, qos, topics
+from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import InputConfig, Inputs
@@ -26,7 +27,7 @@ from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import FilterResult, RgbdFrame
 from hoid_filter.config import FilterConfig
-from hoid_filter.detection_gate import STOP, DetectionGate, GateConfig, Ready
+from hoid_filter.detections.detection_gate import STOP, DetectionGate, GateConfig, Ready
 from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import FeatureFilter, Looked
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.values import BoolArray, Detections, Float32Array, IntArray
-from hoid_filter.scene import View
+from hoid_filter.detections.aligned_detections import View
 
 HEIGHT, WIDTH = 120, 160
 BoxTuple = tuple[float, float, float, float]

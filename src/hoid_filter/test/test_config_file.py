@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from hoid_common.input_config import InputConfig
-from hoid_common.param_file import load_params
+from hoid_common.io.param_file import load_params
 from hoid_filter.config import FilterConfig
-from hoid_filter.detection_gate import GateConfig
+from hoid_filter.detections.detection_gate import GateConfig
 
 FILE = Path(__file__).parents[1] / 'config' / 'hoid_filter.yaml'
 SECTIONS = {'detections.': GateConfig(), 'input.': InputConfig()}

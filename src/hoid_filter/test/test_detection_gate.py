@@ -2,7 +2,7 @@ import pytest
 
 from hoid_common.errors import MessageError
 from hoid_common.values import Detections
-from hoid_filter.detection_gate import LATEST, STOP, DetectionGate, GateConfig, Ready
+from hoid_filter.detections.detection_gate import LATEST, STOP, DetectionGate, GateConfig, Ready
 
 MS = 1_000_000
 S = 1_000_000_000

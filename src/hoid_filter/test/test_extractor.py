@@ -4,7 +4,7 @@ import pytest
 
 from hoid_common.values import ByteArray, Float32Array
 from hoid_filter.config import ExtractionConfig
-from hoid_filter.extractor import OrbExtractor
+from hoid_filter.extraction.extractor import OrbExtractor
 
 HEIGHT, WIDTH = 480, 640
 

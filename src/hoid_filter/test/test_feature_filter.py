@@ -7,7 +7,7 @@ import pytest
 from hoid_common.errors import MessageError
 from hoid_common.values import CameraModel, Reason, RgbdFrame
 from hoid_filter.config import FilterConfig
-from hoid_filter.extractor import OrbExtractor
+from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.feature_filter import FeatureFilter
 
 from .helpers import detections

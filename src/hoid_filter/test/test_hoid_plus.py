@@ -7,8 +7,8 @@ import pytest
 
 from hoid_common.values import Detections, Float32Array, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.hoid_plus import HoidPlus
-from hoid_filter.scene import Verdict
+from hoid_filter.detections.aligned_detections import Verdict
+from hoid_filter.rules.hoid_plus import HoidPlus
 
 from .helpers import HEIGHT, WIDTH, BoxTuple, detections, picture_of, view
 

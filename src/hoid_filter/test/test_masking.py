@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from hoid_filter.config import PlusConfig
-from hoid_filter.masking import Masks, make_masks
-from hoid_filter.scene import View
+from hoid_filter.detections.aligned_detections import View
+from hoid_filter.masks.dynamic_mask import Masks, make_masks
 
 from .helpers import HEIGHT, WIDTH, view
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from hoid_filter.prediction import BoxPredictor
+from hoid_filter.detections.prediction import BoxPredictor
 
 from .helpers import detections
 

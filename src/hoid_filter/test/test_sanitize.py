@@ -1,7 +1,7 @@
 import numpy as np
 
 from hoid_common.values import Detections
-from hoid_filter.sanitize import sanitize
+from hoid_filter.detections.sanitize import sanitize
 
 from .helpers import detections
 

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoid_filter.spread import octave_budgets, spread_evenly
+from hoid_filter.extraction.spread import octave_budgets, spread_evenly
 
 
 def test_budgets_follow_inverse_scale() -> None:

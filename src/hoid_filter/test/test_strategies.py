@@ -5,8 +5,8 @@ import pytest
 
 from hoid_common.values import Float32Array, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.registry import make_strategy
-from hoid_filter.scene import Verdict
+from hoid_filter.detections.aligned_detections import Verdict
+from hoid_filter.rules.registry import make_strategy
 
 from .helpers import HEIGHT, WIDTH, BoxTuple, detections, picture_of, view
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hoid_common.values import Detections
-from hoid_filter.tracks import BoxTracker, Patience
+from hoid_filter.detections.tracks import BoxTracker, Patience
 
 from .helpers import BoxTuple, detections
 

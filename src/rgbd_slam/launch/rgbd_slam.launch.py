@@ -11,7 +11,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from hoid_common.ros.topics import NAMESPACED_TF
+from hoid_common.topics import NAMESPACED_TF
 from launch import LaunchDescription
 
 PARAMS = PathJoinSubstitution([FindPackageShare('rgbd_slam'), 'config', 'rgbd_slam.yaml'])

@@ -8,17 +8,17 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
-from rgbd_slam.config import SlamConfig
-from rgbd_slam.culling import cull_keyframes, cull_young_points
-from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.fusing import fuse_into_neighbours
-from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.loop_closing import LoopCloser, LoopCounts
-from rgbd_slam.map import SlamMap
-from rgbd_slam.map_state import MapState, restore
-from rgbd_slam.point_tallies import PointCounts
-from rgbd_slam.triangulation import triangulate_with_neighbours
-from rgbd_slam.window import adjust_window
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.local_mapping.culling import cull_keyframes, cull_young_points
+from rgbd_slam.local_mapping.fusing import fuse_into_neighbours
+from rgbd_slam.local_mapping.triangulation import triangulate_with_neighbours
+from rgbd_slam.loops.loop_closing import LoopCloser, LoopCounts
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.map_state import MapState, restore
+from rgbd_slam.model.point_tallies import PointCounts
+from rgbd_slam.optimize.local_bundle_adjustment import adjust_window
 
 
 @dataclass(frozen=True, eq=False)

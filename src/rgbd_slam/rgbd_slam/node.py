@@ -11,8 +11,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
+from hoid_common import topics
 from hoid_common.errors import ConfigError, InputError, MapFileError
-from hoid_common.ros import conversions, topics
+from hoid_common.ros import conversions
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.ros.inputs import Inputs
@@ -21,16 +22,16 @@ from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import CameraModel
-from rgbd_slam import map_file
-from rgbd_slam.frames import RobotFrames
-from rgbd_slam.map_directory import map_path
-from rgbd_slam.map_file import MapFile
-from rgbd_slam.mapper_worker import MapperStoppedError
-from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.map_directory import map_path
+from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.processes.mapper_worker import MapperStoppedError
+from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.periods import set_period
-from rgbd_slam.ros.room_link import RoomLink
+from rgbd_slam.ros.scene_link import RoomLink
 from rgbd_slam.ros.services import SlamServices
 from rgbd_slam.session import Processed, SlamSession
 

@@ -15,15 +15,16 @@ from hoid_common.values import (
     FloatArray,
     Trajectory,
 )
-from rgbd_slam import map_use
-from rgbd_slam.config import SlamConfig
-from rgbd_slam.frame_poses import FramePose, FramePoses, KeyframePoses
-from rgbd_slam.frames import RobotFrames, RobotPose
-from rgbd_slam.map_file import MapFile
-from rgbd_slam.map_use import LoadedMap
+from rgbd_slam import map_transfer
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.map_transfer import LoadedMap
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.robot_frames import RobotFrames, RobotPose
+from rgbd_slam.scene.fusion_scheduler import FramePose, FramePoses
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.stream_gaps import StreamGaps
-from rgbd_slam.tracking_result import SlamStats, TrackingResult
+from rgbd_slam.tracking.stream_gaps import StreamGaps
+from rgbd_slam.tracking.tracking_result import SlamStats, TrackingResult
 
 TRAJECTORY_KINDS = ('final', 'online', 'keyframes')
 _MESSAGES = {
@@ -139,12 +140,12 @@ class SlamSession:
         return self._slam.is_settled or self._slam.mapper_queue == 0
 
     def saved_map(self) -> MapFile:
-        """Copy the map for a file; see `map_use.copied`."""
-        return map_use.copied(self._slam, self._frames, self.camera, self._config.camera)
+        """Copy the map for a file; see `map_transfer.copied`."""
+        return map_transfer.copied(self._slam, self._frames, self.camera, self._config.camera)
 
     def load(self, content: MapFile, *, keep: bool = False) -> LoadedMap:
-        """Lay a saved map over the running one; see `map_use.laid_over`."""
-        loaded = map_use.laid_over(
+        """Lay a saved map over the running one; see `map_transfer.laid_over`."""
+        loaded = map_transfer.laid_over(
             self._slam, self._frames, self.camera, self._config.camera, content, keep=keep
         )
         self._map_changed = True

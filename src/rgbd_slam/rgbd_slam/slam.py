@@ -9,26 +9,31 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.values import CameraModel, Features, FloatArray, IntArray, Trajectory
-from rgbd_slam.config import SlamConfig
-from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.frame_poses import KeyframePoses
-from rgbd_slam.image_clock import ImageClock
-from rgbd_slam.keyframe_policy import KeyframePolicy
-from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.map import Redirect, SlamMap
-from rgbd_slam.map_state import MapState, snapshot
+from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.mapper import KeyframeRequest
-from rgbd_slam.mapper_link import InlineMapper, MapperLink
-from rgbd_slam.mapper_process import MapperProcess
-from rgbd_slam.motion import ConstantVelocity
-from rgbd_slam.noise_meter import NoiseMeter
-from rgbd_slam.point_tallies import PointTallies
-from rgbd_slam.pose_optimizer import covariance
-from rgbd_slam.relocalization import Relocalizer
-from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
-from rgbd_slam.tracker import Tracker, Tracking
-from rgbd_slam.tracking_result import SlamStats, TrackingResult, TrackingState
-from rgbd_slam.trajectory import TrajectoryRecorder, keyframe_poses, keyframe_trajectory, main_map
+from rgbd_slam.model.atlas import Redirect, SlamMap
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.map_state import MapState, snapshot
+from rgbd_slam.model.point_tallies import PointTallies
+from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
+from rgbd_slam.model.trajectory import (
+    TrajectoryRecorder,
+    keyframe_poses,
+    keyframe_trajectory,
+    main_map,
+)
+from rgbd_slam.optimize.online_noise import NoiseMeter
+from rgbd_slam.optimize.pose_optimizer import covariance
+from rgbd_slam.processes.mapper_link import InlineMapper, MapperLink
+from rgbd_slam.processes.mapper_process import MapperProcess
+from rgbd_slam.tracking.image_clock import ImageClock
+from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
+from rgbd_slam.tracking.motion import ConstantVelocity
+from rgbd_slam.tracking.relocalization import Relocalizer
+from rgbd_slam.tracking.tracker import Tracker, Tracking
+from rgbd_slam.tracking.tracking_result import SlamStats, TrackingResult, TrackingState
 
 _MS = 1e3
 _MIN_FIRST_FEATURES = 50  # with depth, to start a map; triangulation adds to them

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common import se3
-from rgbd_slam import map_file
-from rgbd_slam.dense.dense_mapper import StoredView
-from rgbd_slam.dense.voxel_map import DepthView
-from rgbd_slam.dense_state import DenseState
-from rgbd_slam.map import SlamMap
-from rgbd_slam.map_file import MapFile
-from rgbd_slam.map_state import MapState, snapshot
+from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.map_state import MapState, snapshot
+from rgbd_slam.scene.dense_mapper import StoredView
+from rgbd_slam.scene.dense_state import DenseState
+from rgbd_slam.scene.voxel_map import DepthView
 
 from .ring_world import MODEL, RingWorld, mapped, ring_poses
 

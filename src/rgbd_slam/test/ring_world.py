@@ -6,9 +6,9 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray, IntArray
-from rgbd_slam.config import CameraConfig
-from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.map import SlamMap
+from rgbd_slam.config.slam_config import CameraConfig
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import Frame, StereoCamera
 
 MODEL = CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0)
 CAMERA = StereoCamera.from_model(MODEL, CameraConfig())

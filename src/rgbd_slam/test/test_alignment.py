@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 
 from hoid_common import se3
 from hoid_common.values import BoolArray, CameraModel, Float32Array, FloatArray
-from rgbd_slam.alignment import Alignment, AlignmentStatus, align_image, align_points
-from rgbd_slam.config import CameraConfig
-from rgbd_slam.frame import StereoCamera
-from rgbd_slam.place_config import AlignmentConfig
+from rgbd_slam.config.place_config import AlignmentConfig
+from rgbd_slam.config.slam_config import CameraConfig
+from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.optimize.alignment import Alignment, AlignmentStatus, align_image, align_points
 
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0), CameraConfig())
 CONFIG = AlignmentConfig()

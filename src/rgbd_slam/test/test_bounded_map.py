@@ -7,9 +7,9 @@ from typing import NamedTuple
 import psutil
 import pytest
 
-from rgbd_slam.config import SlamConfig
+from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking_result import TrackingState
+from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA, PERIOD_NS, World, sway
 

@@ -6,7 +6,7 @@ import os
 import signal
 from multiprocessing import get_context
 
-from rgbd_slam.child_process import start_child
+from hoid_common.child_process import start_child
 
 
 def test_a_child_outlives_ctrl_c_also_while_it_starts() -> None:

@@ -7,10 +7,10 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import IntArray
-from rgbd_slam.config import MappingConfig
-from rgbd_slam.culling import cull_keyframes, cull_young_points
-from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.map import SlamMap
+from rgbd_slam.config.slam_config import MappingConfig
+from rgbd_slam.local_mapping.culling import cull_keyframes, cull_young_points
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import Frame, StereoCamera
 
 CONFIG = MappingConfig()
 CAMERA = StereoCamera(100.0, 100.0, 200.0, 200.0, 8.0, 0.3, 0.0, (0.0, 0.0, 400.0, 400.0))

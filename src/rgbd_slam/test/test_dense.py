@@ -8,11 +8,12 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import CameraModel, Float32Array, FloatArray
-from rgbd_slam.dense.config import DenseConfig
-from rgbd_slam.dense.dense_mapper import DenseMapper
-from rgbd_slam.dense.export import packed_rgb, write_pcd, write_ply
-from rgbd_slam.dense.voxel_map import ColoredCloud, VoxelMap, in_boxes
-from rgbd_slam.frame_poses import FramePose, KeyframePoses
+from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.scene.dense_mapper import DenseMapper
+from rgbd_slam.scene.export import packed_rgb, write_pcd, write_ply
+from rgbd_slam.scene.fusion_scheduler import FramePose
+from rgbd_slam.scene.voxel_map import ColoredCloud, VoxelMap, in_boxes
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 CONFIG = DenseConfig(pixel_stride=1)

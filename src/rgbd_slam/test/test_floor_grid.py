@@ -9,9 +9,9 @@ import pytest
 from hoid_common import se3
 from hoid_common.errors import ConfigError
 from hoid_common.values import FloatArray
-from rgbd_slam.dense.config import GridConfig
-from rgbd_slam.dense.floor import find_floor
-from rgbd_slam.dense.grid import (
+from rgbd_slam.config.dense_config import GridConfig
+from rgbd_slam.scene.floor import find_floor
+from rgbd_slam.scene.grid import (
     FREE,
     OCCUPIED,
     UNKNOWN,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hoid_common.values import CameraModel, Features, FloatArray
-from rgbd_slam.config import CameraConfig
-from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.projection import project, to_camera
+from rgbd_slam.config.slam_config import CameraConfig
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.projection import project, to_camera
 
 FR1 = CameraModel(
     640, 480, 517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from rgbd_slam.frame_poses import NO_KEYFRAMES, FramePoses, Rate
+from rgbd_slam.model.keyframe_poses import NO_KEYFRAMES
+from rgbd_slam.scene.fusion_scheduler import FramePoses, Rate
 
 POSE = np.eye(4)
 PERIOD_NS = 33_333_333

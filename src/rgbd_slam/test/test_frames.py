@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.frames import T_BODY_OPTICAL, RobotFrames, adjoint
+from rgbd_slam.robot_frames import T_BODY_OPTICAL, RobotFrames, adjoint
 
 S = 10**9
 TILT = se3.exp(np.array([0.0, np.deg2rad(20), 0, 0, 0, 0]))  # nose down

@@ -8,9 +8,9 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
-from rgbd_slam.backend.bundle import adjust_sparse
-from rgbd_slam.global_adjustment import GlobalAdjuster, global_problem, lay_over, solve
-from rgbd_slam.map import SlamMap
+from rgbd_slam.loops.global_adjustment import GlobalAdjuster, global_problem, lay_over, solve
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.optimize.gtsam_bundle import adjust_sparse
 
 from .ring_world import CAMERA, RingWorld, mapped, ring_poses
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rgbd_slam.image_clock import ImageClock
+from rgbd_slam.tracking.image_clock import ImageClock
 
 S = 1_000_000_000
 

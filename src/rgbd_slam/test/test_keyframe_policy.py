@@ -9,15 +9,15 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.config import KeyframeConfig
-from rgbd_slam.frame import Frame
-from rgbd_slam.keyframe_policy import KeyframePolicy
-from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.map import SlamMap
-from rgbd_slam.point_tallies import PointTally
-from rgbd_slam.pose_optimizer import PoseEstimate
-from rgbd_slam.tracked_frame import tracked_frame
-from rgbd_slam.tracker import Tracking
+from rgbd_slam.config.slam_config import KeyframeConfig
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import Frame
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.point_tallies import PointTally
+from rgbd_slam.model.tracked_frame import tracked_frame
+from rgbd_slam.optimize.pose_optimizer import PoseEstimate
+from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
+from rgbd_slam.tracking.tracker import Tracking
 
 CLOSE_PX = 10.0
 FEATURES = 200

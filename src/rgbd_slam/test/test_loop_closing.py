@@ -7,15 +7,15 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
-from rgbd_slam.config import SlamConfig
-from rgbd_slam.essential_graph import Loop, closed_poses, move_map, path_length_m
-from rgbd_slam.geometric_verification import PlaceStatus
-from rgbd_slam.global_adjustment import global_problem
-from rgbd_slam.local_ba import BundleSolution
-from rgbd_slam.loop_closing import Join, LoopCloser, LoopEvent
-from rgbd_slam.map import SlamMap
-from rgbd_slam.map_merging import merge_maps
-from rgbd_slam.place_finder import PlaceFinder
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
+from rgbd_slam.loops.global_adjustment import global_problem
+from rgbd_slam.loops.loop_closing import Join, LoopCloser, LoopEvent
+from rgbd_slam.loops.map_merging import merge_maps
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.optimize.bundle_problem import BundleSolution
+from rgbd_slam.places.geometric_verification import PlaceStatus
+from rgbd_slam.places.place_finder import PlaceFinder
 
 from .ring_world import CAMERA, RingWorld, drifted, mapped, ring_poses
 
@@ -51,7 +51,7 @@ def test_a_loop_is_closed_and_the_drift_is_gone(
     before = _errors_m(slam_map, rows, truth)
     points_before = len(slam_map.points)
     closer = LoopCloser(slam_map, CAMERA, SlamConfig())
-    with caplog.at_level('INFO', 'rgbd_slam.loop_closing'):
+    with caplog.at_level('INFO', 'rgbd_slam.loops.loop_closing'):
         assert closer.process(int(rows[-1])) is LoopEvent.CLOSED
     (join,) = (join for record in caplog.records for join in record.args or ())
     assert isinstance(join, Join)

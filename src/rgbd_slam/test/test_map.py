@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hoid_common.values import IntArray
-from rgbd_slam.frame import Frame
-from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.map import SlamMap
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import Frame
+from rgbd_slam.model.keyframes import NO_POINT
 
 
 def make_frame(n: int, stamp_ns: int = 0) -> Frame:

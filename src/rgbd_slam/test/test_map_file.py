@@ -10,9 +10,9 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.errors import MapFileError
-from rgbd_slam import map_file
-from rgbd_slam.dense_state import DenseState
-from rgbd_slam.map_state import restore, shared_points, snapshot
+from rgbd_slam.map_io import map_file
+from rgbd_slam.model.map_state import restore, shared_points, snapshot
+from rgbd_slam.scene.dense_state import DenseState
 
 from .map_content import OCTAVES, SCALE, content, dense_of, new_map, ring, saved
 from .ring_world import CAMERA

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import MapFileError
-from rgbd_slam import map_file
-from rgbd_slam.map_state import MapState, snapshot
+from rgbd_slam.map_io import map_file
+from rgbd_slam.model.map_state import MapState, snapshot
 
 from .map_content import Members, content, members_of, new_map, ring, saved, write
 

@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hoid_common.errors import MapFileError
-from rgbd_slam import map_file
-from rgbd_slam.map_file import MapFile
-from rgbd_slam.map_state import restore, snapshot
+from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.model.map_state import restore, snapshot
 
 from .map_content import content, members_of, new_map, saved
 from .ring_world import CAMERA

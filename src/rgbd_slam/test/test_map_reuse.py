@@ -7,10 +7,10 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.config import SlamConfig
-from rgbd_slam.map_state import MapState
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.model.map_state import MapState
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking_result import TrackingResult, TrackingState
+from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
 
 from .world import CAMERA, PERIOD_NS, World, sway
 

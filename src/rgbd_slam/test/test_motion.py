@@ -5,7 +5,7 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.motion import ConstantVelocity
+from rgbd_slam.tracking.motion import ConstantVelocity
 
 STEP: FloatArray = se3.exp(np.array([0.02, -0.01, 0.03, 0.01, 0.02, -0.005]))
 MS = 1_000_000

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import InputError
-from hoid_common.param_file import load_params
-from rgbd_slam.map_directory import map_path, path_in
-from rgbd_slam.node_config import SlamNodeConfig
-from rgbd_slam.stream_gaps import StreamGaps
+from hoid_common.io.param_file import load_params
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.map_io.map_directory import map_path, path_in
+from rgbd_slam.tracking.stream_gaps import StreamGaps
 
 MS = 1_000_000
 

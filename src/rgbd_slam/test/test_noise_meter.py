@@ -5,13 +5,13 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.config import SlamConfig
-from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.map import SlamMap
-from rgbd_slam.noise_meter import NoiseMeter
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
+from rgbd_slam.optimize.online_noise import NoiseMeter
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
 
 from .world import CAMERA as MODEL
 from .world import PERIOD_NS, World, sway

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_common.values import CameraModel, DynamicObject, Reason
-from rgbd_slam.frames import T_BODY_OPTICAL
-from rgbd_slam.object_sighting import DepthScene, sight
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
+from rgbd_slam.scene.object_sighting import DepthScene, sight
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 BOX_PX = (40.0, 40.0, 88.0, 88.0)

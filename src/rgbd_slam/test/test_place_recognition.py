@@ -1,8 +1,8 @@
 import numpy as np
 
 from hoid_common.values import ByteArray
-from rgbd_slam.place_config import IndexConfig
-from rgbd_slam.place_recognition import PlaceIndex
+from rgbd_slam.config.place_config import IndexConfig
+from rgbd_slam.places.place_recognition import PlaceIndex
 
 
 def _descriptors(seed: int, count: int = 300) -> ByteArray:

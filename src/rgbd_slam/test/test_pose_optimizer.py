@@ -9,9 +9,9 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray
-from rgbd_slam.config import CameraConfig
-from rgbd_slam.frame import StereoCamera
-from rgbd_slam.pose_optimizer import PoseProblem, covariance, optimize_pose
+from rgbd_slam.config.slam_config import CameraConfig
+from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.optimize.pose_optimizer import PoseProblem, covariance, optimize_pose
 
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 520.0, 320.0, 240.0), CameraConfig())
 SAMPLES = 200

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from hoid_common.slam_status import SlamState
-from rgbd_slam.config import SlamConfig
-from rgbd_slam.frame_poses import FramePoses
-from rgbd_slam.frames import RobotFrames
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.scene.fusion_scheduler import FramePoses
 from rgbd_slam.session import SlamSession
 
 from .world import CAMERA, PERIOD_NS, World, sway

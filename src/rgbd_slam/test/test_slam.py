@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import MessageError
-from rgbd_slam.config import SlamConfig
-from rgbd_slam.frame import StereoCamera
-from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.map import SlamMap
+from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.mapper import KeyframeRequest
-from rgbd_slam.mapper_process import MapperProcess
-from rgbd_slam.mapper_worker import MapperStoppedError
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.processes.mapper_process import MapperProcess
+from rgbd_slam.processes.mapper_worker import MapperStoppedError
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking_result import TrackingState
+from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA, PERIOD_NS, World, position_errors_m, sway
 
@@ -134,7 +134,7 @@ def test_a_mapper_that_cannot_start_is_told_at_once() -> None:
 
 
 def test_a_mapper_that_takes_too_long_to_start_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('rgbd_slam.mapper_process._START_S', 0.001)
+    monkeypatch.setattr('rgbd_slam.processes.mapper_process._START_S', 0.001)
     with pytest.raises(MapperStoppedError, match=r'did not start in 0\.001 s: .* too busy'):
         RgbdSlam(CAMERA, SlamConfig(), background=True)
 
@@ -172,10 +172,10 @@ def test_a_mapper_that_dies_is_replaced_and_the_map_goes_on() -> None:
 def test_the_mapper_dies_with_a_killed_tracker() -> None:
     code = (
         'import time\n'
-        'from rgbd_slam.config import SlamConfig\n'
-        'from rgbd_slam.frame import StereoCamera\n'
-        'from rgbd_slam.map import SlamMap\n'
-        'from rgbd_slam.mapper_process import MapperProcess\n'
+        'from rgbd_slam.config.slam_config import SlamConfig\n'
+        'from rgbd_slam.model.frame import StereoCamera\n'
+        'from rgbd_slam.model.atlas import SlamMap\n'
+        'from rgbd_slam.processes.mapper_process import MapperProcess\n'
         'camera = StereoCamera(500.0, 500.0, 320.0, 240.0, 40.0, 0.3, 0.0, (0.0,) * 4)\n'
         'if __name__ == "__main__":\n'
         '    link = MapperProcess(camera, SlamMap(1.2, 8), SlamConfig())\n'

@@ -7,18 +7,18 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.alignment import Alignment, align_image
-from rgbd_slam.config import SlamConfig, TrackingConfig
-from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.landmarks import read_by_frame, seen_by_frame
-from rgbd_slam.map import SlamMap
-from rgbd_slam.matching import match_by_descriptor
-from rgbd_slam.pose_optimizer import PoseEstimate, covariance
+from rgbd_slam.config.slam_config import SlamConfig, TrackingConfig
+from rgbd_slam.matching.landmarks import read_by_frame, seen_by_frame
+from rgbd_slam.matching.matching import match_by_descriptor
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
+from rgbd_slam.optimize.alignment import Alignment, align_image
+from rgbd_slam.optimize.pose_optimizer import PoseEstimate, covariance
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracked_frame import TrackedFrame, tracked_frame
-from rgbd_slam.tracker import Tracker
-from rgbd_slam.tracking_result import TrackingState
+from rgbd_slam.tracking.tracker import Tracker
+from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA as MODEL
 from .world import PERIOD_NS, World, position_errors_m, sway
@@ -72,7 +72,7 @@ def test_the_samples_tried_follow_the_seed(monkeypatch: pytest.MonkeyPatch) -> N
         states.append(args[-1].bit_generator.state['state'])
         return align_image(*args)
 
-    monkeypatch.setattr('rgbd_slam.tracker.align_image', noted)
+    monkeypatch.setattr('rgbd_slam.tracking.tracker.align_image', noted)
     for seed in (0, 1, 1):
         world, slam = World(), RgbdSlam(MODEL, SlamConfig(seed=seed))
         for n, pose in enumerate((np.eye(4), turned)):

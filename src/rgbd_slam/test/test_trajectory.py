@@ -7,8 +7,8 @@ import tracemalloc
 import numpy as np
 
 from hoid_common import se3
-from rgbd_slam.keyframes import KeyframeTable
-from rgbd_slam.trajectory import TrajectoryRecorder
+from rgbd_slam.model.keyframes import KeyframeTable
+from rgbd_slam.model.trajectory import TrajectoryRecorder
 
 MANY = 5000
 

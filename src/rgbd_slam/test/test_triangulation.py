@@ -5,19 +5,19 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray
-from rgbd_slam.config import CameraConfig, SlamConfig, TriangulationConfig
-from rgbd_slam.frame import Frame, StereoCamera
-from rgbd_slam.keyframes import NO_POINT
-from rgbd_slam.map import SlamMap
-from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking_result import TrackingState
-from rgbd_slam.triangulation import (
+from rgbd_slam.config.slam_config import CameraConfig, SlamConfig, TriangulationConfig
+from rgbd_slam.local_mapping.triangulation import (
     TwoViews,
     depth_from_parallax,
     epipolar_segments,
     fits_both,
     triangulate_with_neighbours,
 )
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA as MODEL
 from .world import PERIOD_NS, World, position_errors_m, sway

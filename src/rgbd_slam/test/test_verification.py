@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
-from rgbd_slam.geometric_verification import PlaceStatus, PlaceVerifier
-from rgbd_slam.map import SlamMap
-from rgbd_slam.place_config import VerificationConfig
-from rgbd_slam.visibility import chance_found, visibility
+from rgbd_slam.config.place_config import VerificationConfig
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.places.geometric_verification import PlaceStatus, PlaceVerifier
+from rgbd_slam.places.visibility import chance_found, visibility
 
 from .ring_world import CAMERA, RingWorld, mapped, ring_poses
 

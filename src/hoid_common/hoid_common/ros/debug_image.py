@@ -6,7 +6,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from hoid_common.ros import conversions, qos, topics
+from hoid_common import topics
+from hoid_common.ros import conversions, qos
 from hoid_common.values import ByteArray
 
 _JPEG_QUALITY = 80

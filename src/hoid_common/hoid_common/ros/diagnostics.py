@@ -11,9 +11,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from hoid_common import topics
 from hoid_common.errors import HoidError
 from hoid_common.input_watch import InputWatch
-from hoid_common.ros import qos, topics
+from hoid_common.ros import qos
 from hoid_common.throttle import Throttle
 
 _PERIOD_S = 1.0

@@ -5,8 +5,9 @@ from __future__ import annotations
 from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
+from hoid_common import topics
 from hoid_common.errors import MessageError
-from hoid_common.ros import qos, topics
+from hoid_common.ros import qos
 from hoid_common.ros.conversions import transform_from_msg, transform_to_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.static_frames import StaticFrames

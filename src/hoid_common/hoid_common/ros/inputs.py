@@ -10,9 +10,10 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image
 
+from hoid_common import topics
 from hoid_common.errors import HoidError
 from hoid_common.input_config import InputConfig
-from hoid_common.ros import qos, topics
+from hoid_common.ros import qos
 from hoid_common.ros.diagnostics import Diagnostics
 
 __all__ = ['InputConfig', 'Inputs']

@@ -15,21 +15,21 @@ from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
-from hoid_bags.trajectory_io import write_tum
+from hoid_common import topics
 from hoid_common.errors import InputError
-from hoid_common.files import unwritable
-from hoid_common.ros import topics
+from hoid_common.io.files import unwritable
+from hoid_common.io.trajectory_io import write_tum
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import IntArray
-from rgbd_slam import map_file
-from rgbd_slam.dense.dense_mapper import StoredView
-from rgbd_slam.dense_state import DenseState
-from rgbd_slam.map_directory import map_path, path_in
-from rgbd_slam.map_file import MapFile
-from rgbd_slam.node_config import SlamNodeConfig
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.map_directory import map_path, path_in
+from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.ros.answers import answered
 from rgbd_slam.ros.between_messages import BetweenMessages
-from rgbd_slam.ros.room_link import RoomLink
+from rgbd_slam.ros.scene_link import RoomLink
+from rgbd_slam.scene.dense_mapper import StoredView
+from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.session import SlamSession
 
 T = TypeVar('T')

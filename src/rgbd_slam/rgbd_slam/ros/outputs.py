@@ -9,11 +9,12 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from hoid_common.ros import conversions, qos, topics
+from hoid_common import topics
+from hoid_common.ros import conversions, qos
 from hoid_common.ros.conversions.slam import keyframes_to_msg, slam_status_to_msg
 from hoid_common.ros.frame_tree import TransformPublisher
-from rgbd_slam.frames import RobotPose
-from rgbd_slam.node_config import FrameConfig
+from rgbd_slam.config.node_config import FrameConfig
+from rgbd_slam.robot_frames import RobotPose
 from rgbd_slam.session import Processed, SlamSession
 
 

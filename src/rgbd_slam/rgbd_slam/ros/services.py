@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from hoid_common.ros import topics
+from hoid_common import topics
 from rgbd_slam.ros.answers import answered
 from rgbd_slam.session import SlamSession
 

@@ -6,7 +6,7 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
-from hoid_common.camera_info import camera_from_info
+from hoid_common.io.camera_info import camera_from_info
 from hoid_common.values import CameraModel
 
 

@@ -1,12 +1,12 @@
-"""Colour and depth pictures; the pixels themselves are `hoid_common.images`' matter."""
+"""Colour and depth pictures; the pixels themselves are `hoid_common.io.images`' matter."""
 
 from __future__ import annotations
 
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from hoid_common import images
 from hoid_common.errors import MessageError
+from hoid_common.io import images
 from hoid_common.ros.conversions.arrays import bytes_field
 from hoid_common.values import ByteArray, Float32Array
 

@@ -1,0 +1,158 @@
+"""The suite's values as messages of a bag, and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_bags.bag import bag_types as types
+from hoid_bags.bag.bag_types import Message, new_message
+from hoid_common import se3
+from hoid_common.values import NS_PER_S, CameraModel, Detections, FloatArray
+
+CAMERA_FRAME = 'camera_color_optical_frame'
+"""Frame of both images: depth is registered to colour."""
+IMU_FRAME = 'camera_imu_frame'
+WORLD_FRAME = 'world'
+"""Fixed frame of the ground truth."""
+
+
+def header(stamp_ns: int, frame_id: str) -> Message:
+    """Return a std_msgs/Header."""
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
+    stamp = new_message('builtin_interfaces/msg/Time', sec=sec, nanosec=nanosec)
+    return new_message('std_msgs/msg/Header', stamp=stamp, frame_id=frame_id)
+
+
+def stamp_ns(message: Message) -> int:
+    """Return the stamp of a message with a header."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def image(stamp_ns: int, pixels: NDArray[Any], encoding: str) -> Message:
+    """Return a sensor_msgs/Image of (H, W) or (H, W, 3) pixels, whatever their type."""
+    rows = np.ascontiguousarray(pixels)
+    return new_message(
+        types.IMAGE,
+        header=header(stamp_ns, CAMERA_FRAME),
+        height=rows.shape[0],
+        width=rows.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        step=rows.strides[0],
+        data=rows.reshape(-1).view(np.uint8),
+    )
+
+
+def compressed_image(stamp_ns: int, data: bytes, format_: str) -> Message:
+    """Return a sensor_msgs/CompressedImage."""
+    return new_message(
+        types.COMPRESSED_IMAGE,
+        header=header(stamp_ns, CAMERA_FRAME),
+        format=format_,
+        data=np.frombuffer(data, np.uint8),
+    )
+
+
+def camera_info(stamp_ns: int, camera: CameraModel) -> Message:
+    """Return the sensor_msgs/CameraInfo of a camera whose images are not rectified."""
+    distortion = camera.distortion or (0.0,) * 5
+    roi = new_message(
+        'sensor_msgs/msg/RegionOfInterest',
+        x_offset=0,
+        y_offset=0,
+        height=0,
+        width=0,
+        do_rectify=False,
+    )
+    return new_message(
+        types.CAMERA_INFO,
+        header=header(stamp_ns, CAMERA_FRAME),
+        height=camera.height_px,
+        width=camera.width_px,
+        distortion_model=camera.distortion_model,
+        d=np.array(distortion, np.float64),
+        k=camera.matrix.ravel(),
+        r=np.eye(3).ravel(),
+        p=np.hstack([camera.matrix, np.zeros((3, 1))]).ravel(),
+        binning_x=0,
+        binning_y=0,
+        roi=roi,
+    )
+
+
+def pose_stamped(stamp_ns: int, T_world_camera: FloatArray) -> Message:
+    """Return the geometry_msgs/PoseStamped of a (4, 4) pose."""
+    x, y, z = T_world_camera[:3, 3].tolist()
+    qx, qy, qz, qw = se3.quat_xyzw_from_rotation(T_world_camera[:3, :3]).tolist()
+    pose = new_message(
+        'geometry_msgs/msg/Pose',
+        position=new_message('geometry_msgs/msg/Point', x=x, y=y, z=z),
+        orientation=new_message('geometry_msgs/msg/Quaternion', x=qx, y=qy, z=qz, w=qw),
+    )
+    return new_message(types.POSE_STAMPED, header=header(stamp_ns, WORLD_FRAME), pose=pose)
+
+
+def pose_from_message(message: Message) -> FloatArray:
+    """Return the (4, 4) pose of a geometry_msgs/PoseStamped."""
+    p, q = message.pose.position, message.pose.orientation
+    return se3.from_quat_translation(np.array([q.x, q.y, q.z, q.w]), np.array([p.x, p.y, p.z]))
+
+
+def imu(stamp_ns: int, acceleration_mps2: FloatArray) -> Message:
+    """Return the sensor_msgs/Imu of an accelerometer alone; -1 marks what it does not measure."""
+    unknown = np.array([-1.0, *[0.0] * 8])
+    ax, ay, az = acceleration_mps2.tolist()
+    return new_message(
+        types.IMU,
+        header=header(stamp_ns, IMU_FRAME),
+        orientation=new_message('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0),
+        orientation_covariance=unknown,
+        angular_velocity=new_message('geometry_msgs/msg/Vector3', x=0.0, y=0.0, z=0.0),
+        angular_velocity_covariance=unknown,
+        linear_acceleration=new_message('geometry_msgs/msg/Vector3', x=ax, y=ay, z=az),
+        linear_acceleration_covariance=np.zeros(9),
+    )
+
+
+def detection_array(detections: Detections, camera: CameraModel) -> Message:
+    """Return the hoid_msgs/DetectionArray of detections without a network's time or class ids."""
+    boxes = detections.boxes_xyxy_px.tolist()
+    entries = [
+        new_message(
+            'hoid_msgs/msg/Detection',
+            class_name=name,
+            class_id=-1,
+            score=score,
+            x_min=box[0],
+            y_min=box[1],
+            x_max=box[2],
+            y_max=box[3],
+        )
+        for name, score, box in zip(
+            detections.class_names, detections.scores.tolist(), boxes, strict=True
+        )
+    ]
+    return new_message(
+        types.DETECTION_ARRAY,
+        header=header(detections.stamp_ns, CAMERA_FRAME),
+        image_width=camera.width_px,
+        image_height=camera.height_px,
+        inference_ms=0.0,
+        detections=entries,
+    )
+
+
+def detections_from_message(message: Message) -> Detections:
+    """Return the detections of a hoid_msgs/DetectionArray."""
+    entries = message.detections
+    boxes = [(d.x_min, d.y_min, d.x_max, d.y_max) for d in entries]
+    return Detections(
+        stamp_ns(message),
+        np.array(boxes, np.float32).reshape(-1, 4),
+        tuple(d.class_name for d in entries),
+        np.array([d.score for d in entries], np.float32),
+    )

@@ -1,0 +1,178 @@
+"""A bag as a `Sequence` of frames."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.bag_source import BagTopic
+from hoid_bags.bag.bag_topics import RecordedTopics, find_topics
+from hoid_bags.images import check_size, check_whole
+from hoid_bags.tum.association import associate
+from hoid_common.errors import InputError, MessageError
+from hoid_common.io import images
+from hoid_common.io.camera_info import camera_from_info
+from hoid_common.values import (
+    NS_PER_S,
+    ByteArray,
+    CameraModel,
+    Detections,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    RgbdFrame,
+    Trajectory,
+)
+
+_LITTLE, _BIG = struct.Struct('<iI'), struct.Struct('>iI')
+_CDR_HEADER_BYTES = 4
+
+
+def header_stamp_ns(data: bytes) -> int:
+    """Return the stamp of a serialised message that begins with a header, without the rest."""
+    layout = _LITTLE if data[1] else _BIG
+    sec, nanosec = layout.unpack_from(data, _CDR_HEADER_BYTES)
+    return int(sec) * NS_PER_S + int(nanosec)
+
+
+class BagSequence:
+    """The pairs of images of a bag; everything but the images is read at once."""
+
+    def __init__(self, path: Path, camera: CameraModel | None = None) -> None:
+        """Open a bag.
+
+        Args:
+            path: Of the bag.
+            camera: Instead of the bag's own `camera_info`.
+
+        Raises:
+            InputError: no bag, no RGB-D recording, or stamps that go backwards.
+        """
+        self.path = path
+        self.name = path.resolve().name
+        with BagReader(path) as reader:
+            self.topics = find_topics(reader)
+            index = _Index(reader, self.topics)
+            self.fault = reader.fault
+        camera = camera or index.camera
+        if camera is None:
+            raise InputError(f'{path}: has no camera_info of the colour images; give --camera')
+        self.camera = camera
+        self.ground_truth = index.ground_truth
+        self.true_detections: Mapping[int, Detections] | None = index.true_detections
+        pairs = associate(index.color_ns, index.depth_ns)
+        self.depth_of_color = {
+            int(index.color_ns[i]): int(index.depth_ns[j]) for i, j in pairs.tolist()
+        }
+        """Stamp of each paired colour image to that of its depth image, ns, in order of time."""
+        if not self.depth_of_color:
+            raise InputError(f'{path}: no colour and depth images within 0.02 s of each other')
+
+    def __len__(self) -> int:
+        return len(self.depth_of_color)
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        color_name, depth_name = self.topics.color.name, self.topics.depth.name
+        wanted_depth = set(self.depth_of_color.values())
+        waiting = iter(self.depth_of_color.items())
+        color_ns, depth_ns = next(waiting)
+        color: dict[int, bytes] = {}
+        depth: dict[int, bytes] = {}
+        with BagReader(self.path) as reader:
+            for message in reader.messages([color_name, depth_name]):
+                stamp_ns = header_stamp_ns(message.data)
+                if message.topic == color_name and stamp_ns in self.depth_of_color:
+                    color[stamp_ns] = message.data
+                elif message.topic == depth_name and stamp_ns in wanted_depth:
+                    depth[stamp_ns] = message.data
+                while color_ns in color and depth_ns in depth:
+                    yield self._frame(color_ns, color.pop(color_ns), depth.pop(depth_ns))
+                    color_ns, depth_ns = next(waiting, (-1, -1))
+
+    def _frame(self, stamp_ns: int, color: bytes, depth: bytes) -> RgbdFrame:
+        topic = self.topics.color
+        try:
+            image_bgr = decode_color(color, topic)
+            check_size(image_bgr, self.camera, topic.name)
+            topic = self.topics.depth
+            depth_m = decode_depth(depth, topic)
+            check_size(depth_m, self.camera, topic.name)
+        except (MessageError, InputError) as error:
+            raise InputError(f'{self.path}: {topic.name} at {stamp_ns} ns: {error}') from error
+        return RgbdFrame(stamp_ns, image_bgr, depth_m)
+
+
+def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
+    """Return the (H, W, 3) BGR picture of a serialised colour message."""
+    message = bag_types.deserialize(data, topic.type_name)
+    if topic.type_name == bag_types.IMAGE:
+        return images.decode_color(message)
+    check_whole(message.data.tobytes(), topic.name)
+    return images.decode_compressed_color(message.data)
+
+
+def decode_depth(data: bytes, topic: BagTopic) -> Float32Array:
+    """Return the (H, W) metres of a serialised depth message."""
+    message = bag_types.deserialize(data, topic.type_name)
+    if topic.type_name == bag_types.IMAGE:
+        return images.decode_depth(message)
+    return images.decode_compressed_depth(message.format, message.data)
+
+
+class _Index:
+    """What one pass over a bag finds: stamps, camera, truth."""
+
+    def __init__(self, reader: BagReader, found: RecordedTopics) -> None:
+        self.camera: CameraModel | None = None
+        stamps: dict[str, list[int]] = {found.color.name: [], found.depth.name: []}
+        poses: dict[int, FloatArray] = {}
+        detections: dict[int, Detections] = {}
+        by_name = {topic.name: topic for topic in found if topic is not None}
+        for topic_name, _, data in reader.messages(list(by_name)):
+            topic = by_name[topic_name]
+            if topic_name in stamps:
+                stamps[topic_name].append(header_stamp_ns(data))
+            elif topic == found.camera_info:
+                self.camera = self.camera or _camera(data, topic, reader.path)
+            elif topic == found.ground_truth:
+                pose = bag_types.deserialize(data, topic.type_name)
+                poses[bag_messages.stamp_ns(pose)] = bag_messages.pose_from_message(pose)
+            else:
+                boxes = bag_messages.detections_from_message(
+                    bag_types.deserialize(data, topic.type_name)
+                )
+                detections[boxes.stamp_ns] = boxes
+        self.color_ns = _increasing(reader.path, found.color.name, stamps[found.color.name])
+        self.depth_ns = _increasing(reader.path, found.depth.name, stamps[found.depth.name])
+        self.true_detections = detections if found.true_detections else None
+        self.ground_truth = _trajectory(poses) if found.ground_truth else None
+
+
+def _camera(data: bytes, topic: BagTopic, path: Path) -> CameraModel:
+    try:
+        return camera_from_info(bag_types.deserialize(data, topic.type_name))
+    except MessageError as error:
+        raise InputError(f'{path}: {topic.name}: {error}') from error
+
+
+def _increasing(path: Path, topic: str, stamps_ns: list[int]) -> IntArray:
+    array = np.array(stamps_ns, np.int64)
+    backwards = np.flatnonzero(np.diff(array) <= 0)
+    if len(backwards):
+        i = int(backwards[0]) + 1
+        raise InputError(
+            f'{path}: {topic}: stamp {array[i]} ns of message {i + 1} is not after the one before'
+            f' it ({array[i - 1]} ns); record again'
+        )
+    return array
+
+
+def _trajectory(poses: dict[int, FloatArray]) -> Trajectory:
+    stamps_ns = sorted(poses)
+    stacked = np.array([poses[stamp_ns] for stamp_ns in stamps_ns]).reshape(-1, 4, 4)
+    return Trajectory(np.array(stamps_ns, np.int64), stacked)

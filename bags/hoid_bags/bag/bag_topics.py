@@ -1,0 +1,114 @@
+"""Which topics of a bag are the colour images, the depth images and so on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from hoid_bags.bag import bag_types as types
+from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.bag_source import BagTopic
+from hoid_common import topics
+from hoid_common.errors import InputError
+from hoid_common.io.images import DEPTH_ENCODINGS
+
+_COLOR_WORDS = ('rgb', 'color', 'colour')
+_REGISTERED_WORDS = ('aligned', 'registered', 'to_color', 'to_rgb')
+_SUFFIXES = ('/compressedDepth', '/compressed')
+_IMAGES = (types.IMAGE, types.COMPRESSED_IMAGE)
+
+
+class RecordedTopics(NamedTuple):
+    """The topics of an RGB-D recording in a bag."""
+
+    color: BagTopic
+    depth: BagTopic
+    camera_info: BagTopic | None
+    ground_truth: BagTopic | None
+    true_detections: BagTopic | None
+
+
+def find_topics(reader: BagReader) -> RecordedTopics:
+    """Return the topics of a bag, by the suite's names in any namespace, else by type and content.
+
+    Raises:
+        InputError: images of a kind are missing, or there are several that could be meant.
+    """
+    filled = [topic for topic in reader.topics if topic.num_messages]
+    images = [topic for topic in filled if topic.type_name in _IMAGES]
+    is_depth = {topic.name: _is_depth(reader, topic) for topic in images}
+    color = _choose(
+        reader,
+        'colour',
+        topics.RGB_IMAGE,
+        _COLOR_WORDS,
+        [t for t in images if not is_depth[t.name]],
+    )
+    depth = _choose(
+        reader,
+        'depth',
+        topics.DEPTH_IMAGE,
+        _REGISTERED_WORDS,
+        [t for t in images if is_depth[t.name]],
+    )
+    return RecordedTopics(
+        color,
+        depth,
+        _camera_info(color, [t for t in filled if t.type_name == types.CAMERA_INFO]),
+        _named(filled, topics.GROUND_TRUTH, types.POSE_STAMPED),
+        _named(filled, topics.TRUE_DETECTIONS, types.DETECTION_ARRAY),
+    )
+
+
+def base_name(topic: str) -> str:
+    """Return an image topic's name without image_transport's suffix."""
+    for suffix in _SUFFIXES:
+        topic = topic.removesuffix(suffix)
+    return topic
+
+
+def _is_depth(reader: BagReader, topic: BagTopic) -> bool:
+    first = next(reader.messages([topic.name]), None)
+    if first is None:
+        return False
+    message = types.deserialize(first.data, topic.type_name)
+    if topic.type_name == types.IMAGE:
+        return message.encoding in DEPTH_ENCODINGS
+    return 'compressedDepth' in message.format
+
+
+def _choose(
+    reader: BagReader, kind: str, name: str, words: Sequence[str], found: list[BagTopic]
+) -> BagTopic:
+    """Return a kind's topic: by its name, else the only one, else the only one with a word."""
+    if not found:
+        raise InputError(f'{reader.path}: has no {kind} images')
+    tests: tuple[Callable[[BagTopic], bool], ...] = (
+        lambda topic: _is_called(base_name(topic.name), name),
+        lambda _: True,
+        lambda topic: any(word in topic.name.lower() for word in words),
+    )
+    for test in tests:
+        passed = [topic for topic in found if test(topic)]
+        if passed and len({base_name(topic.name) for topic in passed}) == 1:
+            return min(passed, key=lambda topic: topic.type_name != types.IMAGE)
+    names = ', '.join(topic.name for topic in found)
+    raise InputError(
+        f'{reader.path}: which topic is {kind}: {names}? record it as "{name}" or alone'
+    )
+
+
+def _camera_info(color: BagTopic, found: list[BagTopic]) -> BagTopic | None:
+    """Return the camera of the colour images: beside them, else the only one there is."""
+    beside = base_name(color.name).rpartition('/')[0] + '/camera_info'
+    at_place = [topic for topic in found if topic.name == beside]
+    return at_place[0] if at_place else found[0] if len(found) == 1 else None
+
+
+def _named(found: list[BagTopic], name: str, type_name: str) -> BagTopic | None:
+    matching = [t for t in found if t.type_name == type_name and _is_called(t.name, name)]
+    return matching[0] if len(matching) == 1 else None
+
+
+def _is_called(topic: str, name: str) -> bool:
+    return topic.endswith(f'/{name}')

@@ -1,0 +1,112 @@
+"""Message types of bags, known without ROS: Jazzy's, the suite's, and any with a .msg file."""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.base import TypesysError
+from rosbags.typesys.store import Typestore
+
+from hoid_common.errors import InputError
+
+Message: TypeAlias = Any
+"""A message object of the type store; its class is generated at run time."""
+
+IMAGE = 'sensor_msgs/msg/Image'
+COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+IMU = 'sensor_msgs/msg/Imu'
+POSE_STAMPED = 'geometry_msgs/msg/PoseStamped'
+DETECTION_ARRAY = 'hoid_msgs/msg/DetectionArray'
+
+_WORKSPACE_SOURCES = Path(__file__).resolve().parents[3] / 'src'
+
+
+@lru_cache
+def shared_typestore() -> Typestore:
+    """Return the store of this process; `ensure_type` adds to it."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def ensure_type(type_name: str) -> None:
+    """Make a type such as `hoid_msgs/msg/Detection` known to the store, with all it contains.
+
+    Raises:
+        InputError: no .msg file of this name, or one that cannot be understood.
+    """
+    store = shared_typestore()
+    if type_name in store.fielddefs:
+        return
+    path = _find_definition(type_name)
+    try:
+        types = get_types_from_msg(path.read_text(encoding='utf-8'), type_name)
+        for contained in sorted(_named_types(types[type_name][1]) - {type_name}):
+            ensure_type(contained)
+        store.register(types)
+    except TypesysError as error:
+        raise InputError(f'{path}: not a message definition: {error}') from error
+
+
+def new_message(type_name: str, /, **fields: Any) -> Message:
+    """Return a message with every field given; uint8 arrays as (N,) numpy arrays."""
+    ensure_type(type_name)
+    return shared_typestore().types[type_name](**fields)
+
+
+def serialize(message: Message, type_name: str) -> memoryview:
+    """Return the CDR bytes of a message."""
+    return shared_typestore().serialize_cdr(message, type_name)
+
+
+def deserialize(data: bytes | memoryview, type_name: str) -> Message:
+    """Return the message of CDR bytes; arrays are numpy views of them."""
+    ensure_type(type_name)
+    return shared_typestore().deserialize_cdr(data, type_name)
+
+
+def message_class(topic: str, type_name: str) -> Any:
+    """Return the class that rclpy publishes a type with.
+
+    Raises:
+        InputError: it is not built here.
+    """
+    package, _, name = type_name.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
+        raise InputError(
+            f'topic "{topic}" has type "{type_name}", which is not known here;'
+            ' build and source its package, or choose other topics with --topics'
+        ) from error
+
+
+def _find_definition(type_name: str) -> Path:
+    package, _, name = type_name.partition('/msg/')
+    prefixes = [p for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
+    shares = [Path(prefix) / 'share' for prefix in (*prefixes, sys.prefix)]
+    for folder in (*shares, _WORKSPACE_SOURCES):
+        path = folder / package / 'msg' / f'{name}.msg'
+        if package and name and path.is_file():
+            return path
+    raise InputError(
+        f'message type "{type_name}" is not known here; build and source its package, or leave'
+        ' its topic out'
+    )
+
+
+def _named_types(fields: Any) -> set[str]:
+    """Return the types that a definition's fields refer to, at any depth of arrays."""
+    found: set[str] = set()
+    for _, (node, detail) in fields:
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            found |= _named_types([('', detail[0])])
+        elif node == Nodetype.NAME:
+            found.add(detail)
+    return found

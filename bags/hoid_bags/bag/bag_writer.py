@@ -1,0 +1,137 @@
+"""Bags that appear only when they are complete."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from hoid_bags.bag.bag_types import Message, ensure_type, serialize, shared_typestore
+from hoid_common.errors import InputError
+from hoid_common.io.files import unwritable
+
+_METADATA_VERSION: Final = 9  # what Jazzy's rosbag2 writes
+_FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it
+
+
+def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
+    """Return the QoS that `ros2 bag play` offers a topic with."""
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=depth,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=_FOREVER,
+        lifespan=_FOREVER,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_FOREVER,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+class BagWriter:
+    """Write an MCAP bag; a context manager.
+
+    Messages go into a hidden folder beside the bag. It takes the bag's name on success; on any
+    exception it is removed, so that what was cut off never looks like a bag.
+    """
+
+    def __init__(self, path: Path, *, compress: bool = False) -> None:
+        """Prepare to write.
+
+        Args:
+            path: Of the bag's folder.
+            compress: Whether to pack the chunks with zstd.
+
+        Raises:
+            InputError: Something of this name is already there, or the folder cannot be made.
+        """
+        if path.exists():
+            raise InputError(f'{path}: exists already; remove it or choose another name')
+        self.path = path
+        self._compress = compress
+        self._connections: dict[str, Connection] = {}
+
+    def __enter__(self) -> Self:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._folder = Path(
+                tempfile.mkdtemp(prefix=f'.{self.path.name}.partial-', dir=self.path.parent)
+            )
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+        with ExitStack() as undo:
+            undo.callback(shutil.rmtree, self._folder, ignore_errors=True)
+            # Named as the bag will be: the .mcap file takes its folder's name.
+            self._writer = Writer(
+                self._folder / self.path.name,
+                version=_METADATA_VERSION,
+                storage_plugin=StoragePlugin.MCAP,
+            )
+            if self._compress:
+                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            try:
+                self._writer.open()
+            except OSError as error:
+                raise unwritable(self.path, error) from error
+            undo.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            self._writer.__exit__(kind, error, trace)
+            if error is None:
+                (self._folder / self.path.name).rename(self.path)
+        except OSError as cause:
+            raise unwritable(self.path, cause) from cause
+        finally:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def add_topic(self, topic: str, type_name: str, qos: Qos | None = None) -> None:
+        """Announce a topic; relative names become absolute, as in bags of `ros2 bag record`.
+
+        Raises:
+            InputError: the type's definition is not known.
+        """
+        ensure_type(type_name)
+        self._connections[topic] = self._writer.add_connection(
+            f'/{topic.lstrip("/")}',
+            type_name,
+            typestore=shared_typestore(),
+            offered_qos_profiles=[qos or reliable_qos()],
+        )
+
+    def write(self, topic: str, stamp_ns: int, message: Message) -> None:
+        """Write a message of an announced topic.
+
+        Raises:
+            InputError: the disk is full or otherwise refuses.
+        """
+        connection = self._connections[topic]
+        self.write_serialized(topic, stamp_ns, serialize(message, connection.msgtype))
+
+    def write_serialized(self, topic: str, stamp_ns: int, data: bytes | memoryview) -> None:
+        """Write the CDR bytes of a message of an announced topic; errors as `write`."""
+        try:
+            self._writer.write(self._connections[topic], stamp_ns, data)
+        except OSError as error:
+            raise unwritable(self.path, error) from error

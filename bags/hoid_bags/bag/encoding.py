@@ -1,0 +1,162 @@
+"""Image files to image messages; nothing of the depth is lost unless that is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_bags.bag import bag_messages
+from hoid_bags.bag.bag_types import COMPRESSED_IMAGE, IMAGE, Message
+from hoid_bags.images import (
+    DepthUnits,
+    check_size,
+    decode_color,
+    decode_depth,
+    depth_m_from_units,
+    is_jpeg,
+    is_png,
+    read_image_bytes,
+)
+from hoid_bags.tum.tum_folder import ListedImage
+from hoid_common import topics
+from hoid_common.errors import InputError
+from hoid_common.io import images
+from hoid_common.values import CameraModel
+
+RAW, PNG, JPEG = 'raw', 'png', 'jpeg'
+
+_COLOR_FORMATS = {JPEG: images.JPEG_FORMAT, PNG: images.PNG_FORMAT}
+_MAX_MM = np.iinfo(np.uint16).max
+
+
+@dataclass(frozen=True)
+class ColorEncoder:
+    """Makes the messages of colour image files."""
+
+    camera: CameraModel
+    encoding: str  # RAW, PNG or JPEG
+    jpeg_quality: int
+
+    @property
+    def topic(self) -> str:
+        """Return the topic, by image_transport's convention."""
+        raw = self.encoding == RAW
+        return topics.RGB_IMAGE if raw else topics.compressed(topics.RGB_IMAGE)
+
+    @property
+    def type_name(self) -> str:
+        """Return the type of the messages."""
+        return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
+
+    def message(self, listed: ListedImage) -> Message:
+        """Return the message of a file; a JPEG or PNG that is asked for as such stays as it is.
+
+        Raises:
+            InputError: the file is truncated, no image or of another size.
+        """
+        data = read_image_bytes(listed.path)
+        image_bgr = decode_color(data, listed.path)
+        check_size(image_bgr, self.camera, listed.path)
+        if self.encoding == RAW:
+            return bag_messages.image(listed.stamp_ns, image_bgr, 'bgr8')
+        if self.encoding == JPEG and not is_jpeg(data):
+            data = images.encode_jpeg(image_bgr, self.jpeg_quality)
+        if self.encoding == PNG and not is_png(data):
+            data = cv2.imencode('.png', image_bgr)[1].tobytes()
+        return bag_messages.compressed_image(listed.stamp_ns, data, _COLOR_FORMATS[self.encoding])
+
+
+@dataclass(frozen=True)
+class DepthEncoder:
+    """Makes the messages of depth image files: 16UC1 in mm or 32FC1 in m (REP 118)."""
+
+    camera: CameraModel
+    encoding: str  # RAW or PNG
+    units_per_m: float
+    in_mm: bool
+
+    @property
+    def topic(self) -> str:
+        """Return the topic, by image_transport's convention."""
+        raw = self.encoding == RAW
+        return topics.DEPTH_IMAGE if raw else topics.compressed_depth(topics.DEPTH_IMAGE)
+
+    @property
+    def type_name(self) -> str:
+        """Return the type of the messages."""
+        return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
+
+    def message(self, listed: ListedImage) -> Message:
+        """Return the message of a file.
+
+        Raises:
+            InputError: the file is truncated, no 16-bit grey image, or of another size.
+        """
+        data = read_image_bytes(listed.path)
+        units = decode_depth(data, listed.path)
+        check_size(units, self.camera, listed.path)
+        if not self.in_mm:
+            depth_m = depth_m_from_units(units, self.units_per_m)
+            return bag_messages.image(listed.stamp_ns, depth_m, '32FC1')
+        if self.encoding == RAW:
+            depth_mm = mm_from_units(units, self.units_per_m)
+            return bag_messages.image(listed.stamp_ns, depth_mm, '16UC1')
+        if self.units_per_m == images.MM_PER_M:
+            packed = images.compressed_depth_of_png(data)
+        else:
+            packed = images.encode_compressed_depth(mm_from_units(units, self.units_per_m))
+        return bag_messages.compressed_image(
+            listed.stamp_ns, packed, images.COMPRESSED_DEPTH_FORMAT
+        )
+
+
+def mm_from_units(units: DepthUnits, units_per_m: float) -> NDArray[np.uint16]:
+    """Return the nearest millimetres of (H, W) depth; what does not fit becomes "no reading"."""
+    depth_mm = np.rint(units * (images.MM_PER_M / units_per_m))
+    return np.where(depth_mm <= _MAX_MM, depth_mm, 0).astype(np.uint16)
+
+
+def first_not_whole_mm(listed: Iterable[ListedImage], units_per_m: float) -> Path | None:
+    """Return the first depth file with a value that is not whole mm up to 65.535 m, or None.
+
+    Raises:
+        InputError: a file is truncated or no 16-bit grey image.
+    """
+    if units_per_m == images.MM_PER_M:
+        return None
+    for image in listed:
+        values = np.unique(decode_depth(read_image_bytes(image.path), image.path))
+        depth_mm = values * (images.MM_PER_M / units_per_m)
+        exact = np.rint(depth_mm) * (units_per_m / images.MM_PER_M) == values
+        if not exact.all() or depth_mm.max(initial=0) > _MAX_MM:
+            return image.path
+    return None
+
+
+def choose_depth_encoder(
+    listed: tuple[ListedImage, ...],
+    camera: CameraModel,
+    encoding: str,
+    units_per_m: float,
+    *,
+    round_to_mm: bool,
+) -> DepthEncoder:
+    """Return the encoder that loses nothing, or with `round_to_mm` the one for millimetres.
+
+    Raises:
+        InputError: PNG is asked for and would lose; or as `first_not_whole_mm`.
+    """
+    if round_to_mm:
+        return DepthEncoder(camera, encoding, units_per_m, in_mm=True)
+    odd_one = first_not_whole_mm(listed, units_per_m)
+    if odd_one is not None and encoding == PNG:
+        raise InputError(
+            f'{odd_one}: not in whole millimetres, which is all that compressed depth holds;'
+            ' use --depth raw, or --round-depth to lose up to 0.5 mm'
+        )
+    return DepthEncoder(camera, encoding, units_per_m, in_mm=odd_one is None)

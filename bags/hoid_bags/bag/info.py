@@ -1,0 +1,122 @@
+"""What is in a bag, in a few lines."""
+
+from __future__ import annotations
+
+from collections import Counter
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from hoid_bags.bag.bag_reader import BagReader
+from hoid_common.io.stamps import format_stamp_s
+from hoid_common.values import NS_PER_S
+
+_MB = 1e6
+
+
+class TopicSummary(NamedTuple):
+    """One topic in numbers."""
+
+    name: str
+    type_name: str
+    num_messages: int
+    rate_hz: float  # 0 with fewer than two messages
+    size_bytes: int | None = None  # of all messages, as they go over the wire; None: not counted
+
+    @property
+    def bytes_per_s(self) -> float | None:
+        """Return what the topic takes at its rate; None when sizes were not counted."""
+        if self.size_bytes is None or not self.num_messages:
+            return None
+        return self.size_bytes / self.num_messages * self.rate_hz
+
+
+class BagSummary(NamedTuple):
+    """A bag in numbers."""
+
+    path: Path
+    size_bytes: int
+    start_ns: int  # log time of the first message
+    end_ns: int  # of the last
+    topics: tuple[TopicSummary, ...]
+    fault: str | None
+
+    @property
+    def num_messages(self) -> int:
+        """Return the number of messages on all topics."""
+        return sum(topic.num_messages for topic in self.topics)
+
+    @property
+    def duration_s(self) -> float:
+        """Return the time from the first to the last message."""
+        return (self.end_ns - self.start_ns) / NS_PER_S
+
+
+def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
+    """Return a bag's summary.
+
+    Args:
+        path: Of the bag.
+        sizes: Count the bytes of each topic too, which reads the whole bag.
+
+    Raises:
+        InputError: no bag, or nothing of it can be read.
+    """
+    with BagReader(path) as reader:
+        size_of = _sizes_bytes(reader) if sizes else None
+        topics = tuple(
+            TopicSummary(
+                t.name,
+                t.type_name,
+                t.num_messages,
+                _rate_hz(reader, t.name, t.num_messages),
+                None if size_of is None else size_of[t.name],
+            )
+            for t in sorted(reader.topics)
+        )
+        start_ns, end_ns = reader.span_ns
+        files = list(path.iterdir()) if path.is_dir() else [path]
+        size = sum(file.stat().st_size for file in files)
+        return BagSummary(path, size, start_ns, end_ns, topics, reader.fault)
+
+
+def describe(summary: BagSummary) -> str:
+    """Return a summary as text."""
+    when = datetime.fromtimestamp(summary.start_ns // NS_PER_S, UTC)
+    lines = [
+        f'bag       {summary.path} ({summary.size_bytes / _MB:.1f} MB)',
+        f'start     {format_stamp_s(summary.start_ns)} ({when:%Y-%m-%d %H:%M:%S} UTC)',
+        f'duration  {summary.duration_s:.3f} s',
+        f'messages  {summary.num_messages}',
+    ]
+    rows: list[tuple[str, ...]] = [('topic', 'type', 'messages', 'rate', 'bandwidth')]
+    rows += [
+        (t.name, t.type_name, str(t.num_messages), f'{t.rate_hz:.2f} Hz', _bandwidth(t))
+        for t in summary.topics
+    ]
+    if all(t.size_bytes is None for t in summary.topics):
+        rows = [row[:-1] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for name, kind, *numbers in rows:
+        right = '  '.join(f'{n:>{w}}' for n, w in zip(numbers, widths[2:], strict=True))
+        lines.append(f'{name:<{widths[0]}}  {kind:<{widths[1]}}  {right}')
+    return '\n'.join(lines)
+
+
+def _bandwidth(topic: TopicSummary) -> str:
+    rate = topic.bytes_per_s
+    return '-' if rate is None else f'{rate / _MB:.3f} MB/s'
+
+
+def _sizes_bytes(reader: BagReader) -> Counter[str]:
+    sizes: Counter[str] = Counter()
+    for topic, _, data in reader.messages():
+        sizes[topic] += len(data)
+    return sizes
+
+
+def _rate_hz(reader: BagReader, topic: str, num_messages: int) -> float:
+    first_ns, last_ns = reader.topic_span_ns(topic)
+    if num_messages < 2 or last_ns <= first_ns:
+        return 0.0
+    return (num_messages - 1) * NS_PER_S / (last_ns - first_ns)

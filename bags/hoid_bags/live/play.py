@@ -1,0 +1,244 @@
+"""Play a bag on topics, in real time."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hoid_msgs.msg import SlamStatus
+from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+from rosgraph_msgs.msg import Clock
+from tqdm import tqdm
+
+from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bags.bag.bag_types import message_class
+from hoid_bags.live.keyboard import PAUSE_KEY, KeyPresses
+from hoid_bags.live.lockstep import LockstepGate
+from hoid_bags.live.playback import Cue, Pacer, PlayConfig, Score, open_score
+from hoid_bags.live.read_ahead import ReadAhead
+from hoid_bags.live.ros_session import live_name, ros_session, to_rclpy_qos
+from hoid_common import topics
+from hoid_common.errors import InputError
+from hoid_common.ros import qos
+from hoid_common.ros.conversions import stamp_from_msg, stamp_to_msg
+from hoid_common.values import NS_PER_S
+
+_LOG = logging.getLogger(__name__)
+_TICK_S = 0.01  # of the keyboard while nothing is due
+_CLOCK_PERIOD_S = 0.02  # real time; every /clock message costs every node on simulated time
+_SETTLE_S = 0.3  # a matched subscriber may need this long until it receives
+_SETTLE_LOCKSTEP_S = 1.0  # nobody answers to a frame that got lost
+_ACK_LIMIT = Duration(seconds=2)
+_BAR = '{l_bar}{bar}| {n:.1f}/{total_fmt} s [{elapsed}] {postfix}'
+
+
+def play(
+    path: Path,
+    config: PlayConfig | None = None,
+    *,
+    topic_names: tuple[str, ...] = (),
+    namespace: str = '',
+    min_subscribers: Mapping[str, int] | None = None,
+    show_progress: bool = False,
+) -> None:
+    """Play a bag to its end, or until a KeyboardInterrupt.
+
+    Args:
+        path: The bag.
+        config: How.
+        topic_names: What to play; empty means all.
+        namespace: Put before every topic but the global ones.
+        min_subscribers: Topics, as in the bag, that must find so many subscribers first.
+        show_progress: Whether to draw a progress bar on stderr.
+
+    Raises:
+        InputError: the bag cannot be played, or only in part; a type is not known; subscribers or
+            answers in lockstep do not come.
+    """
+    config = config or PlayConfig()
+    score = open_score(path, config, topic_names)
+    gate = LockstepGate(BagSequence(path)) if config.lockstep else None
+    with ros_session('hoid_play', namespace) as node, KeyPresses() as keys:
+        player = Player(node, score, config, keys, gate)
+        player.wait_for_subscribers(min_subscribers or {})
+        player.run(show_progress=show_progress)
+    if gate is not None and gate.num_unanswered:
+        _LOG.warning('%d frames were not answered', gate.num_unanswered)
+    if score.fault is not None:
+        raise InputError(score.fault)
+
+
+class Player:
+    """Publishes cues when they are due."""
+
+    def __init__(
+        self,
+        node: Node,
+        score: Score,
+        config: PlayConfig,
+        keys: KeyPresses,
+        gate: LockstepGate | None,
+    ) -> None:
+        self._score, self._config, self._keys, self._gate = score, config, keys, gate
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(node)
+        self._publishers: dict[str, Publisher] = {
+            topic.name: node.create_publisher(
+                message_class(topic.name, topic.type_name),
+                live_name(topic.name),
+                to_rclpy_qos(topic.qos),
+            )
+            for topic in score.topics
+        }
+        self._clock = (
+            node.create_publisher(Clock, topics.CLOCK, qos.CLOCK) if config.clock else None
+        )
+        self._answers: tuple[Subscription, ...] = ()
+        if gate is not None:
+            self._answers = tuple(
+                node.create_subscription(kind, name, self._on_answer, qos.OUTPUT)
+                for kind, name in ((Odometry, topics.ODOM), (SlamStatus, topics.SLAM_STATUS))
+            )
+        self._count_publishers = node.count_publishers
+        self._is_paused = False
+        self._clock_ns = 0
+        self._clock_period_ns = round(_CLOCK_PERIOD_S * config.rate * NS_PER_S)
+
+    def wait_for_subscribers(self, minimum: Mapping[str, int]) -> None:
+        """Wait until those asked for are matched; with none asked for, until any are.
+
+        In lockstep somebody must be there to answer as well.
+
+        Raises:
+            InputError: those asked for did not come in time.
+        """
+        now_s = time.monotonic()
+        deadline_s, changed_s, count = now_s + self._config.wait_s, now_s, 0
+        settle_s = _SETTLE_LOCKSTEP_S if self._answers else _SETTLE_S
+        while now_s < deadline_s:
+            if self._num_peers() != count:
+                changed_s, count = now_s, self._num_peers()
+            if self._missing(minimum) is None and now_s > changed_s + settle_s:
+                return
+            time.sleep(_TICK_S)
+            now_s = time.monotonic()
+        missing = self._missing(minimum)
+        if missing is not None and minimum:
+            raise InputError(f'{missing} after {self._config.wait_s:g} s; are the nodes running?')
+        if missing is not None:
+            _LOG.warning('%s after %g s; playing all the same', missing, self._config.wait_s)
+
+    def run(self, *, show_progress: bool) -> None:
+        """Publish everything at its time."""
+        score, config = self._score, self._config
+        span_s = (score.end_ns - score.start_ns) / NS_PER_S
+        total_s = None if config.loop else round(span_s, 2)
+        with (
+            ReadAhead(score.cues(loop=config.loop)) as cues,
+            tqdm(
+                total=total_s, unit='s', disable=None if show_progress else True, bar_format=_BAR
+            ) as bar,
+        ):
+            self._pacer = Pacer(score.start_ns, config.rate)
+            self._pacer.hold()  # until the first cue has been read; then `_wait_for` releases it
+            for cue in cues:
+                self._wait_for(cue)
+                self._publish(cue)
+                self._show(bar, (cue.time_ns - score.start_ns) / NS_PER_S)
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(_ACK_LIMIT)
+
+    def _wait_for(self, cue: Cue) -> None:
+        """Return when a cue is due; meanwhile keep clock, keyboard and answers going."""
+        limit_s = self._config.lockstep_timeout_s
+        give_up_s = time.monotonic() + limit_s
+        while True:
+            self._read_keys()
+            remaining_s = self._pacer.remaining_s(cue.time_ns)
+            if self._is_paused:
+                self._pacer.hold()
+                give_up_s = time.monotonic() + limit_s
+                self._tick(_TICK_S)
+            elif remaining_s > 0:
+                self._pacer.release()
+                self._tick(min(remaining_s, _TICK_S))
+            elif self._gate is None or not self._gate.blocks(cue):
+                self._pacer.release()
+                return
+            elif time.monotonic() > give_up_s:
+                self._give_up(self._gate)
+            else:  # due, but blocked: time waits for the answer
+                self._pacer.hold()
+                self._tick(_TICK_S)
+
+    def _tick(self, at_most_s: float) -> None:
+        if self._gate is not None:
+            self._executor.spin_once(timeout_sec=at_most_s)
+        else:
+            time.sleep(at_most_s)
+        self._publish_clock(self._pacer.time_ns())
+
+    def _publish(self, cue: Cue) -> None:
+        self._publish_clock(cue.time_ns)
+        self._publishers[cue.topic].publish(cue.data)
+        if self._gate is not None:
+            self._gate.note_published(cue)
+
+    def _publish_clock(self, time_ns: int) -> None:
+        # Never backwards: a late cue lies behind the pacer's time, which has been told already.
+        if self._clock is not None and time_ns >= self._clock_ns + self._clock_period_ns:
+            self._clock_ns = time_ns
+            self._clock.publish(Clock(clock=stamp_to_msg(time_ns)))
+
+    def _read_keys(self) -> None:
+        if self._keys.read().count(PAUSE_KEY) % 2:
+            self._is_paused = not self._is_paused
+
+    def _on_answer(self, message: Any) -> None:
+        if self._gate is not None:
+            self._gate.note_answer(stamp_from_msg(message.header.stamp))
+
+    def _give_up(self, gate: LockstepGate) -> None:
+        """Go on without an answer.
+
+        Raises:
+            InputError: there has never been one.
+        """
+        if not gate.num_answered:
+            raise InputError(
+                f'topic "{topics.ODOM}": no odometry for the first frame after'
+                f' {self._config.lockstep_timeout_s:g} s; are the nodes running?'
+            )
+        gate.give_up()
+
+    def _num_subscribers(self) -> int:
+        return sum(p.get_subscription_count() for p in self._publishers.values())
+
+    def _num_answering(self) -> int:
+        return sum(self._count_publishers(s.topic_name) for s in self._answers)
+
+    def _num_peers(self) -> int:
+        return self._num_subscribers() + self._num_answering()
+
+    def _missing(self, minimum: Mapping[str, int]) -> str | None:
+        """Return which subscribers are still missing, in words."""
+        for name, wanted in minimum.items():
+            publisher = self._publishers.get(f'/{name.lstrip("/")}')
+            count = publisher.get_subscription_count() if publisher else 0
+            if count < wanted:
+                return f'topic "{name}": {count} of {wanted} subscribers'
+        if self._answers and not self._num_answering():
+            return f'topic "{topics.ODOM}": no publisher'
+        return None if self._num_subscribers() else 'no topic of the bag has a subscriber'
+
+    def _show(self, bar: tqdm[Any], played_s: float) -> None:
+        bar.set_postfix_str('paused' if self._is_paused else '', refresh=False)
+        bar.update(played_s - bar.n)

@@ -1,0 +1,131 @@
+"""Record topics into a bag."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from tqdm import tqdm
+
+from hoid_bags.bag.bag_types import message_class
+from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.live.ros_session import from_rclpy_qos, ros_session
+from hoid_common import topics
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.ros.executor import SteadyExecutor
+
+RESULT_TOPICS = (
+    topics.DETECTIONS,
+    topics.DYNAMIC_OBJECTS,
+    topics.ODOM,
+    topics.PATH,
+    topics.MAP_POINTS,
+    topics.KEYFRAMES,
+    topics.SLAM_STATUS,
+    topics.TRACKED_OBJECTS,
+    *(relative for _, relative in topics.NAMESPACED_TF),
+)
+"""What is recorded when nothing else is asked for."""
+
+_LOOK_AGAIN_S = 0.1
+_QUEUE = 100
+
+
+def record(
+    bag: Path,
+    topic_names: tuple[str, ...] = RESULT_TOPICS,
+    *,
+    namespace: str = '',
+    duration_s: float = 0.0,
+    use_sim_time: bool = False,
+    show_progress: bool = False,
+) -> int:
+    """Record until the time is over or a KeyboardInterrupt; return the number of messages.
+
+    Args:
+        bag: The folder to make.
+        topic_names: What to record; each is awaited until somebody publishes it.
+        namespace: Of relative names.
+        duration_s: From the first message on; 0 = until interrupted.
+        use_sim_time: Whether the bag's times are those of /clock.
+        show_progress: Whether to count messages on stderr.
+
+    Raises:
+        ConfigError: the duration is negative.
+        InputError: nothing arrived, a type is not known, or the bag cannot be written; then
+            nothing of it is left.
+    """
+    if not duration_s >= 0:  # also refuses NaN
+        raise ConfigError(f'--duration {duration_s:g}: must be at least 0')
+    with (
+        BagWriter(bag) as writer,
+        ros_session('hoid_record', namespace, use_sim_time=use_sim_time) as node,
+        tqdm(unit=' messages', disable=None if show_progress else True) as bar,
+    ):
+        recorder = Recorder(node, writer, topic_names)
+        with suppress(KeyboardInterrupt):  # the usual end
+            recorder.run(duration_s, bar.update)
+        if not recorder.num_messages:
+            raise InputError(f'{bag}: nothing was recorded on {", ".join(topic_names)}')
+        return recorder.num_messages
+
+
+class Recorder:
+    """Writes what arrives, as serialised."""
+
+    def __init__(self, node: Node, writer: BagWriter, topic_names: tuple[str, ...]) -> None:
+        self._node, self._writer = node, writer
+        self._awaited = {node.resolve_topic_name(name) for name in topic_names}
+        self._executor = SteadyExecutor()
+        self._executor.add_node(node)
+        self.num_messages = 0
+
+    def run(self, duration_s: float, on_messages: Callable[[int], object]) -> None:
+        """Record for some time after the first message; 0 = without end."""
+        look_s = end_s = 0.0
+        while not end_s or time.monotonic() < end_s:
+            before = self.num_messages
+            if self._awaited and time.monotonic() >= look_s:
+                self._subscribe_new()
+                look_s = time.monotonic() + _LOOK_AGAIN_S
+            self._executor.spin_once(timeout_sec=_LOOK_AGAIN_S)
+            on_messages(self.num_messages - before)
+            if duration_s and not end_s and self.num_messages:
+                end_s = time.monotonic() + duration_s
+
+    def _subscribe_new(self) -> None:
+        for name, types in self._node.get_topic_names_and_types():
+            if name in self._awaited:
+                publishers = self._node.get_publishers_info_by_topic(name)
+                if publishers:
+                    self._subscribe(name, types[0], _matching_qos(publishers))
+                    self._awaited.remove(name)
+
+    def _subscribe(self, name: str, type_name: str, qos: QoSProfile) -> None:
+        kind = message_class(name, type_name)
+        self._writer.add_topic(name, type_name, from_rclpy_qos(qos))
+
+        def on_message(data: bytes) -> None:
+            now_ns = self._node.get_clock().now().nanoseconds
+            if now_ns:  # simulated time has begun
+                self._writer.write_serialized(name, now_ns, data)
+                self.num_messages += 1
+
+        self._node.create_subscription(kind, name, on_message, qos, raw=True)
+
+
+def _matching_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
+    """Return the strictest profile that hears every publisher."""
+    profiles = [publisher.qos_profile for publisher in publishers]
+    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
+    latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
+    return QoSProfile(
+        depth=_QUEUE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )

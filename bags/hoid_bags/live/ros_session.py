@@ -1,0 +1,75 @@
+"""A ROS node for the length of a command, and types and QoS of bags as rclpy wants them."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rosbags.interfaces import Qos, QosDurability, QosReliability
+
+from hoid_bags.bag.bag_writer import reliable_qos
+from hoid_common import topics
+from hoid_common.errors import ConfigError
+from hoid_common.ros.run import limit_exit_time
+
+_DEFAULT_DEPTH = 10
+_SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
+
+
+@contextmanager
+def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -> Iterator[Node]:
+    """Give a node; SIGINT and SIGTERM become KeyboardInterrupt.
+
+    Raises:
+        ConfigError: the namespace is not a valid name.
+    """
+    arguments = ['--ros-args', '-p', f'use_sim_time:={str(use_sim_time).lower()}']
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    node: Node | None = None
+    try:
+        try:
+            node = Node(name, namespace=namespace, start_parameter_services=False)
+        except ValueError as error:
+            raise ConfigError(f'--namespace {namespace}: not a valid ROS namespace') from error
+        yield node
+    finally:
+        limit_exit_time()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+        signal.alarm(0)
+        signal.signal(signal.SIGTERM, previous)
+
+
+def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
+    """Return the profile that a topic was recorded with; unknown means reliable, volatile."""
+    best_effort = qos is not None and qos.reliability == QosReliability.BEST_EFFORT
+    latched = qos is not None and qos.durability == QosDurability.TRANSIENT_LOCAL
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=(qos.depth if qos is not None else 0) or _DEFAULT_DEPTH,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
+    )
+
+
+def from_rclpy_qos(qos: QoSProfile) -> Qos:
+    """Return the profile to note in a bag."""
+    noted = reliable_qos(latched=qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+    if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
+        noted = noted._replace(reliability=QosReliability.BEST_EFFORT)
+    return noted
+
+
+def live_name(topic: str) -> str:
+    """Return a bag's topic as it is published: relative, so that a namespace moves it.
+
+    Names that the whole system shares stay as they are; each namespace has its own frame tree.
+    """
+    return topic if topic in _SHARED_TOPICS else topic.lstrip('/')

@@ -1,0 +1,146 @@
+"""Recordings in the TUM RGB-D layout: `rgb.txt` and `depth.txt` list the images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_bags.images import (
+    check_size,
+    decode_color,
+    decode_depth,
+    depth_m_from_units,
+    read_image_bytes,
+)
+from hoid_bags.tum.association import associate
+from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, camera_from_name
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import (
+    NumberTable,
+    check_increasing,
+    read_numbers,
+    read_rows,
+    without_repeats,
+)
+from hoid_common.values import CameraModel, RgbdFrame, Trajectory
+
+COLOR_LIST = 'rgb.txt'
+DEPTH_LIST = 'depth.txt'
+GROUND_TRUTH = 'groundtruth.txt'
+ACCELEROMETER = 'accelerometer.txt'
+
+
+class ListedImage(NamedTuple):
+    """One image that a list names."""
+
+    stamp_ns: int
+    path: Path
+
+
+@dataclass(frozen=True)
+class TumFolder:
+    """A TUM folder whose lists have been checked; a `Sequence` of its pairs."""
+
+    path: Path
+    camera: CameraModel
+    depth_units_per_m: float
+    color: tuple[ListedImage, ...]
+    depth: tuple[ListedImage, ...]
+
+    @property
+    def name(self) -> str:
+        """Return the folder's name."""
+        return self.path.name
+
+    @property
+    def fault(self) -> str | None:
+        """Return None: a damaged folder raises instead."""
+        return None
+
+    @property
+    def true_detections(self) -> None:
+        """Return None: the layout has no place for detections."""
+        return None
+
+    @cached_property
+    def ground_truth(self) -> Trajectory | None:
+        """Return the poses of `groundtruth.txt`, or None without the file."""
+        path = self.path / GROUND_TRUTH
+        return read_tum(path) if path.exists() else None
+
+    @cached_property
+    def accelerometer(self) -> NumberTable | None:
+        """Return (N, 3) m/s^2 of `accelerometer.txt`, or None without the file."""
+        path = self.path / ACCELEROMETER
+        return read_numbers(path, columns=3) if path.exists() else None
+
+    @cached_property
+    def pairs(self) -> tuple[tuple[ListedImage, ListedImage], ...]:
+        """Return the colour and depth images that belong together."""
+        stamps = [
+            np.array([image.stamp_ns for image in images], np.int64)
+            for images in (self.color, self.depth)
+        ]
+        return tuple(
+            (self.color[i], self.depth[j]) for i, j in associate(stamps[0], stamps[1]).tolist()
+        )
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        for color, depth in self.pairs:
+            image_bgr = decode_color(read_image_bytes(color.path), color.path)
+            check_size(image_bgr, self.camera, color.path)
+            units = decode_depth(read_image_bytes(depth.path), depth.path)
+            check_size(units, self.camera, depth.path)
+            yield RgbdFrame(
+                color.stamp_ns, image_bgr, depth_m_from_units(units, self.depth_units_per_m)
+            )
+
+
+def open_tum_folder(
+    path: Path, camera: CameraModel | None = None, depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M
+) -> TumFolder:
+    """Open a TUM folder; without `camera`, its name must say which freiburg camera it is.
+
+    Raises:
+        InputError: no such layout, or a list is empty, out of order or names a missing file.
+        ConfigError: the depth factor is not positive.
+    """
+    if not (np.isfinite(depth_units_per_m) and depth_units_per_m > 0):
+        raise ConfigError(f'depth units per metre must be positive, got {depth_units_per_m}')
+    if not path.is_dir():
+        raise InputError(f'{path}: no such folder')
+    color, depth = (_read_list(path, name) for name in (COLOR_LIST, DEPTH_LIST))
+    camera = camera or camera_from_name(path.resolve().name)
+    if camera is None:
+        raise InputError(
+            f'{path}: the name does not say which camera it is;'
+            ' give --camera fr1, fr2, fr3 or a YAML file'
+        )
+    folder = TumFolder(path, camera, depth_units_per_m, color, depth)
+    if not folder.pairs:
+        raise InputError(
+            f'{path}: no colour and depth images within 0.02 s of each other; check both lists'
+        )
+    return folder
+
+
+def _read_list(folder: Path, name: str) -> tuple[ListedImage, ...]:
+    path = folder / name
+    rows = list(read_rows(path))
+    if not rows:
+        raise InputError(f'{path}: lists no images')
+    rows = without_repeats(rows)
+    check_increasing(path, rows)
+    for row in rows:
+        if not row.text or not (folder / row.text).is_file():
+            raise InputError(f'{path}: line {row.line}: names "{row.text}", which is not there')
+    return tuple(ListedImage(row.stamp_ns, folder / row.text) for row in rows)

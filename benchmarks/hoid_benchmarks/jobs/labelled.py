@@ -1,0 +1,61 @@
+"""Frames of which it is known, pixel by pixel, what moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from hoid_bags.images import decode_depth, depth_m_from_units, read_image_bytes
+from hoid_bags.tum.tum_folder import TumFolder
+from hoid_common.values import BoolArray, Detections, RgbdFrame
+from hoid_synth.acting.stage import Stage, set_stage
+from hoid_synth.config import SceneConfig
+from hoid_synth.scene import render
+
+_SPECKLE_PX = 5  # pasted pixels that happen to be as far as what they hide
+_STILL_M = 1e-4  # what moves less from frame to frame rests
+
+
+class Labelled(NamedTuple):
+    """A frame, and which of its pixels show what moves."""
+
+    frame: RgbdFrame
+    moving: BoolArray  # (H, W)
+    exact: Detections | None  # exact boxes, where they are known
+
+
+def pasted_people(people: TumFolder, base: TumFolder) -> Iterator[Labelled]:
+    """Yield the frames of a static recording with people pasted in.
+
+    They are where its depth images differ from those of the static recording.
+    """
+    kernel = np.ones((_SPECKLE_PX, _SPECKLE_PX), np.uint8)
+    without = {image.stamp_ns: image.path for image in base.depth}
+    for (_, depth), frame in zip(people.pairs, people, strict=True):
+        path = without[depth.stamp_ns]
+        units = decode_depth(read_image_bytes(path), path)
+        differs = frame.depth_m != depth_m_from_units(units, base.depth_units_per_m)
+        closed = cv2.morphologyEx(differs.view(np.uint8), cv2.MORPH_CLOSE, kernel)
+        yield Labelled(frame, np.asarray(closed, np.bool_), None)
+
+
+def rendered_people(config: SceneConfig, workers: int) -> Iterator[Labelled]:
+    """Yield the frames of a rendered scene, in which people move, and what they carry."""
+    stage = set_stage(config)
+    for shown in render(config, workers):
+        moving = np.isin(shown.instance_image, _moving_instances(stage, shown.index))
+        yield Labelled(shown.frame, moving, shown.detections)
+
+
+def _moving_instances(stage: Stage, i: int) -> list[int]:
+    """Return people, and the objects whose pose differs in the frames next to frame i."""
+    objects = [
+        placed.instance
+        for placed, track in zip(stage.world.props, stage.objects, strict=True)
+        if np.abs(track.T_world_object[i + 1] - track.T_world_object[max(i - 1, 0)]).max()
+        > _STILL_M
+    ]
+    return [*stage.world.person_instances, *objects]

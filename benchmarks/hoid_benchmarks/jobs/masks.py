@@ -1,0 +1,230 @@
+"""How well the filter's masks cover what moves, and nothing else: judged corner by corner.
+
+A trajectory hides what a part of the filter does behind the noise of tracking; here it is counted
+which corners on moving things are kept and which static ones are lost.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from itertools import islice
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from hoid_bags.tum.tum_folder import open_tum_folder
+from hoid_benchmarks.jobs.labelled import Labelled, pasted_people, rendered_people
+from hoid_benchmarks.plan.perturb import perturb_detections
+from hoid_benchmarks.plan.plan import Job, Perturbation
+from hoid_benchmarks.plan.sequences import PEOPLE_SUFFIX, Store
+from hoid_bringup.run.detection_source import DetectionSource
+from hoid_bringup.run.run_config import TRUTH
+from hoid_common.errors import ConfigError
+from hoid_common.values import BoolArray, Detections
+from hoid_detector.config import DetectorConfig
+from hoid_detector.model.model_path import find_model
+from hoid_detector.onnx_detector import OnnxDetector
+from hoid_filter.config import STRATEGIES, FilterConfig, PlusConfig
+from hoid_filter.detections.aligned_detections import Verdict, View
+from hoid_filter.extraction.extractor import OrbExtractor
+from hoid_filter.rules.registry import make_strategy
+from hoid_synth.config import SceneConfig
+
+_EDGE_PX = 5  # corners this near to what moves see both: they count for nothing
+_SYNTH = 'synth-'
+SHARES = (
+    'moving kept',
+    'static lost',
+    'moving among kept',
+    'moving among seeds',
+    'static not seeds',
+)
+_COLUMNS = ('variant', 'frames that differ', *SHARES)
+
+
+@dataclass(frozen=True)
+class MaskCase:
+    """A recording, a detector, and what is done to its detections."""
+
+    sequence: str
+    detector: str
+    perturbation: Perturbation = field(default_factory=Perturbation)
+    first_frame: int = 0
+    end_frame: int | None = None
+
+
+CASES: Mapping[str, MaskCase] = {
+    'pasted-yolov8n': MaskCase('fr1_xyz_people', 'yolov8n_int8'),
+    'pasted-yolox': MaskCase('fr1_xyz_people', 'yolox_nano'),
+    'pasted-missed': MaskCase('fr1_xyz_people', 'yolov8n_int8', Perturbation(missed_every=3)),
+    'static-false': MaskCase('fr1_xyz', 'yolox_nano', Perturbation(false_every=10)),
+    'pasted-false': MaskCase('fr1_xyz_people', 'yolox_nano', Perturbation(false_every=10)),
+    'rendered-1': MaskCase('synth-1', TRUTH),
+    'rendered-2': MaskCase('synth-2', TRUTH),
+    'rendered-missed': MaskCase('synth-1', TRUTH, Perturbation(missed_every=3)),
+}
+
+
+@dataclass
+class Tally:
+    """What became of the corners of a recording."""
+
+    moving: int = 0
+    moving_kept: int = 0
+    moving_seeds: int = 0
+    static: int = 0
+    static_lost: int = 0
+    seeds: int = 0
+    frames_that_differ: int = 0  # from the first variant
+
+    def add(self, moving: BoolArray, static: BoolArray, kept: BoolArray, seeds: BoolArray) -> None:
+        """Count the corners of a frame; each argument is (K,)."""
+        self.moving += _count(moving)
+        self.moving_kept += _count(moving & kept)
+        self.moving_seeds += _count(moving & seeds)
+        self.static += _count(static)
+        self.static_lost += _count(static & ~kept)
+        self.seeds += _count(seeds & (moving | static))
+
+    def shares(self) -> tuple[float, ...]:
+        """Return what `SHARES` names, each in [0, 1]."""
+        kept = self.moving_kept + self.static - self.static_lost
+        return (
+            self.moving_kept / max(self.moving, 1),
+            self.static_lost / max(self.static, 1),
+            self.moving_kept / max(kept, 1),
+            self.moving_seeds / max(self.seeds, 1),
+            1 - (self.seeds - self.moving_seeds) / max(self.static, 1),
+        )
+
+
+def mask_report(only: Sequence[str], store: Store) -> str:
+    """Return a table for each case, or for each that is named.
+
+    Args:
+        only: Names, each with frames if not all count: `pasted-yolox` or `pasted-yolox@150-330`.
+        store: Where the recordings are.
+
+    Raises:
+        HoidError: A case is unknown, or its recording or detector is missing.
+    """
+    cases = [(name, find_case(name)) for name in only or CASES]
+    return '\n'.join(_table(name, case, store) for name, case in cases)
+
+
+def mask_rows(job: Job, store: Store) -> list[list[str | float]]:
+    """Return a row for each variant: its name, the frames that differ, then `SHARES`.
+
+    Raises:
+        HoidError: The recording or the detector is missing.
+    """
+    case = MaskCase(job.sequence, job.detector, job.perturbation)
+    judged = judge_masks(case, variants(), store)
+    return [[name, n.frames_that_differ, *n.shares()] for name, n in judged.items()]
+
+
+def find_case(text: str) -> MaskCase:
+    """Return a case by its name, of the frames that follow an "@" (FIRST-END).
+
+    Raises:
+        ConfigError: There is no such case, or what follows are no frames.
+    """
+    name, at, frames = text.partition('@')
+    if name not in CASES:
+        raise ConfigError(f'masks: no case {name}: {", ".join(CASES)}')
+    if not at:
+        return CASES[name]
+    first, _, end = frames.partition('-')
+    if not (first.isdigit() and end.isdigit()):
+        raise ConfigError(f'masks: {text}: frames are given as in {name}@150-330')
+    return replace(CASES[name], first_frame=int(first), end_frame=int(end))
+
+
+def variants() -> dict[str, FilterConfig]:
+    """Return hoid+, hoid+ without each of its switches, and the other strategies."""
+    plus = FilterConfig()
+    switches = [f.name for f in fields(PlusConfig) if isinstance(getattr(plus.plus, f.name), bool)]
+    without = {f'without {name}': plus.updated({f'plus.{name}': False}) for name in switches}
+    others = {name: replace(plus, strategy=name) for name in STRATEGIES if name != plus.strategy}
+    return {plus.strategy: plus, **without, **others}
+
+
+def _table(name: str, case: MaskCase, store: Store) -> str:
+    lines = [
+        _title(name, case),
+        '',
+        f'| {" | ".join(_COLUMNS)} |',
+        '|---' * len(_COLUMNS) + '|',
+    ]
+    for variant, n in judge_masks(case, variants(), store).items():
+        cells = ' | '.join(f'{100 * share:.1f} %' for share in n.shares())
+        lines.append(f'| {variant} | {n.frames_that_differ} | {cells} |')
+    return '\n'.join([*lines, ''])
+
+
+def _title(name: str, case: MaskCase) -> str:
+    default = vars(Perturbation())
+    words = [f'{k}={v}' for k, v in vars(case.perturbation).items() if v != default[k]]
+    return f'{name}: {case.sequence}, {", ".join([case.detector, *words])}'
+
+
+def judge_masks(
+    case: MaskCase, configs: Mapping[str, FilterConfig], store: Store
+) -> dict[str, Tally]:
+    """Return what each variant makes of the corners of a recording."""
+    strategies = {name: make_strategy(config) for name, config in configs.items()}
+    tallies = {name: Tally() for name in configs}
+    for view, moving, static in _views(case, store):
+        num_corners = len(view.corner_pixels)
+        kept = [_kept(strategy.judge(view), num_corners) for strategy in strategies.values()]
+        for tally, (keep, seed) in zip(tallies.values(), kept, strict=True):
+            tally.add(moving, static, keep, seed)
+            tally.frames_that_differ += not np.array_equal((keep, seed), kept[0])
+    return tallies
+
+
+def _views(case: MaskCase, store: Store) -> Iterator[tuple[View, BoolArray, BoolArray]]:
+    """Yield each frame as strategies get it, and its (K,) corners that move or rest for sure."""
+    exact: dict[int, Detections] = {}
+    detect = perturb_detections(_detector(case, exact), case.perturbation, seed=0)
+    extractor = OrbExtractor(FilterConfig().extraction)
+    kernel = np.ones((2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1), np.uint8)
+    shown = islice(_open(case.sequence, store), case.first_frame, case.end_frame)
+    for frame, moving, boxes in tqdm(shown, unit='frame'):
+        if boxes is not None:
+            exact[frame.stamp_ns] = boxes
+        gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
+        pixels = extractor.detect(np.asarray(gray, np.uint8)).pixel
+        near = cv2.dilate(moving.view(np.uint8), kernel) > 0
+        view = View(frame.stamp_ns, detect(frame), frame.depth_m, pixels)
+        yield view, moving.ravel()[pixels], ~near.ravel()[pixels]
+
+
+def _open(name: str, store: Store) -> Iterator[Labelled]:
+    if name.startswith(_SYNTH):
+        config = SceneConfig(seed=int(name.removeprefix(_SYNTH)))
+        return rendered_people(config, os.cpu_count() or 1)
+    people = open_tum_folder(store.find(name))
+    base = open_tum_folder(store.find(name.removesuffix(PEOPLE_SUFFIX)))
+    return pasted_people(people, base)
+
+
+def _detector(case: MaskCase, exact: Mapping[int, Detections]) -> DetectionSource:
+    if case.detector == TRUTH:
+        return lambda frame: exact[frame.stamp_ns]
+    detector = OnnxDetector(find_model(case.detector), DetectorConfig())
+    return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)
+
+
+def _kept(verdict: Verdict, num_corners: int) -> tuple[BoolArray, BoolArray]:
+    """Return the (K,) corners that are kept, and those that may become map points."""
+    keep = np.zeros(num_corners, np.bool_)
+    keep[slice(None) if verdict.kept is None else verdict.kept] = True
+    return keep, keep if verdict.seeds is None else keep & verdict.seeds
+
+
+def _count(flags: BoolArray) -> int:
+    return int(np.count_nonzero(flags))

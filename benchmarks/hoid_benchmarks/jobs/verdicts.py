@@ -1,0 +1,110 @@
+"""Whether the filter tells handled objects from those that somebody merely passes in front of.
+
+Only a rendered scene knows who holds what. A trajectory hides these mistakes as long as enough
+of the background is left; here they are counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence as Many
+from dataclasses import InitVar, dataclass
+
+import numpy as np
+
+from hoid_benchmarks.plan.sequences import scene_options
+from hoid_common import se3
+from hoid_common.errors import InputError
+from hoid_common.values import CameraModel, DynamicObject
+from hoid_synth.acting.stage import Stage, set_stage
+from hoid_synth.commands import add_synth_arguments, scene_config
+from hoid_synth.truth import ObjectState, object_states
+
+_Point = tuple[float, float]
+
+
+@dataclass
+class Verdicts:
+    """Counts right and wrong verdicts, object by object and frame by frame.
+
+    Args:
+        scene: Name of the rendered scene, from which the truth is made anew.
+        camera: Of the recording.
+
+    Raises:
+        InputError: It is no rendered scene.
+    """
+
+    scene: InitVar[str]
+    camera: CameraModel
+    handled: int = 0
+    handled_removed: int = 0
+    passed: int = 0  # not handled, but partly covered by a person's box
+    passed_removed: int = 0
+
+    def __post_init__(self, scene: str) -> None:
+        self._stage = _stage(scene)
+
+    def add(self, i: int, objects: Many[DynamicObject]) -> None:
+        """Judge what the filter said of the objects of frame i."""
+        for state in object_states(self._stage, i):
+            point_px = _project(state, self._stage, i, self.camera)
+            seen = _object_at(point_px, state.class_name, objects)
+            if seen is None:
+                continue
+            if state.handled:
+                self.handled += 1
+                self.handled_removed += seen.is_dynamic
+            elif seen.overlap_ratio > 0:
+                self.passed += 1
+                self.passed_removed += seen.is_dynamic
+
+    def summary(self) -> dict[str, float | int | None]:
+        """Return the counts, and the shares of handled objects removed and of others spared."""
+        found = self.handled_removed / self.handled if self.handled else None
+        spared = 1 - self.passed_removed / self.passed if self.passed else None
+        return {
+            'handled': self.handled,
+            'passed': self.passed,
+            'wrongly_static': self.handled - self.handled_removed,
+            'wrongly_dynamic': self.passed_removed,
+            'found_share': found,
+            'spared_share': spared,
+            'balanced': None if found is None or spared is None else (found + spared) / 2,
+        }
+
+
+def _stage(name: str) -> Stage:
+    options = scene_options(name)
+    if not options:
+        raise InputError(f'{name}: only rendered scenes know who handles what')
+    parser = argparse.ArgumentParser()
+    add_synth_arguments(parser)
+    # Fine textures take seconds, and are not looked at.
+    return set_stage(scene_config(parser.parse_args(['-', *options, '--width', '64'])))
+
+
+def _project(state: ObjectState, stage: Stage, i: int, camera: CameraModel) -> _Point | None:
+    """Return where the middle of an object is in the image; None behind the camera."""
+    T_camera_world = se3.inverse(stage.T_world_camera[i])
+    x, y, z = se3.transform(T_camera_world, np.array([state.center_m]))[0].tolist()
+    if z <= 0:
+        return None
+    return camera.fx_px * x / z + camera.cx_px, camera.fy_px * y / z + camera.cy_px
+
+
+def _object_at(
+    point_px: _Point | None, class_name: str, objects: Many[DynamicObject]
+) -> DynamicObject | None:
+    """Return the object of a class whose box holds a point, the one centred nearest to it."""
+    if point_px is None:
+        return None
+    x, y = point_px
+    inside = [
+        (math.hypot((x0 + x1) / 2 - x, (y0 + y1) / 2 - y), k)
+        for k, o in enumerate(objects)
+        for x0, y0, x1, y1 in [o.box_xyxy_px]
+        if o.class_name == class_name and x0 <= x <= x1 and y0 <= y <= y1
+    ]
+    return objects[min(inside)[1]] if inside else None

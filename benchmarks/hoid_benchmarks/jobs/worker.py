@@ -1,0 +1,183 @@
+"""One job, in a process of its own so that its memory and time are its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hoid_bags.sequence import open_sequence
+from hoid_benchmarks.jobs.machine import machine as this_machine
+from hoid_benchmarks.jobs.masks import mask_rows
+from hoid_benchmarks.jobs.verdicts import Verdicts
+from hoid_benchmarks.plan.detections import kept_detections
+from hoid_benchmarks.plan.detectors import judge_detector
+from hoid_benchmarks.plan.perturb import PerturbedSequence, perturb_detections
+from hoid_benchmarks.plan.plan import Job
+from hoid_benchmarks.plan.reference import reference_ms
+from hoid_benchmarks.plan.sequences import Store
+from hoid_bringup.evaluate.evaluation import evaluate
+from hoid_bringup.run.detection_source import detection_source
+from hoid_bringup.run.offline import OfflinePipeline
+from hoid_bringup.run.outputs import write_outputs
+from hoid_bringup.run.run_config import RunConfig
+from hoid_common.errors import HoidError, InputError
+from hoid_common.io.trajectory_io import read_tum, write_tum
+
+_TRUTH = 'ground_truth.txt'
+_KEPT = ('trajectory.txt', 'trajectory_online.txt', _TRUTH, 'features.csv')
+_PICTURES = ('verdicts.png', 'features.png', 'rules.png')
+_TIMEOUT_S = 4 * 3600
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a job leaves behind: its summary and its files, or an error."""
+
+    summary: dict[str, Any] = field(default_factory=dict)
+    files: dict[str, bytes] = field(default_factory=dict)
+    error: str = ''
+    machine: str = field(default_factory=this_machine)  # that ran it, also in a cluster
+
+
+def command_of(job: Job, path: str, out: str = 'OUT') -> list[str]:
+    """Return the `hoid` arguments that repeat a job that needs no perturbation."""
+    method = ['--filter', job.filter]
+    if job.detector:
+        method += ['--detector', job.detector]
+    if job.mode == 'pictures':
+        return ['pictures', path, '--out', out, *method]
+    method += ['--seed', str(job.seed)]
+    for name, value in job.settings().items():
+        method += ['--set', f'{name}={value}']
+    return ['replay' if job.mode == 'live' else 'run', path, '--out', out, *method]
+
+
+def run_job(job: Job, path: Path, store: Store) -> Outcome:
+    """Run a job in a child process; never raises, so that one failure does not end the rest.
+
+    Args:
+        job: What to run.
+        path: Of its sequence.
+        store: Where other sequences lie, and detections are kept from run to run.
+    """
+    with tempfile.TemporaryDirectory(prefix='hoid-bench-') as folder:
+        out = Path(folder) / 'run'
+        try:
+            done = subprocess.run(
+                _child(job, path, out, store), capture_output=True, text=True, check=False,
+                timeout=_TIMEOUT_S, env={**os.environ, 'OMP_NUM_THREADS': '1'},
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return Outcome(error=f'not done after {_TIMEOUT_S // 3600} hours')
+        if done.returncode:
+            lines = done.stderr.strip().splitlines()
+            return Outcome(error=lines[-1] if lines else f'exit status {done.returncode}')
+        return _collect(job, out, path)
+
+
+def _child(job: Job, path: Path, out: Path, store: Store) -> list[str]:
+    if job.mode in ('live', 'pictures'):
+        return [sys.executable, '-m', 'hoid_bringup', *command_of(job, str(path), str(out))]
+    order = out.with_name('job.pickle')
+    order.write_bytes(pickle.dumps((job, path, out, store)))
+    return [sys.executable, '-m', 'hoid_benchmarks.jobs.worker', str(order)]
+
+
+def _collect(job: Job, out: Path, path: Path) -> Outcome:
+    summary = {}
+    if (out / 'summary.json').is_file():
+        summary = json.loads((out / 'summary.json').read_text())
+    if job.mode == 'live' and (truth := open_sequence(path).ground_truth) is not None:
+        write_tum(out / _TRUTH, truth)
+    if (out / _TRUTH).is_file():
+        summary |= _more_errors(out)
+    files = {n: (out / n).read_bytes() for n in (*_KEPT, *_PICTURES) if (out / n).is_file()}
+    return Outcome(summary, files)
+
+
+def _more_errors(out: Path) -> dict[str, float | None]:
+    """Return what the paper's tables need beside the summary."""
+    try:
+        found = evaluate(read_tum(out / 'trajectory.txt'), read_tum(out / _TRUTH))
+    except InputError:  # too short to align: the summary says null as well
+        return {'ate_mean_m': None, 'ate_median_m': None}
+    return {'ate_mean_m': found.ate_mean_m, 'ate_median_m': found.ate_median_m}
+
+
+def _config(job: Job) -> RunConfig:
+    named = {'model': job.detector, 'filter.strategy': job.filter, 'slam.seed': job.seed}
+    return RunConfig().updated(named | job.settings())
+
+
+def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
+    """Run every frame, and note beside the usual outputs what the experiments need."""
+    config = _config(job)
+    base = open_sequence(path)
+    kept = store.made / 'detections'
+    known = kept_detections(base, config, kept) if job.mode != 'timed' else None
+    detect = perturb_detections(
+        known or detection_source(base, config), job.perturbation, job.seed
+    )
+    sequence = PerturbedSequence(base, job.perturbation, job.seed)
+    pipeline = OfflinePipeline(sequence, config, detect)
+    verdicts = Verdicts(job.sequence, base.camera) if job.mode == 'verdicts' else None
+    lines = ['stamp_ns,features kept']
+    for i, frame in enumerate(sequence):
+        pipeline.process(frame)
+        lines.append(f'{frame.stamp_ns},{pipeline.num_kept[-1]}')
+        if verdicts is not None:
+            verdicts.add(i, pipeline.objects)
+    if known is not None:
+        known.save()
+        pipeline.stage_ms.pop('detect', None)  # of reading a file, mostly
+    summary = write_outputs(out, pipeline.finish(sequence, config.noted()))
+    (out / 'features.csv').write_text('\n'.join(lines) + '\n')
+    if sequence.ground_truth is not None:
+        write_tum(out / _TRUTH, sequence.ground_truth)
+    document = json.loads(summary.to_json()) | {'reference_ms': reference_ms()}
+    if verdicts is not None:
+        document['verdicts'] = verdicts.summary()
+    (out / 'summary.json').write_text(json.dumps(document))
+
+
+def _run_detector(job: Job, path: Path, out: Path, _store: Store) -> None:
+    out.mkdir()
+    summary = {'detector': judge_detector(open_sequence(path), path, job.detector)}
+    (out / 'summary.json').write_text(json.dumps(summary))
+
+
+def _run_masks(job: Job, _path: Path, out: Path, store: Store) -> None:
+    out.mkdir()
+    (out / 'summary.json').write_text(json.dumps({'masks': mask_rows(job, store)}))
+
+
+_RUNNERS = {
+    'offline': _run_offline,
+    'timed': _run_offline,
+    'detect': _run_detector,
+    'verdicts': _run_offline,
+    'masks': _run_masks,
+}
+
+
+def main() -> int:
+    """Run one job, pickled in the file that the argument names."""
+    order = Path(sys.argv[1]).read_bytes()
+    job, path, out, store = pickle.loads(order)  # noqa: S301  written by the parent process
+    try:
+        _RUNNERS[job.mode](job, path, out, store)
+    except HoidError as error:
+        sys.stderr.write(f'{error}\n')
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,84 @@
+"""Detections kept from run to run: a detector says the same of an image each time.
+
+Most of an experiment's time would go into saying it again. Runs that are timed keep nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+
+from hoid_bags.sequence import Sequence
+from hoid_bringup.run.detection_source import DetectionSource, detection_source
+from hoid_bringup.run.run_config import TRUTH, RunConfig
+from hoid_common.values import Detections, RgbdFrame
+from hoid_detector.model.model_path import find_model
+
+
+class KeptDetections:
+    """A detector that is asked once about each image of a recording."""
+
+    def __init__(self, path: Path, detect: DetectionSource) -> None:
+        self._path = path
+        self._detect = detect
+        self._known = _read(path) if path.is_file() else {}
+        self._num_read = len(self._known)
+
+    def __call__(self, frame: RgbdFrame) -> Detections | None:
+        """Return what was seen in the image, at its first or an earlier time."""
+        if frame.stamp_ns not in self._known:
+            found = self._detect(frame)
+            if found is None:
+                return None
+            self._known[frame.stamp_ns] = found
+        return self._known[frame.stamp_ns]
+
+    def save(self) -> None:
+        """Keep what is new; of two runs that do so at a time, the last one wins."""
+        if len(self._known) == self._num_read:
+            return
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = self._path.with_suffix(f'.{os.getpid()}.npz')
+        _write(unfinished, list(self._known.values()))
+        unfinished.replace(self._path)
+
+
+def kept_detections(sequence: Sequence, config: RunConfig, folder: Path) -> KeptDetections | None:
+    """Return the kept detections of a recording; None where no detector runs.
+
+    Raises:
+        ModelError: There is no such model.
+    """
+    if not config.needs_detections or config.model == TRUTH:
+        return None
+    model = find_model(config.model or None)
+    told_by = model.read_bytes() + repr(config.detector).encode()
+    name = f'{sequence.name}-{model.stem}-{hashlib.sha256(told_by).hexdigest()[:8]}.npz'
+    return KeptDetections(folder / name, detection_source(sequence, config))
+
+
+def _write(path: Path, found: list[Detections]) -> None:
+    np.savez(
+        path,
+        stamps_ns=np.array([d.stamp_ns for d in found], np.int64),
+        counts=np.array([len(d) for d in found], np.int64),
+        boxes_xyxy_px=np.concatenate([d.boxes_xyxy_px for d in found]),
+        scores=np.concatenate([d.scores for d in found]),
+        names=np.array([name for d in found for name in d.class_names], np.str_),
+    )
+
+
+def _read(path: Path) -> dict[int, Detections]:
+    with np.load(path) as saved:
+        ends = np.cumsum(saved['counts'])[:-1]
+        boxes, scores, names = (
+            np.split(saved[k], ends) for k in ('boxes_xyxy_px', 'scores', 'names')
+        )
+        stamps_ns = saved['stamps_ns'].tolist()
+    return {
+        stamp_ns: Detections(stamp_ns, boxes[i], tuple(names[i].tolist()), scores[i])
+        for i, stamp_ns in enumerate(stamps_ns)
+    }

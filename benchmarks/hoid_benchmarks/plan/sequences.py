@@ -1,0 +1,152 @@
+"""The sequences of the experiments: found, made, or said to be missing."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+import hoid_synth
+from hoid_common.errors import InputError
+
+# Short names of experiments, and the official ones of TUM RGB-D and Bonn RGB-D Dynamic.
+_OFFICIAL = ((r'fr([123])_(\w+)', r'rgbd_dataset_freiburg\1_\2'), (r'bonn_(\w+)', r'rgbd_bonn_\1'))
+_SHORT = (
+    (r'rgbd_dataset_freiburg([123])_(\w+)', r'fr\1_\2'),
+    (r'rgbd_bonn_(\w+)', r'bonn_\1'),
+)
+PEOPLE_SUFFIX = '_people'
+_SYNTH = 'synth-'
+_MAKE_PEOPLE = 'tools/make_people_sequence.py'
+_SCENES = Path(__file__).parent / 'experiments' / 'scenes.yaml'
+_WHERE = (
+    'https://cvg.cit.tum.de/data/datasets/rgbd-dataset/download and '
+    'https://www.ipb.uni-bonn.de/data/rgbd-dynamic-dataset'
+)
+
+
+@dataclass(frozen=True)
+class Store:
+    """Where sequences lie and where made ones are kept."""
+
+    shared: Path  # the project's recordings, beside the repository; need not exist
+    made: Path  # rendered and derived sequences
+    official: Path | None = None  # unpacked official folders (--data)
+
+    def find(self, name: str) -> Path:
+        """Return the folder or bag of a sequence, making it if it can be made.
+
+        Raises:
+            InputError: the sequence is missing and cannot be made here.
+
+        """
+        path = self.locate(name)
+        if path is None:
+            raise InputError(f'sequence {name} is missing: {_advice(name)}')
+        if not path.exists():
+            if scene_options(name):
+                _call([sys.executable, '-m', 'hoid_bringup', *self.recipe(name)])
+            else:
+                self._paste_people(name, path)
+        return path
+
+    def locate(self, name: str) -> Path | None:
+        """Return where a sequence is or would be made; None for one that has to be got."""
+        if options := scene_options(name):
+            return self._bag(name, options)
+        folder = official_name(name)
+        if self.official is not None and folder and (self.official / folder).is_dir():
+            return self.official / folder
+        recording = self.shared / 'data' / name
+        if recording.is_dir():
+            return recording
+        return self.made / name if name.endswith(PEOPLE_SUFFIX) else None
+
+    def official_sequences(self) -> tuple[str, ...]:
+        """Return the short names of the official folders that are here.
+
+        Raises:
+            InputError: the folder that should hold them does not exist or holds none.
+        """
+        if self.official is None:
+            return ()
+        if not self.official.is_dir():
+            raise InputError(f'--data {self.official}: no such folder')
+        names = tuple(filter(None, (_renamed(p.name, _SHORT) for p in self._folders())))
+        if not names:
+            raise InputError(
+                f'--data {self.official}: holds no folder with an official name, such as '
+                f'{official_name("fr3_walking_xyz")}; get them from {_WHERE} and unpack them there'
+            )
+        return names
+
+    def recipe(self, name: str) -> list[str]:
+        """Return the `hoid` arguments that make a rendered sequence; empty for a recording."""
+        options = scene_options(name)
+        return ['synth', str(self._bag(name, options)), *options] if options else []
+
+    def _folders(self) -> list[Path]:
+        return sorted(p for p in (self.official or Path()).iterdir() if p.is_dir())
+
+    def _bag(self, name: str, options: list[str]) -> Path:
+        """Return a bag's path: another one when the scene or what renders it has changed."""
+        made_by = Path(hoid_synth.__file__).parent
+        text = ' '.join(options).encode() + b''.join(
+            p.read_bytes() for p in sorted(made_by.glob('*.py'))
+        )
+        return self.made / f'{name}-{hashlib.sha256(text).hexdigest()[:8]}'
+
+    def _paste_people(self, name: str, folder: Path) -> None:
+        base = self.find(name.removesuffix(PEOPLE_SUFFIX))
+        tool = self.shared / _MAKE_PEOPLE
+        if not tool.is_file():
+            raise InputError(f'sequence {name} is missing: it is made by {_MAKE_PEOPLE}, not here')
+        unfinished = folder.with_name(f'.{name}.unfinished')
+        shutil.rmtree(unfinished, ignore_errors=True)
+        _call([sys.executable, str(tool), str(base), str(unfinished)])
+        unfinished.rename(folder)
+
+
+def official_name(name: str) -> str:
+    """Return the official folder name of a short one, or nothing."""
+    return _renamed(name, _OFFICIAL)
+
+
+def scene_options(name: str) -> list[str]:
+    """Return the `hoid synth` options of a rendered scene, or nothing for a recording.
+
+    Scenes have names in `experiments/scenes.yaml`; beside those there are `synth-SEED[-OPTION+…]`,
+    such as `synth-3-no-people` or `synth-1-path=loop+frames=600`.
+    """
+    scenes: dict[str, str] = yaml.safe_load(_SCENES.read_text())
+    if name in scenes:
+        return scenes[name].split()
+    if not name.startswith(_SYNTH):
+        return []
+    _, seed, *options = name.split('-', 2)
+    return ['--seed', seed, *(f'--{o}' for text in options for o in text.split('+'))]
+
+
+def _renamed(name: str, rules: tuple[tuple[str, str], ...]) -> str:
+    for pattern, replacement in rules:
+        if match := re.fullmatch(pattern, name):
+            return match.expand(replacement)
+    return ''
+
+
+def _advice(name: str) -> str:
+    if folder := official_name(name):
+        return f'unpack {folder} ({_WHERE}) and pass its parent folder as --data DIR'
+    return 'neither an official name nor a scene of experiments/scenes.yaml'
+
+
+def _call(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError((done.stderr.strip().splitlines() or [f'{command[2]} failed'])[-1])

@@ -1,0 +1,4 @@
+"""Tables, figures and the page, from stored results.
+
+Nothing here runs an experiment.
+"""

@@ -1,0 +1,47 @@
+"""Stored bounds on the quick set, so that a loss of accuracy or speed fails the build.
+
+Times are ratios within one process to a piece of work that never changes (`reference.py`), never
+wall times: another machine or a busy one must not matter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hoid_benchmarks.jobs.results import Result, key_value, spread
+
+_FILE = Path(__file__).parent / 'bounds.yaml'
+
+
+def check(results: Iterable[Result], bounds: Path = _FILE) -> list[str]:
+    """Return a line for each broken bound and each failed run; no line means that all is well.
+
+    A rule names runs (`of`: sequence, filter, and where they matter mode and variant), a value of
+    their summaries whose median counts, and its bounds (`min`, `max`). With `over`, the value is
+    divided by another one, with `of` replaced in part by `against` if given.
+    """
+    rules: list[dict[str, Any]] = yaml.safe_load(bounds.read_text())['bounds']
+    found = list(results)
+    failed = [f'run failed: {r.job.label}: {r.error}' for r in found if not r.ok]
+    return failed + [line for rule in rules if (line := _broken(rule, found))]
+
+
+def _broken(rule: Mapping[str, Any], results: list[Result]) -> str:
+    value = _median(rule['of'], rule['value'], results)
+    if 'over' in rule:
+        value /= _median({**rule['of'], **rule.get('against', {})}, rule['over'], results)
+    low, high = rule.get('min', -math.inf), rule.get('max', math.inf)
+    if low <= value <= high:  # False for NaN: a bound on nothing is broken
+        return ''
+    return f'{rule["name"]}: {value:.4g} is not in [{low}, {high}]'
+
+
+def _median(of: Mapping[str, str], name: str, results: list[Result]) -> float:
+    wanted = {'mode': 'offline', 'variant': '', **of}
+    chosen = [r for r in results if all(getattr(r.job, k) == v for k, v in wanted.items())]
+    return spread(chosen, key_value(name)).median

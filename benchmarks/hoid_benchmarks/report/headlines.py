@@ -1,0 +1,38 @@
+"""The results at the top of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hoid_benchmarks.jobs.results import Result, key_value, spread
+from hoid_benchmarks.plan.plan import Job, Plan
+from hoid_benchmarks.report.page import Headline
+from hoid_benchmarks.report.tables import Cell
+from hoid_benchmarks.report.views import by_method, grouped
+
+_MOST = 6
+_ATE, _COVERAGE = key_value('ate_rmse_m'), key_value('coverage')
+
+
+def headlines(plan: Plan, results: Mapping[Job, Result]) -> tuple[Headline, ...]:
+    """Return how much a comparison's last filter lowers ATE against its first, by sequence."""
+    jobs = [job for e in plan.experiments if e.view == 'comparison' for job in e.jobs]
+    ended_well = [r for job in jobs if (r := results.get(job)) and r.ok]
+    groups = grouped(ended_well, lambda job: (job.sequence,)).values()
+    return tuple(filter(None, map(_headline, groups)))[:_MOST]
+
+
+def _headline(results: list[Result]) -> Headline | None:
+    methods = list(grouped(results, by_method).values())
+    before, after = (spread(group, _ATE).median for group in (methods[0], methods[-1]))
+    job = methods[-1][0].job
+    if len(methods) < 2 or not before > 0 or not after > 0:
+        return None
+    better = 100 * (1 - after / before)
+    value = Cell(f'{abs(better):.1f} % {"better" if better >= 0 else "worse"}', better, (job,))
+    coverage = spread(methods[-1], _COVERAGE).median
+    return Headline(
+        value,
+        f'ATE on {job.sequence}: {before:.4f} m without a filter, {after:.4f} m with {job.filter} '
+        f'({job.detector}), coverage {coverage:.2f}',
+    )

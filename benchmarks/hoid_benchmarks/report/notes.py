@@ -1,0 +1,100 @@
+"""What a curve says, in words: where the best value is, and what the ends of the range cost."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Sequence
+
+from hoid_benchmarks.jobs.results import Result, key_value, spread
+from hoid_benchmarks.plan.plan import Experiment
+from hoid_benchmarks.report.views import grouped, setting_of
+
+_ATE = key_value('ate_rmse_m')
+_MIN_VALUES = 3  # fewer make no curve
+
+
+def curve_note(experiment: Experiment, results: Sequence[Result]) -> str:
+    """Return where a parameter's curve has its minimum; nothing where no parameter is varied.
+
+    Over several sequences, a value is judged by how much worse than each sequence's own best it
+    is, on (geometric) average: metres cannot be averaged over easy and hard sequences.
+    """
+    if experiment.view == 'verdicts':
+        return f'{_verdict_note(experiment, results)} {_ate_note(experiment, results)}'.strip()
+    if experiment.view != 'curve' or '.' not in experiment.varied:
+        return ''
+    return _ate_note(experiment, results)
+
+
+def _ate_note(experiment: Experiment, results: Sequence[Result]) -> str:
+    curves = _curves(experiment, [r for r in results if r.ok])
+    values = sorted({x for curve in curves.values() for x in curve})
+    if len(values) < _MIN_VALUES:
+        return ''
+    factor = {x: _factor(curves, x) for x in values}
+    best = min(values, key=lambda x: factor[x])
+    each = ', '.join(f'{name}: {min(c, key=lambda x: c[x]):g}' for name, c in curves.items())
+    ends = ' and '.join(f'{100 * (factor[x] - 1):.0f} % at {x:g}' for x in (values[0], values[-1]))
+    noise = 100 * _seed_noise(experiment, results)
+    return (
+        f'Lowest ATE over all sequences at {best:g} ({100 * (factor[best] - 1):.0f} % above each '
+        f"sequence's own best value, on average); the ends of the range cost {ends}. "
+        f'Seeds alone vary ATE by {noise:.0f} %. Lowest by sequence: {each}.'
+    )
+
+
+def _verdict_note(experiment: Experiment, results: Sequence[Result]) -> str:
+    """Say where handled objects are told best from those that are passed, by filter."""
+    notes = []
+    for (method,), group in grouped([r for r in results if r.ok], lambda j: (j.filter,)).items():
+        by_value = grouped(group, lambda j: (str(setting_of(j, experiment.varied)),))
+        shares = {float(value): _told_apart(mine) for (value,), mine in by_value.items()}
+        best = max(shares, key=lambda x: sum(shares[x]))
+        told = '; '.join(
+            f'at {x:g} {100 * found:.0f} % of the handled ones go and {100 * spared:.0f} % of the '
+            f'others stay'
+            for x in dict.fromkeys((min(shares), best, max(shares)))
+            for found, spared in [shares[x]]
+        )
+        notes.append(f'{method}: told apart best at {best:g}; {told}.')
+    return ' '.join(notes)
+
+
+def _told_apart(results: Sequence[Result]) -> tuple[float, float]:
+    """Return the share of handled objects removed and of others spared, over all recordings."""
+
+    def right(wrong: str, of: str) -> float:
+        wrong_sum, total = (
+            sum(key_value(f'verdicts.{name}')(r.summary) for r in results) for name in (wrong, of)
+        )
+        return 1 - wrong_sum / total if total else math.nan
+
+    return right('wrongly_static', 'handled'), right('wrongly_dynamic', 'passed')
+
+
+def _curves(experiment: Experiment, results: Sequence[Result]) -> dict[str, dict[float, float]]:
+    """Return the median ATE by value, by sequence and filter."""
+    curves: dict[str, dict[float, float]] = {}
+    for key, group in grouped(
+        results, lambda j: (j.sequence, j.filter, str(setting_of(j, experiment.varied)))
+    ).items():
+        median_m = spread(group, _ATE).median
+        if math.isfinite(median_m):
+            curves.setdefault(f'{key[0]} {key[1]}', {})[float(key[2])] = median_m
+    return curves
+
+
+def _factor(curves: dict[str, dict[float, float]], value: float) -> float:
+    ratios = [curve[value] / min(curve.values()) for curve in curves.values() if value in curve]
+    return statistics.geometric_mean(ratios)
+
+
+def _seed_noise(experiment: Experiment, results: Sequence[Result]) -> float:
+    """Return the median over all groups of half the range over seeds, as a share."""
+    groups = grouped(
+        results, lambda j: (j.sequence, j.filter, str(setting_of(j, experiment.varied)))
+    )
+    spreads = [spread(group, _ATE) for group in groups.values()]
+    shares = [(s.high - s.low) / 2 / s.median for s in spreads if s.runs > 1]
+    return statistics.median(shares) if shares else 0.0

@@ -1,0 +1,82 @@
+"""Tables and their cells, as CSV and Markdown; the page renders them as HTML."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hoid_benchmarks.jobs.results import Result, Spread
+from hoid_benchmarks.plan.plan import Job
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell: text for the reader, number for sorting, and the runs it came from."""
+
+    text: str
+    value: float = math.nan
+    jobs: tuple[Job, ...] = ()
+
+
+@dataclass(frozen=True)
+class Table:
+    """A titled grid of cells."""
+
+    id: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def csv(self) -> str:
+        """Return the table as CSV."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator='\n')
+        writer.writerow(self.columns)
+        writer.writerows([cell.text for cell in row] for row in self.rows)
+        return out.getvalue()
+
+    def markdown(self) -> str:
+        """Return the table as GitHub Markdown."""
+        lines = ['| ' + ' | '.join(self.columns) + ' |', '|' + '---|' * len(self.columns)]
+        lines += ['| ' + ' | '.join(cell.text for cell in row) + ' |' for row in self.rows]
+        return '\n'.join(lines) + '\n'
+
+
+def text(words: str) -> Cell:
+    """Return a cell of words."""
+    return Cell(words)
+
+
+def metres(s: Spread, group: Sequence[Result]) -> Cell:
+    """Return a median in m, with the range over seeds."""
+    if s.runs == 0:
+        failed = any(not r.ok for r in group)
+        return Cell('failed' if failed else 'none', math.inf, _jobs(group))
+    words = f'{s.median:.4f}'
+    if s.runs > 1:
+        words += f' [{s.low:.4f}-{s.high:.4f}]'
+    return Cell(words, s.median, _jobs(group))
+
+
+def share(s: Spread, group: Sequence[Result]) -> Cell:
+    """Return a share in [0, 1]."""
+    return number(s.median, group, 3)
+
+
+def percent(value: float, group: Sequence[Result]) -> Cell:
+    """Return a percentage."""
+    return Cell('-' if math.isnan(value) else f'{value:.1f} %', value, _jobs(group))
+
+
+def number(value: float, group: Sequence[Result], digits: int | None = None) -> Cell:
+    """Return a number with so many digits after the point, or as short as it can be."""
+    if math.isnan(value):
+        return Cell('-', value, _jobs(group))
+    return Cell(f'{value:g}' if digits is None else f'{value:.{digits}f}', value, _jobs(group))
+
+
+def _jobs(group: Sequence[Result]) -> tuple[Job, ...]:
+    return tuple(r.job for r in group)

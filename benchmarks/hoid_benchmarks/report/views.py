@@ -1,0 +1,275 @@
+"""From the results of an experiment to its table, by the experiment's view."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from hoid_benchmarks.jobs.masks import SHARES
+from hoid_benchmarks.jobs.results import Result, key_value, removed_share, spread
+from hoid_benchmarks.plan.plan import Experiment, Job
+from hoid_benchmarks.report.tables import Cell, Table, metres, number, percent, share, text
+
+_ATE = key_value('ate_rmse_m')
+_COVERAGE = key_value('coverage')
+_METHOD = ('sequence', 'filter', 'detector')
+
+Group = tuple[str, ...]
+Rows = list[tuple[Cell, ...]]
+
+
+def make_table(experiment: Experiment, results: Sequence[Result]) -> Table:
+    """Return the experiment's table; pictures have none, so theirs has no rows."""
+    columns, rows = _MAKERS[experiment.view](experiment, results)
+    return Table(experiment.id, experiment.title, columns, tuple(rows))
+
+
+def failures(results: Sequence[Result]) -> Table:
+    """Return the runs that failed, with the reason."""
+    rows = [(text(r.job.label), text(r.error)) for r in results if not r.ok and not r.missing]
+    return Table('failures', 'Runs that failed', ('run', 'why'), tuple(rows))
+
+
+def missing(results: Sequence[Result]) -> Table:
+    """Return the sequences that are not here, each once, with where to get them."""
+    reasons = {r.job.sequence: r.error for r in results if r.missing}
+    rows = tuple((text(name), text(why)) for name, why in sorted(reasons.items()))
+    return Table('missing', 'Sequences that are not here', ('sequence', 'what to do'), rows)
+
+
+def _comparison(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    """Compare every filter with the first one, in the paper's form."""
+    first = results[0].job.filter if results else ''
+    rows = []
+    for key, group in grouped(results, by_method).items():
+        baseline = [r for r in results if (r.job.sequence, r.job.filter) == (key[0], first)]
+        errors = []
+        for name in ('ate_rmse_m', 'ate_mean_m', 'ate_median_m'):
+            after = spread(group, key_value(name))
+            better = improvement(baseline, group, name)
+            errors += [metres(after, group), text('-') if key[1] == first else better]
+        online = metres(spread(group, key_value('ate_online_rmse_m')), group)
+        other = online, share(spread(group, _COVERAGE), group), _frame_times(group)
+        rows.append((*map(text, key), *errors[:2], *other, *errors[2:]))
+    columns = (*_METHOD, 'RMSE [m]', 'better', 'online RMSE [m]', 'coverage')
+    more = 'frame [ms]: median / p95', 'mean [m]', 'better', 'median [m]', 'better'
+    return (*columns, *more), rows
+
+
+def _frame_times(group: Sequence[Result]) -> Cell:
+    """Return what a frame takes; empty where no run was timed."""
+    median, p95 = (
+        spread(group, key_value(f'stage_ms.frame.{q}')).median for q in ('median', 'p95')
+    )
+    cell = number(median, group)
+    return replace(cell, text='' if math.isnan(median) else f'{median:.1f} / {p95:.1f}')
+
+
+def improvement(
+    baseline: Sequence[Result], group: Sequence[Result], name: str = 'ate_rmse_m'
+) -> Cell:
+    """Return by how many percent the median of a value falls."""
+    before, after = (spread(g, key_value(name)).median for g in (baseline, group))
+    return percent(100 * (1 - after / before) if before else math.nan, group)
+
+
+def _curve(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    rows = [
+        (
+            *map(text, key[:3]),
+            number(setting_of(group[0].job, experiment.varied), group),
+            metres(spread(group, _ATE), group),
+            share(spread(group, _COVERAGE), group),
+            share(spread(group, removed_share), group),
+        )
+        for key, group in grouped(results, _by_setting(experiment.varied)).items()
+    ]
+    columns = (*_METHOD, experiment.varied, 'ATE RMSE [m]', 'coverage', 'features removed')
+    return columns, rows
+
+
+def _ablation(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    def key(job: Job) -> Group:
+        return (job.variant or 'default', job.sequence, job.detector)
+
+    rows = [
+        (
+            *map(text, names),
+            metres(spread(group, _ATE), group),
+            share(spread(group, _COVERAGE), group),
+            share(spread(group, removed_share), group),
+        )
+        for names, group in grouped(results, key).items()
+    ]
+    columns = ('variant', 'sequence', 'detector', 'ATE RMSE [m]', 'coverage', 'features removed')
+    return columns, rows
+
+
+def _accuracy(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    rows = []
+    for key, group in grouped(results, by_method).items():
+        names = ('ate_rmse_m', 'ate_online_rmse_m', 'rpe_trans_1s_rmse_m')
+        rows.append(
+            (
+                *map(text, key),
+                *(metres(spread(group, key_value(name)), group) for name in names),
+                number(spread(group, key_value('rpe_rot_1s_rmse_deg')).median, group, 2),
+                share(spread(group, _COVERAGE), group),
+                share(spread(group, _processed_share), group),
+                share(spread(group, removed_share), group),
+                number(spread(group, _ATE).runs, group, 0),
+            )
+        )
+    columns = (*_METHOD, 'ATE [m]', 'online ATE [m]', 'RPE 1 s [m]', 'RPE 1 s [deg]', 'coverage')
+    return (*columns, 'frames processed', 'features removed', 'runs'), rows
+
+
+def _processed_share(summary: Mapping[str, Any]) -> float | None:
+    total = summary.get('frames_total')
+    return summary['frames_processed'] / total if total else None
+
+
+def _stages(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    rows = []
+    for key, group in grouped(results, by_method).items():
+        spent = [r.summary.get('stage_ms', {}).items() for r in group]
+        for stage in sorted({name for items in spent for name, ms in items if ms is not None}):
+            times = [
+                spread(group, key_value(f'stage_ms.{stage}.{q}')).median for q in ('median', 'p95')
+            ]
+            rows.append((*map(text, key), text(stage), *(number(t, group, 2) for t in times)))
+    return (*_METHOD, 'stage', 'median [ms]', 'p95 [ms]'), rows
+
+
+def _detectors(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    rows: Rows = [
+        (
+            text(r.job.detector),
+            text(r.job.sequence),
+            text(str(found.get('input', 'failed'))),
+            _counted(found.get('parameters'), r),
+            number(_float(found.get('latency_ms')), [r], 1),
+            number(_float(found.get('recall_person')), [r], 3),
+            _counted(found.get('people'), r),
+            number(_float(found.get('recall_object')), [r], 3),
+            _counted(found.get('objects'), r),
+        )
+        for r in results
+        for found in [r.summary.get('detector', {})]
+    ]
+    columns = ('detector', 'sequence', 'input [px]', 'parameters', 'latency [ms]')
+    more = ('recall, people', 'people in view', 'recall, objects', 'objects in view')
+    return (*columns, *more), rows
+
+
+def _verdicts(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    rows = [
+        (
+            *map(text, key[:3]),
+            number(setting_of(group[0].job, experiment.varied), group),
+            share(spread(group, key_value('verdicts.found_share')), group),
+            share(spread(group, key_value('verdicts.spared_share')), group),
+            share(spread(group, key_value('verdicts.balanced')), group),
+            _wrong('wrongly_static', 'handled', group),
+            _wrong('wrongly_dynamic', 'passed', group),
+            metres(spread(group, _ATE), group),
+            share(spread(group, _COVERAGE), group),
+            share(spread(group, removed_share), group),
+        )
+        for key, group in grouped(results, _by_setting(experiment.varied)).items()
+    ]
+    columns = (*_METHOD, experiment.varied, 'handled: removed', 'passed in front of: kept')
+    more = ('wrongly static', 'wrongly dynamic', 'ATE RMSE [m]', 'coverage', 'features removed')
+    return (*columns, 'mean of both', *more), rows
+
+
+def _wrong(name: str, of: str, group: Sequence[Result]) -> Cell:
+    """Return how many wrong verdicts there were, an object in a frame each, of how many."""
+    wrong, every = (spread(group, key_value(f'verdicts.{key}')).median for key in (name, of))
+    cell = number(wrong, group, 0)
+    return cell if math.isnan(wrong) else replace(cell, text=f'{wrong:.0f} of {every:.0f}')
+
+
+def _cost(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    names = ('stage_ms.frame.median', 'stage_ms.frame.p95', 'stage_ms.filter.median')
+    rows = [
+        (
+            *map(text, key[:2]),
+            number(setting_of(group[0].job, experiment.varied), group),
+            *(number(spread(group, key_value(name)).median, group, 2) for name in names),
+            number(spread(group, key_value('peak_rss_mb')).median, group, 0),
+            number(spread(group, key_value('frames_processed')).median, group, 0),
+            number(spread(group, key_value('keyframes')).median, group, 0),
+            metres(spread(group, _ATE), group),
+        )
+        for key, group in grouped(results, _by_setting(experiment.varied)).items()
+    ]
+    columns = ('sequence', 'filter', experiment.varied, 'frame [ms]', 'frame p95 [ms]')
+    more = ('filter [ms]', 'peak memory [MB]', 'frames', 'keyframes', 'ATE [m]')
+    return (*columns, *more), rows
+
+
+def _masks(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    rows = [
+        (
+            *map(text, (r.job.sequence, r.job.detector, r.job.variant or '-', variant)),
+            number(frames, [r], 0),
+            *(percent(100 * value, [r]) for value in shares),
+        )
+        for r in results
+        for variant, frames, *shares in r.summary.get('masks', [])
+    ]
+    columns = ('sequence', 'detector', 'perturbation', 'variant', 'frames that differ')
+    return (*columns, *SHARES), rows
+
+
+def _pictures(_experiment: Experiment, _results: Sequence[Result]) -> tuple[Group, Rows]:
+    return (), []
+
+
+_MAKERS: dict[str, Callable[[Experiment, Sequence[Result]], tuple[Group, Rows]]] = {
+    'comparison': _comparison,
+    'curve': _curve,
+    'ablation': _ablation,
+    'accuracy': _accuracy,
+    'stages': _stages,
+    'detectors': _detectors,
+    'verdicts': _verdicts,
+    'cost': _cost,
+    'pictures': _pictures,
+    'masks': _masks,
+}
+
+
+def setting_of(job: Job, name: str) -> float:
+    """Return the value of a varied parameter or perturbation."""
+    values = dict(job.parameters)
+    return float(values[name] if name in values else getattr(job.perturbation, name))
+
+
+def by_method(job: Job) -> Group:
+    """Return what a method is told by: sequence, filter, detector."""
+    return (job.sequence, job.filter, job.detector or '-')
+
+
+def _by_setting(varied: str) -> Callable[[Job], Group]:
+    return lambda job: (*by_method(job), str(setting_of(job, varied)))
+
+
+def grouped(results: Sequence[Result], key: Callable[[Job], Group]) -> dict[Group, list[Result]]:
+    """Return the results by a key of their jobs, in order."""
+    groups: dict[Group, list[Result]] = {}
+    for result in results:
+        groups.setdefault(key(result.job), []).append(result)
+    return groups
+
+
+def _float(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+def _counted(value: object, result: Result) -> Cell:
+    words = f'{value:,}'.replace(',', ' ') if isinstance(value, int) else '-'
+    return Cell(words, _float(value), (result.job,))

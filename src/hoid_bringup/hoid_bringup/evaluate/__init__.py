@@ -1,0 +1,4 @@
+"""Trajectories against the truth, and their plots.
+
+Nothing here runs SLAM.
+"""

@@ -1,0 +1,80 @@
+"""The three nodes as command lines."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hoid_bringup.live.supervisor import ProcessSpec
+from hoid_common.errors import ConfigError
+
+DETECTOR, FILTER, SLAM = 'hoid_detector', 'hoid_filter', 'rgbd_slam'
+# The interpreter of this process, not a script: a script's first line cannot hold a path with
+# spaces. Each node is `main` of `PACKAGE.node`. Ctrl-C during the imports ends it without a word.
+_CODE = (
+    'import signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); '
+    'from {package}.node import main; '
+    'signal.signal(signal.SIGINT, signal.default_int_handler); sys.exit(main())'
+)
+
+
+@dataclass(frozen=True)
+class NodeOptions:
+    """What all nodes are started with."""
+
+    nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM)
+    namespace: str = ''
+    use_sim_time: bool = False
+    params_file: Path | None = None  # a ROS parameter file
+    remappings: tuple[tuple[str, str], ...] = ()
+    log_level: str = 'info'
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # node: name: value
+
+
+def node_specs(options: NodeOptions, folder: Path) -> tuple[ProcessSpec, ...]:
+    """Return the command lines of the nodes.
+
+    Args:
+        options: What to start.
+        folder: Where the nodes' parameters are written to files; they beat the parameter file.
+    """
+    return tuple(_spec(package, options, folder) for package in options.nodes)
+
+
+def _spec(package: str, options: NodeOptions, folder: Path) -> ProcessSpec:
+    arguments = ['--ros-args', '--log-level', options.log_level]
+    if options.namespace:
+        arguments += ['-r', f'__ns:=/{options.namespace.strip("/")}']
+    for name, target in options.remappings:
+        arguments += ['-r', f'{name}:={target}']
+    if options.params_file is not None:
+        arguments += ['--params-file', str(options.params_file)]
+    own = {**options.parameters.get(package, {}), 'use_sim_time': options.use_sim_time}
+    path = folder / f'{package}.yaml'
+    path.write_text(parameter_file(own), encoding='utf-8')
+    arguments += ['--params-file', str(path)]
+    code = _CODE.format(package=package)
+    return ProcessSpec(package, (sys.executable, '-c', code, *arguments))
+
+
+def parameter_file(parameters: Mapping[str, Any]) -> str:
+    """Return the text of a ROS parameter file for any node, from dotted names.
+
+    Raises:
+        ConfigError: A list is empty, which such a file cannot say.
+    """
+    tree: dict[str, Any] = {}
+    for name, value in parameters.items():
+        if isinstance(value, tuple) and not value:
+            raise ConfigError(f'parameter {name}: an empty list cannot be given to a node')
+        *above, leaf = name.split('.')
+        branch = tree
+        for part in above:
+            branch = branch.setdefault(part, {})
+        branch[leaf] = list(value) if isinstance(value, tuple) else value
+    return str(yaml.safe_dump({'/**': {'ros__parameters': tree}}, sort_keys=True))

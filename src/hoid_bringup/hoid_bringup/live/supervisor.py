@@ -1,0 +1,204 @@
+"""Child processes that start together, are watched, and always end: SIGINT, SIGTERM, then SIGKILL.
+
+A ROS node can hang while it shuts down with the interpreter lock held, so that nothing inside it
+can end it; therefore the escalation.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import psutil
+
+from hoid_common.io.files import unwritable
+
+_LOG = logging.getLogger(__name__)
+
+GRACE_S = 4.0
+_POLL_S = 0.02
+_MEMORY_PERIOD_S = 2.0  # a look goes through all processes of the machine
+RESTART_PAUSE_S = 1.0
+_BYTES_PER_MB = 2**20
+
+
+@dataclass(frozen=True)
+class ProcessSpec:
+    """One child: its name for people and its command line."""
+
+    name: str
+    argv: tuple[str, ...]
+    env: Mapping[str, str] = field(default_factory=dict)  # on top of this process's own
+
+
+@dataclass(frozen=True)
+class ProcessExit:
+    """A child that ended though nobody asked it to."""
+
+    name: str
+    status: int  # exit status; negative: the signal
+
+    def __str__(self) -> str:
+        how = f'signal {signal.Signals(-self.status).name}' if self.status < 0 else ''
+        return f'{self.name} ended ({how or f"status {self.status}"})'
+
+
+class Supervisor:
+    """Runs children in process groups of their own; use as a context manager.
+
+    Args:
+        specs: What to start.
+        restart: Start a dead child anew instead of leaving it dead.
+        restart_pause_s: How long after its end.
+        log_dir: Folder that gets one file of output per child; None lets them write here.
+    """
+
+    def __init__(
+        self,
+        specs: Sequence[ProcessSpec],
+        *,
+        restart: bool = False,
+        restart_pause_s: float = RESTART_PAUSE_S,
+        log_dir: Path | None = None,
+    ) -> None:
+        self._specs = {spec.name: spec for spec in specs}
+        self._restart = restart
+        self._restart_pause_s = restart_pause_s
+        self._log_dir = log_dir
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._due_s: dict[str, float] = {}  # monotonic time at which a dead child starts anew
+        self._peak_rss_bytes: dict[str, int] = {}
+        self._next_look_s = 0.0  # when to look at the memory next
+
+    def __enter__(self) -> Self:
+        try:
+            for spec in self._specs.values():
+                self._start(spec)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Return the process ids of the children that run, by name."""
+        return {name: process.pid for name, process in self._running.items()}
+
+    def peak_rss_mb(self) -> dict[str, float]:
+        """Return the highest resident memory that `poll` saw of each child and its children."""
+        return {name: size / _BYTES_PER_MB for name, size in self._peak_rss_bytes.items()}
+
+    def poll(self) -> list[ProcessExit]:
+        """Return the children that ended since the last call; restart them if so told."""
+        now_s = time.monotonic()
+        if now_s >= self._next_look_s:
+            self._next_look_s = now_s + _MEMORY_PERIOD_S
+            for name, process in self._running.items():
+                self._note_memory(name, process.pid)
+        exits = []
+        for name, process in list(self._running.items()):
+            status = process.poll()
+            if status is None:
+                continue
+            del self._running[name]
+            exits.append(ProcessExit(name, status))
+            if self._restart:
+                self._due_s[name] = now_s + self._restart_pause_s
+        for name, due_s in list(self._due_s.items()):
+            if now_s >= due_s:
+                del self._due_s[name]
+                self._start(self._specs[name])
+        return exits
+
+    def stop(self, grace_s: float = GRACE_S) -> None:
+        """End all children, politely first, and return when all are gone."""
+        self._due_s.clear()
+        for sign, wait_s in (
+            (signal.SIGINT, grace_s),
+            (signal.SIGTERM, grace_s / 4),
+            (signal.SIGKILL, grace_s),
+        ):
+            if not self._running:
+                return
+            self._signal_all(sign)
+            self._wait(wait_s)
+            if self._running and sign is signal.SIGTERM:
+                _LOG.warning('%s did not end; killed', ', '.join(self._running))
+
+    def _start(self, spec: ProcessSpec) -> None:
+        output = None
+        if self._log_dir is not None:
+            try:
+                self._log_dir.mkdir(parents=True, exist_ok=True)
+                output = (self._log_dir / f'{spec.name}.log').open('ab')
+            except OSError as error:
+                raise unwritable(self._log_dir, error) from error
+        with contextlib.ExitStack() as stack:
+            if output is not None:
+                stack.enter_context(output)  # the child keeps its own copy of the descriptor
+            self._running[spec.name] = subprocess.Popen(
+                (*_ending_with_parent(), *spec.argv),
+                env={**os.environ, **spec.env},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT if output is not None else None,
+                # Ctrl-C reaches us alone; we pass it on in order. All stay in one session, for
+                # Linux weighs niceness within one only (sched(7), autogroup).
+                process_group=0,
+            )
+
+    def _note_memory(self, name: str, pid: int) -> None:
+        with contextlib.suppress(psutil.Error):
+            process = psutil.Process(pid)
+            family = [process, *process.children(recursive=True)]
+            total = sum(member.memory_info().rss for member in family)
+            self._peak_rss_bytes[name] = max(self._peak_rss_bytes.get(name, 0), total)
+
+    def _signal_all(self, sign: signal.Signals) -> None:
+        for process in self._running.values():
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, sign)
+
+    def _wait(self, timeout_s: float) -> None:
+        deadline_s = time.monotonic() + timeout_s
+        while self._running and time.monotonic() < deadline_s:
+            for name, process in list(self._running.items()):
+                if process.poll() is not None:
+                    del self._running[name]
+            time.sleep(_POLL_S)
+
+
+def _ending_with_parent() -> tuple[str, ...]:
+    """Return what to put before a command so that it ends when this process is killed."""
+    tool = shutil.which('setpriv')  # of util-linux
+    return (tool, '--pdeathsig', 'TERM', '--') if tool is not None else ()
+
+
+def clean_shared_memory() -> None:
+    """Remove the shared-memory segments that killed nodes left behind; those in use stay."""
+    tool = shutil.which(
+        'fastdds', path=os.pathsep.join([str(Path(sys.executable).parent), os.defpath])
+    )
+    if tool is None:
+        return
+    with contextlib.suppress(subprocess.TimeoutExpired, OSError):
+        subprocess.run([tool, 'shm', 'clean'], capture_output=True, check=False, timeout=20)

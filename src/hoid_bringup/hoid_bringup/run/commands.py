@@ -1,0 +1,157 @@
+"""The commands `run`, `replay` and `evaluate`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from hoid_bringup.evaluate.evaluation import Evaluation, evaluate
+from hoid_bringup.live.replay_plan import ReplayConfig
+from hoid_bringup.run.offline import run_offline
+from hoid_bringup.run.offline_maps import MapFiles
+from hoid_bringup.run.options import (
+    add_method_arguments,
+    add_recording_arguments,
+    playable_bag,
+    recording,
+    run_config,
+)
+from hoid_bringup.run.run_config import TRUTH, RunConfig
+from hoid_bringup.run.summary import Summary
+from hoid_common.errors import InputError
+from hoid_common.io.files import unwritable
+from hoid_common.io.trajectory_io import read_tum
+
+
+def _add_shared_arguments(parser: argparse.ArgumentParser) -> None:
+    add_recording_arguments(parser)
+    parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='results go here')
+    add_method_arguments(parser)
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid run`."""
+    _add_shared_arguments(parser)
+    parser.add_argument(
+        '--dense', action='store_true', help='also write cloud.ply, and grid.pgm with grid.yaml'
+    )
+    parser.add_argument('--map', type=Path, metavar='FILE', help='start with a saved map')
+    parser.add_argument(
+        '--localize', action='store_true', help='leave that map as it is, and only look for poses'
+    )
+    parser.add_argument('--save-map', type=Path, metavar='FILE', help='save the map in the end')
+
+
+def run_command(args: argparse.Namespace) -> None:
+    """Process a recording offline."""
+    config = run_config(args)
+    sequence = recording(args)
+    say_detections(config)
+    maps = MapFiles(args.map, args.localize, args.save_map)
+    summary = run_offline(
+        sequence, config, args.out, dense=args.dense, recording=args.input, maps=maps
+    )
+    print(report(summary, args.out))
+    if sequence.fault:
+        raise InputError(sequence.fault)
+
+
+def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid replay`."""
+    _add_shared_arguments(parser)
+    parser.add_argument(
+        '--rate', type=float, default=ReplayConfig().rate, metavar='R', help='times real time'
+    )
+    parser.add_argument(
+        '--lockstep', action='store_true', help='wait for each image: slow machines lose none'
+    )
+
+
+def replay_command(args: argparse.Namespace) -> None:
+    """Play a recording through the live nodes; a folder becomes a bag for the time of it."""
+    from hoid_bringup.live.replay import replay  # needs ROS, which the other commands do not
+
+    config = ReplayConfig(rate=args.rate, lockstep=args.lockstep, run=run_config(args))
+    say_detections(config.run)
+    with playable_bag(args) as bag:
+        summary = replay(bag, config, args.out, recording=args.input)
+    print(report(summary, args.out))
+    if bag.fault:
+        raise InputError(bag.fault)
+
+
+def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid evaluate`."""
+    parser.add_argument('estimate', type=Path, metavar='ESTIMATE', help='TUM-format trajectory')
+    parser.add_argument('groundtruth', type=Path, metavar='GROUNDTRUTH', help='the same, true')
+    parser.add_argument(
+        '--frames', type=int, metavar='N', help='images in the recording, for the coverage'
+    )
+    parser.add_argument(
+        '--json', type=Path, metavar='FILE', help='write the numbers there as well'
+    )
+
+
+def evaluate_command(args: argparse.Namespace) -> None:
+    """Compare a trajectory with the truth."""
+    result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), args.frames)
+    print(evaluation_report(result))
+    if args.json is not None:
+        try:
+            args.json.write_text(json.dumps(asdict(result), indent=2) + '\n', encoding='utf-8')
+        except OSError as error:
+            raise unwritable(args.json, error) from error
+
+
+def say_detections(config: RunConfig) -> None:
+    """Say it when boxes are exact: such a result says nothing about a detector."""
+    if config.needs_detections and config.model == TRUTH:
+        print("detections: the rendered scene's exact boxes, no detector runs")
+
+
+def report(summary: Summary, out_dir: Path) -> str:
+    """Return a run's result in a few lines."""
+    s = summary
+    lines = [
+        f'tracked    {s.frames_tracked} of {s.frames_total} frames ({100 * s.coverage:.1f} %)',
+        f'processed  {s.frames_processed} frames',
+        f'map        {s.keyframes} keyframes, {s.map_points} points, {s.loops} loops',
+    ]
+    if s.frames_in_other_maps:
+        lines.append(
+            f'left out   {s.frames_in_other_maps} frames tracked after a loss, in maps that '
+            'no known place joined'
+        )
+    if s.ate_rmse_m is not None:
+        online = s.ate_online_rmse_m
+        lines.append(
+            f'ATE RMSE   {s.ate_rmse_m:.4f} m'
+            + (f' (online {online:.4f} m)' if online is not None else '')
+        )
+    if s.rpe_trans_1s_rmse_m is not None:
+        lines.append(f'RPE 1 s    {s.rpe_trans_1s_rmse_m:.4f} m, {s.rpe_rot_1s_rmse_deg:.3f} deg')
+    times = (('frame', s.stage_ms.get('frame')), ('latency', s.latency_ms))
+    lines += [
+        f'{name:10s} {spread.median:.1f} ms median, {spread.p95:.1f} ms p95'
+        for name, spread in times
+        if spread is not None
+    ]
+    lines.append(f'results    {out_dir}')
+    return '\n'.join(lines)
+
+
+def evaluation_report(result: Evaluation) -> str:
+    """Return an evaluation in a few lines."""
+    r = result
+    spread = f'mean {r.ate_mean_m:.4f}, median {r.ate_median_m:.4f}, max {r.ate_max_m:.4f}'
+    lines = [
+        f'poses      {r.num_pairs} matched, coverage {100 * r.coverage:.1f} %',
+        f'ATE        RMSE {r.ate_rmse_m:.4f} m, {spread}',
+    ]
+    if r.rpe_trans_1s_rmse_m is not None:
+        lines.append(
+            f'RPE 1 s    RMSE {r.rpe_trans_1s_rmse_m:.4f} m, {r.rpe_rot_1s_rmse_deg:.3f} deg'
+        )
+    return '\n'.join(lines)

@@ -1,0 +1,40 @@
+"""Where an offline run takes its detections from."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from hoid_bags.sequence import Sequence
+from hoid_bringup.run.run_config import TRUTH, RunConfig
+from hoid_common.errors import InputError
+from hoid_common.values import Detections, RgbdFrame
+from hoid_detector.model.model_path import find_model
+from hoid_detector.onnx_detector import OnnxDetector
+
+_LOG = logging.getLogger(__name__)
+
+DetectionSource = Callable[[RgbdFrame], Detections | None]
+
+
+def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
+    """Return what gives a frame's boxes: nothing, a rendered bag's own, or a detector.
+
+    Raises:
+        InputError: Exact boxes are asked for and the recording has none.
+        ModelError: No usable model is found.
+    """
+    if not config.needs_detections:
+        return lambda _frame: None
+    if config.model == TRUTH:
+        exact = sequence.true_detections
+        if exact is None:
+            raise InputError(
+                f'{sequence.name}: has no exact boxes for "--detector {TRUTH}"; '
+                'only bags of "hoid synth" have'
+            )
+        return lambda frame: exact.get(frame.stamp_ns)
+    detector = OnnxDetector(find_model(config.model or None), config.detector)
+    if warning := detector.network.provider_warning:
+        _LOG.warning('%s', warning)
+    return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)

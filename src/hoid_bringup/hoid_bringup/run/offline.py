@@ -1,0 +1,212 @@
+"""The whole suite in one process: every frame, in order, and the same result every time."""
+
+from __future__ import annotations
+
+import logging
+import resource
+import time
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hoid_bags.progress import progress
+from hoid_bags.sequence import Sequence
+from hoid_bringup.run import offline_maps
+from hoid_bringup.run.detection_source import DetectionSource, detection_source
+from hoid_bringup.run.offline_maps import MapFiles, Mapped
+from hoid_bringup.run.outputs import write_outputs
+from hoid_bringup.run.run_config import RunConfig
+from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Summary
+from hoid_common.io.files import check_writable
+from hoid_common.values import DynamicObject, FilterResult, RgbdFrame
+from hoid_filter.feature_filter import FeatureFilter
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.scene.fusion_scheduler import FramePoses
+from rgbd_slam.scene.scene_mapper import RoomMapper
+from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking.tracking_result import SlamStats, TrackingResult
+
+_LOG = logging.getLogger(__name__)
+_MS = 1e3
+_KIB_PER_MB = 1024
+
+
+class OfflinePipeline:
+    """Detector, filter and SLAM, one call a frame.
+
+    Args:
+        dense: Whether to make the dense map and the grid too.
+    """
+
+    def __init__(
+        self,
+        sequence: Sequence,
+        config: RunConfig,
+        detect: DetectionSource | None = None,
+        *,
+        dense: bool = False,
+    ) -> None:
+        self._detect = detect or detection_source(sequence, config)
+        self._filter = FeatureFilter(config.filter, sequence.camera)
+        self._slam = RgbdSlam(sequence.camera, config.slam)
+        self._frames = RobotFrames()
+        self._room = RoomMapper(sequence.camera, config.dense, config.objects)
+        self._mapped = Mapped(
+            self._slam, self._room, self._frames, sequence.camera, config.slam.camera
+        )
+        self._looks = FramePoses(config.dense.rate_hz if dense else None, None)
+        self._features_in = self._features_removed = self._objects_dynamic = 0
+        self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
+        self.num_processed = 0
+        self.num_kept: list[int] = []  # features that the filter left, by frame
+        self.objects: tuple[DynamicObject, ...] = ()  # of the last frame, with the verdicts
+
+    def load_map(self, path: Path, *, localize: bool) -> None:
+        """Start with a saved map, and leave it as it is if so wanted.
+
+        Raises:
+            MapFileError: It is unusable.
+        """
+        offline_maps.load(path, self._mapped)
+        self._slam.is_mapping = not localize
+
+    def save_map(self, path: Path) -> None:
+        """Save the map as it is now; raises HoidError if that is impossible."""
+        offline_maps.save(path, self._mapped)
+
+    def process(self, frame: RgbdFrame) -> TrackingResult:
+        """Run one frame through all stages."""
+        start_s = time.perf_counter()  # the network has threads of its own: wall clock
+        detections = self._detect(frame)
+        detect_ms = _MS * (time.perf_counter() - start_s)
+        filtered = self._filter.process(frame, detections)
+        start_s = time.thread_time()
+        tracking = self._slam.process(filtered.features)
+        track_ms = _MS * (time.thread_time() - start_s)
+        self._fuse(frame, filtered, tracking)
+        self._count(filtered)
+        self._time(filtered, tracking, track_ms)
+        if detections is not None:
+            self.stage_ms['detect'].append(detect_ms)
+        return tracking
+
+    def _fuse(self, frame: RgbdFrame, filtered: FilterResult, tracking: TrackingResult) -> None:
+        if tracking.T_map_camera is None or not self._slam.is_mapping:
+            return
+        T_core_camera, reference_uid = self._slam.last_pose()
+        pose = self._looks.pick(
+            frame.stamp_ns,
+            self._frames.T_map_core @ T_core_camera,
+            reference_uid,
+            self._room_keyframes,
+        )
+        if pose is not None:
+            self._room.fuse(pose, frame.depth_m, frame.image_bgr, filtered.objects)
+
+    def _room_keyframes(self) -> KeyframePoses:
+        return self._frames.keyframes(self._slam.keyframe_poses())
+
+    def _count(self, filtered: FilterResult) -> None:
+        self.num_processed += 1
+        self.num_kept.append(len(filtered.features))
+        self.objects = filtered.objects
+        self._features_in += filtered.num_features_in
+        self._features_removed += filtered.num_removed
+        self._objects_dynamic += sum(item.is_dynamic for item in filtered.objects)
+
+    def _time(self, filtered: FilterResult, tracking: TrackingResult, slam_ms: float) -> None:
+        stages = {**filtered.stage_ms, **tracking.stage_ms}
+        stages.setdefault('track', slam_ms)
+        stages['frame'] = stages['extract'] + stages['filter'] + stages['track']
+        for name, spent_ms in stages.items():
+            self.stage_ms[name].append(spent_ms)
+
+    def finish(
+        self, sequence: Sequence, options: Mapping[str, Any], recording: Path | None = None
+    ) -> RunResult:
+        """Let the map settle and return all results, in the z-up map frame."""
+        self._slam.finish()
+        self._slam.close()
+        frames, room = self._frames, self._room
+        room.settle(self._room_keyframes())
+        cloud = room.cloud() if room.num_voxels else None
+        grid = room.grid(cloud) if cloud is not None else None
+        if cloud is not None and grid is None:
+            _LOG.warning('no grid is written, as no floor was seen')
+        return RunResult(
+            input_name=sequence.name,
+            recording=recording,
+            options=options,
+            frames_total=len(sequence),
+            frames_processed=self.num_processed,
+            final=frames.cameras(self._slam.trajectory_final()),
+            online=frames.cameras(self._slam.trajectory_online()),
+            keyframes=frames.cameras(self._slam.keyframe_trajectory()),
+            map_points_m=frames.points_m(self._slam.map_points_m()),
+            cloud=cloud,
+            grid=grid,
+            ground_truth=sequence.ground_truth,
+            map_counts=_map_counts(self._slam.stats),
+            filter_counts=FilterCounts(
+                self._features_in, self._features_removed, self._objects_dynamic
+            ),
+            stage_ms=self.stage_ms,
+            peak_rss_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _KIB_PER_MB,
+        )
+
+
+def _map_counts(stats: SlamStats) -> MapCounts:
+    return MapCounts(
+        keyframes=stats.num_keyframes,
+        map_points=stats.num_map_points,
+        maps=stats.num_maps,
+        loops=stats.num_loops,
+        merges=stats.num_merges,
+        relocalizations=stats.num_relocalizations,
+    )
+
+
+def run_offline(
+    sequence: Sequence,
+    config: RunConfig,
+    out_dir: Path,
+    *,
+    detect: DetectionSource | None = None,
+    dense: bool = False,
+    options: Mapping[str, Any] | None = None,
+    recording: Path | None = None,
+    maps: MapFiles = MapFiles(),  # noqa: B008 - immutable
+    show_progress: bool = True,
+) -> Summary:
+    """Run every frame of a recording and write the results.
+
+    Args:
+        sequence: The recording.
+        config: Parameters of all stages.
+        out_dir: Where the files go; made when missing.
+        detect: Detections in place of those that the configuration asks for.
+        dense: Whether to make the dense map and the grid too.
+        options: What to note in the summary as asked for; the changed parameters by default.
+        recording: Where the recording lies, to note as well.
+        maps: Map files to start with and to leave.
+        show_progress: Whether to draw a progress bar on stderr.
+
+    Raises:
+        HoidError: The recording, the model or the output folder is unusable.
+    """
+    check_writable(out_dir)
+    maps.check()
+    pipeline = OfflinePipeline(sequence, config, detect, dense=dense)
+    if maps.load is not None:
+        pipeline.load_map(maps.load, localize=maps.localize)
+    bar = progress(sequence, len(sequence), 'frames', show=show_progress)
+    for frame in bar:
+        tracking = pipeline.process(frame)
+        bar.set_postfix_str(tracking.state.name.lower(), refresh=False)
+    noted = options if options is not None else config.noted()
+    summary = write_outputs(out_dir, pipeline.finish(sequence, noted, recording))
+    if maps.save is not None:
+        pipeline.save_map(maps.save)
+    return summary

@@ -1,0 +1,84 @@
+"""The files of a run, written aside and moved into place when all are whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from hoid_bringup import run_files
+from hoid_bringup.evaluate.evaluation import AlignedTrajectory, align
+from hoid_bringup.evaluate.plots import plot_run
+from hoid_bringup.run.summary import RunResult, Summary, summarize
+from hoid_common.errors import InputError
+from hoid_common.io.files import scratch_folder, unwritable
+from hoid_common.io.trajectory_io import write_tum
+from hoid_common.values import FloatArray, Trajectory
+from rgbd_slam.scene import export
+from rgbd_slam.scene.grid import write_map_server
+
+
+def write_outputs(out_dir: Path, result: RunResult) -> Summary:
+    """Write all files of a run into a folder, made when missing.
+
+    Raises:
+        InputError: The folder cannot be written to, or the disk is full; no half file stays.
+    """
+    summary = summarize(result)
+    with staged(out_dir) as stage:
+        write_tum(stage / run_files.FINAL, result.final)
+        write_tum(stage / run_files.ONLINE, result.online)
+        write_tum(stage / run_files.KEYFRAMES, result.keyframes)
+        write_ply(stage / run_files.MAP, result.map_points_m)
+        if result.cloud is not None:
+            export.write_ply(stage / run_files.CLOUD, result.cloud)
+        if result.grid is not None:
+            write_map_server(result.grid, stage / run_files.GRID)
+        aligned = _aligned_or_none(result.final, result.ground_truth)
+        plot_run(stage / run_files.PICTURE, result.final, aligned, _title(summary))
+        (stage / run_files.SUMMARY).write_text(summary.to_json(), encoding='utf-8')
+    return summary
+
+
+@contextmanager
+def staged(out_dir: Path) -> Iterator[Path]:
+    """Give a temporary folder whose files move into `out_dir` when the block ends well.
+
+    Raises:
+        InputError: The folder cannot be written to, or the disk is full.
+    """
+    with scratch_folder(out_dir, 'partial') as stage:
+        try:
+            yield stage
+            for path in sorted(stage.iterdir()):
+                path.replace(out_dir / path.name)
+        except OSError as error:
+            raise unwritable(out_dir, error) from error
+
+
+def write_ply(path: Path, points_m: FloatArray) -> None:
+    """Write (N, 3) points as a binary little-endian PLY of float32 x, y, z in m."""
+    header = (
+        f'ply\nformat binary_little_endian 1.0\nelement vertex {len(points_m)}\n'
+        'property float x\nproperty float y\nproperty float z\nend_header\n'
+    )
+    path.write_bytes(header.encode() + np.ascontiguousarray(points_m, '<f4').tobytes())
+
+
+def _aligned_or_none(estimate: Trajectory, truth: Trajectory | None) -> AlignedTrajectory | None:
+    if truth is None:
+        return None
+    try:
+        return align(estimate, truth)
+    except InputError:
+        return None
+
+
+def _title(summary: Summary) -> str:
+    parts = [summary.input, f'filter {summary.options.get("filter", "none")}']
+    if summary.ate_rmse_m is not None:
+        parts.append(f'ATE {100 * summary.ate_rmse_m:.2f} cm')
+    parts.append(f'{summary.frames_tracked} of {summary.frames_total} frames tracked')
+    return '  ·  '.join(parts)

@@ -1,0 +1,204 @@
+"""What the viewer is shown, in its own terms; the only module that knows Rerun."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+import rerun as rr
+from rerun import blueprint as rrb
+
+from hoid_common import se3
+from hoid_common.io import images
+from hoid_common.io.files import unwritable
+from hoid_common.values import (
+    NS_PER_S,
+    ByteArray,
+    CameraModel,
+    DynamicObject,
+    FilterResult,
+    Float32Array,
+    FloatArray,
+    Reason,
+    RgbdFrame,
+    Trajectory,
+)
+from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, TRACK_ONLY_BGR, label
+
+MAP = 'map'
+POINTS, CLOUD, KEYFRAMES = f'{MAP}/points', f'{MAP}/cloud', f'{MAP}/keyframes'
+ESTIMATE, TRUTH = f'{MAP}/path/estimate', f'{MAP}/path/truth'
+CAMERA = f'{MAP}/camera'
+IMAGE, DEPTH = f'{CAMERA}/image', f'{CAMERA}/depth'
+BOXES = f'{IMAGE}/boxes'
+KEPT, REMOVED = f'{IMAGE}/features/kept', f'{IMAGE}/features/removed'
+TIMELINE = 'time'
+
+_PATH_COLORS = {ESTIMATE: (255, 196, 61), TRUTH: (150, 156, 168)}  # as in the other pictures
+_POINT_COLOR = (120, 200, 255)
+_KEYFRAME_COLOR = (90, 130, 220)
+_FRUSTUM_M = 0.06  # depth of a keyframe's pyramid
+_GAP_S = 0.5  # a path is broken where it has no pose for so long
+_DEPTH_STRIDE = 2  # depth is shown in half size: it is most of the file
+_JPEG_QUALITY = 85
+
+
+class ViewLog:
+    """Writes a file for the viewer; a context manager that puts it in place when all is well."""
+
+    def __init__(self, path: Path) -> None:
+        """Prepare to write `path`; it is replaced at the end."""
+        self._path = path
+        self._unfinished = path.with_name(f'.{path.name}.partial')
+
+    def __enter__(self) -> Self:
+        """Begin the file.
+
+        Raises:
+            InputError: It cannot be written.
+        """
+        self._stream = rr.RecordingStream('hoid')
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._unfinished.touch()
+        except OSError as error:
+            raise unwritable(self._path, error) from error
+        self._stream.save(self._unfinished, default_blueprint=_layout())
+        self._stream.log(MAP, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stream.flush()
+        self._stream.disconnect()
+        if error is None:
+            self._unfinished.replace(self._path)
+        else:
+            self._unfinished.unlink(missing_ok=True)
+
+    def points(self, points_m: Float32Array) -> None:
+        """Show the map's (N, 3) points."""
+        self._cloud(POINTS, points_m, _POINT_COLOR, 2.0)
+
+    def cloud(self, points_m: Float32Array, colors_bgr: ByteArray) -> None:
+        """Show the dense map: (N, 3) points with (N, 3) colours."""
+        self._cloud(CLOUD, points_m, colors_bgr[:, ::-1], 1.5)
+
+    def _cloud(
+        self, entity: str, points_m: Float32Array, colors: object, radius_px: float
+    ) -> None:
+        points = rr.Points3D(points_m, colors=colors, radii=rr.Radius.ui_points(radius_px))
+        self._stream.log(entity, points, static=True)
+
+    def path(self, entity: str, trajectory: Trajectory) -> None:
+        """Show where the camera went, broken where nothing is known."""
+        gaps = np.flatnonzero(np.diff(trajectory.stamps_ns) > _GAP_S * NS_PER_S) + 1
+        strips = np.split(trajectory.T_world_camera[:, :3, 3], gaps)
+        lines = rr.LineStrips3D(strips, colors=_PATH_COLORS[entity], radii=rr.Radius.ui_points(1))
+        self._stream.log(entity, lines, static=True)
+
+    def keyframes(self, T_map_camera: FloatArray, camera: CameraModel | None) -> None:
+        """Show a small pyramid at each of (N, 4, 4) poses."""
+        outline = _frustum_m(camera)
+        strips = [se3.transform(T, outline) for T in T_map_camera]  # once a run, a few hundred
+        lines = rr.LineStrips3D(strips, colors=_KEYFRAME_COLOR, radii=rr.Radius.ui_points(0.7))
+        self._stream.log(KEYFRAMES, lines, static=True)
+
+    def camera(self, camera: CameraModel) -> None:
+        """Show the camera that takes the images."""
+        for entity, stride in ((IMAGE, 1), (DEPTH, _DEPTH_STRIDE)):
+            pinhole = rr.Pinhole(
+                focal_length=(camera.fx_px / stride, camera.fy_px / stride),
+                principal_point=(camera.cx_px / stride, camera.cy_px / stride),
+                width=camera.width_px / stride,
+                height=camera.height_px / stride,
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=4 * _FRUSTUM_M,
+            )
+            self._stream.log(entity, pinhole, static=True)
+
+    def frame(
+        self, frame: RgbdFrame, result: FilterResult, T_map_camera: FloatArray | None
+    ) -> None:
+        """Show one image with what the filter makes of it.
+
+        Args:
+            T_map_camera: (4, 4) where it was taken; None when nobody knows.
+        """
+        self._stream.set_time(TIMELINE, timestamp=np.datetime64(frame.stamp_ns, 'ns'))
+        self._pose(T_map_camera)
+        jpeg = images.encode_jpeg(frame.image_bgr, _JPEG_QUALITY)
+        self._stream.log(IMAGE, rr.EncodedImage(contents=jpeg, media_type='image/jpeg'))
+        png = _depth_png(frame.depth_m)
+        self._stream.log(
+            DEPTH, rr.EncodedDepthImage(blob=png, media_type='image/png', meter=images.MM_PER_M)
+        )
+        self._boxes(result.objects)
+        features = result.features
+        colors = np.where(features.may_seed[:, None], KEPT_BGR, TRACK_ONLY_BGR)[:, ::-1]
+        self._features(KEPT, features.uv_px, colors)
+        self._features(REMOVED, result.removed_uv_px, REMOVED_BGR[::-1])
+
+    def _pose(self, T_map_camera: FloatArray | None) -> None:
+        if T_map_camera is None:
+            self._stream.log(CAMERA, rr.Clear(recursive=False))
+            return
+        pose = rr.Transform3D(translation=T_map_camera[:3, 3], mat3x3=T_map_camera[:3, :3])
+        self._stream.log(CAMERA, pose)
+
+    def _boxes(self, objects: tuple[DynamicObject, ...]) -> None:
+        boxes = np.array([item.box_xyxy_px for item in objects], np.float32).reshape(-1, 4)
+        shown = rr.Boxes2D(
+            array=boxes,
+            array_format=rr.Box2DFormat.XYXY,
+            labels=[_label(item) for item in objects],
+            colors=[REASON_BGR[item.reason][::-1] for item in objects],
+        )
+        self._stream.log(BOXES, shown)
+
+    def _features(self, entity: str, uv_px: Float32Array, colors: object) -> None:
+        points = rr.Points2D(uv_px, colors=colors, radii=rr.Radius.ui_points(2))
+        self._stream.log(entity, points)
+
+
+def _layout() -> rrb.Blueprint:
+    """Return how the window is divided: the map beside the images."""
+    pictures = rrb.Vertical(
+        rrb.Spatial2DView(origin=IMAGE, name='what the filter sees and decides'),
+        rrb.Spatial2DView(origin=DEPTH, name='depth'),
+    )
+    scene = rrb.Spatial3DView(origin=MAP, name='map')
+    views = rrb.Horizontal(scene, pictures, column_shares=(3, 2))
+    return rrb.Blueprint(views, collapse_panels=True)  # which would take half of the window
+
+
+def _frustum_m(camera: CameraModel | None) -> FloatArray:
+    """Return (11, 3) points of a pyramid's outline in one stroke."""
+    half = np.array([0.6, 0.45])
+    if camera is not None:
+        half = np.array([camera.width_px / camera.fx_px, camera.height_px / camera.fy_px]) / 2
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    a, b, c, d = (_FRUSTUM_M * np.append(corner, 1.0) for corner in corners)
+    tip = np.zeros(3)
+    return np.array([tip, a, b, tip, c, d, tip, b, c, d, a])
+
+
+def _label(item: DynamicObject) -> str:
+    """Return what a box says; where class and colour leave it open, why it counts as dynamic."""
+    said = (Reason.STATIC, Reason.PERSON)
+    return label(item) if item.reason in said else f'{label(item)} {item.reason.name.lower()}'
+
+
+def _depth_png(depth_m: Float32Array) -> bytes:
+    """Return a 16-bit PNG of the depth (H, W) in mm, in half size."""
+    small = depth_m[::_DEPTH_STRIDE, ::_DEPTH_STRIDE] * images.MM_PER_M + 0.5
+    small_mm = np.minimum(small, np.iinfo(np.uint16).max).astype(np.uint16)
+    _, png = cv2.imencode('.png', small_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return png.tobytes()

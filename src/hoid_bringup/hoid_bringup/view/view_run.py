@@ -1,0 +1,77 @@
+"""A finished run, read back from its folder and shown."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoid_bags.sequence import Sequence
+from hoid_bringup import run_files
+from hoid_bringup.evaluate.evaluation import align
+from hoid_bringup.run.run_config import RunConfig
+from hoid_bringup.view.view_log import ESTIMATE, TRUTH, ViewLog
+from hoid_common import se3
+from hoid_common.errors import InputError
+from hoid_common.io.trajectory_io import read_tum
+from hoid_common.values import Trajectory
+from rgbd_slam.scene.export import read_ply
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedRun:
+    """What `hoid run` or `hoid replay` left in a folder."""
+
+    folder: Path
+    recording: Path | None  # where it was when it was run; None when nobody noted it
+    config: RunConfig
+    final: Trajectory
+    keyframes: Trajectory
+
+
+def is_run(path: Path) -> bool:
+    """Return whether a path is the output folder of a run."""
+    return (path / run_files.SUMMARY).is_file()
+
+
+def open_run(folder: Path) -> FinishedRun:
+    """Read a run.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    path = folder / run_files.SUMMARY
+    try:
+        summary = json.loads(path.read_text(encoding='utf-8'))
+        options, recording = dict(summary['options']), summary.get('recording')
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f'{path}: not the summary of a run: {error}') from error
+    return FinishedRun(
+        folder,
+        Path(recording) if recording else None,
+        RunConfig.from_noted(options),
+        read_tum(folder / run_files.FINAL),
+        read_tum(folder / run_files.KEYFRAMES),
+    )
+
+
+def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
+    """Show map, paths and keyframes.
+
+    Args:
+        sequence: The recording, for truth and camera, when it is there.
+    """
+    log.path(ESTIMATE, run.final)
+    log.keyframes(run.keyframes.T_world_camera, sequence.camera if sequence else None)
+    log.points(read_ply(run.folder / run_files.MAP).points_m)
+    dense = run.folder / run_files.CLOUD
+    if dense.is_file():
+        log.cloud(*read_ply(dense))
+    if sequence is not None and sequence.ground_truth is not None:
+        log.path(TRUTH, _in_map(sequence.ground_truth, run.final))
+
+
+def _in_map(truth: Trajectory, estimate: Trajectory) -> Trajectory:
+    """Return the true poses in the run's map frame, where they fit the estimate best."""
+    T_map_world = se3.inverse(align(estimate, truth).T_world_map)
+    return Trajectory(truth.stamps_ns, T_map_world @ truth.T_world_camera)

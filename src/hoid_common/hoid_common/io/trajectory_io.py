@@ -1,0 +1,43 @@
+"""Trajectories in the TUM text format: `stamp tx ty tz qx qy qz qw`, one pose a line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.errors import InputError
+from hoid_common.io.stamps import format_stamp_s
+from hoid_common.io.tum_text import read_numbers
+from hoid_common.values import Trajectory
+
+# Published files round to four decimals; a norm far from 1 is no rotation.
+_MIN_QUATERNION_NORM = 0.5
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Return the trajectory of a file; it may be empty.
+
+    Raises:
+        InputError: the file is missing, a row is malformed or goes back in time.
+    """
+    stamps_ns, values = read_numbers(path, columns=7)
+    norms = np.linalg.norm(values[:, 3:], axis=1)
+    wrong = np.flatnonzero((norms < _MIN_QUATERNION_NORM) | (norms > 1 / _MIN_QUATERNION_NORM))
+    if len(wrong):
+        raise InputError(
+            f"{path}: pose {wrong[0] + 1}: the quaternion's norm is {norms[wrong[0]]:.3g}, not 1"
+        )
+    return Trajectory(stamps_ns, se3.from_quat_translation(values[:, 3:], values[:, :3]))
+
+
+def write_tum(path: Path, trajectory: Trajectory) -> None:
+    """Write a trajectory; stamps are exact, numbers have nine decimals."""
+    quats_xyzw = se3.quat_xyzw_from_rotation(trajectory.T_world_camera[:, :3, :3])
+    rows = np.hstack([trajectory.T_world_camera[:, :3, 3], quats_xyzw])
+    lines = [
+        f'{format_stamp_s(stamp_ns)} {" ".join(f"{value:.9f}" for value in row)}\n'
+        for stamp_ns, row in zip(trajectory.stamps_ns.tolist(), rows.tolist(), strict=True)
+    ]
+    path.write_text('# timestamp tx ty tz qx qy qz qw\n' + ''.join(lines), encoding='utf-8')

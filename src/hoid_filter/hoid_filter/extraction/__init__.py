@@ -1,0 +1,4 @@
+"""ORB features: pyramid, corners, spread, descriptors.
+
+Nothing here knows boxes.
+"""

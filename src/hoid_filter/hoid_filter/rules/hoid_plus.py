@@ -1,0 +1,93 @@
+"""The strategy `hoid+`: the HOID rules with a memory, a sense of depth, and a way out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.values import PERSON, BoolArray, Detections, Float32Array, Reason
+from hoid_filter.config import FilterConfig
+from hoid_filter.detections.aligned_detections import Verdict, View
+from hoid_filter.detections.overlap import areas_px2
+from hoid_filter.detections.tracks import BoxTracker, Patience
+from hoid_filter.masks.depth_regions import SHRINK, shrink
+from hoid_filter.masks.dynamic_mask import Masks, cover, make_masks
+from hoid_filter.rules.interaction import Interactions, Situation, judge_interactions
+from hoid_native import sample_depths_m, torso_depths_m
+
+
+class HoidPlus:
+    """Follows people and objects over time and masks those that move, no more than needed."""
+
+    def __init__(self, config: FilterConfig) -> None:
+        self._config = config
+        plus = config.plus
+        coast_s = plus.coast_s if plus.bridge_misses else 0.0
+        self._tracker = BoxTracker(
+            Patience(config.prediction_limit_s, coast_s, plus.rest_s, plus.doubt_detections)
+        )
+
+    def judge(self, view: View) -> Verdict:
+        """Return the verdict on what is detected, and on what is predicted to move (last)."""
+        plus = self._config.plus
+        self._observe(view)
+        small_depth_m = shrink(view.depth_m)
+        situation = self._situation(view, small_depth_m)
+        found = judge_interactions(situation, self._config)
+        certainty = cover(situation, found.reasons, small_depth_m, plus)
+        enough = plus.min_static_share * self._config.extraction.num_features
+        masks = make_masks(certainty, view, plus, enough)
+        return _verdict(situation, found, masks)
+
+    def _observe(self, view: View) -> None:
+        if view.heard is not None:
+            self._tracker.observe(view.heard, self._doubtful(view.heard, view.depth_m.size))
+
+    def _doubtful(self, detections: Detections, image_area_px2: int) -> BoolArray:
+        """Return the (N,) flags of weak people over most of the image.
+
+        Their depth is no witness: at arm's length a desk is as wide as a person.
+        """
+        plus = self._config.plus
+        if not plus.doubt_large_people:
+            return np.zeros(len(detections), np.bool_)
+        large = areas_px2(detections.boxes_xyxy_px) > plus.doubt_area * image_area_px2
+        if not large.any():
+            return large
+        weak = detections.scores < plus.doubt_score
+        is_person = np.array([name == PERSON for name in detections.class_names], np.bool_)
+        return large & weak & is_person
+
+    def _situation(self, view: View, small_depth_m: Float32Array) -> Situation:
+        height, width = view.depth_m.shape
+        tracks, boxes = self._tracker.advance(view.stamp_ns, width, height)
+        depths_m = sample_depths_m(view.depth_m, boxes, self._config.sample_box_px)
+        people = [n for n, track in enumerate(tracks) if track.is_person]
+        known_m = np.array([tracks[n].torso_m for n in people])
+        depths_m[people] = torso_depths_m(small_depth_m, boxes[people] / SHRINK, known_m)
+        for n in people:
+            tracks[n].torso_m = float(depths_m[n])
+        return Situation(view.stamp_ns, tracks, boxes, depths_m)
+
+
+def _verdict(situation: Situation, found: Interactions, masks: Masks) -> Verdict:
+    """Return what is seen or dynamic; a static object that was missed is not reported."""
+    tracks = situation.tracks
+    shown = [
+        n
+        for n, track in enumerate(tracks)
+        if not track.missed or found.reasons[n] is not Reason.STATIC
+    ]
+    return Verdict(
+        boxes_xyxy_px=situation.boxes_xyxy_px[shown].astype(np.float32),
+        class_names=tuple(tracks[n].class_name for n in shown),
+        scores=np.array([tracks[n].score for n in shown], np.float32),
+        track_ids=np.array([tracks[n].track_id for n in shown], np.int64),
+        reasons=tuple(found.reasons[n] for n in shown),
+        overlap_ratios=found.overlap_ratios[shown],
+        depths_m=situation.depths_m[shown],
+        depth_gaps_m=found.depth_gaps_m[shown],
+        static_area_px=masks.static_area_px,
+        kept=masks.kept,
+        seeds=masks.seeds,
+        fallback_step=masks.step,
+    )

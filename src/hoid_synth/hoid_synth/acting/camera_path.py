@@ -1,0 +1,155 @@
+"""How the camera moves: smooth, as in the hand, with the hand's tremor on top."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.values import FloatArray
+from hoid_synth.config import SceneConfig
+from hoid_synth.noise import Rng
+from hoid_synth.room.layout import LANES_Y_M, PARTITION_M, WIDTHS_M
+
+HEIGHT_M = 1.45
+LOOP_SPEED_MPS = 0.645
+_LOOP_MARGIN_M = 1.5
+_CORNER_M = 0.75
+FRONT_Y_M = 1.0
+
+
+def camera_poses(config: SceneConfig, times_s: FloatArray) -> FloatArray:
+    """Return T_world_camera (N, 4, 4), optical frames, at times since the first frame."""
+    rng = np.random.default_rng([config.seed, 2])
+    make = {'loop': _loop, 'room': _room, 'xyz': _xyz, 'rpy': _rpy, 'static': _static}[config.path]
+    position, yaw, pitch = make(rng, times_s)
+    roll = np.radians(1.2) * _wander(rng, times_s, 0.25)
+    tremor = _tremor(rng, times_s)
+    position = position + 0.0035 * tremor[:, :3]
+    angles = np.radians(0.28) * tremor[:, 3:]
+    if config.path == 'rpy':
+        roll = roll + np.radians(16) * np.sin(2 * np.pi * times_s / 3.1)
+    return _poses(position, yaw + angles[:, 0], pitch + angles[:, 1], roll + angles[:, 2])
+
+
+def _wander(rng: Rng, t: FloatArray, rate_hz: float) -> FloatArray:
+    """Return smooth noise (N,), about in [-1, 1], with most power below the rate."""
+    rates = rate_hz * np.array([0.37, 0.71, 1.0])
+    phases = rng.uniform(0, 2 * np.pi, 3)
+    weights = np.array([0.5, 0.35, 0.25])
+    return np.asarray(np.sin(2 * np.pi * t[:, None] * rates + phases) @ weights)
+
+
+def _tremor(rng: Rng, t: FloatArray) -> FloatArray:
+    """Return (N, 6) band-limited noise, 0.8 to 7 Hz, amplitude falling with frequency."""
+    rates = np.geomspace(0.8, 7.0, 7) * rng.uniform(0.9, 1.1, (6, 7))
+    phases = rng.uniform(0, 2 * np.pi, (6, 7))
+    waves = np.sin(2 * np.pi * t[:, None, None] * rates + phases)
+    return np.asarray((waves / rates**1.2).sum(-1))
+
+
+Path = tuple[FloatArray, FloatArray, FloatArray]
+"""Position (N, 3) m, yaw (N,) and pitch (N,) rad; up is positive."""
+
+
+def _look_at(position: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+    way = target - position
+    flat = np.hypot(way[:, 0], way[:, 1])
+    return np.arctan2(way[:, 1], way[:, 0]), np.arctan2(way[:, 2], flat)
+
+
+def _sweep(
+    rng: Rng, t: FloatArray, amplitude: tuple[float, float, float], period_s: float
+) -> FloatArray:
+    middle = np.array([WIDTHS_M[0] / 2, FRONT_Y_M, HEIGHT_M])
+    periods = period_s * rng.uniform(0.85, 1.2, 3) * [1.0, 0.71, 0.57]
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    return np.asarray(middle + np.sin(2 * np.pi * t[:, None] / periods + phase) * amplitude)
+
+
+def _room(rng: Rng, t: FloatArray) -> Path:
+    position = _sweep(rng, t, (1.15, 0.3, 0.14), 10.0)
+    target = np.stack(
+        [
+            WIDTHS_M[0] / 2
+            + 1.3 * _wander(rng, t, 0.16)
+            - 0.25 * (position[:, 0] - WIDTHS_M[0] / 2),
+            np.full(len(t), 4.4),
+            0.95 + 0.25 * _wander(rng, t, 0.2),
+        ],
+        -1,
+    )
+    return position, *_look_at(position, target)
+
+
+def _xyz(rng: Rng, t: FloatArray) -> Path:
+    position = _sweep(rng, t, (0.4, 0.3, 0.22), 6.0)
+    yaw = np.pi / 2 + np.radians(2.5) * _wander(rng, t, 0.4)
+    return position, yaw, np.radians(-9 + 2.0 * _wander(rng, t, 0.4))
+
+
+def _rpy(rng: Rng, t: FloatArray) -> Path:
+    position = _sweep(rng, t, (0.1, 0.08, 0.06), 5.0)
+    yaw = np.pi / 2 + np.radians(24) * np.sin(2 * np.pi * t / rng.uniform(3.6, 4.4))
+    return position, yaw, np.radians(-8 + 11 * np.sin(2 * np.pi * t / rng.uniform(2.5, 3.2)))
+
+
+def _static(rng: Rng, t: FloatArray) -> Path:
+    position = _sweep(rng, t, (0.02, 0.015, 0.01), 7.0)
+    return position, np.pi / 2 + 0 * t, np.radians(-9) + 0 * t
+
+
+def loop_line() -> FloatArray:
+    """Return (N, 2) points every centimetre along the loop, back to its start."""
+    x1, x2 = _LOOP_MARGIN_M, sum(WIDTHS_M) + PARTITION_M - _LOOP_MARGIN_M
+    y1, y2 = LANES_Y_M
+    r, pieces = _CORNER_M, []
+    corners = [(x2, y1, -np.pi / 2), (x2, y2, 0), (x1, y2, np.pi / 2), (x1, y1, np.pi)]
+    for x, y, start in corners:
+        middle = np.array([x + (r if x == x1 else -r), y + (r if y == y1 else -r)])
+        angle = np.linspace(start, start + np.pi / 2, 60)
+        pieces.append(middle + r * np.stack([np.cos(angle), np.sin(angle)], -1))
+    first = np.array([[x1 + r, y1]])
+    corner_points = np.concatenate([first, *pieces])
+    length = _lengths(corner_points)
+    s = np.arange(0, length[-1], 0.01)
+    return np.stack([np.interp(s, length, corner_points[:, k]) for k in range(2)], -1)
+
+
+def _lengths(points: FloatArray) -> FloatArray:
+    return np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+def _loop(rng: Rng, t: FloatArray) -> Path:
+    line = loop_line()
+    step = np.roll(line, -30, 0) - np.roll(line, 30, 0)  # the heading, smoothed over 0.6 m
+    heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+    kernel = np.hanning(161) / np.hanning(161).sum()
+    turn = 2 * np.pi
+    padded = np.concatenate([heading[-80:] - turn, heading, heading[:80] + turn])
+    heading = np.convolve(padded, kernel, 'valid')
+    s = t * LOOP_SPEED_MPS * 100
+    laps, at = np.divmod(s, len(line))
+    wrapped = np.concatenate([line, line[:1]])
+    position = np.stack(
+        [np.interp(at, np.arange(len(wrapped)), wrapped[:, k]) for k in range(2)], -1
+    )
+    heading = (
+        np.interp(at, np.arange(len(wrapped)), np.append(heading, heading[0] + turn)) + laps * turn
+    )
+    height = HEIGHT_M + 0.05 * _wander(rng, t, 0.3)
+    yaw = heading + np.radians(22) + np.radians(24) * _wander(rng, t, 0.14)
+    pitch = np.radians(-8 + 4 * _wander(rng, t, 0.2))
+    sway = 0.05 * np.stack([_wander(rng, t, 0.3), _wander(rng, t, 0.3)], -1)
+    return np.concatenate([position + sway, height[:, None]], 1), yaw, pitch
+
+
+def _poses(
+    position: FloatArray, yaw: FloatArray, pitch: FloatArray, roll: FloatArray
+) -> FloatArray:
+    z = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], -1)
+    right = np.stack([np.sin(yaw), -np.cos(yaw), 0 * yaw], -1)
+    down = np.cross(z, right)
+    c, s = np.cos(roll)[:, None], np.sin(roll)[:, None]
+    T = np.zeros((len(yaw), 4, 4))
+    T[:, :3, 0], T[:, :3, 1], T[:, :3, 2] = c * right + s * down, c * down - s * right, z
+    T[:, :3, 3], T[:, 3, 3] = position, 1.0
+    return T

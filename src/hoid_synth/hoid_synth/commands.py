@@ -1,0 +1,95 @@
+"""The command `hoid synth`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from hoid_synth.bag import write_bag
+from hoid_synth.config import LAYOUTS, PATHS, SceneConfig
+
+_MOST_WORKERS = 4
+
+
+def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `hoid synth`."""
+    default = SceneConfig()
+    parser.add_argument('bag', metavar='BAG', type=Path, help='folder to make')
+    parser.add_argument(
+        '--seed', type=int, default=default.seed, help='varies everything (%(default)s)'
+    )
+    parser.add_argument(
+        '--frames',
+        type=int,
+        default=default.num_frames,
+        help='at 30 Hz; default 300, or one whole loop (1200)',
+    )
+    parser.add_argument(
+        '--path', choices=PATHS, default=default.path, help='camera motion (%(default)s)'
+    )
+    parser.add_argument(
+        '--layout',
+        choices=LAYOUTS,
+        default=default.layout,
+        help='repeated: identical furniture in rows',
+    )
+    people = parser.add_mutually_exclusive_group()
+    people.add_argument(
+        '--people', type=int, default=default.num_people, help='how many (%(default)s)'
+    )
+    people.add_argument(
+        '--no-people', dest='people', action='store_const', const=0, help='an empty home'
+    )
+    parser.add_argument(
+        '--near', type=float, default=default.near_m, help='distance people seek, m (%(default)s)'
+    )
+    parser.add_argument(
+        '--together',
+        action='store_true',
+        help='they walk as one group past the camera, back and forth, as near as said',
+    )
+    parser.add_argument(
+        '--people-seed',
+        type=int,
+        default=default.people_seed,
+        metavar='N',
+        help='other people, who do other things in the same home',
+    )
+    parser.add_argument(
+        '--start',
+        type=float,
+        default=default.start_s,
+        metavar='S',
+        help="begin so late on the camera's path, s",
+    )
+    parser.add_argument(
+        '--width', type=int, default=default.width_px, help='of the images, px (%(default)s)'
+    )
+    parser.add_argument(
+        '--workers',
+        type=int,
+        default=min(_MOST_WORKERS, os.cpu_count() or 1),
+        help='processes (%(default)s)',
+    )
+
+
+def synth_command(args: argparse.Namespace) -> None:
+    """Render a scene into a bag."""
+    write_bag(scene_config(args), args.bag, args.workers, show_progress=True)
+
+
+def scene_config(args: argparse.Namespace) -> SceneConfig:
+    """Return the scene that the arguments describe."""
+    return SceneConfig(
+        seed=args.seed,
+        num_frames=args.frames,
+        width_px=args.width,
+        path=args.path,
+        layout=args.layout,
+        num_people=args.people,
+        near_m=args.near,
+        together=args.together,
+        people_seed=args.people_seed,
+        start_s=args.start,
+    )

@@ -1,0 +1,4 @@
+"""Bodies and how they walk.
+
+Nothing here knows a room.
+"""

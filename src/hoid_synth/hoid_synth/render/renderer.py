@@ -1,0 +1,229 @@
+"""Renders single frames of a stage: rays, shading, shadows, image motion, sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common import se3
+from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray
+from hoid_synth.acting.stage import Stage
+from hoid_synth.config import FRAME_RATE_HZ
+from hoid_synth.mesh import Mesh
+from hoid_synth.render import lighting, sensor, shading
+from hoid_synth.render.tracer import Hits, Tracer
+
+_COARSE = 2  # shadows and image motion are computed on every second pixel
+_SHADOW_DEPTH = 0.55  # share of the light that a lamp's full shadow takes away
+_SHADOW_REACH_M = 1.8
+_EXPOSURE_SWING = 0.07
+_MARGIN_PX = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """One frame: what the camera reads, and the truth per pixel."""
+
+    image_bgr: ByteArray  # (H, W, 3)
+    depth_m: Float32Array  # (H, W), as read
+    true_depth_m: Float32Array  # (H, W)
+    instances: ByteArray  # (H, W)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A camera pose and its rays."""
+
+    T_world_camera: FloatArray
+    directions: Float32Array  # (N, 3) in the world, depth 1
+
+    @property
+    def origin(self) -> Float32Array:
+        return self.T_world_camera[:3, 3].astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Moving:
+    """People and handled objects in one frame."""
+
+    mesh: Mesh
+    tracer: Tracer
+    normals: Float32Array  # (F, 3)
+    steps_m: Float32Array  # (V, 3), each vertex's way to the next frame
+
+
+class Renderer:
+    """Renders any frame of a stage; no frame depends on another."""
+
+    def __init__(self, stage: Stage) -> None:
+        config, camera, mesh = stage.config, stage.config.camera, stage.static_mesh
+        self._stage, self._config = stage, config
+        self._tracer = Tracer(mesh.vertices_m, mesh.faces)
+        light = lighting.bake(self._tracer, mesh, stage.world.lamps)
+        self._table = shading.face_table(mesh, light, stage.world.atlas)
+        self._normals = shading.face_normals(mesh)
+        self._num_static = len(mesh.faces)
+        self._texture, self._instance = mesh.texture, mesh.instance
+        self._moving_mesh = lru_cache(4)(stage.moving_mesh)
+        first = self._moving_mesh(0)
+        if first is not None:
+            dark = np.zeros(len(first.vertices_m), np.float32)
+            moving = shading.face_table(first, dark, stage.world.atlas)
+            self._table = np.concatenate([self._table, moving])
+            self._texture = np.concatenate([mesh.texture, first.texture])
+            self._instance = np.concatenate([mesh.instance, first.instance])
+        self._shape = (config.height_px, config.width_px)
+        v, u = np.mgrid[0 : config.height_px, 0 : config.width_px]
+        rays = (
+            (u - camera.cx_px) / camera.fx_px,
+            (v - camera.cy_px) / camera.fy_px,
+            np.ones(self._shape),
+        )
+        self._rays = np.stack(rays, -1).reshape(-1, 3).astype(np.float32)
+        self._ray_lengths = np.linalg.norm(self._rays, axis=1)
+        self._exposure_phases = np.random.default_rng([config.seed, 5]).uniform(0, 2 * np.pi, 2)
+
+    def render(self, i: int) -> Rendering:
+        """Render frame i."""
+        rng = np.random.default_rng([self._config.seed, 6, i])
+        T = self._stage.T_world_camera[i]
+        view = _View(T, self._rays @ T[:3, :3].T.astype(np.float32))
+        hits = self._tracer.first_hits(view.origin, view.directions)
+        moving = self._prepare_moving(i)
+        if moving is not None:
+            self._overlay(hits, moving, view)
+        cosine = self._cosine(hits, moving, view)
+        footprint = hits.t**2 / (cosine * np.float32(self._config.camera.fx_px**2))
+        colour = shading.shade(
+            self._table,
+            hits,
+            footprint,
+            self._stage.world.atlas,
+            self._shadow(hits, moving, view),
+            self._exposure(i),
+        )
+        flow = self._flow(i, hits, moving)
+        texture = self._texture[hits.face]
+        depth = hits.t.reshape(self._shape)
+        dark = self._stage.world.atlas.ir_dark[texture].reshape(self._shape)
+        image = sensor.colour_image(colour.reshape(*self._shape, 3), flow, self._config, rng)
+        read = sensor.depth_image(depth, cosine.reshape(self._shape), dark, self._config, rng)
+        return Rendering(image, read, depth, self._instance[hits.face].reshape(self._shape))
+
+    def _prepare_moving(self, i: int) -> _Moving | None:
+        mesh, after = self._moving_mesh(i), self._moving_mesh(i + 1)
+        if mesh is None or after is None:
+            return None
+        light = lighting.light_moving(self._tracer, mesh, self._stage.world.lamps)
+        shading.set_light(self._table[self._num_static :], mesh, light)
+        steps = after.vertices_m - mesh.vertices_m
+        return _Moving(
+            mesh, Tracer(mesh.vertices_m, mesh.faces), shading.face_normals(mesh), steps
+        )
+
+    def _overlay(self, hits: Hits, moving: _Moving, view: _View) -> None:
+        """Let moving things hide what is behind them."""
+        pixels = np.flatnonzero(self._may_show(moving.mesh, view))
+        if len(pixels) == 0:
+            return
+        front = moving.tracer.first_hits(view.origin, view.directions[pixels])
+        nearer = front.t < hits.t[pixels]
+        at = pixels[nearer]
+        hits.t[at] = front.t[nearer]
+        hits.face[at] = front.face[nearer] + self._num_static
+        hits.barycentric[at] = front.barycentric[nearer]
+
+    def _may_show(self, mesh: Mesh, view: _View) -> BoolArray:
+        """Return (N,) the pixels inside the bounding boxes of moving instances."""
+        mask = np.zeros(self._shape, bool)
+        camera, T_camera_world = self._config.camera, se3.inverse(view.T_world_camera)
+        points = se3.transform(T_camera_world, mesh.vertices_m.astype(float))
+        for instance in np.unique(mesh.instance):
+            own = points[np.unique(mesh.faces[mesh.instance == instance])]
+            if own[:, 2].max() < 0.05:
+                continue
+            if own[:, 2].min() < 0.05:  # reaches behind the camera: no bounding box
+                return np.ones(mask.size, bool)
+            u = camera.fx_px * own[:, 0] / own[:, 2] + camera.cx_px
+            v = camera.fy_px * own[:, 1] / own[:, 2] + camera.cy_px
+            low = np.maximum([v.min() - _MARGIN_PX, u.min() - _MARGIN_PX], 0).astype(int)
+            high = np.maximum([v.max() + _MARGIN_PX + 1, u.max() + _MARGIN_PX + 1], 0).astype(int)
+            mask[low[0] : high[0], low[1] : high[1]] = True
+        return mask.ravel()
+
+    def _cosine(self, hits: Hits, moving: _Moving | None, view: _View) -> Float32Array:
+        normals = (
+            self._normals if moving is None else np.concatenate([self._normals, moving.normals])
+        )
+        along = np.einsum('ij,ij->i', np.take(normals, hits.face, axis=0), view.directions)
+        return np.asarray(np.maximum(np.abs(along) / self._ray_lengths, 1e-3), np.float32)
+
+    def _exposure(self, i: int) -> float:
+        """Return the gain of frame i: it wanders as an automatic exposure does."""
+        waves = np.sin(
+            2 * np.pi * self._config.time_s(i) * np.array([0.13, 0.31]) + self._exposure_phases
+        )
+        return float(1.15 * (1 + _EXPOSURE_SWING * waves.sum()))
+
+    def _coarse(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return every second pixel of every second row, of (N, ...) values."""
+        rest = values.shape[1:]
+        return values.reshape(*self._shape, *rest)[::_COARSE, ::_COARSE].reshape(-1, *rest)
+
+    def _fine(self, coarse: NDArray[Any]) -> Float32Array:
+        """Return (H, W, ...) values interpolated between coarse ones."""
+        shape = [-(-n // _COARSE) for n in self._shape]
+        image = coarse.reshape(*shape, *coarse.shape[1:])
+        return np.asarray(cv2.resize(image, self._shape[::-1]), np.float32)
+
+    def _shadow(self, hits: Hits, moving: _Moving | None, view: _View) -> Float32Array:
+        """Return (N,) the share of light that the shadows of moving things leave on the rest."""
+        if moving is None:
+            return np.ones(len(hits.t), np.float32)
+        t, face = self._coarse(hits.t), self._coarse(hits.face)
+        points = view.origin + t[:, None] * self._coarse(view.directions)
+        left = np.ones(len(points), np.float32)
+        resting = np.flatnonzero(face < self._num_static)
+        near = resting[_near(points[resting, :2], moving.mesh)]
+        origins = points[near] + np.float32(0.004) * (view.origin - points[near])
+        for lamp in self._stage.world.lamps:
+            if len(near) and len(lamp.points_m) == lighting.CEILING_POINTS:
+                hidden = np.zeros(len(near), np.float32)
+                for point in lamp.points_m.astype(np.float32):
+                    hidden += moving.tracer.occluded(origins, point - origins)
+                left[near] -= _SHADOW_DEPTH * hidden / lighting.CEILING_POINTS
+        return np.asarray(cv2.blur(self._fine(left), (9, 9)), np.float32).ravel()
+
+    def _flow(self, i: int, hits: Hits, moving: _Moving | None) -> Float32Array:
+        """Return (H, W, 2) how far image points move during the exposure, px."""
+        T, T_next = self._stage.T_world_camera[i : i + 2]
+        share = sensor.EXPOSURE_S * FRAME_RATE_HZ * self._config.motion_blur
+        twist = share * se3.log(se3.inverse(T) @ T_next)
+        rays, t = self._coarse(self._rays), self._coarse(hits.t)
+        points = rays * t[:, None]
+        step = -(np.cross(twist[:3].astype(np.float32), points) + twist[3:].astype(np.float32))
+        if moving is not None:
+            face = self._coarse(hits.face) - self._num_static
+            own = np.flatnonzero(face >= 0)
+            weight = self._coarse(hits.barycentric)[own]
+            corners = moving.steps_m[moving.mesh.faces[face[own]]]
+            way = corners[:, 0] + weight[:, :1] * (corners[:, 1] - corners[:, 0])
+            way += weight[:, 1:] * (corners[:, 2] - corners[:, 0])
+            step[own] += np.float32(share) * way @ T[:3, :3].astype(np.float32)
+        scale = np.float32(self._config.camera.fx_px) / t
+        flow = (step[:, :2] - rays[:, :2] * step[:, 2:]) * scale[:, None]
+        return self._fine(flow.astype(np.float32))
+
+
+def _near(xy_m: Float32Array, mesh: Mesh) -> BoolArray:
+    """Return (N,) which positions are close enough to a moving instance for its shadow."""
+    near = np.zeros(len(xy_m), bool)
+    for instance in np.unique(mesh.instance):
+        own = mesh.vertices_m[mesh.faces[mesh.instance == instance, 0], :2]
+        near |= (np.abs(xy_m - own.mean(0)) < _SHADOW_REACH_M).all(1)
+    return near

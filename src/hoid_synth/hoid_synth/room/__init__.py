@@ -1,0 +1,4 @@
+"""Rooms, furniture, props and their surfaces.
+
+Nothing here moves.
+"""

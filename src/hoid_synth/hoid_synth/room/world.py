@@ -1,0 +1,124 @@
+"""What a scene consists of before anybody moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hoid_common.values import FloatArray
+from hoid_synth.mesh import Mesh, merged
+from hoid_synth.people.body import Wardrobe
+from hoid_synth.room.atlas import Atlas
+from hoid_synth.room.props import Prop
+
+Rect = tuple[float, float, float, float]  # x1, y1, x2, y2 on the floor, metres
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A place where an object can rest, and where one stands to reach it."""
+
+    position_m: tuple[float, float, float]
+    stand_m: tuple[float, float]
+    heading_rad: float  # of the person who reaches for it
+    on_floor: bool
+
+
+def resting_yaw(prop: Prop, spot: Spot) -> float:
+    """Return how an object stands after being put down: as it was held."""
+    return spot.heading_rad - np.pi / 2 + prop.hold_yaw_rad
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedProp:
+    """A movable object at its first place."""
+
+    prop: Prop
+    spot: Spot
+    yaw_rad: float
+    instance: int
+
+
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """A light: points spread over it, and its strength."""
+
+    points_m: FloatArray  # (K, 3)
+    strength: float
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A furnished home: x and y along the walls, z up, origin in a corner on the floor."""
+
+    static: Mesh  # everything that never moves
+    class_names: tuple[str, ...]  # by instance; '': the background (0) and what has no class
+    props: tuple[PlacedProp, ...]
+    spots: tuple[Spot, ...]  # free places to put things down
+    obstacles: tuple[Rect, ...]  # footprints of furniture
+    rooms: tuple[Rect, ...]  # floors
+    doorways: tuple[Rect, ...]  # floors between rooms
+    lamps: tuple[Lamp, ...]
+    wardrobes: tuple[Wardrobe, ...]  # of the people
+    person_instances: tuple[int, ...]
+    atlas: Atlas
+
+
+def pose(x_m: float, y_m: float, z_m: float, yaw_rad: float) -> FloatArray:
+    """Return the transform (4, 4) of an upright thing."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[c, -s, 0, x_m], [s, c, 0, y_m], [0, 0, 1.0, z_m], [0, 0, 0, 1.0]])
+
+
+class WorldBuilder:
+    """Collects furniture, its footprints, instances and places for objects."""
+
+    def __init__(self) -> None:
+        self.meshes: list[Mesh] = []
+        self.class_names: list[str] = ['']
+        self.spots: list[Spot] = []
+        self.obstacles: list[Rect] = []
+        self.lamps: list[Lamp] = []
+
+    def new_instance(self, class_name: str) -> int:
+        """Return the number of a new instance."""
+        self.class_names.append(class_name)
+        return len(self.class_names) - 1
+
+    def add(
+        self,
+        mesh: Mesh,
+        T_world_thing: FloatArray,
+        class_name: str = '',
+        footprint: Rect | None = None,
+    ) -> None:
+        """Place a mesh; a class makes it an instance, a footprint (own frame) an obstacle."""
+        if class_name:
+            mesh = mesh.as_instance(self.new_instance(class_name))
+        self.meshes.append(mesh.transformed(T_world_thing))
+        if footprint is not None:
+            x1, y1, x2, y2 = footprint
+            corners = np.array([[x1, y1], [x2, y1], [x1, y2], [x2, y2]])
+            world = corners @ T_world_thing[:2, :2].T + T_world_thing[:2, 3]
+            (a, b), (c, d) = world.min(0), world.max(0)
+            self.obstacles.append((float(a), float(b), float(c), float(d)))
+
+    def add_spot(
+        self,
+        T_world_thing: FloatArray,
+        position_m: tuple[float, float, float],
+        stand_m: tuple[float, float],
+        on_floor: bool = False,
+    ) -> None:
+        """Add a resting place given in a thing's frame; one faces from `stand_m` towards it."""
+        at = T_world_thing[:3, :3] @ np.array(position_m) + T_world_thing[:3, 3]
+        stand = T_world_thing[:2, :2] @ np.array(stand_m) + T_world_thing[:2, 3]
+        way = at[:2] - stand
+        heading = float(np.arctan2(way[1], way[0]))
+        place = (float(at[0]), float(at[1]), float(at[2]))
+        self.spots.append(Spot(place, (float(stand[0]), float(stand[1])), heading, on_floor))
+
+    def mesh(self) -> Mesh:
+        """Return all that was placed as one mesh."""
+        return merged(self.meshes)

@@ -1,0 +1,82 @@
+"""What maps of a rendered recording should show, in a map frame that starts at its first image."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import BoolArray, FloatArray
+from hoid_synth.acting.stage import Stage, set_stage
+from hoid_synth.config import SceneConfig
+from hoid_synth.mesh import merged
+from hoid_synth.static_model import StaticModel
+
+_LEFT_ALONE_FRAMES = 60  # 2 s: what rested as long ago as that may still be in the map
+_PATH_RADIUS_M = 0.3
+_BODY_M = (0.1, 1.85)
+_OBSTACLE_M = (0.1, 1.8)
+
+
+class RoomTruth:
+    """The resting surfaces, people's paths and the floor plan.
+
+    Args:
+        config: Of the recording.
+        T_map_camera: (4, 4) the first camera in the map.
+    """
+
+    def __init__(self, config: SceneConfig, T_map_camera: FloatArray) -> None:
+        self.stage = set_stage(config)
+        resting = _with_resting_objects(self.stage)
+        self._model = StaticModel(resting)
+        self._mesh = resting.static_mesh
+        self.T_world_map = self.stage.T_world_camera[0] @ se3.inverse(T_map_camera)
+
+    def distance_m(self, points_map_m: FloatArray) -> FloatArray:
+        """Return (N,) distances to what rests, up to 6 cm."""
+        return self._model.distance_m(se3.transform(self.T_world_map, points_map_m))
+
+    def on_paths(self, points_map_m: FloatArray) -> BoolArray:
+        """Return which of (N, 3) points are where people walked, and nothing that rests is."""
+        points = se3.transform(self.T_world_map, points_map_m)
+        paths = np.concatenate([body.xy_m for body in self.stage.bodies])
+        gap = np.linalg.norm(points[:, None, :2] - paths[None, ::3], axis=2).min(1)
+        body = (points[:, 2] > _BODY_M[0]) & (points[:, 2] < _BODY_M[1]) & (gap < _PATH_RADIUS_M)
+        return np.asarray(body & (self.distance_m(points_map_m) > 0.05))
+
+    def occupied(
+        self, T_map_origin: FloatArray, shape: tuple[int, int], resolution_m: float
+    ) -> BoolArray:
+        """Return the true cells (H, W) of a grid: something stands 0.1 to 1.8 m over the floor."""
+        points = _samples(self._mesh.vertices_m[self._mesh.faces].astype(float), 0.01)
+        points = points[(points[:, 2] > _OBSTACLE_M[0]) & (points[:, 2] < _OBSTACLE_M[1])]
+        local = se3.transform(se3.inverse(self.T_world_map @ T_map_origin), points)
+        cell = np.floor(local[:, :2] / resolution_m).astype(int)
+        inside = ((cell >= 0) & (cell < shape[::-1])).all(axis=1)
+        out = np.zeros(shape, bool)
+        out[cell[inside, 1], cell[inside, 0]] = True
+        return out
+
+
+def _with_resting_objects(stage: Stage) -> Stage:
+    """Return the stage whose static mesh has the handled objects too, where they rested last."""
+    end, meshes = stage.config.frames, [stage.world.static]
+    for placed, track in zip(stage.world.props, stage.objects, strict=True):
+        late = np.flatnonzero(~track.handled[:end])
+        late = late[late >= end - _LEFT_ALONE_FRAMES]
+        if track.handled.any() and len(late):
+            poses = track.T_world_object[[late[0], late[-1]]]
+            meshes += [placed.prop.mesh.transformed(T) for T in poses]
+    return replace(stage, world=replace(stage.world, static=merged(meshes)))
+
+
+def _samples(corners: FloatArray, spacing_m: float) -> FloatArray:
+    """Return random points (N, 3), about so far apart, on triangles (F, 3, 3)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    face = np.repeat(np.arange(len(a)), np.ceil(area / spacing_m**2).astype(int))
+    s, t = np.random.default_rng(0).random((2, len(face), 1))
+    s, t = np.where(s + t > 1, (1 - s, 1 - t), (s, t))
+    return np.asarray(a[face] + s * (b - a)[face] + t * (c - a)[face])

@@ -1,1 +1,0 @@
-"""Dense map of the static room: coloured voxels, floor, navigation grid, export."""

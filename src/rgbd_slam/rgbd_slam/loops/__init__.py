@@ -1,0 +1,4 @@
+"""Closes loops and merges maps: detection, pose graph, global bundle adjustment.
+
+Nothing here sees single images.
+"""

@@ -1,0 +1,4 @@
+"""Maps as files: writing, reading, and refusing what is damaged or foreign.
+
+Nothing here changes a running map.
+"""

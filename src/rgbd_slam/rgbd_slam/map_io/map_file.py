@@ -1,0 +1,256 @@
+"""One file with a whole map: a zip of NumPy arrays with a manifest, as `numpy.load` opens too.
+
+Every array's type and shape follow from the schema (`Record`) and from the lengths in the
+manifest, and are checked before anything is unpacked; nothing in a file is ever executed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import secrets
+import struct
+import zipfile
+import zlib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+
+from hoid_common.errors import HoidError, MapFileError
+from hoid_common.io.record import Array, Column, Record
+from hoid_common.values import CameraModel, FloatArray
+from rgbd_slam.map_io.map_check import check_dense, check_map
+from rgbd_slam.model.map_state import MapState
+from rgbd_slam.scene.dense_state import DenseState
+
+SUFFIX = '.hoidmap'
+VERSION = 1
+_FORMAT = 'hoid map'
+_MANIFEST = 'manifest.json'
+_SECTIONS: dict[str, type[Record]] = {'map': MapState, 'dense': DenseState}
+_HEADER_BYTES = 128
+_MOST_DISTORTION = 14  # coefficients of OpenCV's models
+_SAME = 1e-6  # of intrinsics
+_MOST_MANIFEST_BYTES = 10_000
+_MOST_ROWS = 2**31
+_MOST_UNPACKED = 50  # times the file's size; a map unpacks to about twice
+_SMALL_BYTES = 1_000_000  # that many are harmless whatever they are packed to
+_LEVEL = 1  # more takes three times as long and saves a tenth
+# What the libraries say of files that are none of theirs.
+_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, KeyError,
+           TypeError, NotImplementedError, RuntimeError, OverflowError)  # fmt: skip
+
+
+class MapFile(NamedTuple):
+    """What a file holds; poses are in the map frame that was published, z up."""
+
+    camera: CameraModel
+    scale_factor: float  # between octaves of the features
+    num_octaves: int
+    map: MapState
+    dense: DenseState | None = None
+
+    def check_fits(self, camera: CameraModel, scale_factor: float, num_octaves: int) -> None:
+        """Raise MapFileError when the map is of another camera or of other features."""
+        size_px = self.camera.width_px, self.camera.height_px
+        here, there = _intrinsics(camera), _intrinsics(self.camera)
+        is_size = size_px == (camera.width_px, camera.height_px)
+        if not is_size or np.abs(here - there).max() > _SAME:
+            raise MapFileError(
+                f'the map was made with another camera: {_listed(size_px, there)}; '
+                f'this one is {_listed((camera.width_px, camera.height_px), here)}'
+            )
+        if (self.scale_factor, self.num_octaves) != (scale_factor, num_octaves):
+            raise MapFileError(
+                f'the map has features of {self.num_octaves} octaves with scale '
+                f'{self.scale_factor:g}: set camera.num_octaves and camera.scale_factor to these'
+            )
+
+
+def _intrinsics(camera: CameraModel) -> FloatArray:
+    out = np.zeros(4 + _MOST_DISTORTION)
+    values = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
+    out[: len(values)] = values
+    return out
+
+
+def _listed(size_px: tuple[int, int], intrinsics: FloatArray) -> str:
+    values = ' '.join(f'{value:g}' for value in intrinsics)
+    return f'{size_px[0]}x{size_px[1]} with fx, fy, cx, cy, distortion = {values}'
+
+
+def save(path: Path, content: MapFile) -> int:
+    """Write a file, or replace one when the new one is on the disk; return its size in bytes.
+
+    Raises:
+        MapFileError: It cannot be written, or would not load; what was there before still is.
+    """
+    _check(content)
+    aside = path.with_name(f'.partial-{secrets.token_hex(4)}-{path.name}')
+    try:
+        try:
+            with aside.open('xb') as file:
+                _write(file, content)
+                file.flush()
+                os.fsync(file.fileno())
+                size = file.tell()
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise MapFileError(f'{path}: cannot be written: {error.strerror}') from error
+    return size
+
+
+def load(path: Path) -> MapFile:
+    """Read a file.
+
+    Raises:
+        MapFileError: There is none, or it is foreign, damaged, of another version, or no map.
+    """
+    if not path.exists():
+        raise MapFileError(f'{path}: there is no such file')
+    if not path.is_file():
+        raise MapFileError(f'{path}: is no file')
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return _read(archive, path.stat().st_size)
+    except HoidError as error:
+        raise MapFileError(f'{path}: {error}') from error
+    except MemoryError as error:
+        raise MapFileError(f'{path}: does not fit into memory') from error
+    except OSError as error:
+        raise MapFileError(f'{path}: cannot be read: {error.strerror}') from error
+    except zipfile.BadZipFile as error:
+        raise MapFileError(f'{path}: is no map file, or damaged: {error}') from error
+    except _DAMAGE as error:
+        raise MapFileError(f'{path}: is damaged: {error}') from error
+
+
+def _write(file: IO[bytes], content: MapFile) -> None:
+    sections = {name: getattr(content, name) for name in _SECTIONS}
+    present = {name: record for name, record in sections.items() if record is not None}
+    manifest = {
+        'format': _FORMAT,
+        'version': VERSION,
+        'camera': asdict(content.camera),
+        'scale_factor': content.scale_factor,
+        'num_octaves': content.num_octaves,
+        'lengths': {name: record.lengths() for name, record in present.items()},
+    }
+    with zipfile.ZipFile(file, 'w', zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive:
+        archive.writestr(_MANIFEST, json.dumps(manifest, indent=1))
+        for section, record in present.items():
+            for name, array in record.arrays().items():
+                column, lengths = record.columns()[name], record.lengths()
+                with archive.open(_member(section, name), 'w', force_zip64=True) as member:
+                    member.write(_header(column, lengths))
+                    member.write(array.reshape(-1).view(np.uint8).data)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the rename last; some file systems cannot, and then it is as safe as they make it."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _member(section: str, name: str) -> str:
+    return f'{section}/{name}.npy'
+
+
+def _header(column: Column, lengths: Mapping[str, int]) -> bytes:
+    """Return what the file of an array begins with (NPY format 1.0): there is but one way."""
+    shape = column.shape(lengths)
+    text = f"{{'descr': {column.dtype.str!r}, 'fortran_order': False, 'shape': {shape}, }}"
+    return struct.pack('<6sBBH', b'\x93NUMPY', 1, 0, _HEADER_BYTES - 10) + (
+        text.ljust(_HEADER_BYTES - 11).encode() + b'\n'
+    )
+
+
+def _read(archive: zipfile.ZipFile, file_bytes: int) -> MapFile:
+    infos = {info.filename: info for info in archive.infolist()}
+    manifest = _manifest(archive, infos)
+    unpacked = sum(info.file_size for info in archive.infolist())
+    if unpacked > _SMALL_BYTES + _MOST_UNPACKED * file_bytes:
+        raise MapFileError(f'unpacks to {unpacked} bytes, which no map does')
+    lengths: dict[str, dict[str, int]] = manifest['lengths']
+    names = [_member(part, name) for part in lengths for name in _SECTIONS[part].columns()]
+    if sorted(info.filename for info in archive.infolist()) != sorted([*names, _MANIFEST]):
+        raise MapFileError('lacks parts or has foreign ones')
+    distortion = tuple(manifest['camera'].pop('distortion'))
+    camera = CameraModel(**manifest['camera'], distortion=distortion)
+    num_octaves = int(manifest['num_octaves'])
+    records = {part: _section(archive, part, lengths[part]) for part in lengths}
+    content = MapFile(camera, float(manifest['scale_factor']), num_octaves, **records)
+    _check(content)
+    return content
+
+
+def _check(content: MapFile) -> None:
+    with np.errstate(all='ignore'):  # whatever numbers there are, the checks see them
+        check_map(content.map, content.camera, content.num_octaves)
+        if content.dense is not None:
+            check_dense(content.dense, len(content.map))
+
+
+def _manifest(archive: zipfile.ZipFile, infos: Mapping[str, zipfile.ZipInfo]) -> dict[str, Any]:
+    """Return the manifest of a map file of this version."""
+    if _MANIFEST not in infos or infos[_MANIFEST].file_size > _MOST_MANIFEST_BYTES:
+        raise MapFileError('is no map file: it has no manifest')
+    manifest = json.loads(archive.read(_MANIFEST))
+    if not isinstance(manifest, dict) or manifest.get('format') != _FORMAT:
+        raise MapFileError('is no map file: its manifest is of something else')
+    if manifest.get('version') != VERSION:
+        raise MapFileError(
+            f'is of version {manifest.get("version")!r:.20}, and this program reads version '
+            f'{VERSION}: save the map anew with the program that made it'
+        )
+    for name, lengths in manifest['lengths'].items():
+        axes = {
+            a for c in _SECTIONS[name].columns().values() for a in c.axes if isinstance(a, str)
+        }
+        whole = all(type(n) is int and 0 <= n < _MOST_ROWS for n in lengths.values())
+        if lengths.keys() != axes or not whole:
+            raise MapFileError(f'the lengths of section "{name}" are none')
+    if 'map' not in manifest['lengths']:
+        raise MapFileError('holds no map')
+    return manifest
+
+
+def _section(archive: zipfile.ZipFile, section: str, lengths: Mapping[str, int]) -> Any:
+    record = _SECTIONS[section]
+    return record.of(
+        {
+            name: _array(archive, _member(section, name), column, lengths)
+            for name, column in record.columns().items()
+        }
+    )
+
+
+def _array(
+    archive: zipfile.ZipFile, name: str, column: Column, lengths: Mapping[str, int]
+) -> Array:
+    """Return an array, read only, once the file proves to have just its bytes."""
+    shape = column.shape(lengths)
+    info = archive.getinfo(name)
+    if info.file_size != _HEADER_BYTES + math.prod(shape) * column.dtype.itemsize:
+        raise MapFileError(f'"{name}" is of another size than the manifest says')
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise MapFileError(f'"{name}" is packed in an unknown way')
+    data = archive.read(info)
+    if len(data) != info.file_size or data[:_HEADER_BYTES] != _header(column, lengths):
+        raise MapFileError(f'"{name}" is not what the manifest says')
+    array: Array = np.frombuffer(data, column.dtype, offset=_HEADER_BYTES).reshape(shape)
+    if column.dtype == np.bool_ and (array.view(np.uint8) > 1).any():
+        raise MapFileError(f'"{name}" has truth values other than 0 and 1')
+    return array

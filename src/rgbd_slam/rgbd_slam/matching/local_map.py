@@ -1,0 +1,118 @@
+"""The part of the map that a frame can see, and where it sees it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.values import BoolArray, FloatArray, IntArray
+from rgbd_slam.matching.matching import Queries
+from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.projection import project, to_camera
+
+_MIN_DEPTH_M = 0.05
+_RANGE_MARGIN = 1.2  # one octave on either side of the scale range
+_MIN_VIEW_COSINE = 0.5
+_FRONTAL_COSINE = 0.998
+_FRONTAL_RADIUS_PX = 2.5  # ORB-SLAM's windows, seen head on and from the side
+_OBLIQUE_RADIUS_PX = 4.0
+
+
+class LocalMap(NamedTuple):
+    """Keyframes that see what the frame sees, and their points."""
+
+    reference: int  # the keyframe that shares most points with the frame
+    keyframes: IntArray
+    points: IntArray
+
+
+def local_map(slam_map: SlamMap, seen: IntArray, last_reference: int, limit: int) -> LocalMap:
+    """Return the neighbourhood of a frame that sees the given points.
+
+    Keyframes vote by how many of the points they see. Candidates are the last reference keyframe
+    and its covisible ones, so that the cost does not depend on the size of the map.
+    """
+    keyframes = slam_map.keyframes
+    candidates = np.concatenate(
+        [[last_reference], slam_map.covisible(last_reference, limit=2 * limit)]
+    )
+    flags = np.zeros(slam_map.points.capacity + 1, np.bool_)
+    flags[seen] = True
+    flags[NO_POINT] = False
+    votes = np.count_nonzero(flags[keyframes.point_of_feature[candidates]], axis=1)
+    order = np.argsort(-votes, kind='stable')[:limit]
+    reference = int(candidates[order[0]])
+    chosen = candidates[order[votes[order] > 0]] if votes[order[0]] else candidates[:1]
+    flags[:] = False
+    flags[keyframes.point_of_feature[chosen].ravel()] = True
+    flags[NO_POINT] = False
+    return LocalMap(reference, chosen, np.flatnonzero(flags))
+
+
+class View(NamedTuple):
+    """Map points in the view of a camera."""
+
+    points: IntArray  # (V,)
+    queries: Queries  # over V
+
+
+def predict_octave(slam_map: SlamMap, points: IntArray, distance_m: FloatArray) -> IntArray:
+    """Return (N,) octaves in which points at a distance should be found (PredictScale)."""
+    scale = slam_map.octave_scale
+    ratio = slam_map.points.max_distance_m[points] / distance_m
+    octave = np.ceil(np.log(ratio) / np.log(scale[1])) if len(scale) > 1 else 0 * ratio
+    return np.clip(octave, 0, len(scale) - 1).astype(np.int64)
+
+
+def visible_points(
+    slam_map: SlamMap,
+    camera: StereoCamera,
+    T_camera_map: FloatArray,
+    points: IntArray,
+    radius: float,
+) -> View:
+    """Return which of the points the camera should see, and the windows to search for them.
+
+    Args:
+        radius: factor on ORB-SLAM's window sizes.
+    """
+    table = slam_map.points
+    position = table.position_m[points]
+    x = to_camera(T_camera_map, position.T)
+    points, x, position = _in_front(points, x, position)
+    pixels = np.empty_like(x)
+    project(camera, x, pixels)
+    inside = _inside(camera, pixels)
+    points, pixels, position = points[inside], pixels[:, inside], position[inside]
+    ray = position + T_camera_map[:3, :3].T @ T_camera_map[:3, 3]
+    distance = np.sqrt((ray * ray).sum(1))
+    cosine = (ray * table.view_direction[points]).sum(1) / distance
+    seen = (cosine > _MIN_VIEW_COSINE) & (distance < _RANGE_MARGIN * table.max_distance_m[points])
+    seen &= distance > table.min_distance_m[points] / _RANGE_MARGIN
+    points, pixels = points[seen], pixels[:, seen]
+    octave = predict_octave(slam_map, points, distance[seen])
+    window = np.where(cosine[seen] > _FRONTAL_COSINE, _FRONTAL_RADIUS_PX, _OBLIQUE_RADIUS_PX)
+    queries = Queries(
+        pixels,
+        radius * window * slam_map.octave_scale[octave],
+        (octave - 1).astype(np.int8),
+        octave.astype(np.int8),
+        table.descriptors[points],
+    )
+    return View(points, queries)
+
+
+def _in_front(
+    points: IntArray, x: FloatArray, position: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    front = x[2] > _MIN_DEPTH_M
+    return points[front], x[:, front], position[front]
+
+
+def _inside(camera: StereoCamera, pixels: FloatArray) -> BoolArray:
+    u, v = pixels[0], pixels[1]
+    u_min, v_min, u_max, v_max = camera.bounds_px
+    return np.asarray((u >= u_min) & (u < u_max) & (v >= v_min) & (v < v_max))

@@ -1,0 +1,145 @@
+"""One image's features as the tracker uses them: undistorted, with a virtual right column.
+
+The virtual stereo coordinate is that of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017, eq. 1): a
+depth reading z at column u is what a rectified stereo pair of baseline b would see at u_right = u
+- fx * b / z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hoid_common.values import (
+    BoolArray,
+    ByteArray,
+    CameraModel,
+    Features,
+    Float32Array,
+    FloatArray,
+)
+from hoid_native import Lens
+from rgbd_slam.config.slam_config import CameraConfig
+
+
+@dataclass(frozen=True)
+class StereoCamera:
+    """The camera as the optimisers see it: a rectified pair with a virtual baseline."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    baseline_px_m: float  # fx * b: disparity = baseline_px_m / depth_m
+    disparity_noise_px: float  # standard deviation of disparities: a constant part,
+    relative_noise: float  # and one that grows with the disparity
+    bounds_px: tuple[
+        float, float, float, float
+    ]  # u_min, v_min, u_max, v_max of the undistorted image
+    pixel_noise: float = 1.0  # standard deviation of a pixel in octave 0 [px]
+    joint_noise: bool = False  # u_right is as noisy as u and v, and judged with them
+
+    @classmethod
+    def from_model(cls, camera: CameraModel, config: CameraConfig) -> StereoCamera:
+        """Return the virtual pair of a depth camera, and where the image's edges land."""
+        u = np.linspace(0, camera.width_px - 1, 9, dtype=np.float32)
+        v = np.linspace(0, camera.height_px - 1, 9, dtype=np.float32)
+        edge = np.concatenate(
+            [np.stack([u, 0 * u + y], 1) for y in (0, camera.height_px - 1)]
+            + [np.stack([0 * v + x, v], 1) for x in (0, camera.width_px - 1)]
+        ).astype(np.float32)
+        low, high = camera.undistort_px(edge).min(0), camera.undistort_px(edge).max(0)
+        bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+        return cls(
+            camera.fx_px,
+            camera.fy_px,
+            camera.cx_px,
+            camera.cy_px,
+            camera.fx_px * config.baseline_m,
+            config.disparity_noise_px,
+            config.relative_depth_noise,
+            bounds,
+            joint_noise=config.joint_noise,
+        )
+
+    @cached_property
+    def lens(self) -> Lens:
+        """Return what the optimisers need of it."""
+        return Lens(
+            self.fx_px,
+            self.fy_px,
+            self.cx_px,
+            self.cy_px,
+            self.baseline_px_m,
+            self.disparity_noise_px,
+            self.relative_noise,
+            self.pixel_noise,
+            self.joint_noise,
+        )
+
+    def disparity_sigma_px(self, disparity_px: FloatArray) -> FloatArray:
+        """Return (N,) standard deviations of disparities."""
+        sigma: FloatArray = np.hypot(self.disparity_noise_px, self.relative_noise * disparity_px)
+        return sigma
+
+    def project(self, points_camera_m: FloatArray) -> FloatArray:
+        """Return (N, 3) u, v, u_right of (N, 3) points in front of the camera."""
+        inv_z = 1.0 / points_camera_m[:, 2]
+        out = np.empty((len(points_camera_m), 3))
+        out[:, 0] = self.fx_px * points_camera_m[:, 0] * inv_z + self.cx_px
+        out[:, 1] = self.fy_px * points_camera_m[:, 1] * inv_z + self.cy_px
+        out[:, 2] = out[:, 0] - self.baseline_px_m * inv_z
+        return out
+
+    def back_project(
+        self, uv_px: Float32Array | FloatArray, depth_m: Float32Array | FloatArray
+    ) -> FloatArray:
+        """Return (N, 3) points in the camera's frame of undistorted pixels with depth."""
+        z = depth_m.astype(np.float64)
+        out = np.empty((len(z), 3))
+        out[:, 0] = (uv_px[:, 0] - self.cx_px) / self.fx_px * z
+        out[:, 1] = (uv_px[:, 1] - self.cy_px) / self.fy_px * z
+        out[:, 2] = z
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One image's features, undistorted."""
+
+    stamp_ns: int
+    measurement_px: Float32Array  # (N, 3) u, v, u_right; u_right is NaN without depth
+    depth_m: Float32Array  # (N,); 0 = no reading
+    octave: ByteArray  # (N,)
+    angle_deg: Float32Array  # (N,) in [0, 360)
+    descriptors: ByteArray  # (N, 32)
+    may_seed: BoolArray  # (N,); False: tracks, but makes no new map point
+
+    @classmethod
+    def from_features(cls, features: Features, model: CameraModel, camera: StereoCamera) -> Frame:
+        """Undistort the key points and add the virtual right coordinate."""
+        uv = model.undistort_px(features.uv_px)
+        depth = features.depth_m
+        readable = np.isfinite(depth) & (depth > 0)
+        measurement = np.full((len(depth), 3), np.nan, np.float32)
+        measurement[:, :2] = uv
+        measurement[readable, 2] = uv[readable, 0] - camera.baseline_px_m / depth[readable]
+        return cls(
+            features.stamp_ns,
+            measurement,
+            np.where(readable, depth, np.float32(0)),
+            features.octave,
+            features.angle_deg,
+            np.ascontiguousarray(features.descriptors),
+            features.may_seed,
+        )
+
+    def __len__(self) -> int:
+        return len(self.octave)
+
+    @cached_property
+    def has_depth(self) -> BoolArray:
+        """Return the (N,) mask of features with a depth reading."""
+        return self.depth_m > 0

@@ -1,0 +1,138 @@
+"""The map's keyframes as a structure of arrays: poses, features, and the points they observe."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from rgbd_slam.model.frame import Frame
+from rgbd_slam.model.soa_table import DEAD, Table, TableRows
+
+NO_POINT = -1
+
+_INITIAL_CAPACITY = 32
+_INITIAL_FEATURES = 1024
+_FEATURE_COLUMNS = (
+    'point_of_feature',
+    'measurement_px',
+    'depth_m',
+    'octave',
+    'angle_deg',
+    'descriptors',
+    'may_seed',
+)
+
+
+class KeyframeTable(Table):
+    """Rows are keyframes, index letter i; feature columns are (capacity, max features, ...).
+
+    `point_of_feature` is the one record of what observes what; it is searched by masks over whole
+    rows, which costs 0.3 ms for 200 keyframes and needs no second list to be kept in step.
+    """
+
+    columns: ClassVar[tuple[str, ...]] = (
+        *Table.columns,
+        'stamp_ns',
+        'T_map_camera',
+        'map_id',
+        'parent_uid',
+        'num_features',
+        'is_loaded',
+        'covisibility',
+        *_FEATURE_COLUMNS,
+    )
+    fixed: ClassVar[tuple[str, ...]] = (
+        'stamp_ns',
+        'num_features',
+        'is_loaded',
+        *_FEATURE_COLUMNS[1:],
+    )
+
+    def __init__(self) -> None:
+        n, f = _INITIAL_CAPACITY, _INITIAL_FEATURES
+        super().__init__(n)
+        self.stamp_ns: IntArray = np.zeros(n, np.int64)
+        self.T_map_camera: FloatArray = np.zeros((n, 4, 4))
+        self.map_id: IntArray = np.zeros(
+            n, np.int64
+        )  # maps that share no keyframe have frames of their own
+        self.parent_uid: IntArray = np.zeros(
+            n, np.int64
+        )  # spanning tree; DEAD for the first of a map
+        self.num_features: IntArray = np.zeros(n, np.int64)
+        self.is_loaded: BoolArray = np.zeros(n, np.bool_)  # from a file, of an earlier session
+        self.covisibility: NDArray[np.int32] = np.zeros(
+            (n, n), np.int32
+        )  # points shared by two keyframes
+        self.point_of_feature: NDArray[np.int32] = np.full((n, f), NO_POINT, np.int32)
+        self.measurement_px: Float32Array = np.zeros(
+            (n, f, 3), np.float32
+        )  # u, v, u_right (NaN: no depth)
+        self.depth_m: Float32Array = np.zeros((n, f), np.float32)
+        self.octave: ByteArray = np.zeros((n, f), np.uint8)
+        self.angle_deg: Float32Array = np.zeros((n, f), np.float32)
+        self.descriptors: ByteArray = np.zeros((n, f, 32), np.uint8)
+        self.may_seed: NDArray[np.bool_] = np.zeros((n, f), np.bool_)
+
+    @property
+    def max_features(self) -> int:
+        """Return how many features a row holds."""
+        return int(self.point_of_feature.shape[1])
+
+    def grow(self, capacity: int) -> None:
+        """Enlarge every column; the covisibility matrix grows both ways."""
+        old = self.capacity
+        super().grow(capacity)
+        wide = np.zeros((capacity, capacity), np.int32)
+        wide[:, :old] = self.covisibility
+        self.covisibility = wide
+        self.point_of_feature[old:] = NO_POINT
+
+    def grow_features(self, max_features: int) -> None:
+        """Widen the feature columns."""
+        for name in _FEATURE_COLUMNS:
+            old = getattr(self, name)
+            new = np.zeros((old.shape[0], max_features, *old.shape[2:]), old.dtype)
+            new[:, : old.shape[1]] = old
+            if name == 'point_of_feature':
+                new[:, old.shape[1] :] = NO_POINT
+            setattr(self, name, new)
+
+    def store_features(self, i: int, frame: Frame) -> None:
+        """Copy a frame's features into row `i`; none observes a point yet."""
+        n = len(frame)
+        if n > self.max_features:
+            self.grow_features(max(n, self.max_features + self.max_features // 2))
+        self.stamp_ns[i] = frame.stamp_ns
+        self.num_features[i] = n
+        self.point_of_feature[i] = NO_POINT
+        for name in _FEATURE_COLUMNS[1:]:
+            getattr(self, name)[i, :n] = getattr(frame, name)
+
+    def frame(self, i: int) -> Frame:
+        """Return row `i`'s features as a frame (views, not copies)."""
+        n = int(self.num_features[i])
+        return Frame(
+            int(self.stamp_ns[i]),
+            self.measurement_px[i, :n],
+            self.depth_m[i, :n],
+            self.octave[i, :n],
+            self.angle_deg[i, :n],
+            self.descriptors[i, :n],
+            self.may_seed[i, :n],
+        )
+
+    def children(self, i: int) -> IntArray:
+        """Return the keyframes whose parent in the spanning tree is `i`."""
+        return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
+
+    def put_rows(self, change: TableRows) -> None:
+        """Overwrite rows with those of another copy; the covisibility stays symmetric."""
+        width = change.columns['point_of_feature'].shape[1]
+        if width > self.max_features:
+            self.grow_features(width)
+        super().put_rows(change)
+        self.covisibility[:, change.rows] = change.columns['covisibility'].T

@@ -1,0 +1,67 @@
+"""A frame with a pose and the map points it sees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import FloatArray, IntArray
+from rgbd_slam.model.atlas import Redirect, SlamMap
+from rgbd_slam.model.frame import Frame
+from rgbd_slam.model.keyframes import NO_POINT
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFrame:
+    """What the tracker knows of a frame after tracking it.
+
+    Map rows may be reused later: `points` come with their uids, the reference keyframe is a uid.
+    """
+
+    frame: Frame
+    T_map_camera: FloatArray  # (4, 4), by the map as it was then
+    points: IntArray  # (N,) point seen by each feature, or NO_POINT
+    point_uids: IntArray  # (N,)
+    reference_uid: int  # keyframe
+    T_reference_camera: FloatArray  # (4, 4)
+
+    def current_points(self, slam_map: SlamMap) -> IntArray:
+        """Return `points` without those that have left the map since."""
+        points = self.points
+        stale = slam_map.points.uid[points] != self.point_uids
+        return np.where(stale | (points == NO_POINT), NO_POINT, points)
+
+    def current_pose(self, slam_map: SlamMap) -> FloatArray:
+        """Return T_map_camera by the map as it is now."""
+        keyframes = slam_map.keyframes
+        i = keyframes.index_of(self.reference_uid)
+        if i is None:
+            return self.T_map_camera
+        pose: FloatArray = keyframes.T_map_camera[i] @ self.T_reference_camera
+        return pose
+
+    def redirected(self, redirects: Iterable[Redirect]) -> TrackedFrame:
+        """Return the frame hung on what took the place of removed keyframes."""
+        uid, T = self.reference_uid, self.T_reference_camera
+        for redirect in redirects:
+            if redirect.uid == uid:
+                uid, T = redirect.parent_uid, redirect.T_parent_camera @ T
+        return replace(self, reference_uid=uid, T_reference_camera=T)
+
+
+def tracked_frame(
+    frame: Frame, T_map_camera: FloatArray, points: IntArray, slam_map: SlamMap, reference: int
+) -> TrackedFrame:
+    """Return a frame whose pose hangs on keyframe `reference`."""
+    keyframes = slam_map.keyframes
+    return TrackedFrame(
+        frame,
+        T_map_camera,
+        points,
+        slam_map.points.uid[points],
+        int(keyframes.uid[reference]),
+        se3.inverse(keyframes.T_map_camera[reference]) @ T_map_camera,
+    )

@@ -1,0 +1,164 @@
+"""The pose between an image and a set of points from matches of which many may be wrong.
+
+Points that both sides measure in 3-D are aligned in closed form (Horn, JOSA A 1987, solved by the
+SVD of Arun et al., PAMI 1987); without enough depth the pose is found from pixels alone (PnP).
+Either way within RANSAC (Fischler and Bolles, 1981), with all hypotheses made and scored at once.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from hoid_common.values import BoolArray, Float32Array, FloatArray
+from rgbd_slam.config.place_config import AlignmentConfig
+from rgbd_slam.model.frame import StereoCamera
+
+_SAMPLE = 3
+_REFINED = 5  # hypotheses with most inliers that are refined
+_REFINEMENTS = 4
+
+
+class AlignmentStatus(Enum):
+    """How an alignment ended."""
+
+    OK = 'ok'
+    TOO_FEW_MATCHES = 'too few matches'
+    TOO_FEW_INLIERS = 'too few inliers'
+
+
+class Alignment(NamedTuple):
+    """The pose of an image relative to the frame of the points it was matched with."""
+
+    status: AlignmentStatus
+    T_camera_points: FloatArray  # (4, 4); identity unless OK
+    inliers: BoolArray  # (N,) of the matches
+
+
+def align_points(
+    points_a_m: FloatArray, points_b_m: FloatArray, weights: FloatArray | None = None
+) -> FloatArray:
+    """Return the T_a_b (..., 4, 4) that best maps (..., N, 3) points b onto a.
+
+    Args:
+        weights: (..., N), of the squared distances; all equal by default.
+    """
+    w = np.ones(points_a_m.shape[:-1]) if weights is None else weights
+    w = (w / w.sum(axis=-1, keepdims=True))[..., None]
+    mean_a = (w * points_a_m).sum(axis=-2, keepdims=True)
+    mean_b = (w * points_b_m).sum(axis=-2, keepdims=True)
+    spread = np.swapaxes(w * (points_a_m - mean_a), -1, -2) @ (points_b_m - mean_b)
+    U, _, Vt = np.linalg.svd(spread)
+    U[..., :, 2] *= np.linalg.det(U @ Vt)[..., None]  # a rotation, not a reflection
+    T = np.zeros((*spread.shape[:-2], 4, 4))
+    T[..., :3, :3] = U @ Vt
+    T[..., :3, 3] = (mean_a - mean_b @ np.swapaxes(T[..., :3, :3], -1, -2))[..., 0, :]
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def align_image(
+    measurement_px: Float32Array,
+    sigma_px: FloatArray,
+    depth_m: Float32Array,
+    points_m: FloatArray,
+    camera: StereoCamera,
+    config: AlignmentConfig,
+    rng: np.random.Generator,
+) -> Alignment:
+    """Find the camera's pose among N matches of its features with points.
+
+    Args:
+        measurement_px: (N, 3) u, v, u_right of the features, undistorted.
+        sigma_px: (N,) standard deviation of a pixel, which grows with the octave.
+        depth_m: (N,) of the features; 0 = no reading.
+        points_m: (N, 3) the matched points, in any one frame.
+        rng: chooses the samples, so that a run repeats.
+    """
+    none = Alignment(AlignmentStatus.TOO_FEW_MATCHES, np.eye(4), np.zeros(len(points_m), np.bool_))
+    if len(points_m) < config.min_inliers:
+        return none
+    with_depth = np.flatnonzero(depth_m > 0)
+    if len(with_depth) >= config.min_inliers:
+        seen = camera.back_project(measurement_px[with_depth], depth_m[with_depth])
+        sample = np.argsort(rng.random((config.hypotheses, len(with_depth))), axis=1)[:, :_SAMPLE]
+        hypotheses = align_points(seen[sample], points_m[with_depth][sample])
+    else:
+        hypotheses = _pose_from_pixels(measurement_px, points_m, camera, config)
+    limit_px = config.max_error_px * sigma_px
+    agrees = _reprojection_error_px(hypotheses, measurement_px, points_m, camera) < limit_px
+    leading = np.argsort(-agrees.sum(axis=1), kind='stable')[:_REFINED]
+    best = none._replace(status=AlignmentStatus.TOO_FEW_INLIERS)
+    for n in leading:
+        T, inliers = _refined(
+            hypotheses[n], agrees[n], measurement_px, depth_m, points_m, camera, limit_px
+        )
+        if inliers.sum() >= max(config.min_inliers, best.inliers.sum() + 1):
+            best = Alignment(AlignmentStatus.OK, T, inliers)
+    return best
+
+
+def _refined(
+    T_camera_points: FloatArray,
+    inliers: BoolArray,
+    measurement_px: Float32Array,
+    depth_m: Float32Array,
+    points_m: FloatArray,
+    camera: StereoCamera,
+    limit_px: FloatArray,
+) -> tuple[FloatArray, BoolArray]:
+    """Align all inliers with depth: a sample of three has the noise of three (LO-RANSAC, 2003)."""
+    best, most = T_camera_points, inliers
+    for _ in range(_REFINEMENTS):
+        use = inliers & (depth_m > 0)
+        if use.sum() <= _SAMPLE:
+            break
+        seen = camera.back_project(measurement_px[use], depth_m[use])
+        T = align_points(seen, points_m[use], depth_m[use].astype(np.float64) ** -2)
+        inliers = _reprojection_error_px(T[None], measurement_px, points_m, camera)[0] < limit_px
+        if inliers.sum() > most.sum():
+            best, most = T, inliers
+    return best, most
+
+
+def _pose_from_pixels(
+    measurement_px: Float32Array,
+    points_m: FloatArray,
+    camera: StereoCamera,
+    config: AlignmentConfig,
+) -> FloatArray:
+    """Return (1, 4, 4) the pose that OpenCV's PnP RANSAC finds, or (0, 4, 4)."""
+    K = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1.0]])
+    found, rotation, translation, _ = cv2.solvePnPRansac(
+        points_m,
+        measurement_px[:, :2].astype(np.float64),
+        K,
+        np.zeros(4),
+        iterationsCount=config.hypotheses,
+        reprojectionError=config.max_error_px,
+        flags=cv2.SOLVEPNP_SQPNP,
+    )
+    if not found:
+        return np.empty((0, 4, 4))
+    T = np.eye(4)[None]
+    T[0, :3, :3] = cv2.Rodrigues(rotation)[0]
+    T[0, :3, 3] = translation.ravel()
+    return T
+
+
+def _reprojection_error_px(
+    T_camera_points: FloatArray,
+    measurement_px: Float32Array,
+    points_m: FloatArray,
+    camera: StereoCamera,
+) -> FloatArray:
+    """Return (H, N) distances in u, v and, with depth, u_right; inf behind the camera."""
+    p = points_m @ np.swapaxes(T_camera_points[:, :3, :3], 1, 2) + T_camera_points[:, None, :3, 3]
+    in_front = p[..., 2] > 0
+    p[..., 2] = np.where(in_front, p[..., 2], 1.0)
+    gap = camera.project(p.reshape(-1, 3)).reshape(p.shape) - measurement_px
+    error = np.sqrt(np.nansum(gap**2, axis=2))
+    return np.where(in_front, error, np.inf)

@@ -1,0 +1,73 @@
+"""Bundle adjustment of a window of keyframes.
+
+A window's reduced camera system is small (6 unknowns a keyframe), so that a dense Schur complement
+solves it many times faster than a general factor graph does (docs/architecture.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+import hoid_native
+from hoid_common.values import BoolArray, FloatArray, IntArray
+from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO, GATES
+
+
+@dataclass(frozen=True, eq=False)
+class BundleProblem:
+    """A window as parallel arrays; the free cameras come first.
+
+    Attributes:
+        T_camera_map: (C, 4, 4), the first `num_free` are moved.
+        num_free: how many cameras move.
+        points_m: (3, P).
+        camera: (M,) which camera observes.
+        point: (M,) which point; once a camera at most.
+        measured_px: (3, M) u, v, u_right; NaN for u_right without depth.
+        inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
+    """
+
+    T_camera_map: FloatArray
+    num_free: int
+    points_m: FloatArray
+    camera: IntArray
+    point: IntArray
+    measured_px: FloatArray
+    inv_sigma2: FloatArray
+
+
+class BundleSolution(NamedTuple):
+    """Adjusted poses and points, and which observations do not fit them."""
+
+    T_camera_map: FloatArray  # (C, 4, 4)
+    points_m: FloatArray  # (3, P)
+    outliers: BoolArray  # (M,)
+    cost_before: float
+    cost_after: float
+
+
+def adjust(
+    camera: StereoCamera, problem: BundleProblem, iterations: int, rounds: int = 2
+) -> BundleSolution:
+    """Adjust with a Huber kernel, in rounds after each of which what does not fit is left out."""
+    fit = hoid_native.adjust_bundle(
+        camera.lens,
+        GATES,
+        problem.T_camera_map,
+        problem.num_free,
+        problem.points_m.T,
+        problem.camera,
+        problem.point,
+        problem.measured_px.T,
+        problem.inv_sigma2,
+        rounds,
+        iterations,
+    )
+    gate = np.where(np.isfinite(problem.measured_px[2]), CHI2_STEREO, CHI2_MONO)
+    return BundleSolution(
+        fit.T_camera_map, fit.points_m.T, fit.chi2 > gate, fit.cost_before, fit.cost_after
+    )

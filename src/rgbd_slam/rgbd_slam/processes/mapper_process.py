@@ -1,0 +1,175 @@
+"""The mapper in a process of its own: the tracker never waits for it, and no lock is shared.
+
+The mapper owns the map. Keyframes go to it, and the rows that changed come back and are laid over
+the tracker's copy between two frames. That copy is whole: when the process dies, a new one goes on
+with it, and only the keyframes under way are lost.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+
+from hoid_common.values import FloatArray
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.loops.loop_closing import LoopCounts
+from rgbd_slam.mapper import KeyframeRequest
+from rgbd_slam.model.atlas import Redirect, SlamMap
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.map_state import MapState
+from rgbd_slam.processes.mapper_worker import (
+    Load,
+    MapperStoppedError,
+    MapperWorker,
+    Report,
+    Request,
+    Resume,
+    Settle,
+    Start,
+)
+
+_START_S = 30.0  # for a new process to load its libraries on a busy machine
+_WORK_S = 60.0  # for the longest piece of work, and a new process before it
+_SETTLE_S = 20.0  # for adjusting the whole map, in the end
+
+_logger = logging.getLogger(__name__)
+
+
+class MapperProcess:
+    """The tracker's end: hands keyframes over and keeps a copy of the map up to date.
+
+    Raises:
+        MapperStoppedError: The process does not start; from every method, when it cannot be kept
+            running.
+    """
+
+    def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: SlamConfig) -> None:
+        self._camera = camera
+        self._map = slam_map
+        self._config = config
+        self.loops = LoopCounts()
+        self.num_restarts = 0
+        self._num_sent = self._num_done = 0
+        self._is_settled = True
+        self._redirects: deque[Redirect] = deque()
+        self._worker = MapperWorker(camera, config)
+        try:
+            self._worker.await_start(_START_S)
+        except MapperStoppedError:
+            self._worker.close()
+            raise
+        if self._worker.has_report and self._worker.receive(0.0) is None:
+            self._give_up()
+
+    @property
+    def process_id(self) -> int | None:
+        """Return the id of the process."""
+        return self._worker.process_id
+
+    @property
+    def queue_length(self) -> int:
+        """Return how many keyframes wait for the mapper or are being taken in."""
+        return self._num_sent - self._num_done
+
+    def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
+        """Make the first keyframe of a map, wait for it, and return its row."""
+        row = None
+        while row is None:  # more than once only when the process dies over it
+            self._hand_over(Start(frame, T_map_camera, map_id))
+            row = self._drain()
+        return row
+
+    def insert(self, request: KeyframeRequest) -> int | None:
+        """Hand a keyframe over; it will be in the map after some later `update`."""
+        self._hand_over(request)
+        return None
+
+    def load(self, state: MapState, *, keep: bool) -> None:
+        """Lay a saved map over the running one, which is kept beside it or gone; waits for it."""
+        row = None
+        while row is None:
+            self._hand_over(Load(state, keep))
+            row = self._drain()
+
+    @property
+    def is_settled(self) -> bool:
+        """Return whether the map stays as it is unless something is handed over."""
+        return self.queue_length == 0 and self._is_settled
+
+    def update(self) -> tuple[Redirect, ...]:
+        """Lay what has come over the map and say what became of old keyframes."""
+        while self._worker.has_report:
+            self._take(0.0)
+        redirects = tuple(self._redirects)
+        self._redirects.clear()
+        return redirects
+
+    def settle(self) -> None:
+        """Ask for a last adjustment of what has grown; without waiting, see `is_settled`."""
+        self._hand_over(Settle(0.0))
+
+    def finish(self) -> tuple[Redirect, ...]:
+        """Wait until everything handed over is in the map, and the whole map is adjusted."""
+        self._hand_over(Settle(_SETTLE_S))
+        self._drain()
+        if not self._is_settled:
+            _logger.warning(
+                'the whole map is still being adjusted after %g s; what is saved now is the map '
+                'before that', _SETTLE_S,
+            )  # fmt: skip
+        return self.update()
+
+    def close(self) -> None:
+        """End the process; keyframes still under way are lost."""
+        self._worker.close()
+
+    def _hand_over(self, request: Request) -> None:
+        self._num_sent += 1
+        self._worker.send(request)
+
+    def _drain(self) -> int | None:
+        """Wait for all answers and return the last row that one speaks of."""
+        row = None
+        while self.queue_length:
+            row = self._take(_WORK_S)
+        return row
+
+    def _take(self, timeout_s: float) -> int | None:
+        """Lay the next report over the map and return the row that it speaks of."""
+        report = self._worker.receive(timeout_s)
+        if report is None:
+            self._restart()
+            return None
+        self._apply(report)
+        return report.row
+
+    def _apply(self, report: Report) -> None:
+        self._map.apply(report.change)
+        self._redirects.extend(self._map.take_redirects())
+        self.loops = report.loops
+        self._num_done += report.is_answer
+        self._is_settled = report.is_settled
+
+    def _restart(self) -> None:
+        """Let a new process go on with the map; one that ends before it did anything is not."""
+        if self._num_done == 0:
+            self._give_up()
+        code = self._worker.close()
+        _logger.warning('the mapping process has ended (%s); a new one goes on', _said(code))
+        self._worker = MapperWorker(self._camera, self._config)
+        self.num_restarts += 1
+        self._num_sent = self._num_done = 0
+        self._hand_over(Resume(self._map.whole(), self.loops))
+
+    def _give_up(self) -> None:
+        code = self._worker.close()
+        raise MapperStoppedError(
+            f'the mapping process ends at its start ({_said(code)}); see its output above, '
+            'mend that and start the node again'
+        )
+
+
+def _said(exit_code: int | None) -> str:
+    if exit_code is not None and exit_code < 0:
+        return f'signal {-exit_code}'
+    return f'exit code {exit_code}'

@@ -1,0 +1,95 @@
+"""Messages of the room: grid, tracked objects, and the same as markers."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from hoid_msgs.msg import TrackedObject as TrackedObjectMsg
+from hoid_msgs.msg import TrackedObjectArray
+from nav_msgs.msg import MapMetaData, OccupancyGrid
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from hoid_common.ros import conversions
+from hoid_common.values import FloatArray
+from rgbd_slam.scene.grid import Grid
+from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
+
+_MIN_SIZE_M = 0.02  # RViz shows nothing of a flat marker
+_LABEL_M = 0.12
+_COLORS = {
+    ObjectState.PERSON: ColorRGBA(r=0.9, g=0.2, b=0.2, a=0.5),
+    ObjectState.HANDLED: ColorRGBA(r=1.0, g=0.6, b=0.1, a=0.7),
+    ObjectState.AT_REST: ColorRGBA(r=0.5, g=0.5, b=0.5, a=0.3),
+    ObjectState.MOVED: ColorRGBA(r=0.2, g=0.6, b=1.0, a=0.7),
+}
+
+
+def grid_to_msg(grid: Grid, header: Header) -> OccupancyGrid:
+    """Return the message of a grid in the header's frame."""
+    height, width = grid.cells.shape
+    info = MapMetaData(
+        map_load_time=header.stamp,
+        resolution=grid.resolution_m,
+        width=width,
+        height=height,
+        origin=conversions.pose_to_msg(grid.T_map_origin),
+    )
+    return OccupancyGrid(header=header, info=info, data=array('b', grid.cells.tobytes()))
+
+
+def tracked_objects_to_msg(
+    objects: tuple[TrackedObject, ...], header: Header
+) -> TrackedObjectArray:
+    """Return the message of tracks in the header's frame."""
+    return TrackedObjectArray(header=header, objects=[_object_to_msg(item) for item in objects])
+
+
+def markers_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> MarkerArray:
+    """Return a box and a label per object; what was there before goes."""
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for item in objects:
+        box = _marker(item, header, 'objects')
+        box.type = Marker.CUBE
+        box.scale = _vector(np.maximum(item.size_m, _MIN_SIZE_M))
+        label = _marker(item, header, 'labels')
+        label.type = Marker.TEXT_VIEW_FACING
+        label.pose.position.z += float(item.size_m[2]) / 2 + _LABEL_M
+        label.scale.z = _LABEL_M
+        label.color.a = 1.0
+        label.text = f'{item.class_name} {item.track_id}: {item.state.name.lower()}'
+        markers += [box, label]
+    return MarkerArray(markers=markers)
+
+
+def _object_to_msg(item: TrackedObject) -> TrackedObjectMsg:
+    return TrackedObjectMsg(
+        id=item.track_id,
+        class_name=item.class_name,
+        state=item.state.value,
+        score=float(item.score),
+        position=_point(item),
+        velocity=_vector(item.velocity_map_mps),
+        size=_vector(item.size_m),
+    )
+
+
+def _marker(item: TrackedObject, header: Header, namespace: str) -> Marker:
+    marker = Marker(header=header, ns=namespace, id=item.track_id, action=Marker.ADD)
+    marker.pose.position = _point(item)
+    marker.pose.orientation.w = 1.0
+    color = _COLORS[item.state]
+    marker.color = ColorRGBA(r=color.r, g=color.g, b=color.b, a=color.a)
+    return marker
+
+
+def _point(item: TrackedObject) -> Point:
+    x, y, z = item.position_map_m.tolist()
+    return Point(x=x, y=y, z=z)
+
+
+def _vector(values: FloatArray) -> Vector3:
+    x, y, z = values.tolist()
+    return Vector3(x=float(x), y=float(y), z=float(z))

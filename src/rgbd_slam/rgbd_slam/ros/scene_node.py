@@ -1,0 +1,181 @@
+"""The node that maps the room, in a process of its own: dense map, grid, people and objects."""
+
+from __future__ import annotations
+
+import os
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any
+
+import numpy as np
+from hoid_msgs.msg import DynamicObjectArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from hoid_common import topics
+from hoid_common.errors import HoidError, MessageError
+from hoid_common.ros import conversions
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.inputs import Inputs
+from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.run import run_node
+from hoid_common.sync import Match, StampMatcher
+from hoid_common.values import CameraModel, Float32Array
+from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.ros.periods import set_period
+from rgbd_slam.ros.scene_outputs import RoomOutputs
+from rgbd_slam.ros.scene_services import RoomServices
+from rgbd_slam.ros.scene_setup import Clear, Report, RoomMessage, RoomSetup
+from rgbd_slam.scene.dense_mapper import StoredView
+from rgbd_slam.scene.fusion_scheduler import FramePose
+from rgbd_slam.scene.scene_mapper import RoomMapper
+
+_NICE = 19  # below what the pose waits for
+_SLOP_NS = 20_000_000
+_PATIENCE_NS = 300_000_000  # for the verdict on an image's objects
+_CAPACITY = 60  # images that wait for the tracker to say where they were taken: 2 s
+
+
+class RoomNode(Node):
+    """A shell around `RoomMapper`, fed with images by topics and with poses by a pipe."""
+
+    def __init__(self, messages: Connection, reports: Connection, setup: RoomSetup) -> None:
+        name = f'{setup.slam_node.rsplit("/", 1)[-1]}_room'
+        # A node name on the command line is that of the SLAM node.
+        super().__init__(name, cli_args=['--ros-args', '-r', f'__node:={name}'])
+        bridge_logging(self)
+        self._setup = setup
+        self._reports = reports
+        self._diagnostics = Diagnostics(self)
+        self._diagnostics.set_value('process', str(os.getpid()))
+        self._room: RoomMapper | None = None
+        self._camera: CameraModel | None = None
+        self._outputs = RoomOutputs(self, setup)
+        self._answers = RoomServices(self, setup, lambda: self._room)
+        self._stamp_ns = 0  # of the latest image fused
+        self._is_shown = True  # whether the outputs show the map as it is
+        self._matcher = StampMatcher(
+            ('pose', 'depth', 'color', 'objects'), _SLOP_NS, _CAPACITY, ('objects',), _PATIENCE_NS
+        )
+        inputs = Inputs(self, setup.input, self._diagnostics)
+        inputs.depth(self._matched('depth'))
+        inputs.color(self._matched('color'))
+        inputs.messages(
+            DynamicObjectArray, topics.DYNAMIC_OBJECTS, self._matched('objects'), 'dynamic objects'
+        )
+        # Wall time: what was mapped last is published even when images have stopped.
+        self._timer = self.create_timer(
+            setup.dense.publish_period_s,
+            self._publish,
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
+        self._received: SimpleQueue[RoomMessage] = SimpleQueue()
+        self._wake = self.create_guard_condition(self._take_received)
+        Thread(target=self._listen, args=(messages,), name='from tracker', daemon=True).start()
+
+    def _listen(self, messages: Connection) -> None:
+        """Pass on what comes from the tracker; without it there is nothing left to do."""
+        try:
+            while True:
+                self._received.put(messages.recv())
+                self._wake.trigger()
+        except (EOFError, OSError):
+            self.context.try_shutdown()
+
+    def _take_received(self) -> None:
+        while not self._received.empty():
+            self._take(self._received.get())
+
+    def _take(self, message: RoomMessage) -> None:
+        match message:
+            case FramePose():
+                self._add('pose', message.stamp_ns, message)
+            case CameraModel():
+                self._begin(message)
+            case Clear():
+                self._begin(None)
+            case KeyframePoses() if self._room is not None:
+                self._room.know(message)
+                self._is_shown = False
+            case StoredView() if self._room is not None:
+                self._room.restore(message)
+                self._is_shown = False
+            case DenseConfig():
+                self._reconfigure(message)
+            case Report():
+                self._report()
+
+    def _reconfigure(self, dense: DenseConfig) -> None:
+        self._setup = self._setup._replace(dense=dense)
+        set_period(self._timer, dense.publish_period_s)
+        if self._room is not None:
+            self._is_shown &= not self._room.reconfigure(dense)
+
+    def _report(self) -> None:
+        """Send the images of the dense map; one by one, so that no long one holds the receiver."""
+        views = () if self._room is None else self._room.views()
+        try:
+            for view in (*views, None):
+                self._reports.send(view)
+        except OSError:
+            pass  # the tracker has ended
+
+    def _begin(self, camera: CameraModel | None) -> None:
+        self._camera, self._room = camera, None
+        if camera is not None:
+            self._room = RoomMapper(camera, self._setup.dense, self._setup.objects)
+        self._matcher.reset()
+        self._outputs.clear(self._stamp_ns)
+
+    def _matched(self, name: str) -> Any:
+        def on_message(msg: Any) -> None:
+            self._add(name, conversions.stamp_from_msg(msg.header.stamp), msg)
+
+        return on_message
+
+    def _add(self, name: str, stamp_ns: int, value: Any) -> None:
+        for match in self._matcher.add(name, stamp_ns, value):
+            try:
+                self._look(match)
+            except HoidError as error:
+                self._diagnostics.report(error, 'images refused')
+        self._diagnostics.set_count('images missing', self._matcher.counts['pose'].unmatched)
+
+    def _look(self, match: Match) -> None:
+        """Map one image."""
+        pose, depth, color, objects_msg = match.values
+        if self._room is None:
+            return
+        depth_m = self._checked(conversions.depth_from_msg(depth))
+        objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
+        if self._setup.objects.enabled and pose.follow:
+            tracks = self._room.follow(pose, depth_m, objects)
+            self._outputs.publish_objects(tracks, pose.stamp_ns)
+        if pose.keyframes is not None:
+            self._room.fuse(pose, depth_m, conversions.color_from_msg(color), objects)
+            self._stamp_ns, self._is_shown = pose.stamp_ns, False
+            self._diagnostics.count('images fused')
+            self._diagnostics.set_count('voxels', self._room.num_voxels)
+
+    def _checked(self, depth_m: Float32Array) -> Float32Array:
+        assert self._camera is not None
+        size = self._camera.height_px, self._camera.width_px
+        if depth_m.shape != size:
+            raise MessageError(
+                f'depth image is {depth_m.shape[1]}x{depth_m.shape[0]}, but the camera is '
+                f'{size[1]}x{size[0]}: register depth to colour'
+            )
+        return np.nan_to_num(depth_m, copy=False)
+
+    def _publish(self) -> None:
+        if self._room is not None and not self._is_shown:
+            self._is_shown = True
+            self._outputs.publish_map(self._room, self._stamp_ns)
+
+
+def run_room(messages: Connection, reports: Connection, setup: RoomSetup) -> None:
+    """Map until the pipe ends; the main function of the process."""
+    os.nice(_NICE)
+    run_node(lambda: RoomNode(messages, reports, setup))

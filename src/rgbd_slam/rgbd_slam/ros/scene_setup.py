@@ -1,0 +1,37 @@
+"""What goes from the SLAM node to the process that maps the room."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from hoid_common.input_config import InputConfig
+from hoid_common.values import CameraModel
+from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.scene.dense_mapper import StoredView
+from rgbd_slam.scene.fusion_scheduler import FramePose
+from rgbd_slam.scene.object_tracker import ObjectTrackerConfig
+
+
+class RoomSetup(NamedTuple):
+    """What the process knows from the start."""
+
+    slam_node: str  # fully qualified name of the node that it belongs to
+    map_frame: str
+    map_directory: str
+    dense: DenseConfig
+    objects: ObjectTrackerConfig
+    input: InputConfig
+
+
+class Clear(NamedTuple):
+    """Forget the map."""
+
+
+class Report(NamedTuple):
+    """Send the images of the dense map back, one by one, and then None."""
+
+
+RoomMessage = CameraModel | FramePose | KeyframePoses | StoredView | DenseConfig | Report | Clear
+"""A camera begins a new map; keyframes say where its images are; an image is one saved before;
+a configuration replaces what of it may change at run time."""

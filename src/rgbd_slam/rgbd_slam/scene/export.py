@@ -1,0 +1,70 @@
+"""Write coloured clouds as PLY and PCD, and read back what was written as PLY."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from hoid_common.errors import InputError
+from hoid_common.values import Float32Array
+from rgbd_slam.scene.voxel_map import ColoredCloud
+
+_PLY = np.dtype([('xyz', '<f4', 3), ('rgb', 'u1', 3)])
+_PCD = np.dtype([('xyz', '<f4', 3), ('rgb', '<u4')])
+
+
+def write_ply(path: Path, cloud: ColoredCloud) -> None:
+    """Write a binary little-endian PLY with x y z (m) and red green blue."""
+    rows = np.empty(len(cloud.points_m), _PLY)
+    rows['xyz'], rows['rgb'] = cloud.points_m, cloud.colors_bgr[:, ::-1]
+    header = (
+        f'ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n'
+        'property float x\nproperty float y\nproperty float z\n'
+        'property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n'
+    )
+    path.write_bytes(header.encode() + rows.tobytes())
+
+
+def read_ply(path: Path) -> ColoredCloud:
+    """Return the points of a PLY of this suite; those without colour are white.
+
+    Raises:
+        InputError: Not such a file, or cut off.
+    """
+    try:
+        header, end, body = path.read_bytes().partition(b'end_header\n')
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error.strerror}') from error
+    count = re.search(rb'element vertex (\d+)\n', header)
+    if not end or count is None or b'format binary_little_endian' not in header:
+        raise InputError(f'{path}: not a PLY file of this suite')
+    row = _PLY if b'property uchar red' in header else np.dtype([('xyz', '<f4', 3)])
+    if len(body) != int(count[1]) * row.itemsize:
+        raise InputError(f'{path}: {len(body)} bytes of points, {int(count[1])} points were meant')
+    rows = np.frombuffer(body, row)
+    white = np.full((len(rows), 3), 255, np.uint8)
+    return ColoredCloud(rows['xyz'].copy(), rows['rgb'][:, ::-1] if row is _PLY else white)
+
+
+def write_pcd(path: Path, cloud: ColoredCloud) -> None:
+    """Write a binary PCD 0.7 with x y z (m) and packed rgb, as PCL reads it."""
+    rows = np.empty(len(cloud.points_m), _PCD)
+    rows['xyz'], rows['rgb'] = cloud.points_m, packed_rgb(cloud).view(np.uint32)
+    header = (
+        '# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\n'
+        f'TYPE F F F U\nCOUNT 1 1 1 1\nWIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n'
+        f'POINTS {len(rows)}\nDATA binary\n'
+    )
+    path.write_bytes(header.encode() + rows.tobytes())
+
+
+def packed_rgb(cloud: ColoredCloud) -> Float32Array:
+    """Return (N,) floats whose bits are 0x00RRGGBB, the `rgb` field of sensor_msgs/PointCloud2."""
+    bgr = cloud.colors_bgr.astype(np.uint32)
+    return (bgr[:, 2] << 16 | bgr[:, 1] << 8 | bgr[:, 0]).view(np.float32)
+
+
+CLOUD_WRITERS = {'.ply': write_ply, '.pcd': write_pcd}
+"""By file name ending."""

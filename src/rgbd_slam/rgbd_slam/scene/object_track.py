@@ -1,0 +1,196 @@
+"""One person or object followed over time: a constant-velocity Kalman filter.
+
+One variance serves all axes (Bar-Shalom et al., Estimation with Applications to Tracking and
+Navigation, 2001, sec. 6.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from hoid_common.config import Config, param
+from hoid_common.values import PERSON, FloatArray
+from rgbd_slam.scene.object_sighting import Sighting
+
+_NS = 1e-9
+_START_SPEED_MPS = 1.0  # 1 sigma, of what is seen for the first time
+_FADE_S = 0.5  # a velocity that is no longer measured fades with this time constant
+
+
+class ObjectState(Enum):
+    """What is known of an object; the values are those of hoid_msgs/TrackedObject."""
+
+    PERSON = 0
+    HANDLED = 1
+    AT_REST = 2  # where it was first seen
+    MOVED = 3  # put down in another place
+
+
+SETTLED = (ObjectState.AT_REST, ObjectState.MOVED)
+
+
+@dataclass(frozen=True)
+class ObjectTrackerConfig(Config):
+    """Tracking of people and objects in the map frame."""
+
+    enabled: bool = param(default=True, description='Follow people and objects in 3-D')
+    rate_hz: float = param(
+        10.0, 'Images looked at per second, at most', minimum=0.1, maximum=60.0, read_only=False
+    )
+    gate_m: float = param(0.7, 'A sighting farther from a track starts a new one', minimum=0.05)
+    rest_gate_m: float = param(0.35, 'The same, for what nobody handles', minimum=0.05)
+    measurement_sigma_m: float = param(0.08, 'Noise of a measured centre', minimum=0.001)
+    acceleration_sigma_mps2: float = param(3.0, 'How abruptly people move', minimum=0.01)
+    forget_moving_s: float = param(1.0, 'Unseen people and handled objects end', minimum=0.1)
+    forget_resting_s: float = param(600.0, 'Unseen resting objects end', minimum=1.0)
+    forget_taken_s: float = param(
+        60.0, 'How long an object that went out of sight is known again when put down', minimum=0.0
+    )
+    reach_m: float = param(
+        1.0, 'An object is handled only this near to a person, over the floor', minimum=0.1
+    )
+    rest_s: float = param(0.8, 'Seen still for so long, an object is at rest', minimum=0.0)
+    moved_m: float = param(0.12, 'Farther from its place than this, it was moved', minimum=0.01)
+    min_sightings: int = param(3, 'Sightings before a track is published', minimum=1)
+    max_objects: int = param(200, 'Memory bound', minimum=1)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedObject:
+    """One person or object in the map frame."""
+
+    track_id: int
+    class_name: str
+    state: ObjectState
+    stamp_ns: int  # of the last sighting
+    score: float  # of the last detection, in [0, 1]
+    position_map_m: FloatArray  # (3,)
+    velocity_map_mps: FloatArray  # (3,); zero at rest
+    size_m: FloatArray  # (3,), extent along the map's axes
+
+
+class Track:
+    """The filter of one object, and the story of its rest."""
+
+    def __init__(
+        self, track_id: int, sighting: Sighting, stamp_ns: int, config: ObjectTrackerConfig
+    ) -> None:
+        self.track_id = track_id
+        self.class_name = sighting.seen.class_name
+        self.state = ObjectState.AT_REST
+        if self.class_name == PERSON:
+            self.state = ObjectState.PERSON
+        elif sighting.seen.is_dynamic:
+            self.state = ObjectState.HANDLED
+        self.stamp_ns = stamp_ns
+        self.num_sightings = 1
+        self.num_looked_through = 0
+        self.is_taken = False  # out of sight, away from its place: not published
+        self.was_at_rest = self.state is ObjectState.AT_REST
+        self._config = config
+        self._score, self._size_m = sighting.seen.score, sighting.size_m
+        self._position_m = sighting.position_map_m
+        self._rest_place_m = sighting.position_map_m
+        self._still_place_m, self._still_since_ns = sighting.position_map_m, stamp_ns
+        self._restart()
+
+    @property
+    def is_settled(self) -> bool:
+        """Return whether it is an object at rest."""
+        return self.state in SETTLED
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Return whether it was seen often enough to be published."""
+        return self.num_sightings >= self._config.min_sightings and not self.is_taken
+
+    def position_at_m(self, stamp_ns: int) -> FloatArray:
+        """Return (3,) where it should be."""
+        if self.is_settled:
+            return self._position_m
+        unseen_s = max(0.0, (stamp_ns - self.stamp_ns) * _NS)
+        ahead_s = _FADE_S * (1 - np.exp(-unseen_s / _FADE_S))
+        return np.asarray(self._position_m + ahead_s * self._velocity_mps)
+
+    def value_at(self, stamp_ns: int) -> TrackedObject:
+        """Return what is published of it."""
+        return TrackedObject(
+            self.track_id, self.class_name, self.state, self.stamp_ns, self._score,
+            self.position_at_m(stamp_ns), self._velocity_mps, self._size_m,
+        )  # fmt: skip
+
+    def is_alive(self, stamp_ns: int) -> bool:
+        """Return whether it is still worth keeping."""
+        config = self._config
+        limit_s = config.forget_resting_s if self.is_settled else config.forget_moving_s
+        if self.num_sightings < config.min_sightings:
+            limit_s = config.forget_moving_s
+        elif self.is_taken:
+            limit_s = config.forget_taken_s
+        return (stamp_ns - self.stamp_ns) * _NS <= limit_s
+
+    def correct(self, sighting: Sighting, stamp_ns: int) -> None:
+        """Take a sighting in."""
+        self.num_sightings += 1
+        self.num_looked_through = 0
+        self._score, self._size_m = sighting.seen.score, sighting.size_m
+        if self.is_settled and self._is_away(sighting):
+            self.state = ObjectState.HANDLED
+            self._still_since_ns = stamp_ns
+            self._restart()
+        self._filter(sighting.position_map_m, (stamp_ns - self.stamp_ns) * _NS)
+        self.stamp_ns = stamp_ns
+        if self.state is ObjectState.HANDLED:
+            self._settle_if_still(stamp_ns)
+
+    def confirm(self, sighting: Sighting, stamp_ns: int) -> None:
+        """Take in that it is where it was; how much of it is hidden says nothing of its middle."""
+        self.num_sightings += 1
+        self.num_looked_through = 0
+        self._score, self.stamp_ns = sighting.seen.score, stamp_ns
+
+    def put_down(self, sighting: Sighting, stamp_ns: int) -> None:
+        """Take in that it stands somewhere after it went out of sight."""
+        self.is_taken = False
+        self.state = ObjectState.HANDLED
+        self._position_m = self._still_place_m = sighting.position_map_m
+        self._still_since_ns = self.stamp_ns = stamp_ns
+        self._restart()
+        self.correct(sighting, stamp_ns)
+
+    def _is_away(self, sighting: Sighting) -> bool:
+        offset_m = np.linalg.norm(sighting.position_map_m - self._position_m)
+        return bool(sighting.seen.is_dynamic and offset_m > self._config.moved_m)
+
+    def _restart(self) -> None:
+        self._velocity_mps = np.zeros(3)
+        self._P = np.diag([self._config.measurement_sigma_m**2, _START_SPEED_MPS**2])
+
+    def _filter(self, position_m: FloatArray, dt: float) -> None:
+        predicted = self._position_m + dt * self._velocity_mps
+        if not self.is_settled:
+            F = np.array([[1, dt], [0, 1]])
+            q = self._config.acceleration_sigma_mps2**2
+            Q = q * np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
+            self._P = F @ self._P @ F.T + Q
+        gain = self._P[:, 0] / (self._P[0, 0] + self._config.measurement_sigma_m**2)
+        innovation = position_m - predicted
+        self._position_m = predicted + gain[0] * innovation
+        if not self.is_settled:
+            self._velocity_mps = self._velocity_mps + gain[1] * innovation
+        self._P = self._P - np.outer(gain, self._P[0])
+
+    def _settle_if_still(self, stamp_ns: int) -> None:
+        if np.linalg.norm(self._position_m - self._still_place_m) > self._config.moved_m:
+            self._still_place_m, self._still_since_ns = self._position_m, stamp_ns
+        if (stamp_ns - self._still_since_ns) * _NS < self._config.rest_s:
+            return
+        carried_m = np.linalg.norm(self._position_m - self._rest_place_m)
+        was_moved = carried_m > self._config.moved_m
+        self.state = ObjectState.MOVED if was_moved else ObjectState.AT_REST
+        self._rest_place_m = self._position_m
+        self.was_at_rest = True
+        self._restart()
