@@ -11,7 +11,7 @@ import pytest
 
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.info import summarize
-from hoid_bags.live.playback import PlayConfig, open_score
+from hoid_bags.live.playback import PlayConfig, open_plan
 from hoid_bags.sequence import open_sequence
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
@@ -95,7 +95,7 @@ def test_a_damaged_bag_as_a_sequence_says_so(bag: Path) -> None:
 @pytest.mark.parametrize('loop', [False, True])
 def test_a_damaged_bag_is_played_as_far_as_it_goes_and_then_said(bag: Path, loop: bool) -> None:
     damage(bag)
-    score = open_score(bag, PlayConfig())
+    score = open_plan(bag, PlayConfig())
     cues = score.cues(loop=loop)
     first = [next(cues) for _ in range(60)]
     assert [cue.time_ns for cue in first] == sorted(cue.time_ns for cue in first)

@@ -19,7 +19,14 @@ from hoid_bags.bag.bag_sequence import BagSequence, header_stamp_ns
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.live.keyboard import KeyPresses
 from hoid_bags.live.lockstep import LockstepGate
-from hoid_bags.live.playback import LOOP_GAP_NS, Cue, Pacer, PlayConfig, moved_header, open_score
+from hoid_bags.live.playback import (
+    LOOP_GAP_NS,
+    Pacer,
+    PlayConfig,
+    ScheduledMessage,
+    moved_header,
+    open_plan,
+)
 from hoid_bags.live.read_ahead import ReadAhead
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.values import CameraModel
@@ -28,12 +35,12 @@ START_NS = 1_305_031_102_175_304_123 - 5_000_001
 PERIOD_NS = 33_333_333
 
 
-def cue(time_ns: int = 0, data: bytes = b'', topic: str = '/t') -> Cue:
-    return Cue(topic, time_ns, 0, data)
+def cue(time_ns: int = 0, data: bytes = b'', topic: str = '/t') -> ScheduledMessage:
+    return ScheduledMessage(topic, time_ns, 0, data)
 
 
 def test_everything_is_played_in_order(whole_bag: Path) -> None:
-    score = open_score(whole_bag, PlayConfig())
+    score = open_plan(whole_bag, PlayConfig())
     cues = list(score.cues(loop=False))
     assert len(cues) == 180
     assert [c.time_ns for c in cues] == sorted(c.time_ns for c in cues)
@@ -43,7 +50,7 @@ def test_everything_is_played_in_order(whole_bag: Path) -> None:
 
 def test_a_part_is_played(whole_bag: Path) -> None:
     config = PlayConfig(start_s=0.5, duration_s=0.25)
-    score = open_score(whole_bag, config, ('rgb/image', '/rgb/camera_info'))
+    score = open_plan(whole_bag, config, ('rgb/image', '/rgb/camera_info'))
     cues = list(score.cues(loop=False))
     assert {c.topic for c in cues} == {'/rgb/image', '/rgb/camera_info'}
     first_ns = START_NS + 5_000_001
@@ -51,7 +58,7 @@ def test_a_part_is_played(whole_bag: Path) -> None:
 
 
 def test_rounds_follow_each_other_with_rising_stamps(whole_bag: Path) -> None:
-    score = open_score(whole_bag, PlayConfig(loop=True, duration_s=0.2))
+    score = open_plan(whole_bag, PlayConfig(loop=True, duration_s=0.2))
     cues = list(islice(score.cues(loop=True), 100))
     once = list(score.cues(loop=False))
     times_ns = [c.time_ns for c in cues]
@@ -74,13 +81,13 @@ def test_nothing_to_play(
     whole_bag: Path, config: PlayConfig, topics: tuple[str, ...], said: str
 ) -> None:
     with pytest.raises(InputError, match=said):
-        open_score(whole_bag, config, topics)
+        open_plan(whole_bag, config, topics)
 
 
 def test_a_cut_bag_is_played_to_the_cut(bag: Path) -> None:
     file = bag / 'bag.mcap'
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    score = open_score(bag, PlayConfig())
+    score = open_plan(bag, PlayConfig())
     assert score.fault is not None
     assert 50 < len(list(score.cues(loop=False))) < 100
 
@@ -127,7 +134,7 @@ def test_read_ahead_is_bounded_and_ends_when_nobody_reads() -> None:
     given = []
     full = threading.Event()
 
-    def endless() -> Iterator[Cue]:
+    def endless() -> Iterator[ScheduledMessage]:
         while True:
             given.append(1)
             if len(given) == 11:
@@ -141,11 +148,11 @@ def test_read_ahead_is_bounded_and_ends_when_nobody_reads() -> None:
 
 
 def test_read_ahead_hands_errors_on() -> None:
-    def failing() -> Iterator[Cue]:
+    def failing() -> Iterator[ScheduledMessage]:
         yield cue(1)
         raise InputError('damaged')
 
-    seen: list[Cue] = []
+    seen: list[ScheduledMessage] = []
     with pytest.raises(InputError, match='damaged'), ReadAhead(failing()) as ahead:
         seen.extend(ahead)
     assert seen == [cue(1)]
@@ -170,7 +177,7 @@ def uneven(tmp_path: Path) -> Path:
 
 def test_a_frame_waits_for_the_answer_to_the_one_before(uneven: Path, camera: CameraModel) -> None:
     gate = LockstepGate(BagSequence(uneven, camera))
-    cues = list(open_score(uneven, PlayConfig()).cues(loop=False))
+    cues = list(open_plan(uneven, PlayConfig()).cues(loop=False))
     answers_ms = {2: 1, 6: 100}  # before which cue, to which colour image
     for i, c in enumerate(cues):
         assert gate.blocks(c) == (i in answers_ms)
@@ -186,7 +193,7 @@ def test_a_frame_waits_for_the_answer_to_the_one_before(uneven: Path, camera: Ca
 
 def test_giving_up_lets_the_next_frame_pass(uneven: Path, camera: CameraModel) -> None:
     gate = LockstepGate(BagSequence(uneven, camera))
-    cues = list(open_score(uneven, PlayConfig()).cues(loop=False))
+    cues = list(open_plan(uneven, PlayConfig()).cues(loop=False))
     gate.note_published(cues[0])
     gate.note_published(cues[1])
     assert gate.blocks(cues[2])
@@ -197,7 +204,7 @@ def test_giving_up_lets_the_next_frame_pass(uneven: Path, camera: CameraModel) -
 
 def test_lockstep_in_a_later_round(uneven: Path, camera: CameraModel) -> None:
     gate = LockstepGate(BagSequence(uneven, camera))
-    cues = list(islice(open_score(uneven, PlayConfig()).cues(loop=True), 10))
+    cues = list(islice(open_plan(uneven, PlayConfig()).cues(loop=True), 10))
     gate.note_published(cues[7])
     gate.note_published(cues[8])
     assert gate.blocks(cues[9])

@@ -52,7 +52,9 @@ def test_a_bound_on_nothing_and_a_failed_run_are_broken(tmp_path: Path) -> None:
 
 def test_shipped_bounds_are_on_runs_of_the_quick_set() -> None:
     jobs = load_plan('quick').jobs()
-    rules = yaml.safe_load((Path(hoid_benchmarks.__file__).parent / 'report' / 'bounds.yaml').read_text())
+    rules = yaml.safe_load(
+        (Path(hoid_benchmarks.__file__).parent / 'report' / 'bounds.yaml').read_text()
+    )
     assert rules['bounds']
     for rule in rules['bounds']:
         for of in (rule['of'], {**rule['of'], **rule.get('against', {})}):

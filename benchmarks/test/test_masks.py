@@ -30,7 +30,7 @@ from hoid_benchmarks.report.views import make_table
 from hoid_common.errors import ConfigError
 from hoid_common.values import Detections, RgbdFrame
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import View
+from hoid_filter.detections.aligned_detections import FilterInput
 from hoid_synth.config import SceneConfig
 
 STORE = Store(Path('/nowhere'), Path('/nowhere'))
@@ -44,7 +44,7 @@ def test_corners_are_counted_by_what_the_strategy_keeps(monkeypatch: pytest.Monk
     )
     pixels = 30 * WIDTH + np.array([10, 50, 20, 60])
     moving = np.array([True, True, False, False])
-    view = View(0, found, np.full((HEIGHT, WIDTH), 2.0, np.float32), pixels)
+    view = FilterInput(0, found, np.full((HEIGHT, WIDTH), 2.0, np.float32), pixels)
     monkeypatch.setattr(masks, '_views', lambda *_: iter([(view, moving, ~moving)]))
     configs = {name: FilterConfig(strategy=name) for name in ('person', 'none')}
     person, nothing = judge_masks(CASES['rendered-1'], configs, STORE).values()

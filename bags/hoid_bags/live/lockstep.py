@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hoid_bags.bag.bag_sequence import BagSequence, header_stamp_ns
-from hoid_bags.live.playback import Cue
+from hoid_bags.live.playback import ScheduledMessage
 
 
 class LockstepGate:
@@ -21,12 +21,12 @@ class LockstepGate:
         self.num_answered = 0
         self.num_unanswered = 0
 
-    def blocks(self, cue: Cue) -> bool:
+    def blocks(self, cue: ScheduledMessage) -> bool:
         """Return whether a cue has to wait for an answer."""
         is_out = self._pending_ns is not None and self._last_depth_ns >= self._pending_depth_ns
         return is_out and self._partner_ns(cue) is not None
 
-    def note_published(self, cue: Cue) -> None:
+    def note_published(self, cue: ScheduledMessage) -> None:
         """Take note of what has gone out."""
         partner_ns = self._partner_ns(cue)
         if partner_ns is not None:
@@ -45,7 +45,7 @@ class LockstepGate:
         self._pending_ns = None
         self.num_unanswered += 1
 
-    def _partner_ns(self, cue: Cue) -> int | None:
+    def _partner_ns(self, cue: ScheduledMessage) -> int | None:
         """Return the depth stamp of a colour image that has a partner."""
         if cue.topic != self._color:
             return None

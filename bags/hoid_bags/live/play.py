@@ -22,7 +22,7 @@ from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_types import message_class
 from hoid_bags.live.keyboard import PAUSE_KEY, KeyPresses
 from hoid_bags.live.lockstep import LockstepGate
-from hoid_bags.live.playback import Cue, Pacer, PlayConfig, Score, open_score
+from hoid_bags.live.playback import Pacer, PlaybackPlan, PlayConfig, ScheduledMessage, open_plan
 from hoid_bags.live.read_ahead import ReadAhead
 from hoid_bags.live.ros_session import live_name, ros_session, to_rclpy_qos
 from hoid_common import topics
@@ -64,7 +64,7 @@ def play(
             answers in lockstep do not come.
     """
     config = config or PlayConfig()
-    score = open_score(path, config, topic_names)
+    score = open_plan(path, config, topic_names)
     gate = LockstepGate(BagSequence(path)) if config.lockstep else None
     with ros_session('hoid_play', namespace) as node, KeyPresses() as keys:
         player = Player(node, score, config, keys, gate)
@@ -82,7 +82,7 @@ class Player:
     def __init__(
         self,
         node: Node,
-        score: Score,
+        score: PlaybackPlan,
         config: PlayConfig,
         keys: KeyPresses,
         gate: LockstepGate | None,
@@ -156,7 +156,7 @@ class Player:
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(_ACK_LIMIT)
 
-    def _wait_for(self, cue: Cue) -> None:
+    def _wait_for(self, cue: ScheduledMessage) -> None:
         """Return when a cue is due; meanwhile keep clock, keyboard and answers going."""
         limit_s = self._config.lockstep_timeout_s
         give_up_s = time.monotonic() + limit_s
@@ -186,7 +186,7 @@ class Player:
             time.sleep(at_most_s)
         self._publish_clock(self._pacer.time_ns())
 
-    def _publish(self, cue: Cue) -> None:
+    def _publish(self, cue: ScheduledMessage) -> None:
         self._publish_clock(cue.time_ns)
         self._publishers[cue.topic].publish(cue.data)
         if self._gate is not None:

@@ -38,7 +38,7 @@ class PlayConfig(Config):
     wait_s: float = param(5.0, 'How long to wait for subscribers at the start', minimum=0.0)
 
 
-class Cue(NamedTuple):
+class ScheduledMessage(NamedTuple):
     """A message to publish at a moment."""
 
     topic: str  # as in the bag
@@ -48,7 +48,7 @@ class Cue(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Score:
+class PlaybackPlan:
     """The part of a bag that is played."""
 
     path: Path
@@ -62,7 +62,7 @@ class Score:
         """Return by how much a round comes after the one before."""
         return self.end_ns - self.start_ns + LOOP_GAP_NS
 
-    def cues(self, *, loop: bool) -> Iterator[Cue]:
+    def cues(self, *, loop: bool) -> Iterator[ScheduledMessage]:
         """Yield the cues in order of time, without end when looping.
 
         In later rounds the stamp of every message that begins with a header is moved as well.
@@ -80,18 +80,18 @@ class Score:
                 return
             offset_ns += self.period_ns
 
-    def _round(self, offset_ns: int) -> Iterator[Cue]:
+    def _round(self, offset_ns: int) -> Iterator[ScheduledMessage]:
         wanted = [topic.name for topic in self.topics]
         with BagReader(self.path) as reader:
             for topic, log_ns, data in reader.messages(wanted, self.start_ns):
                 if log_ns > self.end_ns:
                     return
-                yield Cue(topic, log_ns + offset_ns, offset_ns, data)
+                yield ScheduledMessage(topic, log_ns + offset_ns, offset_ns, data)
             if reader.fault is not None and reader.fault != self.fault:
                 raise InputError(reader.fault)
 
 
-def open_score(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> Score:
+def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> PlaybackPlan:
     """Return what to play of a bag.
 
     Args:
@@ -112,7 +112,7 @@ def open_score(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> 
         raise InputError(f'{path}: --start {config.start_s:g} s lies after its end')
     if config.duration_s:
         end_ns = min(end_ns, start_ns + round(config.duration_s * NS_PER_S))
-    return Score(path, chosen, start_ns, end_ns, fault)
+    return PlaybackPlan(path, chosen, start_ns, end_ns, fault)
 
 
 def moved_header(data: bytes, offset_ns: int) -> bytes:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from types import TracebackType
 from typing import Self
 
-from hoid_bags.live.playback import Cue
+from hoid_bags.live.playback import ScheduledMessage
 
 _LIMIT_BYTES = 64 * 2**20  # about one second of raw VGA colour and depth
 
@@ -16,9 +16,9 @@ _LIMIT_BYTES = 64 * 2**20  # about one second of raw VGA colour and depth
 class ReadAhead:
     """Iterate over cues that a thread has read in advance; a context manager that ends it."""
 
-    def __init__(self, cues: Iterator[Cue], limit_bytes: int = _LIMIT_BYTES) -> None:
+    def __init__(self, cues: Iterator[ScheduledMessage], limit_bytes: int = _LIMIT_BYTES) -> None:
         self._cues, self._limit_bytes = cues, limit_bytes
-        self._waiting: deque[Cue] = deque()
+        self._waiting: deque[ScheduledMessage] = deque()
         self._waiting_bytes = 0
         self._is_done = False
         self._error: BaseException | None = None
@@ -40,7 +40,7 @@ class ReadAhead:
             self._changed.notify_all()
         self._thread.join()
 
-    def __iter__(self) -> Iterator[Cue]:
+    def __iter__(self) -> Iterator[ScheduledMessage]:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._is_done)
@@ -64,7 +64,7 @@ class ReadAhead:
             self._is_done = True
             self._changed.notify_all()
 
-    def _put(self, cue: Cue) -> bool:
+    def _put(self, cue: ScheduledMessage) -> bool:
         """Append a cue once there is room; return whether anybody still wants it."""
         with self._changed:
             self._changed.wait_for(

@@ -28,7 +28,7 @@ from hoid_detector.config import DetectorConfig
 from hoid_detector.model.model_path import find_model
 from hoid_detector.onnx_detector import OnnxDetector
 from hoid_filter.config import STRATEGIES, FilterConfig, PlusConfig
-from hoid_filter.detections.aligned_detections import Verdict, View
+from hoid_filter.detections.aligned_detections import FilterInput, Verdict
 from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.rules.registry import make_strategy
 from hoid_synth.config import SceneConfig
@@ -186,7 +186,7 @@ def judge_masks(
     return tallies
 
 
-def _views(case: MaskCase, store: Store) -> Iterator[tuple[View, BoolArray, BoolArray]]:
+def _views(case: MaskCase, store: Store) -> Iterator[tuple[FilterInput, BoolArray, BoolArray]]:
     """Yield each frame as strategies get it, and its (K,) corners that move or rest for sure."""
     exact: dict[int, Detections] = {}
     detect = perturb_detections(_detector(case, exact), case.perturbation, seed=0)
@@ -199,7 +199,7 @@ def _views(case: MaskCase, store: Store) -> Iterator[tuple[View, BoolArray, Bool
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
         pixels = extractor.detect(np.asarray(gray, np.uint8)).pixel
         near = cv2.dilate(moving.view(np.uint8), kernel) > 0
-        view = View(frame.stamp_ns, detect(frame), frame.depth_m, pixels)
+        view = FilterInput(frame.stamp_ns, detect(frame), frame.depth_m, pixels)
         yield view, moving.ravel()[pixels], ~near.ravel()[pixels]
 
 

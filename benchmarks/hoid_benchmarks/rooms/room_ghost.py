@@ -11,8 +11,8 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.values import DynamicObject, Float32Array, FloatArray, RgbdFrame
 from hoid_synth.room_truth import RoomTruth
-from rgbd_slam.scene.fusion_scheduler import FramePose
-from rgbd_slam.scene.scene_mapper import RoomMapper
+from rgbd_slam.scene.fusion_scheduler import FusionRequest
+from rgbd_slam.scene.scene_mapper import SceneMapper
 
 _STAY_FRAMES, _AFTER_FRAMES = 90, 60  # 3 s and 2 s
 _RADIUS_M, _HEIGHT_M = 0.2, 1.75
@@ -36,7 +36,7 @@ class Ghost:
         self.num_standing = self.num_left = 0
         self._truth, scene = truth, truth.stage.config
         self._camera = scene.camera
-        self._room = RoomMapper(scene.camera, config.dense, config.objects)
+        self._room = SceneMapper(scene.camera, config.dense, config.objects)
         self._frame_of = {scene.stamp_ns(i): i for i in range(scene.frames)}
         u, v = np.meshgrid(np.arange(scene.width_px), np.arange(scene.height_px))
         x, y = (u - self._camera.cx_px), (v - self._camera.cy_px)
@@ -45,7 +45,9 @@ class Ghost:
         )
         self._first, self._xy_m = self._place()
 
-    def fuse(self, pose: FramePose, frame: RgbdFrame, objects: tuple[DynamicObject, ...]) -> None:
+    def fuse(
+        self, pose: FusionRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
+    ) -> None:
         """Map an image, with somebody in it while he is there."""
         i = self._frame_of[frame.stamp_ns] - self._first
         if self._xy_m is None or i >= _STAY_FRAMES + _AFTER_FRAMES:

@@ -15,10 +15,10 @@ from hoid_common.values import DynamicObject, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.fusion_scheduler import FramePose, FramePoses, Rate
+from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler, Rate
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import TrackedObject
-from rgbd_slam.scene.scene_mapper import RoomMapper
+from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.voxel_map import ColoredCloud
 from rgbd_slam.slam import RgbdSlam
 
@@ -29,7 +29,9 @@ Tracks = dict[int, tuple[TrackedObject, ...]]
 class Onlooker(Protocol):
     """Sees the images that the dense map is made of."""
 
-    def fuse(self, pose: FramePose, frame: RgbdFrame, objects: tuple[DynamicObject, ...]) -> None:
+    def fuse(
+        self, pose: FusionRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
+    ) -> None:
         """Look at an image with the verdicts on its objects."""
 
 
@@ -49,8 +51,8 @@ def map_room(
     detect = detection_source(sequence, config)
     judge = FeatureFilter(config.filter, sequence.camera)
     slam, frames = RgbdSlam(sequence.camera, config.slam), RobotFrames()
-    looks = FramePoses(config.dense.rate_hz, config.objects.rate_hz)
-    room = RoomMapper(sequence.camera, config.dense, config.objects)
+    fusion_scheduler = FusionScheduler(config.dense.rate_hz, config.objects.rate_hz)
+    room = SceneMapper(sequence.camera, config.dense, config.objects)
     publish = Rate(1 / config.dense.publish_period_s)
     tracks: Tracks = {}
 
@@ -62,13 +64,13 @@ def map_room(
         if slam.process(filtered.features).T_map_camera is None:
             continue
         T_core_camera, reference_uid = slam.last_pose()
-        pose = looks.pick(
+        pose = fusion_scheduler.pick(
             frame.stamp_ns, frames.T_map_core @ T_core_camera, reference_uid, keyframes
         )
         if pose is None:
             continue
-        if pose.follow:
-            tracks[frame.stamp_ns] = room.follow(pose, frame.depth_m, filtered.objects)
+        if pose.track_objects:
+            tracks[frame.stamp_ns] = room.track_objects(pose, frame.depth_m, filtered.objects)
         if pose.keyframes is not None:
             room.fuse(pose, frame.depth_m, frame.image_bgr, filtered.objects)
             for onlooker in onlookers:

@@ -21,14 +21,14 @@ from hoid_common.values import (
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import Verdict, View
+from hoid_filter.detections.aligned_detections import FilterInput, Verdict
 from hoid_filter.detections.sanitize import sanitize
 from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.extraction.pyramid import Corners
 from hoid_filter.rules.registry import make_strategy
 
 
-class Looked(NamedTuple):
+class DetectedCorners(NamedTuple):
     """An image and its corners, which need no detections: they are found while these are made."""
 
     frame: RgbdFrame
@@ -67,21 +67,27 @@ class FeatureFilter:
                 said nothing (which is not the same as seeing nothing).
             for_picture: also report where the features were that the verdict removed.
         """
-        return self.decide(self.look(frame), detections, for_picture=for_picture)
+        return self.select_and_describe(
+            self.detect_corners(frame), detections, for_picture=for_picture
+        )
 
-    def look(self, frame: RgbdFrame) -> Looked:
+    def detect_corners(self, frame: RgbdFrame) -> DetectedCorners:
         """Find the corners of an image; raises MessageError when its two images differ in size."""
         _check_sizes(frame)
         start = time.thread_time()
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
         corners = self._extractor.detect(np.asarray(gray, np.uint8))
-        return Looked(frame, corners, time.thread_time() - start)
+        return DetectedCorners(frame, corners, time.thread_time() - start)
 
-    def decide(
-        self, looked: Looked, detections: Detections | None, *, for_picture: bool = False
+    def select_and_describe(
+        self,
+        detected: DetectedCorners,
+        detections: Detections | None,
+        *,
+        for_picture: bool = False,
     ) -> FilterResult:
         """Return what `process` does, of images in order of time."""
-        frame, corners, looked_s = looked
+        frame, corners, detected_s = detected
         found = time.thread_time()
         verdict = self._judge(frame, detections, corners)
         self.counters['frames with too few static features'] += verdict.fallback_step > 0
@@ -101,7 +107,7 @@ class FeatureFilter:
             num_features_in=len(corners),
             num_removed=0 if verdict.kept is None else len(corners) - len(verdict.kept),
             stage_ms={
-                'extract': (looked_s + done - judged) * 1e3,
+                'extract': (detected_s + done - judged) * 1e3,
                 'filter': (judged - found) * 1e3,
             },
         )
@@ -113,7 +119,9 @@ class FeatureFilter:
             self.counters['boxes refused'] += fit.num_refused
             self.counters['boxes clipped'] += fit.num_clipped
             detections = fit.detections
-        return self._strategy.judge(View(frame.stamp_ns, detections, frame.depth_m, corners.pixel))
+        return self._strategy.judge(
+            FilterInput(frame.stamp_ns, detections, frame.depth_m, corners.pixel)
+        )
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
         """Return where the features were that would have been chosen had nothing been masked."""

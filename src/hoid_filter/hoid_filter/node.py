@@ -29,7 +29,7 @@ from hoid_common.values import FilterResult, RgbdFrame
 from hoid_filter.config import FilterConfig
 from hoid_filter.detections.detection_gate import STOP, DetectionGate, GateConfig, Ready
 from hoid_filter.drawing import draw_result
-from hoid_filter.feature_filter import FeatureFilter, Looked
+from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
 
 _SILENCE_S = 0.05  # without images and detections, each of which looks at what waits
 _LOST = 'detector lost'
@@ -48,7 +48,7 @@ class NodeConfig(FilterConfig):
 
 class _Image(NamedTuple):
     header: Header
-    looked: Looked
+    detected: DetectedCorners
 
 
 class FilterNode(Node):
@@ -85,11 +85,11 @@ class FilterNode(Node):
     def _take_images(self, match: Match) -> None:
         (header, image_bgr), (_, depth_m) = match.values
         frame = RgbdFrame(match.stamp_ns, image_bgr, depth_m)
-        looked = self._filter.look(frame)
+        detected = self._filter.detect_corners(frame)
         if frame.size_px != self._size_px:
             self._size_px = frame.size_px
             self._check_camera()
-        image = _Image(header, looked)
+        image = _Image(header, detected)
         if self._settings.config.strategy == 'none':
             self._process([Ready(image, None)])
         else:
@@ -139,10 +139,12 @@ class FilterNode(Node):
     def _process(self, ready: list[Ready[_Image]]) -> None:
         for image, detections in ready:
             watched = self._debug_images.is_watched
-            result = self._filter.decide(image.looked, detections, for_picture=watched)
-            self._publish(image.header, image.looked.frame.size_px, result)
+            result = self._filter.select_and_describe(
+                image.detected, detections, for_picture=watched
+            )
+            self._publish(image.header, image.detected.frame.size_px, result)
             if watched:
-                picture = draw_result(image.looked.frame.image_bgr, result)
+                picture = draw_result(image.detected.frame.image_bgr, result)
                 self._debug_images.publish(picture, image.header)
 
     def _publish(self, header: Header, size_px: tuple[int, int], result: FilterResult) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.values import BoolArray, Detections, Float32Array, IntArray
-from hoid_filter.detections.aligned_detections import View
+from hoid_filter.detections.aligned_detections import FilterInput
 
 HEIGHT, WIDTH = 120, 160
 BoxTuple = tuple[float, float, float, float]
@@ -22,7 +22,7 @@ def view(
     depth_m: Float32Array | None = None,
     corners_xy_px: tuple[tuple[int, int], ...] | None = None,
     stamp_ns: int | None = None,
-) -> View:
+) -> FilterInput:
     """Return what a strategy gets, unless said so of the stamp of the detections.
 
     Without other corners every pixel is one.
@@ -34,9 +34,9 @@ def view(
         if corners_xy_px is None
         else np.array([y * WIDTH + x for x, y in corners_xy_px], np.int64)
     )
-    return View(
+    return FilterInput(
         stamp_ns=stamp_ns,
-        heard=found,
+        detections=found,
         depth_m=np.full((HEIGHT, WIDTH), 2.0, np.float32) if depth_m is None else depth_m,
         corner_pixels=pixels,
     )

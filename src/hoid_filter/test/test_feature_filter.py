@@ -44,7 +44,7 @@ def test_no_feature_in_a_dynamic_box_and_the_budget_refilled(frame: RgbdFrame) -
 def test_budget_without_refill_is_what_the_whole_image_leaves(frame: RgbdFrame) -> None:
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     everything = FeatureFilter(FilterConfig(strategy='none'))
-    corners = everything.look(frame).corners
+    corners = everything.detect_corners(frame).corners
     extractor = OrbExtractor(FilterConfig().extraction)
     chosen = extractor.choose(corners, None, frame.depth_m.size)
     v, u = np.divmod(corners.pixel[chosen], WIDTH)

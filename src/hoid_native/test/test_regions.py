@@ -30,7 +30,7 @@ def plain_cover(
     flat = labels.ravel()
     sizes = np.bincount(flat, minlength=num)
     mean_m = np.bincount(flat, weights=depth_m.ravel(), minlength=num) / np.maximum(sizes, 1)
-    certainty = np.zeros(depth_m.shape, np.uint8)
+    confidence = np.zeros(depth_m.shape, np.uint8)
     rows = zip(
         areas.tolist(), depths_m.tolist(), reaches_m.tolist(), certainties, seen, strict=True
     )
@@ -42,14 +42,14 @@ def plain_cover(
             own = (inside >= 0.6 * sizes) & (np.abs(mean_m - thing_m) < reach_m)
             own[0] = False
             wide = beyond(y1, y2), beyond(x1, x2)
-            np.maximum(certainty[wide], value, out=certainty[wide], where=own[labels[wide]])
+            np.maximum(confidence[wide], value, out=confidence[wide], where=own[labels[wide]])
             pixels = own[labels[area]]
             if there and sizes[own].sum() < 0.25 * pixels.size:
                 pixels |= np.abs(depth_m[area] - np.float32(thing_m)) < reach_m
             beside = np.asarray(cv2.dilate(pixels.view(np.uint8), GAP))
             pixels |= (beside > 0) & (depth_m[area] <= 0)
-        np.maximum(certainty[area], value, out=certainty[area], where=pixels)
-    return certainty
+        np.maximum(confidence[area], value, out=confidence[area], where=pixels)
+    return confidence
 
 
 def beyond(first: int, last: int) -> slice:

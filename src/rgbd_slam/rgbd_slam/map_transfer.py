@@ -1,4 +1,4 @@
-"""Saved maps in the frame that users see: copied from a running session, and laid over one."""
+"""Saved maps in the frame that users see: export_map from a running session, and laid over one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class LoadedMap(NamedTuple):
     keyframes: KeyframePoses  # all there are now, in the map frame
 
 
-def copied(
+def export_map(
     slam: RgbdSlam, frames: RobotFrames, camera: CameraModel, config: CameraConfig
 ) -> MapFile:
     """Copy the map, without a dense one, for a file; takes a few ms.
@@ -35,7 +35,7 @@ def copied(
     return MapFile(camera, config.scale_factor, config.num_octaves, state)
 
 
-def laid_over(
+def import_map(
     slam: RgbdSlam,
     frames: RobotFrames,
     camera: CameraModel,

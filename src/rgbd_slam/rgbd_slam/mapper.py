@@ -13,12 +13,12 @@ from rgbd_slam.local_mapping.culling import cull_keyframes, cull_young_points
 from rgbd_slam.local_mapping.fusing import fuse_into_neighbours
 from rgbd_slam.local_mapping.triangulation import triangulate_with_neighbours
 from rgbd_slam.loops.loop_closing import LoopCloser, LoopCounts
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import MapState, restore
 from rgbd_slam.model.point_tallies import PointCounts
-from rgbd_slam.optimize.local_bundle_adjustment import adjust_window
+from rgbd_slam.optimize.local_bundle_adjustment import local_bundle_adjustment
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +40,16 @@ class Mapper:
     def __init__(
         self,
         camera: StereoCamera,
-        slam_map: SlamMap,
+        atlas: Atlas,
         config: SlamConfig,
         *,
         background: bool = False,
     ) -> None:
-        self.map = slam_map
+        self.map = atlas
         self._camera = camera
         self._config = config
         self._background = background
-        self._closer = LoopCloser(slam_map, camera, config, background=background)
+        self._closer = LoopCloser(atlas, camera, config, background=background)
         self.loops = LoopCounts()
         self._close_limit_m = config.camera.close_baselines * config.camera.baseline_m
 
@@ -70,7 +70,7 @@ class Mapper:
         triangulate_with_neighbours(self.map, self._camera, i, self._config.mapping.triangulation)
         fuse_into_neighbours(self.map, self._camera, i, self._config.mapping)
         self.map.update_connections(i)
-        adjust_window(self.map, request.camera, i, self._config.mapping)
+        local_bundle_adjustment(self.map, request.camera, i, self._config.mapping)
         cull_keyframes(self.map, i, self._config.mapping, self._close_limit_m)
         self.loops = self.loops.with_event(self._closer.process(i))
         return i

@@ -31,7 +31,7 @@ from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.periods import set_period
-from rgbd_slam.ros.scene_link import RoomLink
+from rgbd_slam.ros.scene_link import SceneLink
 from rgbd_slam.ros.services import SlamServices
 from rgbd_slam.session import Processed, SlamSession
 
@@ -49,10 +49,10 @@ class RgbdSlamNode(Node):
         self._session: SlamSession | None = None
         self._static = StaticFrameListener(self, self._diagnostics)
         self._outputs = SlamOutputs(self, self._config.frames)
-        self._room = RoomLink(self, self._config, self._diagnostics)
+        self._scene = SceneLink(self, self._config, self._diagnostics)
         self._first_map = self._read_first_map()
         self._answers = SlamServices(self, self._known_session, self._reset)
-        self._map_answers = MapServices(self, self._config, self._known_session, self._room)
+        self._map_answers = MapServices(self, self._config, self._known_session, self._scene)
         # Wall time, and apart from the images: publishing a map must not hold odometry back.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._map_timer = self.create_timer(
@@ -67,7 +67,7 @@ class RgbdSlamNode(Node):
         self._map_answers.close()
         if self._session is not None:
             self._session.close()
-        self._room.close()
+        self._scene.close()
         super().destroy_node()
 
     def _known_session(self) -> SlamSession:
@@ -92,7 +92,7 @@ class RgbdSlamNode(Node):
         features = conversions.features_from_msg(msg)
         with _ending_without_mapper():
             done = self._session.process(features)
-        self._room.look(done.look)
+        self._scene.enqueue(done.fusion)
         self._outputs.publish(done, msg.header)
         self._diagnostics.set_value('state', done.status.state.name.lower())
         self._diagnostics.set_count('images processed', done.status.frames_processed)
@@ -104,9 +104,9 @@ class RgbdSlamNode(Node):
         self._config = config
         self._outputs.frames = config.frames
         set_period(self._map_timer, config.map_period_s)
-        self._room.reconfigure(config)
+        self._scene.reconfigure(config)
         if self._session is not None:
-            self._session.reconfigure(config, self._room.looks())
+            self._session.reconfigure(config, self._scene.fusion_scheduler())
 
     def _publish_map(self) -> None:
         if self._session is not None and self._session.take_map_changed():
@@ -131,9 +131,13 @@ class RgbdSlamNode(Node):
         frames = RobotFrames(T_base_camera, planar=names.planar)
         with _ending_without_mapper():
             session = SlamSession(
-                camera, self._config, frames, background=True, looks=self._room.looks()
+                camera,
+                self._config,
+                frames,
+                background=True,
+                fusion_scheduler=self._scene.fusion_scheduler(),
             )
-        self._room.start_map(camera)
+        self._scene.start_map(camera)
         if self._first_map is not None:
             self._load_first_map(session, self._first_map)
         self._outputs.publish(Processed(session.status(), None), header)
@@ -155,13 +159,13 @@ class RgbdSlamNode(Node):
         except MapFileError as error:
             raise SystemExit(f'error: {self._config.map_file}: {error}') from error
         session.set_mode(SlamMode[self._config.mode.upper()])
-        self._room.load(content.dense, loaded, keep=False)
+        self._scene.load(content.dense, loaded, keep=False)
 
     def _reset(self) -> None:
         if self._session is not None:
             self._session.close()
         self._session = None
-        self._room.clear()
+        self._scene.clear()
         self._diagnostics.clear_problem('camera')
         if self._camera_info is not None:
             self._on_camera(self._camera_info)

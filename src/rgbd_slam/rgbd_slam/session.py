@@ -21,7 +21,7 @@ from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.map_transfer import LoadedMap
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
-from rgbd_slam.scene.fusion_scheduler import FramePose, FramePoses
+from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.stream_gaps import StreamGaps
 from rgbd_slam.tracking.tracking_result import SlamStats, TrackingResult
@@ -41,7 +41,7 @@ class Processed(NamedTuple):
 
     status: SlamStatus
     pose: RobotPose | None  # None while the pose is unknown
-    look: FramePose | None = None  # for the room mapper, when it is to look at the image
+    fusion: FusionRequest | None = None  # for the room mapper, when it is to look at the image
 
 
 class SlamSession:
@@ -52,7 +52,7 @@ class SlamSession:
         config: Parameters of the core.
         frames: Where the camera sits on the robot.
         background: Map in a process of its own; `close` ends it.
-        looks: Picks the images that the room mapper is to look at.
+        fusion_scheduler: Picks the images that the room mapper is to look at.
     """
 
     def __init__(
@@ -62,14 +62,16 @@ class SlamSession:
         frames: RobotFrames,
         *,
         background: bool = False,
-        looks: FramePoses | None = None,
+        fusion_scheduler: FusionScheduler | None = None,
     ) -> None:
         self.camera = camera
         self.is_paused = False
         self._config = config
         self._frames = frames
         self._background = background
-        self._looks = FramePoses(None, None) if looks is None else looks
+        self._fusion_scheduler = (
+            FusionScheduler(None, None) if fusion_scheduler is None else fusion_scheduler
+        )
         self._map_changed = False
         self._stats_shown: SlamStats | None = None
         self._begin()
@@ -79,9 +81,9 @@ class SlamSession:
         self.close()
         self._begin()
 
-    def reconfigure(self, config: SlamConfig, looks: FramePoses) -> None:
+    def reconfigure(self, config: SlamConfig, fusion_scheduler: FusionScheduler) -> None:
         """Take over parameters that may change at run time."""
-        self._config, self._looks = config, looks
+        self._config, self._fusion_scheduler = config, fusion_scheduler
         self._slam.reconfigure(config)
 
     def close(self) -> None:
@@ -98,7 +100,7 @@ class SlamSession:
         self._num_processed += 1
         self._map_changed |= result.is_keyframe
         status = self._status(SlamState(result.state.value), result)
-        return Processed(status, self._pose(result), self._look(result))
+        return Processed(status, self._pose(result), self._fusion_request(result))
 
     @property
     def num_mapper_restarts(self) -> int:
@@ -140,12 +142,12 @@ class SlamSession:
         return self._slam.is_settled or self._slam.mapper_queue == 0
 
     def saved_map(self) -> MapFile:
-        """Copy the map for a file; see `map_transfer.copied`."""
-        return map_transfer.copied(self._slam, self._frames, self.camera, self._config.camera)
+        """Copy the map for a file; see `map_transfer.export_map`."""
+        return map_transfer.export_map(self._slam, self._frames, self.camera, self._config.camera)
 
     def load(self, content: MapFile, *, keep: bool = False) -> LoadedMap:
-        """Lay a saved map over the running one; see `map_transfer.laid_over`."""
-        loaded = map_transfer.laid_over(
+        """Lay a saved map over the running one; see `map_transfer.import_map`."""
+        loaded = map_transfer.import_map(
             self._slam, self._frames, self.camera, self._config.camera, content, keep=keep
         )
         self._map_changed = True
@@ -208,23 +210,25 @@ class SlamSession:
             result.stamp_ns, result.T_map_camera, result.T_odom_camera, covariance
         )
 
-    def _look(self, result: TrackingResult) -> FramePose | None:
+    def _fusion_request(self, result: TrackingResult) -> FusionRequest | None:
         if result.T_map_camera is None:
             return None
         T_core_camera, reference_uid = self._slam.last_pose()
-        look = self._looks.pick(
+        fusion = self._fusion_scheduler.pick(
             result.stamp_ns,
             self._frames.T_map_core @ T_core_camera,
             reference_uid,
             self.all_keyframes,
         )
-        if look is None:
+        if fusion is None:
             return None
-        fuse = look.keyframes is not None and self._slam.is_mapping
-        follow = look.follow and self._slam.is_in_main_map
-        if not fuse and not follow:
+        fuse = fusion.keyframes is not None and self._slam.is_mapping
+        track_objects = fusion.track_objects and self._slam.is_in_main_map
+        if not fuse and not track_objects:
             return None
-        return look._replace(keyframes=look.keyframes if fuse else None, follow=follow)
+        return fusion._replace(
+            keyframes=fusion.keyframes if fuse else None, track_objects=track_objects
+        )
 
     def _message(self, state: SlamState) -> str:
         if state is SlamState.TRACKING and not self._slam.is_in_main_map:

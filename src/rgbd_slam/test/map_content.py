@@ -12,7 +12,7 @@ import numpy as np
 from hoid_common import se3
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import MapFile
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.dense_state import DenseState
@@ -25,15 +25,15 @@ OCTAVES = 8
 SCALE = 1.2
 
 
-def new_map() -> SlamMap:
-    return SlamMap(SCALE, OCTAVES)
+def new_map() -> Atlas:
+    return Atlas(SCALE, OCTAVES)
 
 
-def ring(count: int = 8, map_id: int = 0, slam_map: SlamMap | None = None) -> SlamMap:
-    slam_map = new_map() if slam_map is None else slam_map
+def ring(count: int = 8, map_id: int = 0, atlas: Atlas | None = None) -> Atlas:
+    atlas = new_map() if atlas is None else atlas
     poses = ring_poses(36)[:count]
-    mapped(slam_map, RingWorld(600), poses, poses, map_id)
-    return slam_map
+    mapped(atlas, RingWorld(600), poses, poses, map_id)
+    return atlas
 
 
 def dense_of(state: MapState, count: int = 3) -> DenseState:

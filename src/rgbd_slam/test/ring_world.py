@@ -7,7 +7,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray, IntArray
 from rgbd_slam.config.slam_config import CameraConfig
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 
 MODEL = CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0)
@@ -68,7 +68,7 @@ def drifted(poses: FloatArray, step: FloatArray) -> FloatArray:
 
 
 def mapped(
-    slam_map: SlamMap, world: RingWorld, truth: FloatArray, poses: FloatArray, map_id: int = 0
+    atlas: Atlas, world: RingWorld, truth: FloatArray, poses: FloatArray, map_id: int = 0
 ) -> IntArray:
     """Map what is seen from `truth` as if the camera was at `poses`; return the keyframes.
 
@@ -79,15 +79,15 @@ def mapped(
     known: list[dict[int, int]] = []
     for n, (T_true, T) in enumerate(zip(truth, poses, strict=True)):
         frame, landmark = world.frame(T_true, 1_000_000_000 * map_id + n)
-        i = slam_map.add_keyframe(frame, T, map_id, rows[-1] if rows else None)
+        i = atlas.add_keyframe(frame, T, map_id, rows[-1] if rows else None)
         recent = {w: j for points in known[-_MEMORY:] for w, j in points.items()}
         j = np.array([recent.get(w, -1) for w in landmark.tolist()], np.int64)
         old, new = np.flatnonzero(j >= 0), np.flatnonzero(j < 0)
-        slam_map.observe(i, old, j[old])
+        atlas.observe(i, old, j[old])
         x = CAMERA.back_project(frame.measurement_px[new, :2], frame.depth_m[new])
-        j[new] = slam_map.add_points(i, new, se3.transform(T, x))
-        slam_map.update_connections(i)
+        j[new] = atlas.add_points(i, new, se3.transform(T, x))
+        atlas.update_connections(i)
         rows.append(i)
         known.append(dict(zip(landmark.tolist(), j.tolist(), strict=True)))
-    slam_map.refresh(slam_map.points.indices())
+    atlas.refresh(atlas.points.indices())
     return np.array(rows, np.int64)

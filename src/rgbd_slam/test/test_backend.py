@@ -8,7 +8,7 @@ from hoid_common.values import BoolArray, CameraModel, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.optimize.bundle_problem import BundleProblem, adjust
-from rgbd_slam.optimize.gtsam_bundle import adjust_sparse
+from rgbd_slam.optimize.gtsam_bundle import solve_bundle_gtsam
 from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph
 
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0), CameraConfig())
@@ -107,7 +107,7 @@ def _bundle(
 
 def test_sparse_adjustment_recovers_known_poses_and_points() -> None:
     T_camera_map, points, problem, _ = _bundle()
-    solution = adjust_sparse(CAMERA, problem, 20)
+    solution = solve_bundle_gtsam(CAMERA, problem, 20)
     np.testing.assert_allclose(solution.T_camera_map, T_camera_map, atol=1e-5)
     np.testing.assert_allclose(solution.points_m.T, points, atol=1e-3)
     assert solution.cost_after < 1e-3 < solution.cost_before
@@ -116,7 +116,7 @@ def test_sparse_adjustment_recovers_known_poses_and_points() -> None:
 
 def test_sparse_adjustment_tells_false_observations() -> None:
     T_camera_map, _, problem, false = _bundle(wrong=0.03)
-    solution = adjust_sparse(CAMERA, problem, 30)
+    solution = solve_bundle_gtsam(CAMERA, problem, 30)
     assert solution.outliers[false].mean() > 0.98
     assert solution.outliers[~false].mean() < 0.05
     np.testing.assert_allclose(
@@ -128,7 +128,7 @@ def test_sparse_and_dense_adjustment_agree() -> None:
     rng = np.random.default_rng(1)
     _, _, problem, _ = _bundle(seed=2)
     problem.measured_px[:] += rng.normal(0, 0.5, problem.measured_px.shape)
-    sparse, dense = adjust_sparse(CAMERA, problem, 30), adjust(CAMERA, problem, 30)
+    sparse, dense = solve_bundle_gtsam(CAMERA, problem, 30), adjust(CAMERA, problem, 30)
     assert sparse.cost_after < 0.2 * sparse.cost_before
     assert dense.cost_after < 0.2 * dense.cost_before
     np.testing.assert_allclose(

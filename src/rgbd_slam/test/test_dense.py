@@ -12,7 +12,7 @@ from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.scene.dense_mapper import DenseMapper
 from rgbd_slam.scene.export import packed_rgb, write_pcd, write_ply
-from rgbd_slam.scene.fusion_scheduler import FramePose
+from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.voxel_map import ColoredCloud, VoxelMap, in_boxes
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
@@ -119,7 +119,7 @@ def keyframes(
 
 
 def add(mapper: DenseMapper, known: KeyframePoses) -> None:
-    pose = FramePose(0, np.eye(4), int(known.uids[-1]), known)
+    pose = FusionRequest(0, np.eye(4), int(known.uids[-1]), known)
     mapper.add(pose, wall(2.0), BGR, NO_BOXES)
 
 
@@ -199,7 +199,7 @@ def test_the_views_kept_are_few_and_apart() -> None:
     mapper = DenseMapper(CAMERA, DenseConfig(pixel_stride=2, max_views=5))
     for i in range(20):
         T = se3.exp(np.array([0, 0, 0, 0.1 * (i // 4), 0, 0]))  # four at each of five places
-        mapper.add(FramePose(i, T, 0, keyframes(0)), wall(2.0), BGR, NO_BOXES)
+        mapper.add(FusionRequest(i, T, 0, keyframes(0)), wall(2.0), BGR, NO_BOXES)
     assert len(mapper.views) == 5
     mapper.correct(keyframes(0), settle=True)
     assert np.ptp(mapper._voxels._sums[:, 0] / mapper._voxels._sums[:, 6]) > 2.7

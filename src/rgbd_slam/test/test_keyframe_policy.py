@@ -10,14 +10,14 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import KeyframeConfig
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.point_tallies import PointTally
 from rgbd_slam.model.tracked_frame import tracked_frame
 from rgbd_slam.optimize.pose_optimizer import PoseEstimate
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
-from rgbd_slam.tracking.tracker import Tracking
+from rgbd_slam.tracking.tracker import TrackerOutput
 
 CLOSE_PX = 10.0
 FEATURES = 200
@@ -41,43 +41,43 @@ def frame(stamp_ns: int = 0) -> Frame:
     )
 
 
-def mapped(newer: int) -> SlamMap:
+def mapped(newer: int) -> Atlas:
     """Return a map with four keyframes that see the same points, and newer ones elsewhere."""
-    slam_map = SlamMap(1.2, 8)
-    i = slam_map.add_keyframe(frame(), np.eye(4), 0)
-    j = slam_map.add_points(i, np.arange(SEEN), np.full((SEEN, 3), DEPTH_M))
+    atlas = Atlas(1.2, 8)
+    i = atlas.add_keyframe(frame(), np.eye(4), 0)
+    j = atlas.add_points(i, np.arange(SEEN), np.full((SEEN, 3), DEPTH_M))
     for n in range(3):
-        other = slam_map.add_keyframe(frame(1 + n), np.eye(4), 0, i)
-        slam_map.observe(other, np.arange(SEEN), j)
-    slam_map.update_connections(i)
+        other = atlas.add_keyframe(frame(1 + n), np.eye(4), 0, i)
+        atlas.observe(other, np.arange(SEEN), j)
+    atlas.update_connections(i)
     for n in range(newer):
-        slam_map.add_keyframe(frame(10 + n), np.eye(4), 0, i)
-    return slam_map
+        atlas.add_keyframe(frame(10 + n), np.eye(4), 0, i)
+    return atlas
 
 
 def tracking(
-    slam_map: SlamMap,
+    atlas: Atlas,
     stamp_s: float,
     num_inliers: int,
     T_map_camera: FloatArray | None = None,
     expected_px: FloatArray = NOTHING,
-) -> Tracking:
+) -> TrackerOutput:
     T = np.eye(4) if T_map_camera is None else T_map_camera
     points = np.full(FEATURES, NO_POINT, np.int64)
-    points[:num_inliers] = slam_map.keyframes.point_of_feature[0, :num_inliers]
+    points[:num_inliers] = atlas.keyframes.point_of_feature[0, :num_inliers]
     seen = replace(frame(), stamp_ns=round(stamp_s * 1e9))
-    tracked = tracked_frame(seen, T, points, slam_map, 0)
+    tracked = tracked_frame(seen, T, points, atlas, 0)
     estimate = PoseEstimate(se3.inverse(T), np.ones(num_inliers, np.bool_), np.eye(6))
     tally = PointTally(np.empty(0, np.int64), np.empty(0, np.int64))
-    return Tracking(tracked, estimate, points, num_inliers, tally, expected_px)
+    return TrackerOutput(tracked, estimate, points, num_inliers, tally, expected_px)
 
 
 def test_a_frame_becomes_a_keyframe_when_it_shows_less_of_the_reference() -> None:
-    slam_map = mapped(newer=0)
-    policy = KeyframePolicy(slam_map, KeyframeConfig(fewer_share=0.5), CLOSE_PX)
+    atlas = mapped(newer=0)
+    policy = KeyframePolicy(atlas, KeyframeConfig(fewer_share=0.5), CLOSE_PX)
 
     def wants(stamp_s: float, num_inliers: int, queue: int = 0) -> bool:
-        return policy.wants(tracking(slam_map, stamp_s, num_inliers), queue)
+        return policy.wants(tracking(atlas, stamp_s, num_inliers), queue)
 
     assert not wants(0.5, 90)
     assert not wants(0.6, 76)  # 75 % of 100 points are asked for
@@ -108,24 +108,24 @@ FAR = EVERYWHERE * [[1.0], [1.0], [0.0]] + EVERYWHERE[0] * [[0.0], [0.0], [1.0]]
 def test_a_view_that_the_map_knows_is_not_taken_in_again(
     newer: int, T_map_camera: FloatArray, expected_px: FloatArray, wanted: bool
 ) -> None:
-    slam_map = mapped(newer)
-    policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_PX)
-    seen = tracking(slam_map, 1.0, 40, T_map_camera, expected_px)
+    atlas = mapped(newer)
+    policy = KeyframePolicy(atlas, KeyframeConfig(), CLOSE_PX)
+    seen = tracking(atlas, 1.0, 40, T_map_camera, expected_px)
     assert policy.wants(seen, 0) is wanted
 
 
 def test_known_views_are_taken_in_where_asked_for() -> None:
-    slam_map = mapped(newer=10)
+    atlas = mapped(newer=10)
     config = KeyframeConfig(skip_known_views=False)
-    seen = tracking(slam_map, 1.0, 40, expected_px=EVERYWHERE)
-    assert KeyframePolicy(slam_map, config, CLOSE_PX).wants(seen, 0)
+    seen = tracking(atlas, 1.0, 40, expected_px=EVERYWHERE)
+    assert KeyframePolicy(atlas, config, CLOSE_PX).wants(seen, 0)
 
 
 def test_a_known_view_is_taken_in_when_tracking_falls() -> None:
-    slam_map = mapped(newer=10)
-    policy = KeyframePolicy(slam_map, KeyframeConfig(), CLOSE_PX)
-    assert not policy.wants(tracking(slam_map, 1.0, 100, expected_px=EVERYWHERE), 0)
-    assert policy.wants(tracking(slam_map, 1.1, 55, expected_px=EVERYWHERE), 0)
+    atlas = mapped(newer=10)
+    policy = KeyframePolicy(atlas, KeyframeConfig(), CLOSE_PX)
+    assert not policy.wants(tracking(atlas, 1.0, 100, expected_px=EVERYWHERE), 0)
+    assert policy.wants(tracking(atlas, 1.1, 55, expected_px=EVERYWHERE), 0)
 
 
 @pytest.mark.parametrize(('newer', 'wanted'), [(0, True), (10, False)])
@@ -133,8 +133,8 @@ def test_fewer_points_than_after_the_last_keyframe_are_enough_in_a_new_view(
     newer: int, wanted: bool
 ) -> None:
     """Most of what the reference is certain of may be tracked while much else is lost."""
-    slam_map = mapped(newer)
-    policy = KeyframePolicy(slam_map, KeyframeConfig(reference_share=0.5), CLOSE_PX)
-    assert not policy.wants(tracking(slam_map, 1.0, 100, expected_px=EVERYWHERE), 0)
-    assert not policy.wants(tracking(slam_map, 1.1, 87, expected_px=EVERYWHERE), 0)
-    assert policy.wants(tracking(slam_map, 1.2, 83, expected_px=EVERYWHERE), 0) is wanted
+    atlas = mapped(newer)
+    policy = KeyframePolicy(atlas, KeyframeConfig(reference_share=0.5), CLOSE_PX)
+    assert not policy.wants(tracking(atlas, 1.0, 100, expected_px=EVERYWHERE), 0)
+    assert not policy.wants(tracking(atlas, 1.1, 87, expected_px=EVERYWHERE), 0)
+    assert policy.wants(tracking(atlas, 1.2, 83, expected_px=EVERYWHERE), 0) is wanted

@@ -12,7 +12,7 @@ from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_l
 from rgbd_slam.loops.global_adjustment import global_problem
 from rgbd_slam.loops.loop_closing import Join, LoopCloser, LoopEvent
 from rgbd_slam.loops.map_merging import merge_maps
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.optimize.bundle_problem import BundleSolution
 from rgbd_slam.places.geometric_verification import PlaceStatus
 from rgbd_slam.places.place_finder import PlaceFinder
@@ -23,55 +23,55 @@ DRIFT = np.array([0.0, 0.002, 0.0, 0.006, 0.003, 0.0])
 LAPS = 1.06
 
 
-def _errors_m(slam_map: SlamMap, rows: IntArray, truth: FloatArray) -> FloatArray:
-    gap = slam_map.keyframes.T_map_camera[rows, :3, 3] - truth[:, :3, 3]
+def _errors_m(atlas: Atlas, rows: IntArray, truth: FloatArray) -> FloatArray:
+    gap = atlas.keyframes.T_map_camera[rows, :3, 3] - truth[:, :3, 3]
     return np.asarray(np.linalg.norm(gap, axis=1))
 
 
 @pytest.fixture(scope='module')
-def drifting() -> tuple[SlamMap, IntArray, FloatArray]:
+def drifting() -> tuple[Atlas, IntArray, FloatArray]:
     """Return a map of one lap and a little, whose end misses its beginning."""
     truth = ring_poses(36, LAPS)
-    slam_map = SlamMap(1.2, 8)
-    rows = mapped(slam_map, RingWorld(), truth, drifted(truth, DRIFT))
-    return slam_map, rows, truth
+    atlas = Atlas(1.2, 8)
+    rows = mapped(atlas, RingWorld(), truth, drifted(truth, DRIFT))
+    return atlas, rows, truth
 
 
-def _copy(slam_map: SlamMap) -> SlamMap:
-    fresh = SlamMap(1.2, 8)
-    fresh.apply(slam_map.changes_since(0))
+def _copy(atlas: Atlas) -> Atlas:
+    fresh = Atlas(1.2, 8)
+    fresh.apply(atlas.changes_since(0))
     return fresh
 
 
 def test_a_loop_is_closed_and_the_drift_is_gone(
-    drifting: tuple[SlamMap, IntArray, FloatArray], caplog: pytest.LogCaptureFixture
+    drifting: tuple[Atlas, IntArray, FloatArray], caplog: pytest.LogCaptureFixture
 ) -> None:
     original, rows, truth = drifting
-    slam_map = _copy(original)
-    before = _errors_m(slam_map, rows, truth)
-    points_before = len(slam_map.points)
-    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    atlas = _copy(original)
+    before = _errors_m(atlas, rows, truth)
+    points_before = len(atlas.points)
+    closer = LoopCloser(atlas, CAMERA, SlamConfig())
     with caplog.at_level('INFO', 'rgbd_slam.loops.loop_closing'):
         assert closer.process(int(rows[-1])) is LoopEvent.CLOSED
     (join,) = (join for record in caplog.records for join in record.args or ())
     assert isinstance(join, Join)
-    assert (join.event, join.stamp_ns) == (LoopEvent.CLOSED, slam_map.keyframes.stamp_ns[rows[-1]])
-    place = slam_map.keyframes.stamp_ns[rows].tolist().index(join.place_stamp_ns)
+    assert (join.event, join.stamp_ns) == (LoopEvent.CLOSED, atlas.keyframes.stamp_ns[rows[-1]])
+    place = atlas.keyframes.stamp_ns[rows].tolist().index(join.place_stamp_ns)
     T_place_camera = se3.inverse(truth[place]) @ truth[-1]
     np.testing.assert_allclose(join.T_place_camera, T_place_camera, atol=0.01)
-    after = _errors_m(slam_map, rows, truth)
+    after = _errors_m(atlas, rows, truth)
     assert before.max() > 0.1
     assert after.max() < 0.15 * before.max()
-    assert len(slam_map.points) < points_before - 100  # seen twice, one point now
-    assert slam_map.keyframes.covisibility[rows[-1], rows[0]] > 50
+    assert len(atlas.points) < points_before - 100  # seen twice, one point now
+    assert atlas.keyframes.covisibility[rows[-1], rows[0]] > 50
 
 
 def test_a_closed_loop_is_not_closed_again(
-    drifting: tuple[SlamMap, IntArray, FloatArray],
+    drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:
     original, rows, _ = drifting
-    slam_map = _copy(original)
-    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    atlas = _copy(original)
+    closer = LoopCloser(atlas, CAMERA, SlamConfig())
     closer.process(int(rows[-1]))
     assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
 
@@ -80,45 +80,45 @@ def test_a_closed_loop_is_not_closed_again(
     ('long_way_m', 'event'), [(5.0, LoopEvent.CLOSED), (50.0, LoopEvent.REJOINED)]
 )
 def test_a_long_way_is_adjusted_even_if_its_ends_fit(long_way_m: float, event: LoopEvent) -> None:
-    truth, slam_map = ring_poses(36, LAPS), SlamMap(1.2, 8)
-    rows = mapped(slam_map, RingWorld(), truth, drifted(truth, 0.05 * DRIFT))
-    assert _errors_m(slam_map, rows, truth).max() < 0.03
+    truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
+    rows = mapped(atlas, RingWorld(), truth, drifted(truth, 0.05 * DRIFT))
+    assert _errors_m(atlas, rows, truth).max() < 0.03
     config = SlamConfig().updated({'places.loops.long_way_m': long_way_m})
-    assert LoopCloser(slam_map, CAMERA, config).process(int(rows[-1])) is event
+    assert LoopCloser(atlas, CAMERA, config).process(int(rows[-1])) is event
 
 
 def test_a_map_with_a_loop_that_has_grown_is_adjusted_once_more_in_the_end(
-    drifting: tuple[SlamMap, IntArray, FloatArray],
+    drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:
     original, rows, truth = drifting
-    slam_map = _copy(original)
-    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    atlas = _copy(original)
+    closer = LoopCloser(atlas, CAMERA, SlamConfig())
     closer.process(int(rows[-1]))
     middle = rows[len(rows) // 2]
-    bent = slam_map.keyframes.T_map_camera[middle].copy()
+    bent = atlas.keyframes.T_map_camera[middle].copy()
     bent[:3, 3] += 0.02
-    slam_map.set_poses(np.array([middle]), bent[None])
+    atlas.set_poses(np.array([middle]), bent[None])
     closer.settle(0.0)
-    np.testing.assert_array_equal(slam_map.keyframes.T_map_camera[middle], bent)
+    np.testing.assert_array_equal(atlas.keyframes.T_map_camera[middle], bent)
     closer.process(int(rows[-1]))
     closer.settle(0.0)
-    assert _errors_m(slam_map, rows, truth)[len(rows) // 2] < 0.01
+    assert _errors_m(atlas, rows, truth)[len(rows) // 2] < 0.01
 
 
 def test_more_drift_than_the_way_explains_is_no_loop(
-    drifting: tuple[SlamMap, IntArray, FloatArray],
+    drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:
     original, rows, _ = drifting
-    slam_map = _copy(original)
+    atlas = _copy(original)
     half = rows[len(rows) // 2 :]
     shift = np.eye(4)
     shift[0, 3] = 1.5
-    slam_map.set_poses(half, shift @ slam_map.keyframes.T_map_camera[half])
-    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    atlas.set_poses(half, shift @ atlas.keyframes.T_map_camera[half])
+    closer = LoopCloser(atlas, CAMERA, SlamConfig())
     assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
 
 
-def test_loops_can_be_switched_off(drifting: tuple[SlamMap, IntArray, FloatArray]) -> None:
+def test_loops_can_be_switched_off(drifting: tuple[Atlas, IntArray, FloatArray]) -> None:
     original, rows, _ = drifting
     config = SlamConfig().updated({'places.loops.enabled': False})
     closer = LoopCloser(_copy(original), CAMERA, config)
@@ -126,38 +126,38 @@ def test_loops_can_be_switched_off(drifting: tuple[SlamMap, IntArray, FloatArray
 
 
 def test_the_way_between_keyframes_follows_shared_points(
-    drifting: tuple[SlamMap, IntArray, FloatArray],
+    drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:
-    slam_map, rows, truth = drifting
+    atlas, rows, truth = drifting
     lap_m = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1).sum()
     lap_rad = 2 * np.pi * LAPS * (len(rows) - 1) / len(rows)
-    way_m = path_length_m(slam_map, int(rows[0]), int(rows[-1]))
+    way_m = path_length_m(atlas, int(rows[0]), int(rows[-1]))
     assert way_m == pytest.approx(lap_m + 0.3 * lap_rad, rel=0.1)
 
 
 def test_points_follow_their_keyframe_through_a_correction(
-    drifting: tuple[SlamMap, IntArray, FloatArray],
+    drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:
     original, rows, truth = drifting
-    slam_map = _copy(original)
-    keyframes, points = slam_map.keyframes, slam_map.points
+    atlas = _copy(original)
+    keyframes, points = atlas.keyframes, atlas.points
     i, k = rows[10], np.flatnonzero(keyframes.point_of_feature[rows[10]] >= 0)
     j = keyframes.point_of_feature[i, k].astype(np.int64)
     own = points.reference_keyframe_uid[j] == keyframes.uid[i]
     seen_before = se3.transform(se3.inverse(keyframes.T_map_camera[i]), points.position_m[j])
-    move_map(slam_map, rows, truth)
+    move_map(atlas, rows, truth)
     seen_after = se3.transform(se3.inverse(truth[10]), points.position_m[j])
     assert own.sum() > 5
     np.testing.assert_allclose(seen_after[own], seen_before[own], atol=1e-9)
 
 
 def test_a_loop_edge_moves_the_end_to_where_it_was_measured(
-    drifting: tuple[SlamMap, IntArray, FloatArray],
+    drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:
-    slam_map, rows, truth = drifting
-    uid = slam_map.keyframes.uid
+    atlas, rows, truth = drifting
+    uid = atlas.keyframes.uid
     loop = Loop(int(uid[rows[0]]), int(uid[rows[-1]]), se3.inverse(truth[0]) @ truth[-1])
-    keyframes, T = closed_poses(slam_map, 0, [loop], 100)
+    keyframes, T = closed_poses(atlas, 0, [loop], 100)
     assert keyframes.tolist() == sorted(rows.tolist())
     last = T[keyframes.tolist().index(int(rows[-1]))]
     np.testing.assert_allclose(last[:3, 3], truth[-1, :3, 3], atol=0.01)
@@ -165,40 +165,40 @@ def test_a_loop_edge_moves_the_end_to_where_it_was_measured(
 
 
 def test_two_maps_become_one_in_the_frame_of_the_older() -> None:
-    world, slam_map = RingWorld(), SlamMap(1.2, 8)
+    world, atlas = RingWorld(), Atlas(1.2, 8)
     truth = ring_poses(24, 0.5)
     T_other = se3.exp(np.array([0.3, -1.0, 0.2, 2.0, 0.5, -1.0]))
-    old = mapped(slam_map, world, truth[:14], truth[:14])
-    new = mapped(slam_map, world, truth[10:], T_other @ truth[10:], map_id=1)
-    closer = LoopCloser(slam_map, CAMERA, SlamConfig())
+    old = mapped(atlas, world, truth[:14], truth[:14])
+    new = mapped(atlas, world, truth[10:], T_other @ truth[10:], map_id=1)
+    closer = LoopCloser(atlas, CAMERA, SlamConfig())
     events = [closer.process(int(i)) for i in new]
     assert events.count(LoopEvent.MERGED) == 1
-    keyframes = slam_map.keyframes
+    keyframes = atlas.keyframes
     assert set(keyframes.map_id[np.r_[old, new]].tolist()) == {0}
-    assert (slam_map.points.map_id[slam_map.points.indices()] == 0).all()
-    assert _errors_m(slam_map, new, truth[10:]).max() < 0.02
+    assert (atlas.points.map_id[atlas.points.indices()] == 0).all()
+    assert _errors_m(atlas, new, truth[10:]).max() < 0.02
     alive = keyframes.indices()
     roots = ~np.isin(keyframes.parent_uid[alive], keyframes.uid[alive])
     assert roots.sum() == 1
 
 
 def test_the_older_map_keeps_its_frame_whichever_side_recognises() -> None:
-    slam_map, truth = SlamMap(1.2, 8), ring_poses(12, 0.2)
+    atlas, truth = Atlas(1.2, 8), ring_poses(12, 0.2)
     T_other = se3.exp(np.array([0.0, 0.5, 0.0, 1.0, 0.0, 0.0]))
-    old = mapped(slam_map, RingWorld(), truth[:6], truth[:6])
-    new = mapped(slam_map, RingWorld(), truth[6:], T_other @ truth[6:], map_id=1)
-    merge_maps(slam_map, int(old[5]), int(new[2]), se3.inverse(truth[8]) @ truth[5])
-    np.testing.assert_allclose(slam_map.keyframes.T_map_camera[new], truth[6:], atol=1e-9)
-    np.testing.assert_allclose(slam_map.keyframes.T_map_camera[old], truth[:6], atol=1e-12)
-    assert slam_map.keyframes.parent_uid[new[2]] == slam_map.keyframes.uid[old[5]]
-    assert slam_map.keyframes.parent_uid[new[0]] == slam_map.keyframes.uid[new[1]]
+    old = mapped(atlas, RingWorld(), truth[:6], truth[:6])
+    new = mapped(atlas, RingWorld(), truth[6:], T_other @ truth[6:], map_id=1)
+    merge_maps(atlas, int(old[5]), int(new[2]), se3.inverse(truth[8]) @ truth[5])
+    np.testing.assert_allclose(atlas.keyframes.T_map_camera[new], truth[6:], atol=1e-9)
+    np.testing.assert_allclose(atlas.keyframes.T_map_camera[old], truth[:6], atol=1e-12)
+    assert atlas.keyframes.parent_uid[new[2]] == atlas.keyframes.uid[old[5]]
+    assert atlas.keyframes.parent_uid[new[0]] == atlas.keyframes.uid[new[1]]
 
 
 def test_a_lost_frame_is_located() -> None:
-    world, slam_map = RingWorld(), SlamMap(1.2, 8)
+    world, atlas = RingWorld(), Atlas(1.2, 8)
     truth = ring_poses(24)
-    mapped(slam_map, world, truth, truth)
-    finder = PlaceFinder(slam_map, CAMERA, SlamConfig().places, 0)
+    mapped(atlas, world, truth, truth)
+    finder = PlaceFinder(atlas, CAMERA, SlamConfig().places, 0)
     between = truth[7] @ se3.exp(np.array([0.02, 0.1, 0.05, 0.1, 0.05, -0.1]))
     place = finder.locate(world.frame(between, 99)[0])
     assert place is not None
@@ -207,28 +207,28 @@ def test_a_lost_frame_is_located() -> None:
 
 
 def test_a_foreign_view_is_not_located() -> None:
-    slam_map, truth = SlamMap(1.2, 8), ring_poses(24)
-    mapped(slam_map, RingWorld(), truth, truth)
-    finder = PlaceFinder(slam_map, CAMERA, SlamConfig().places, 0)
+    atlas, truth = Atlas(1.2, 8), ring_poses(24)
+    mapped(atlas, RingWorld(), truth, truth)
+    finder = PlaceFinder(atlas, CAMERA, SlamConfig().places, 0)
     assert finder.locate(RingWorld(seed=5).frame(truth[3], 99)[0]) is None
 
 
 def test_where_two_places_look_the_same_neither_is_believed() -> None:
-    world, slam_map = RingWorld(count=1500), SlamMap(1.2, 8)
+    world, atlas = RingWorld(count=1500), Atlas(1.2, 8)
     half_turn = np.array([-1.0, 1.0, -1.0])
     world.points_m = np.concatenate([world.points_m, half_turn * world.points_m])
     world.descriptors = np.tile(world.descriptors, (2, 1))
     truth = ring_poses(24)
-    mapped(slam_map, world, truth, truth)
-    finder = PlaceFinder(slam_map, CAMERA, SlamConfig().places, 0)
+    mapped(atlas, world, truth, truth)
+    finder = PlaceFinder(atlas, CAMERA, SlamConfig().places, 0)
     assert finder.locate(world.frame(truth[3], 99)[0]) is None
 
 
 class _Slow:
     """A solution of the map as it was, which whoever waits can have."""
 
-    def __init__(self, slam_map: SlamMap) -> None:
-        self.problem = global_problem(slam_map, 0)
+    def __init__(self, atlas: Atlas) -> None:
+        self.problem = global_problem(atlas, 0)
 
     def is_done(self, timeout_s: float) -> bool:
         return timeout_s > 0
@@ -243,13 +243,13 @@ class _Slow:
 
 
 def test_an_adjustment_under_way_does_not_undo_a_rejoin() -> None:
-    truth, slam_map = ring_poses(36, LAPS), SlamMap(1.2, 8)
-    rows = mapped(slam_map, RingWorld(), truth, drifted(truth, 0.1 * DRIFT))
-    closer = LoopCloser(slam_map, CAMERA, SlamConfig().updated({'places.loops.long_way_m': 50.0}))
-    closer._looped, slow = 0, _Slow(slam_map)
+    truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
+    rows = mapped(atlas, RingWorld(), truth, drifted(truth, 0.1 * DRIFT))
+    closer = LoopCloser(atlas, CAMERA, SlamConfig().updated({'places.loops.long_way_m': 50.0}))
+    closer._looped, slow = 0, _Slow(atlas)
     closer._adjuster._running = slow  # type: ignore[assignment]  # as in the background
-    before = _errors_m(slam_map, rows, truth)
+    before = _errors_m(atlas, rows, truth)
     assert closer.process(int(rows[-1])) is LoopEvent.REJOINED
     closer._adjuster.poll(1.0)
     assert not closer.is_adjusting
-    assert _errors_m(slam_map, rows, truth)[-1] < 0.3 * before[-1]
+    assert _errors_m(atlas, rows, truth)[-1] < 0.3 * before[-1]

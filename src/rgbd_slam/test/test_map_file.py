@@ -88,13 +88,13 @@ def test_a_map_that_lost_keyframes_and_points_is_saved_whole() -> None:
 
 
 def test_a_point_whose_reference_has_lost_it_is_saved_with_another() -> None:
-    slam_map = ring()
-    seen = slam_map.observations_of(slam_map.points.indices())
-    shared = np.flatnonzero(slam_map.points.num_observations[seen.j] > 1)
-    is_reference = slam_map.keyframes.uid[seen.i] == slam_map.points.reference_keyframe_uid[seen.j]
+    atlas = ring()
+    seen = atlas.observations_of(atlas.points.indices())
+    shared = np.flatnonzero(atlas.points.num_observations[seen.j] > 1)
+    is_reference = atlas.keyframes.uid[seen.i] == atlas.points.reference_keyframe_uid[seen.j]
     n = shared[is_reference[shared]][0]
-    slam_map.unobserve(int(seen.i[n]), seen.k[n : n + 1])
-    state = snapshot(slam_map)
+    atlas.unobserve(int(seen.i[n]), seen.k[n : n + 1])
+    state = snapshot(atlas)
     sees = state.keyframe == state.reference[state.point]
     assert np.isin(np.arange(len(state.position_m)), state.point[sees]).all()
     again = new_map()

@@ -228,8 +228,8 @@ def test_arrays_that_make_no_map_are_refused(path: Path, name: str) -> None:
 
 
 def test_maps_that_share_a_point_are_refused(path: Path) -> None:
-    slam_map = ring(5, 1, ring(5))
-    state = snapshot(slam_map)
+    atlas = ring(5, 1, ring(5))
+    state = snapshot(atlas)
     first = np.flatnonzero(state.map_id[state.keyframe] == 1)
     point = state.point.copy()
     point[first[point[first] >= 0][0]] = 0

@@ -84,7 +84,7 @@ def test_forged_bytes_make_a_map_or_an_error(path: Path, name: str, at: int, val
     loaded = attempt(path)
     if loaded is None:
         return
-    slam_map = new_map()
-    restore(slam_map, loaded.map, CAMERA, keep=False)
-    assert snapshot(slam_map).digest() == loaded.map.digest()
-    assert np.isfinite(slam_map.points.view_direction).all()
+    atlas = new_map()
+    restore(atlas, loaded.map, CAMERA, keep=False)
+    assert snapshot(atlas).digest() == loaded.map.digest()
+    assert np.isfinite(atlas.points.view_direction).all()

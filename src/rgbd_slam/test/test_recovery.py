@@ -129,7 +129,7 @@ def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None
             assert (sigmas[:3].min() > 1) == (sigmas[3:].min() > 5)  # rad, m
             assert (sigmas[3:].min() > 5) == (not slam.is_in_main_map)
             unknown += [n] if sigmas[3:].min() > 5 else []
-        keyframes = slam._map.keyframes
+        keyframes = slam._atlas.keyframes
         maps.append(len(np.unique(keyframes.map_id[keyframes.indices()])))
     assert max(maps) == 2
     assert maps[-1] == 1

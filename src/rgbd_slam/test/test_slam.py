@@ -15,7 +15,7 @@ import pytest
 from hoid_common.errors import MessageError
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.mapper import KeyframeRequest
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.processes.mapper_process import MapperProcess
@@ -130,7 +130,7 @@ def test_a_mapper_that_cannot_start_is_told_at_once() -> None:
     camera = StereoCamera.from_model(CAMERA, SlamConfig().camera)
     nothing: Any = None  # no configuration: the process fails on its own
     with pytest.raises(MapperStoppedError, match=r'ends at its start \(exit code 1\)'):
-        MapperProcess(camera, SlamMap(1.2, 8), nothing)
+        MapperProcess(camera, Atlas(1.2, 8), nothing)
 
 
 def test_a_mapper_that_takes_too_long_to_start_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +148,7 @@ def test_a_mapper_that_dies_is_replaced_and_the_map_goes_on() -> None:
         slam.process(world.features(n * PERIOD_NS, pose))
         _wait_for_mapper(slam)
     slam.finish()
-    known = set(slam._map.keyframes.uid[slam._map.keyframes.indices()].tolist())
+    known = set(slam._atlas.keyframes.uid[slam._atlas.keyframes.indices()].tolist())
     assert link.process_id is not None
     os.kill(link.process_id, signal.SIGKILL)
     deadline = time.monotonic() + 60
@@ -159,7 +159,7 @@ def test_a_mapper_that_dies_is_replaced_and_the_map_goes_on() -> None:
         assert slam.process(world.features(n * PERIOD_NS, pose)).state is TrackingState.TRACKING
         _wait_for_mapper(slam)
     slam.finish()
-    uids = slam._map.keyframes.uid[slam._map.keyframes.indices()]
+    uids = slam._atlas.keyframes.uid[slam._atlas.keyframes.indices()]
     assert slam.num_mapper_restarts == 1
     assert known <= set(uids.tolist())
     assert len(uids) > len(known)
@@ -174,11 +174,11 @@ def test_the_mapper_dies_with_a_killed_tracker() -> None:
         'import time\n'
         'from rgbd_slam.config.slam_config import SlamConfig\n'
         'from rgbd_slam.model.frame import StereoCamera\n'
-        'from rgbd_slam.model.atlas import SlamMap\n'
+        'from rgbd_slam.model.atlas import Atlas\n'
         'from rgbd_slam.processes.mapper_process import MapperProcess\n'
         'camera = StereoCamera(500.0, 500.0, 320.0, 240.0, 40.0, 0.3, 0.0, (0.0,) * 4)\n'
         'if __name__ == "__main__":\n'
-        '    link = MapperProcess(camera, SlamMap(1.2, 8), SlamConfig())\n'
+        '    link = MapperProcess(camera, Atlas(1.2, 8), SlamConfig())\n'
         '    print(link.process_id, flush=True)\n'
         '    time.sleep(60)\n'
     )

@@ -10,7 +10,7 @@ from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig, TrackingConfig
 from rgbd_slam.matching.landmarks import read_by_frame, seen_by_frame
 from rgbd_slam.matching.matching import match_by_descriptor
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
@@ -32,7 +32,7 @@ class Known:
 
     def __init__(self, num_points: int | None = None) -> None:
         self.world = World()
-        self.map = SlamMap(1.2, 8)
+        self.map = Atlas(1.2, 8)
         self.tracker = Tracker(CAMERA, self.map, TrackingConfig())
         frame = self.frame(0, np.eye(4))
         i = self.map.add_keyframe(frame, np.eye(4), 0)

@@ -13,7 +13,7 @@ from rgbd_slam.local_mapping.triangulation import (
     fits_both,
     triangulate_with_neighbours,
 )
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.slam import RgbdSlam
@@ -107,26 +107,26 @@ def test_points_must_be_where_both_views_show_them(points_m: FloatArray) -> None
 
 
 def test_two_keyframes_make_points_where_they_are(points_m: FloatArray) -> None:
-    slam_map = SlamMap(1.2, 8)
+    atlas = Atlas(1.2, 8)
     known = np.arange(10)  # seen by both: they make the two neighbours
     pair = views(points_m)
-    first = slam_map.add_keyframe(pair.first, np.eye(4), 0)
-    second = slam_map.add_keyframe(pair.second, se3.inverse(T_SECOND_FIRST), 0, first)
-    j = slam_map.add_points(first, known, points_m[known])
-    slam_map.observe(second, known, j)
-    slam_map.update_connections(second)
+    first = atlas.add_keyframe(pair.first, np.eye(4), 0)
+    second = atlas.add_keyframe(pair.second, se3.inverse(T_SECOND_FIRST), 0, first)
+    j = atlas.add_points(first, known, points_m[known])
+    atlas.observe(second, known, j)
+    atlas.update_connections(second)
     pair.second.may_seed[50:] = False
-    slam_map.keyframes.may_seed[second, 50:60] = False
-    count = triangulate_with_neighbours(slam_map, CAMERA, second, TriangulationConfig())
-    seen = slam_map.keyframes.point_of_feature
+    atlas.keyframes.may_seed[second, 50:60] = False
+    count = triangulate_with_neighbours(atlas, CAMERA, second, TriangulationConfig())
+    seen = atlas.keyframes.point_of_feature
     assert count == 40
     assert (seen[first, :50] == seen[second, :50]).all()
     assert (seen[first, 50:] == NO_POINT).all()
-    made = slam_map.points.position_m[seen[first, :50]]
+    made = atlas.points.position_m[seen[first, :50]]
     np.testing.assert_allclose(made, points_m[:50], rtol=2e-3, atol=2e-3)
-    assert (slam_map.points.num_observations[seen[first, :50]] == 2).all()
+    assert (atlas.points.num_observations[seen[first, :50]] == 2).all()
     none = TriangulationConfig(neighbours=0)
-    assert triangulate_with_neighbours(slam_map, CAMERA, first, none) == 0
+    assert triangulate_with_neighbours(atlas, CAMERA, first, none) == 0
 
 
 def test_a_camera_that_reads_depth_in_part_of_its_view_is_tracked() -> None:
@@ -137,7 +137,7 @@ def test_a_camera_that_reads_depth_in_part_of_its_view_is_tracked() -> None:
         features = world.features(n * PERIOD_NS, pose)
         features.depth_m[features.uv_px[:, 0] > 160] = 0
         assert slam.process(features).state is TrackingState.TRACKING
-    points = slam._map.points
+    points = slam._atlas.points
     alive = points.indices()
     assert np.count_nonzero(points.num_stereo[alive] == 0) > 200
     errors = position_errors_m(slam.trajectory_final(), poses)

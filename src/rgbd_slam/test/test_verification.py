@@ -7,7 +7,7 @@ import pytest
 
 from hoid_common import se3
 from rgbd_slam.config.place_config import VerificationConfig
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.places.geometric_verification import PlaceStatus, PlaceVerifier
 from rgbd_slam.places.visibility import chance_found, visibility
 
@@ -23,54 +23,54 @@ def world() -> RingWorld:
 
 
 @pytest.fixture(scope='module')
-def slam_map(world: RingWorld) -> SlamMap:
-    slam_map = SlamMap(1.2, 8)
-    return _well_known(slam_map, world)
+def atlas(world: RingWorld) -> Atlas:
+    atlas = Atlas(1.2, 8)
+    return _well_known(atlas, world)
 
 
-def _well_known(slam_map: SlamMap, world: RingWorld) -> SlamMap:
-    mapped(slam_map, world, TRUTH, TRUTH)
-    j = slam_map.points.indices()
-    slam_map.points.num_visible[j] = slam_map.points.num_found[j] = 20
-    return slam_map
+def _well_known(atlas: Atlas, world: RingWorld) -> Atlas:
+    mapped(atlas, world, TRUTH, TRUTH)
+    j = atlas.points.indices()
+    atlas.points.num_visible[j] = atlas.points.num_found[j] = 20
+    return atlas
 
 
-def _verifier(slam_map: SlamMap, **config: float) -> PlaceVerifier:
-    return PlaceVerifier(slam_map, CAMERA, VerificationConfig().updated(config), 0)
+def _verifier(atlas: Atlas, **config: float) -> PlaceVerifier:
+    return PlaceVerifier(atlas, CAMERA, VerificationConfig().updated(config), 0)
 
 
-def test_a_near_view_is_placed_to_millimetres(slam_map: SlamMap, world: RingWorld) -> None:
+def test_a_near_view_is_placed_to_millimetres(atlas: Atlas, world: RingWorld) -> None:
     pose = TRUTH[5] @ NEAR
-    match = _verifier(slam_map).verify(world.frame(pose, 1)[0], 5)
+    match = _verifier(atlas).verify(world.frame(pose, 1)[0], 5)
     assert match.status is PlaceStatus.SAME_PLACE
     np.testing.assert_allclose(match.pose, pose, atol=3e-3)
     assert match.found_share > 0.8
     assert match.contradicted_share == 0.0
-    seen = se3.transform(match.T_camera_map, slam_map.points.position_m[match.j])
+    seen = se3.transform(match.T_camera_map, atlas.points.position_m[match.j])
     frame = world.frame(pose, 1)[0]
     np.testing.assert_allclose(
         CAMERA.project(seen)[:, :2], frame.measurement_px[match.k, :2], atol=3.0
     )
 
 
-def test_another_place_does_not_align(slam_map: SlamMap, world: RingWorld) -> None:
-    match = _verifier(slam_map).verify(world.frame(TRUTH[12], 1)[0], 0)
+def test_another_place_does_not_align(atlas: Atlas, world: RingWorld) -> None:
+    match = _verifier(atlas).verify(world.frame(TRUTH[12], 1)[0], 0)
     assert match.status is PlaceStatus.NO_ALIGNMENT
     assert len(match.k) == 0
 
 
-def test_an_image_without_features_does_not_align(slam_map: SlamMap, world: RingWorld) -> None:
+def test_an_image_without_features_does_not_align(atlas: Atlas, world: RingWorld) -> None:
     frame = world.frame(se3.exp(np.array([0, 0, 0, 0, 50.0, 0])), 1)[0]
     assert len(frame) == 0
-    assert _verifier(slam_map).verify(frame, 0).status is PlaceStatus.NO_ALIGNMENT
+    assert _verifier(atlas).verify(frame, 0).status is PlaceStatus.NO_ALIGNMENT
 
 
-def test_a_place_that_shares_a_third_of_its_points_is_not_the_same(slam_map: SlamMap) -> None:
+def test_a_place_that_shares_a_third_of_its_points_is_not_the_same(atlas: Atlas) -> None:
     """The same furniture before other walls: many points are found, more are missing."""
     other = RingWorld()
     strange = np.random.default_rng(1).random(len(other.points_m)) > 0.3
     other.descriptors[strange] = RingWorld(seed=9).descriptors[strange]
-    match = _verifier(slam_map).verify(other.frame(TRUTH[5], 1)[0], 5)
+    match = _verifier(atlas).verify(other.frame(TRUTH[5], 1)[0], 5)
     assert match.status is PlaceStatus.TOO_FEW_FOUND
     assert len(match.k) > 40
     assert 0.2 < match.found_share < 0.45
@@ -78,11 +78,11 @@ def test_a_place_that_shares_a_third_of_its_points_is_not_the_same(slam_map: Sla
 
 def test_an_image_that_sees_through_the_map_is_contradicted() -> None:
     """Half of a wall of the map is gone, and what lies behind it shows."""
-    slam_map = _well_known(SlamMap(1.2, 8), RingWorld(count=8000))
+    atlas = _well_known(Atlas(1.2, 8), RingWorld(count=8000))
     opened = RingWorld(count=8000)
     opened.points_m[opened.points_m[:, 1] > 0] *= [1.6, 1.0, 1.6]
     frame, _ = opened.frame(TRUTH[5], 1)
-    match = _verifier(slam_map, min_found_share=0.0).verify(frame, 5)
+    match = _verifier(atlas, min_found_share=0.0).verify(frame, 5)
     assert match.status is PlaceStatus.CONTRADICTED
     assert match.contradicted_share > 0.15
 
@@ -105,8 +105,8 @@ def test_what_stands_in_front_or_is_masked_does_not_count(world: RingWorld) -> N
 
 
 def test_points_often_missed_are_expected_less() -> None:
-    slam_map = SlamMap(1.2, 8)
-    rows = mapped(slam_map, RingWorld(count=400), TRUTH[:2], TRUTH[:2])
-    j = slam_map.keyframes.point_of_feature[rows[0], :3].astype(np.int64)
-    slam_map.points.num_visible[j], slam_map.points.num_found[j] = [0, 96, 96], [0, 96, 0]
-    np.testing.assert_allclose(chance_found(slam_map.points, j), [0.25, 0.97, 0.01])
+    atlas = Atlas(1.2, 8)
+    rows = mapped(atlas, RingWorld(count=400), TRUTH[:2], TRUTH[:2])
+    j = atlas.keyframes.point_of_feature[rows[0], :3].astype(np.int64)
+    atlas.points.num_visible[j], atlas.points.num_found[j] = [0, 96, 96], [0, 96, 0]
+    np.testing.assert_allclose(chance_found(atlas.points, j), [0.25, 0.97, 0.01])

@@ -23,8 +23,8 @@ from hoid_common.values import DynamicObject, FilterResult, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.fusion_scheduler import FramePoses
-from rgbd_slam.scene.scene_mapper import RoomMapper
+from rgbd_slam.scene.fusion_scheduler import FusionScheduler
+from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.tracking_result import SlamStats, TrackingResult
 
@@ -52,11 +52,11 @@ class OfflinePipeline:
         self._filter = FeatureFilter(config.filter, sequence.camera)
         self._slam = RgbdSlam(sequence.camera, config.slam)
         self._frames = RobotFrames()
-        self._room = RoomMapper(sequence.camera, config.dense, config.objects)
+        self._scene = SceneMapper(sequence.camera, config.dense, config.objects)
         self._mapped = Mapped(
-            self._slam, self._room, self._frames, sequence.camera, config.slam.camera
+            self._slam, self._scene, self._frames, sequence.camera, config.slam.camera
         )
-        self._looks = FramePoses(config.dense.rate_hz if dense else None, None)
+        self._fusion_scheduler = FusionScheduler(config.dense.rate_hz if dense else None, None)
         self._features_in = self._features_removed = self._objects_dynamic = 0
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
@@ -96,14 +96,14 @@ class OfflinePipeline:
         if tracking.T_map_camera is None or not self._slam.is_mapping:
             return
         T_core_camera, reference_uid = self._slam.last_pose()
-        pose = self._looks.pick(
+        pose = self._fusion_scheduler.pick(
             frame.stamp_ns,
             self._frames.T_map_core @ T_core_camera,
             reference_uid,
             self._room_keyframes,
         )
         if pose is not None:
-            self._room.fuse(pose, frame.depth_m, frame.image_bgr, filtered.objects)
+            self._scene.fuse(pose, frame.depth_m, frame.image_bgr, filtered.objects)
 
     def _room_keyframes(self) -> KeyframePoses:
         return self._frames.keyframes(self._slam.keyframe_poses())
@@ -129,7 +129,7 @@ class OfflinePipeline:
         """Let the map settle and return all results, in the z-up map frame."""
         self._slam.finish()
         self._slam.close()
-        frames, room = self._frames, self._room
+        frames, room = self._frames, self._scene
         room.settle(self._room_keyframes())
         cloud = room.cloud() if room.num_voxels else None
         grid = room.grid(cloud) if cloud is not None else None

@@ -13,7 +13,7 @@ from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.dense_state import DenseState
-from rgbd_slam.scene.scene_mapper import RoomMapper
+from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.slam import RgbdSlam
 
 
@@ -36,7 +36,7 @@ class Mapped(NamedTuple):
     """What maps, and of what."""
 
     slam: RgbdSlam
-    room: RoomMapper
+    room: SceneMapper
     frames: RobotFrames
     camera: CameraModel
     config: CameraConfig
@@ -45,16 +45,16 @@ class Mapped(NamedTuple):
 def load(path: Path, into: Mapped) -> None:
     """Start with a saved map; raise MapFileError if it is unusable."""
     content = map_file.load(path)
-    loaded = map_transfer.laid_over(into.slam, into.frames, into.camera, into.config, content)
+    loaded = map_transfer.import_map(into.slam, into.frames, into.camera, into.config, content)
     if content.dense is not None:
         into.room.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
 
 
 def save(path: Path, of: Mapped) -> None:
     """Save the map, with the dense one if there is one; raise HoidError if that is impossible."""
-    content = map_transfer.copied(of.slam, of.frames, of.camera, of.config)
+    content = map_transfer.export_map(of.slam, of.frames, of.camera, of.config)
     keyframes = of.frames.keyframes(of.slam.keyframe_poses())
-    of.room.know(keyframes)
+    of.room.update_keyframes(keyframes)
     views = of.room.views()
     if views:
         content = content._replace(dense=DenseState.of_views(views, keyframes.uids))

@@ -14,16 +14,16 @@ from hoid_common.values import (
 )
 
 
-class View(NamedTuple):
+class FilterInput(NamedTuple):
     """One image as a strategy gets it."""
 
     stamp_ns: int
-    heard: Detections | None  # clipped; of this image or an older one; None: nothing was said
+    detections: Detections | None  # clipped; of this image or an older one; None: nothing was said
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
 
 
-class Scene(NamedTuple):
+class AlignedDetections(NamedTuple):
     """Boxes brought to the stamp of an image."""
 
     detections: Detections  # at the image's stamp, inside the image
@@ -53,5 +53,5 @@ class Verdict(NamedTuple):
 class Strategy(Protocol):
     """Tells which objects are dynamic."""
 
-    def judge(self, view: View) -> Verdict:
+    def judge(self, view: FilterInput) -> Verdict:
         """Return the verdict on one image; images come in order of time."""

@@ -10,10 +10,10 @@ import numpy as np
 
 from hoid_common.values import BoolArray, ByteArray, Float32Array, IntArray, Reason
 from hoid_filter.config import PlusConfig
-from hoid_filter.detections.aligned_detections import View
+from hoid_filter.detections.aligned_detections import FilterInput
 from hoid_filter.extraction.pyramid import Int32Array
 from hoid_filter.masks.depth_regions import SHRINK, cells
-from hoid_filter.rules.interaction import Situation
+from hoid_filter.rules.interaction import TrackSnapshot
 from hoid_native import cover_things, values_at, widen
 
 _PATCH_MARGIN_PX = 8  # features this near see what moves in their patch
@@ -45,7 +45,7 @@ class Masks(NamedTuple):
     step: int = 0  # how far the mask was relaxed
 
 
-def make_masks(certainty: ByteArray, view: View, plus: PlusConfig, enough: float) -> Masks:
+def make_masks(confidence: ByteArray, view: FilterInput, plus: PlusConfig, enough: float) -> Masks:
     """Return the masks of one image from what covers its pixels.
 
     While fewer than `enough` corners with depth are left, the mask gives back first its margin and
@@ -55,10 +55,10 @@ def make_masks(certainty: ByteArray, view: View, plus: PlusConfig, enough: float
     takes the budget of one that would.
     """
     size_px = view.depth_m.size
-    if not certainty.any():
+    if not confidence.any():
         return Masks(size_px)
-    grid = _grid(view.depth_m.shape, certainty.shape)
-    nearness = widen(certainty, round(_PATCH_MARGIN_PX / SHRINK)) + certainty
+    grid = _grid(view.depth_m.shape, confidence.shape)
+    nearness = widen(confidence, round(_PATCH_MARGIN_PX / SHRINK)) + confidence
     at_corner = values_at(view.corner_pixels, nearness, grid.rows, grid.columns)
     is_free = at_corner == _FREE
     for step, limit in enumerate(_LIMITS):
@@ -69,7 +69,7 @@ def make_masks(certainty: ByteArray, view: View, plus: PlusConfig, enough: float
     return Masks(size_px, None, is_free, len(_LIMITS))
 
 
-def _leaves(kept: IntArray, view: View, enough: float) -> bool:
+def _leaves(kept: IntArray, view: FilterInput, enough: float) -> bool:
     """Return whether enough corners with depth are left outside a mask.
 
     Corners without depth hold a pose by two equations, not three, and come late into the map.
@@ -109,8 +109,8 @@ def _nearest(size: int, small_size: int) -> IntArray:
     return np.asarray(enlarged[0], np.int64)
 
 
-def cover(
-    situation: Situation,
+def dynamic_confidence_mask(
+    snapshot: TrackSnapshot,
     reasons: tuple[Reason, ...],
     small_depth_m: Float32Array,
     plus: PlusConfig,
@@ -120,15 +120,15 @@ def cover(
     if not moving:
         return np.zeros(small_depth_m.shape, np.uint8)
     seen = np.array([reasons[n] is not Reason.PREDICTED for n in moving], np.bool_)
-    is_person = [situation.tracks[n].is_person for n in moving]
-    boxes = situation.boxes_xyxy_px[moving]
+    is_person = [snapshot.tracks[n].is_person for n in moving]
+    boxes = snapshot.boxes_xyxy_px[moving]
     more = _COAST_MARGIN * (boxes[:, 2:] - boxes[:, :2]) * ~seen[:, None]
     boxes[:, :2] -= more
     boxes[:, 2:] += more
     return cover_things(
         small_depth_m,
         cells(boxes, small_depth_m.shape),
-        situation.depths_m[moving] if plus.keep_background else np.full(len(moving), np.nan),
+        snapshot.depths_m[moving] if plus.keep_background else np.full(len(moving), np.nan),
         np.where(is_person, plus.person_depth_m, plus.object_depth_m),
         np.array([_CERTAINTY[reasons[n]] for n in moving], np.uint8),
         seen,

@@ -6,12 +6,12 @@ import numpy as np
 
 from hoid_common.values import PERSON, BoolArray, Detections, Float32Array, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import Verdict, View
+from hoid_filter.detections.aligned_detections import FilterInput, Verdict
 from hoid_filter.detections.overlap import areas_px2
 from hoid_filter.detections.tracks import BoxTracker, Patience
 from hoid_filter.masks.depth_regions import SHRINK, shrink
-from hoid_filter.masks.dynamic_mask import Masks, cover, make_masks
-from hoid_filter.rules.interaction import Interactions, Situation, judge_interactions
+from hoid_filter.masks.dynamic_mask import Masks, dynamic_confidence_mask, make_masks
+from hoid_filter.rules.interaction import Interactions, TrackSnapshot, judge_interactions
 from hoid_native import sample_depths_m, torso_depths_m
 
 
@@ -26,21 +26,23 @@ class HoidPlus:
             Patience(config.prediction_limit_s, coast_s, plus.rest_s, plus.doubt_detections)
         )
 
-    def judge(self, view: View) -> Verdict:
+    def judge(self, view: FilterInput) -> Verdict:
         """Return the verdict on what is detected, and on what is predicted to move (last)."""
         plus = self._config.plus
         self._observe(view)
         small_depth_m = shrink(view.depth_m)
-        situation = self._situation(view, small_depth_m)
-        found = judge_interactions(situation, self._config)
-        certainty = cover(situation, found.reasons, small_depth_m, plus)
+        snapshot = self._situation(view, small_depth_m)
+        found = judge_interactions(snapshot, self._config)
+        confidence = dynamic_confidence_mask(snapshot, found.reasons, small_depth_m, plus)
         enough = plus.min_static_share * self._config.extraction.num_features
-        masks = make_masks(certainty, view, plus, enough)
-        return _verdict(situation, found, masks)
+        masks = make_masks(confidence, view, plus, enough)
+        return _verdict(snapshot, found, masks)
 
-    def _observe(self, view: View) -> None:
-        if view.heard is not None:
-            self._tracker.observe(view.heard, self._doubtful(view.heard, view.depth_m.size))
+    def _observe(self, view: FilterInput) -> None:
+        if view.detections is not None:
+            self._tracker.observe(
+                view.detections, self._doubtful(view.detections, view.depth_m.size)
+            )
 
     def _doubtful(self, detections: Detections, image_area_px2: int) -> BoolArray:
         """Return the (N,) flags of weak people over most of the image.
@@ -57,7 +59,7 @@ class HoidPlus:
         is_person = np.array([name == PERSON for name in detections.class_names], np.bool_)
         return large & weak & is_person
 
-    def _situation(self, view: View, small_depth_m: Float32Array) -> Situation:
+    def _situation(self, view: FilterInput, small_depth_m: Float32Array) -> TrackSnapshot:
         height, width = view.depth_m.shape
         tracks, boxes = self._tracker.advance(view.stamp_ns, width, height)
         depths_m = sample_depths_m(view.depth_m, boxes, self._config.sample_box_px)
@@ -66,25 +68,25 @@ class HoidPlus:
         depths_m[people] = torso_depths_m(small_depth_m, boxes[people] / SHRINK, known_m)
         for n in people:
             tracks[n].torso_m = float(depths_m[n])
-        return Situation(view.stamp_ns, tracks, boxes, depths_m)
+        return TrackSnapshot(view.stamp_ns, tracks, boxes, depths_m)
 
 
-def _verdict(situation: Situation, found: Interactions, masks: Masks) -> Verdict:
+def _verdict(snapshot: TrackSnapshot, found: Interactions, masks: Masks) -> Verdict:
     """Return what is seen or dynamic; a static object that was missed is not reported."""
-    tracks = situation.tracks
+    tracks = snapshot.tracks
     shown = [
         n
         for n, track in enumerate(tracks)
         if not track.missed or found.reasons[n] is not Reason.STATIC
     ]
     return Verdict(
-        boxes_xyxy_px=situation.boxes_xyxy_px[shown].astype(np.float32),
+        boxes_xyxy_px=snapshot.boxes_xyxy_px[shown].astype(np.float32),
         class_names=tuple(tracks[n].class_name for n in shown),
         scores=np.array([tracks[n].score for n in shown], np.float32),
         track_ids=np.array([tracks[n].track_id for n in shown], np.int64),
         reasons=tuple(found.reasons[n] for n in shown),
         overlap_ratios=found.overlap_ratios[shown],
-        depths_m=situation.depths_m[shown],
+        depths_m=snapshot.depths_m[shown],
         depth_gaps_m=found.depth_gaps_m[shown],
         static_area_px=masks.static_area_px,
         kept=masks.kept,

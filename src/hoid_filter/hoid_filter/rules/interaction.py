@@ -23,7 +23,7 @@ class Interactions:
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
+class TrackSnapshot:
     """N tracks at the stamp of an image."""
 
     stamp_ns: int
@@ -37,19 +37,19 @@ class Situation:
         return _flags(track.is_person and not track.doubtful for track in self.tracks)
 
 
-def judge_interactions(situation: Situation, config: FilterConfig) -> Interactions:
+def judge_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Interactions:
     """Return the verdict on each track, and note on the tracks what to remember.
 
     An object is handled when a person covers more than `min_interaction_area` of it, and goes on
     being handled down to `release_area`; a person farther than `reach_m` in depth does not count.
     """
     plus = config.plus
-    tracks = situation.tracks
+    tracks = snapshot.tracks
     num = len(tracks)
-    is_person = situation.is_person
+    is_person = snapshot.is_person
     candidate = _flags(config.may_be_handled(track.class_name) for track in tracks)
-    overlap = overlap_ratios(situation.boxes_xyxy_px, situation.boxes_xyxy_px)
-    behind_m = situation.depths_m[:, None] - situation.depths_m
+    overlap = overlap_ratios(snapshot.boxes_xyxy_px, snapshot.boxes_xyxy_px)
+    behind_m = snapshot.depths_m[:, None] - snapshot.depths_m
     gap_m = np.abs(behind_m)
     limit = np.full(num, config.min_interaction_area)
     if plus.remember:
@@ -67,7 +67,7 @@ def judge_interactions(situation: Situation, config: FilterConfig) -> Interactio
     index = np.arange(num)
     alone = best.max(axis=1, initial=-1.0) < 0
     return Interactions(
-        _reasons(situation, handled, config),
+        _reasons(snapshot, handled, config),
         np.where(alone | is_person, 0.0, overlap[index, partner]),
         np.where(alone | is_person, np.nan, gap_m[index, partner]),
     )
@@ -82,15 +82,17 @@ def _spread(handled: BoolArray, close: BoolArray) -> BoolArray:
         handled = more
 
 
-def _reasons(situation: Situation, handled: BoolArray, config: FilterConfig) -> tuple[Reason, ...]:
+def _reasons(
+    snapshot: TrackSnapshot, handled: BoolArray, config: FilterConfig
+) -> tuple[Reason, ...]:
     reasons = []
-    for track, touched in zip(situation.tracks, handled.tolist(), strict=True):
+    for track, touched in zip(snapshot.tracks, handled.tolist(), strict=True):
         track.handled = touched
         if touched:
             track.untouched_s = 0.0
         suspect = config.plus.remember and track.untouched_s < config.plus.rest_s
         dynamic = (track.is_person and not track.doubtful) or touched or suspect
-        reasons.append(_reason(track, situation.stamp_ns, dynamic, touched))
+        reasons.append(_reason(track, snapshot.stamp_ns, dynamic, touched))
     return tuple(reasons)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from hoid_common.values import PERSON, ByteArray, IntArray, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import Scene, Verdict, View
+from hoid_filter.detections.aligned_detections import AlignedDetections, FilterInput, Verdict
 from hoid_filter.detections.prediction import BoxPredictor
 from hoid_filter.detections.sanitize import sanitize
 from hoid_native import judge_boxes, sample_depths_m
@@ -44,7 +44,7 @@ class ImageRule(ABC):
     def rule(self) -> Rule:
         """Return when a person handles an object."""
 
-    def judge(self, view: View) -> Verdict:
+    def judge(self, view: FilterInput) -> Verdict:
         """Return the verdict on every detection."""
         scene = scene_of(view, self._predictor)
         found = scene.detections
@@ -83,7 +83,7 @@ class NoFilter:
         self._predictor = BoxPredictor(config.prediction_limit_s)
         self._sample_box_px = config.sample_box_px
 
-    def judge(self, view: View) -> Verdict:
+    def judge(self, view: FilterInput) -> Verdict:
         """Return a verdict that keeps the whole image."""
         scene = scene_of(view, self._predictor)
         num = len(scene.detections)
@@ -146,17 +146,17 @@ class Descriptor(ImageRule):
         return Rule(math.inf, apart_m, descriptor.window_px / 2)
 
 
-def scene_of(view: View, predictor: BoxPredictor) -> Scene:
+def scene_of(view: FilterInput, predictor: BoxPredictor) -> AlignedDetections:
     """Return the view with boxes of its own stamp, predicted where they are older or missing."""
-    heard = view.heard
-    detected = heard is not None and heard.stamp_ns == view.stamp_ns
-    if heard is not None:
-        predictor.observe(heard)
-    if heard is None or not detected:
+    detections = view.detections
+    detected = detections is not None and detections.stamp_ns == view.stamp_ns
+    if detections is not None:
+        predictor.observe(detections)
+    if detections is None or not detected:
         height, width = view.depth_m.shape
         predicted = predictor.predict(view.stamp_ns)
-        heard = sanitize(predicted, width, height, len(predicted)).detections
-    return Scene(heard, detected)
+        detections = sanitize(predicted, width, height, len(predicted)).detections
+    return AlignedDetections(detections, detected)
 
 
 def _no_tracks(num: int) -> IntArray:

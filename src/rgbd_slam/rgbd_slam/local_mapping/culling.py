@@ -7,7 +7,7 @@ import numpy as np
 from hoid_common import se3
 from rgbd_slam.config.slam_config import MappingConfig
 from rgbd_slam.matching.local_map import visible_points
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 
@@ -18,14 +18,12 @@ _MIN_OBSERVERS = 3  # besides the keyframe itself
 _MIN_CLOSE = 30  # points to judge a keyframe by; with fewer, those without near depth count too
 
 
-def cull_young_points(
-    slam_map: SlamMap, camera: StereoCamera, i: int, config: MappingConfig
-) -> None:
+def cull_young_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
     """Remove unproven points that frames do not find, or that keyframe `i` should see.
 
     What left the view before it was proven stays, and is judged when it comes into view again.
     """
-    points, uid = slam_map.points, slam_map.keyframes.uid[i]
+    points, uid = atlas.points, atlas.keyframes.uid[i]
     j = points.indices()
     weight = points.num_observations[j] + points.num_stereo[j]
     age = uid - points.first_keyframe_uid[j]
@@ -33,25 +31,25 @@ def cull_young_points(
     young = is_weak | (age <= _YOUNG)
     lost = young & (points.num_found[j] < config.min_found_ratio * points.num_visible[j])
     due = j[is_weak & (age >= _MIN_AGE)]
-    due = due[points.map_id[due] == slam_map.keyframes.map_id[i]]
-    T_camera_map = se3.inverse(slam_map.keyframes.T_map_camera[i])
-    unseen = visible_points(slam_map, camera, T_camera_map, due, 1.0).points
-    unseen = np.setdiff1d(unseen, slam_map.keyframes.point_of_feature[i])
-    slam_map.remove_points(np.union1d(j[lost], unseen))
+    due = due[points.map_id[due] == atlas.keyframes.map_id[i]]
+    T_camera_map = se3.inverse(atlas.keyframes.T_map_camera[i])
+    unseen = visible_points(atlas, camera, T_camera_map, due, 1.0).points
+    unseen = np.setdiff1d(unseen, atlas.keyframes.point_of_feature[i])
+    atlas.remove_points(np.union1d(j[lost], unseen))
 
 
-def cull_keyframes(slam_map: SlamMap, i: int, config: MappingConfig, close_limit_m: float) -> None:
+def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: float) -> None:
     """Remove neighbours of `i` nearly all of whose close points three others see as finely.
 
     Where hardly any point is close, as in a hall, all points count.
     """
-    for neighbour in slam_map.covisible(i, min_shared=15).tolist():
-        if _is_redundant(slam_map, neighbour, config.redundant_share, close_limit_m):
-            slam_map.remove_keyframe(neighbour)
+    for neighbour in atlas.covisible(i, min_shared=15).tolist():
+        if _is_redundant(atlas, neighbour, config.redundant_share, close_limit_m):
+            atlas.remove_keyframe(neighbour)
 
 
-def _is_redundant(slam_map: SlamMap, i: int, share: float, close_limit_m: float) -> bool:
-    keyframes, points = slam_map.keyframes, slam_map.points
+def _is_redundant(atlas: Atlas, i: int, share: float, close_limit_m: float) -> bool:
+    keyframes, points = atlas.keyframes, atlas.points
     if keyframes.index_of(int(keyframes.parent_uid[i])) is None:
         return False  # the root of a map holds its frame
     j = keyframes.point_of_feature[i]
@@ -63,8 +61,8 @@ def _is_redundant(slam_map: SlamMap, i: int, share: float, close_limit_m: float)
     many = points.num_observations[j] > _MIN_OBSERVERS
     octave = np.zeros(points.capacity, np.int64)
     octave[j] = keyframes.octave[i, k]
-    others = slam_map.covisible(i)
-    seen = slam_map.observations_of(j[many], others)
+    others = atlas.covisible(i)
+    seen = atlas.observations_of(j[many], others)
     fine = keyframes.octave[seen.i, seen.k] <= octave[seen.j] + 1
     observers = np.bincount(seen.j[fine], minlength=points.capacity)
     redundant = np.count_nonzero(observers[j[many]] >= _MIN_OBSERVERS)

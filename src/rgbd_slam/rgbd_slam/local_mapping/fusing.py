@@ -9,52 +9,50 @@ from hoid_common.values import IntArray
 from rgbd_slam.config.slam_config import MappingConfig
 from rgbd_slam.matching.local_map import visible_points
 from rgbd_slam.matching.matching import match_by_projection
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
 
 def fuse_into_neighbours(
-    slam_map: SlamMap, camera: StereoCamera, i: int, config: MappingConfig
+    atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig
 ) -> None:
     """Project the points of `i` into its neighbours, and theirs into it, and fuse what agrees."""
-    neighbours = slam_map.covisible(i, limit=config.neighbours)
+    neighbours = atlas.covisible(i, limit=config.neighbours)
     for neighbour in neighbours.tolist():
-        own = slam_map.keyframes.point_of_feature[i]
-        fuse(slam_map, camera, neighbour, own[own != NO_POINT].astype(np.int64), config)
-    theirs = np.unique(slam_map.keyframes.point_of_feature[neighbours])
-    fuse(slam_map, camera, i, theirs[theirs != NO_POINT].astype(np.int64), config)
-    seen = slam_map.keyframes.point_of_feature[i]
-    slam_map.refresh(seen[seen != NO_POINT].astype(np.int64))
+        own = atlas.keyframes.point_of_feature[i]
+        fuse(atlas, camera, neighbour, own[own != NO_POINT].astype(np.int64), config)
+    theirs = np.unique(atlas.keyframes.point_of_feature[neighbours])
+    fuse(atlas, camera, i, theirs[theirs != NO_POINT].astype(np.int64), config)
+    seen = atlas.keyframes.point_of_feature[i]
+    atlas.refresh(seen[seen != NO_POINT].astype(np.int64))
 
 
-def fuse(
-    slam_map: SlamMap, camera: StereoCamera, i: int, j: IntArray, config: MappingConfig
-) -> None:
+def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: MappingConfig) -> None:
     """Let keyframe `i` observe those of the points `j` that it shows, fusing with what it has."""
-    keyframes = slam_map.keyframes
+    keyframes = atlas.keyframes
     own = keyframes.point_of_feature[i]
     j = np.setdiff1d(j, own)
     T_camera_map = se3.inverse(keyframes.T_map_camera[i])
-    view = visible_points(slam_map, camera, T_camera_map, j, config.fuse_radius_px / 4.0)
+    view = visible_points(atlas, camera, T_camera_map, j, config.fuse_radius_px / 4.0)
     frame = keyframes.frame(i)
     matches = match_by_projection(view.queries, frame, config.max_hamming, 1.0)
     measured = frame.measurement_px[matches.k].T
     error2 = (measured - view.queries.projection_px[:, matches.q]) ** 2
     stereo = np.isfinite(measured[2])
     chi2 = error2[0] + error2[1] + np.where(stereo, error2[2], 0.0)
-    chi2 /= slam_map.octave_scale[frame.octave[matches.k]] ** 2
+    chi2 /= atlas.octave_scale[frame.octave[matches.k]] ** 2
     fits = chi2 < np.where(stereo, CHI2_STEREO, CHI2_MONO)
-    _join(slam_map, i, matches.k[fits], view.points[matches.q[fits]])
+    _join(atlas, i, matches.k[fits], view.points[matches.q[fits]])
 
 
-def _join(slam_map: SlamMap, i: int, k: IntArray, j: IntArray) -> None:
+def _join(atlas: Atlas, i: int, k: IntArray, j: IntArray) -> None:
     """Add observations at free features; elsewhere keep the point that more keyframes see."""
-    points = slam_map.points
-    present = slam_map.keyframes.point_of_feature[i, k].astype(np.int64)
+    points = atlas.points
+    present = atlas.keyframes.point_of_feature[i, k].astype(np.int64)
     free = present == NO_POINT
-    slam_map.observe(i, k[free], j[free])
+    atlas.observe(i, k[free], j[free])
     new, old = j[~free], present[~free]
     swap = points.num_observations[new] < points.num_observations[old]
-    slam_map.replace_points(np.where(swap, new, old), np.where(swap, old, new))
+    atlas.replace_points(np.where(swap, new, old), np.where(swap, old, new))

@@ -17,7 +17,7 @@ from hoid_common.values import BoolArray, FloatArray, IntArray
 from hoid_native import Bar, Candidates, Wanted
 from rgbd_slam.config.slam_config import TriangulationConfig
 from rgbd_slam.matching.matching import Matches
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
@@ -37,39 +37,39 @@ class TwoViews(NamedTuple):
 
 
 def triangulate_with_neighbours(
-    slam_map: SlamMap, camera: StereoCamera, i: int, config: TriangulationConfig
+    atlas: Atlas, camera: StereoCamera, i: int, config: TriangulationConfig
 ) -> int:
     """Make points of what keyframe `i` and its neighbours see from two sides; return how many."""
     count = 0
-    for neighbour in slam_map.covisible(i, limit=config.neighbours).tolist():
-        count += _triangulate_with(slam_map, camera, i, neighbour, config)
+    for neighbour in atlas.covisible(i, limit=config.neighbours).tolist():
+        count += _triangulate_with(atlas, camera, i, neighbour, config)
     return count
 
 
 def _triangulate_with(
-    slam_map: SlamMap, camera: StereoCamera, i: int, n: int, config: TriangulationConfig
+    atlas: Atlas, camera: StereoCamera, i: int, n: int, config: TriangulationConfig
 ) -> int:
-    T_map_camera = slam_map.keyframes.T_map_camera
+    T_map_camera = atlas.keyframes.T_map_camera
     T_n_i = se3.inverse(T_map_camera[n]) @ T_map_camera[i]
     if np.linalg.norm(T_n_i[:3, 3]) < config.min_baseline_m:
         return 0
-    views = TwoViews(slam_map.keyframes.frame(i), slam_map.keyframes.frame(n), T_n_i)
-    k = np.flatnonzero(_is_free(slam_map, i))
-    matches = _matches(views, k, _is_free(slam_map, n), camera, slam_map.octave_scale, config)
+    views = TwoViews(atlas.keyframes.frame(i), atlas.keyframes.frame(n), T_n_i)
+    k = np.flatnonzero(_is_free(atlas, i))
+    matches = _matches(views, k, _is_free(atlas, n), camera, atlas.octave_scale, config)
     first, second = k[matches.q], matches.k
     depth_m = depth_from_parallax(
         views, first, second, camera, np.radians(config.min_parallax_deg)
     )
     points_m = camera.back_project(views.first.measurement_px[first], depth_m)
-    good = fits_both(views, first, second, points_m, camera, slam_map.octave_scale)
-    j = slam_map.add_points(i, first[good], se3.transform(T_map_camera[i], points_m[good]))
-    slam_map.observe(n, second[good], j)
-    slam_map.refresh(j)
+    good = fits_both(views, first, second, points_m, camera, atlas.octave_scale)
+    j = atlas.add_points(i, first[good], se3.transform(T_map_camera[i], points_m[good]))
+    atlas.observe(n, second[good], j)
+    atlas.refresh(j)
     return len(j)
 
 
-def _is_free(slam_map: SlamMap, i: int) -> BoolArray:
-    keyframes = slam_map.keyframes
+def _is_free(atlas: Atlas, i: int) -> BoolArray:
+    keyframes = atlas.keyframes
     n = int(keyframes.num_features[i])
     free: BoolArray = keyframes.point_of_feature[i, :n] == NO_POINT
     return free & keyframes.may_seed[i, :n]

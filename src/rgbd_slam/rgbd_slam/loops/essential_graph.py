@@ -13,7 +13,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph
 
 _MIN_SHARED = 15  # points that make two keyframes neighbours
@@ -36,13 +36,13 @@ class Loop(NamedTuple):
     T_a_b: FloatArray  # (4, 4)
 
 
-def path_length_m(slam_map: SlamMap, start: int, goal: int) -> float:
+def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
     """Return the shortest way between two keyframes along shared points or the spanning tree.
 
     Drift grows with it, and not with the time between the two, which loops inside known
     places do not add drift to. It is infinite between maps.
     """
-    length = np.full(slam_map.keyframes.capacity, np.inf)
+    length = np.full(atlas.keyframes.capacity, np.inf)
     length[start] = 0.0
     queue = [(0.0, start)]
     while queue:
@@ -51,8 +51,8 @@ def path_length_m(slam_map: SlamMap, start: int, goal: int) -> float:
             return so_far
         if so_far > length[i]:
             continue
-        near = _linked(slam_map, i)
-        reached = so_far + _way_m(slam_map, i, near)
+        near = _linked(atlas, i)
+        reached = so_far + _way_m(atlas, i, near)
         shorter = reached < length[near]
         length[near[shorter]] = reached[shorter]
         for metres, n in zip(reached[shorter].tolist(), near[shorter].tolist(), strict=True):
@@ -60,15 +60,15 @@ def path_length_m(slam_map: SlamMap, start: int, goal: int) -> float:
     return float('inf')
 
 
-def _linked(slam_map: SlamMap, i: int) -> IntArray:
-    keyframes = slam_map.keyframes
+def _linked(atlas: Atlas, i: int) -> IntArray:
+    keyframes = atlas.keyframes
     parent = np.flatnonzero((keyframes.uid == keyframes.parent_uid[i]) & keyframes.alive)
     tree = np.r_[parent, keyframes.children(i)]
-    return np.union1d(slam_map.covisible(i, _MIN_SHARED), tree)
+    return np.union1d(atlas.covisible(i, _MIN_SHARED), tree)
 
 
-def _way_m(slam_map: SlamMap, i: int, others: IntArray) -> FloatArray:
-    poses = slam_map.keyframes.T_map_camera
+def _way_m(atlas: Atlas, i: int, others: IntArray) -> FloatArray:
+    poses = atlas.keyframes.T_map_camera
     twist = se3.log(se3.inverse(poses[i]) @ poses[others])
     turn_rad = np.linalg.norm(twist[:, :3], axis=1)
     way: FloatArray = np.linalg.norm(twist[:, 3:], axis=1) + _TURN_M_PER_RAD * turn_rad
@@ -76,19 +76,19 @@ def _way_m(slam_map: SlamMap, i: int, others: IntArray) -> FloatArray:
 
 
 def closed_poses(
-    slam_map: SlamMap, map_id: int, loops: list[Loop], min_shared: int
+    atlas: Atlas, map_id: int, loops: list[Loop], min_shared: int
 ) -> tuple[IntArray, FloatArray]:
     """Return the keyframes of a map, (N,), and where the loops move them, (N, 4, 4).
 
     The first keyframe holds the frame. Links measure what the poses are now, loops what was seen.
     """
-    keyframes = slam_map.keyframes
+    keyframes = atlas.keyframes
     rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == map_id))
     graph = PoseGraph()
     for i in rows.tolist():
         is_root = keyframes.index_of(int(keyframes.parent_uid[i])) is None
         graph.add_keyframe(int(keyframes.uid[i]), keyframes.T_map_camera[i], fixed=is_root)
-    first, second = _links(slam_map, rows, min_shared)
+    first, second = _links(atlas, rows, min_shared)
     T_a_b = se3.inverse(keyframes.T_map_camera[first]) @ keyframes.T_map_camera[second]
     shared = keyframes.covisibility[first, second]
     weak = np.sqrt(_STRONG_SHARED / np.clip(shared, _MIN_SHARED, _STRONG_SHARED))
@@ -104,9 +104,9 @@ def closed_poses(
     return rows, graph.optimize().T_map_camera
 
 
-def _links(slam_map: SlamMap, rows: IntArray, min_shared: int) -> tuple[IntArray, IntArray]:
+def _links(atlas: Atlas, rows: IntArray, min_shared: int) -> tuple[IntArray, IntArray]:
     """Return the pairs (E,), (E,) of rows tied by the tree or by many shared points."""
-    keyframes = slam_map.keyframes
+    keyframes = atlas.keyframes
     tied = keyframes.covisibility[np.ix_(rows, rows)] >= min_shared
     order = np.argsort(keyframes.uid[rows])
     uids = keyframes.uid[rows][order]
@@ -117,27 +117,27 @@ def _links(slam_map: SlamMap, rows: IntArray, min_shared: int) -> tuple[IntArray
     return rows[a], rows[b]
 
 
-def move_map(slam_map: SlamMap, rows: IntArray, T_map_camera: FloatArray) -> None:
+def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> None:
     """Give keyframes (N,) new poses (N, 4, 4), and let the points follow."""
-    keyframes, points = slam_map.keyframes, slam_map.points
+    keyframes, points = atlas.keyframes, atlas.points
     motion = np.tile(np.eye(4), (keyframes.capacity, 1, 1))
     motion[rows] = T_map_camera @ se3.inverse(keyframes.T_map_camera[rows])
-    owner = _owners(slam_map, rows)
+    owner = _owners(atlas, rows)
     j = np.flatnonzero(owner >= 0)
     T = motion[owner[j]]
     moved = (T[:, :3, :3] @ points.position_m[j, :, None])[..., 0] + T[:, :3, 3]
-    slam_map.set_poses(rows, T_map_camera)
-    slam_map.set_positions(j, moved)
-    slam_map.refresh(j)
+    atlas.set_poses(rows, T_map_camera)
+    atlas.set_positions(j, moved)
+    atlas.refresh(j)
 
 
-def _owners(slam_map: SlamMap, rows: IntArray) -> IntArray:
+def _owners(atlas: Atlas, rows: IntArray) -> IntArray:
     """Return (capacity,) the keyframe among `rows` that each point moves with, or -1.
 
     That is the one whose view set its scale range, or else any that sees it.
     """
-    keyframes, points = slam_map.keyframes, slam_map.points
-    seen = slam_map.observations_of(points.indices(), rows)
+    keyframes, points = atlas.keyframes, atlas.points
+    seen = atlas.observations_of(points.indices(), rows)
     owner = np.full(points.capacity, -1, np.int64)
     owner[seen.j] = seen.i
     is_reference = keyframes.uid[seen.i] == points.reference_keyframe_uid[seen.j]

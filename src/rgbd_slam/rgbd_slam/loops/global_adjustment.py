@@ -21,13 +21,13 @@ from hoid_common import se3
 from hoid_common.child_process import start_child
 from hoid_common.values import BoolArray, IntArray
 from rgbd_slam.loops.essential_graph import move_map
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.soa_table import Table
+from rgbd_slam.model.soa_table import SoaTable
 from rgbd_slam.optimize.bundle_problem import BundleProblem, BundleSolution, adjust
-from rgbd_slam.optimize.gtsam_bundle import adjust_sparse
+from rgbd_slam.optimize.gtsam_bundle import solve_bundle_gtsam
 from rgbd_slam.optimize.local_bundle_adjustment import bundle_problem
-from rgbd_slam.optimize.residual_noise import with_measured_noise
+from rgbd_slam.optimize.residual_noise import with_residual_noise
 
 _NICE = 10  # below mapping
 _ALL = slice(None)
@@ -44,15 +44,15 @@ class GlobalProblem(NamedTuple):
     point_uids: IntArray  # (P,)
 
 
-def global_problem(slam_map: SlamMap, map_id: int) -> GlobalProblem:
+def global_problem(atlas: Atlas, map_id: int) -> GlobalProblem:
     """Copy a map; its first keyframe holds the frame."""
-    keyframes, points = slam_map.keyframes, slam_map.points
+    keyframes, points = atlas.keyframes, atlas.points
     rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == map_id))
     is_root = ~np.isin(keyframes.parent_uid[rows], keyframes.uid[rows])
     cameras = np.r_[rows[~is_root], rows[is_root]]
-    seen = slam_map.observations_of(points.indices(), cameras).j
+    seen = atlas.observations_of(points.indices(), cameras).j
     j = np.flatnonzero(np.bincount(seen, minlength=points.capacity) > 1)
-    bundle, _ = bundle_problem(slam_map, cameras, int(np.count_nonzero(~is_root)), j)
+    bundle, _ = bundle_problem(atlas, cameras, int(np.count_nonzero(~is_root)), j)
     return GlobalProblem(bundle, keyframes.uid[cameras], points.uid[j])
 
 
@@ -65,9 +65,9 @@ def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> Bundl
     At equal accuracy the dense solver takes 4.7 s for 309 keyframes, 18 000 points and 157 000
     observations, and GTSAM 24.7 s.
     """
-    solver = adjust if len(bundle.T_camera_map) <= _DENSE_LIMIT else adjust_sparse
+    solver = adjust if len(bundle.T_camera_map) <= _DENSE_LIMIT else solve_bundle_gtsam
     first = solver(camera, bundle, iterations)
-    camera, bundle = with_measured_noise(camera, bundle, first)
+    camera, bundle = with_residual_noise(camera, bundle, first)
     second = solver(camera, _continued(bundle, first), iterations)
     return solver(camera, _continued(bundle, second, ~second.outliers), iterations)
 
@@ -87,38 +87,38 @@ def _continued(
     )
 
 
-def lay_over(slam_map: SlamMap, problem: GlobalProblem, solution: BundleSolution) -> None:
+def apply_solution(atlas: Atlas, problem: GlobalProblem, solution: BundleSolution) -> None:
     """Move the map to a solution of what it was; what is new follows what it hangs on."""
-    keyframes, points = slam_map.keyframes, slam_map.points
+    keyframes, points = atlas.keyframes, atlas.points
     rows, at = _still_there(keyframes, problem.keyframe_uids)
     before = keyframes.T_map_camera.copy()
     after = keyframes.T_map_camera.copy()
     after[rows] = se3.inverse(solution.T_camera_map[at])
-    new = _hanging_on(slam_map, rows)
+    new = _hanging_on(atlas, rows)
     for i, parent in new:
         after[i] = after[parent] @ se3.inverse(before[parent]) @ before[i]
     moved = np.r_[rows, np.array([i for i, _ in new], np.int64)]
-    move_map(slam_map, moved, after[moved])
+    move_map(atlas, moved, after[moved])
     j, at = _still_there(points, problem.point_uids)
-    slam_map.set_positions(j, solution.points_m.T[at])
-    slam_map.refresh(j)
+    atlas.set_positions(j, solution.points_m.T[at])
+    atlas.refresh(j)
 
 
-def _still_there(table: Table, uids: IntArray) -> tuple[IntArray, IntArray]:
+def _still_there(table: SoaTable, uids: IntArray) -> tuple[IntArray, IntArray]:
     """Return the rows that hold the given elements, and where in `uids` each is."""
     rows = table.indices()
     _, in_table, in_uids = np.intersect1d(table.uid[rows], uids, return_indices=True)
     return rows[in_table], in_uids
 
 
-def _hanging_on(slam_map: SlamMap, rows: IntArray) -> list[tuple[int, int]]:
+def _hanging_on(atlas: Atlas, rows: IntArray) -> list[tuple[int, int]]:
     """Return descendants of `rows` in the tree, each with its parent, parents first."""
     found: list[tuple[int, int]] = []
     known = set(rows.tolist())
     queue = rows.tolist()
     while queue:
         parent = queue.pop(0)
-        for child in slam_map.keyframes.children(parent).tolist():
+        for child in atlas.keyframes.children(parent).tolist():
             if child not in known:
                 known.add(child)
                 found.append((child, parent))
@@ -178,9 +178,9 @@ class GlobalAdjuster:
     """Adjusts whole maps: at once, or in the background."""
 
     def __init__(
-        self, slam_map: SlamMap, camera: StereoCamera, iterations: int, *, background: bool
+        self, atlas: Atlas, camera: StereoCamera, iterations: int, *, background: bool
     ) -> None:
-        self._map = slam_map
+        self._atlas = atlas
         self._camera = camera
         self._iterations = iterations
         self._background = background
@@ -196,14 +196,14 @@ class GlobalAdjuster:
         self.close()
         if self._iterations == 0:
             return
-        problem = global_problem(self._map, map_id)
+        problem = global_problem(self._atlas, map_id)
         if problem.bundle.num_free == 0:
             return
         if self._background:
             self._running = _Background(self._camera, problem, self._iterations)
         else:
             solution = solve(self._camera, problem.bundle, self._iterations)
-            lay_over(self._map, problem, solution)
+            apply_solution(self._atlas, problem, solution)
 
     def poll(self, timeout_s: float = 0.0) -> bool:
         """Lay an adjustment that ends in time over the map; return whether there was one."""
@@ -213,7 +213,7 @@ class GlobalAdjuster:
         solution = running.take()
         self.close()
         if solution is not None:
-            lay_over(self._map, running.problem, solution)
+            apply_solution(self._atlas, running.problem, solution)
         return solution is not None
 
     def close(self) -> None:

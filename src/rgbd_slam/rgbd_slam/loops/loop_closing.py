@@ -16,7 +16,7 @@ from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_l
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster
 from rgbd_slam.loops.loop_detection import LoopDetector
 from rgbd_slam.loops.map_merging import merge_maps
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.geometric_verification import PlaceMatch
@@ -65,7 +65,7 @@ class LoopCloser:
     """Watches the keyframes of a map, and corrects the map.
 
     Args:
-        slam_map: The map.
+        atlas: The map.
         camera: Its camera.
         config: Parameters.
         background: Adjust whole maps in a process of their own.
@@ -73,38 +73,38 @@ class LoopCloser:
 
     def __init__(
         self,
-        slam_map: SlamMap,
+        atlas: Atlas,
         camera: StereoCamera,
         config: SlamConfig,
         *,
         background: bool = False,
     ) -> None:
-        self._map = slam_map
+        self._atlas = atlas
         self._camera = camera
         self._config = config.places.loops
         self._mapping = config.mapping
-        self._detector = LoopDetector(slam_map, camera, config)
+        self._detector = LoopDetector(atlas, camera, config)
         self._loops: list[Loop] = []
         self._looped = _NO_MAP  # the last map to be adjusted as a whole
         self._has_more = False  # keyframes since then
         self._adjuster = GlobalAdjuster(
-            slam_map, camera, self._config.global_iterations, background=background
+            atlas, camera, self._config.global_iterations, background=background
         )
 
     def process(self, i: int) -> LoopEvent:
         """Look whether a settled keyframe shows a place known from before, and act on it."""
         self.poll()
-        self._has_more |= int(self._map.keyframes.map_id[i]) == self._looped
+        self._has_more |= int(self._atlas.keyframes.map_id[i]) == self._looped
         found = self._detector.detect(i) if self._config.enabled else None
         if found is None:
             return LoopEvent.NOTHING
         c, match = found
-        T_c_i = se3.inverse(self._map.keyframes.T_map_camera[c]) @ match.pose
-        if self._map.keyframes.map_id[i] == self._map.keyframes.map_id[c]:
+        T_c_i = se3.inverse(self._atlas.keyframes.T_map_camera[c]) @ match.pose
+        if self._atlas.keyframes.map_id[i] == self._atlas.keyframes.map_id[c]:
             event = self._close(i, c, match, T_c_i)
         else:
             event = self._merge(i, c, T_c_i)
-        stamp_ns = self._map.keyframes.stamp_ns
+        stamp_ns = self._atlas.keyframes.stamp_ns
         _logger.info('%s', Join(event, int(stamp_ns[i]), int(stamp_ns[c]), T_c_i))
         return event
 
@@ -129,16 +129,18 @@ class LoopCloser:
         self._adjuster.close()
 
     def _close(self, i: int, c: int, match: PlaceMatch, T_c_i: FloatArray) -> LoopEvent:
-        keyframes, config = self._map.keyframes, self._config
+        keyframes, config = self._atlas.keyframes, self._config
         turn_rad, way_m = self._detector.correction(i, match)
-        around_m = path_length_m(self._map, c, i)
+        around_m = path_length_m(self._atlas, c, i)
         small = way_m < config.small_m and turn_rad < np.deg2rad(config.small_deg)
         small &= around_m < config.long_way_m
         alive = set(keyframes.uid[keyframes.alive].tolist())
         self._loops = [loop for loop in self._loops if {loop.uid_a, loop.uid_b} <= alive]
         self._loops.append(Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i))
         map_id = int(keyframes.map_id[i])
-        move_map(self._map, *closed_poses(self._map, map_id, self._loops, config.essential_shared))
+        move_map(
+            self._atlas, *closed_poses(self._atlas, map_id, self._loops, config.essential_shared)
+        )
         self._fuse(i, c)
         # A solution of the map as it was would undo what has just been drawn together.
         is_outdated = self._adjuster.is_running and self._looped == map_id
@@ -147,9 +149,9 @@ class LoopCloser:
         return LoopEvent.REJOINED if small else LoopEvent.CLOSED
 
     def _merge(self, i: int, c: int, T_c_i: FloatArray) -> LoopEvent:
-        merge_maps(self._map, i, c, T_c_i)
+        merge_maps(self._atlas, i, c, T_c_i)
         self._fuse(i, c)
-        self._adjust(int(self._map.keyframes.map_id[i]))
+        self._adjust(int(self._atlas.keyframes.map_id[i]))
         return LoopEvent.MERGED
 
     def _adjust(self, map_id: int) -> None:
@@ -158,14 +160,14 @@ class LoopCloser:
 
     def _fuse(self, i: int, c: int) -> None:
         """Let keyframes on each side observe the points of the other, fusing doubles."""
-        here = np.r_[i, self._map.covisible(i, limit=_AROUND)]
-        there = np.setdiff1d(np.r_[c, self._map.covisible(c, limit=_AROUND)], here)
+        here = np.r_[i, self._atlas.covisible(i, limit=_AROUND)]
+        there = np.setdiff1d(np.r_[c, self._atlas.covisible(c, limit=_AROUND)], here)
         for side, other in ((here, there), (there, here)):
             for n in side.tolist():
-                seen = np.unique(self._map.keyframes.point_of_feature[other])
+                seen = np.unique(self._atlas.keyframes.point_of_feature[other])
                 points = seen[seen != NO_POINT].astype(np.int64)
-                fuse(self._map, self._camera, n, points, self._mapping)
+                fuse(self._atlas, self._camera, n, points, self._mapping)
         for n in np.r_[here, there].tolist():
-            self._map.update_connections(n)
-        seen = np.unique(self._map.keyframes.point_of_feature[np.r_[here, there]])
-        self._map.refresh(seen[seen != NO_POINT].astype(np.int64))
+            self._atlas.update_connections(n)
+        seen = np.unique(self._atlas.keyframes.point_of_feature[np.r_[here, there]])
+        self._atlas.refresh(seen[seen != NO_POINT].astype(np.int64))

@@ -15,7 +15,7 @@ from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.essential_graph import path_length_m
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceStatus
@@ -39,15 +39,15 @@ class _Sighting(NamedTuple):
 class LoopDetector:
     """Watches the keyframes of a map that it does not change."""
 
-    def __init__(self, slam_map: SlamMap, camera: StereoCamera, config: SlamConfig) -> None:
-        self._map = slam_map
+    def __init__(self, atlas: Atlas, camera: StereoCamera, config: SlamConfig) -> None:
+        self._atlas = atlas
         self._config = config.places.loops
-        self._finder = PlaceFinder(slam_map, camera, config.places, config.seed)
+        self._finder = PlaceFinder(atlas, camera, config.places, config.seed)
         self._sightings: list[_Sighting] = []
 
     def detect(self, i: int) -> FoundPlace | None:
         """Return a place far from keyframe `i`, or in another map, that it shows without doubt."""
-        keyframes = self._map.keyframes
+        keyframes = self._atlas.keyframes
         seeing = keyframes.point_of_feature[i] != NO_POINT
         for c in self._finder.candidates(keyframes.descriptors[i, seeing], self._near(i)):
             match = self._finder.verifier.verify(keyframes.frame(i), c)
@@ -63,22 +63,22 @@ class LoopDetector:
 
     def correction(self, i: int, match: PlaceMatch) -> tuple[float, float]:
         """Return the angle [rad] and the way [m] from where `i` is to where it belongs."""
-        return motion_size(match.T_camera_map @ self._map.keyframes.T_map_camera[i])
+        return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
 
     def _near(self, i: int) -> IntArray:
         """Return the keyframe, its neighbours, and theirs: no loop leads there."""
-        direct = self._map.covisible(i, NEAR_SHARED)
-        around = [self._map.covisible(n, NEAR_SHARED) for n in direct.tolist()]
+        direct = self._atlas.covisible(i, NEAR_SHARED)
+        around = [self._atlas.covisible(n, NEAR_SHARED) for n in direct.tolist()]
         return np.unique(np.concatenate([[i], direct, *around]))
 
     def _remember(self, i: int, c: int, match: PlaceMatch) -> None:
-        keyframes = self._map.keyframes
+        keyframes = self._atlas.keyframes
         sighting = _Sighting(int(keyframes.uid[i]), int(keyframes.map_id[c]), match.T_camera_map)
         self._sightings = [*self._sightings[1 - _REMEMBERED :], sighting]
 
     def _support_in_time(self, i: int, c: int, match: PlaceMatch) -> int:
         """Return how many earlier keyframes saw the same place from where `i` implies."""
-        keyframes = self._map.keyframes
+        keyframes = self._atlas.keyframes
         support = 0
         for sighting in self._sightings:
             n = keyframes.index_of(sighting.uid)
@@ -90,11 +90,11 @@ class LoopDetector:
 
     def _support_around(self, i: int, c: int, match: PlaceMatch) -> int:
         """Return how many keyframes around `i` see the place, too, where `i` says they should."""
-        keyframes = self._map.keyframes
+        keyframes = self._atlas.keyframes
         known = {sighting.uid for sighting in self._sightings}  # counted before
-        place = np.r_[c, self._map.covisible(c, limit=_AROUND)]
+        place = np.r_[c, self._atlas.covisible(c, limit=_AROUND)]
         support = 0
-        for n in self._map.covisible(i, NEAR_SHARED, _SUPPORTERS).tolist():
+        for n in self._atlas.covisible(i, NEAR_SHARED, _SUPPORTERS).tolist():
             if int(keyframes.uid[n]) in known:
                 continue
             expected = self._expected(n, i, match)
@@ -105,7 +105,7 @@ class LoopDetector:
 
     def _expected(self, n: int, i: int, match: PlaceMatch) -> FloatArray:
         """Return (4, 4) T_camera_place of keyframe `n` if that of `i` is the match's."""
-        poses = self._map.keyframes.T_map_camera
+        poses = self._atlas.keyframes.T_map_camera
         T_n_i: FloatArray = se3.inverse(poses[n]) @ poses[i]
         return T_n_i @ match.T_camera_map
 
@@ -114,11 +114,11 @@ class LoopDetector:
 
         Between maps nothing is known of the drift; then more points have to be found.
         """
-        limit, map_id = self._config, self._map.keyframes.map_id
+        limit, map_id = self._config, self._atlas.keyframes.map_id
         if map_id[i] != map_id[c]:
             return len(match.k) >= limit.merge_inliers
         turn_rad, way_m = self.correction(i, match)
-        path_m = path_length_m(self._map, c, i)
+        path_m = path_length_m(self._atlas, c, i)
         most_rad = np.deg2rad(limit.drift_deg + limit.drift_deg_per_m * path_m)
         return bool(way_m <= limit.drift_m + limit.drift_share * path_m and turn_rad <= most_rad)
 

@@ -9,7 +9,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.matching.matching import Matches, Queries, match_by_projection, rotation_consistent
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame
@@ -70,20 +70,20 @@ class Sightings(NamedTuple):
         return np.asarray(self.point[self.point != NO_POINT])
 
 
-def seen_by_frame(last: TrackedFrame, slam_map: SlamMap) -> Landmarks:
+def seen_by_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
     """Return the map points that a tracked frame saw."""
-    points = last.current_points(slam_map)
+    points = last.current_points(atlas)
     k = np.flatnonzero(points != NO_POINT)
-    frame, table = last.frame, slam_map.points
+    frame, table = last.frame, atlas.points
     j = points[k]
     return Landmarks(
         j, table.position_m[j], frame.octave[k], frame.angle_deg[k], table.descriptors[j]
     )
 
 
-def seen_by_keyframe(slam_map: SlamMap, i: int) -> Landmarks:
+def seen_by_keyframe(atlas: Atlas, i: int) -> Landmarks:
     """Return the map points that a keyframe sees."""
-    keyframes, table = slam_map.keyframes, slam_map.points
+    keyframes, table = atlas.keyframes, atlas.points
     k = np.flatnonzero(keyframes.point_of_feature[i] != NO_POINT)
     j = keyframes.point_of_feature[i, k].astype(np.int64)
     return Landmarks(
@@ -95,19 +95,19 @@ def seen_by_keyframe(slam_map: SlamMap, i: int) -> Landmarks:
     )
 
 
-def read_by_frame(last: TrackedFrame, slam_map: SlamMap, camera: StereoCamera) -> Landmarks:
+def read_by_frame(last: TrackedFrame, atlas: Atlas, camera: StereoCamera) -> Landmarks:
     """Return places where a tracked frame read a depth and saw no map point.
 
     ORB-SLAM2's temporal points (Mur-Artal and Tardos, T-RO 2017): good for tracking the next frame
     where the map has little, and forgotten after it.
     """
     frame = last.frame
-    unknown = last.current_points(slam_map) == NO_POINT
+    unknown = last.current_points(atlas) == NO_POINT
     k = np.flatnonzero(unknown & frame.has_depth & frame.may_seed)
     camera_m = camera.back_project(frame.measurement_px[k], frame.depth_m[k])
     return Landmarks(
         np.full(len(k), NO_POINT, np.int64),
-        se3.transform(last.current_pose(slam_map), camera_m),
+        se3.transform(last.current_pose(atlas), camera_m),
         frame.octave[k],
         frame.angle_deg[k],
         frame.descriptors[k],

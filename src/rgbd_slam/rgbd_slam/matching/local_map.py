@@ -8,7 +8,7 @@ import numpy as np
 
 from hoid_common.values import BoolArray, FloatArray, IntArray
 from rgbd_slam.matching.matching import Queries
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.projection import project, to_camera
@@ -29,17 +29,17 @@ class LocalMap(NamedTuple):
     points: IntArray
 
 
-def local_map(slam_map: SlamMap, seen: IntArray, last_reference: int, limit: int) -> LocalMap:
+def local_map(atlas: Atlas, seen: IntArray, last_reference: int, limit: int) -> LocalMap:
     """Return the neighbourhood of a frame that sees the given points.
 
     Keyframes vote by how many of the points they see. Candidates are the last reference keyframe
     and its covisible ones, so that the cost does not depend on the size of the map.
     """
-    keyframes = slam_map.keyframes
+    keyframes = atlas.keyframes
     candidates = np.concatenate(
-        [[last_reference], slam_map.covisible(last_reference, limit=2 * limit)]
+        [[last_reference], atlas.covisible(last_reference, limit=2 * limit)]
     )
-    flags = np.zeros(slam_map.points.capacity + 1, np.bool_)
+    flags = np.zeros(atlas.points.capacity + 1, np.bool_)
     flags[seen] = True
     flags[NO_POINT] = False
     votes = np.count_nonzero(flags[keyframes.point_of_feature[candidates]], axis=1)
@@ -52,34 +52,34 @@ def local_map(slam_map: SlamMap, seen: IntArray, last_reference: int, limit: int
     return LocalMap(reference, chosen, np.flatnonzero(flags))
 
 
-class View(NamedTuple):
+class VisiblePoints(NamedTuple):
     """Map points in the view of a camera."""
 
     points: IntArray  # (V,)
     queries: Queries  # over V
 
 
-def predict_octave(slam_map: SlamMap, points: IntArray, distance_m: FloatArray) -> IntArray:
+def predict_octave(atlas: Atlas, points: IntArray, distance_m: FloatArray) -> IntArray:
     """Return (N,) octaves in which points at a distance should be found (PredictScale)."""
-    scale = slam_map.octave_scale
-    ratio = slam_map.points.max_distance_m[points] / distance_m
+    scale = atlas.octave_scale
+    ratio = atlas.points.max_distance_m[points] / distance_m
     octave = np.ceil(np.log(ratio) / np.log(scale[1])) if len(scale) > 1 else 0 * ratio
     return np.clip(octave, 0, len(scale) - 1).astype(np.int64)
 
 
 def visible_points(
-    slam_map: SlamMap,
+    atlas: Atlas,
     camera: StereoCamera,
     T_camera_map: FloatArray,
     points: IntArray,
     radius: float,
-) -> View:
+) -> VisiblePoints:
     """Return which of the points the camera should see, and the windows to search for them.
 
     Args:
         radius: factor on ORB-SLAM's window sizes.
     """
-    table = slam_map.points
+    table = atlas.points
     position = table.position_m[points]
     x = to_camera(T_camera_map, position.T)
     points, x, position = _in_front(points, x, position)
@@ -93,16 +93,16 @@ def visible_points(
     seen = (cosine > _MIN_VIEW_COSINE) & (distance < _RANGE_MARGIN * table.max_distance_m[points])
     seen &= distance > table.min_distance_m[points] / _RANGE_MARGIN
     points, pixels = points[seen], pixels[:, seen]
-    octave = predict_octave(slam_map, points, distance[seen])
+    octave = predict_octave(atlas, points, distance[seen])
     window = np.where(cosine[seen] > _FRONTAL_COSINE, _FRONTAL_RADIUS_PX, _OBLIQUE_RADIUS_PX)
     queries = Queries(
         pixels,
-        radius * window * slam_map.octave_scale[octave],
+        radius * window * atlas.octave_scale[octave],
         (octave - 1).astype(np.int8),
         octave.astype(np.int8),
         table.descriptors[points],
     )
-    return View(points, queries)
+    return VisiblePoints(points, queries)
 
 
 def _in_front(

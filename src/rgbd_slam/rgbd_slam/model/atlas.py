@@ -1,6 +1,6 @@
 """The map: keyframes, points, and the rules that keep the two consistent.
 
-`SlamMap` has one writer. Offline that is the mapper in the same process. Live the mapper owns the
+`Atlas` has one writer. Offline that is the mapper in the same process. Live the mapper owns the
 map in a process of its own and sends `MapChange`s (the rows that changed since the last one); the
 tracker applies them to its copy between two frames. Observations are `(i, k, j)`: keyframe i sees
 point j in its feature k.
@@ -19,7 +19,7 @@ from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable
 from rgbd_slam.model.point_statistics import refresh_points
 from rgbd_slam.model.points import PointTable
-from rgbd_slam.model.soa_table import DEAD, TableRows
+from rgbd_slam.model.soa_table import DEAD, SoaTableRows
 
 
 class Observations(NamedTuple):
@@ -45,12 +45,12 @@ class MapChange(NamedTuple):
     """What brings a copy of the map up to date."""
 
     version: int
-    keyframes: TableRows
-    points: TableRows
+    keyframes: SoaTableRows
+    points: SoaTableRows
     redirects: tuple[Redirect, ...]
 
 
-class SlamMap:
+class Atlas:
     """Keyframes and points of all maps; a new map (`map_id`) starts after a loss."""
 
     def __init__(self, scale_factor: float, num_octaves: int) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.soa_table import DEAD, Table, TableRows
+from rgbd_slam.model.soa_table import DEAD, SoaTable, SoaTableRows
 
 NO_POINT = -1
 
@@ -26,7 +26,7 @@ _FEATURE_COLUMNS = (
 )
 
 
-class KeyframeTable(Table):
+class KeyframeTable(SoaTable):
     """Rows are keyframes, index letter i; feature columns are (capacity, max features, ...).
 
     `point_of_feature` is the one record of what observes what; it is searched by masks over whole
@@ -34,7 +34,7 @@ class KeyframeTable(Table):
     """
 
     columns: ClassVar[tuple[str, ...]] = (
-        *Table.columns,
+        *SoaTable.columns,
         'stamp_ns',
         'T_map_camera',
         'map_id',
@@ -129,7 +129,7 @@ class KeyframeTable(Table):
         """Return the keyframes whose parent in the spanning tree is `i`."""
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
 
-    def put_rows(self, change: TableRows) -> None:
+    def put_rows(self, change: SoaTableRows) -> None:
         """Overwrite rows with those of another copy; the covisibility stays symmetric."""
         width = change.columns['point_of_feature'].shape[1]
         if width > self.max_features:

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from hoid_common import se3
 from hoid_common.io.record import Array, Record, column
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable
 from rgbd_slam.model.soa_table import DEAD
@@ -70,9 +70,9 @@ class MapState(Record):
         )
 
 
-def snapshot(slam_map: SlamMap) -> MapState:
+def snapshot(atlas: Atlas) -> MapState:
     """Copy a map, which takes little longer than copying its bytes: 0.04 ms a keyframe."""
-    keyframes, points = slam_map.keyframes, slam_map.points
+    keyframes, points = atlas.keyframes, atlas.points
     i = keyframes.indices()
     i = i[np.argsort(keyframes.uid[i])]
     j = points.indices()
@@ -102,25 +102,25 @@ def snapshot(slam_map: SlamMap) -> MapState:
     )
 
 
-def restore(slam_map: SlamMap, state: MapState, camera: StereoCamera, *, keep: bool) -> IntArray:
+def restore(atlas: Atlas, state: MapState, camera: StereoCamera, *, keep: bool) -> IntArray:
     """Lay a saved map over a running one and return the (K,) rows of its keyframes.
 
     Args:
-        slam_map: The running map.
+        atlas: The running map.
         state: What was saved, of the same camera.
         camera: The camera.
         keep: Keep the running map beside it, as a younger one; otherwise it is gone.
     """
     if keep:
-        _make_younger(slam_map, 1 + int(state.map_id.max()))
+        _make_younger(atlas, 1 + int(state.map_id.max()))
     else:
-        slam_map.clear()
-    i = _restore_keyframes(slam_map.keyframes, state, camera, slam_map.version)
-    j = _restore_points(slam_map, state, i)
+        atlas.clear()
+    i = _restore_keyframes(atlas.keyframes, state, camera, atlas.version)
+    j = _restore_points(atlas, state, i)
     of_i, k = i[state.keyframe], _feature_rows(state)
     point = np.where(state.point == NONE, NO_POINT, j[state.point])
-    slam_map.keyframes.point_of_feature[of_i, k] = point
-    slam_map.refresh(j)
+    atlas.keyframes.point_of_feature[of_i, k] = point
+    atlas.refresh(j)
     return i
 
 
@@ -130,11 +130,11 @@ def _joined(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
     return np.concatenate([empty, *(table[i, :n] for i, n in rows)])
 
 
-def _make_younger(slam_map: SlamMap, by: int) -> None:
-    i, j = slam_map.keyframes.indices(), slam_map.points.indices()
-    slam_map.keyframes.map_id[i] += by
-    slam_map.points.map_id[j] += by
-    slam_map.keyframes.version[i] = slam_map.points.version[j] = slam_map.version
+def _make_younger(atlas: Atlas, by: int) -> None:
+    i, j = atlas.keyframes.indices(), atlas.points.indices()
+    atlas.keyframes.map_id[i] += by
+    atlas.points.map_id[j] += by
+    atlas.keyframes.version[i] = atlas.points.version[j] = atlas.version
 
 
 def _restore_keyframes(
@@ -160,9 +160,9 @@ def _restore_keyframes(
     return i
 
 
-def _restore_points(slam_map: SlamMap, state: MapState, i: IntArray) -> IntArray:
-    points, keyframes = slam_map.points, slam_map.keyframes
-    j = points.allocate(len(state.position_m), slam_map.version)
+def _restore_points(atlas: Atlas, state: MapState, i: IntArray) -> IntArray:
+    points, keyframes = atlas.points, atlas.keyframes
+    j = points.allocate(len(state.position_m), atlas.version)
     seen = state.point != NONE
     point = state.point[seen]
     points.position_m[j] = state.position_m

@@ -9,20 +9,20 @@ import numpy as np
 from hoid_common.values import ByteArray, IntArray
 
 if TYPE_CHECKING:
-    from rgbd_slam.model.atlas import SlamMap
+    from rgbd_slam.model.atlas import Atlas
 
 _MAX_COMPARED = 8  # observations whose descriptors are compared; more change the median little
 
 
-def refresh_points(slam_map: SlamMap, j: IntArray) -> None:
+def refresh_points(atlas: Atlas, j: IntArray) -> None:
     """Derive the columns of live points `j` from their observations (ORB-SLAM's MapPoint rules).
 
     The scale range is that in which an ORB octave can see the point: its distance in the reference
     keyframe times the scale of the octave it was seen in there, down to that of the finest octave.
     """
-    kf, points = slam_map.keyframes, slam_map.points
+    kf, points = atlas.keyframes, atlas.points
     j = j[points.uid[j] >= 0]
-    seen = slam_map.observations_of(j)
+    seen = atlas.observations_of(j)
     if len(seen.j) == 0:
         return
     order = np.argsort(seen.j, kind='stable')
@@ -38,12 +38,12 @@ def refresh_points(slam_map: SlamMap, j: IntArray) -> None:
     is_reference = kf.uid[i] == points.reference_keyframe_uid[of]
     reference = starts + _first_true(is_reference, starts)
     points.reference_keyframe_uid[rows] = kf.uid[i[reference]]
-    scale = slam_map.octave_scale
+    scale = atlas.octave_scale
     octave = np.minimum(kf.octave[i[reference], k[reference]], len(scale) - 1)
     points.max_distance_m[rows] = distance[reference] * scale[octave]
     points.min_distance_m[rows] = points.max_distance_m[rows] / scale[-1]
     points.descriptors[rows] = typical_descriptors(kf.descriptors[i, k], starts)
-    points.version[rows] = slam_map.version
+    points.version[rows] = atlas.version
 
 
 def _first_true(flags: np.ndarray[tuple[int], np.dtype[np.bool_]], starts: IntArray) -> IntArray:

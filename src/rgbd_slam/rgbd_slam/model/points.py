@@ -7,16 +7,16 @@ from typing import ClassVar
 import numpy as np
 
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
-from rgbd_slam.model.soa_table import Table
+from rgbd_slam.model.soa_table import SoaTable
 
 _INITIAL_CAPACITY = 4096
 
 
-class PointTable(Table):
-    """Rows are map points, index letter j. Columns are written by `SlamMap` alone."""
+class PointTable(SoaTable):
+    """Rows are map points, index letter j. Columns are written by `Atlas` alone."""
 
     columns: ClassVar[tuple[str, ...]] = (
-        *Table.columns,
+        *SoaTable.columns,
         'position_m',
         'view_direction',
         'min_distance_m',
@@ -40,7 +40,7 @@ class PointTable(Table):
         )  # unit, mean, from camera to point
         self.min_distance_m: Float32Array = np.zeros(
             n, np.float32
-        )  # ORB scale range, see SlamMap.refresh_points
+        )  # ORB scale range, see Atlas.refresh_points
         self.max_distance_m: Float32Array = np.zeros(n, np.float32)
         self.descriptors: ByteArray = np.zeros((n, 32), np.uint8)
         self.num_observations: IntArray = np.zeros(n, np.int64)  # keyframes that see the point

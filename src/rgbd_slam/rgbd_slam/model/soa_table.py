@@ -13,7 +13,7 @@ Column = NDArray[Any]
 DEAD = -1  # uid of a row that holds nothing
 
 
-class TableRows(NamedTuple):
+class SoaTableRows(NamedTuple):
     """A copy of some rows of a table, as sent from one copy of a map to another."""
 
     capacity: int
@@ -24,7 +24,7 @@ class TableRows(NamedTuple):
     next_uid: int
 
 
-class Table:
+class SoaTable:
     """Rows in parallel arrays, addressed by index; `uid` tells if a row is still the same.
 
     Indices are reused after `release`, so whoever keeps one across a change of the map keeps the
@@ -89,12 +89,12 @@ class Table:
             setattr(self, name, new)
         self.uid[np.arange(capacity) >= len(old)] = DEAD
 
-    def rows_since(self, version: int) -> TableRows:
+    def rows_since(self, version: int) -> SoaTableRows:
         """Return copies of the rows that changed after `version` (dead ones too)."""
         rows = np.flatnonzero(self.version > version)
         new_rows = rows[self.born[rows] > version]
         changing = [name for name in self.columns if name not in self.fixed]
-        return TableRows(
+        return SoaTableRows(
             self.capacity,
             rows,
             {name: getattr(self, name)[rows] for name in changing},
@@ -103,7 +103,7 @@ class Table:
             self._next_uid,
         )
 
-    def put_rows(self, change: TableRows) -> None:
+    def put_rows(self, change: SoaTableRows) -> None:
         """Overwrite rows with those of another copy of the same table."""
         if change.capacity > self.capacity:
             self.grow(change.capacity)

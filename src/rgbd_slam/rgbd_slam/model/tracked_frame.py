@@ -9,7 +9,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
-from rgbd_slam.model.atlas import Redirect, SlamMap
+from rgbd_slam.model.atlas import Atlas, Redirect
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT
 
@@ -28,15 +28,15 @@ class TrackedFrame:
     reference_uid: int  # keyframe
     T_reference_camera: FloatArray  # (4, 4)
 
-    def current_points(self, slam_map: SlamMap) -> IntArray:
+    def current_points(self, atlas: Atlas) -> IntArray:
         """Return `points` without those that have left the map since."""
         points = self.points
-        stale = slam_map.points.uid[points] != self.point_uids
+        stale = atlas.points.uid[points] != self.point_uids
         return np.where(stale | (points == NO_POINT), NO_POINT, points)
 
-    def current_pose(self, slam_map: SlamMap) -> FloatArray:
+    def current_pose(self, atlas: Atlas) -> FloatArray:
         """Return T_map_camera by the map as it is now."""
-        keyframes = slam_map.keyframes
+        keyframes = atlas.keyframes
         i = keyframes.index_of(self.reference_uid)
         if i is None:
             return self.T_map_camera
@@ -53,15 +53,15 @@ class TrackedFrame:
 
 
 def tracked_frame(
-    frame: Frame, T_map_camera: FloatArray, points: IntArray, slam_map: SlamMap, reference: int
+    frame: Frame, T_map_camera: FloatArray, points: IntArray, atlas: Atlas, reference: int
 ) -> TrackedFrame:
     """Return a frame whose pose hangs on keyframe `reference`."""
-    keyframes = slam_map.keyframes
+    keyframes = atlas.keyframes
     return TrackedFrame(
         frame,
         T_map_camera,
         points,
-        slam_map.points.uid[points],
+        atlas.points.uid[points],
         int(keyframes.uid[reference]),
         se3.inverse(keyframes.T_map_camera[reference]) @ T_map_camera,
     )

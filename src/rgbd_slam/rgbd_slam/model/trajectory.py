@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.values import FloatArray, IntArray, Trajectory
-from rgbd_slam.model.atlas import Redirect, SlamMap
+from rgbd_slam.model.atlas import Atlas, Redirect
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.model.keyframes import KeyframeTable
 
@@ -108,13 +108,13 @@ def keyframe_trajectory(keyframes: KeyframeTable) -> Trajectory:
     return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
 
 
-def keyframe_poses(slam_map: SlamMap) -> KeyframePoses:
+def keyframe_poses(atlas: Atlas) -> KeyframePoses:
     """Return where the keyframes of all maps are."""
-    keyframes = slam_map.keyframes
+    keyframes = atlas.keyframes
     rows = keyframes.indices()
     rows = rows[np.argsort(keyframes.uid[rows])]
     return KeyframePoses(
-        slam_map.version, keyframes.uid[rows], keyframes.map_id[rows], main_map(keyframes),
+        atlas.version, keyframes.uid[rows], keyframes.map_id[rows], main_map(keyframes),
         keyframes.T_map_camera[rows],
     )  # fmt: skip
 

@@ -24,7 +24,9 @@ _RELATIVE_TOLERANCE = 1e-4  # the last decimals move poses by micrometres
 _STEPS = np.geomspace(0.01, 20.0, 48)  # disparity noise [px]; models are made once a step
 
 
-def adjust_sparse(camera: StereoCamera, problem: BundleProblem, iterations: int) -> BundleSolution:
+def solve_bundle_gtsam(
+    camera: StereoCamera, problem: BundleProblem, iterations: int
+) -> BundleSolution:
     """Adjust the free cameras and all points with a Huber kernel.
 
     At least one camera is held, and every point is observed.

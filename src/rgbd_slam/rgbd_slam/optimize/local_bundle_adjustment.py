@@ -7,7 +7,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import IntArray
 from rgbd_slam.config.slam_config import MappingConfig
-from rgbd_slam.model.atlas import Observations, SlamMap
+from rgbd_slam.model.atlas import Atlas, Observations
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.bundle_problem import BundleProblem, adjust
@@ -15,55 +15,57 @@ from rgbd_slam.optimize.bundle_problem import BundleProblem, adjust
 _MIN_SHARED = 15
 
 
-def adjust_window(slam_map: SlamMap, camera: StereoCamera, i: int, config: MappingConfig) -> None:
+def local_bundle_adjustment(
+    atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig
+) -> None:
     """Adjust keyframe `i`, those that share most with it, and the points they see."""
-    free = np.concatenate([[i], slam_map.covisible(i, _MIN_SHARED, config.window - 1)])
-    root = slam_map.keyframes.parent_uid[free] < 0
+    free = np.concatenate([[i], atlas.covisible(i, _MIN_SHARED, config.window - 1)])
+    root = atlas.keyframes.parent_uid[free] < 0
     fixed_root, free = free[root], free[~root]
-    seen = slam_map.keyframes.point_of_feature[free]
+    seen = atlas.keyframes.point_of_feature[free]
     j = np.unique(seen[seen != NO_POINT]).astype(np.int64)
-    fixed = np.concatenate([fixed_root, _holding(slam_map, j, free, config.fixed_window)])
+    fixed = np.concatenate([fixed_root, _holding(atlas, j, free, config.fixed_window)])
     fixed = np.unique(fixed)
     if len(free) == 0 or len(fixed) == 0:
         return
     cameras = np.concatenate([free, fixed])
-    _solve(slam_map, camera, cameras, len(free), j, config)
+    _solve(atlas, camera, cameras, len(free), j, config)
 
 
-def _holding(slam_map: SlamMap, j: IntArray, free: IntArray, limit: int) -> IntArray:
+def _holding(atlas: Atlas, j: IntArray, free: IntArray, limit: int) -> IntArray:
     """Return the keyframes outside the window that see most of its points."""
-    votes = np.bincount(slam_map.observations_of(j).i, minlength=slam_map.keyframes.capacity)
+    votes = np.bincount(atlas.observations_of(j).i, minlength=atlas.keyframes.capacity)
     votes[free] = 0
     order = np.argsort(-votes, kind='stable')[:limit]
     return order[votes[order] > 0]
 
 
 def _solve(
-    slam_map: SlamMap,
+    atlas: Atlas,
     camera: StereoCamera,
     cameras: IntArray,
     num_free: int,
     j: IntArray,
     config: MappingConfig,
 ) -> None:
-    problem, seen = bundle_problem(slam_map, cameras, num_free, j)
+    problem, seen = bundle_problem(atlas, cameras, num_free, j)
     solution = adjust(camera, problem, config.iterations, config.rounds)
-    slam_map.set_poses(cameras[:num_free], se3.inverse(solution.T_camera_map[:num_free]))
-    slam_map.set_positions(j, solution.points_m.T)
-    _forget(slam_map, Observations(*(part[solution.outliers] for part in seen)))
-    slam_map.refresh(j)
+    atlas.set_poses(cameras[:num_free], se3.inverse(solution.T_camera_map[:num_free]))
+    atlas.set_positions(j, solution.points_m.T)
+    _forget(atlas, Observations(*(part[solution.outliers] for part in seen)))
+    atlas.refresh(j)
 
 
 def bundle_problem(
-    slam_map: SlamMap, cameras: IntArray, num_free: int, j: IntArray
+    atlas: Atlas, cameras: IntArray, num_free: int, j: IntArray
 ) -> tuple[BundleProblem, Observations]:
     """Return keyframes (C,), points (P,) and what the ones see of the others, row by row.
 
     Args:
         num_free: how many of the keyframes, the first, may move.
     """
-    keyframes, points = slam_map.keyframes, slam_map.points
-    seen = slam_map.observations_of(j, cameras)
+    keyframes, points = atlas.keyframes, atlas.points
+    seen = atlas.observations_of(j, cameras)
     problem = BundleProblem(
         se3.inverse(keyframes.T_map_camera[cameras]),
         num_free,
@@ -71,7 +73,7 @@ def bundle_problem(
         _positions(cameras, keyframes.capacity)[seen.i],
         _positions(j, points.capacity)[seen.j],
         np.ascontiguousarray(keyframes.measurement_px[seen.i, seen.k].T, np.float64),
-        slam_map.octave_scale[keyframes.octave[seen.i, seen.k]] ** -2.0,
+        atlas.octave_scale[keyframes.octave[seen.i, seen.k]] ** -2.0,
     )
     return problem, seen
 
@@ -83,7 +85,7 @@ def _positions(rows: IntArray, capacity: int) -> IntArray:
     return out
 
 
-def _forget(slam_map: SlamMap, seen: Observations) -> None:
+def _forget(atlas: Atlas, seen: Observations) -> None:
     """Take observations out of the map."""
     for i in np.unique(seen.i).tolist():
-        slam_map.unobserve(i, seen.k[seen.i == i])
+        atlas.unobserve(i, seen.k[seen.i == i])

@@ -13,7 +13,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.projection import project, to_camera
@@ -25,7 +25,7 @@ _PRIOR = 3  # images that the configured noise counts as
 _MEMORY = 100  # images
 
 
-class NoiseMeter:
+class OnlineNoise:
     """Averages over images the variances of pixels and disparities, in units of the configured.
 
     Args:
@@ -37,10 +37,10 @@ class NoiseMeter:
         self._variances = np.ones(2)
         self._num_images = _PRIOR
 
-    def add(self, tracked: TrackedFrame, slam_map: SlamMap) -> StereoCamera:
+    def add(self, tracked: TrackedFrame, atlas: Atlas) -> StereoCamera:
         """Take what an image saw of the map, and return the camera with the noise so far."""
         self._num_images = min(self._num_images + 1, _MEMORY)
-        step = self._factors(tracked, slam_map) ** 2 - self._variances
+        step = self._factors(tracked, atlas) ** 2 - self._variances
         self._variances += np.nan_to_num(step) / self._num_images
         pixel, disparity = np.sqrt(self._variances).tolist()
         camera = self._configured
@@ -51,16 +51,16 @@ class NoiseMeter:
             relative_noise=disparity * camera.relative_noise,
         )
 
-    def _factors(self, tracked: TrackedFrame, slam_map: SlamMap) -> FloatArray:
+    def _factors(self, tracked: TrackedFrame, atlas: Atlas) -> FloatArray:
         """Return (2,) standard deviations of pixels and disparities; NaN where too few tell it."""
         k = np.flatnonzero(tracked.points != NO_POINT)
-        position_m = slam_map.points.position_m[tracked.points[k]]
+        position_m = atlas.points.position_m[tracked.points[k]]
         x = to_camera(se3.inverse(tracked.T_map_camera), position_m.T)
         expected = np.empty_like(x)
         project(self._configured, x, expected)
         measured = tracked.frame.measurement_px[k].T
         residual = measured - expected
-        pixel = residual[:2] / slam_map.octave_scale[tracked.frame.octave[k]]
+        pixel = residual[:2] / atlas.octave_scale[tracked.frame.octave[k]]
         sigma_px = self._configured.disparity_sigma_px(measured[0] - measured[2])
         disparity = (residual[0] - residual[2]) / sigma_px
         return np.array([_factor(pixel), _factor(disparity[np.isfinite(disparity)])])

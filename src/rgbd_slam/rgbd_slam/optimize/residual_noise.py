@@ -21,7 +21,7 @@ _MIN_SEEN = 4  # a point seen less often bends to its observations
 _FACTORS = (0.1, 10.0)  # believed, on the configured noise
 
 
-def with_measured_noise(
+def with_residual_noise(
     camera: StereoCamera, problem: BundleProblem, solution: BundleSolution
 ) -> tuple[StereoCamera, BundleProblem]:
     """Return the problem anew, weighted by the noise that the residuals of its solution show."""

@@ -17,14 +17,14 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.place_config import VerificationConfig
-from rgbd_slam.matching.local_map import View, visible_points
+from rgbd_slam.matching.local_map import VisiblePoints, visible_points
 from rgbd_slam.matching.matching import (
     Matches,
     best_matches,
     match_by_projection,
     rotation_consistent,
 )
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.projection import to_camera
@@ -70,9 +70,9 @@ class PlaceVerifier:
     """Verifies places against a map that it does not change."""
 
     def __init__(
-        self, slam_map: SlamMap, camera: StereoCamera, config: VerificationConfig, seed: int
+        self, atlas: Atlas, camera: StereoCamera, config: VerificationConfig, seed: int
     ) -> None:
-        self._map = slam_map
+        self._atlas = atlas
         self._camera = camera
         self._config = config
         self._seed = seed
@@ -80,11 +80,11 @@ class PlaceVerifier:
     def verify(self, frame: Frame, candidate: int) -> PlaceMatch:
         """Look for what keyframe `candidate` and its neighbours see in a frame."""
         matches, seen = self._feature_matches(frame, candidate)
-        points = self._map.points.position_m[seen]
+        points = self._atlas.points.position_m[seen]
         rng = np.random.default_rng((self._seed, frame.stamp_ns % 2**63, candidate))
         alignment = align_image(
             frame.measurement_px[matches.k],
-            self._map.octave_scale[frame.octave[matches.k]],
+            self._atlas.octave_scale[frame.octave[matches.k]],
             frame.depth_m[matches.k],
             points[matches.q],
             self._camera,
@@ -94,16 +94,16 @@ class PlaceVerifier:
         if alignment.status is not AlignmentStatus.OK:
             nothing = np.empty(0, np.int64)
             return PlaceMatch(PlaceStatus.NO_ALIGNMENT, np.eye(4), nothing, nothing)
-        around = self._map.covisible(candidate, limit=self._config.neighbours)
+        around = self._atlas.covisible(candidate, limit=self._config.neighbours)
         return self.search(frame, alignment.T_camera_points, np.r_[candidate, around])
 
     def search(self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray) -> PlaceMatch:
         """Search the points of keyframes where a pose predicts them, and judge what is found."""
-        seen = np.unique(self._map.keyframes.point_of_feature[keyframes])
+        seen = np.unique(self._atlas.keyframes.point_of_feature[keyframes])
         points = seen[seen != NO_POINT].astype(np.int64)
         k = j = np.empty(0, np.int64)
         for radius in _GUIDED_RADII:
-            view = visible_points(self._map, self._camera, T_camera_map, points, radius)
+            view = visible_points(self._atlas, self._camera, T_camera_map, points, radius)
             matches = match_by_projection(
                 view.queries, frame, self._config.max_hamming, self._config.ratio
             )
@@ -112,11 +112,11 @@ class PlaceVerifier:
             estimate = self._optimize(frame, matches.k, view.points[matches.q], T_camera_map)
             T_camera_map = estimate.T_camera_map
             k, j = matches.k[estimate.inliers], view.points[matches.q[estimate.inliers]]
-        view = visible_points(self._map, self._camera, T_camera_map, points, 1.0)
+        view = visible_points(self._atlas, self._camera, T_camera_map, points, 1.0)
         return self._judged(frame, view, PlaceMatch(PlaceStatus.SAME_PLACE, T_camera_map, k, j))
 
-    def _judged(self, frame: Frame, view: View, found: PlaceMatch) -> PlaceMatch:
-        points, config = self._map.points, self._config
+    def _judged(self, frame: Frame, view: VisiblePoints, found: PlaceMatch) -> PlaceMatch:
+        points, config = self._atlas.points, self._config
         depth_m = to_camera(found.T_camera_map, points.position_m[view.points].T)[2]
         seen = visibility(view.queries.projection_px, depth_m, frame)
         is_found = np.isin(view.points, found.j)
@@ -134,7 +134,7 @@ class PlaceVerifier:
 
     def _feature_matches(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
         """Return matches of the candidate's features that see points with the frame's features."""
-        keyframes = self._map.keyframes
+        keyframes = self._atlas.keyframes
         observing = np.flatnonzero(keyframes.point_of_feature[candidate] != NO_POINT)
         seen = keyframes.point_of_feature[candidate, observing].astype(np.int64)
         if min(len(observing), len(frame)) < 2:
@@ -159,8 +159,8 @@ class PlaceVerifier:
         self, frame: Frame, k: IntArray, j: IntArray, T_camera_map: FloatArray
     ) -> PoseEstimate:
         problem = PoseProblem(
-            self._map.points.position_m[j],
+            self._atlas.points.position_m[j],
             frame.measurement_px[k].astype(np.float64),
-            self._map.octave_scale[frame.octave[k]] ** -2.0,
+            self._atlas.octave_scale[frame.octave[k]] ** -2.0,
         )
         return optimize_pose(self._camera, problem, T_camera_map)

@@ -8,7 +8,7 @@ import numpy as np
 
 from hoid_common.values import ByteArray, IntArray
 from rgbd_slam.config.place_config import PlaceConfig
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceStatus, PlaceVerifier
 from rgbd_slam.places.place_recognition import PlaceIndex
@@ -27,13 +27,11 @@ class FoundPlace(NamedTuple):
 class PlaceFinder:
     """Finds and verifies places in a map that it does not change."""
 
-    def __init__(
-        self, slam_map: SlamMap, camera: StereoCamera, config: PlaceConfig, seed: int
-    ) -> None:
-        self._map = slam_map
+    def __init__(self, atlas: Atlas, camera: StereoCamera, config: PlaceConfig, seed: int) -> None:
+        self._atlas = atlas
         self._config = config.verification
         self._index = PlaceIndex(config.index)
-        self.verifier = PlaceVerifier(slam_map, camera, config.verification, seed)
+        self.verifier = PlaceVerifier(atlas, camera, config.verification, seed)
 
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
         """Return keyframes that share most descriptors with an image, none near another.
@@ -41,8 +39,8 @@ class PlaceFinder:
         Args:
             excluded: keyframes that shall not count.
         """
-        self._index.follow(self._map)
-        keyframes = self._map.keyframes
+        self._index.follow(self._atlas)
+        keyframes = self._atlas.keyframes
         row_of = {int(keyframes.uid[i]): i for i in keyframes.indices().tolist()}
         taken = set(excluded.tolist())
         chosen: list[int] = []
@@ -53,7 +51,7 @@ class PlaceFinder:
             i = row_of[uid]
             if i not in taken:
                 chosen.append(i)
-                taken.update([i, *self._map.covisible(i, NEAR_SHARED).tolist()])
+                taken.update([i, *self._atlas.covisible(i, NEAR_SHARED).tolist()])
         return chosen
 
     def locate(self, frame: Frame) -> FoundPlace | None:
@@ -75,7 +73,7 @@ class PlaceFinder:
         return None if rivals else best
 
     def _are_rivals(self, a: FoundPlace, b: FoundPlace) -> bool:
-        map_id = self._map.keyframes.map_id
+        map_id = self._atlas.keyframes.map_id
         if a is b or map_id[a.keyframe] != map_id[b.keyframe]:
             return False
         apart_m = np.linalg.norm(a.match.position_m - b.match.position_m)

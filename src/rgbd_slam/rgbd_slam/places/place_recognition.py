@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hoid_common.values import DESCRIPTOR_BYTES, ByteArray, IntArray
 from rgbd_slam.config.place_config import IndexConfig
 from rgbd_slam.matching.matching import hamming
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframes import NO_POINT
 
 _REMOVED = -1
@@ -68,9 +68,9 @@ class PlaceIndex:
     def __contains__(self, uid: int) -> bool:
         return uid in self._members
 
-    def follow(self, slam_map: SlamMap) -> None:
+    def follow(self, atlas: Atlas) -> None:
         """Take in the keyframes new in a map, by their features that see points; drop the gone."""
-        keyframes = slam_map.keyframes
+        keyframes = atlas.keyframes
         row_of = {int(keyframes.uid[i]): i for i in keyframes.indices()}
         for uid in self._members - row_of.keys():
             self.remove(uid)

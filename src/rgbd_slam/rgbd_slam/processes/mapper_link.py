@@ -8,7 +8,7 @@ from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
-from rgbd_slam.model.atlas import Redirect, SlamMap
+from rgbd_slam.model.atlas import Atlas, Redirect
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_state import MapState
 
@@ -72,9 +72,9 @@ class InlineMapper:
     num_restarts = 0
     is_settled = True
 
-    def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: SlamConfig) -> None:
-        self._map = slam_map
-        self._mapper = Mapper(camera, slam_map, config)
+    def __init__(self, camera: StereoCamera, atlas: Atlas, config: SlamConfig) -> None:
+        self._atlas = atlas
+        self._mapper = Mapper(camera, atlas, config)
 
     @property
     def loops(self) -> LoopCounts:
@@ -95,7 +95,7 @@ class InlineMapper:
 
     def update(self) -> tuple[Redirect, ...]:
         """Say what became of keyframes removed since the last call."""
-        return self._map.take_redirects()
+        return self._atlas.take_redirects()
 
     def settle(self) -> None:
         """Adjust what has grown once more, at once."""
@@ -104,7 +104,7 @@ class InlineMapper:
     def finish(self) -> tuple[Redirect, ...]:
         """Let the map settle and say the same."""
         self.settle()
-        return self._map.take_redirects()
+        return self._atlas.take_redirects()
 
     def close(self) -> None:
         """End what runs in the background."""

@@ -14,7 +14,7 @@ from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest
-from rgbd_slam.model.atlas import Redirect, SlamMap
+from rgbd_slam.model.atlas import Atlas, Redirect
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.processes.mapper_worker import (
@@ -43,9 +43,9 @@ class MapperProcess:
             running.
     """
 
-    def __init__(self, camera: StereoCamera, slam_map: SlamMap, config: SlamConfig) -> None:
+    def __init__(self, camera: StereoCamera, atlas: Atlas, config: SlamConfig) -> None:
         self._camera = camera
-        self._map = slam_map
+        self._atlas = atlas
         self._config = config
         self.loops = LoopCounts()
         self.num_restarts = 0
@@ -144,8 +144,8 @@ class MapperProcess:
         return report.row
 
     def _apply(self, report: Report) -> None:
-        self._map.apply(report.change)
-        self._redirects.extend(self._map.take_redirects())
+        self._atlas.apply(report.change)
+        self._redirects.extend(self._atlas.take_redirects())
         self.loops = report.loops
         self._num_done += report.is_answer
         self._is_settled = report.is_settled
@@ -159,7 +159,7 @@ class MapperProcess:
         self._worker = MapperWorker(self._camera, self._config)
         self.num_restarts += 1
         self._num_sent = self._num_done = 0
-        self._hand_over(Resume(self._map.whole(), self.loops))
+        self._hand_over(Resume(self._atlas.whole(), self.loops))
 
     def _give_up(self) -> None:
         code = self._worker.close()

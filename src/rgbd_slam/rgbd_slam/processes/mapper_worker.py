@@ -21,7 +21,7 @@ from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
-from rgbd_slam.model.atlas import MapChange, SlamMap
+from rgbd_slam.model.atlas import Atlas, MapChange
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_state import MapState
 
@@ -80,8 +80,8 @@ def run_mapper(
 ) -> None:
     """Take keyframes in until the pipe ends; the main function of the process."""
     os.nice(_NICE)
-    slam_map = SlamMap(config.camera.scale_factor, config.camera.num_octaves)
-    mapper = Mapper(camera, slam_map, config, background=True)
+    atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
+    mapper = Mapper(camera, atlas, config, background=True)
     version = 0
     reports.send(None)  # ready
     try:
@@ -91,7 +91,7 @@ def run_mapper(
                 row = _do(mapper, requests.recv())
             elif not mapper.poll():
                 continue
-            change = slam_map.changes_since(version)
+            change = atlas.changes_since(version)
             version = change.version
             settled = not mapper.is_adjusting
             reports.send(Report(change, row, mapper.loops, is_answer, settled))

@@ -27,7 +27,7 @@ from rgbd_slam.map_io.map_directory import map_path, path_in
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.ros.answers import answered
 from rgbd_slam.ros.between_messages import BetweenMessages
-from rgbd_slam.ros.scene_link import RoomLink
+from rgbd_slam.ros.scene_link import SceneLink
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.session import SlamSession
@@ -56,11 +56,11 @@ class MapServices:
         node: Node,
         config: SlamNodeConfig,
         session: Callable[[], SlamSession],
-        room: RoomLink,
+        room: SceneLink,
     ) -> None:
         self._config = config
         self._session = session
-        self._room = room
+        self._scene = room
         self._between = BetweenMessages(node)
         name = f'{node.get_name()}_maps'
         # A node name on the command line is that of the SLAM node.
@@ -121,7 +121,7 @@ class MapServices:
     def _copy(self) -> tuple[MapFile, IntArray, Callable[[], list[StoredView]] | None]:
         session = self._session()
         keyframes = session.all_keyframes()
-        return session.saved_map(), keyframes.uids, self._room.views(keyframes)
+        return session.saved_map(), keyframes.uids, self._scene.views(keyframes)
 
     def _save_poses(self, name: str, kind: str) -> str:
         path = path_in(self._config.map_directory, name, 'trajectory.txt')
@@ -164,7 +164,7 @@ class MapServices:
             if not session.is_mapper_idle:
                 return None  # the node would wait for all that is queued
             loaded = session.load(content, keep=keep)
-            return self._room.load(content.dense, loaded, keep=keep)
+            return self._scene.load(content.dense, loaded, keep=keep)
 
         note = self._until(take_over, time.monotonic() + _SETTLE_S)
         if note is None:

@@ -11,33 +11,33 @@ from hoid_common.values import CameraModel
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_transfer import LoadedMap
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.ros.scene_process import RoomProcess
-from rgbd_slam.ros.scene_setup import RoomSetup
+from rgbd_slam.ros.scene_process import SceneProcess
+from rgbd_slam.ros.scene_setup import SceneSetup
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.dense_state import DenseState
-from rgbd_slam.scene.fusion_scheduler import FramePose, FramePoses
+from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
 
 
-class RoomLink:
+class SceneLink:
     """Keeps the process, if dense map or object tracks are on."""
 
     def __init__(self, node: Node, config: SlamNodeConfig, diagnostics: Diagnostics) -> None:
         self._config = config
         self._diagnostics = diagnostics
-        self._process: RoomProcess | None = None
+        self._process: SceneProcess | None = None
         self._camera: CameraModel | None = None
         if config.dense.enabled or config.objects.enabled:
-            self._process = RoomProcess(
-                RoomSetup(
+            self._process = SceneProcess(
+                SceneSetup(
                     node.get_fully_qualified_name(), config.frames.map, config.map_directory,
                     config.dense, config.objects, config.input,
                 )
             )  # fmt: skip
 
-    def looks(self) -> FramePoses:
+    def fusion_scheduler(self) -> FusionScheduler:
         """Return what picks the images to look at."""
         dense, objects = self._config.dense, self._config.objects
-        return FramePoses(
+        return FusionScheduler(
             dense.rate_hz if dense.enabled else None, objects.rate_hz if objects.enabled else None
         )
 
@@ -66,7 +66,7 @@ class RoomLink:
         process = self._process
         if process is None or not self._config.dense.enabled or not process.is_running:
             return None
-        process.know(keyframes)
+        process.update_keyframes(keyframes)
         process.ask_views()
         return process.receive_views
 
@@ -77,7 +77,7 @@ class RoomLink:
             return '' if dense is None else '; the dense map is off here'
         if not keep:
             process.start_map(camera)
-        process.know(loaded.keyframes)
+        process.update_keyframes(loaded.keyframes)
         if dense is None:
             return ''
         if not dense.fits(camera, self._config.dense.pixel_stride):
@@ -86,11 +86,11 @@ class RoomLink:
             process.restore(view)
         return ''
 
-    def look(self, pose: FramePose | None) -> None:
+    def enqueue(self, pose: FusionRequest | None) -> None:
         """Say where an image was taken that is to be looked at."""
         if self._process is None or pose is None:
             return
-        self._process.look(pose)
+        self._process.enqueue(pose)
         self._diagnostics.set_count('images not mapped', self._process.num_dropped)
         if not self._process.is_running:
             self._diagnostics.set_problem(

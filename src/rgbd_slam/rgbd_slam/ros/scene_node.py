@@ -25,12 +25,12 @@ from hoid_common.values import CameraModel, Float32Array
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.ros.periods import set_period
-from rgbd_slam.ros.scene_outputs import RoomOutputs
-from rgbd_slam.ros.scene_services import RoomServices
-from rgbd_slam.ros.scene_setup import Clear, Report, RoomMessage, RoomSetup
+from rgbd_slam.ros.scene_outputs import SceneOutputs
+from rgbd_slam.ros.scene_services import SceneServices
+from rgbd_slam.ros.scene_setup import ClearScene, SceneMessage, SceneSetup, StoredViewsRequest
 from rgbd_slam.scene.dense_mapper import StoredView
-from rgbd_slam.scene.fusion_scheduler import FramePose
-from rgbd_slam.scene.scene_mapper import RoomMapper
+from rgbd_slam.scene.fusion_scheduler import FusionRequest
+from rgbd_slam.scene.scene_mapper import SceneMapper
 
 _NICE = 19  # below what the pose waits for
 _SLOP_NS = 20_000_000
@@ -38,11 +38,11 @@ _PATIENCE_NS = 300_000_000  # for the verdict on an image's objects
 _CAPACITY = 60  # images that wait for the tracker to say where they were taken: 2 s
 
 
-class RoomNode(Node):
-    """A shell around `RoomMapper`, fed with images by topics and with poses by a pipe."""
+class SceneNode(Node):
+    """A shell around `SceneMapper`, fed with images by topics and with poses by a pipe."""
 
-    def __init__(self, messages: Connection, reports: Connection, setup: RoomSetup) -> None:
-        name = f'{setup.slam_node.rsplit("/", 1)[-1]}_room'
+    def __init__(self, messages: Connection, reports: Connection, setup: SceneSetup) -> None:
+        name = f'{setup.slam_node.rsplit("/", 1)[-1]}_scene'
         # A node name on the command line is that of the SLAM node.
         super().__init__(name, cli_args=['--ros-args', '-r', f'__node:={name}'])
         bridge_logging(self)
@@ -50,10 +50,10 @@ class RoomNode(Node):
         self._reports = reports
         self._diagnostics = Diagnostics(self)
         self._diagnostics.set_value('process', str(os.getpid()))
-        self._room: RoomMapper | None = None
+        self._scene: SceneMapper | None = None
         self._camera: CameraModel | None = None
-        self._outputs = RoomOutputs(self, setup)
-        self._answers = RoomServices(self, setup, lambda: self._room)
+        self._outputs = SceneOutputs(self, setup)
+        self._answers = SceneServices(self, setup, lambda: self._scene)
         self._stamp_ns = 0  # of the latest image fused
         self._is_shown = True  # whether the outputs show the map as it is
         self._matcher = StampMatcher(
@@ -71,7 +71,7 @@ class RoomNode(Node):
             self._publish,
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
-        self._received: SimpleQueue[RoomMessage] = SimpleQueue()
+        self._received: SimpleQueue[SceneMessage] = SimpleQueue()
         self._wake = self.create_guard_condition(self._take_received)
         Thread(target=self._listen, args=(messages,), name='from tracker', daemon=True).start()
 
@@ -88,34 +88,34 @@ class RoomNode(Node):
         while not self._received.empty():
             self._take(self._received.get())
 
-    def _take(self, message: RoomMessage) -> None:
+    def _take(self, message: SceneMessage) -> None:
         match message:
-            case FramePose():
+            case FusionRequest():
                 self._add('pose', message.stamp_ns, message)
             case CameraModel():
                 self._begin(message)
-            case Clear():
+            case ClearScene():
                 self._begin(None)
-            case KeyframePoses() if self._room is not None:
-                self._room.know(message)
+            case KeyframePoses() if self._scene is not None:
+                self._scene.update_keyframes(message)
                 self._is_shown = False
-            case StoredView() if self._room is not None:
-                self._room.restore(message)
+            case StoredView() if self._scene is not None:
+                self._scene.restore(message)
                 self._is_shown = False
             case DenseConfig():
                 self._reconfigure(message)
-            case Report():
+            case StoredViewsRequest():
                 self._report()
 
     def _reconfigure(self, dense: DenseConfig) -> None:
         self._setup = self._setup._replace(dense=dense)
         set_period(self._timer, dense.publish_period_s)
-        if self._room is not None:
-            self._is_shown &= not self._room.reconfigure(dense)
+        if self._scene is not None:
+            self._is_shown &= not self._scene.reconfigure(dense)
 
     def _report(self) -> None:
         """Send the images of the dense map; one by one, so that no long one holds the receiver."""
-        views = () if self._room is None else self._room.views()
+        views = () if self._scene is None else self._scene.views()
         try:
             for view in (*views, None):
                 self._reports.send(view)
@@ -123,9 +123,9 @@ class RoomNode(Node):
             pass  # the tracker has ended
 
     def _begin(self, camera: CameraModel | None) -> None:
-        self._camera, self._room = camera, None
+        self._camera, self._scene = camera, None
         if camera is not None:
-            self._room = RoomMapper(camera, self._setup.dense, self._setup.objects)
+            self._scene = SceneMapper(camera, self._setup.dense, self._setup.objects)
         self._matcher.reset()
         self._outputs.clear(self._stamp_ns)
 
@@ -138,26 +138,26 @@ class RoomNode(Node):
     def _add(self, name: str, stamp_ns: int, value: Any) -> None:
         for match in self._matcher.add(name, stamp_ns, value):
             try:
-                self._look(match)
+                self._fusion_request(match)
             except HoidError as error:
                 self._diagnostics.report(error, 'images refused')
         self._diagnostics.set_count('images missing', self._matcher.counts['pose'].unmatched)
 
-    def _look(self, match: Match) -> None:
+    def _fusion_request(self, match: Match) -> None:
         """Map one image."""
         pose, depth, color, objects_msg = match.values
-        if self._room is None:
+        if self._scene is None:
             return
         depth_m = self._checked(conversions.depth_from_msg(depth))
         objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
-        if self._setup.objects.enabled and pose.follow:
-            tracks = self._room.follow(pose, depth_m, objects)
+        if self._setup.objects.enabled and pose.track_objects:
+            tracks = self._scene.track_objects(pose, depth_m, objects)
             self._outputs.publish_objects(tracks, pose.stamp_ns)
         if pose.keyframes is not None:
-            self._room.fuse(pose, depth_m, conversions.color_from_msg(color), objects)
+            self._scene.fuse(pose, depth_m, conversions.color_from_msg(color), objects)
             self._stamp_ns, self._is_shown = pose.stamp_ns, False
             self._diagnostics.count('images fused')
-            self._diagnostics.set_count('voxels', self._room.num_voxels)
+            self._diagnostics.set_count('voxels', self._scene.num_voxels)
 
     def _checked(self, depth_m: Float32Array) -> Float32Array:
         assert self._camera is not None
@@ -170,12 +170,12 @@ class RoomNode(Node):
         return np.nan_to_num(depth_m, copy=False)
 
     def _publish(self) -> None:
-        if self._room is not None and not self._is_shown:
+        if self._scene is not None and not self._is_shown:
             self._is_shown = True
-            self._outputs.publish_map(self._room, self._stamp_ns)
+            self._outputs.publish_map(self._scene, self._stamp_ns)
 
 
-def run_room(messages: Connection, reports: Connection, setup: RoomSetup) -> None:
+def run_scene_node(messages: Connection, reports: Connection, setup: SceneSetup) -> None:
     """Map until the pipe ends; the main function of the process."""
     os.nice(_NICE)
-    run_node(lambda: RoomNode(messages, reports, setup))
+    run_node(lambda: SceneNode(messages, reports, setup))

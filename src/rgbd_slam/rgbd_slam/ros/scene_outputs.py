@@ -12,15 +12,15 @@ from visualization_msgs.msg import MarkerArray
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
 from rgbd_slam.ros.scene_messages import grid_to_msg, markers_to_msg, tracked_objects_to_msg
-from rgbd_slam.ros.scene_setup import RoomSetup
+from rgbd_slam.ros.scene_setup import SceneSetup
 from rgbd_slam.scene.object_tracker import TrackedObject
-from rgbd_slam.scene.scene_mapper import RoomMapper
+from rgbd_slam.scene.scene_mapper import SceneMapper
 
 
-class RoomOutputs:
+class SceneOutputs:
     """Publishers; every message is in the map frame, with the stamp of the image it came from."""
 
-    def __init__(self, node: Node, setup: RoomSetup) -> None:
+    def __init__(self, node: Node, setup: SceneSetup) -> None:
         self._frame = setup.map_frame
         self._cloud = node.create_publisher(PointCloud2, topics.CLOUD_MAP, qos.LATCHED)
         self._grid = node.create_publisher(OccupancyGrid, topics.GRID_MAP, qos.LATCHED)
@@ -38,7 +38,7 @@ class RoomOutputs:
         if self._markers.get_subscription_count():
             self._markers.publish(markers_to_msg(objects, header))
 
-    def publish_map(self, room: RoomMapper, stamp_ns: int) -> None:
+    def publish_map(self, room: SceneMapper, stamp_ns: int) -> None:
         """Publish cloud and, once there is a floor, grid."""
         header = conversions.header_to_msg(stamp_ns, self._frame)
         cloud = room.cloud()

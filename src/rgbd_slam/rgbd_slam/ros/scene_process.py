@@ -16,30 +16,32 @@ from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.ros.scene_node import run_room
-from rgbd_slam.ros.scene_setup import Clear, Report, RoomMessage, RoomSetup
+from rgbd_slam.ros.scene_node import run_scene_node
+from rgbd_slam.ros.scene_setup import ClearScene, SceneMessage, SceneSetup, StoredViewsRequest
 from rgbd_slam.scene.dense_mapper import StoredView
-from rgbd_slam.scene.fusion_scheduler import FramePose
+from rgbd_slam.scene.fusion_scheduler import FusionRequest
 
 _MAX_WAITING = 30  # poses that the process has not taken yet
 _REPORT_S = 20.0  # for fusing all images anew, and a little more
 _END_S = 5.0
 
 
-class RoomProcess:
+class SceneProcess:
     """Starts the process and hands poses over.
 
     Args:
         setup: What the process is to know from the start.
     """
 
-    def __init__(self, setup: RoomSetup) -> None:
+    def __init__(self, setup: SceneSetup) -> None:
         self.num_dropped = 0  # poses, because the process was behind
-        self._waiting: SimpleQueue[RoomMessage | None] = SimpleQueue()
+        self._waiting: SimpleQueue[SceneMessage | None] = SimpleQueue()
         context = get_context('spawn')
         reader, self._writer = context.Pipe(duplex=False)
         self._reader, writer = context.Pipe(duplex=False)
-        self._process = context.Process(target=run_room, args=(reader, writer, setup), name='room')
+        self._process = context.Process(
+            target=run_scene_node, args=(reader, writer, setup), name='room'
+        )
         start_child(self._process)
         reader.close()
         writer.close()
@@ -65,20 +67,20 @@ class RoomProcess:
 
     def clear(self) -> None:
         """Forget the map until the next `start_map`."""
-        self._waiting.put(Clear())
+        self._waiting.put(ClearScene())
 
     def reconfigure(self, dense: DenseConfig) -> None:
         """Hand over parameters that may change at run time."""
         self._waiting.put(dense)
 
-    def look(self, pose: FramePose) -> None:
+    def enqueue(self, pose: FusionRequest) -> None:
         """Say where an image was taken."""
         if self._waiting.qsize() >= _MAX_WAITING:
             self.num_dropped += 1
         else:
             self._waiting.put(pose)
 
-    def know(self, keyframes: KeyframePoses) -> None:
+    def update_keyframes(self, keyframes: KeyframePoses) -> None:
         """Say where the keyframes are that images hang on."""
         self._waiting.put(keyframes)
 
@@ -88,7 +90,7 @@ class RoomProcess:
 
     def ask_views(self) -> None:
         """Ask for the images of the dense map as it is now."""
-        self._waiting.put(Report())
+        self._waiting.put(StoredViewsRequest())
 
     def receive_views(self) -> list[StoredView]:
         """Wait for them.

@@ -13,15 +13,15 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, unwritable
 from rgbd_slam.map_io.map_directory import path_in
 from rgbd_slam.ros.answers import answered
-from rgbd_slam.ros.scene_setup import RoomSetup
+from rgbd_slam.ros.scene_setup import SceneSetup
 from rgbd_slam.scene.export import CLOUD_WRITERS
 from rgbd_slam.scene.grid import write_map_server
-from rgbd_slam.scene.scene_mapper import RoomMapper
+from rgbd_slam.scene.scene_mapper import SceneMapper
 
 _GRID_SUFFIXES = ('.yaml', '.pgm')
 
 
-class RoomServices:
+class SceneServices:
     """Answers under the name of the SLAM node, as its other services do.
 
     Args:
@@ -29,7 +29,7 @@ class RoomServices:
     """
 
     def __init__(
-        self, node: Node, setup: RoomSetup, room: Callable[[], RoomMapper | None]
+        self, node: Node, setup: SceneSetup, room: Callable[[], SceneMapper | None]
     ) -> None:
         self._directory = setup.map_directory
         self._find_room = room
@@ -39,7 +39,7 @@ class RoomServices:
         ):
             node.create_service(SaveMap, topic.replace('~', setup.slam_node), _answering(act))
 
-    def _room(self) -> RoomMapper:
+    def _scene(self) -> SceneMapper:
         room = self._find_room()
         if room is None or room.num_voxels == 0:
             raise InputError('no image has been fused yet: there is no dense map to save')
@@ -50,14 +50,14 @@ class RoomServices:
         writer = CLOUD_WRITERS.get(path.suffix)
         if writer is None:
             raise InputError(f'"{path.name}": a cloud ends in {" or ".join(CLOUD_WRITERS)}')
-        cloud = self._room().cloud()
+        cloud = self._scene().cloud()
         _write_whole(path.parent, lambda folder: writer(folder / path.name, cloud))
         return f'{len(cloud.points_m)} points written to {path}'
 
     def _save_grid(self, name: str) -> str:
         path = path_in(self._directory, name, 'grid.yaml')
         stem = path.stem if path.suffix in _GRID_SUFFIXES else path.name
-        room = self._room()
+        room = self._scene()
         grid = room.grid(room.cloud())
         if grid is None:
             raise InputError('no floor has been seen yet: a grid needs one')

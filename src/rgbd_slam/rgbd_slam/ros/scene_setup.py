@@ -9,11 +9,11 @@ from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.scene.dense_mapper import StoredView
-from rgbd_slam.scene.fusion_scheduler import FramePose
+from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.object_tracker import ObjectTrackerConfig
 
 
-class RoomSetup(NamedTuple):
+class SceneSetup(NamedTuple):
     """What the process knows from the start."""
 
     slam_node: str  # fully qualified name of the node that it belongs to
@@ -24,14 +24,22 @@ class RoomSetup(NamedTuple):
     input: InputConfig
 
 
-class Clear(NamedTuple):
+class ClearScene(NamedTuple):
     """Forget the map."""
 
 
-class Report(NamedTuple):
+class StoredViewsRequest(NamedTuple):
     """Send the images of the dense map back, one by one, and then None."""
 
 
-RoomMessage = CameraModel | FramePose | KeyframePoses | StoredView | DenseConfig | Report | Clear
+SceneMessage = (
+    CameraModel
+    | FusionRequest
+    | KeyframePoses
+    | StoredView
+    | DenseConfig
+    | StoredViewsRequest
+    | ClearScene
+)
 """A camera begins a new map; keyframes say where its images are; an image is one saved before;
 a configuration replaces what of it may change at run time."""

@@ -17,7 +17,7 @@ from hoid_common.values import (
 )
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import NO_KEYFRAMES, KeyframePoses
-from rgbd_slam.scene.fusion_scheduler import FramePose
+from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.voxel_map import ColoredCloud, DepthView, VoxelMap, in_boxes
 
 _ROTATION_M_PER_RAD = 2.0  # a turn moves what is seen at that distance
@@ -60,7 +60,7 @@ class DenseMapper:
 
     def add(
         self,
-        pose: FramePose,
+        pose: FusionRequest,
         depth_m: Float32Array,
         image_bgr: ByteArray,
         dynamic_boxes_xyxy_px: Float32Array,

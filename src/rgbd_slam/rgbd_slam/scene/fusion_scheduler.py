@@ -13,14 +13,14 @@ _NS = 1_000_000_000
 _EARLY_NS = 5_000_000  # stamps jitter
 
 
-class FramePose(NamedTuple):
+class FusionRequest(NamedTuple):
     """Where an image was taken, as the map said then."""
 
     stamp_ns: int
     T_map_camera: FloatArray  # (4, 4)
     reference_uid: int  # the keyframe that the pose hangs on
     keyframes: KeyframePoses | None  # as the map said then; None when not to be fused
-    follow: bool = True  # whether to look for people and objects
+    track_objects: bool = True  # whether to look for people and objects
 
 
 class Rate:
@@ -44,7 +44,7 @@ class Rate:
         return True
 
 
-class FramePoses:
+class FusionScheduler:
     """Picks the images to look at.
 
     Args:
@@ -62,7 +62,7 @@ class FramePoses:
         T_map_camera: FloatArray,
         reference_uid: int,
         keyframes: Callable[[], KeyframePoses],
-    ) -> FramePose | None:
+    ) -> FusionRequest | None:
         """Return what is to be known of an image, or None when nobody is to look at it.
 
         Args:
@@ -72,8 +72,8 @@ class FramePoses:
             keyframes: Gives the keyframes as the map says then.
         """
         fuse = self._fuse is not None and self._fuse.take_due(stamp_ns)
-        follow = self._look is not None and self._look.take_due(stamp_ns)
-        if not fuse and not follow:
+        track_objects = self._look is not None and self._look.take_due(stamp_ns)
+        if not fuse and not track_objects:
             return None
         known = keyframes() if fuse else None
-        return FramePose(stamp_ns, T_map_camera, reference_uid, known, follow)
+        return FusionRequest(stamp_ns, T_map_camera, reference_uid, known, track_objects)

@@ -11,7 +11,7 @@ from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.scene.dense_mapper import DenseMapper, StoredView
 from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.scene.floor import Floor, find_floor
-from rgbd_slam.scene.fusion_scheduler import FramePose
+from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.grid import Grid, project_grid, without_unseen
 from rgbd_slam.scene.object_sighting import DepthScene
 from rgbd_slam.scene.object_tracker import ObjectTracker, ObjectTrackerConfig, TrackedObject
@@ -20,7 +20,7 @@ from rgbd_slam.scene.voxel_map import ColoredCloud
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-class RoomMapper:
+class SceneMapper:
     """Looks at posed images; the map frame has z up.
 
     Args:
@@ -51,7 +51,7 @@ class RoomMapper:
 
     def fuse(
         self,
-        pose: FramePose,
+        pose: FusionRequest,
         depth_m: Float32Array,
         image_bgr: ByteArray,
         objects: tuple[DynamicObject, ...],
@@ -60,14 +60,14 @@ class RoomMapper:
         boxes = [seen.box_xyxy_px for seen in objects if seen.is_dynamic]
         self._mapper.add(pose, depth_m, image_bgr, np.array(boxes, np.float32).reshape(-1, 4))
 
-    def follow(
-        self, pose: FramePose, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
+    def track_objects(
+        self, pose: FusionRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
     ) -> tuple[TrackedObject, ...]:
         """Return the people and objects known after an image (H, W)."""
         scene = DepthScene.of(self._camera, depth_m, pose.T_map_camera)
         return self._tracker.update(objects, scene, pose.stamp_ns, self._floor)
 
-    def know(self, keyframes: KeyframePoses) -> None:
+    def update_keyframes(self, keyframes: KeyframePoses) -> None:
         """Take the keyframes as the map says now."""
         self._mapper.correct(keyframes)
 
@@ -87,7 +87,7 @@ class RoomMapper:
         """
         if not dense.fits(self._camera, self._config.pixel_stride):
             raise MapFileError('the dense map was made with another dense.pixel_stride')
-        self.know(keyframes)
+        self.update_keyframes(keyframes)
         for view in dense.views(keyframe_uids):
             self.restore(view)
 

@@ -7,9 +7,9 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.config.slam_config import KeyframeConfig
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.tracking.tracker import Tracking
+from rgbd_slam.tracking.tracker import TrackerOutput
 
 _WELL_OBSERVED = 3  # an observation with depth counts twice
 _YOUNG_MAP = 2  # keyframes
@@ -25,13 +25,13 @@ class KeyframePolicy:
     """Judges frames by how much less they see of the map than those after the last keyframe.
 
     Args:
-        slam_map: The map.
+        atlas: The map.
         config: Parameters, which may be replaced.
         close_px: Disparity from which on depth is trusted to make points.
     """
 
-    def __init__(self, slam_map: SlamMap, config: KeyframeConfig, close_px: float) -> None:
-        self._map = slam_map
+    def __init__(self, atlas: Atlas, config: KeyframeConfig, close_px: float) -> None:
+        self._atlas = atlas
         self.config = config
         self._close_px = close_px
         self.restart()
@@ -45,7 +45,7 @@ class KeyframePolicy:
         self._last_ns = stamp_ns
         self._most_inliers = 0
 
-    def wants(self, tracking: Tracking, queue_length: int) -> bool:
+    def wants(self, tracking: TrackerOutput, queue_length: int) -> bool:
         """Return whether the frame shows so much new that the map should take it in.
 
         A mapper with `queue_length` keyframes to do gets no further one: what they add to the map
@@ -54,7 +54,7 @@ class KeyframePolicy:
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)
-        i = self._map.keyframes.index_of(tracking.tracked.reference_uid)
+        i = self._atlas.keyframes.index_of(tracking.tracked.reference_uid)
         if i is None or queue_length > 0:
             return False
         gap_s = 1e-9 * (tracking.tracked.frame.stamp_ns - self._last_ns)
@@ -68,7 +68,7 @@ class KeyframePolicy:
         lacks = lacks or self._leaves_reference(i, num_inliers)
         return lacks and not (self.config.skip_known_views and self._is_known_view(tracking, i))
 
-    def _lacks_depth(self, tracking: Tracking) -> bool:
+    def _lacks_depth(self, tracking: TrackerOutput) -> bool:
         """Return whether few close points are tracked and many could be made."""
         frame, points = tracking.tracked.frame, tracking.tracked.points
         close = self._is_close(frame.measurement_px.T)
@@ -76,14 +76,14 @@ class KeyframePolicy:
         new = np.count_nonzero(close & (points == NO_POINT) & frame.may_seed)
         return bool(tracked < self.config.min_close_tracked and new > self.config.min_close_new)
 
-    def _is_known_view(self, tracking: Tracking, i: int) -> bool:
+    def _is_known_view(self, tracking: TrackerOutput, i: int) -> bool:
         """Return whether a settled keyframe shows the same, and nothing has appeared since.
 
         What is not tracked there was not found again either, and one more keyframe each time the
         camera comes by would make the map grow with time instead of with the space seen.
         """
-        keyframes, frame = self._map.keyframes, tracking.tracked.frame
-        rows = np.r_[i, self._map.covisible(i, limit=_NEIGHBOURS)]
+        keyframes, frame = self._atlas.keyframes, tracking.tracked.frame
+        rows = np.r_[i, self._atlas.covisible(i, limit=_NEIGHBOURS)]
         rows = rows[keyframes.uid[rows] <= keyframes.uid.max() - _SETTLED]
         T = se3.inverse(tracking.tracked.T_map_camera) @ keyframes.T_map_camera[rows]
         depth_m = np.median(frame.depth_m[frame.has_depth]) if frame.has_depth.any() else np.inf
@@ -104,7 +104,7 @@ class KeyframePolicy:
 
     def _leaves_reference(self, i: int, num_inliers: int) -> bool:
         """Return whether less is tracked than the reference keyframe sees for certain."""
-        keyframes, points = self._map.keyframes, self._map.points
+        keyframes, points = self._atlas.keyframes, self._atlas.points
         seen = keyframes.point_of_feature[i]
         seen = seen[seen != NO_POINT]
         weight = points.num_observations[seen] + points.num_stereo[seen]

@@ -5,23 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.place_finder import PlaceFinder
-from rgbd_slam.tracking.tracker import Tracker, Tracking
+from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 
 
 class Relocalizer:
     """Looks for the place of single frames; its index follows the map only while it is asked."""
 
     def __init__(
-        self, slam_map: SlamMap, camera: StereoCamera, tracker: Tracker, config: SlamConfig
+        self, atlas: Atlas, camera: StereoCamera, tracker: Tracker, config: SlamConfig
     ) -> None:
         self._tracker = tracker
-        self._finder = PlaceFinder(slam_map, camera, config.places, config.seed)
+        self._finder = PlaceFinder(atlas, camera, config.places, config.seed)
 
-    def relocalize(self, frame: Frame) -> Tracking | None:
+    def relocalize(self, frame: Frame) -> TrackerOutput | None:
         """Track a frame from where it is recognised; None when that is unknown or not clear."""
         place = self._finder.locate(frame)
         if place is None:

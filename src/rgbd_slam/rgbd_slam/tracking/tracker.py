@@ -22,7 +22,7 @@ from rgbd_slam.matching.landmarks import (
 )
 from rgbd_slam.matching.local_map import local_map, visible_points
 from rgbd_slam.matching.matching import Matches, match_by_descriptor, match_by_projection
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.point_tallies import PointTally
@@ -36,7 +36,7 @@ _OUTSIDE_PX = -1e4
 
 
 @dataclass(frozen=True, eq=False)
-class Tracking:
+class TrackerOutput:
     """What tracking one frame gave."""
 
     tracked: TrackedFrame
@@ -74,23 +74,23 @@ class Tracker:
 
     Args:
         camera: The camera, which may be replaced by one with other noise.
-        slam_map: The map.
+        atlas: The map.
         config: Parameters.
         seed: Of the samples tried where a frame is recognised; with its stamp.
     """
 
     def __init__(
-        self, camera: StereoCamera, slam_map: SlamMap, config: TrackingConfig, seed: int = 0
+        self, camera: StereoCamera, atlas: Atlas, config: TrackingConfig, seed: int = 0
     ) -> None:
         self.camera = camera
-        self._map = slam_map
+        self._atlas = atlas
         self._config = config
         self._seed = seed
-        self._inv_sigma2 = slam_map.octave_scale**-2.0
+        self._inv_sigma2 = atlas.octave_scale**-2.0
 
     def track(
         self, frame: Frame, last: TrackedFrame, T_camera_last: FloatArray
-    ) -> Tracking | None:
+    ) -> TrackerOutput | None:
         """Return the frame's pose and points, or None when too little of the map is found.
 
         Args:
@@ -98,7 +98,7 @@ class Tracker:
             last: The frame before.
             T_camera_last: (4, 4) motion expected since.
         """
-        reference = self._map.keyframes.index_of(last.reference_uid)
+        reference = self._atlas.keyframes.index_of(last.reference_uid)
         if reference is None:
             return None
         best = None
@@ -112,7 +112,7 @@ class Tracker:
                 best = tracking
         return best
 
-    def _is_convincing(self, tracking: Tracking, last: TrackedFrame) -> bool:
+    def _is_convincing(self, tracking: TrackerOutput, last: TrackedFrame) -> bool:
         """Return whether most matches fit, or most of what the last frame saw is still seen."""
         share = self._config.convincing_share
         before = int(np.count_nonzero(last.points != NO_POINT))
@@ -120,7 +120,7 @@ class Tracker:
 
     def track_at(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference: int
-    ) -> Tracking | None:
+    ) -> TrackerOutput | None:
         """Track a frame by what it was found to see, as when it was lost.
 
         Args:
@@ -130,7 +130,7 @@ class Tracker:
             reference: a keyframe that sees many of them.
         """
         k = np.flatnonzero(points != NO_POINT)
-        seen = Sightings(k, points[k], self._map.points.position_m[points[k]])
+        seen = Sightings(k, points[k], self._atlas.points.position_m[points[k]])
         return self._refine(frame, self._optimize(frame, seen, T_camera_map), reference)
 
     def _first_poses(
@@ -141,15 +141,15 @@ class Tracker:
         What the map knows comes first: depth readings of the last frame carry its error on.
         """
         config = self._config
-        T_last_map = se3.inverse(last.current_pose(self._map))
+        T_last_map = se3.inverse(last.current_pose(self._atlas))
         T_expected = T_camera_last @ T_last_map
-        known = seen_by_frame(last, self._map)
+        known = seen_by_frame(last, self._atlas)
         radii_px = config.last_frame_radius_px, config.wide_radius_px
         if len(known.point) >= config.few_points:
             yield self._search(frame, known, T_expected, radii_px)
             yield self._search(frame, known, T_last_map, radii_px)
             yield self._recognize(frame, last, known, reference)
-        more = known.joined(read_by_frame(last, self._map, self.camera))
+        more = known.joined(read_by_frame(last, self._atlas, self.camera))
         yield self._search(frame, more, T_expected, radii_px)
         yield self._search(frame, more, T_last_map, radii_px)
         if len(known.point) < config.few_points:
@@ -164,7 +164,7 @@ class Tracker:
     ) -> _First | None:
         """Find landmarks around where a pose predicts them."""
         projection_px = self._project(landmarks, T_camera_map)
-        scale = self._map.octave_scale[landmarks.octave]
+        scale = self._atlas.octave_scale[landmarks.octave]
         for radius_px in radii_px:
             matches = match_near(
                 landmarks, frame, projection_px, radius_px * scale, self._config.max_hamming
@@ -188,7 +188,7 @@ class Tracker:
     ) -> _First | None:
         """Find by descriptors alone what the last frame and its reference keyframe saw."""
         config = self._config
-        landmarks = seen_by_keyframe(self._map, reference)
+        landmarks = seen_by_keyframe(self._atlas, reference)
         only_last = ~np.isin(known.point, landmarks.point)
         landmarks = landmarks.joined(known.select(only_last))
         matches = match_by_descriptor(
@@ -197,7 +197,7 @@ class Tracker:
         matches = turning_alike(landmarks, frame, matches)
         alignment = align_image(
             frame.measurement_px[matches.k],
-            self._map.octave_scale[frame.octave[matches.k]],
+            self._atlas.octave_scale[frame.octave[matches.k]],
             frame.depth_m[matches.k],
             landmarks.position_m[matches.q],
             self.camera,
@@ -214,7 +214,7 @@ class Tracker:
     def _is_reachable(self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray) -> bool:
         """Return whether a hand can have carried the camera there since the last frame."""
         elapsed_s = 1e-9 * (frame.stamp_ns - last.frame.stamp_ns)
-        step = se3.log(T_camera_map @ last.current_pose(self._map))
+        step = se3.log(T_camera_map @ last.current_pose(self._atlas))
         turn, way = np.linalg.norm(step[:3]), np.linalg.norm(step[3:])
         config = self._config
         return bool(
@@ -230,15 +230,15 @@ class Tracker:
         first = self._optimize(frame, seen, T_camera_map)
         return first if len(first.seen.k) >= _MIN_FIRST_INLIERS else None
 
-    def _refine(self, frame: Frame, first: _First, reference: int) -> Tracking | None:
+    def _refine(self, frame: Frame, first: _First, reference: int) -> TrackerOutput | None:
         """Find more points of the local map and refine the pose on all."""
         known = first.seen.points
-        around = local_map(self._map, known, reference, self._config.max_local_keyframes)
-        is_known = np.zeros(self._map.points.capacity, np.bool_)
+        around = local_map(self._atlas, known, reference, self._config.max_local_keyframes)
+        is_known = np.zeros(self._atlas.points.capacity, np.bool_)
         is_known[known] = True
         others = around.points[~is_known[around.points]]
         view = visible_points(
-            self._map,
+            self._atlas,
             self.camera,
             first.estimate.T_camera_map,
             others,
@@ -250,7 +250,7 @@ class Tracker:
             view.queries, frame, self._config.max_hamming, self._config.local_map_ratio, free
         )
         j = view.points[matches.q]
-        seen = first.seen.joined(Sightings(matches.k, j, self._map.points.position_m[j]))
+        seen = first.seen.joined(Sightings(matches.k, j, self._atlas.points.position_m[j]))
         estimate, fitting = self._optimize(frame, seen, first.estimate.T_camera_map)
         if len(fitting.k) < self._config.min_inliers:
             return None
@@ -258,11 +258,11 @@ class Tracker:
         matched[seen.k] = seen.point
         points[fitting.k] = fitting.point
         T_map_camera = se3.inverse(estimate.T_camera_map)
-        tracked = tracked_frame(frame, T_map_camera, points, self._map, around.reference)
+        tracked = tracked_frame(frame, T_map_camera, points, self._atlas, around.reference)
         found = fitting.points
         tally = PointTally(np.concatenate([known, view.points]), found)
         expected_px = view.queries.projection_px
-        return Tracking(tracked, estimate, matched, len(found), tally, expected_px)
+        return TrackerOutput(tracked, estimate, matched, len(found), tally, expected_px)
 
     def _optimize(self, frame: Frame, seen: Sightings, T_camera_map: FloatArray) -> _First:
         """Return the pose that the sightings give, and those that fit it."""

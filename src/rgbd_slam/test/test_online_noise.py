@@ -6,11 +6,11 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.model.atlas import SlamMap
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
-from rgbd_slam.optimize.online_noise import NoiseMeter
+from rgbd_slam.optimize.online_noise import OnlineNoise
 from rgbd_slam.slam import RgbdSlam
 
 from .world import CAMERA as MODEL
@@ -25,7 +25,7 @@ class Images:
     """Images of points that the map knows exactly, from a known pose."""
 
     def __init__(self, pixel_px: float, disparity: float, seed: int = 0) -> None:
-        self.map = SlamMap(1.2, 8)
+        self.map = Atlas(1.2, 8)
         self._pixel_px, self._disparity = pixel_px, disparity
         self._rng = np.random.default_rng(seed)
         self._T_map_camera = se3.exp(np.array([0.1, -0.2, 0.05, 0.1, 0.2, -0.1]))
@@ -64,7 +64,7 @@ class Images:
 
 @pytest.mark.parametrize(('pixel_px', 'disparity'), [(0.5, 0.2), (0.9, 1.0), (0.3, 2.0)])
 def test_known_noise_is_found(pixel_px: float, disparity: float) -> None:
-    images, meter = Images(pixel_px, disparity), NoiseMeter(CAMERA)
+    images, meter = Images(pixel_px, disparity), OnlineNoise(CAMERA)
     for _ in range(300):
         camera = meter.add(images.take(), images.map)
     assert camera.pixel_noise == pytest.approx(pixel_px, rel=0.1)
@@ -76,15 +76,15 @@ def test_known_noise_is_found(pixel_px: float, disparity: float) -> None:
 
 def test_the_first_image_is_believed_in_part() -> None:
     images = Images(0.2, 0.2)
-    camera = NoiseMeter(CAMERA).add(images.take(), images.map)
+    camera = OnlineNoise(CAMERA).add(images.take(), images.map)
     assert 0.8 < camera.pixel_noise < 1.0
     assert 0.8 < camera.disparity_noise_px / CAMERA.disparity_noise_px < 1.0
 
 
 def test_too_few_points_or_readings_change_nothing() -> None:
     images = Images(0.2, 0.2)
-    assert NoiseMeter(CAMERA).add(images.take(10), images.map) == CAMERA
-    camera = NoiseMeter(CAMERA).add(images.take(depth=False), images.map)
+    assert OnlineNoise(CAMERA).add(images.take(10), images.map) == CAMERA
+    camera = OnlineNoise(CAMERA).add(images.take(depth=False), images.map)
     assert camera.pixel_noise < 1.0
     assert camera.disparity_noise_px == CAMERA.disparity_noise_px
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rgbd_slam.model.keyframe_poses import NO_KEYFRAMES
-from rgbd_slam.scene.fusion_scheduler import FramePoses, Rate
+from rgbd_slam.scene.fusion_scheduler import FusionScheduler, Rate
 
 POSE = np.eye(4)
 PERIOD_NS = 33_333_333
@@ -27,13 +27,13 @@ def test_a_rate_goes_on_after_a_gap_and_when_time_starts_anew() -> None:
 
 
 def test_images_are_fused_at_one_rate_and_looked_at_at_another() -> None:
-    poses = FramePoses(3.0, 10.0)
+    poses = FusionScheduler(3.0, 10.0)
     offered = [poses.pick(i * PERIOD_NS, POSE, 5, lambda: NO_KEYFRAMES) for i in range(90)]
     picked = [pose for pose in offered if pose is not None]
     assert {pose.reference_uid for pose in picked} == {5}
     assert sum(pose.keyframes is not None for pose in picked) == 9
-    assert sum(pose.follow for pose in picked) == 30
+    assert sum(pose.track_objects for pose in picked) == 30
 
 
 def test_nothing_is_picked_when_nobody_looks() -> None:
-    assert FramePoses(None, None).pick(0, POSE, 5, lambda: NO_KEYFRAMES) is None
+    assert FusionScheduler(None, None).pick(0, POSE, 5, lambda: NO_KEYFRAMES) is None

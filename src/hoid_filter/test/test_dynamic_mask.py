@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hoid_filter.config import PlusConfig
-from hoid_filter.detections.aligned_detections import View
+from hoid_filter.detections.aligned_detections import FilterInput
 from hoid_filter.masks.dynamic_mask import Masks, make_masks
 
 from .helpers import HEIGHT, WIDTH, view
@@ -13,14 +13,14 @@ PERSON_X, HANDLED_X, REMEMBERED_X, FREE_X = 20, 70, 110, 155
 BEYOND_MARGIN_X = 148
 
 
-def certainty() -> np.ndarray:
+def confidence() -> np.ndarray:
     """From left to right: a person, a handled object, one remembered, and a free strip."""
     small = np.zeros((HEIGHT // 4, WIDTH // 4), np.uint8)
     small[:, :15], small[:, 15:25], small[:, 25:35] = PERSON, HANDLED, REMEMBERED
     return small
 
 
-def seen(column: int, num_with_depth: int, num_without: int = 0) -> View:
+def seen(column: int, num_with_depth: int, num_without: int = 0) -> FilterInput:
     """A view with corners in one column; first, those of the top row, which have no depth."""
     rows = range(1, 1 + num_with_depth + num_without)
     depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
@@ -44,7 +44,7 @@ def mapped_columns(masks: Masks) -> list[int]:
     ],
 )
 def test_mask_gives_back_the_least_sure_first(column: int, step: int, kept: set[int]) -> None:
-    masks = make_masks(certainty(), seen(column, 10), PlusConfig(), enough=10)
+    masks = make_masks(confidence(), seen(column, 10), PlusConfig(), enough=10)
     assert masks.step == step
     assert masks.kept is not None
     columns = {PERSON_X, HANDLED_X, REMEMBERED_X, FREE_X}
@@ -57,18 +57,18 @@ def test_mask_gives_back_the_least_sure_first(column: int, step: int, kept: set[
 
 
 def test_last_resort_tracks_everything_but_maps_nothing_of_it() -> None:
-    masks = make_masks(certainty(), seen(PERSON_X, 10), PlusConfig(), enough=10)
+    masks = make_masks(confidence(), seen(PERSON_X, 10), PlusConfig(), enough=10)
     assert (masks.kept, masks.static_area_px, masks.step) == (None, HEIGHT * WIDTH, 3)
     assert mapped_columns(masks) == list(range(BEYOND_MARGIN_X, WIDTH))
 
 
 def test_corners_without_depth_do_not_count() -> None:
-    assert make_masks(certainty(), seen(FREE_X, 9, 50), PlusConfig(), enough=10).step == 3
-    assert make_masks(certainty(), seen(FREE_X, 10, 50), PlusConfig(), enough=10).step == 0
+    assert make_masks(confidence(), seen(FREE_X, 9, 50), PlusConfig(), enough=10).step == 3
+    assert make_masks(confidence(), seen(FREE_X, 10, 50), PlusConfig(), enough=10).step == 0
 
 
 def test_without_the_fallback_the_mask_stays() -> None:
-    masks = make_masks(certainty(), seen(FREE_X, 0), PlusConfig(fall_back=False), enough=10)
+    masks = make_masks(confidence(), seen(FREE_X, 0), PlusConfig(fall_back=False), enough=10)
     assert masks.step == 0
     assert masks.kept is not None
     assert masks.kept.min() >= 140
