@@ -1,10 +1,41 @@
-"""Processes that work for the tracker and end with it."""
+"""Processes that work for this one and end with it.
+
+A `ChildWorker` runs a function in a process of its own. Messages go to it and reports come back
+through two pipes, moved by two threads, so that neither side ever waits for the other.
+"""
 
 from __future__ import annotations
 
+import atexit
 import signal
-from multiprocessing import resource_tracker
+from collections.abc import Callable
+from contextlib import suppress
+from enum import Enum
+from multiprocessing import get_context, resource_tracker
+from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from queue import Empty, SimpleQueue
+from threading import Thread
+from typing import Generic, TypeVar
+
+from hoid_common.errors import HoidError
+
+Message = TypeVar('Message')
+Report = TypeVar('Report')
+
+_PATIENCE_S = 5.0  # for a process to end by itself
+
+
+class _Mark(Enum):
+    END = 'nothing follows'
+
+
+class ChildEndedError(HoidError):
+    """The process has ended, and with it all that it was asked for."""
+
+
+class ChildTimeoutError(HoidError):
+    """The process is there but does not answer."""
 
 
 def start_child(process: BaseProcess) -> None:
@@ -19,3 +50,128 @@ def start_child(process: BaseProcess) -> None:
         process.start()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class ChildWorker(Generic[Message, Report]):
+    """The parent's end of a process; all methods but `close` and `restart` return at once.
+
+    Args:
+        name: Of the process, in errors as well.
+        target: Its main function: called with the connection that messages come from, the one
+            that reports go to, and `args`. It returns when the first one ends (`EOFError`), which
+            it does when this process closes it or is killed.
+        args: What the process is to know from the start; all must be picklable.
+    """
+
+    def __init__(self, name: str, target: Callable[..., None], *args: object) -> None:
+        self._name = name
+        self._target = target
+        self._args = args
+        self.num_restarts = 0
+        self._start()
+
+    @property
+    def process_id(self) -> int | None:
+        """Return the id of the process."""
+        return self._process.pid
+
+    @property
+    def is_running(self) -> bool:
+        """Return whether the process is there."""
+        return self._process.is_alive()
+
+    @property
+    def num_waiting(self) -> int:
+        """Return how many messages the process has not taken yet."""
+        return self._to_send.qsize()
+
+    def send(self, message: Message) -> None:
+        """Hand a message over; it is lost when the process has ended."""
+        self._to_send.put(message)
+
+    @property
+    def has_report(self) -> bool:
+        """Return whether `receive` has something to say at once."""
+        return not self._received.empty()
+
+    def receive(self, timeout_s: float) -> Report:
+        """Return the next report, in the order in which they were sent.
+
+        Raises:
+            ChildEndedError: The process has ended, and all that it reported was received.
+            ChildTimeoutError: There is none in time.
+        """
+        try:
+            report = self._received.get(timeout=timeout_s)
+        except Empty:
+            raise ChildTimeoutError(
+                f'the process "{self._name}" gives no answer in {timeout_s:g} s'
+            ) from None
+        if isinstance(report, _Mark):
+            self._received.put(report)  # for whoever asks next
+            raise ChildEndedError(f'the process "{self._name}" has ended')
+        return report
+
+    def restart(self) -> str:
+        """Start another process in its place and return how this one ended, as `close` does.
+
+        What was under way in either direction is lost: tell the new one all that it must know.
+        """
+        how = self.close()
+        self.num_restarts += 1
+        self._start()
+        return how
+
+    def close(self, patience_s: float = _PATIENCE_S) -> str:
+        """End the process, by force when it does not end by itself in time.
+
+        Args:
+            patience_s: How long it may take to work off what was sent and to return.
+
+        Returns:
+            How it ended: "exit code 1", "signal 9".
+        """
+        atexit.unregister(self.close)
+        self._to_send.put(_Mark.END)
+        self._process.join(patience_s)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        for thread in self._threads:  # the pipes have ended with the process
+            thread.join()
+        code = self._process.exitcode
+        return f'signal {-code}' if code is not None and code < 0 else f'exit code {code}'
+
+    def _start(self) -> None:
+        self._to_send: SimpleQueue[Message | _Mark] = SimpleQueue()
+        self._received: SimpleQueue[Report | _Mark] = SimpleQueue()
+        context = get_context('spawn')
+        message_reader, messages = context.Pipe(duplex=False)
+        reports, report_writer = context.Pipe(duplex=False)
+        self._process = context.Process(
+            target=self._target, args=(message_reader, report_writer, *self._args), name=self._name
+        )
+        start_child(self._process)
+        message_reader.close()
+        report_writer.close()
+        atexit.register(self.close)  # before multiprocessing waits for the process
+        self._threads = (
+            Thread(target=_send_all, args=(self._to_send, messages), daemon=True),
+            Thread(target=_receive_all, args=(reports, self._received), daemon=True),
+        )
+        for thread in self._threads:
+            thread.start()
+
+
+def _send_all(to_send: SimpleQueue[Message | _Mark], pipe: Connection) -> None:
+    """Send until told to end; only this thread uses, and closes, its end of the pipe."""
+    with pipe, suppress(OSError):  # the process has ended; who receives from it is told
+        while not isinstance(message := to_send.get(), _Mark):
+            pipe.send(message)
+
+
+def _receive_all(pipe: Connection, received: SimpleQueue[Report | _Mark]) -> None:
+    with pipe, suppress(EOFError, OSError):
+        while True:
+            received.put(pipe.recv())
+    received.put(_Mark.END)

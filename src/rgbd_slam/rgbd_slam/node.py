@@ -26,7 +26,7 @@ from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_directory import map_path
 from rgbd_slam.map_io.map_file import MapFile
-from rgbd_slam.processes.mapper_worker import MapperStoppedError
+from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs

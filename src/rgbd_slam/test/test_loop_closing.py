@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.child_process import ChildTimeoutError
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
@@ -230,10 +231,9 @@ class _Slow:
     def __init__(self, atlas: Atlas) -> None:
         self.problem = global_problem(atlas, 0)
 
-    def is_done(self, timeout_s: float) -> bool:
-        return timeout_s > 0
-
-    def take(self) -> BundleSolution:
+    def take(self, timeout_s: float) -> BundleSolution:
+        if timeout_s == 0:
+            raise ChildTimeoutError
         bundle = self.problem.bundle
         outliers = np.zeros(len(bundle.camera), np.bool_)
         return BundleSolution(bundle.T_camera_map, bundle.points_m, outliers, 0.0, 0.0)

@@ -18,8 +18,7 @@ from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.processes.mapper_process import MapperProcess
-from rgbd_slam.processes.mapper_worker import MapperStoppedError
+from rgbd_slam.processes.mapper_process import MapperProcess, MapperStoppedError
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.tracking_result import TrackingState
 

@@ -10,15 +10,13 @@ import logging
 import os
 from contextlib import suppress
 from dataclasses import replace
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from threading import Thread
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.child_process import start_child
+from hoid_common.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.values import BoolArray, IntArray
 from rgbd_slam.loops.essential_graph import move_map
 from rgbd_slam.model.atlas import Atlas
@@ -126,52 +124,34 @@ def _hanging_on(atlas: Atlas, rows: IntArray) -> list[tuple[int, int]]:
     return found
 
 
-class _Background:
-    """One adjustment in a process of its own, as GTSAM holds the GIL; it takes idle time only."""
-
-    def __init__(self, camera: StereoCamera, problem: GlobalProblem, iterations: int) -> None:
-        self.problem = problem
-        context = get_context('spawn')
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_solve_apart, args=(theirs,), name='global adjustment', daemon=True
-        )
-        start_child(self._process)
-        theirs.close()
-        # More than a pipe holds: it waits for the process to have started.
-        work = (camera, problem.bundle, iterations)
-        self._sender = Thread(target=_send, args=(self._pipe, work), daemon=True)
-        self._sender.start()
-
-    def is_done(self, timeout_s: float) -> bool:
-        return self._pipe.poll(timeout_s)
-
-    def take(self) -> BundleSolution | None:
-        """Return the solution, or None when the process has failed."""
-        try:
-            solution: BundleSolution = self._pipe.recv()
-        except (EOFError, OSError):
-            _logger.warning('the adjustment of the whole map has failed; its loops stay closed')
-            return None
-        return solution
-
-    def close(self) -> None:
-        self._process.kill()
-        self._process.join()
-        self._sender.join()
-        self._pipe.close()
-
-
-def _send(pipe: Connection, work: object) -> None:
-    with suppress(OSError):  # the process has ended, which who waits for its answer will see
-        pipe.send(work)
-
-
-def _solve_apart(pipe: Connection) -> None:
-    """Solve what the pipe brings; the main function of the process."""
+def _solve_apart(work: Connection, solutions: Connection) -> None:
+    """Solve one bundle; the main function of the process."""
     os.nice(_NICE)
     with suppress(EOFError, OSError):  # the mapper has ended, or wants nothing of it any more
-        pipe.send(solve(*pipe.recv()))
+        solutions.send(solve(*work.recv()))
+
+
+class _Running(NamedTuple):
+    """One adjustment in a process of its own, as GTSAM holds the GIL; it takes idle time only."""
+
+    problem: GlobalProblem
+    worker: ChildWorker[tuple[StereoCamera, BundleProblem, int], BundleSolution]
+
+    def take(self, timeout_s: float) -> BundleSolution | None:
+        """Return the solution; None when the process has failed.
+
+        Raises:
+            ChildTimeoutError: It is not there in time.
+        """
+        try:
+            return self.worker.receive(timeout_s)
+        except ChildEndedError:
+            _logger.warning('the adjustment of the whole map has failed; its loops stay closed')
+            return None
+
+    def close(self) -> None:
+        """End the process at once: nobody waits for its solution any more."""
+        self.worker.close(patience_s=0.0)
 
 
 class GlobalAdjuster:
@@ -184,7 +164,7 @@ class GlobalAdjuster:
         self._camera = camera
         self._iterations = iterations
         self._background = background
-        self._running: _Background | None = None
+        self._running: _Running | None = None
 
     @property
     def is_running(self) -> bool:
@@ -200,7 +180,8 @@ class GlobalAdjuster:
         if problem.bundle.num_free == 0:
             return
         if self._background:
-            self._running = _Background(self._camera, problem, self._iterations)
+            self._running = _Running(problem, ChildWorker('global adjustment', _solve_apart))
+            self._running.worker.send((self._camera, problem.bundle, self._iterations))
         else:
             solution = solve(self._camera, problem.bundle, self._iterations)
             apply_solution(self._atlas, problem, solution)
@@ -208,9 +189,12 @@ class GlobalAdjuster:
     def poll(self, timeout_s: float = 0.0) -> bool:
         """Lay an adjustment that ends in time over the map; return whether there was one."""
         running = self._running
-        if running is None or not running.is_done(timeout_s):
+        if running is None:
             return False
-        solution = running.take()
+        try:
+            solution = running.take(timeout_s)
+        except ChildTimeoutError:
+            return False
         self.close()
         if solution is not None:
             apply_solution(self._atlas, running.problem, solution)

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import logging
 from collections import deque
+from typing import NoReturn
 
+from hoid_common.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
+from hoid_common.errors import HoidError
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
@@ -19,13 +22,13 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.processes.mapper_worker import (
     Load,
-    MapperStoppedError,
-    MapperWorker,
+    Ready,
     Report,
     Request,
     Resume,
     Settle,
     Start,
+    run_mapper,
 )
 
 _START_S = 30.0  # for a new process to load its libraries on a busy machine
@@ -33,6 +36,10 @@ _WORK_S = 60.0  # for the longest piece of work, and a new process before it
 _SETTLE_S = 20.0  # for adjusting the whole map, in the end
 
 _logger = logging.getLogger(__name__)
+
+
+class MapperStoppedError(HoidError):
+    """The mapping process is gone, or does not answer."""
 
 
 class MapperProcess:
@@ -44,22 +51,29 @@ class MapperProcess:
     """
 
     def __init__(self, camera: StereoCamera, atlas: Atlas, config: SlamConfig) -> None:
-        self._camera = camera
         self._atlas = atlas
-        self._config = config
         self.loops = LoopCounts()
-        self.num_restarts = 0
         self._num_sent = self._num_done = 0
         self._is_settled = True
         self._redirects: deque[Redirect] = deque()
-        self._worker = MapperWorker(camera, config)
+        self._worker: ChildWorker[Request, Ready | Report] = ChildWorker(
+            'mapper', run_mapper, camera, config
+        )
         try:
-            self._worker.await_start(_START_S)
-        except MapperStoppedError:
-            self._worker.close()
-            raise
-        if self._worker.has_report and self._worker.receive(0.0) is None:
+            self._worker.receive(_START_S)
+        except ChildEndedError:
             self._give_up()
+        except ChildTimeoutError:
+            self._worker.close()
+            raise MapperStoppedError(
+                f'the mapping process did not start in {_START_S:g} s: the machine is too busy; '
+                'free it and start the node again'
+            ) from None
+
+    @property
+    def num_restarts(self) -> int:
+        """Return how often a process that had died was replaced."""
+        return self._worker.num_restarts
 
     @property
     def process_id(self) -> int | None:
@@ -136,9 +150,17 @@ class MapperProcess:
 
     def _take(self, timeout_s: float) -> int | None:
         """Lay the next report over the map and return the row that it speaks of."""
-        report = self._worker.receive(timeout_s)
-        if report is None:
+        try:
+            report = self._worker.receive(timeout_s)
+        except ChildEndedError:
             self._restart()
+            return None
+        except ChildTimeoutError:
+            raise MapperStoppedError(
+                f'the mapping process gives no answer in {timeout_s:g} s: the machine is too busy '
+                'for it; free it and restart the node'
+            ) from None
+        if isinstance(report, Ready):
             return None
         self._apply(report)
         return report.row
@@ -154,22 +176,14 @@ class MapperProcess:
         """Let a new process go on with the map; one that ends before it did anything is not."""
         if self._num_done == 0:
             self._give_up()
-        code = self._worker.close()
-        _logger.warning('the mapping process has ended (%s); a new one goes on', _said(code))
-        self._worker = MapperWorker(self._camera, self._config)
-        self.num_restarts += 1
+        how = self._worker.restart()
+        _logger.warning('the mapping process has ended (%s); a new one goes on', how)
         self._num_sent = self._num_done = 0
         self._hand_over(Resume(self._atlas.whole(), self.loops))
 
-    def _give_up(self) -> None:
-        code = self._worker.close()
+    def _give_up(self) -> NoReturn:
+        how = self._worker.close()
         raise MapperStoppedError(
-            f'the mapping process ends at its start ({_said(code)}); see its output above, '
+            f'the mapping process ends at its start ({how}); see its output above, '
             'mend that and start the node again'
-        )
-
-
-def _said(exit_code: int | None) -> str:
-    if exit_code is not None and exit_code < 0:
-        return f'signal {-exit_code}'
-    return f'exit code {exit_code}'
+        ) from None

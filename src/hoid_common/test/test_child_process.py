@@ -1,0 +1,127 @@
+"""Processes that only their parent ends: real ones, at work, dead, stuck and replaced."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import time
+from collections.abc import Iterator
+from multiprocessing import get_context
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from hoid_common.child_process import (
+    ChildEndedError,
+    ChildTimeoutError,
+    ChildWorker,
+    start_child,
+)
+
+_LIMIT_S = 60.0  # for a process to start on a busy machine
+_TARGETS = """
+import os, time
+from contextlib import suppress
+
+def multiply(messages, reports, factor):
+    reports.send('ready')
+    with suppress(EOFError):
+        while True:
+            number = messages.recv()
+            if number is None:
+                os._exit(3)
+            reports.send(factor * number)
+
+def sleep(messages, reports):
+    reports.send('ready')
+    time.sleep(600)
+"""
+
+
+@pytest.fixture(name='targets')
+def fixture_targets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    """Functions that another process can import."""
+    (tmp_path / 'child_targets.py').write_text(_TARGETS)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield importlib.import_module('child_targets')
+    importlib.sys.modules.pop('child_targets')  # type: ignore[attr-defined]
+
+
+def started(worker: ChildWorker[Any, Any]) -> ChildWorker[Any, Any]:
+    assert worker.receive(_LIMIT_S) == 'ready'
+    return worker
+
+
+def test_answers_come_in_order_and_what_was_sent_is_worked_off(targets: ModuleType) -> None:
+    worker = started(ChildWorker('sums', targets.multiply, 7))
+    assert worker.is_running
+    assert not worker.has_report
+    for number in (1, 2, 3):
+        worker.send(number)
+    assert [worker.receive(_LIMIT_S) for _ in range(3)] == [7, 14, 21]
+    worker.send(4)
+    assert worker.close() == 'exit code 0'
+    assert worker.receive(0.0) == 28
+    assert not worker.is_running
+    assert worker.close() == 'exit code 0'
+
+
+def test_a_death_is_told_after_the_last_report_and_every_time(targets: ModuleType) -> None:
+    worker = started(ChildWorker('sums', targets.multiply, 7))
+    worker.send(5)
+    worker.send(None)
+    assert worker.receive(_LIMIT_S) == 35
+    for _ in range(2):
+        with pytest.raises(ChildEndedError, match='the process "sums" has ended'):
+            worker.receive(_LIMIT_S)
+    worker.send(6)  # is lost
+    assert worker.close() == 'exit code 3'
+
+
+def test_another_process_takes_the_place_of_a_killed_one(targets: ModuleType) -> None:
+    worker = started(ChildWorker('sums', targets.multiply, 7))
+    first = worker.process_id
+    assert first is not None
+    os.kill(first, signal.SIGKILL)
+    with pytest.raises(ChildEndedError):
+        worker.receive(_LIMIT_S)
+    assert worker.restart() == 'signal 9'
+    started(worker).send(2)
+    assert worker.receive(_LIMIT_S) == 14
+    assert worker.num_restarts == 1
+    assert worker.process_id != first
+    worker.close()
+
+
+def test_a_process_that_does_not_listen_is_ended_by_force(targets: ModuleType) -> None:
+    worker = started(ChildWorker('sleeper', targets.sleep))
+    worker.send(bytes(1 << 20))  # more than a pipe holds: its sender is stuck, too
+    worker.send(1)
+    with pytest.raises(ChildTimeoutError, match=r'"sleeper" gives no answer in 0\.01 s'):
+        worker.receive(0.01)
+    assert worker.num_waiting == 1  # the other one is on its way
+    before_s = time.monotonic()
+    assert worker.close(patience_s=0.1) == 'signal 9'
+    assert time.monotonic() - before_s < 5.0
+
+
+def test_a_child_outlives_ctrl_c_also_while_it_starts() -> None:
+    child = get_context('spawn').Process(target=os._exit, args=(7,))
+    start_child(child)
+    assert child.pid is not None
+    os.kill(child.pid, signal.SIGINT)  # its interpreter has not even begun
+    child.join(60)
+    assert child.exitcode == 7
+
+
+def test_the_parent_hears_ctrl_c_as_before() -> None:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    assert signal.SIGINT not in before
+    child = get_context('spawn').Process(target=os._exit, args=(0,))
+    start_child(child)
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+    child.join(60)
+    assert child.exitcode == 0
