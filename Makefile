@@ -22,7 +22,8 @@ format:
 
 lock:  ## Pin the Python packages anew (needs uv)
 	cd requirements && pin="uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --upgrade" && \
-	  $$pin runtime.in -o runtime.lock && \
-	  $$pin ros.in -c runtime.lock -o ros.lock && \
-	  $$pin dev.in -c runtime.lock -c ros.lock -o dev.lock && \
-	  $$pin view.in -c runtime.lock -c ros.lock -c dev.lock -o view.lock
+	  $$pin robot.in -o robot.lock && \
+	  $$pin experiments.in -c robot.lock -o experiments.lock && \
+	  $$pin ros.in -c robot.lock -c experiments.lock -o ros.lock && \
+	  $$pin dev.in -c robot.lock -c experiments.lock -c ros.lock -o dev.lock && \
+	  $$pin view.in -c robot.lock -c experiments.lock -c ros.lock -c dev.lock -o view.lock

@@ -14,7 +14,17 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
     ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},  # without it `colcon test` runs no test at all
+    install_requires=[
+        'backports-zstd',
+        'mcap',
+        'numpy',
+        'opencv-python-headless',
+        'pyyaml',
+        'rosbags',
+        'tqdm',
+        'zstandard',
+    ],
+    # Without pytest here `colcon test` runs no test at all.
+    extras_require={'test': ['hypothesis', 'mcap-ros2-support', 'pytest']},
     zip_safe=True,
 )

@@ -2,6 +2,7 @@
 
 import ast
 import re
+import sys
 from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -11,17 +12,28 @@ import pytest
 ROOT = Path(__file__).parents[1]
 MANIFESTS = sorted([*ROOT.glob('src/*/package.xml'), *ROOT.glob('[bt]*s/package.xml')])
 SETUPS = [m.parent / 'setup.py' for m in MANIFESTS if (m.parent / 'setup.py').exists()]
-# rosdep's name of each Python package that it knows; the others stand in requirements/.
+# What Python packages are called by rosdep, where it knows them,
 KEYS = {
     'cv2': 'python3-opencv',
+    'gtsam': 'gtsam',
     'hypothesis': 'python3-hypothesis',
-    'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',
+    'onnxruntime': 'python3-onnxruntime-pip',
     'psutil': 'python3-psutil',
     'pytest': 'python3-pytest',
+    'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
     'tqdm': 'python3-tqdm',
     'yaml': 'python3-yaml',
+    'zstandard': 'python3-zstandard',
+}
+# and by pip, where that differs from the module's name.
+DISTRIBUTIONS = {
+    'backports': 'backports-zstd',
+    'cv2': 'opencv-python-headless',
+    'mcap_ros2': 'mcap-ros2-support',
+    'rerun': 'rerun-sdk',
+    'yaml': 'pyyaml',
 }
 OF_ROS = re.compile(r'.*_(msgs|srvs|interfaces)|rclpy|launch|launch_ros')
 
@@ -65,8 +77,33 @@ def test_dependencies_are_complete(manifest: Path) -> None:
 
 
 @pytest.mark.parametrize('setup', SETUPS, ids=lambda path: path.parent.name)
+def test_setup_names_every_python_package(setup: Path) -> None:
+    told = requirements(setup)
+    own = {path.stem for path in setup.parent.glob('test/*.py')}  # helpers of the tests
+    foreign = {
+        DISTRIBUTIONS.get(name, name)
+        for name in imported(setup.parent)
+        if name not in names() | own | sys.stdlib_module_names and not OF_ROS.fullmatch(name)
+    }
+    foreign -= {'ament_index_python', 'rosidl_runtime_py', 'setuptools', 'hoid_benchmarks'}
+    assert foreign - {'hypothesis', 'playwright'} <= told
+    assert told - {'hypothesis', 'pytest'} <= foreign
+
+
+@pytest.mark.parametrize('setup', SETUPS, ids=lambda path: path.parent.name)
 def test_colcon_finds_the_tests(setup: Path) -> None:
-    assert "extras_require={'test': ['pytest']}" in setup.read_text()
+    assert re.search(r"extras_require=\{\s*'test': \[[^]]*'pytest'", setup.read_text())
+
+
+def requirements(setup: Path) -> set[str]:
+    """Return what a setup.py asks pip for, extras included."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(setup.read_text())):
+        if isinstance(node, ast.keyword) and node.arg in ('install_requires', 'extras_require'):
+            value = ast.literal_eval(node.value)
+            lists = value.values() if isinstance(value, dict) else [value]
+            found |= {name for names in lists for name in names}
+    return found
 
 
 @pytest.mark.parametrize('setup', SETUPS, ids=lambda path: path.parent.name)

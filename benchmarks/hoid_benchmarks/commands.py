@@ -14,12 +14,12 @@ from hoid_benchmarks.jobs.engine import Engine
 from hoid_benchmarks.jobs.machine import Code
 from hoid_benchmarks.jobs.masks import mask_report
 from hoid_benchmarks.jobs.results import Result
-from hoid_benchmarks.jobs.runs import RunList
 from hoid_benchmarks.jobs.speed import STAGES, time_stage
 from hoid_benchmarks.plan.plan import Job, load_plan
 from hoid_benchmarks.plan.sequences import Store
 from hoid_benchmarks.report.check import check
 from hoid_benchmarks.report.report import Report
+from hoid_benchmarks.report.runs import RunList
 from hoid_benchmarks.rooms.rooms import room_report
 from hoid_common.errors import HoidError
 

@@ -7,11 +7,11 @@ import shutil
 from pathlib import Path
 
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_bringup import run_files
+from hoid_bringup.commands import say_detections
 from hoid_bringup.evaluate.evaluation import align
 from hoid_bringup.evaluate.plots import plot_comparison
 from hoid_bringup.live.replay_plan import ReplayConfig
-from hoid_bringup.run.commands import say_detections
+from hoid_bringup.run import outputs
 from hoid_bringup.run.detection_source import detection_source
 from hoid_bringup.run.run_config import RunConfig
 from hoid_bringup.run.summary import Spread, Summary
@@ -90,7 +90,7 @@ def _draw(path: Path, bag: BagSequence, out: Path, config: RunConfig) -> None:
     if truth is None:
         raise InputError(f'{bag.path}: has no ground truth')
     runs = {
-        f'{label} ({strategy})': align(read_tum(out / _folder(label) / run_files.FINAL), truth)
+        f'{label} ({strategy})': align(read_tum(out / _folder(label) / outputs.FINAL), truth)
         for label, strategy in _RUNS.items()
     }
     plot_comparison(path, runs, 'Rendered home with two people, live', _scenes(bag, config))

@@ -11,7 +11,6 @@ from hoid_bags.tum.cameras import camera_from_name
 from hoid_benchmarks import commands
 from hoid_benchmarks.commands import add_bench_arguments, repeating_command
 from hoid_benchmarks.jobs.results import Result, key_value, read_result, spread, write_result
-from hoid_benchmarks.jobs.runs import RunList
 from hoid_benchmarks.jobs.worker import command_of
 from hoid_benchmarks.plan.plan import Experiment, Job, Plan, load_plan
 from hoid_benchmarks.plan.sequences import Store, scene_options
@@ -19,6 +18,7 @@ from hoid_benchmarks.report.headlines import headlines
 from hoid_benchmarks.report.literature import published
 from hoid_benchmarks.report.notes import curve_note
 from hoid_benchmarks.report.report import Report
+from hoid_benchmarks.report.runs import RunList
 from hoid_benchmarks.report.views import failures, make_table, missing
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError, InputError

@@ -20,8 +20,13 @@ setup(
         (f'share/{NAME}/rviz', glob('rviz/*.rviz')),
         (f'share/{NAME}/foxglove', glob('foxglove/*.json')),
     ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},  # without it `colcon test` runs no test at all
+    install_requires=['numpy', 'opencv-python-headless', 'psutil', 'pyyaml', 'rosbags'],
+    # Without pytest here `colcon test` runs no test at all.
+    extras_require={
+        'test': ['hypothesis', 'pytest'],
+        'experiments': ['evo', 'matplotlib'],
+        'view': ['rerun-sdk'],
+    },
     zip_safe=True,
     entry_points={'console_scripts': ['hoid = hoid_bringup.cli:main']},
 )

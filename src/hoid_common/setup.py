@@ -17,7 +17,8 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*.xml')),
     ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},  # without it `colcon test` runs no test at all
+    install_requires=['numpy', 'opencv-python-headless', 'pyyaml'],
+    # Without pytest here `colcon test` runs no test at all.
+    extras_require={'test': ['hypothesis', 'pytest']},
     zip_safe=True,
 )

@@ -14,7 +14,8 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
     ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},  # without it `colcon test` runs no test at all
+    install_requires=['embreex', 'numpy', 'opencv-python-headless'],
+    # Without pytest here `colcon test` runs no test at all.
+    extras_require={'test': ['pytest']},
     zip_safe=True,
 )

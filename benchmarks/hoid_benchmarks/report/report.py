@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 
 from hoid_benchmarks.jobs.results import Result, result_path
-from hoid_benchmarks.jobs.runs import RunList, but_seed
 from hoid_benchmarks.plan.plan import Experiment, Job, Plan
 from hoid_benchmarks.report.figure_files import save_figures
 from hoid_benchmarks.report.figures import make_plots
@@ -20,6 +19,7 @@ from hoid_benchmarks.report.headlines import headlines
 from hoid_benchmarks.report.literature import published
 from hoid_benchmarks.report.notes import curve_note
 from hoid_benchmarks.report.page import Head, Page, Picture, Section, render_page
+from hoid_benchmarks.report.runs import RunList, but_seed
 from hoid_benchmarks.report.tables import Table, text
 from hoid_benchmarks.report.views import failures, grouped, make_table, missing
 

@@ -14,8 +14,9 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from types import ModuleType
 
-from hoid_common.errors import HoidError
+from hoid_common.errors import HoidError, InputError
 
 _OK, _FAILED, _INTERRUPTED = 0, 1, 130
 _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
@@ -39,9 +40,9 @@ COMMANDS = {
     'play': Command('hoid_bags.commands', 'play a bag on topics'),
     'record': Command('hoid_bags.commands', 'record topics into a bag'),
     'nodes': Command('hoid_bringup.live.nodes', 'run the three nodes for a live robot'),
-    'run': Command('hoid_bringup.run.commands', 'process a recording offline, every frame'),
-    'replay': Command('hoid_bringup.run.commands', 'play a recording through the live nodes'),
-    'evaluate': Command('hoid_bringup.run.commands', 'compare a trajectory with the truth'),
+    'run': Command('hoid_bringup.commands', 'process a recording offline, every frame'),
+    'replay': Command('hoid_bringup.commands', 'play a recording through the live nodes'),
+    'evaluate': Command('hoid_bringup.commands', 'compare a trajectory with the truth'),
     'bench': Command('hoid_benchmarks.commands', 'measure: speed of a stage, or all experiments'),
     'view': Command('hoid_bringup.view.view', 'look at a recording or a finished run'),
     'pictures': Command('hoid_bringup.view.pictures', 'draw what the filter sees and decides'),
@@ -54,20 +55,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, '1')
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the same clean end as Ctrl-C
     argv = list(sys.argv[1:] if argv is None else argv)
-    args = _parser(argv).parse_args(argv)
-    logging.basicConfig(
-        level=logging.DEBUG if args.verbose else logging.WARNING,
-        format='%(levelname)s %(name)s: %(message)s',
-    )
+    chosen = next((word for word in argv if not word.startswith('-')), '')
     try:
-        getattr(import_module(COMMANDS[args.command].module), f'{args.command}_command')(args)
+        args = _parser(chosen).parse_args(argv)
+        logging.basicConfig(
+            level=logging.DEBUG if args.verbose else logging.WARNING,
+            format='%(levelname)s %(name)s: %(message)s',
+        )
+        getattr(_module(chosen), f'{chosen}_command')(args)
     except HoidError as error:
-        if args.verbose:
-            logging.getLogger(__name__).exception('failed')
-        sys.stderr.write(f'hoid {args.command}: {error}\n')
+        logging.getLogger(__name__).debug('failed', exc_info=True)
+        sys.stderr.write(f'hoid {chosen}: {error}\n')
         return _FAILED
     except KeyboardInterrupt:
-        sys.stderr.write(f'hoid {args.command}: interrupted\n')
+        sys.stderr.write(f'hoid {chosen}: interrupted\n')
         return _INTERRUPTED
     except BrokenPipeError:  # `hoid info BAG | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -75,14 +76,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     return _OK
 
 
-def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
+def _parser(chosen: str) -> argparse.ArgumentParser:
     """Build the parser; only the chosen command gets its arguments, which needs its module."""
     parser = argparse.ArgumentParser(prog='hoid', description='RGB-D SLAM among moving people.')
     parser.add_argument('-v', '--verbose', action='store_true', help='say more, with tracebacks')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    chosen = next((word for word in argv if not word.startswith('-')), None)
     for name, command in COMMANDS.items():
         sub = commands.add_parser(name, help=command.help, description=f'{command.help}.')
         if name == chosen:
-            getattr(import_module(command.module), f'add_{name}_arguments')(sub)
+            getattr(_module(name), f'add_{name}_arguments')(sub)
     return parser
+
+
+def _module(command: str) -> ModuleType:
+    """Import a command's code; raise InputError where a package that it needs is missing."""
+    try:
+        return import_module(COMMANDS[command].module)
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f'the Python package {error.name} is missing: start the command by ./hoid, '
+            'or "pip install -r requirements/experiments.lock"'
+        ) from error

@@ -58,7 +58,7 @@ def test_interruption_is_status_130(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     def interrupted(_path: Path) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr('hoid_bringup.run.commands.read_tum', interrupted)
+    monkeypatch.setattr('hoid_bringup.commands.read_tum', interrupted)
     assert cli.main(['evaluate', str(tmp_path), str(tmp_path)]) == 130
 
 

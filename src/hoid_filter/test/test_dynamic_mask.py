@@ -3,7 +3,7 @@ import pytest
 
 from hoid_filter.config import PlusConfig
 from hoid_filter.detections.aligned_detections import FilterInput
-from hoid_filter.masks.dynamic_mask import Masks, make_masks
+from hoid_filter.rules.dynamic_mask import Masks, make_masks
 
 from .helpers import HEIGHT, WIDTH, view
 

@@ -9,15 +9,11 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import CameraModel, DynamicObject, FloatArray, Reason
+from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.scene.floor import Floor
 from rgbd_slam.scene.object_sighting import DepthScene, sight
-from rgbd_slam.scene.object_tracker import (
-    ObjectState,
-    ObjectTracker,
-    ObjectTrackerConfig,
-    TrackedObject,
-)
+from rgbd_slam.scene.object_tracker import ObjectState, ObjectTracker, TrackedObject
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
 CONFIG = ObjectTrackerConfig()

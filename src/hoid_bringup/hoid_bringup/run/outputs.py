@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hoid_bringup import run_files
 from hoid_bringup.evaluate.evaluation import AlignedTrajectory, align
 from hoid_bringup.evaluate.plots import plot_run
 from hoid_bringup.run.summary import RunResult, Summary, summarize
@@ -19,6 +18,16 @@ from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.scene import export
 from rgbd_slam.scene.grid import write_map_server
 
+# What the files in the output folder of a run are called.
+SUMMARY = 'summary.json'
+FINAL = 'trajectory.txt'
+ONLINE = 'trajectory_online.txt'
+KEYFRAMES = 'keyframes.txt'
+MAP = 'map.ply'
+CLOUD = 'cloud.ply'
+GRID = 'grid'  # .pgm and .yaml
+PICTURE = 'trajectory.png'
+
 
 def write_outputs(out_dir: Path, result: RunResult) -> Summary:
     """Write all files of a run into a folder, made when missing.
@@ -28,17 +37,17 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
     """
     summary = summarize(result)
     with staged(out_dir) as stage:
-        write_tum(stage / run_files.FINAL, result.final)
-        write_tum(stage / run_files.ONLINE, result.online)
-        write_tum(stage / run_files.KEYFRAMES, result.keyframes)
-        write_ply(stage / run_files.MAP, result.map_points_m)
+        write_tum(stage / FINAL, result.final)
+        write_tum(stage / ONLINE, result.online)
+        write_tum(stage / KEYFRAMES, result.keyframes)
+        write_ply(stage / MAP, result.map_points_m)
         if result.cloud is not None:
-            export.write_ply(stage / run_files.CLOUD, result.cloud)
+            export.write_ply(stage / CLOUD, result.cloud)
         if result.grid is not None:
-            write_map_server(result.grid, stage / run_files.GRID)
+            write_map_server(result.grid, stage / GRID)
         aligned = _aligned_or_none(result.final, result.ground_truth)
-        plot_run(stage / run_files.PICTURE, result.final, aligned, _title(summary))
-        (stage / run_files.SUMMARY).write_text(summary.to_json(), encoding='utf-8')
+        plot_run(stage / PICTURE, result.final, aligned, _title(summary))
+        (stage / SUMMARY).write_text(summary.to_json(), encoding='utf-8')
     return summary
 
 

@@ -12,8 +12,8 @@ from hoid_detector.config import DetectorConfig
 from hoid_filter.config import ExtractionConfig, FilterConfig
 from hoid_filter.detections.detection_gate import GateConfig
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.config.slam_config import CameraConfig, SlamConfig
-from rgbd_slam.scene.object_tracker import ObjectTrackerConfig
 
 TRUTH = 'truth'
 """As a model: the exact boxes that a rendered bag brings, in place of a detector's."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hoid_bags.sequence import Sequence
-from hoid_bringup import run_files
 from hoid_bringup.evaluate.evaluation import align
+from hoid_bringup.run import outputs
 from hoid_bringup.run.run_config import RunConfig
 from hoid_bringup.view.view_log import ESTIMATE, TRUTH, ViewLog
 from hoid_common import se3
@@ -31,7 +31,7 @@ class FinishedRun:
 
 def is_run(path: Path) -> bool:
     """Return whether a path is the output folder of a run."""
-    return (path / run_files.SUMMARY).is_file()
+    return (path / outputs.SUMMARY).is_file()
 
 
 def open_run(folder: Path) -> FinishedRun:
@@ -40,7 +40,7 @@ def open_run(folder: Path) -> FinishedRun:
     Raises:
         InputError: A file is missing or damaged.
     """
-    path = folder / run_files.SUMMARY
+    path = folder / outputs.SUMMARY
     try:
         summary = json.loads(path.read_text(encoding='utf-8'))
         options, recording = dict(summary['options']), summary.get('recording')
@@ -50,8 +50,8 @@ def open_run(folder: Path) -> FinishedRun:
         folder,
         Path(recording) if recording else None,
         RunConfig.from_noted(options),
-        read_tum(folder / run_files.FINAL),
-        read_tum(folder / run_files.KEYFRAMES),
+        read_tum(folder / outputs.FINAL),
+        read_tum(folder / outputs.KEYFRAMES),
     )
 
 
@@ -63,8 +63,8 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
     """
     log.path(ESTIMATE, run.final)
     log.keyframes(run.keyframes.T_world_camera, sequence.camera if sequence else None)
-    log.points(read_ply(run.folder / run_files.MAP).points_m)
-    dense = run.folder / run_files.CLOUD
+    log.points(read_ply(run.folder / outputs.MAP).points_m)
+    dense = run.folder / outputs.CLOUD
     if dense.is_file():
         log.cloud(*read_ply(dense))
     if sequence is not None and sequence.ground_truth is not None:

@@ -1,4 +1,4 @@
-"""What makes an object dynamic: the strategies, the paper's rules among them.
+"""What makes an object dynamic (the strategies), and which features lie on it.
 
-Nothing here touches features.
+Nothing here finds or describes features.
 """

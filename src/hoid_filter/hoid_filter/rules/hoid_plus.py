@@ -9,8 +9,8 @@ from hoid_filter.config import FilterConfig
 from hoid_filter.detections.aligned_detections import FilterInput, Verdict
 from hoid_filter.detections.overlap import areas_px2
 from hoid_filter.detections.tracks import BoxTracker, Patience
-from hoid_filter.masks.depth_regions import SHRINK, shrink
-from hoid_filter.masks.dynamic_mask import Masks, dynamic_confidence_mask, make_masks
+from hoid_filter.rules.depth_regions import SHRINK, shrink
+from hoid_filter.rules.dynamic_mask import Masks, dynamic_confidence_mask, make_masks
 from hoid_filter.rules.interaction import Interactions, TrackSnapshot, judge_interactions
 from hoid_native import sample_depths_m, torso_depths_m
 

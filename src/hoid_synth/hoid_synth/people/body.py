@@ -9,8 +9,8 @@ import numpy as np
 from hoid_common.values import FloatArray
 from hoid_synth.mesh import Mesh, Surface, ellipsoid, merged, tube
 from hoid_synth.noise import Bgr, Rng, any_colour, hsv
-from hoid_synth.room import prints, surfaces
-from hoid_synth.room.palette import Studio
+from hoid_synth.texture import prints, surfaces
+from hoid_synth.texture.palette import Studio
 
 _UP = np.array([0.0, 0.0, 1.0])
 _HAIR_STYLES = ('short', 'long', 'bun', 'bald')

@@ -7,7 +7,7 @@ import numpy as np
 from hoid_common.values import Float32Array
 from hoid_synth.mesh import Mesh
 from hoid_synth.render.tracer import Hits
-from hoid_synth.room.atlas import LEVELS, Atlas
+from hoid_synth.texture.atlas import LEVELS, Atlas
 
 _U, _V, _LIGHT = slice(0, 3), slice(3, 6), slice(6, 9)  # value at vertex 0, its steps to 1 and 2
 _PLACE = slice(9, 13)

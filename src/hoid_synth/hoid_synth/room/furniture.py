@@ -6,8 +6,8 @@ import numpy as np
 
 from hoid_common.values import ByteArray
 from hoid_synth.mesh import Mesh, Surface, box, cylinder, ellipsoid, grid, merged, quad, tube
-from hoid_synth.room import pictures, prints, surfaces
-from hoid_synth.room.palette import Palette, Studio, wood_colour
+from hoid_synth.texture import pictures, prints, surfaces
+from hoid_synth.texture.palette import Palette, Studio, wood_colour
 
 DESK_HEIGHT_M = 0.74
 TABLE_HEIGHT_M = 0.72

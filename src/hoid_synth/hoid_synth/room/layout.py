@@ -12,8 +12,6 @@ from hoid_synth.mesh import box, merged
 from hoid_synth.noise import Rng
 from hoid_synth.people.body import dress
 from hoid_synth.room import furniture
-from hoid_synth.room.atlas import Textures
-from hoid_synth.room.palette import Studio
 from hoid_synth.room.props import FLOOR_PROPS, TABLE_PROPS, Maker
 from hoid_synth.room.rooms import DEPTH_M, HEIGHT_M, Furnisher
 from hoid_synth.room.world import (
@@ -26,6 +24,8 @@ from hoid_synth.room.world import (
     pose,
     resting_yaw,
 )
+from hoid_synth.texture.atlas import Textures
+from hoid_synth.texture.palette import Studio
 
 WIDTHS_M = (6.4, 5.8)
 PARTITION_M = 0.12

@@ -9,9 +9,9 @@ import numpy as np
 
 from hoid_synth.mesh import Mesh, Surface, box, ellipsoid, merged, quad, tube
 from hoid_synth.noise import any_colour, hsv
-from hoid_synth.room import pictures, prints, surfaces
 from hoid_synth.room.furniture import chair, plant
-from hoid_synth.room.palette import Palette, Studio
+from hoid_synth.texture import pictures, prints, surfaces
+from hoid_synth.texture.palette import Palette, Studio
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,10 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 from hoid_synth.mesh import Mesh, Surface, box, merged, quad
-from hoid_synth.room import furniture, pictures, prints
-from hoid_synth.room.palette import Studio, make_palette, picture
+from hoid_synth.room import furniture
 from hoid_synth.room.world import Lamp, WorldBuilder, pose
+from hoid_synth.texture import pictures, prints
+from hoid_synth.texture.palette import Studio, make_palette, picture
 
 HEIGHT_M = 2.6
 DEPTH_M = 5.6

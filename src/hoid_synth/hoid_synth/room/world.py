@@ -9,8 +9,8 @@ import numpy as np
 from hoid_common.values import FloatArray
 from hoid_synth.mesh import Mesh, merged
 from hoid_synth.people.body import Wardrobe
-from hoid_synth.room.atlas import Atlas
 from hoid_synth.room.props import Prop
+from hoid_synth.texture.atlas import Atlas
 
 Rect = tuple[float, float, float, float]  # x1, y1, x2, y2 on the floor, metres
 

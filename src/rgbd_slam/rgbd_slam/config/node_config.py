@@ -8,8 +8,8 @@ from hoid_common.config import Config, param
 from hoid_common.input_config import InputConfig
 from hoid_common.slam_status import SlamMode
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.scene.object_tracker import ObjectTrackerConfig
 
 
 @dataclass(frozen=True)

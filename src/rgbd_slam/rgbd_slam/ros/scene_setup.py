@@ -7,10 +7,10 @@ from typing import NamedTuple
 from hoid_common.input_config import InputConfig
 from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.fusion_scheduler import FusionRequest
-from rgbd_slam.scene.object_tracker import ObjectTrackerConfig
 
 
 class SceneSetup(NamedTuple):

@@ -12,16 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from hoid_common.values import PERSON, DynamicObject, FloatArray, Reason
+from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.scene.floor import Floor
 from rgbd_slam.scene.object_sighting import DepthScene, Sighting, sight
-from rgbd_slam.scene.object_track import (
-    ObjectState,
-    ObjectTrackerConfig,
-    Track,
-    TrackedObject,
-)
+from rgbd_slam.scene.object_track import ObjectState, Track, TrackedObject
 
-__all__ = ['ObjectState', 'ObjectTracker', 'ObjectTrackerConfig', 'TrackedObject']
+__all__ = ['ObjectState', 'ObjectTracker', 'TrackedObject']
 
 _HIDDEN_M = 0.15  # what shows so much before an object's place hides it
 _GONE_M = 0.25  # what shows so far behind it means that it is gone

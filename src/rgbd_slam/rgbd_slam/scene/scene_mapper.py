@@ -7,6 +7,7 @@ import numpy as np
 from hoid_common.errors import MapFileError
 from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Array, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.scene.dense_mapper import DenseMapper, StoredView
 from rgbd_slam.scene.dense_state import DenseState
@@ -14,7 +15,7 @@ from rgbd_slam.scene.floor import Floor, find_floor
 from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.grid import Grid, project_grid, without_unseen
 from rgbd_slam.scene.object_sighting import DepthScene
-from rgbd_slam.scene.object_tracker import ObjectTracker, ObjectTrackerConfig, TrackedObject
+from rgbd_slam.scene.object_tracker import ObjectTracker, TrackedObject
 from rgbd_slam.scene.voxel_map import ColoredCloud
 
 _UP = np.array([0.0, 0.0, 1.0])

@@ -9,8 +9,8 @@ import numpy as np
 from hoid_common.values import ByteArray
 from hoid_synth.mesh import Surface
 from hoid_synth.noise import Bgr, Rng, any_colour, hsv
-from hoid_synth.room import pictures, surfaces
-from hoid_synth.room.atlas import Textures
+from hoid_synth.texture import pictures, surfaces
+from hoid_synth.texture.atlas import Textures
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from hoid_synth.noise import (
     smoothstep,
     tinted,
 )
-from hoid_synth.room.pictures import filled, landscape, lines_of_text, shapes, word, write
+from hoid_synth.texture.pictures import filled, landscape, lines_of_text, shapes, word, write
 
 
 def book_spines(rng: Rng, shape: Shape) -> ByteArray:

@@ -12,7 +12,7 @@ from hoid_common.values import BoolArray, ByteArray, Float32Array, IntArray, Rea
 from hoid_filter.config import PlusConfig
 from hoid_filter.detections.aligned_detections import FilterInput
 from hoid_filter.extraction.pyramid import Int32Array
-from hoid_filter.masks.depth_regions import SHRINK, cells
+from hoid_filter.rules.depth_regions import SHRINK, cells
 from hoid_filter.rules.interaction import TrackSnapshot
 from hoid_native import cover_things, values_at, widen
 

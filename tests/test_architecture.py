@@ -1,0 +1,149 @@
+"""The structure that a maintainer can rely on: seams, floors, sizes and docstrings."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = {path.parent.name: path.parent for path in ROOT.glob('src/*/*/__init__.py')}
+FOLDERS |= {path.parent.name: path.parent for path in ROOT.glob('b*/*/__init__.py')}
+# From the lowest floor up, each may import what lies on lower floors only: packages,
+PACKAGES = """
+    hoid_common hoid_native < hoid_detector hoid_filter rgbd_slam hoid_bags
+    < hoid_synth hoid_bringup < hoid_training hoid_benchmarks
+"""
+# and the rooms of a package, with the modules at its root.
+ROOMS = {
+    'hoid_common': """
+        errors throttle sync topics slam_status child_process < config values < se3 input_config
+        < io input_watch static_frames < ros
+    """,
+    'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
+    'hoid_filter': 'config drawing < extraction < detections < rules < feature_filter < node',
+    'rgbd_slam': """
+        config < model < matching < optimize < places < tracking local_mapping < loops < scene
+        < map_io < mapper < processes < robot_frames slam < map_transfer < session < ros < node
+    """,
+    'hoid_bags': """
+        images progress < tum < bag < options sequence convert < live < commands
+    """,
+    'hoid_synth': """
+        config mesh noise < texture < people < room < acting < render
+        < truth static_model < scene < bag room_truth < commands
+    """,
+    'hoid_bringup': 'evaluate < run < live view < commands cli < __main__',
+    'hoid_benchmarks': 'plan < jobs < rooms < report < commands demo',
+}
+ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')
+ROS_ROOMS = re.compile(
+    r'(hoid_common|rgbd_slam)\.ros\b|(hoid_detector|hoid_filter|rgbd_slam)\.node$|'
+    r'hoid_bags\.live\b|hoid_bringup\.live\b'
+)
+EXPERIMENTS_ONLY = ('distributed', 'embreex', 'evo', 'matplotlib', 'plotly')
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """Return the product's modules by name."""
+    return {
+        '.'.join(path.relative_to(folder.parent).with_suffix('').parts): path
+        for folder in FOLDERS.values()
+        for path in sorted(folder.rglob('*.py'))
+        if path.name != '__init__.py'
+    }
+
+
+@cache
+def imports(name: str) -> frozenset[str]:
+    """Return what a module imports, wherever in its text: modules, not the names in them."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(modules()[name].read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {
+                inner if (inner := f'{node.module}.{alias.name}') in modules() else node.module
+                for alias in node.names
+            }
+    return frozenset(found)
+
+
+def floor_of(floors: str, name: str) -> int:
+    for number, floor in enumerate(floors.split('<')):
+        if name in floor.split():
+            return number
+    raise AssertionError(f'{name} is on no floor: name it in {Path(__file__).name}')
+
+
+def test_packages_import_only_lower_packages() -> None:
+    for name in modules():
+        package = name.partition('.')[0]
+        for other in {module.partition('.')[0] for module in imports(name)} & FOLDERS.keys():
+            if other != package:
+                above = floor_of(PACKAGES, other) >= floor_of(PACKAGES, package)
+                assert not above, f'{name} must not import {other}'
+
+
+@pytest.mark.parametrize('package', ROOMS)
+def test_rooms_import_only_lower_rooms(package: str) -> None:
+    for name in (name for name in modules() if name.startswith(f'{package}.')):
+        room = name.split('.')[1]
+        for module in imports(name):
+            head, _, rest = module.partition('.')
+            other = rest.partition('.')[0]
+            if head == package and other and other != room:
+                above = floor_of(ROOMS[package], other) >= floor_of(ROOMS[package], room)
+                assert not above, f'{name} must not import {module}'
+
+
+def test_ros_is_imported_at_the_seam_only() -> None:
+    for name in modules():
+        if not ROS_ROOMS.search(name):
+            found = {module for module in imports(name) if ROS.fullmatch(module.partition('.')[0])}
+            assert not found, f'{name} imports {sorted(found)}'
+
+
+def test_gtsam_is_imported_in_one_room_only() -> None:
+    users = {name.rpartition('.')[0] for name in modules() if 'gtsam' in imports(name)}
+    assert users == {'rgbd_slam.optimize'}
+
+
+def test_everything_public_has_a_docstring() -> None:
+    for name, path in modules().items():
+        tree = ast.parse(path.read_text())
+        public = [tree, *public_in(tree)]
+        public += [m for c in public if isinstance(c, ast.ClassDef) for m in public_in(c)]
+        for node in public:
+            assert ast.get_docstring(node), f'{name}: {getattr(node, "name", "the module")}'
+
+
+def public_in(node: ast.Module | ast.ClassDef) -> list[ast.ClassDef | ast.FunctionDef]:
+    found = [n for n in node.body if isinstance(n, ast.ClassDef | ast.FunctionDef)]
+    return [n for n in found if not n.name.startswith('_')]
+
+
+@pytest.mark.parametrize('package', ROOMS)
+def test_every_room_says_what_belongs_into_it(package: str) -> None:
+    for path in FOLDERS[package].rglob('__init__.py'):
+        if path.parent != FOLDERS[package]:
+            assert ast.get_docstring(ast.parse(path.read_text())), path
+
+
+def test_what_a_robot_runs_needs_no_package_of_the_experiments() -> None:
+    code = (
+        'import sys\n'
+        f'sys.modules.update(dict.fromkeys({EXPERIMENTS_ONLY!r}))\n'
+        'import hoid_bags.commands, hoid_bringup.live.nodes, hoid_bringup.cli\n'
+        'import hoid_detector.node, hoid_filter.node, rgbd_slam.node\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
