@@ -19,7 +19,7 @@ from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, DynamicObject
 from hoid_synth.acting.stage import Stage, set_stage
 from hoid_synth.commands import add_synth_arguments, scene_config
-from hoid_synth.truth import ObjectState, object_states
+from hoid_synth.truth import TrueObjectState, object_states
 
 _Point = tuple[float, float]
 
@@ -85,7 +85,7 @@ def _stage(name: str) -> Stage:
     return set_stage(scene_config(parser.parse_args(['-', *options, '--width', '64'])))
 
 
-def _project(state: ObjectState, stage: Stage, i: int, camera: CameraModel) -> _Point | None:
+def _project(state: TrueObjectState, stage: Stage, i: int, camera: CameraModel) -> _Point | None:
     """Return where the middle of an object is in the image; None behind the camera."""
     T_camera_world = se3.inverse(stage.T_world_camera[i])
     x, y, z = se3.transform(T_camera_world, np.array([state.center_m]))[0].tolist()

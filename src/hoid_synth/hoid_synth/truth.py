@@ -22,7 +22,7 @@ class VisibleObjects(NamedTuple):
     handled: tuple[bool, ...]  # in somebody's hands; people are not
 
 
-class ObjectState(NamedTuple):
+class TrueObjectState(NamedTuple):
     """Where a movable object is, seen or not."""
 
     instance: int
@@ -60,7 +60,7 @@ def people_centers(stage: Stage, i: int) -> FloatArray:
     return np.array(centers).reshape(-1, 3)
 
 
-def object_states(stage: Stage, i: int) -> tuple[ObjectState, ...]:
+def object_states(stage: Stage, i: int) -> tuple[TrueObjectState, ...]:
     """Return the state of every movable object, also of those that nobody touches."""
     states = []
     for placed, track in zip(stage.world.props, stage.objects, strict=True):
@@ -68,7 +68,7 @@ def object_states(stage: Stage, i: int) -> tuple[ObjectState, ...]:
         middle = 0.5 * (vertices.min(0) + vertices.max(0)).astype(float)
         x, y, z = se3.transform(track.T_world_object[i], middle[None])[0].tolist()
         states.append(
-            ObjectState(
+            TrueObjectState(
                 placed.instance,
                 placed.prop.class_name,
                 (x, y, z),

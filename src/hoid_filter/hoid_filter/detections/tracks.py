@@ -26,7 +26,7 @@ _NS = 1e-9
 
 
 @dataclass
-class Track:
+class BoxTrack:
     """One thing: its box, its motion in the image, and what is known of it."""
 
     track_id: int
@@ -89,7 +89,7 @@ class BoxTracker:
 
     def __init__(self, patience: Patience) -> None:
         self._patience = patience
-        self._tracks: list[Track] = []
+        self._tracks: list[BoxTrack] = []
         self._next_id = 0
         self._heard_ns: int | None = None  # stamp of the last detections
 
@@ -119,7 +119,7 @@ class BoxTracker:
         for at in sorted(set(range(len(names))) - set(k.tolist())):
             needed = self._patience.doubt_hits * bool(doubtful[at])
             self._tracks.append(
-                Track(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, needed)
+                BoxTrack(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, needed)
             )
             self._next_id += 1
         # What was never sure has to be seen again and again without a gap, also once believed.
@@ -142,7 +142,7 @@ class BoxTracker:
 
     def advance(
         self, stamp_ns: int, width_px: int, height_px: int
-    ) -> tuple[tuple[Track, ...], FloatArray]:
+    ) -> tuple[tuple[BoxTrack, ...], FloatArray]:
         """Forget what was not seen for too long or left the image.
 
         Returns:
@@ -164,23 +164,23 @@ class BoxTracker:
         self._tracks = [self._tracks[n] for n in remembered]
         return tracks, inside[believed]
 
-    def _limit_s(self, track: Track) -> float:
+    def _limit_s(self, track: BoxTrack) -> float:
         if not track.missed:
             return self._patience.late_s
         share = 1.0 if track.is_known else _UNKNOWN_COAST_SHARE
         return share * self._patience.coast_s
 
-    def _is_believed(self, track: Track) -> bool:
+    def _is_believed(self, track: BoxTrack) -> bool:
         """Return whether it was not missed, or moved when last seen."""
         suspect = track.is_known and track.untouched_s < self._patience.rest_s
         return not track.missed or track.is_person or suspect
 
 
-def _unseen_s(track: Track, stamp_ns: int) -> float:
+def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
     return (stamp_ns - track.seen_ns) * _NS
 
 
-def boxes_at(tracks: list[Track], stamp_ns: int) -> FloatArray:
+def boxes_at(tracks: list[BoxTrack], stamp_ns: int) -> FloatArray:
     """Return the (T, 4) boxes expected at a stamp: where they were seen, moved on since."""
     seen = np.array([track.box_xyxy_px for track in tracks]).reshape(-1, 4)
     velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 2)

@@ -31,7 +31,7 @@ class HoidPlus:
         plus = self._config.plus
         self._observe(view)
         small_depth_m = shrink(view.depth_m)
-        snapshot = self._situation(view, small_depth_m)
+        snapshot = self._snapshot(view, small_depth_m)
         found = judge_interactions(snapshot, self._config)
         confidence = dynamic_confidence_mask(snapshot, found.reasons, small_depth_m, plus)
         enough = plus.min_static_share * self._config.extraction.num_features
@@ -59,7 +59,7 @@ class HoidPlus:
         is_person = np.array([name == PERSON for name in detections.class_names], np.bool_)
         return large & weak & is_person
 
-    def _situation(self, view: FilterInput, small_depth_m: Float32Array) -> TrackSnapshot:
+    def _snapshot(self, view: FilterInput, small_depth_m: Float32Array) -> TrackSnapshot:
         height, width = view.depth_m.shape
         tracks, boxes = self._tracker.advance(view.stamp_ns, width, height)
         depths_m = sample_depths_m(view.depth_m, boxes, self._config.sample_box_px)

@@ -9,7 +9,7 @@ import numpy as np
 
 from hoid_common.values import BoolArray, FloatArray, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.tracks import Track
+from hoid_filter.detections.tracks import BoxTrack
 from hoid_native import overlap_ratios
 
 
@@ -27,7 +27,7 @@ class TrackSnapshot:
     """N tracks at the stamp of an image."""
 
     stamp_ns: int
-    tracks: tuple[Track, ...]
+    tracks: tuple[BoxTrack, ...]
     boxes_xyxy_px: FloatArray  # (N, 4)
     depths_m: FloatArray  # (N,), of the torso for people; NaN = unknown
 
@@ -96,7 +96,7 @@ def _reasons(
     return tuple(reasons)
 
 
-def _reason(track: Track, stamp_ns: int, dynamic: bool, touched: bool) -> Reason:
+def _reason(track: BoxTrack, stamp_ns: int, dynamic: bool, touched: bool) -> Reason:
     if not dynamic:
         return Reason.STATIC
     if track.seen_ns != stamp_ns:

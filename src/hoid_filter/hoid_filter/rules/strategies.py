@@ -46,7 +46,7 @@ class ImageRule(ABC):
 
     def judge(self, view: FilterInput) -> Verdict:
         """Return the verdict on every detection."""
-        scene = scene_of(view, self._predictor)
+        scene = align_detections(view, self._predictor)
         found = scene.detections
         names = found.class_names
         judged = judge_boxes(
@@ -85,7 +85,7 @@ class NoFilter:
 
     def judge(self, view: FilterInput) -> Verdict:
         """Return a verdict that keeps the whole image."""
-        scene = scene_of(view, self._predictor)
+        scene = align_detections(view, self._predictor)
         num = len(scene.detections)
         boxes = scene.detections.boxes_xyxy_px
         return Verdict(
@@ -146,7 +146,7 @@ class Descriptor(ImageRule):
         return Rule(math.inf, apart_m, descriptor.window_px / 2)
 
 
-def scene_of(view: FilterInput, predictor: BoxPredictor) -> AlignedDetections:
+def align_detections(view: FilterInput, predictor: BoxPredictor) -> AlignedDetections:
     """Return the view with boxes of its own stamp, predicted where they are older or missing."""
     detections = view.detections
     detected = detections is not None and detections.stamp_ns == view.stamp_ns

@@ -7,7 +7,7 @@ import numpy as np
 from hoid_common.values import Float32Array
 from hoid_synth.mesh import Mesh
 from hoid_synth.render.tracer import Hits
-from hoid_synth.texture.atlas import LEVELS, Atlas
+from hoid_synth.texture.atlas import LEVELS, TextureAtlas
 
 _U, _V, _LIGHT = slice(0, 3), slice(3, 6), slice(6, 9)  # value at vertex 0, its steps to 1 and 2
 _PLACE = slice(9, 13)
@@ -16,7 +16,7 @@ _COLUMNS = 16
 _CHUNK = 1 << 15
 
 
-def face_table(mesh: Mesh, light: Float32Array, atlas: Atlas) -> Float32Array:
+def face_table(mesh: Mesh, light: Float32Array, atlas: TextureAtlas) -> Float32Array:
     """Return one row per face with all that shading needs."""
     table = np.zeros((len(mesh.faces), _COLUMNS), np.float32)
     place = atlas.places[mesh.texture]
@@ -61,7 +61,7 @@ def shade(
     table: Float32Array,
     hits: Hits,
     footprint_m2: Float32Array,
-    atlas: Atlas,
+    atlas: TextureAtlas,
     shadow: Float32Array,
     exposure: float,
 ) -> Float32Array:
@@ -87,7 +87,7 @@ def _shaded(
     rows: Float32Array,
     barycentric: Float32Array,
     footprint_m2: Float32Array,
-    atlas: Atlas,
+    atlas: TextureAtlas,
     shadow: Float32Array,
     exposure: float,
 ) -> Float32Array:

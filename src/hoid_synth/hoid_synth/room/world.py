@@ -10,7 +10,7 @@ from hoid_common.values import FloatArray
 from hoid_synth.mesh import Mesh, merged
 from hoid_synth.people.body import Wardrobe
 from hoid_synth.room.props import Prop
-from hoid_synth.texture.atlas import Atlas
+from hoid_synth.texture.atlas import TextureAtlas
 
 Rect = tuple[float, float, float, float]  # x1, y1, x2, y2 on the floor, metres
 
@@ -62,7 +62,7 @@ class World:
     lamps: tuple[Lamp, ...]
     wardrobes: tuple[Wardrobe, ...]  # of the people
     person_instances: tuple[int, ...]
-    atlas: Atlas
+    atlas: TextureAtlas
 
 
 def pose(x_m: float, y_m: float, z_m: float, yaw_rad: float) -> FloatArray:

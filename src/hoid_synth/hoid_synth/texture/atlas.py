@@ -16,7 +16,7 @@ _WIDTH_PX = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class Atlas:
+class TextureAtlas:
     """Textures packed at level 0, halved level by level to its right."""
 
     image: ByteArray  # (H, W, 3) BGR
@@ -69,7 +69,7 @@ class Textures:
         self._ir_dark.append(ir_dark)
         return len(self._images) - 1
 
-    def pack(self) -> Atlas:
+    def pack(self) -> TextureAtlas:
         """Return the atlas of all textures so far."""
         pad = _ALIGN_PX
         order = sorted(range(len(self._images)), key=lambda k: -self._images[k].shape[0])
@@ -89,7 +89,7 @@ class Textures:
             level[y0 : y0 + padded.shape[0], x0 : x0 + padded.shape[1]] = padded
         image, offsets = _with_mips(level)
         glow, dark = np.array(self._glow, np.float32), np.array(self._ir_dark, np.float32)
-        return Atlas(image, places, glow, dark, offsets)
+        return TextureAtlas(image, places, glow, dark, offsets)
 
 
 def _with_mips(level: ByteArray) -> tuple[ByteArray, Float32Array]:

@@ -22,8 +22,8 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.processes.mapper_worker import (
     Load,
+    MapperReport,
     Ready,
-    Report,
     Request,
     Resume,
     Settle,
@@ -56,7 +56,7 @@ class MapperProcess:
         self._num_sent = self._num_done = 0
         self._is_settled = True
         self._redirects: deque[Redirect] = deque()
-        self._worker: ChildWorker[Request, Ready | Report] = ChildWorker(
+        self._worker: ChildWorker[Request, Ready | MapperReport] = ChildWorker(
             'mapper', run_mapper, camera, config
         )
         try:
@@ -165,7 +165,7 @@ class MapperProcess:
         self._apply(report)
         return report.row
 
-    def _apply(self, report: Report) -> None:
+    def _apply(self, report: MapperReport) -> None:
         self._atlas.apply(report.change)
         self._redirects.extend(self._atlas.take_redirects())
         self.loops = report.loops

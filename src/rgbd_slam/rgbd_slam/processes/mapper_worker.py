@@ -57,7 +57,7 @@ class Ready(NamedTuple):
     """Says that requests are taken from now on."""
 
 
-class Report(NamedTuple):
+class MapperReport(NamedTuple):
     """What the mapper sends after each request, and after changes of its own."""
 
     change: MapChange
@@ -86,7 +86,7 @@ def run_mapper(
             change = atlas.changes_since(version)
             version = change.version
             settled = not mapper.is_adjusting
-            reports.send(Report(change, row, mapper.loops, is_answer, settled))
+            reports.send(MapperReport(change, row, mapper.loops, is_answer, settled))
     except (EOFError, BrokenPipeError):
         pass  # the tracker has ended
     finally:

@@ -46,7 +46,7 @@ class TrackedObject:
     size_m: FloatArray  # (3,), extent along the map's axes
 
 
-class Track:
+class KalmanTrack:
     """The filter of one object, and the story of its rest."""
 
     def __init__(

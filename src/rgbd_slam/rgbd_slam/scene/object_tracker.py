@@ -15,7 +15,7 @@ from hoid_common.values import PERSON, DynamicObject, FloatArray, Reason
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.scene.floor import Floor
 from rgbd_slam.scene.object_sighting import DepthScene, Sighting, sight
-from rgbd_slam.scene.object_track import ObjectState, Track, TrackedObject
+from rgbd_slam.scene.object_track import KalmanTrack, ObjectState, TrackedObject
 
 __all__ = ['ObjectState', 'ObjectTracker', 'TrackedObject']
 
@@ -30,7 +30,7 @@ class ObjectTracker:
 
     def __init__(self, config: ObjectTrackerConfig) -> None:
         self._config = config
-        self._tracks: list[Track] = []
+        self._tracks: list[KalmanTrack] = []
         self._next_id = 0
 
     def update(
@@ -77,8 +77,8 @@ class ObjectTracker:
         self._tracks = []
 
     def _track_in_box(
-        self, seen: DynamicObject, scene: DepthScene, free: list[Track], stamp_ns: int
-    ) -> Track | None:
+        self, seen: DynamicObject, scene: DepthScene, free: list[KalmanTrack], stamp_ns: int
+    ) -> KalmanTrack | None:
         """Return the track of the class that should be in the box, nearest to its middle."""
         x1, y1, x2, y2 = seen.box_xyxy_px
         middle = np.array([(x1 + x2) / 2, (y1 + y2) / 2])
@@ -97,7 +97,7 @@ class ObjectTracker:
     def _assign(
         self,
         sighting: Sighting,
-        free: list[Track],
+        free: list[KalmanTrack],
         people_m: list[FloatArray],
         scene: DepthScene,
         stamp_ns: int,
@@ -118,9 +118,11 @@ class ObjectTracker:
             taken.put_down(sighting, stamp_ns)
             return
         self._next_id += 1
-        self._tracks.append(Track(self._next_id, sighting, stamp_ns, self._config))
+        self._tracks.append(KalmanTrack(self._next_id, sighting, stamp_ns, self._config))
 
-    def _nearest(self, sighting: Sighting, free: list[Track], stamp_ns: int) -> Track | None:
+    def _nearest(
+        self, sighting: Sighting, free: list[KalmanTrack], stamp_ns: int
+    ) -> KalmanTrack | None:
         best, best_m = None, self._config.gate_m
         for track in free:  # a handful
             if track.class_name != sighting.seen.class_name:
@@ -133,8 +135,8 @@ class ObjectTracker:
         return best
 
     def _carried_here(
-        self, sighting: Sighting, free: list[Track], scene: DepthScene, stamp_ns: int
-    ) -> Track | None:
+        self, sighting: Sighting, free: list[KalmanTrack], scene: DepthScene, stamp_ns: int
+    ) -> KalmanTrack | None:
         """Return the known object that somebody can have carried here while it was unseen.
 
         It was published, and its last place is in view and does not show it any more.
@@ -159,18 +161,18 @@ class ObjectTracker:
             for person_m in people_m
         )
 
-    def _last_taken(self, class_name: str) -> Track | None:
+    def _last_taken(self, class_name: str) -> KalmanTrack | None:
         taken = [t for t in self._tracks if t.is_taken and t.class_name == class_name]
         return max(taken, key=lambda track: track.stamp_ns, default=None)
 
-    def _look_for_gone(self, unseen: list[Track], scene: DepthScene) -> None:
+    def _look_for_gone(self, unseen: list[KalmanTrack], scene: DepthScene) -> None:
         """Mark the resting objects whose place shows what is behind it."""
         for track in unseen:
             if track.is_settled and scene.sees_through(track.position_at_m(0), _GONE_M):
                 track.num_looked_through += 1
                 track.is_taken = track.num_looked_through >= _GONE_LOOKS
 
-    def _alive(self, stamp_ns: int) -> list[Track]:
+    def _alive(self, stamp_ns: int) -> list[KalmanTrack]:
         limit_ns = self._config.forget_moving_s * 1e9
         for track in self._tracks:
             is_late = stamp_ns - track.stamp_ns > limit_ns
