@@ -16,13 +16,13 @@ setup(
     ],
     install_requires=[
         'backports-zstd',
+        'lz4',
         'mcap',
         'numpy',
         'opencv-python-headless',
         'pyyaml',
         'rosbags',
         'tqdm',
-        'zstandard',
     ],
     # Without pytest here `colcon test` runs no test at all.
     extras_require={'test': ['hypothesis', 'mcap-ros2-support', 'pytest']},

@@ -17,6 +17,7 @@ KEYS = {
     'cv2': 'python3-opencv',
     'gtsam': 'gtsam',
     'hypothesis': 'python3-hypothesis',
+    'lz4': 'python3-lz4',
     'numpy': 'python3-numpy',
     'onnxruntime': 'python3-onnxruntime-pip',
     'psutil': 'python3-psutil',
@@ -25,7 +26,6 @@ KEYS = {
     'scipy': 'python3-scipy',
     'tqdm': 'python3-tqdm',
     'yaml': 'python3-yaml',
-    'zstandard': 'python3-zstandard',
 }
 # and by pip, where that differs from the module's name.
 DISTRIBUTIONS = {

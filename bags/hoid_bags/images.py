@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import InputError
+from hoid_common.io.untrusted import read_bytes
 from hoid_common.values import ByteArray, CameraModel, Float32Array
 
 DepthUnits = NDArray[np.uint16]
+
+_MAX_FILE_BYTES = 256_000_000
 
 _PNG_START, _PNG_END = b'\x89PNG\r\n\x1a\n', b'IEND\xaeB`\x82'
 _JPEG_START, _JPEG_END = b'\xff\xd8\xff', b'\xff\xd9'
@@ -22,12 +25,9 @@ def read_image_bytes(path: Path) -> bytes:
     """Return the content of an image file.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: the file cannot be read, is no regular one or larger than any image.
     """
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f'{path}: cannot be read: {error.strerror}') from error
+    return read_bytes(path, _MAX_FILE_BYTES)
 
 
 def is_png(data: bytes) -> bool:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections import deque
-from itertools import islice
+import os
+import re
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
+from backports import zstd
+from rosbags.rosbag2 import ReaderError
 
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.info import summarize
 from hoid_bags.live.playback import PlayConfig, open_plan
+from hoid_bags.mcap.chunks import MAX_CHUNK_BYTES, unpack
 from hoid_bags.sequence import open_sequence
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
@@ -74,34 +78,106 @@ def damage(bag: Path) -> None:
     file.write_bytes(data)
 
 
-def test_one_damaged_chunk(bag: Path) -> None:
+def test_a_damaged_chunk_costs_no_more_than_itself(bag: Path) -> None:
     damage(bag)
     with BagReader(bag) as reader:
+        stamps_ns = [message.log_ns for message in reader.messages()]
+        assert stamps_ns == sorted(stamps_ns)
+        fault = reader.fault or ''
+    lost = [int(number) for number in re.findall(r'(\d+) of /', fault)]
+    assert len(lost) == 3
+    assert len(stamps_ns) == 180 - sum(lost)
+    assert sum(lost) <= 48  # of two chunks, where the damage lies across both
+    assert re.search(r'damaged: \d chunks? .* at byte \d+ of bag.mcap: checksum mismatch', fault)
+    assert '\n' not in fault
+
+
+@pytest.mark.parametrize('seed', range(25))
+def test_a_single_bit_is_told(bag: Path, seed: int) -> None:
+    file = bag / 'bag.mcap'
+    data = bytearray(file.read_bytes())
+    place = np.random.default_rng(seed).integers(1000, len(data) - 10_000)
+    data[place] ^= 1 << seed % 8
+    file.write_bytes(data)
+    with BagReader(bag) as reader:
         num_read = sum(1 for _ in reader.messages())
-        assert 0 < num_read < 180
         assert reader.fault is not None
-        assert f'{bag}: damaged after {num_read} messages (' in reader.fault
-        assert '\n' not in reader.fault
+        assert 'damaged: 1 chunk is left out with messages: ' in reader.fault
+        assert 140 < num_read < 180
 
 
-def test_a_damaged_bag_as_a_sequence_says_so(bag: Path) -> None:
+def test_a_damaged_bag_as_a_sequence_gives_what_is_on_both_sides(bag: Path) -> None:
     damage(bag)
     sequence = open_sequence(bag)
     assert sequence.fault is not None
-    assert 'damaged after' in sequence.fault
-    assert 0 < len(list(sequence)) == len(sequence) < 60
+    assert 'left out' in sequence.fault
+    stamps_ns = [frame.stamp_ns for frame in sequence]
+    assert 40 < len(stamps_ns) == len(sequence) < 60
+    assert max(np.diff(stamps_ns)) > 300_000_000
+    assert stamps_ns[-1] - stamps_ns[0] > 1_900_000_000
+
+
+def test_damage_at_the_start_is_not_taken_for_another_kind_of_bag(bag: Path) -> None:
+    file = bag / 'bag.mcap'
+    data = bytearray(file.read_bytes())
+    data[50_000] ^= 1
+    file.write_bytes(data)
+    assert len(open_sequence(bag)) == 52  # a chunk holds eight
+
+
+def test_images_of_which_none_can_be_read_are_said(bag: Path) -> None:
+    file = bag / 'bag.mcap'
+    data = bytearray(file.read_bytes())
+    for at in range(50_000, len(data) - 100_000, 50_000):
+        data[at] ^= 1
+    file.write_bytes(data)
+    with pytest.raises(InputError, match='damaged: 8 chunks are left out with messages: 60 of'):
+        open_sequence(bag)
+
+
+def test_a_cut_bag_with_a_damaged_chunk_gives_the_rest(bag: Path) -> None:
+    file = bag / 'bag.mcap'
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data[: len(data) * 9 // 10])
+    with BagReader(bag) as reader:
+        num_read = sum(1 for _ in reader.messages())
+        fault = reader.fault or ''
+    assert num_read == (6 - 1) * 24  # messages of a chunk
+    assert re.search(r'cut off after 120 .*; damaged: 1 chunk .* 8 of /depth/image, ', fault)
+
+
+def test_a_chunk_that_unpacks_to_more_than_any_is_refused() -> None:
+    with pytest.raises(ReaderError, match='larger than any'):
+        unpack(b'', '', MAX_CHUNK_BYTES + 1, 0)
+    bomb = zstd.compress(bytes(100_000_000))
+    tracemalloc.start()
+    with pytest.raises(ReaderError, match='unpacks to another size'):
+        unpack(bomb, 'zstd', 1000, 0)
+    assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    tracemalloc.stop()
+
+
+def test_a_pipe_is_no_bag(bag: Path) -> None:
+    (bag / 'bag.mcap').unlink()
+    os.mkfifo(bag / 'bag.mcap')
+    with pytest.raises(InputError, match=r'bag\.mcap: not a regular file'):
+        summarize(bag)
+    with pytest.raises(InputError, match='not a regular file'):
+        summarize(bag / 'bag.mcap')
 
 
 @pytest.mark.parametrize('loop', [False, True])
 def test_a_damaged_bag_is_played_as_far_as_it_goes_and_then_said(bag: Path, loop: bool) -> None:
-    damage(bag)
+    file = bag / 'bag.mcap'
+    data = bytearray(file.read_bytes())
+    data[len(data) // 4] ^= 1  # where opening does not look
+    file.write_bytes(data)
     score = open_plan(bag, PlayConfig())
     cues = score.cues(loop=loop)
-    first = [next(cues) for _ in range(60)]
-    assert [cue.time_ns for cue in first] == sorted(cue.time_ns for cue in first)
-    with pytest.raises(InputError, match=r'damaged after \d+ messages'):
-        deque(islice(cues, 180), maxlen=0)
-    with pytest.raises(StopIteration):
+    played = [next(cues) for _ in range(180 - 24)]
+    assert [cue.time_ns for cue in played] == sorted(cue.time_ns for cue in played)
+    with pytest.raises(InputError, match='damaged: 1 chunk is left out'):
         next(cues)
 
 

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import sqlite3
-import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from backports.zstd import ZstdError
-from rosbags.rosbag2 import ReaderError
-
 from hoid_bags.bag.bag_source import BagMessage, BagSource, BagTopic, WholeBag
 from hoid_bags.bag.cut_bag import CutBag
+from hoid_bags.mcap.chunks import DAMAGE, describe_damage, one_line
 from hoid_common.errors import InputError
+from hoid_common.io.untrusted import read_bytes
 from hoid_common.values import NS_PER_S
 
 METADATA = 'metadata.yaml'
 
-# What reading bytes that make no sense ends in.
-_DAMAGE = (
-    ReaderError, ZstdError, OSError, ValueError, LookupError, TypeError, EOFError, MemoryError,
-    OverflowError, AssertionError, struct.error, sqlite3.Error,
-)  # fmt: skip
+_MAX_METADATA_BYTES = 16_000_000
 
 
 def is_bag(path: Path) -> bool:
@@ -36,7 +29,8 @@ def is_bag(path: Path) -> bool:
 class BagReader:
     """Read a bag; a context manager.
 
-    A bag that was cut off gives what is readable of it; `fault` then says what is wrong.
+    A bag that is damaged or was cut off gives what is readable of it; `fault` then says what is
+    wrong.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,14 +40,16 @@ class BagReader:
             path: Of the bag's folder, or of one .mcap or .db3 file.
 
         Raises:
-            InputError: nothing there, or no bag.
+            InputError: nothing there, no bag, or metadata larger than any.
         """
         if not path.exists():
             raise InputError(f'{path}: no such bag')
         if not is_bag(path):
             raise InputError(f'{path}: not a bag: it has neither {METADATA} nor an .mcap file')
+        if (path / METADATA).exists():
+            read_bytes(path / METADATA, _MAX_METADATA_BYTES)  # rosbags reads it unbounded
         self.path = path
-        self.fault: str | None = None
+        self._fault: str | None = None
 
     def __enter__(self) -> Self:
         """Open the bag.
@@ -63,7 +59,7 @@ class BagReader:
         """
         try:
             self._source: BagSource = WholeBag(self.path)
-        except _DAMAGE as error:
+        except DAMAGE as error:
             self._source = self._salvage(error)
         return self
 
@@ -74,6 +70,15 @@ class BagReader:
         trace: TracebackType | None,
     ) -> None:
         self._source.close()
+
+    @property
+    def fault(self) -> str | None:
+        """Return what is wrong with what has been read so far, in one line, else None."""
+        damage = self._source.damage
+        if not damage:
+            return self._fault
+        said = describe_damage(damage)
+        return f'{self._fault}; {said}' if self._fault else f'{self.path}: {said}'
 
     @property
     def topics(self) -> tuple[BagTopic, ...]:
@@ -92,14 +97,14 @@ class BagReader:
         """
         try:
             return self._source.topic_span_ns(topic)
-        except _DAMAGE as error:
-            self.fault = f'{self.path}: damaged: {_line(error)}'
+        except DAMAGE as error:
+            self._fault = f'{self.path}: damaged: {one_line(error)}'
             return self.span_ns
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
     ) -> Iterator[BagMessage]:
-        """Yield messages in order of time, up to where the bag is damaged: see `fault`.
+        """Yield messages in order of time, less what is damaged: see `fault`.
 
         Args:
             topics: Absolute names; None means all.
@@ -111,34 +116,31 @@ class BagReader:
                 num_read, last_ns = num_read + 1, message.log_ns
                 first_ns = first_ns or last_ns
                 yield message
-        except _DAMAGE as error:
-            self.fault = (
+        except DAMAGE as error:
+            self._fault = (
                 f'{self.path}: damaged after {num_read} messages'
-                f' ({(last_ns - first_ns) / NS_PER_S:.2f} s); the rest is not read: {_line(error)}'
+                f' ({(last_ns - first_ns) / NS_PER_S:.2f} s); the rest is not read:'
+                f' {one_line(error)}'
             )
 
     def _salvage(self, error: Exception) -> CutBag:
         files = _files(self.path, '.mcap') if self.path.is_dir() else [self.path]
         if not files or files[0].suffix != '.mcap':
-            raise InputError(f'{self.path}: cannot be read: {_line(error)}') from error
+            raise InputError(f'{self.path}: cannot be read: {one_line(error)}') from error
         bag = CutBag(files)
         num_messages = sum(topic.num_messages for topic in bag.topics)
         if not num_messages:
-            raise InputError(f'{self.path}: no message can be read: {_line(error)}') from error
+            raise InputError(f'{self.path}: no message can be read: {one_line(error)}') from error
         if not bag.is_whole:
             first_ns, last_ns = bag.span_ns
-            self.fault = (
+            self._fault = (
                 f'{self.path}: cut off after {num_messages} messages'
                 f' ({(last_ns - first_ns) / NS_PER_S:.2f} s); the rest is lost'
             )
         elif (self.path / METADATA).exists():
-            self.fault = f'{self.path}: {_line(error)}; read without {METADATA}'
+            self._fault = f'{self.path}: {one_line(error)}; read without {METADATA}'
         return bag
 
 
 def _files(folder: Path, suffix: str) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix == suffix)
-
-
-def _line(error: Exception) -> str:
-    return ' '.join(str(error).split()) or type(error).__name__

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, Qos
-from rosbags.rosbag2 import Reader
+
+from hoid_bags.mcap.chunk_reader import TolerantReader
+from hoid_bags.mcap.chunks import Damage
 
 _FIRST_WINDOW_NS = 1_000_000_000
 
@@ -37,6 +39,10 @@ class BagSource(Protocol):
         """Return every topic that was announced."""
 
     @property
+    def damage(self) -> Sequence[Damage]:
+        """Return what was left out of what has been read so far."""
+
+    @property
     def span_ns(self) -> tuple[int, int]:
         """Return the log times of the first and the last message; (0, 0) without messages."""
 
@@ -56,7 +62,7 @@ class WholeBag:
     """A bag with index and metadata."""
 
     def __init__(self, path: Path) -> None:
-        self._reader = Reader(path)
+        self._reader = TolerantReader(path)
         self._reader.open()
 
     def close(self) -> None:
@@ -81,6 +87,11 @@ class WholeBag:
                 profiles[0] if profiles else None,
             )
         return tuple(merged.values())
+
+    @property
+    def damage(self) -> Sequence[Damage]:
+        """Return the damaged chunks that were met so far."""
+        return self._reader.damage
 
     @property
     def span_ns(self) -> tuple[int, int]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from hoid_bags.bag import bag_types as types
 from hoid_bags.bag.bag_reader import BagReader
-from hoid_bags.bag.bag_source import BagTopic
+from hoid_bags.bag.bag_source import BagMessage, BagTopic
 from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.io.images import DEPTH_ENCODINGS
@@ -35,8 +35,9 @@ def find_topics(reader: BagReader) -> RecordedTopics:
         InputError: images of a kind are missing, or there are several that could be meant.
     """
     filled = [topic for topic in reader.topics if topic.num_messages]
-    images = [topic for topic in filled if topic.type_name in _IMAGES]
-    is_depth = {topic.name: _is_depth(reader, topic) for topic in images}
+    firsts = {t: next(reader.messages([t.name]), None) for t in filled if t.type_name in _IMAGES}
+    images = [topic for topic, first in firsts.items() if first is not None]
+    is_depth = {t.name: first is not None and _is_depth(first, t) for t, first in firsts.items()}
     color = _choose(
         reader,
         'colour',
@@ -67,10 +68,7 @@ def base_name(topic: str) -> str:
     return topic
 
 
-def _is_depth(reader: BagReader, topic: BagTopic) -> bool:
-    first = next(reader.messages([topic.name]), None)
-    if first is None:
-        return False
+def _is_depth(first: BagMessage, topic: BagTopic) -> bool:
     message = types.deserialize(first.data, topic.type_name)
     if topic.type_name == types.IMAGE:
         return message.encoding in DEPTH_ENCODINGS
@@ -82,7 +80,7 @@ def _choose(
 ) -> BagTopic:
     """Return a kind's topic: by its name, else the only one, else the only one with a word."""
     if not found:
-        raise InputError(f'{reader.path}: has no {kind} images')
+        raise InputError(reader.fault or f'{reader.path}: has no {kind} images')
     tests: tuple[Callable[[BagTopic], bool], ...] = (
         lambda topic: _is_called(base_name(topic.name), name),
         lambda _: True,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -18,11 +16,12 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from hoid_bags.bag.bag_types import Message, ensure_type, serialize, shared_typestore
+from hoid_bags.mcap.checked_writer import CheckedWriter
 from hoid_common.errors import InputError
-from hoid_common.io.files import unwritable
+from hoid_common.io.files import scratch_folder, unwritable
 
 _METADATA_VERSION: Final = 9  # what Jazzy's rosbag2 writes
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it
@@ -67,20 +66,12 @@ class BagWriter:
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> Self:
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._folder = Path(
-                tempfile.mkdtemp(prefix=f'.{self.path.name}.partial-', dir=self.path.parent)
-            )
-        except OSError as error:
-            raise unwritable(self.path, error) from error
         with ExitStack() as undo:
-            undo.callback(shutil.rmtree, self._folder, ignore_errors=True)
+            folder = undo.enter_context(scratch_folder(self.path.parent, self.path.name))
             # Named as the bag will be: the .mcap file takes its folder's name.
-            self._writer = Writer(
-                self._folder / self.path.name,
-                version=_METADATA_VERSION,
-                storage_plugin=StoragePlugin.MCAP,
+            self._aside = folder / self.path.name
+            self._writer = CheckedWriter(
+                self._aside, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP
             )
             if self._compress:
                 self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -88,7 +79,7 @@ class BagWriter:
                 self._writer.open()
             except OSError as error:
                 raise unwritable(self.path, error) from error
-            undo.pop_all()
+            self._undo = undo.pop_all()
         return self
 
     def __exit__(
@@ -97,14 +88,13 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        try:
-            self._writer.__exit__(kind, error, trace)
-            if error is None:
-                (self._folder / self.path.name).rename(self.path)
-        except OSError as cause:
-            raise unwritable(self.path, cause) from cause
-        finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+        with self._undo:
+            try:
+                self._writer.__exit__(kind, error, trace)
+                if error is None:
+                    self._aside.rename(self.path)
+            except OSError as cause:
+                raise unwritable(self.path, cause) from cause
 
     def add_topic(self, topic: str, type_name: str, qos: Qos | None = None) -> None:
         """Announce a topic; relative names become absolute, as in bags of `ros2 bag record`.
@@ -133,5 +123,12 @@ class BagWriter:
         """Write the CDR bytes of a message of an announced topic; errors as `write`."""
         try:
             self._writer.write(self._connections[topic], stamp_ns, data)
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+
+    def flush(self) -> None:
+        """Hand all messages to the system: a kill loses none of them; errors as `write`."""
+        try:
+            self._writer.flush()
         except OSError as error:
             raise unwritable(self.path, error) from error

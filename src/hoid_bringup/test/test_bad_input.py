@@ -97,7 +97,7 @@ CASES = {
     ('run', 'fr3_room', '--out', 'text/new'): 'text/new: cannot be written: part of this path',
     ('replay', 'fr3_room', '--out', 'text'): 'text: cannot be written: part of this path',
     (*FR3, '--filter', 'none', '--save-map', 'text/map'): 'text: cannot be written: part of',
-    ('synth', 'text/new', '--frames', '1'): 'text/new: cannot be written: part of this path',
+    ('synth', 'text/new', '--frames', '1'): 'text: cannot be written: part of this path',
     ('nodes', '--log-dir', 'text/logs'): 'text/logs: cannot be written: part of this path',
     # trajectories
     ('evaluate', 'nowhere', 'path.txt'): 'nowhere: no such file',

@@ -1,9 +1,11 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from hoid_common.errors import InputError
-from hoid_common.io.files import check_writable, scratch_folder, unwritable
+from hoid_common.io.files import check_writable, leftovers, scratch_folder, unwritable
 
 
 def leave_a_result(within: Path) -> None:
@@ -36,3 +38,17 @@ def test_a_file_in_the_way_is_said(tmp_path: Path, name: str) -> None:
 def test_what_the_system_says_is_passed_on() -> None:
     said = str(unwritable(Path('a b'), OSError(28, 'No space left on device')))
     assert said == 'a b: cannot be written: No space left on device'
+
+
+def test_what_a_killed_process_leaves_is_told_from_what_is_in_use(tmp_path: Path) -> None:
+    code = (
+        'import os, signal, sys; from pathlib import Path\n'
+        'from hoid_common.io.files import scratch_folder\n'
+        'with scratch_folder(Path(sys.argv[1]), "bag"): os.kill(os.getpid(), signal.SIGKILL)'
+    )
+    subprocess.run([sys.executable, '-c', code, str(tmp_path)], check=False, timeout=60)
+    with scratch_folder(tmp_path, 'used'):
+        (left,) = leftovers(tmp_path)
+        assert left.name.startswith('.bag.partial-')
+    assert leftovers(tmp_path) == [left]
+    assert leftovers(tmp_path / 'nowhere') == []

@@ -58,7 +58,7 @@ def staged(out_dir: Path) -> Iterator[Path]:
     Raises:
         InputError: The folder cannot be written to, or the disk is full.
     """
-    with scratch_folder(out_dir, 'partial') as stage:
+    with scratch_folder(out_dir, 'results') as stage:
         try:
             yield stage
             for path in sorted(stage.iterdir()):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -9,6 +11,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hoid_common.errors import InputError
+
+_PARTIAL = '.partial-'  # in the name of every scratch folder
 
 
 def unwritable(path: Path, error: OSError) -> InputError:
@@ -33,16 +37,50 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
     was_there = within.exists()
     try:
         within.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(prefix=f'.{purpose}-', dir=within))
+        folder = Path(tempfile.mkdtemp(prefix=f'.{purpose}{_PARTIAL}', dir=within))
     except OSError as error:
         raise unwritable(within, error) from error
     try:
-        yield folder
+        with _held(folder):
+            yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
         if not was_there:
             with suppress(OSError):  # not empty, which is usual
                 within.rmdir()
+
+
+def leftovers(within: Path) -> list[Path]:
+    """Return the scratch folders of processes that were killed, in order of their names."""
+    with suppress(OSError):  # not there, not readable
+        return sorted(path for path in within.glob(f'.*{_PARTIAL}*') if _is_left(path))
+    return []
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Lock a folder, which tells others that it is in use; the lock ends with the process."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _is_left(folder: Path) -> bool:
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:  # gone by now, or no folder
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # in use
+        return False
+    finally:
+        os.close(descriptor)
+    return True
 
 
 def check_writable(folder: Path) -> None:

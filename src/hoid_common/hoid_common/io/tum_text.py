@@ -11,6 +11,7 @@ import numpy as np
 
 from hoid_common.errors import InputError
 from hoid_common.io.stamps import parse_stamp_ns
+from hoid_common.io.untrusted import read_text
 from hoid_common.values import FloatArray, IntArray
 
 
@@ -35,14 +36,7 @@ def read_rows(path: Path) -> Iterator[Row]:
     Raises:
         InputError: the file is missing or not text, or a stamp is not a time in seconds.
     """
-    try:
-        text = path.read_text(encoding='utf-8-sig')
-    except FileNotFoundError as error:
-        raise InputError(f'{path}: no such file') from error
-    except OSError as error:
-        raise InputError(f'{path}: cannot be read: {error.strerror}') from error
-    except UnicodeDecodeError as error:
-        raise InputError(f'{path}: not a text file') from error
+    text = read_text(path)
     for number, line in enumerate(text.splitlines(), start=1):
         stamp, _, rest = line.strip().replace(',', ' ').replace('\t', ' ').partition(' ')
         if not stamp or stamp.startswith('#'):

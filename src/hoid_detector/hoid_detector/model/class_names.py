@@ -6,7 +6,8 @@ import ast
 from collections.abc import Mapping
 from pathlib import Path
 
-from hoid_common.errors import ModelError
+from hoid_common.errors import InputError, ModelError
+from hoid_common.io.untrusted import read_text
 
 COCO = (
     'person', 'bicycle', 'car', 'motorcycle', 'airplane', 'bus', 'train', 'truck', 'boat',
@@ -21,6 +22,7 @@ COCO = (
     'teddy bear', 'hair drier', 'toothbrush',
 )  # fmt: skip
 
+_MAX_FILE_BYTES = 1_000_000
 _METADATA_KEYS = ('names', 'class_names', 'classes', 'labels')
 
 
@@ -32,9 +34,9 @@ def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | Non
 def names_in_file(path: Path) -> tuple[str, ...]:
     """Return the lines of a text file; raises ModelError where there are none."""
     try:
-        lines = path.read_text(encoding='utf-8').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelError(f'class_names_file {path} cannot be read: {error}') from error
+        lines = read_text(path, _MAX_FILE_BYTES).splitlines()
+    except InputError as error:
+        raise ModelError(f'class_names_file {error}') from error
     names = tuple(line.strip() for line in lines if line.strip())
     if not names:
         raise ModelError(f'class_names_file {path} is empty: write one class name a line')
