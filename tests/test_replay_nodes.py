@@ -99,5 +99,5 @@ def test_a_missing_parameter_file_is_said(run_nodes: Run) -> None:
     assert process.stderr is not None
     assert (
         process.stderr.read()
-        == 'hoid nodes: nowhere.yaml: cannot be read (No such file or directory)\n'
+        == 'hoid nodes: nowhere.yaml: no such file\n'
     )

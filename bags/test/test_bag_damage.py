@@ -69,6 +69,27 @@ def test_a_bag_with_senseless_metadata_says_so(bag: Path) -> None:
     assert len(list(sequence)) == 60
 
 
+@pytest.mark.parametrize(
+    ('old', 'new', 'said'),
+    [
+        ('rosbag2_bagfile_information:', 'a: &a [1]\nb: *a\nc:', 'an alias'),
+        ('rosbag2_bagfile_information:', 'a: ' + '[' * 3000 + '\nc:', 'nested deeper'),
+        ('  version: ', '  version: !!int ', 'the tag'),
+        ('offered_qos_profiles:', "offered_qos_profiles: '!!a b'\n      x:", 'the tag tag:yaml'),
+    ],
+)
+def test_hostile_metadata_is_not_read(bag: Path, old: str, new: str, said: str) -> None:
+    path = bag / 'metadata.yaml'
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    sequence = open_sequence(bag)
+    assert sequence.fault is not None
+    assert said in sequence.fault
+    assert 'read without metadata.yaml' in sequence.fault
+    assert len(sequence) == 60
+
+
 def damage(bag: Path) -> None:
     """Overwrite a whole chunk; the index stays."""
     file = bag / 'bag.mcap'

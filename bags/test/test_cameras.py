@@ -60,7 +60,7 @@ def test_camera_info_yaml(tmp_path: Path) -> None:
         ('image_width: 640', 'image_width: wide', 'image_width must be a positive whole number'),
         ('image_height: 480', '', 'image_height must be a positive whole number, got None'),
         ('plumb_bob', 'equidistant', 'distortion_model "equidistant"'),
-        ('image_width:', 'image_width: [', 'not a YAML file'),
+        ('image_width:', 'image_width: [', 'is not YAML'),
     ],
 )
 def test_bad_camera_files(tmp_path: Path, old: str, new: str, said: str) -> None:

@@ -11,12 +11,10 @@ from hoid_bags.bag.bag_source import BagMessage, BagSource, BagTopic, WholeBag
 from hoid_bags.bag.cut_bag import CutBag
 from hoid_bags.mcap.chunks import DAMAGE, describe_damage, one_line
 from hoid_common.errors import InputError
-from hoid_common.io.untrusted import read_bytes
+from hoid_common.io.yaml_file import parse_yaml, read_yaml
 from hoid_common.values import NS_PER_S
 
 METADATA = 'metadata.yaml'
-
-_MAX_METADATA_BYTES = 16_000_000
 
 
 def is_bag(path: Path) -> bool:
@@ -46,8 +44,6 @@ class BagReader:
             raise InputError(f'{path}: no such bag')
         if not is_bag(path):
             raise InputError(f'{path}: not a bag: it has neither {METADATA} nor an .mcap file')
-        if (path / METADATA).exists():
-            read_bytes(path / METADATA, _MAX_METADATA_BYTES)  # rosbags reads it unbounded
         self.path = path
         self._fault: str | None = None
 
@@ -58,8 +54,9 @@ class BagReader:
             InputError: not a single message can be read.
         """
         try:
+            _check_metadata(self.path / METADATA)
             self._source: BagSource = WholeBag(self.path)
-        except DAMAGE as error:
+        except (*DAMAGE, InputError) as error:
             self._source = self._salvage(error)
         return self
 
@@ -140,6 +137,22 @@ class BagReader:
         elif (self.path / METADATA).exists():
             self._fault = f'{self.path}: {one_line(error)}; read without {METADATA}'
         return bag
+
+
+def _check_metadata(path: Path) -> None:
+    """Refuse what the bag library's own YAML reader would take without limit.
+
+    Raises:
+        InputError: It is no plain YAML, or one of the QoS profiles, which are YAML in its text.
+    """
+    if not path.exists():  # of a single file's bag
+        return
+    match read_yaml(path):
+        case {'rosbag2_bagfile_information': {'topics_with_message_count': [*topics]}}:
+            for topic in topics:
+                match topic:
+                    case {'topic_metadata': {'offered_qos_profiles': str(profiles)}}:
+                        parse_yaml(profiles, f'{path}: offered_qos_profiles')
 
 
 def _files(folder: Path, suffix: str) -> list[Path]:

@@ -6,9 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from hoid_common.errors import ConfigError, InputError
+from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import DISTORTION_MODELS, CameraModel
 
 TUM_DEPTH_UNITS_PER_M = 5000.0
@@ -72,12 +71,7 @@ def read_camera_yaml(path: Path) -> CameraModel:
     Raises:
         InputError: the file cannot be read, or an entry is missing or makes no camera.
     """
-    try:
-        loaded = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise InputError(f'{path}: cannot be read: {error.strerror}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from error
+    loaded = read_yaml(path)
     if not isinstance(loaded, dict):
         raise InputError(
             f'{path}: expected a camera_info mapping with image_width and camera_matrix'
@@ -112,7 +106,7 @@ def _numbers(
 ) -> tuple[float, ...]:
     matrix = loaded.get(key)
     data = matrix.get('data') if isinstance(matrix, dict) else None
-    if not isinstance(data, list) or not all(isinstance(x, int | float) for x in data):
+    if not isinstance(data, list) or not all(type(x) in (int, float) for x in data):
         raise InputError(
             f'{path}: {key}.data is missing or not a list of numbers (focal lengths stand there)'
         )

@@ -8,15 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.options import add_folder_arguments, chosen_camera
 from hoid_bags.sequence import Sequence, open_sequence
 from hoid_bringup.run.run_config import SHORT_NAMES, TRUTH, RunConfig
-from hoid_common.errors import ConfigError
+from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.files import scratch_folder
+from hoid_common.io.yaml_file import parse_yaml
 from hoid_filter.config import STRATEGIES
 
 _SHORTCUTS = {
@@ -106,7 +105,7 @@ def _assignment(text: str) -> tuple[str, Any]:
     if not sign:
         raise ConfigError(f'--set {text}: expected NAME=VALUE')
     try:
-        value = yaml.safe_load(value_text)
-    except yaml.YAMLError as error:
-        raise ConfigError(f'--set {text}: "{value_text}" is not a value') from error
+        value = parse_yaml(value_text, f'--set {name}')
+    except InputError as error:
+        raise ConfigError(str(error)) from error
     return name, tuple(value) if isinstance(value, list) else value

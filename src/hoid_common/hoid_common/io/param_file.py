@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from hoid_common.errors import ConfigError
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.io.yaml_file import read_yaml
 
 
 def load_params(path: Path, node_name: str) -> dict[str, Any]:
@@ -20,11 +19,9 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
         ConfigError: The file cannot be read, or is no such file.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ConfigError(f'{path}: cannot be read ({error.strerror})') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path}: is not YAML ({" ".join(str(error).split())})') from error
+        content = read_yaml(path)
+    except InputError as error:
+        raise ConfigError(str(error)) from error
     if not isinstance(content, Mapping):
         raise ConfigError(f'{path}: is not a ROS parameter file')
     values: dict[str, Any] = {}
@@ -38,7 +35,7 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
     return values
 
 
-def _flat(tree: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+def _flat(tree: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f'{prefix}{name}.')

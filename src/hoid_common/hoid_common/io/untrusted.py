@@ -32,7 +32,7 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
         except OSError as error:
             raise unreadable(path, error) from error
     if len(data) > limit_bytes:
-        raise InputError(f'{path}: larger than {limit_bytes / 1e6:.0f} MB; is it the right file?')
+        raise InputError(f'{path}: larger than {limit_bytes / 1e6:g} MB; is it the right file?')
     return data
 
 

@@ -1,0 +1,136 @@
+"""The one reader of YAML that people and other programs write: plain data within limits.
+
+What a camera file, a parameter file or `--set` needs are mappings, lists, numbers, switches and
+text. Everything else that YAML offers (tags, aliases, dates, numbers in base 60) is refused or
+left as text, so that a hostile file costs no more than its size.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import yaml
+
+from hoid_common.errors import InputError
+from hoid_common.io.untrusted import read_text
+
+MAX_BYTES = 500_000
+MAX_DEPTH = 20
+_MAX_DIGITS = 40
+_INT64 = range(-(2**63), 2**63)
+_SHOWN = 60  # characters of a complaint about a value
+_BOOLS = re.compile(
+    r'(?:yes|Yes|YES|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF)$'
+)
+_INT = re.compile(r'[-+]?(?:0|[1-9][0-9]*|0x[0-9a-fA-F]+)$')
+_FLOAT = re.compile(
+    r'(?:[-+]?(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?|[-+]?[0-9]+[eE][-+]?[0-9]+'
+    r'|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$'
+)
+_NULL = re.compile(r'(?:~|null|Null|NULL|)$')
+
+
+def read_yaml(path: Path) -> Any:
+    """Return what a YAML file holds: mappings, lists, numbers, switches, text and None.
+
+    Raises:
+        InputError: The file cannot be read, or is not YAML of the plain kind; one line names it.
+    """
+    text = read_text(path, MAX_BYTES)
+    return parse_yaml(text, str(path))
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """Return what a text in YAML holds, as `read_yaml`.
+
+    Args:
+        text: A single document.
+        source: Whose text it is, which an error begins with.
+
+    Raises:
+        InputError: It is not YAML of the plain kind, or too long.
+    """
+    if len(text) > MAX_BYTES:
+        raise InputError(f'{source}: larger than {MAX_BYTES / 1e6:g} MB')
+    try:
+        return yaml.load(text, Loader=_PlainLoader)  # noqa: S506 (plain values only)
+    except yaml.YAMLError as error:
+        raise InputError(f'{source}: is not YAML ({_line(error)})') from error
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """SafeLoader with the limits, and without tags, aliases, dates and base 60."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, re.Pattern[str]]]]] = {}
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent):
+            raise _refusal('an alias; write the value again', event.start_mark)
+        if getattr(event, 'tag', None) is not None:
+            raise _refusal(f'the tag {_cut(event.tag)}; write the plain value', event.start_mark)
+        if self._depth > MAX_DEPTH:
+            raise _refusal(f'nested deeper than {MAX_DEPTH}', event.start_mark)
+        self._depth += 1
+        try:
+            return cast('yaml.Node | None', super().compose_node(parent, index))
+        finally:
+            self._depth -= 1
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Leave `<<` the plain key that it is without aliases."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        known: set[str] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise _refusal('a key that is a list or a mapping', key.start_mark)
+            if key.value in known:
+                raise _refusal(f'the key "{_cut(key.value)}" twice', key.start_mark)
+            known.add(key.value)
+        return cast('dict[Any, Any]', super().construct_mapping(node, deep=deep))
+
+    def number(self, node: yaml.ScalarNode) -> int | float:
+        """Return the number of a scalar that looks like one."""
+        text: str = node.value
+        if len(text) > _MAX_DIGITS:
+            raise _refusal(f'a number of {len(text)} characters', node.start_mark)
+        if not _INT.match(text):
+            return float(text.lower().replace('.inf', 'inf').replace('.nan', 'nan'))
+        value = int(text, 0)
+        if value not in _INT64:
+            raise _refusal(f'the number {_cut(text)}, which is beyond 64 bits', node.start_mark)
+        return value
+
+
+def _refusal(what: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=what, problem_mark=mark)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}...'
+
+
+def _line(error: yaml.YAMLError) -> str:
+    """Return what is wrong and where, in one printable line."""
+    mark = getattr(error, 'problem_mark', None)
+    where = '' if mark is None else f'line {mark.line + 1}: '
+    what = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'
+    return ascii(f'{where}{" ".join(_cut(str(what)).split())}')[1:-1]
+
+
+for _tag, _pattern, _first in (
+    ('bool', _BOOLS, 'yYnNtTfFoO'),
+    ('int', _INT, '-+0123456789'),
+    ('float', _FLOAT, '-+0123456789.'),
+    ('null', _NULL, ['~', 'n', 'N', '']),
+):
+    _PlainLoader.add_implicit_resolver(f'tag:yaml.org,2002:{_tag}', _pattern, list(_first))
+for _tag in ('int', 'float'):
+    _PlainLoader.add_constructor(f'tag:yaml.org,2002:{_tag}', _PlainLoader.number)
