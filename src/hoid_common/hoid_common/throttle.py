@@ -1,6 +1,8 @@
-"""Say the same thing once in a while, and how often it was left unsaid."""
+"""Say the same thing once in a while: how often it was left unsaid, or ever more seldom."""
 
 from __future__ import annotations
+
+from collections.abc import Collection
 
 
 class Throttle:
@@ -18,3 +20,22 @@ class Throttle:
             return None
         self._next_s[kind] = now_s + self._period_s
         return self._skipped.pop(kind, 0)
+
+
+class Backoff:
+    """Let what stands be said at once, and again after waits that double up to the longest."""
+
+    def __init__(self, first_s: float, longest_s: float) -> None:
+        self._first_s, self._longest_s = first_s, longest_s
+        self._wait_s: dict[str, float] = {}  # until the next time
+        self._next_s: dict[str, float] = {}
+
+    def due(self, standing: Collection[str], now_s: float) -> list[str]:
+        """Return what of all that stands now is to be said; what stood before begins anew."""
+        self._wait_s = {kind: self._wait_s[kind] for kind in standing if kind in self._wait_s}
+        due = [k for k in standing if k not in self._wait_s or now_s >= self._next_s[k]]
+        for kind in due:
+            wait_s = self._wait_s.get(kind, self._first_s)
+            self._next_s[kind] = now_s + wait_s
+            self._wait_s[kind] = min(2 * wait_s, self._longest_s)
+        return due

@@ -15,10 +15,11 @@ from hoid_common import topics
 from hoid_common.errors import HoidError
 from hoid_common.input_watch import InputWatch
 from hoid_common.ros import qos
-from hoid_common.throttle import Throttle
+from hoid_common.throttle import Backoff, Throttle
 
 _PERIOD_S = 1.0
 _LOG_PERIOD_S = 5.0
+_LONGEST_WAIT_S = 300.0  # between two lines on an input that stays away
 
 
 class _Problem(NamedTuple):
@@ -40,6 +41,7 @@ class Diagnostics:
         self._values: dict[str, str] = {}
         self._problems: dict[str, _Problem] = {}
         self._throttle = Throttle(_LOG_PERIOD_S)
+        self._backoff = Backoff(_LOG_PERIOD_S, _LONGEST_WAIT_S)
         self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.OUTPUT)
         # Wall time: with use_sim_time and no /clock, a ROS timer would never fire to say so.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -124,8 +126,7 @@ class Diagnostics:
         problems = self._input_problems()
         msg = DiagnosticArray(status=[self._status(problems)])
         msg.header.stamp = self._node.get_clock().now().to_msg()
-        now_s = time.monotonic()
-        for _, text in problems:
-            if self._throttle.allow(text.split(' for ')[0], now_s) is not None:
-                self._node.get_logger().warning(text)
+        texts = {text.split(' for ')[0]: text for _, text in problems}
+        for kind in self._backoff.due(texts, time.monotonic()):
+            self._node.get_logger().warning(texts[kind])
         self._publisher.publish(msg)
