@@ -1,10 +1,20 @@
 """The entry point of nodes, in a process: how they end and how they say that they cannot start."""
 
+import os
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
+import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+
+from hoid_common.entry import INTERRUPTED, REFUSED
+from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import executable
 
 NODE = """
 import sys, time
@@ -20,6 +30,18 @@ class Tiny(Node):
         if 'load' in sys.argv:
             print('loads', flush=True)
             time.sleep(60)
+        if 'swallow' in sys.argv:
+            print('loads', flush=True)
+            try:
+                time.sleep(60)
+            except BaseException:
+                pass
+        if 'garble' in sys.argv:
+            print('loads', flush=True)
+            try:
+                time.sleep(60)
+            except BaseException as error:
+                raise ImportError('a module is broken') from error
         self.create_timer(0.01, self._work)
 
     def _work(self):
@@ -30,6 +52,8 @@ class Tiny(Node):
 
 sys.exit(run_node(Tiny))
 """
+STOPS = int(os.environ.get('HOID_TEST_STOPS', '3'))
+_UP_S = 60.0
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 
 
@@ -49,7 +73,33 @@ def test_a_signal_lets_the_callback_that_runs_return(sign: signal.Signals) -> No
 @pytest.mark.usefixtures('domain_id')
 @pytest.mark.parametrize('sign', SIGNALS)
 def test_a_signal_ends_a_node_that_is_being_made(sign: signal.Signals) -> None:
-    assert ended_by(sign, 'load') == (0, '', '')
+    assert ended_by(sign, 'load') == (INTERRUPTED, '', '')
+
+
+@pytest.mark.usefixtures('domain_id')
+@pytest.mark.parametrize('loads', [('swallow',), ('garble',)], ids=str)
+def test_what_a_library_makes_of_an_interrupt_does_not_matter(loads: tuple[str, ...]) -> None:
+    assert ended_by(signal.SIGINT, *loads) == (INTERRUPTED, '', '')
+
+
+@pytest.mark.usefixtures('domain_id')
+@pytest.mark.parametrize('seed', range(STOPS))
+def test_any_number_of_interrupts_while_it_starts(seed: int) -> None:
+    """As under `ros2 launch`, where the terminal and launch send one each."""
+    rng = np.random.default_rng(seed)
+    with real_node() as process:
+        time.sleep(rng.uniform(0.0, 2.0))
+        status, said = interrupted(process, rng)
+    assert said == ''
+    assert status in {0, INTERRUPTED}
+
+
+@pytest.mark.parametrize('seed', range(STOPS))
+def test_any_number_of_interrupts_once_it_is_up(seed: int, probe: Probe) -> None:
+    diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
+    with real_node() as process:
+        probe.spin_until(lambda: bool(diagnostics), 'it does not get up', _UP_S)
+        assert interrupted(process, np.random.default_rng(seed)) == (0, '')
 
 
 @pytest.mark.usefixtures('domain_id')
@@ -69,7 +119,7 @@ def failure(*arguments: str) -> list[str]:
     """Return what a node says that cannot start."""
     argv = [sys.executable, '-c', NODE, *arguments]
     result = subprocess.run(argv, capture_output=True, text=True, timeout=60, check=False)
-    assert result.returncode == 1
+    assert result.returncode == REFUSED
     return result.stderr.splitlines()
 
 
@@ -86,3 +136,33 @@ def ended_by(sign: signal.Signals, *arguments: str) -> tuple[int, str, str]:
         finally:
             process.kill()
     return process.returncode, output, errors
+
+
+@contextmanager
+def real_node() -> Iterator[subprocess.Popen[str]]:
+    """Start the executable of a real node, as launch does.
+
+    It is born with SIGINT blocked, as no program can hear a signal before its first instruction.
+    """
+    program = str(executable('hoid_filter', 'hoid_filter_node'))
+    argv = [program, '--ros-args', '-p', 'strategy:=none']
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process = subprocess.Popen(argv, stderr=subprocess.PIPE, text=True)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    try:
+        yield process
+    finally:
+        process.kill()
+
+
+def interrupted(process: subprocess.Popen[str], rng: np.random.Generator) -> tuple[int, str]:
+    """Interrupt a process until it ends, twice and more; return its status and what it said."""
+    for _ in range(2):
+        process.send_signal(signal.SIGINT)
+        time.sleep(rng.choice((0.0, 0.01)))
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        time.sleep(rng.uniform(0.0, 0.1))
+    return process.returncode, process.communicate()[1]

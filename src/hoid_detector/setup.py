@@ -18,10 +18,10 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*.yaml')),
         (f'share/{NAME}/launch', glob('launch/*.py')),
+        (f'lib/{NAME}', glob('scripts/*')),
     ],
     install_requires=['numpy', 'onnxruntime', 'opencv-python-headless'],
     # Without pytest here `colcon test` runs no test at all.
     extras_require={'test': ['hypothesis', 'pytest']},
     zip_safe=True,
-    entry_points={'console_scripts': ['hoid_detector_node = hoid_detector.node:main']},
 )

@@ -17,10 +17,10 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*.yaml')),
         (f'share/{NAME}/launch', glob('launch/*.py')),
+        (f'lib/{NAME}', glob('scripts/*')),
     ],
     install_requires=['numpy', 'opencv-python-headless'],
     # Without pytest here `colcon test` runs no test at all.
     extras_require={'test': ['hypothesis', 'pytest']},
     zip_safe=True,
-    entry_points={'console_scripts': ['hoid_filter_node = hoid_filter.node:main']},
 )

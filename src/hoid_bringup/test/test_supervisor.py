@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from hoid_bringup.live.supervisor import GRACE_S, ProcessExit, ProcessSpec, Supervisor
+from hoid_common.entry import REFUSED
 from hoid_common.errors import InputError
 
 STUBBORN = (
@@ -66,6 +67,19 @@ def test_a_dead_child_is_restarted(tmp_path: Path) -> None:
             group.poll()
             assert time.monotonic() < deadline_s
             time.sleep(0.01)
+
+
+def test_a_child_that_refuses_to_start_is_not_restarted(tmp_path: Path) -> None:
+    spec = python('proud', f'print("no", flush=True); raise SystemExit({REFUSED})')
+    with Supervisor([spec], restart=True, restart_pause_s=0.0, log_dir=tmp_path) as group:
+        exits: list[ProcessExit] = []
+        while not exits:
+            exits += group.poll()
+            time.sleep(0.01)
+        assert [str(ended) for ended in exits] == ['proud refused to start']
+        assert group.poll() == []
+        assert group.pids == {}
+    assert (tmp_path / 'proud.log').read_text() == 'no\n'
 
 
 def test_children_end_when_their_supervisor_is_killed(tmp_path: Path) -> None:

@@ -14,13 +14,9 @@ from hoid_bringup.live.supervisor import ProcessSpec
 from hoid_common.errors import ConfigError
 
 DETECTOR, FILTER, SLAM = 'hoid_detector', 'hoid_filter', 'rgbd_slam'
-# The interpreter of this process, not a script: a script's first line cannot hold a path with
-# spaces. Each node is `main` of `PACKAGE.node`. Ctrl-C during the imports ends it without a word.
-_CODE = (
-    'import signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); '
-    'from {package}.node import main; '
-    'signal.signal(signal.SIGINT, signal.default_int_handler); sys.exit(main())'
-)
+# The interpreter of this process, not the installed executable, which takes the first on the path.
+_START = ('env', '--block-signal=INT', sys.executable, '-c')
+_CODE = "from hoid_common.entry import start; start('{package}.node')"
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,7 @@ def _spec(package: str, options: NodeOptions, folder: Path) -> ProcessSpec:
     path.write_text(parameter_file(own), encoding='utf-8')
     arguments += ['--params-file', str(path)]
     code = _CODE.format(package=package)
-    return ProcessSpec(package, (sys.executable, '-c', code, *arguments))
+    return ProcessSpec(package, (*_START, code, *arguments))
 
 
 def parameter_file(parameters: Mapping[str, Any]) -> str:

@@ -51,7 +51,7 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         help='take images from .../compressed and .../compressedDepth',
     )
     parser.add_argument(
-        '--restart', action='store_true', help='start a dead node anew instead of ending all'
+        '--restart', action='store_true', help='start a node that died anew instead of ending all'
     )
     parser.add_argument('--sim-time', action='store_true', help='take the time from /clock')
     parser.add_argument('--log-dir', type=Path, metavar='DIR', help='one file per node')
@@ -72,12 +72,12 @@ def _supervise(supervisor: Supervisor, restart: bool) -> None:
     """Watch the nodes for ever.
 
     Raises:
-        InputError: One died, and it was not to be restarted.
+        InputError: One died and was not to be restarted, or refused to start.
     """
     with supervisor:
         while True:
             for ended in supervisor.poll():
-                if not restart:
+                if ended.was_refusal or not restart:
                     raise InputError(f'{ended}; its last lines above say why')
                 sys.stderr.write(f'hoid nodes: {ended}; starting it anew\n')
             time.sleep(_TICK_S)

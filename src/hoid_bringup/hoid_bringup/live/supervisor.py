@@ -22,6 +22,7 @@ from typing import Self
 
 import psutil
 
+from hoid_common.entry import REFUSED
 from hoid_common.io.files import unwritable
 
 _LOG = logging.getLogger(__name__)
@@ -49,7 +50,14 @@ class ProcessExit:
     name: str
     status: int  # exit status; negative: the signal
 
+    @property
+    def was_refusal(self) -> bool:
+        """Return whether it would end the same way if it were started again."""
+        return self.status == REFUSED
+
     def __str__(self) -> str:
+        if self.was_refusal:
+            return f'{self.name} refused to start'
         how = f'signal {signal.Signals(-self.status).name}' if self.status < 0 else ''
         return f'{self.name} ended ({how or f"status {self.status}"})'
 
@@ -59,7 +67,7 @@ class Supervisor:
 
     Args:
         specs: What to start.
-        restart: Start a dead child anew instead of leaving it dead.
+        restart: Start a dead child anew instead of leaving it dead, unless it refused to start.
         restart_pause_s: How long after its end.
         log_dir: Folder that gets one file of output per child; None lets them write here.
     """
@@ -121,7 +129,7 @@ class Supervisor:
                 continue
             del self._running[name]
             exits.append(ProcessExit(name, status))
-            if self._restart:
+            if self._restart and not exits[-1].was_refusal:
                 self._due_s[name] = now_s + self._restart_pause_s
         for name, due_s in list(self._due_s.items()):
             if now_s >= due_s:
