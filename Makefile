@@ -1,4 +1,4 @@
-.PHONY: demo test lint check format lock
+.PHONY: demo test lint check docs format lock
 
 demo:  ## Render a scene, replay it live through the three nodes, print the result
 	@./hoid demo
@@ -15,6 +15,9 @@ lint:  ## Style and types
 
 check:  ## The quick experiments, held against stored bounds
 	@./hoid bench --quick --check
+
+docs:  ## The documents as a site, out/site; broken links are errors
+	@NO_MKDOCS_2_WARNING=1 ./hoid dev python -m mkdocs build --quiet
 
 format:
 	@./hoid dev ruff check --fix .

@@ -1,7 +1,7 @@
 """Bundle adjustment of a window of keyframes.
 
 A window's reduced camera system is small (6 unknowns a keyframe), so that a dense Schur complement
-solves it many times faster than a general factor graph does (docs/architecture.md).
+solves it many times faster than a general factor graph does (docs/decisions).
 """
 
 from __future__ import annotations

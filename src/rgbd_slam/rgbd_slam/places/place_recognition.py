@@ -4,7 +4,7 @@ Locality-sensitive hashing (Indyk and Motwani, STOC 1998; of ORB: Rublee et al.,
 table keys a descriptor by a fixed choice of its bits, so that near descriptors often share a key.
 It needs no vocabulary to train or ship, and every vote is a descriptor match checked by distance,
 which tells places apart by a factor where bags of descriptors differ by per cents
-(docs/place_recognition.md).
+(docs/results/places_and_loops.md).
 """
 
 from __future__ import annotations
