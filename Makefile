@@ -7,9 +7,10 @@ test:  ## Unit tests, then the tests on topics and of whole replays
 	@./hoid dev python -m pytest -n auto --dist worksteal src bags benchmarks
 	@./hoid dev python -m pytest tests
 
-lint:  ## Style and types
+lint:  ## Style, spelling and types
 	@./hoid dev ruff check .
 	@./hoid dev ruff format --check .
+	@./hoid dev codespell README.md docs src bags benchmarks tests
 	@./hoid dev mypy src bags benchmarks tests
 	@for folder in src/*/test bags/test benchmarks/test; do ./hoid dev mypy $$folder/*.py || exit 1; done
 

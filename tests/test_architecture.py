@@ -22,8 +22,8 @@ PACKAGES = """
 # and the rooms of a package, with the modules at its root.
 ROOMS = {
     'hoid_common': """
-        entry errors throttle sync topics slam_status < child_process config values < se3 input_config
-        < io input_watch static_frames < ros
+        entry errors throttle sync topics slam_status < child_process config values
+        < se3 input_config < io input_watch static_frames < ros
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
     'hoid_filter': 'config drawing < extraction < detections < rules < feature_filter < node',

@@ -97,7 +97,4 @@ def test_a_missing_parameter_file_is_said(run_nodes: Run) -> None:
     process = run_nodes('--params', 'nowhere.yaml')
     assert process.wait(30) == 1
     assert process.stderr is not None
-    assert (
-        process.stderr.read()
-        == 'hoid nodes: nowhere.yaml: no such file\n'
-    )
+    assert process.stderr.read() == 'hoid nodes: nowhere.yaml: no such file\n'

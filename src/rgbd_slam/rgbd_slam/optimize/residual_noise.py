@@ -2,7 +2,8 @@
 
 The configured noise suits any depth camera and is therefore cautious. Over a whole map there are
 enough residuals to measure it instead, and with the measured weights the long way round a loop is
-up to twice as accurate (docs/results/places_and_loops.md). Medians are used, as the tails are outliers.
+up to twice as accurate (docs/results/places_and_loops.md). Medians are used, as the tails are
+outliers.
 """
 
 from __future__ import annotations

@@ -1,0 +1,33 @@
+"""What the documents promise: that they are short, and that their links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([ROOT / 'README.md', *ROOT.glob('docs/**/*.md'), *ROOT.glob('src/*/README.md')])
+MOST_CHARACTERS, MOST_RESULTS, MOST_PROSE_LINES, LONGEST_LINE = 6000, 6, 3, 170
+
+
+def test_readme_is_two_screens_long() -> None:
+    text = (ROOT / 'README.md').read_text()
+    assert len(text) <= MOST_CHARACTERS
+    results = text.partition('## Results')[2].partition('##')[0]
+    rows = [line for line in results.splitlines() if line.startswith('|')]
+    assert 0 < len(rows) - 2 <= MOST_RESULTS
+    for paragraph in re.sub(r'```.*?```', '', text, flags=re.DOTALL).split('\n\n'):
+        if not paragraph.lstrip().startswith(('|', '-', '#', '!')):
+            lines = paragraph.strip().splitlines()
+            assert len(lines) <= MOST_PROSE_LINES, paragraph
+            assert all(len(line) <= LONGEST_LINE for line in lines), paragraph
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    text = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
+    for target in re.findall(r'\]\(([^)\s]+)\)', text):
+        if not target.startswith(('http://', 'https://', '#')):
+            assert (page.parent / target.partition('#')[0]).exists(), target
