@@ -1,4 +1,4 @@
-.PHONY: demo test lint check docs format lock
+.PHONY: demo test lint check docs format stubs lock
 
 demo:  ## Render a scene, replay it live through the three nodes, print the result
 	@./hoid demo
@@ -24,9 +24,14 @@ format:
 	@./hoid dev ruff check --fix .
 	@./hoid dev ruff format .
 
+stubs:  ## Write the types of the compiled module anew, from what it says itself
+	@./hoid dev python -m nanobind.stubgen -q -m hoid_native._native -o src/hoid_native/hoid_native/_native.pyi
+	@./hoid dev ruff format -q src/hoid_native/hoid_native/_native.pyi
+
 lock:  ## Pin the Python packages anew (needs uv)
 	cd requirements && pin="uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --upgrade" && \
 	  $$pin robot.in -o robot.lock && \
+	  $$pin --no-deps build.in -o build.lock && \
 	  $$pin experiments.in -c robot.lock -o experiments.lock && \
 	  $$pin ros.in -c robot.lock -c experiments.lock -o ros.lock && \
 	  $$pin dev.in -c robot.lock -c experiments.lock -c ros.lock -o dev.lock && \

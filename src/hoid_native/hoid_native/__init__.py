@@ -1,37 +1,42 @@
 """Kernels in C++, for the loops where numpy is measured to be too slow (docs/architecture.md).
 
-Plain functions over numpy arrays; the library has a C interface and is loaded with ctypes, so that
-it needs no Python headers and serves every Python version.
+Functions over numpy arrays. An array of another dtype or shape than a kernel takes is refused with
+a TypeError, values that a kernel cannot work on with a ValueError; one with gaps is copied. Where
+`NDArray[Any]` stands, any real dtype is taken.
 """
 
-from hoid_native.boxes import (
+from hoid_native._native import (
+    Candidates,
+    Gates,
+    MatchThreshold,
+    QueryConstraints,
+    StereoParams,
+    adjust_bundle,
     are_boxes_fit,
+    corner_peaks_px,
+    cover_things,
+    depths_off_edges_m,
+    fast_corners,
     intersections_over_union,
     judge_boxes,
-    overlap_ratios,
-)
-from hoid_native.depths import depths_off_edges_m, sample_depths_m, torso_depths_m
-from hoid_native.geometry import Gates, Lens, adjust_bundle, optimize_pose
-from hoid_native.kernels import (
-    Bar,
-    Candidates,
-    Wanted,
-    corner_peaks_px,
-    fast_corners,
     match_along_segments,
     match_by_projection,
+    optimize_pose,
     orb_descriptors,
     orientations_deg,
+    overlap_ratios,
+    sample_depths_m,
+    torso_depths_m,
+    values_at,
+    widen,
 )
-from hoid_native.masks import values_at, widen
-from hoid_native.regions import cover_things
 
 __all__ = [
-    'Bar',
     'Candidates',
     'Gates',
-    'Lens',
-    'Wanted',
+    'MatchThreshold',
+    'QueryConstraints',
+    'StereoParams',
     'adjust_bundle',
     'are_boxes_fit',
     'corner_peaks_px',

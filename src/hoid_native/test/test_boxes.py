@@ -13,7 +13,8 @@ from hoid_native import (
     overlap_ratios,
     sample_depths_m,
 )
-from hoid_native.boxes import MAY_BE_HANDLED, PERSON, Judged
+from hoid_native.boxes import MAY_BE_HANDLED, PERSON
+from hoid_native.results import Judged
 
 HEIGHT, WIDTH, SIDE_PX = 90, 130, 10
 SHAPE_HW = HEIGHT, WIDTH

@@ -1,13 +1,26 @@
 """Least squares kernels: known poses come back, derivatives are those of the projection."""
 
+import pickle
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from hoid_native import Gates, Lens, adjust_bundle, optimize_pose
+from hoid_native import Gates, StereoParams, adjust_bundle, optimize_pose
 
-LENS = Lens(500.0, 510.0, 320.0, 240.0, 40.0, 0.3, 0.02)
+
+def stereo(
+    disparity_noise_px: float = 0.3,
+    relative_noise: float = 0.02,
+    pixel_noise: float = 1.0,
+    joint_noise: bool = False,
+) -> StereoParams:
+    noise = disparity_noise_px, relative_noise, pixel_noise, joint_noise
+    return StereoParams(500.0, 510.0, 320.0, 240.0, 40.0, *noise)
+
+
+CAMERA = stereo()
 GATES = Gates(5.991, 7.815)
 FloatArray = NDArray[np.float64]
 
@@ -28,8 +41,8 @@ def pose(w: ArrayLike, t: ArrayLike) -> FloatArray:
 
 def pixels(T: FloatArray, points: FloatArray) -> FloatArray:
     x, y, z = (points @ T[:3, :3].T + T[:3, 3]).T
-    u = LENS.fx_px * x / z + LENS.cx_px
-    return np.stack([u, LENS.fy_px * y / z + LENS.cy_px, u - LENS.disparity_px_m / z], 1)
+    u = CAMERA.fx_px * x / z + CAMERA.cx_px
+    return np.stack([u, CAMERA.fy_px * y / z + CAMERA.cy_px, u - CAMERA.disparity_px_m / z], 1)
 
 
 def scene(seed: int, count: int) -> tuple[np.random.Generator, FloatArray]:
@@ -46,7 +59,7 @@ def test_pose_is_found_with_outliers_and_without_some_depths() -> None:
     measured[::3, 2] = np.nan
     measured[:25, :2] += rng.choice([-1, 1], (25, 2)) * rng.uniform(10, 60, (25, 2))
     fit = optimize_pose(
-        LENS, GATES, points, measured, np.ones(120), pose([0.1, -0.1, 0.1], [0] * 3)
+        CAMERA, GATES, points, measured, np.ones(120), pose([0.1, -0.1, 0.1], [0] * 3)
     )
     np.testing.assert_allclose(fit.T_camera_map, TRUTH, atol=1e-9)
     assert fit.inliers.tolist() == [False] * 25 + [True] * 95
@@ -70,10 +83,10 @@ def test_information_is_that_of_numeric_derivatives() -> None:
     J = np.stack(columns, -1)
     J[:, 2] = J[:, 0] - J[:, 2]
     disparity = measured[:, 0] - measured[:, 2]
-    depth_weight = 1 / (LENS.disparity_noise_px**2 + (LENS.relative_noise * disparity) ** 2)
+    depth_weight = 1 / (CAMERA.disparity_noise_px**2 + (CAMERA.relative_noise * disparity) ** 2)
     weights = np.stack([weight, weight, np.nan_to_num(depth_weight)], 1)
     expected = np.einsum('kra,kr,krb->ab', J, weights, J)
-    fit = optimize_pose(LENS, GATES, points, measured, weight, TRUTH)
+    fit = optimize_pose(CAMERA, GATES, points, measured, weight, TRUTH)
     np.testing.assert_allclose(fit.information, expected, rtol=1e-6, atol=1e-3)
 
 
@@ -93,13 +106,13 @@ def test_joint_noise_weighs_u_right_like_u_and_v_under_one_kernel() -> None:
         robust = np.sqrt(np.where(chi**2 <= gate, chi**2, 2 * np.sqrt(gate) * chi - gate))
         return np.asarray(robust[fit.inliers])
 
-    lens = LENS._replace(joint_noise=True)
-    fit = optimize_pose(lens, GATES, points, measured, weight, TRUTH)
+    camera = stereo(joint_noise=True)
+    fit = optimize_pose(camera, GATES, points, measured, weight, TRUTH)
     T_found_truth = fit.T_camera_map @ np.linalg.inv(TRUTH)
     found = np.append(_rotation_vector(T_found_truth[:3, :3]), T_found_truth[:3, 3])
     best = least_squares(residuals, found, x_scale=1e-3)
     np.testing.assert_allclose(found, best.x, atol=1e-5)
-    other = optimize_pose(LENS, GATES, points, measured, weight, TRUTH)
+    other = optimize_pose(CAMERA, GATES, points, measured, weight, TRUTH)
     assert np.abs(other.T_camera_map - fit.T_camera_map).max() > 1e-4
 
 
@@ -115,10 +128,10 @@ def test_a_wrong_depth_does_not_move_the_pose_much() -> None:
     _, points = scene(5, 100)
     measured = pixels(TRUTH, points)
     measured[:30, 2] -= 2.4
-    fit = optimize_pose(LENS, GATES, points, measured, np.ones(100), TRUTH)
+    fit = optimize_pose(CAMERA, GATES, points, measured, np.ones(100), TRUTH)
     assert fit.inliers.all()
     assert np.abs(fit.T_camera_map[:3, 3] - TRUTH[:3, 3]).max() < 0.012
-    trusting = LENS._replace(disparity_noise_px=0.05)
+    trusting = stereo(disparity_noise_px=0.05)
     exact = optimize_pose(trusting, GATES, points, pixels(TRUTH, points), np.ones(100), np.eye(4))
     np.testing.assert_allclose(exact.T_camera_map, TRUTH, atol=1e-9)
 
@@ -127,19 +140,26 @@ def test_points_behind_the_camera_are_outliers() -> None:
     _, points = scene(2, 50)
     measured = pixels(TRUTH, points)
     points[:5, 2] -= 20
-    fit = optimize_pose(LENS, GATES, points, measured, np.ones(50), TRUTH)
+    fit = optimize_pose(CAMERA, GATES, points, measured, np.ones(50), TRUTH)
     assert fit.inliers.tolist() == [False] * 5 + [True] * 45
+
+
+def test_a_camera_travels_to_another_process() -> None:
+    camera = pickle.loads(pickle.dumps(stereo(joint_noise=True)))  # noqa: S301
+    assert (camera.fx_px, camera.relative_noise, camera.joint_noise) == (500.0, 0.02, True)
 
 
 def test_too_few_points_leave_the_pose_alone() -> None:
     _, points = scene(3, 3)
-    fit = optimize_pose(LENS, GATES, points, pixels(TRUTH, points), np.ones(3), np.eye(4))
+    fit = optimize_pose(CAMERA, GATES, points, pixels(TRUTH, points), np.ones(3), np.eye(4))
     np.testing.assert_array_equal(fit.T_camera_map, np.eye(4))
 
 
 def test_coordinates_of_another_shape_are_refused() -> None:
-    with pytest.raises(ValueError, match=r'\(4, 3\)'):
-        optimize_pose(LENS, GATES, np.zeros((3, 4)), np.zeros((4, 3)), np.ones(4), np.eye(4))
+    with pytest.raises(TypeError, match='optimize_pose'):
+        optimize_pose(CAMERA, GATES, np.zeros((3, 4)), np.zeros((4, 3)), np.ones(4), np.eye(4))
+    with pytest.raises(ValueError, match='points_m: expected 4 rows, not 3'):
+        optimize_pose(CAMERA, GATES, np.zeros((3, 3)), np.zeros((4, 3)), np.ones(4), np.eye(4))
 
 
 def test_bundle_comes_back_to_the_truth() -> None:
@@ -158,8 +178,8 @@ def test_bundle_comes_back_to_the_truth() -> None:
     for i in range(3):
         start[i] = pose(rng.normal(0, 0.01, 3), rng.normal(0, 0.01, 3)) @ poses[i]
     fit = adjust_bundle(
-        LENS, GATES, start, 3, points + rng.normal(0, 0.01, points.shape), camera, point, measured,
-        np.ones(len(camera)), 2, 15,
+        CAMERA, GATES, start, 3, points + rng.normal(0, 0.01, points.shape), camera, point,
+        measured, np.ones(len(camera)), 2, 15,
     )  # fmt: skip
     np.testing.assert_array_equal(fit.T_camera_map[3:], poses[3:])
     np.testing.assert_allclose(fit.T_camera_map[:3], poses[:3], atol=1e-6)
@@ -178,7 +198,7 @@ def test_what_does_not_fit_bends_the_first_round_alone() -> None:
     start = poses.copy()
     start[0] = pose([0.005, 0, 0], [0.01, 0, 0]) @ TRUTH
     problem = start, 1, points, camera, point, measured, np.ones(180)
-    one, two = (adjust_bundle(LENS, GATES, *problem, rounds, 10) for rounds in (1, 2))
+    one, two = (adjust_bundle(CAMERA, GATES, *problem, rounds, 10) for rounds in (1, 2))
     off_by_one, off_by_two = (np.abs(fit.T_camera_map[0] - TRUTH).max() for fit in (one, two))
     assert off_by_one > 1e-4
     assert off_by_two < 1e-6
@@ -197,7 +217,7 @@ def test_a_point_between_fixed_cameras_is_their_least_squares() -> None:
     def residuals(at: FloatArray) -> FloatArray:
         seen = np.concatenate([pixels(T, at[None]) for T in poses]) - measured
         disparity = measured[:, 0] - measured[:, 2]
-        noise = np.hypot(LENS.disparity_noise_px, LENS.relative_noise * disparity)
+        noise = np.hypot(CAMERA.disparity_noise_px, CAMERA.relative_noise * disparity)
         rows = [
             seen[:, :2] * np.sqrt(weight)[:, None],
             ((seen[:, 0] - seen[:, 2]) / noise)[:, None],
@@ -206,7 +226,7 @@ def test_a_point_between_fixed_cameras_is_their_least_squares() -> None:
 
     best = least_squares(residuals, point, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     fit = adjust_bundle(
-        LENS, GATES, poses, 0, point[None] + 0.05, np.arange(4), np.zeros(4, int), measured,
+        CAMERA, GATES, poses, 0, point[None] + 0.05, np.arange(4), np.zeros(4, int), measured,
         weight, 2, 30,
     )  # fmt: skip
     np.testing.assert_allclose(fit.points_m[0], best.x, atol=2e-5)
@@ -221,8 +241,8 @@ def test_kernels_are_as_wide_as_the_noise() -> None:
     measured[:, 2] = np.nan
     errors = []
     for noise in (1.0, 0.1):
-        lens = LENS._replace(pixel_noise=noise)
-        fit = optimize_pose(lens, GATES, points, measured, np.ones(100), TRUTH)
+        camera = stereo(pixel_noise=noise)
+        fit = optimize_pose(camera, GATES, points, measured, np.ones(100), TRUTH)
         assert fit.inliers.all()
         errors.append(np.linalg.norm(fit.T_camera_map - TRUTH))
     assert errors[1] < 0.3 * errors[0]
@@ -231,12 +251,13 @@ def test_kernels_are_as_wide_as_the_noise() -> None:
 def test_only_the_ratio_of_pixel_and_depth_noise_matters_where_all_fits() -> None:
     _, points = scene(5, 60)
     measured = pixels(TRUTH, points)
-    halved = LENS._replace(
+    halved = stereo(
         pixel_noise=0.5,
-        disparity_noise_px=0.5 * LENS.disparity_noise_px,
-        relative_noise=0.5 * LENS.relative_noise,
+        disparity_noise_px=0.5 * CAMERA.disparity_noise_px,
+        relative_noise=0.5 * CAMERA.relative_noise,
     )
     one, other = (
-        optimize_pose(lens, GATES, points, measured, np.ones(60), TRUTH) for lens in (LENS, halved)
+        optimize_pose(camera, GATES, points, measured, np.ones(60), TRUTH)
+        for camera in (CAMERA, halved)
     )
     np.testing.assert_allclose(one.information, other.information, rtol=1e-9)

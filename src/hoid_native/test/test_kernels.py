@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hoid_native import (
-    Bar,
     Candidates,
-    Wanted,
+    MatchThreshold,
+    QueryConstraints,
     corner_peaks_px,
     fast_corners,
     match_by_projection,
@@ -225,9 +225,9 @@ def test_matches_are_those_of_the_definition(seed: int, ratio: float) -> None:
     found = match_by_projection(
         proj,
         radius,
-        Wanted(low, high, wanted),
+        QueryConstraints(low, high, wanted),
         Candidates(measured, octave, known, free),
-        Bar(60, ratio),
+        MatchThreshold(60, ratio),
     )
     expected = brute_force(
         proj, radius, low, high, wanted, measured, octave, known, free, 60, ratio
@@ -245,9 +245,9 @@ def test_no_features_give_no_matches() -> None:
     none = match_by_projection(
         np.zeros((3, 1)),
         np.ones(1),
-        Wanted(np.zeros(1, np.int8), np.ones(1, np.int8), np.zeros((1, 32), np.uint8)),
+        QueryConstraints(np.zeros(1, np.int8), np.ones(1, np.int8), np.zeros((1, 32), np.uint8)),
         Candidates(np.empty((0, 3), np.float32), np.empty(0, np.uint8), no_descriptors),
-        Bar(60, 1.0),
+        MatchThreshold(60, 1.0),
     )
     assert len(none.q) == 0
 
@@ -260,8 +260,8 @@ def test_a_contested_feature_goes_to_the_nearer_query() -> None:
     pairs = match_by_projection(
         np.full((3, 2), 10.0),
         np.full(2, 5.0),
-        Wanted(np.zeros(2, np.int8), np.zeros(2, np.int8), wanted),
+        QueryConstraints(np.zeros(2, np.int8), np.zeros(2, np.int8), wanted),
         Candidates(np.array([[10, 10, np.nan]], np.float32), np.zeros(1, np.uint8), known),
-        Bar(60, 1.0),
+        MatchThreshold(60, 1.0),
     )
     assert (pairs.q.tolist(), pairs.k.tolist(), pairs.distance.tolist()) == ([1], [0], [1])

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hoid_native import Bar, Candidates, Wanted, match_along_segments
+from hoid_native import Candidates, MatchThreshold, QueryConstraints, match_along_segments
 
 ByteArray = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
@@ -66,9 +66,9 @@ def test_matches_are_those_of_the_definition(seed: int) -> None:
     found = match_along_segments(
         segments,
         RADIUS_PX,
-        Wanted(low, np.minimum(low + 1, 3).astype(np.int8), wanted),
+        QueryConstraints(low, np.minimum(low + 1, 3).astype(np.int8), wanted),
         Candidates(measured, octave, known, free),
-        Bar(MOST, 1.0),
+        MatchThreshold(MOST, 1.0),
     )
     mine = set(zip(found.q.tolist(), found.k.tolist(), strict=True))
     assert mine == brute_force(segments, low, wanted, measured, octave, known, free)
@@ -78,9 +78,9 @@ def test_a_segment_that_is_unknown_matches_nothing() -> None:
     nothing = match_along_segments(
         np.full((1, 4), np.nan),
         RADIUS_PX,
-        Wanted(np.zeros(1, np.int8), np.ones(1, np.int8), np.zeros((1, 32), np.uint8)),
+        QueryConstraints(np.zeros(1, np.int8), np.ones(1, np.int8), np.zeros((1, 32), np.uint8)),
         Candidates(np.zeros((1, 3), np.float32), np.zeros(1, np.uint8), np.zeros((1, 32), 'u1')),
-        Bar(MOST, 1.0),
+        MatchThreshold(MOST, 1.0),
     )
     assert len(nothing.q) == 0
 
@@ -89,13 +89,14 @@ def test_rivals_of_one_octave_leave_a_query_unmatched() -> None:
     known = np.zeros((2, 32), np.uint8)
     known[1, 0] = 1
     measured = np.array([[20, 50, np.nan], [80, 50, np.nan]], np.float32)
+    octaves, like = (np.zeros(1, np.int8), np.ones(1, np.int8)), np.full((1, 32), 1, np.uint8)
     pairs = [
         match_along_segments(
             np.array([[0.0, 50, 100, 50]]),
             RADIUS_PX,
-            Wanted(np.zeros(1, np.int8), np.ones(1, np.int8), np.full((1, 32), 1, np.uint8)),
+            QueryConstraints(*octaves, like),
             Candidates(measured, np.zeros(2, np.uint8), known),
-            Bar(MOST, ratio),
+            MatchThreshold(MOST, ratio),
         )
         for ratio in (1.0, 0.9)
     ]

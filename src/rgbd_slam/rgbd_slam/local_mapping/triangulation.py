@@ -14,7 +14,7 @@ import numpy as np
 import hoid_native
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
-from hoid_native import Bar, Candidates, Wanted
+from hoid_native import Candidates, MatchThreshold, QueryConstraints
 from rgbd_slam.config.slam_config import TriangulationConfig
 from rgbd_slam.matching.matching import Matches
 from rgbd_slam.model.atlas import Atlas
@@ -90,9 +90,9 @@ def _matches(
     pairs = hoid_native.match_along_segments(
         epipolar_segments(views, k, camera, config.min_depth_m),
         np.sqrt(_EPIPOLAR_CHI2) * octave_scale,
-        Wanted(octave - np.int8(1), above, first.descriptors[k]),
+        QueryConstraints(octave - np.int8(1), above, first.descriptors[k]),
         Candidates(second.measurement_px, second.octave, second.descriptors, free),
-        Bar(config.max_hamming, config.ratio),
+        MatchThreshold(config.max_hamming, config.ratio),
     )
     return Matches(*(part.astype(np.int64) for part in pairs))
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import hoid_native
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
-from hoid_native import Bar, Candidates, Wanted
+from hoid_native import Candidates, MatchThreshold, QueryConstraints
 from rgbd_slam.model.frame import Frame
 
 MAX_HAMMING = 256
@@ -68,9 +68,9 @@ def match_by_projection(
     pairs = hoid_native.match_by_projection(
         queries.projection_px,
         queries.radius_px,
-        Wanted(queries.min_octave, queries.max_octave, queries.descriptors),
+        QueryConstraints(queries.min_octave, queries.max_octave, queries.descriptors),
         Candidates(frame.measurement_px, frame.octave, frame.descriptors, free),
-        Bar(max_distance, ratio),
+        MatchThreshold(max_distance, ratio),
     )
     return Matches(*(part.astype(np.int64) for part in pairs))
 

@@ -20,7 +20,7 @@ from hoid_common.values import (
     Float32Array,
     FloatArray,
 )
-from hoid_native import Lens
+from hoid_native import StereoParams
 from rgbd_slam.config.slam_config import CameraConfig
 
 
@@ -65,9 +65,9 @@ class StereoCamera:
         )
 
     @cached_property
-    def lens(self) -> Lens:
+    def lens(self) -> StereoParams:
         """Return what the optimisers need of it."""
-        return Lens(
+        return StereoParams(
             self.fx_px,
             self.fy_px,
             self.cx_px,

@@ -1,0 +1,515 @@
+"""The kernels; import them from hoid_native."""
+
+from typing import Annotated, Any
+
+import numpy
+import numpy.typing
+from numpy.typing import NDArray
+
+import hoid_native.results
+
+def fast_corners(
+    image_gray: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+    threshold: int,
+    border_px: int,
+) -> hoid_native.results.Corners:
+    """
+    Return the FAST-9/16 corners of an (H, W) image after 3x3 non-maximum suppression.
+
+    Source: Rosten and Drummond, ECCV 2006; the same corners and scores as OpenCV's.
+
+    Args:
+        image_gray: (H, W) uint8.
+        threshold: grey levels, from 1 to 254.
+        border_px: how far corners are from the edge, at least; 3 where it is less.
+
+    Raises:
+        ValueError: The threshold or the border is out of range.
+    """
+
+def corner_peaks_px(
+    image_gray: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+    x: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
+    y: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
+    """
+    Return the (N, 2) offsets from FAST corners to where their score peaks between the pixels.
+
+    The peak is that of the quadratic that fits the signed scores of a corner's pixel and its eight
+    neighbours best, no further than the edge of the pixel: within [-0.5, 0.5] in x and in y, and 0
+    where the quadratic has none.
+
+    Args:
+        image_gray: (H, W) uint8.
+        x: (N,) int32.
+        y: (N,) int32.
+
+    Raises:
+        ValueError: A pixel is less than 4 px from the edge, or there are more of x than of y.
+    """
+
+def orientations_deg(
+    image_gray: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+    x: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
+    y: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
+    """
+    Return the (N,) intensity-centroid angles in [0, 360) of pixels, y down.
+
+    Source: Rublee et al., ORB, ICCV 2011, sec. 3.2.
+
+    Args:
+        image_gray: (H, W) uint8.
+        x: (N,) int32.
+        y: (N,) int32.
+
+    Raises:
+        ValueError: A pixel is less than 15 px from the edge, or there are more of x than of y.
+    """
+
+def orb_descriptors(
+    image_smooth: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+    x: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
+    y: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
+    angle_deg: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+) -> Annotated[NDArray[numpy.uint8], dict(shape=(None, None))]:
+    """
+    Return the (N, 32) descriptors of pixels, turned by their angles.
+
+    Source: Rublee et al., ORB, ICCV 2011, sec. 4; the same bits as OpenCV's.
+
+    Args:
+        image_smooth: (H, W) uint8.
+        x: (N,) int32.
+        y: (N,) int32.
+        angle_deg: (N,) float32.
+
+    Raises:
+        ValueError: A pixel is less than 19 px from the edge, an angle is not finite, or lengths differ.
+    """
+
+class QueryConstraints:
+    """
+    What Q queries ask of a feature, wherever it lies.
+
+    Args:
+        min_octave: (Q,) int8, inclusive.
+        max_octave: (Q,) int8, inclusive.
+        descriptors: (Q, 32) uint8.
+
+    Raises:
+        ValueError: Lengths differ.
+    """
+
+    def __init__(
+        self,
+        min_octave: Annotated[NDArray[numpy.int8], dict(shape=(None,), writable=False)],
+        max_octave: Annotated[NDArray[numpy.int8], dict(shape=(None,), writable=False)],
+        descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, 32), writable=False)],
+    ) -> None: ...
+
+class Candidates:
+    """
+    N features among which queries look for theirs.
+
+    Args:
+        measurement_px: (N, 3) float32 u, v, u_right; NaN u_right: no depth. Features without a
+            position (NaN), or further out than any image is large, match nothing.
+        octave: (N,) uint8.
+        descriptors: (N, 32) uint8.
+        free: (N,) bool, those that may be matched; None: all.
+
+    Raises:
+        ValueError: Lengths differ.
+    """
+
+    def __init__(
+        self,
+        measurement_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), writable=False)],
+        octave: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
+        descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, 32), writable=False)],
+        free: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)] | None = None,
+    ) -> None: ...
+
+class MatchThreshold:
+    """
+    How good a match must be.
+
+    Args:
+        max_distance: Hamming.
+        ratio: by which the best must beat a second best of its octave; 1.0: no test.
+    """
+
+    def __init__(self, max_distance: int, ratio: float) -> None: ...
+    @property
+    def max_distance(self) -> int:
+        """Hamming."""
+
+    @property
+    def ratio(self) -> float:
+        """Of the best distance to the second best; 1.0: no test."""
+
+def match_by_projection(
+    projection_px: numpy.typing.NDArray[Any],
+    radius_px: numpy.typing.NDArray[Any],
+    wanted: QueryConstraints,
+    candidates: Candidates,
+    threshold: MatchThreshold,
+) -> hoid_native.results.Pairs:
+    """
+    Return the best feature of each query near its expected pixel, one to one.
+
+    Args:
+        projection_px: (3, Q) u, v, u_right where each query is expected; NaN u_right: unknown.
+        radius_px: (Q,) half sides of the square windows.
+        wanted: by each query.
+        candidates: which agree in u_right too where both know it.
+        threshold: of a match.
+
+    Raises:
+        ValueError: Lengths differ.
+    """
+
+def match_along_segments(
+    segments_px: numpy.typing.NDArray[Any],
+    octave_radius_px: numpy.typing.NDArray[Any],
+    wanted: QueryConstraints,
+    candidates: Candidates,
+    threshold: MatchThreshold,
+) -> hoid_native.results.Pairs:
+    """
+    Return the best feature of each query along the segment where it may be, one to one.
+
+    Args:
+        segments_px: (Q, 4) u, v of both ends; NaN: nowhere.
+        octave_radius_px: (L,) how far from the segment a feature of each octave may lie.
+        wanted: by each query.
+        candidates: whose u_right is not looked at.
+        threshold: of a match.
+
+    Raises:
+        ValueError: Lengths differ, or an octave is not below L.
+    """
+
+class StereoParams:
+    """
+    A pinhole camera with a virtual right column: u_right = u - disparity_px_m / depth_m.
+    """
+
+    def __init__(
+        self,
+        fx_px: float,
+        fy_px: float,
+        cx_px: float,
+        cy_px: float,
+        disparity_px_m: float,
+        disparity_noise_px: float,
+        relative_noise: float,
+        pixel_noise: float = 1.0,
+        joint_noise: bool = False,
+    ) -> None: ...
+    @property
+    def fx_px(self) -> float:
+        """Focal length along rows."""
+
+    @property
+    def fy_px(self) -> float:
+        """Focal length along columns."""
+
+    @property
+    def cx_px(self) -> float:
+        """Column of the principal point."""
+
+    @property
+    def cy_px(self) -> float:
+        """Row of the principal point."""
+
+    @property
+    def disparity_px_m(self) -> float:
+        """Disparity at a depth of 1 m."""
+
+    @property
+    def disparity_noise_px(self) -> float:
+        """
+        The part of a disparity's standard deviation that does not depend on it.
+        """
+
+    @property
+    def relative_noise(self) -> float:
+        """The part that grows with the disparity, as a share of it."""
+
+    @property
+    def pixel_noise(self) -> float:
+        """Standard deviation of pixels, in units of that of their weights."""
+
+    @property
+    def joint_noise(self) -> bool:
+        """u_right is as noisy as u and v, all under one kernel."""
+
+    def __getstate__(
+        self,
+    ) -> tuple[float, float, float, float, float, float, float, float, bool]: ...
+    def __setstate__(
+        self, arg: tuple[float, float, float, float, float, float, float, float, bool], /
+    ) -> None: ...
+
+class Gates:
+    """
+    Squared normalised residuals beyond which an observation is an outlier.
+    """
+
+    def __init__(self, mono: float, stereo: float) -> None: ...
+    @property
+    def mono(self) -> float:
+        """Of observations without depth."""
+
+    @property
+    def stereo(self) -> float:
+        """Of observations with depth."""
+
+def optimize_pose(
+    camera: StereoParams,
+    gates: Gates,
+    points_m: numpy.typing.NDArray[Any],
+    measured_px: numpy.typing.NDArray[Any],
+    inv_sigma2: numpy.typing.NDArray[Any],
+    T_camera_map: numpy.typing.NDArray[Any],
+) -> hoid_native.results.PoseFit:
+    """
+    Return the pose that explains matches best: Gauss-Newton with a Huber kernel.
+
+    Pixels and the disparity u - u_right are independent measurements with robust kernels of their own;
+    outliers are told on (u, v, u_right) (Mur-Artal and Tardos, T-RO 2017). Fewer than four matches
+    leave the pose alone.
+
+    Args:
+        camera: Of the image.
+        gates: Of outliers, told anew after each of three rounds, and of the kernel.
+        points_m: (N, 3) in the map's frame.
+        measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+        inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+        T_camera_map: (4, 4) where to start.
+
+    Raises:
+        ValueError: Lengths differ.
+    """
+
+def adjust_bundle(
+    lens: StereoParams,
+    gates: Gates,
+    T_camera_map: numpy.typing.NDArray[Any],
+    num_free: int,
+    points_m: numpy.typing.NDArray[Any],
+    camera: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    point: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    measured_px: numpy.typing.NDArray[Any],
+    inv_sigma2: numpy.typing.NDArray[Any],
+    rounds: int,
+    iterations: int,
+) -> hoid_native.results.BundleFit:
+    """
+    Adjust with a Huber kernel, in rounds after each of which what does not fit is left out.
+
+    Args:
+        lens: Of all images.
+        gates: Of outliers, and of the kernel.
+        T_camera_map: (C, 4, 4), the first `num_free` are moved.
+        num_free: How many cameras move.
+        points_m: (P, 3) in the map's frame.
+        camera: (M,) int64, which camera observes.
+        point: (M,) int64, which point; once a camera at most.
+        measured_px: (M, 3) u, v, u_right; NaN u_right: no depth.
+        inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
+        rounds: How many, at least one.
+        iterations: Of each round, at most.
+
+    Raises:
+        ValueError: Lengths differ, or a camera or a point is not there.
+        MemoryError: The cameras that move are too many for a dense system.
+    """
+
+def overlap_ratios(
+    boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return the (N, M) shares of each box's own area that lie in each of the others.
+
+    In [0, 1]; 0 for a box without area. This is the interaction area of the HOID paper.
+
+    Args:
+        boxes_xyxy_px: (N, 4), finite.
+        others_xyxy_px: (M, 4), finite.
+    """
+
+def intersections_over_union(
+    boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return the (N, M) ratios in [0, 1] of shared area to joint area; 0 without area.
+
+    Args:
+        boxes_xyxy_px: (N, 4), finite.
+        others_xyxy_px: (M, 4), finite.
+    """
+
+def are_boxes_fit(
+    boxes_xyxy_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 4), writable=False)],
+    scores: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+    shape_hw: tuple[int, int],
+) -> bool:
+    """
+    Return whether boxes have areas inside the image and scores are in [0, 1].
+
+    Args:
+        boxes_xyxy_px: (N, 4) float32.
+        scores: (N,) float32.
+        shape_hw: of the image.
+
+    Raises:
+        ValueError: Lengths differ.
+    """
+
+def judge_boxes(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    boxes_xyxy_px: numpy.typing.NDArray[Any],
+    roles: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
+    side_px: int,
+    min_share: float,
+    apart_m: float,
+    reach_px: float = float('nan'),
+) -> hoid_native.results.Judged:
+    """
+    Return which of N boxes move, people and what people handle, and what lies outside them.
+
+    Args:
+        depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
+        pixels: (K,) int64, indices in the flat image.
+        boxes_xyxy_px: (N, 4), finite.
+        roles: (N,) uint8: `PERSON`, `MAY_BE_HANDLED` or 0.
+        side_px: as of `sample_depths_m`.
+        min_share: a person handles a box when covering more than this share of it ...
+        apart_m: ... and nearer than this in depth; a depth that is not known is near.
+        reach_px: instead of the share, where given: a pixel in the box has a part of the person's
+            within this reach along rows and columns.
+
+    Raises:
+        ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths differ.
+    """
+
+def sample_depths_m(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    boxes_xyxy_px: numpy.typing.NDArray[Any],
+    side_px: int,
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+    """
+    Return the (N,) median readings of squares at the centres of boxes; NaN without any.
+
+    Args:
+        depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
+        boxes_xyxy_px: (N, 4), finite.
+        side_px: side of a square, at least 1; beyond the image it sees the image's edge.
+
+    Raises:
+        ValueError: The image is empty, a box is not finite, or the side is less than 1.
+    """
+
+def depths_off_edges_m(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    pixels_xy: Annotated[NDArray[numpy.int32], dict(shape=(None, 2), writable=False)],
+    radius_px: int,
+    step: float,
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
+    """
+    Return the (N,) readings at pixels; 0 where there is none, or where an edge is near.
+
+    Beside an edge a depth camera may read the surface on the other side of it.
+
+    Args:
+        depth_m: (H, W) float32; 0 or NaN = no reading.
+        pixels_xy: (N, 2) int32 x, y.
+        radius_px: half the side of the square around a pixel in which no edge may be; 0: any may.
+        step: share of the reading by which others in the square differ where there is one.
+
+    Raises:
+        ValueError: A pixel is not in the image.
+    """
+
+def torso_depths_m(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    boxes_xyxy_px: numpy.typing.NDArray[Any],
+    known_m: numpy.typing.NDArray[Any],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+    """
+    Return the (N,) depths of the layers that fill the middles of people's boxes; NaN: none.
+
+    The nearest layer of about a torso's thickness that is not much smaller than the largest one is
+    the person; readings near the known depth are looked at alone unless they are few.
+
+    Args:
+        depth_m: (H, W) float32; 0 or NaN = no reading.
+        boxes_xyxy_px: (N, 4), finite, in pixels of this image.
+        known_m: (N,) depths of the same people a moment ago; NaN = unknown.
+
+    Raises:
+        ValueError: A box is not finite, or lengths differ.
+    """
+
+def cover_things(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    areas_xyxy_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
+    depths_m: numpy.typing.NDArray[Any],
+    reaches_m: numpy.typing.NDArray[Any],
+    certainties: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
+    seen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+) -> Annotated[NDArray[numpy.uint8], dict(shape=(None, None))]:
+    """
+    Return how sure it is, (H, W) uint8, that each pixel shows something that moves; 0 = static.
+
+    The image is cut into regions along the jumps of depth. A thing is the regions that lie mostly
+    in its area and near its depth, and the gaps without readings beside them. It may reach out of
+    its area by a tenth of a side, as a box is not exact; what lies further out has only merged
+    with it in depth, as a desk with who leans on it.
+
+    Args:
+        depth_m: (H, W) float32; 0 = no reading.
+        areas_xyxy_px: (N, 4) int32, whole pixels within the image, the last exclusive.
+        depths_m: (N,) of the things; NaN = unknown: then a thing is its whole area.
+        reaches_m: (N,) how far things reach before and behind their depth.
+        certainties: (N,) uint8, how sure it is that they move.
+        seen: (N,) bool, things that are there for sure: when a thing's regions are too little of its
+            area, it has merged with what it touches, and all pixels near its depth count.
+
+    Raises:
+        ValueError: An area is not in the image, or lengths differ.
+    """
+
+def widen(
+    mask: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)], reach_px: int
+) -> Annotated[NDArray[numpy.uint8], dict(shape=(None, None))]:
+    """
+    Return (H, W) uint8 flags of pixels with one that is not 0 within reach along rows and columns.
+
+    Args:
+        mask: (H, W) uint8.
+        reach_px: 0: none.
+    """
+
+def values_at(
+    pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    values: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+    rows: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    columns: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+) -> Annotated[NDArray[numpy.uint8], dict(shape=(None,))]:
+    """
+    Return values[rows[v], columns[u]] for each (u, v) of K pixels.
+
+    Args:
+        pixels: (K,) int64, indices in the flat (H, W) image.
+        values: (h, w) uint8.
+        rows: (H,) int64, in [0, h).
+        columns: (W,) int64, in [0, w).
+
+    Raises:
+        ValueError: A pixel is not in the image, or a row or a column not in `values`.
+    """

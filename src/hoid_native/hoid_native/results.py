@@ -1,0 +1,53 @@
+"""What kernels return, as named tuples of arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Corners(NamedTuple):
+    """FAST corners of one image, in raster order."""
+
+    x: NDArray[np.int32]  # (N,)
+    y: NDArray[np.int32]  # (N,)
+    score: NDArray[np.uint8]  # (N,): the largest threshold at which each is a corner
+
+
+class Pairs(NamedTuple):
+    """Matches as parallel arrays (M,), in order of queries; nothing occurs twice."""
+
+    q: NDArray[np.int32]
+    k: NDArray[np.int32]
+    distance: NDArray[np.int32]  # Hamming
+
+
+class PoseFit(NamedTuple):
+    """A pose and what supports it."""
+
+    T_camera_map: NDArray[np.float64]  # (4, 4)
+    inliers: NDArray[np.bool_]  # (N,)
+    information: NDArray[np.float64]  # (6, 6) of the left twist, rotation first
+
+
+class BundleFit(NamedTuple):
+    """Adjusted poses and points."""
+
+    T_camera_map: NDArray[np.float64]  # (C, 4, 4)
+    points_m: NDArray[np.float64]  # (P, 3)
+    chi2: NDArray[np.float64]  # (M,) at the end; infinite behind a camera
+    cost_before: float
+    cost_after: float
+
+
+class Judged(NamedTuple):
+    """What is said of N boxes, and of K pixels."""
+
+    depth_m: NDArray[np.float64]  # (N,) as of `sample_depths_m`
+    overlap: NDArray[np.float64]  # (N,) with the person who handles it and covers most of it
+    gap_m: NDArray[np.float64]  # (N,) in depth to the same; NaN = unknown
+    moves: NDArray[np.uint8]  # (N,) roles of those that move; 0 = static
+    outside: NDArray[np.int64]  # of the K pixels, those with their centre in no moving box
+    area_px: int  # how many pixels of the whole image are outside

@@ -1,0 +1,126 @@
+#include "features/features.hpp"
+
+#include "bindings/arrays.hpp"
+#include "bindings/checks.hpp"
+#include "bindings/module.hpp"
+
+namespace hoid::bindings {
+
+namespace {
+
+using namespace nb::literals;
+
+HOID_RESULT(Corners);
+
+Corners fast_corners(const ImageArray<uint8_t>& image, int threshold, int border_px)
+{
+  require(threshold >= 1 && threshold <= 254, "threshold: must be from 1 to 254");
+  require(border_px >= 0, "border_px: must not be negative");
+  auto found = unlocked([&] { return features::detect_fast(view(image), threshold, border_px); });
+  return make<Corners>(give(std::move(found.x)), give(std::move(found.y)), give(std::move(found.score)));
+}
+
+// Pixels (x, y) that are far enough from the edge of an image.
+features::Pixels inside(
+  const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y, int border_px)
+{
+  require_length("y", y, x.size());
+  const int right = image.size(1) - border_px, bottom = image.size(0) - border_px;
+  bool all = true;
+  for (int k = 0; k < x.size(); ++k) {
+    all &= (x.data()[k] >= border_px) & (x.data()[k] < right) & (y.data()[k] >= border_px) & (y.data()[k] < bottom);
+  }
+  if (!all) {
+    refuse("pixels must be at least " + std::to_string(border_px) + " px from the edge");
+  }
+  return {x.data(), y.data(), x.size()};
+}
+
+auto corner_peaks_px(const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y)
+{
+  const features::Pixels corners = inside(image, x, y, features::kPeakBorderPx);
+  const auto count = static_cast<std::size_t>(corners.count);
+  std::vector<float> offset(2 * count);
+  unlocked([&] { features::corner_peaks(view(image), corners, offset.data()); });
+  return give(std::move(offset), std::array{count, std::size_t{2}});
+}
+
+auto orientations_deg(const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y)
+{
+  const features::Pixels corners = inside(image, x, y, features::kOrientationBorderPx);
+  std::vector<float> angle_deg(corners.count);
+  unlocked([&] { features::orientations(view(image), corners, angle_deg.data()); });
+  return give(std::move(angle_deg));
+}
+
+auto orb_descriptors(
+  const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y,
+  const Vector<float>& angle_deg)
+{
+  const features::Pixels corners = inside(image, x, y, features::kDescriptorBorderPx);
+  require_length("angle_deg", angle_deg, corners.count);
+  require_finite("angle_deg", angle_deg);
+  const auto count = static_cast<std::size_t>(corners.count);
+  std::vector<uint8_t> bits(features::kDescriptorBytes * count);
+  unlocked([&] { features::orb_descriptors(view(image), corners, angle_deg.data(), bits.data()); });
+  return give(std::move(bits), std::array{count, std::size_t{features::kDescriptorBytes}});
+}
+
+}  // namespace
+
+void bind_features(nb::module_& module)
+{
+  module.def("fast_corners", &fast_corners, "image_gray"_a, "threshold"_a, "border_px"_a, R"(
+Return the FAST-9/16 corners of an (H, W) image after 3x3 non-maximum suppression.
+
+Source: Rosten and Drummond, ECCV 2006; the same corners and scores as OpenCV's.
+
+Args:
+    image_gray: (H, W) uint8.
+    threshold: grey levels, from 1 to 254.
+    border_px: how far corners are from the edge, at least; 3 where it is less.
+
+Raises:
+    ValueError: The threshold or the border is out of range.)");
+  module.def("corner_peaks_px", &corner_peaks_px, "image_gray"_a, "x"_a, "y"_a, R"(
+Return the (N, 2) offsets from FAST corners to where their score peaks between the pixels.
+
+The peak is that of the quadratic that fits the signed scores of a corner's pixel and its eight
+neighbours best, no further than the edge of the pixel: within [-0.5, 0.5] in x and in y, and 0
+where the quadratic has none.
+
+Args:
+    image_gray: (H, W) uint8.
+    x: (N,) int32.
+    y: (N,) int32.
+
+Raises:
+    ValueError: A pixel is less than 4 px from the edge, or there are more of x than of y.)");
+  module.def("orientations_deg", &orientations_deg, "image_gray"_a, "x"_a, "y"_a, R"(
+Return the (N,) intensity-centroid angles in [0, 360) of pixels, y down.
+
+Source: Rublee et al., ORB, ICCV 2011, sec. 3.2.
+
+Args:
+    image_gray: (H, W) uint8.
+    x: (N,) int32.
+    y: (N,) int32.
+
+Raises:
+    ValueError: A pixel is less than 15 px from the edge, or there are more of x than of y.)");
+  module.def("orb_descriptors", &orb_descriptors, "image_smooth"_a, "x"_a, "y"_a, "angle_deg"_a, R"(
+Return the (N, 32) descriptors of pixels, turned by their angles.
+
+Source: Rublee et al., ORB, ICCV 2011, sec. 4; the same bits as OpenCV's.
+
+Args:
+    image_smooth: (H, W) uint8.
+    x: (N,) int32.
+    y: (N,) int32.
+    angle_deg: (N,) float32.
+
+Raises:
+    ValueError: A pixel is less than 19 px from the edge, an angle is not finite, or lengths differ.)");
+}
+
+}  // namespace hoid::bindings

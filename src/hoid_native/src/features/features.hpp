@@ -1,0 +1,44 @@
+// ORB features of one pyramid level: FAST corners, where between the pixels they peak, which way they
+// point, and what they look like.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "common/image.hpp"
+
+namespace hoid::features {
+
+constexpr int kPeakBorderPx = 4;         // what each kernel reads around a pixel
+constexpr int kOrientationBorderPx = 15;
+constexpr int kDescriptorBorderPx = 19;
+constexpr int kDescriptorBytes = 32;
+
+// FAST corners in raster order; a score is the largest threshold at which a pixel still is a corner.
+struct Corners
+{
+  std::vector<int32_t> x, y;
+  std::vector<uint8_t> score;
+};
+
+// Pixels of an image, far enough from its edge.
+struct Pixels
+{
+  const int32_t *x, *y;
+  int count;
+};
+
+// The corners of an image that are at least `border` (>= 3) pixels from its edge.
+Corners detect_fast(const Image<uint8_t>& image, int threshold, int border);
+
+// Write the offset (x, y) from each corner to the peak of its score.
+void corner_peaks(const Image<uint8_t>& image, const Pixels& corners, float* offset_out);
+
+// Write the angle (degrees, [0, 360), y down) of each corner.
+void orientations(const Image<uint8_t>& image, const Pixels& corners, float* angle_deg_out);
+
+// Write the descriptor of each corner of a smoothed image.
+void orb_descriptors(
+  const Image<uint8_t>& image, const Pixels& corners, const float* angle_deg, uint8_t* out);
+
+}  // namespace hoid::features

@@ -1,0 +1,74 @@
+// Where between the pixels a FAST corner is strongest.
+//
+// The FAST-9/16 scores of the corner's pixel and its eight neighbours, signed, so that they go on
+// below any threshold; then the peak of the quadratic that fits the nine in the least-squares sense.
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+
+#include "features/fast_circle.hpp"
+#include "features/features.hpp"
+
+namespace hoid::features {
+
+namespace {
+
+constexpr int kSide = 3, kLanes = 16;
+constexpr float kWithin = 0.5F;  // pixels: no neighbour scores higher than the corner
+
+// One number for each of the nine pixels, row by row; the rest pads.
+using Cells = int16_t __attribute__((vector_size(sizeof(int16_t) * kLanes)));
+
+ALWAYS_INLINE Cells around(const uint8_t* at, std::ptrdiff_t stride)
+{
+  Cells cells{};
+  for (int row = 0; row < kSide; ++row) {
+    for (int column = 0; column < kSide; ++column) {
+      cells[kSide * row + column] = at[(row - 1) * stride + column - 1];
+    }
+  }
+  return cells;
+}
+
+ALWAYS_INLINE Cells scores(const uint8_t* at, std::ptrdiff_t stride)
+{
+  const Cells center = around(at, stride);
+  Cells brighter[kCircle], darker[kCircle];
+  for (int k = 0; k < kCircle; ++k) {
+    brighter[k] = around(at + kOffsetY[k] * stride + kOffsetX[k], stride) - center;
+    darker[k] = -brighter[k];
+  }
+  return larger(best_arc(brighter), best_arc(darker));
+}
+
+// The peak of the quadratic a + b x + c y + d x^2 + e x y + f y^2 through nine values, as far as the
+// edge of the middle pixel; its centre when there is no peak.
+void write_peak(const Cells& s, float* offset)
+{
+  const auto sum = [&s](int a, int b, int c) { return static_cast<float>(s[a] + s[b] + s[c]); };
+  const float left = sum(0, 3, 6), right = sum(2, 5, 8), over = sum(0, 1, 2), under = sum(6, 7, 8);
+  const float b = (right - left) / 6, c = (under - over) / 6;
+  const float two_d = (right + left - 2 * sum(1, 4, 7)) / 3;
+  const float two_f = (under + over - 2 * sum(3, 4, 5)) / 3;
+  const float e = static_cast<float>(s[8] - s[6] - s[2] + s[0]) / 4;
+  const float determinant = two_d * two_f - e * e;
+  offset[0] = offset[1] = 0;
+  if (two_d < 0 && two_f < 0 && determinant > 0) {
+    offset[0] = std::clamp((e * c - two_f * b) / determinant, -kWithin, kWithin);
+    offset[1] = std::clamp((e * b - two_d * c) / determinant, -kWithin, kWithin);
+  }
+}
+
+}  // namespace
+
+MULTIVERSION("avx2")
+void corner_peaks(const Image<uint8_t>& image, const Pixels& corners, float* offset_out)
+{
+  for (int k = 0; k < corners.count; ++k) {
+    const uint8_t* corner = image.row(corners.y[k]) + corners.x[k];
+    write_peak(scores(corner, image.width), offset_out + 2 * static_cast<std::ptrdiff_t>(k));
+  }
+}
+
+}  // namespace hoid::features

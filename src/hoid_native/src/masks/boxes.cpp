@@ -1,0 +1,163 @@
+// Boxes (x1, y1, x2, y2): how much of them lies in others, and what the HOID paper says of them.
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "masks/masks.hpp"
+#include "masks/pixel_set.hpp"
+
+namespace hoid::masks {
+
+namespace {
+
+double side(double first, double last) { return std::max(last - first, 0.0); }
+
+double area(const double* box) { return side(box[0], box[2]) * side(box[1], box[3]); }
+
+double shared_area(const double* a, const double* b)
+{
+  return side(std::max(a[0], b[0]), std::min(a[2], b[2])) * side(std::max(a[1], b[1]), std::min(a[3], b[3]));
+}
+
+double ratio(double part, double whole) { return whole > 0 ? part / whole : 0.0; }
+
+template <typename Visit>
+void each_pair(const Boxes& boxes, const Boxes& others, Visit visit)
+{
+  for (int n = 0; n < boxes.count; ++n) {
+    for (int m = 0; m < others.count; ++m) {
+      visit(boxes[n], others[m]);
+    }
+  }
+}
+
+std::vector<int> people_among(int count, const uint8_t* roles)
+{
+  std::vector<int> people;
+  for (int n = 0; n < count; ++n) {
+    if (roles[n] == kPerson) {
+      people.push_back(n);
+    }
+  }
+  return people;
+}
+
+// When a person touches an object: by the share of the object that the person covers, or where a reach is given
+// (not NaN), because a pixel of the object has a part of the person within reach along rows and columns.
+struct Touch
+{
+  HandlingRule rule;
+  PixelSet pixels;
+
+  bool at(const double* object, const double* person, double overlap) const
+  {
+    if (std::isnan(rule.reach_px)) {
+      return overlap > rule.min_share;
+    }
+    const double both[] = {
+      std::max(object[0], person[0] - rule.reach_px), std::max(object[1], person[1] - rule.reach_px),
+      std::min(object[2], person[2] + rule.reach_px), std::min(object[3], person[3] + rule.reach_px)};
+    return pixels.has_any_in(both);
+  }
+};
+
+// How an object stands to the person who handles it and covers most of it.
+struct Interaction
+{
+  bool handled = false;  // by anybody
+  double overlap = 0, gap_m = std::numeric_limits<double>::quiet_NaN();
+};
+
+Interaction interaction(
+  int object, const Boxes& boxes, const double* depths_m, const std::vector<int>& people, const Touch& touch)
+{
+  Interaction found;
+  const double* box = boxes[object];
+  double most = -1;
+  for (const int person : people) {
+    const double overlap = ratio(shared_area(box, boxes[person]), area(box));
+    const double gap_m = std::abs(depths_m[object] - depths_m[person]);
+    const bool apart = gap_m >= touch.rule.apart_m;  // NaN: not
+    const bool by_this = touch.at(box, boxes[person], overlap) && !apart;
+    if (overlap + by_this > most) {
+      most = overlap + by_this;
+      found = {found.handled, overlap, gap_m};
+    }
+    found.handled = found.handled || by_this;
+  }
+  return found;
+}
+
+}  // namespace
+
+void overlap_ratios(const Boxes& boxes, const Boxes& others, double* ratio_out)
+{
+  each_pair(boxes, others, [&](const double* box, const double* other) {
+    *ratio_out++ = ratio(shared_area(box, other), area(box));
+  });
+}
+
+void intersections_over_union(const Boxes& boxes, const Boxes& others, double* ratio_out)
+{
+  each_pair(boxes, others, [&](const double* box, const double* other) {
+    const double shared = shared_area(box, other);
+    *ratio_out++ = ratio(shared, area(box) + area(other) - shared);
+  });
+}
+
+bool are_boxes_fit(int width, int height, int count, const float* boxes, const float* scores)
+{
+  bool fit = true;
+  for (int n = 0; n < count; ++n) {
+    const float* box = boxes + 4 * static_cast<std::ptrdiff_t>(n);
+    fit &= 0 <= box[0] && box[0] < box[2] && box[2] <= width;  // false for NaN
+    fit &= 0 <= box[1] && box[1] < box[3] && box[3] <= height;
+    fit &= 0 <= scores[n] && scores[n] <= 1;
+  }
+  return fit;
+}
+
+MULTIVERSION("avx2")
+Judged judge_boxes(
+  const Image<float>& depth_m, const Boxes& boxes, const uint8_t* roles, int side_px,
+  const HandlingRule& rule, const int64_t* pixels, int num_pixels)
+{
+  const int count = boxes.count;
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  Judged out{
+    std::vector<double>(count), std::vector<double>(count, 0.0), std::vector<double>(count, kUnknown),
+    std::vector<uint8_t>(count, 0), std::vector<int64_t>(num_pixels), 0};
+  sample_depths(depth_m, boxes, side_px, out.depth_m.data());
+  const std::vector<int> people = people_among(count, roles);
+  Touch touch{rule, PixelSet(depth_m.width, depth_m.height)};
+  for (int k = 0; k < num_pixels && !std::isnan(rule.reach_px); ++k) {
+    touch.pixels.add(pixels[k]);
+  }
+  PixelSet moving(depth_m.width, depth_m.height);
+  for (int n = 0; n < count; ++n) {
+    const Interaction found = interaction(n, boxes, out.depth_m.data(), people, touch);
+    const bool is_person = roles[n] == kPerson;
+    if (!is_person) {
+      out.overlap[n] = found.overlap;
+      out.gap_m[n] = found.gap_m;
+    }
+    if (is_person || (found.handled && roles[n] == kMayBeHandled)) {
+      out.moves[n] = roles[n];
+      moving.add_box(boxes[n]);
+    }
+  }
+  out.area_px = static_cast<int64_t>(depth_m.width) * depth_m.height - moving.size();
+  std::size_t num_outside = 0;
+  for (int k = 0; k < num_pixels; ++k) {
+    out.outside[num_outside] = k;  // overwritten by the next when this one is inside: no branch to predict
+    num_outside += static_cast<std::size_t>(!moving.has(pixels[k]));
+  }
+  out.outside.resize(num_outside);
+  return out;
+}
+
+}  // namespace hoid::masks

@@ -1,0 +1,107 @@
+// Depths where they can be believed: the median at the centre of a box, and pixels away from edges.
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+#include "masks/masks.hpp"
+#include "masks/median.hpp"
+
+namespace hoid::masks {
+
+namespace {
+
+// A square of a depth image; beyond the image it sees the image's edge.
+class Square
+{
+public:
+  // Ask for the pixels ahead of time: the image was last touched before the corners were found.
+  ALWAYS_INLINE Square(const Image<float>& depth_m, const double* box, int side)
+  : depth_m_(depth_m),
+    side_(side),
+    left_(first((box[0] + box[2] - side) / 2, depth_m.width)),
+    top_(first((box[1] + box[3] - side) / 2, depth_m.height))
+  {
+#ifdef __GNUC__
+    // Not in a function of its own: GCC drops the call of one that returns nothing and only prefetches.
+    for (int v = top_; v < top_ + side_; ++v) {
+      __builtin_prefetch(at(v, left_));
+      __builtin_prefetch(at(v, left_ + side_ - 1));
+    }
+#endif
+  }
+
+  // Write the readings, as bits: those of positive floats are in the order of their values. Return how many.
+  ALWAYS_INLINE int read(uint32_t* bits) const
+  {
+    int count = 0;
+    for (int v = top_; v < top_ + side_; ++v) {
+      const float* row = at(v, 0);
+      for (int u = left_; u < left_ + side_; ++u) {
+        const float reading = row[std::clamp(u, 0, depth_m_.width - 1)];
+        std::memcpy(bits + count, &reading, sizeof(*bits));  // overwritten by the next when it is none: no branch
+        count += static_cast<int>(reading > 0);
+      }
+    }
+    return count;
+  }
+
+private:
+  // The first pixel along a side of the image; a square wholly beyond it sees the same from anywhere there.
+  ALWAYS_INLINE int first(double place_px, int size) const
+  {
+    return static_cast<int>(std::clamp<double>(std::nearbyint(place_px), -side_, size));
+  }
+
+  ALWAYS_INLINE const float* at(int v, int u) const
+  {
+    return depth_m_.row(std::clamp(v, 0, depth_m_.height - 1)) + std::clamp(u, 0, depth_m_.width - 1);
+  }
+
+  Image<float> depth_m_;
+  int side_, left_, top_;
+};
+
+}  // namespace
+
+MULTIVERSION("avx2")
+void sample_depths(const Image<float>& depth_m, const Boxes& boxes, int side_px, double* median_m_out)
+{
+  std::vector<Square> squares;
+  squares.reserve(boxes.count);
+  for (int n = 0; n < boxes.count; ++n) {
+    squares.emplace_back(depth_m, boxes[n], side_px);
+  }
+  std::vector<uint32_t> bits(static_cast<std::size_t>(side_px) * side_px + 1);
+  for (int n = 0; n < boxes.count; ++n) {
+    median_m_out[n] = median::median(bits.data(), squares[n].read(bits.data()));
+  }
+}
+
+void depths_off_edges(
+  const Image<float>& depth_m, const int32_t* pixels_xy, int count, int radius_px, double step,
+  float* depth_m_out)
+{
+  const int width = depth_m.width, height = depth_m.height;
+  for (int n = 0; n < count; ++n) {
+    const int x = pixels_xy[2 * n], y = pixels_xy[2 * n + 1];
+    const float reading = depth_m.row(y)[x];
+    const int left = std::max(x - radius_px, 0), right = std::min(x + radius_px, width - 1);
+    const int top = std::max(y - radius_px, 0), bottom = std::min(y + radius_px, height - 1);
+    float nearest = reading, farthest = reading;
+    for (int v = top; v <= bottom; ++v) {
+      const float* row = depth_m.row(v);
+      for (int u = left; u <= right; ++u) {
+        nearest = row[u] > 0 && row[u] < nearest ? row[u] : nearest;
+        farthest = row[u] > farthest ? row[u] : farthest;
+      }
+    }
+    const bool believed = reading > 0 && farthest - nearest <= step * reading;
+    depth_m_out[n] = believed ? reading : 0.0F;
+  }
+}
+
+}  // namespace hoid::masks

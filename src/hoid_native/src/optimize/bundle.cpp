@@ -1,0 +1,172 @@
+// Bundle adjustment of a window of keyframes by Levenberg-Marquardt.
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "optimize/bundle_system.hpp"
+#include "optimize/optimize.hpp"
+
+namespace hoid::optimize {
+
+namespace {
+
+constexpr double kFirstDamping = 1e-5, kMinDamping = 1e-9, kMaxDamping = 1e3;
+constexpr double kConverged = 1e-4;  // relative decrease of the cost
+
+// Solve for cameras, then points, and move; false when the system cannot be solved.
+bool take_step(const Window& window, const System& system, double damping, State& state)
+{
+  const int n = kPose * window.num_free;
+  std::vector<double> S(static_cast<std::size_t>(n) * n, 0.0), step(system.g_c);
+  for (int i = 0; i < window.num_free; ++i) {
+    for (int a = 0; a < kPose; ++a) {
+      double* row = &S[static_cast<std::size_t>(kPose * i + a) * n + kPose * i];
+      std::copy_n(&system.H_cc[36 * i + 6 * a], kPose, row);
+      row[a] += damping * row[a] + kPivot;
+    }
+  }
+  eliminate(window, system, damping, S.data(), step.data());
+  if (!solve_positive(S.data(), step.data(), n)) {
+    return false;
+  }
+  move_points(window, system, damping, step.data(), state);
+  for (int i = 0; i < window.num_free; ++i) {
+    move_pose(&step[kPose * i], &state.T[kPoseSize * i]);
+  }
+  return true;
+}
+
+class Adjustment
+{
+public:
+  Adjustment(Window window, State state)
+  : window_(std::move(window)),
+    state_(std::move(state)),
+    used_(window_.weight.size(), 1),
+    chi2_(window_.weight.size())
+  {
+    const std::size_t free = window_.num_free, points = state_.points.size() / kPoint;
+    system_.H_cc.resize(36 * free);
+    system_.g_c.resize(6 * free);
+    system_.H_pp.resize(9 * points);
+    system_.g_p.resize(3 * points);
+    system_.H_pc.resize(18 * window_.weight.size());
+  }
+
+  // Returns the cost before.
+  double minimize(int iterations)
+  {
+    double damping = kFirstDamping, cost = update();
+    const double before = cost;
+    bool moved = true;
+    for (int n = 0; n < iterations; ++n) {
+      if (moved) {
+        linearize(window_, state_, used_.data(), system_);
+      }
+      const State old = state_;
+      moved = take_step(window_, system_, damping, state_);
+      const double new_cost = moved ? update() : cost;
+      if (!moved || !(new_cost <= cost)) {
+        moved = false;
+        state_ = old;
+        damping = std::min(100 * damping, kMaxDamping);
+        continue;
+      }
+      const bool done = cost - new_cost < kConverged * cost;
+      cost = new_cost;
+      damping = std::max(damping / 10, kMinDamping);
+      if (done) {
+        break;
+      }
+    }
+    return before;
+  }
+
+  // Leave out the observations beyond their gates from now on.
+  void drop_outliers()
+  {
+    update();
+    for (int m = 0; m < window_.count(); ++m) {
+      used_[m] &= chi2_[m] <= gate_of(window_.gates, window_.at(m));
+    }
+  }
+
+  double update() { return cost_of(window_, state_, used_.data(), chi2_.data()); }
+
+  const State& state() const { return state_; }
+  const std::vector<double>& chi2() const { return chi2_; }
+
+private:
+  Window window_;
+  State state_;
+  System system_;
+  std::vector<uint8_t> used_;
+  std::vector<double> chi2_;
+};
+
+// The place of each observation once all are sorted by point, those of a point as they come.
+std::vector<int32_t> places_by_point(const BundleProblem& problem)
+{
+  std::vector<int32_t> next(static_cast<std::size_t>(problem.num_points) + 1, 0);
+  for (int m = 0; m < problem.num_observations; ++m) {
+    ++next[problem.point[m] + 1];
+  }
+  std::partial_sum(next.begin(), next.end(), next.begin());
+  std::vector<int32_t> place(problem.num_observations);
+  for (int m = 0; m < problem.num_observations; ++m) {
+    place[m] = next[problem.point[m]]++;
+  }
+  return place;
+}
+
+// Sort observations by point.
+Window sorted(const StereoParams& camera, const Gates& gates, const BundleProblem& problem)
+{
+  const auto count = static_cast<std::size_t>(problem.num_observations);
+  const std::vector<int32_t> place = places_by_point(problem);
+  Window window{camera, gates, problem.num_free, {}, {}, {}, {}};
+  window.camera_of.resize(count);
+  window.point_of.resize(count);
+  window.measured.resize(3 * count);
+  window.weight.resize(count);
+  for (std::size_t m = 0; m < count; ++m) {
+    const auto to = static_cast<std::size_t>(place[m]);
+    window.camera_of[to] = static_cast<int32_t>(problem.camera[m]);
+    window.point_of[to] = static_cast<int32_t>(problem.point[m]);
+    std::copy_n(problem.measured_px + 3 * m, 3, &window.measured[3 * to]);
+    window.weight[to] = problem.inv_sigma2[m];
+  }
+  return window;
+}
+
+}  // namespace
+
+BundleFit adjust_bundle(
+  const StereoParams& camera, const Gates& gates, const BundleProblem& problem, int rounds, int iterations)
+{
+  const double *T = problem.T_camera_map, *points = problem.points_m;
+  Adjustment adjustment(
+    sorted(camera, gates, problem),
+    {{T, T + kPoseSize * static_cast<std::ptrdiff_t>(problem.num_cameras)},
+     {points, points + kPoint * static_cast<std::ptrdiff_t>(problem.num_points)}});
+  BundleFit fit;
+  fit.cost_before = adjustment.minimize(iterations);
+  for (int round = 1; round < rounds; ++round) {
+    adjustment.drop_outliers();
+    adjustment.minimize(iterations);
+  }
+  fit.cost_after = adjustment.update();
+  fit.T_camera_map = adjustment.state().T;
+  fit.points_m = adjustment.state().points;
+  fit.chi2.reserve(problem.num_observations);
+  for (const int32_t place : places_by_point(problem)) {
+    fit.chi2.push_back(adjustment.chi2()[place]);
+  }
+  return fit;
+}
+
+}  // namespace hoid::optimize

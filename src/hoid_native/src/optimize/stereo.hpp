@@ -1,0 +1,151 @@
+// A camera with a virtual right column, its projection and its derivatives.
+//
+// A map point x_map is at x = R x_map + t in the camera, and projects to u, v and
+// u_right = u - disparity / z (Mur-Artal and Tardos, T-RO 2017, eq. 1). A twist (rotation first)
+// moves the pose from the left, so that x moves by -hat(x) w + v (Barfoot, State Estimation for
+// Robotics, eq. 7.180).
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#include "common/multiversion.hpp"
+#include "optimize/optimize.hpp"
+
+namespace hoid::optimize {
+
+constexpr int kPose = 6;
+constexpr int kPoint = 3;
+constexpr int kRows = 3;  // u, v, and disparity, or u_right where noise is joint
+constexpr double kMinDepthM = 0.05;
+constexpr double kGateDisparity = 3.841;  // 95 % of one degree of freedom
+constexpr double kSmallAngleRad = 1e-4;
+
+// Row-major 4x4, T_camera_map.
+using Pose = double*;
+
+// What an observation says: NaN u_right is no depth. `weight` is 1 / variance.
+struct Observation
+{
+  const double* measured;
+  double weight;
+
+  ALWAYS_INLINE bool has_depth() const { return measured[2] == measured[2]; }
+  ALWAYS_INLINE double disparity() const { return measured[0] - measured[2]; }
+};
+
+ALWAYS_INLINE double gate_of(const Gates& gates, const Observation& seen)
+{
+  return seen.has_depth() ? gates.stereo : gates.mono;
+}
+
+ALWAYS_INLINE void to_camera(const double* T, const double* p, double* x)
+{
+  for (int r = 0; r < 3; ++r) {
+    x[r] = T[4 * r] * p[0] + T[4 * r + 1] * p[1] + T[4 * r + 2] * p[2] + T[4 * r + 3];
+  }
+}
+
+// Write measured - expected of u, v and the disparity u - u_right, or u_right itself where noise is
+// joint; 0 without depth. Depth is held at its minimum.
+ALWAYS_INLINE void residual(
+  const StereoParams& camera, const double* x, const Observation& seen, double* out)
+{
+  const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
+  out[0] = seen.measured[0] - (camera.fx_px * x[0] * inv_z + camera.cx_px);
+  out[1] = seen.measured[1] - (camera.fy_px * x[1] * inv_z + camera.cy_px);
+  const double disparity = seen.disparity() - camera.disparity_px_m * inv_z;
+  out[2] = !seen.has_depth() ? 0.0 : camera.joint_noise ? out[0] - disparity : disparity;
+}
+
+// What tells outliers: u_right is held to the same noise as u and v.
+ALWAYS_INLINE double chi2(const StereoParams& camera, const Observation& seen, const double* e)
+{
+  const double right = !seen.has_depth() ? 0.0 : camera.joint_noise ? e[2] : e[0] - e[2];
+  return seen.weight * (e[0] * e[0] + e[1] * e[1] + right * right);
+}
+
+ALWAYS_INLINE double huber_cost(double chi2, double gate)
+{
+  return chi2 <= gate ? chi2 : 2 * std::sqrt(gate * chi2) - gate;
+}
+
+ALWAYS_INLINE double huber_weight(double chi2, double gate)
+{
+  return chi2 <= gate ? 1.0 : std::sqrt(gate / chi2);
+}
+
+// What an observation counts in the sums: pixel and disparity have kernels of their own, as a
+// depth reading beside an edge is wrong while the pixel is right. All is in units of the weights,
+// whatever the noise: what the pixels of an image err by together does not average out.
+struct Weights
+{
+  double pixel, depth, cost;  // of u and v, and of the third row
+};
+
+ALWAYS_INLINE Weights weights_of(
+  const StereoParams& camera, const Gates& gates, const Observation& seen, const double* e)
+{
+  if (camera.joint_noise) {
+    const double all = chi2(camera, seen, e), gate = gate_of(gates, seen);
+    const double weight = seen.weight * huber_weight(all, gate);
+    return {weight, seen.has_depth() ? weight : 0.0, huber_cost(all, gate)};
+  }
+  const double unit = camera.pixel_noise * camera.pixel_noise;
+  const double pixel2 = seen.weight * (e[0] * e[0] + e[1] * e[1]) / unit;
+  Weights out{seen.weight * huber_weight(pixel2, gates.mono), 0.0,
+              unit * huber_cost(pixel2, gates.mono)};
+  if (seen.has_depth()) {
+    const double part = camera.relative_noise * seen.disparity();
+    const double weight = 1.0 / (camera.disparity_noise_px * camera.disparity_noise_px + part * part);
+    const double disparity2 = weight * e[2] * e[2];
+    out.depth = unit * weight * huber_weight(disparity2, kGateDisparity);
+    out.cost += unit * huber_cost(disparity2, kGateDisparity);
+  }
+  return out;
+}
+
+// Derivatives of the three rows by the point in the camera's frame, [row][coordinate].
+ALWAYS_INLINE void point_jacobian(
+  const StereoParams& camera, const double* x, double J[kRows][kPoint])
+{
+  const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
+  const double fx = camera.fx_px * inv_z, fy = camera.fy_px * inv_z;
+  J[0][0] = fx;
+  J[0][1] = 0.0;
+  J[0][2] = -fx * x[0] * inv_z;
+  J[1][0] = 0.0;
+  J[1][1] = fy;
+  J[1][2] = -fy * x[1] * inv_z;
+  J[2][0] = J[2][1] = 0.0;
+  J[2][2] = -camera.disparity_px_m * inv_z * inv_z;
+  if (camera.joint_noise) {
+    for (int a = 0; a < kPoint; ++a) {
+      J[2][a] = J[0][a] - J[2][a];
+    }
+  }
+}
+
+// Derivatives by the pose's twist, [row][rotation, then translation], from those by the point.
+ALWAYS_INLINE void pose_jacobian(
+  const double* x, const double J_point[kRows][kPoint], double J[kRows][kPose])
+{
+  for (int r = 0; r < kRows; ++r) {
+    const double* d = J_point[r];
+    J[r][0] = d[2] * x[1] - d[1] * x[2];
+    J[r][1] = d[0] * x[2] - d[2] * x[0];
+    J[r][2] = d[1] * x[0] - d[0] * x[1];
+    J[r][3] = d[0];
+    J[r][4] = d[1];
+    J[r][5] = d[2];
+  }
+}
+
+// T <- exp(twist) T, with the rotation kept orthonormal.
+void move_pose(const double* twist, Pose T);
+
+// Solve A x = b for a symmetric positive definite A (n, n), row-major, which is overwritten by its
+// Cholesky factor; b becomes x. False when A is not positive definite.
+bool solve_positive(double* A, double* b, int n);
+
+}  // namespace hoid::optimize
