@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -185,6 +186,45 @@ def test_what_is_recorded_is_what_was_published(
         seen_ns = [header_stamp_ns(message.data) for message in reader.messages()]
     assert seen_ns == stamps_ns()[-len(seen_ns) :]
     assert len(seen_ns) > NUM_FRAMES - 3  # /clock has to arrive first
+
+
+@pytest.mark.parametrize('name', ['SIGHUP', 'SIGQUIT', 'SIGTERM'])
+def test_whatever_ends_a_recording_leaves_a_whole_bag(
+    name: str, probe: Probe, commands: Commands, tmp_path: Path
+) -> None:
+    recorder = commands.start('record', tmp_path / 'bag', '--topics', 'clock')
+    publisher = probe.publisher(Clock, 'clock')
+    publisher.publish(Clock())
+    probe.spin_for(0.3)
+    for _ in range(3):  # a shell that closes says so more than once
+        recorder.send_signal(signal.Signals[name])
+    assert ended(probe, recorder) == (0, '')
+    assert summarize(tmp_path / 'bag').num_messages == 1
+    assert [path.name for path in tmp_path.iterdir()] == ['bag']
+
+
+def test_a_killed_recording_loses_no_more_than_a_second(
+    probe: Probe, commands: Commands, tmp_path: Path
+) -> None:
+    recorder = commands.start('record', tmp_path / 'bag', '--topics', 'clock')
+    publisher = probe.publisher(Clock, 'clock')
+    sent_ns = []
+    for _ in range(60):
+        sent_ns.append(time.time_ns())
+        publisher.publish(Clock())
+        probe.spin_for(0.05)
+    recorder.kill()
+    killed_ns = time.time_ns()
+    ended(probe, recorder)
+    (left,) = tmp_path.iterdir()
+    status, said = ended(probe, commands.start('info', tmp_path / 'other'))
+    assert status == 1
+    assert said.startswith(f'hoid: {left}: left by a killed recording; "hoid info --repair"')
+    assert ended(probe, commands.start('info', '--repair', left)) == (0, '')
+    with BagReader(tmp_path / 'bag') as reader:
+        seen_ns = [message.log_ns for message in reader.messages()]
+    assert len(seen_ns) >= sum(stamp_ns < killed_ns - NS_PER_S for stamp_ns in sent_ns)
+    assert seen_ns[-1] > killed_ns - NS_PER_S
 
 
 def test_recording_nothing_leaves_nothing(

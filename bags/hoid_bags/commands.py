@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hoid_bags.bag.encoding import JPEG, PNG, RAW
 from hoid_bags.bag.info import describe, summarize
+from hoid_bags.bag.repair import repair
 from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.live.playback import PlayConfig
 from hoid_bags.options import add_folder_arguments, chosen_camera
@@ -53,11 +54,17 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--bandwidth', action='store_true', help='of each topic as well; reads the whole bag'
     )
+    parser.add_argument(
+        '--repair',
+        action='store_true',
+        help='first make a bag of what a killed recording left or a damaged bag still has',
+    )
 
 
 def info_command(args: argparse.Namespace) -> None:
     """Print what is in a bag."""
-    summary = summarize(args.bag, sizes=args.bandwidth)
+    bag = repair(args.bag) if args.repair else args.bag
+    summary = summarize(bag, sizes=args.bandwidth)
     print(describe(summary))
     if summary.fault is not None:
         raise InputError(summary.fault)

@@ -22,6 +22,7 @@ from hoid_bags.bag.bag_types import Message, ensure_type, serialize, shared_type
 from hoid_bags.mcap.checked_writer import CheckedWriter
 from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, unwritable
+from hoid_common.signals import uninterrupted
 
 _METADATA_VERSION: Final = 9  # what Jazzy's rosbag2 writes
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it
@@ -88,7 +89,7 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        with self._undo:
+        with uninterrupted(), self._undo:
             try:
                 self._writer.__exit__(kind, error, trace)
                 if error is None:

@@ -33,6 +33,7 @@ RESULT_TOPICS = (
 """What is recorded when nothing else is asked for."""
 
 _LOOK_AGAIN_S = 0.1
+_FLUSH_S = 0.5  # a recorder that is killed loses no more than that
 _QUEUE = 100
 
 
@@ -46,6 +47,8 @@ def record(
     show_progress: bool = False,
 ) -> int:
     """Record until the time is over or a KeyboardInterrupt; return the number of messages.
+
+    Killed, it leaves a hidden folder with all but the last half second, for `repair`.
 
     Args:
         bag: The folder to make.
@@ -63,9 +66,9 @@ def record(
     if not duration_s >= 0:  # also refuses NaN
         raise ConfigError(f'--duration {duration_s:g}: must be at least 0')
     with (
-        BagWriter(bag) as writer,
         ros_session('hoid_record', namespace, use_sim_time=use_sim_time) as node,
         tqdm(unit=' messages', disable=None if show_progress else True) as bar,
+        BagWriter(bag) as writer,  # the last: it is safe before leaving the graph takes its time
     ):
         recorder = Recorder(node, writer, topic_names)
         with suppress(KeyboardInterrupt):  # the usual end
@@ -87,13 +90,16 @@ class Recorder:
 
     def run(self, duration_s: float, on_messages: Callable[[int], object]) -> None:
         """Record for some time after the first message; 0 = without end."""
-        look_s = end_s = 0.0
+        look_s = end_s = flush_s = 0.0
         while not end_s or time.monotonic() < end_s:
             before = self.num_messages
             if self._awaited and time.monotonic() >= look_s:
                 self._subscribe_new()
                 look_s = time.monotonic() + _LOOK_AGAIN_S
             self._executor.spin_once(timeout_sec=_LOOK_AGAIN_S)
+            if time.monotonic() >= flush_s:
+                self._writer.flush()
+                flush_s = time.monotonic() + _FLUSH_S
             on_messages(self.num_messages - before)
             if duration_s and not end_s and self.num_messages:
                 end_s = time.monotonic() + duration_s

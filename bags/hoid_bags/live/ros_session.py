@@ -16,6 +16,7 @@ from hoid_bags.bag.bag_writer import reliable_qos
 from hoid_common import topics
 from hoid_common.errors import ConfigError
 from hoid_common.ros.run import limit_exit_time
+from hoid_common.signals import end_as_by_interrupt
 
 _DEFAULT_DEPTH = 10
 _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
@@ -23,14 +24,14 @@ _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
 
 @contextmanager
 def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -> Iterator[Node]:
-    """Give a node; SIGINT and SIGTERM become KeyboardInterrupt.
+    """Give a node; SIGINT and what else ends a process become KeyboardInterrupt.
 
     Raises:
         ConfigError: the namespace is not a valid name.
     """
     arguments = ['--ros-args', '-p', f'use_sim_time:={str(use_sim_time).lower()}']
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    end_as_by_interrupt()
     node: Node | None = None
     try:
         try:
@@ -44,7 +45,6 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
             node.destroy_node()
         rclpy.try_shutdown()
         signal.alarm(0)
-        signal.signal(signal.SIGTERM, previous)
 
 
 def to_rclpy_qos(qos: Qos | None) -> QoSProfile:

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from hoid_bringup.cli import main
+import signal
 
 if __name__ == '__main__':
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is not signal.SIG_IGN:
+        # Ctrl-C while modules are still imported ends the process without a traceback.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from hoid_bringup.cli import main
+
+    signal.signal(signal.SIGINT, handler)
     raise SystemExit(main())

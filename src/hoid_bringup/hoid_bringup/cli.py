@@ -9,16 +9,20 @@ from __future__ import annotations
 import argparse
 import logging
 import os
-import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 
 from hoid_common.errors import HoidError, InputError
+from hoid_common.io.files import leftovers
+from hoid_common.io.untrusted import check_name
+from hoid_common.signals import end_as_by_interrupt, uninterrupted
 
 _OK, _FAILED, _INTERRUPTED = 0, 1, 130
+_NO_NAMES = ('set',)  # options whose text is of any length
 _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 
 
@@ -53,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its status: 1 for an error said in one line, 2 for usage."""
     for variable in _THREAD_VARIABLES:  # small matrices: more threads only cost
         os.environ.setdefault(variable, '1')
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the same clean end as Ctrl-C
+    end_as_by_interrupt()
     argv = list(sys.argv[1:] if argv is None else argv)
     chosen = next((word for word in argv if not word.startswith('-')), '')
     try:
@@ -62,6 +66,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             level=logging.DEBUG if args.verbose else logging.WARNING,
             format='%(levelname)s %(name)s: %(message)s',
         )
+        _check_names(args)
+        for line in _leftovers(args):
+            sys.stderr.write(f'hoid: {line}\n')
         getattr(_module(chosen), f'{chosen}_command')(args)
     except HoidError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)
@@ -74,6 +81,29 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _OK
     return _OK
+
+
+def _check_names(args: argparse.Namespace) -> None:
+    """Raise ConfigError for a name that no file can have, before any work begins."""
+    for option, value in vars(args).items():
+        what = option.replace('_', '-')
+        for item in value if isinstance(value, list) else [value]:
+            if isinstance(item, Path):
+                check_name(str(item), what)
+                check_name(os.path.realpath(item), what)
+            elif isinstance(item, str) and item and option not in _NO_NAMES:
+                check_name(item, what)
+
+
+def _leftovers(args: argparse.Namespace) -> Iterator[str]:
+    """Yield what is said of hidden folders that killed commands left beside the files named."""
+    paths = {value for value in vars(args).values() if isinstance(value, Path)}
+    for folder in sorted({path.parent for path in paths} | {p for p in paths if p.is_dir()}):
+        for left in leftovers(folder):
+            if left not in paths and any(left.glob('*/*.mcap')):
+                yield f'{left}: left by a killed recording; "hoid info --repair" makes a bag of it'
+            elif left not in paths:
+                yield f'{left}: left by a killed command; it can be removed'
 
 
 def _parser(chosen: str) -> argparse.ArgumentParser:
@@ -91,7 +121,8 @@ def _parser(chosen: str) -> argparse.ArgumentParser:
 def _module(command: str) -> ModuleType:
     """Import a command's code; raise InputError where a package that it needs is missing."""
     try:
-        return import_module(COMMANDS[command].module)
+        with uninterrupted():  # an import may swallow it
+            return import_module(COMMANDS[command].module)
     except ModuleNotFoundError as error:
         raise InputError(
             f'the Python package {error.name} is missing: start the command by ./hoid, '

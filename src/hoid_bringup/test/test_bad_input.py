@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     listed = place / 'fr3_cut' / 'rgb.txt'
     listed.write_text(listed.read_text()[:-7])
     (place / 'empty').mkdir()
+    write_lists(place / 'fr3_pipe', 'rgb', 'depth')
+    (place / 'fr3_pipe' / 'rgb.txt').unlink()
+    for name in ('pipe', 'pipe.mcap', 'fr3_pipe/rgb.txt'):
+        os.mkfifo(place / name)
     (place / 'text').write_text('neither a model nor a map nor a folder\n')
     (place / 'list.yaml').write_text('- 1\n')
     write_path(place / 'path.txt', 10**18)
@@ -99,6 +104,24 @@ CASES = {
     (*FR3, '--filter', 'none', '--save-map', 'text/map'): 'text: cannot be written: part of',
     ('synth', 'text/new', '--frames', '1'): 'text: cannot be written: part of this path',
     ('nodes', '--log-dir', 'text/logs'): 'text/logs: cannot be written: part of this path',
+    # names
+    (*FR3, '--filter', 'none', '--save-map', ''): '--save-map .: is a folder',
+    ('run', 'x' * 5000, *OUT): "input 'xxxx",
+    ('run', 'fr3_room', '--out', 'x' * 5000): 'no file can be called that',
+    (*FR3, '--camera', 'x' * 5000): 'no file can be called that',
+    (*FR3, '--detector', 'x' * 5000): 'no file can be called that',
+    (*FR3, '--filter', 'none', '--save-map', 'x' * 5000): 'no file can be called that',
+    ('nodes', '--params', 'x' * 5000): 'no file can be called that',
+    ('nodes', '--namespace', 'x' * 5000): 'no file can be called that',
+    ('record', 'x' * 5000): 'no file can be called that',
+    ('play', 'x' * 5000): 'no file can be called that',
+    ('info', 'caf\udce9'): 'not a UTF-8 name',
+    ('evaluate', 'path.txt', 'x' * 300): 'no file can be called that',
+    # what never ends
+    ('evaluate', '/dev/zero', 'path.txt'): '/dev/zero: not a regular file',
+    ('evaluate', 'pipe', 'path.txt'): 'pipe: not a regular file',
+    ('info', 'pipe.mcap'): 'pipe.mcap: not a regular file',
+    ('run', 'fr3_pipe', *OUT): 'fr3_pipe/rgb.txt: not a regular file',
     # trajectories
     ('evaluate', 'nowhere', 'path.txt'): 'nowhere: no such file',
     ('evaluate', 'text', 'path.txt'): 'text: line 1: "neither" is not a time in seconds',
@@ -108,7 +131,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(('argv', 'said'), CASES.items(), ids=map(' '.join, CASES))
+@pytest.mark.parametrize(
+    ('argv', 'said'), CASES.items(), ids=[' '.join(argv)[:60] for argv in CASES]
+)
 def test_one_line_says_what_is_wrong(
     argv: tuple[str, ...], said: str, place: Path, monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],

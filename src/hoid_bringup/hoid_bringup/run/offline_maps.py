@@ -29,6 +29,8 @@ class MapFiles(NamedTuple):
         if self.localize and self.load is None:
             raise ConfigError('--localize needs --map FILE')
         if self.save is not None:
+            if self.save.is_dir():  # also of `--save-map ''`
+                raise ConfigError(f'--save-map {self.save}: is a folder; name a file')
             check_writable(self.save.parent)
 
 
