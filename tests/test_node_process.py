@@ -54,7 +54,7 @@ sys.exit(run_node(Tiny))
 """
 STOPS = int(os.environ.get('HOID_TEST_STOPS', '3'))
 _UP_S = 60.0
-SIGNALS = [signal.SIGINT, signal.SIGTERM]
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
 @pytest.mark.usefixtures('domain_id')

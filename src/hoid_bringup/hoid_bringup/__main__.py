@@ -7,8 +7,10 @@ import signal
 if __name__ == '__main__':
     handler = signal.getsignal(signal.SIGINT)
     if handler is not signal.SIG_IGN:
-        # Ctrl-C while modules are still imported ends the process without a traceback.
+        # Ctrl-C while modules are still imported ends the process without a traceback. It may come
+        # here blocked, as only so it cannot hit an interpreter that is starting.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     from hoid_bringup.cli import main
 
     signal.signal(signal.SIGINT, handler)

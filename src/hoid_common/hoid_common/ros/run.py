@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from hoid_common.entry import INTERRUPTED, REFUSED
 from hoid_common.errors import ConfigError, HoidError
 from hoid_common.ros.executor import SteadyExecutor
+from hoid_common.signals import ENDING
 
 _EXIT_LIMIT_S = 10
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
@@ -108,8 +109,9 @@ def _do_nothing(_sign: int, _frame: FrameType | None) -> None:
 
 
 def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
-    for sign in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(sign, handler)
+    for sign in (signal.SIGINT, *ENDING):
+        if sign != signal.SIGHUP or signal.getsignal(sign) is not signal.SIG_IGN:  # `nohup`
+            signal.signal(sign, handler)
 
 
 def _take_no_more_than_needed() -> None:
