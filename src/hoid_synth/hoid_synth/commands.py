@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from hoid_synth.bag import write_bag
-from hoid_synth.config import LAYOUTS, PATHS, SceneConfig
+from hoid_synth.config import EVENTS, LAYOUTS, PATHS, SceneConfig
 
 _MOST_WORKERS = 4
 
@@ -50,6 +50,12 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
         help='they walk as one group past the camera, back and forth, as near as said',
     )
     parser.add_argument(
+        '--event',
+        choices=EVENTS,
+        default=default.event,
+        help='something that people carry past the camera, or that moves by itself',
+    )
+    parser.add_argument(
         '--people-seed',
         type=int,
         default=default.people_seed,
@@ -90,6 +96,7 @@ def scene_config(args: argparse.Namespace) -> SceneConfig:
         num_people=args.people,
         near_m=args.near,
         together=args.together,
+        event=args.event,
         people_seed=args.people_seed,
         start_s=args.start,
     )

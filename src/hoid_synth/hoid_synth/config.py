@@ -13,6 +13,10 @@ EPOCH_NS = 1_700_000_000_000_000_000
 FRAME_RATE_HZ = 30.0
 PATHS = ('room', 'loop', 'xyz', 'rpy', 'static')
 LAYOUTS = ('home', 'repeated')
+CARRIED = ('carry_box', 'carry_chair', 'carry_screen', 'pull_door', 'push_trolley')
+"""Events in which people handle something large, near, and rich in corners."""
+EVENTS = (*CARRIED, 'door', 'trolley', 'robot', 'followed', 'ball', 'cat', 'picture')
+"""All events; the last ones move by themselves, and no detector knows them."""
 MOST_NEAR_TOGETHER_M = 1.8  # beyond it stands furniture
 _VGA_WIDTH_PX = 640
 _VGA_FOCAL_PX = 525.0
@@ -34,6 +38,9 @@ class SceneConfig(Config):
         1.7, 'distance from the camera that people seek', minimum=1.0, maximum=5.0
     )
     together: bool = param(False, 'people walk as one group past the camera, back and forth')
+    event: str = param(
+        '', 'what else moves: carried past the camera, or by itself', choices=('', *EVENTS)
+    )
     people_seed: int = param(
         0, 'other people, who do other things in the same home; 0: those of the seed', minimum=0
     )
@@ -54,6 +61,14 @@ class SceneConfig(Config):
                 f'SceneConfig.near_m of people together must be at most {MOST_NEAR_TOGETHER_M}, '
                 f'got {self.near_m}'
             )
+
+        if self.event and (self.together or self.path == 'loop'):
+            raise ConfigError('SceneConfig.event needs one room, and people who are no group')
+
+    @property
+    def carriers(self) -> int:
+        """Return how many people the event needs."""
+        return (self.event in CARRIED) + (self.event == 'carry_screen')
 
     @property
     def frames(self) -> int:

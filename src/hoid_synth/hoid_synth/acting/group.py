@@ -35,7 +35,7 @@ def write_group(world: World, config: SceneConfig, rng: Rng) -> list[Part]:
     ends = np.array([[x1 + half_m, y], [x2 - half_m, y]])
     if rng.random() < 0.5:
         ends = ends[::-1]
-    xy, heading = _walk_to_and_fro(ends, float(rng.uniform(*_SPEED_MPS)), count)
+    xy, heading = walk_to_and_fro(ends, float(rng.uniform(*_SPEED_MPS)), count)
     parts = [Part(xy + place, heading.copy()) for place in places]
     _hand_out(world.props, parts, min(spacing_m - _BODY_M, _WALL_CLEARANCE_M), rng)
     return parts
@@ -49,7 +49,7 @@ def _places(num: int, spacing_m: float, rng: Rng) -> FloatArray:
     return np.stack([along, away], -1) + rng.uniform(-_JITTER_M, _JITTER_M, (num, 2))
 
 
-def _walk_to_and_fro(
+def walk_to_and_fro(
     ends_m: FloatArray, speed_mps: float, count: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return at least so many positions (N, 2) and headings (N,)."""

@@ -10,6 +10,7 @@ import numpy as np
 from hoid_common.values import FloatArray
 from hoid_synth.acting.acting import BodyTrack, ObjectTrack, body_track, object_tracks
 from hoid_synth.acting.camera_path import camera_poses
+from hoid_synth.acting.events import mover_poses, write_carriers
 from hoid_synth.acting.group import write_group
 from hoid_synth.acting.script import Part, Playwright
 from hoid_synth.config import FRAME_RATE_HZ, SceneConfig
@@ -33,6 +34,7 @@ class Stage:
     parts: tuple[Part, ...]
     bodies: tuple[BodyTrack, ...]
     objects: tuple[ObjectTrack, ...]  # in the order of world.props
+    T_world_mover: FloatArray | None = None  # (N + 1, 4, 4), of what an event moves
 
     @cached_property
     def static_mesh(self) -> Mesh:
@@ -62,6 +64,9 @@ class Stage:
             for placed, track in zip(world.props, self.objects, strict=True)
             if track.handled.any()
         ]
+        if world.mover is not None and self.T_world_mover is not None:
+            (_, mesh), instance = world.mover
+            meshes.append(mesh.as_instance(instance).transformed(self.T_world_mover[i]))
         return merged(meshes) if meshes else None
 
 
@@ -74,12 +79,23 @@ def set_stage(config: SceneConfig) -> Stage:
     parts = _write_parts(config, world, T_world_camera, rng)
     bodies = [body_track(part, count, rng) for part in parts]
     objects = object_tracks(world, parts, bodies, count)
-    return Stage(config, world, T_world_camera, tuple(parts), tuple(bodies), tuple(objects))
+    T_world_mover = mover_poses(config, parts, T_world_camera, rng) if config.event else None
+    return Stage(
+        config,
+        world,
+        T_world_camera,
+        tuple(parts),
+        tuple(bodies),
+        tuple(objects),
+        T_world_mover,
+    )
 
 
 def _write_parts(
     config: SceneConfig, world: World, T_world_camera: FloatArray, rng: Rng
 ) -> list[Part]:
+    if config.carriers:
+        return write_carriers(config)
     if config.together:
         return write_group(world, config, rng)
     keep_out = () if config.path == 'loop' else (_CAMERA_ZONE,)

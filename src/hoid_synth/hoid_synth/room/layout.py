@@ -12,6 +12,7 @@ from hoid_synth.mesh import box, merged
 from hoid_synth.noise import Rng
 from hoid_synth.people.body import dress
 from hoid_synth.room import furniture
+from hoid_synth.room.movers import make_mover
 from hoid_synth.room.props import FLOOR_PROPS, TABLE_PROPS, Maker
 from hoid_synth.room.rooms import DEPTH_M, HEIGHT_M, Furnisher
 from hoid_synth.room.world import (
@@ -61,8 +62,13 @@ def build_world(config: SceneConfig) -> World:
         np.random.default_rng([config.seed, 3, *config.people_stream]),
         studio.texels_per_m,
     )
-    wardrobes = tuple(dress(people) for _ in range(config.num_people))
+    num_people = config.carriers or config.num_people
+    wardrobes = tuple(dress(people) for _ in range(num_people))
     instances = tuple(builder.new_instance(PERSON) for _ in wardrobes)
+    mover = None
+    if config.event:
+        made = make_mover(config.event, people, furnishers[0].palette)
+        mover = made, builder.new_instance(made.class_name)
     return World(
         builder.mesh(),
         tuple(builder.class_names),
@@ -75,6 +81,7 @@ def build_world(config: SceneConfig) -> World:
         wardrobes,
         instances,
         textures.pack(),
+        mover,
     )
 
 

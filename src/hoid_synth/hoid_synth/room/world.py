@@ -9,6 +9,7 @@ import numpy as np
 from hoid_common.values import FloatArray
 from hoid_synth.mesh import Mesh, merged
 from hoid_synth.people.body import Wardrobe
+from hoid_synth.room.movers import Mover
 from hoid_synth.room.props import Prop
 from hoid_synth.texture.atlas import TextureAtlas
 
@@ -63,6 +64,7 @@ class World:
     wardrobes: tuple[Wardrobe, ...]  # of the people
     person_instances: tuple[int, ...]
     atlas: TextureAtlas
+    mover: tuple[Mover, int] | None = None  # what an event moves, and its instance
 
 
 def pose(x_m: float, y_m: float, z_m: float, yaw_rad: float) -> FloatArray:
