@@ -29,7 +29,8 @@ ROOMS = {
     'hoid_filter': 'config drawing < extraction < detections < rules < feature_filter < node',
     'rgbd_slam': """
         config < model < matching < optimize < places < tracking local_mapping < loops < scene
-        < map_io < mapper < processes < robot_frames slam < map_transfer < session < ros < node
+        < map_io < mapper < processes < map_control statistics < robot_frames slam
+        < map_transfer < session < ros < node
     """,
     'hoid_bags': """
         images progress < tum < bag < options sequence convert < live < commands

@@ -29,9 +29,9 @@ def export_map(
     Raises:
         ConfigError: There is no map.
     """
-    if slam.stats.num_keyframes == 0:
+    if slam.map.is_empty:
         raise ConfigError('nothing has been mapped yet: there is nothing to save')
-    state = slam.state().moved(frames.T_map_core)
+    state = slam.map.state().moved(frames.T_map_core)
     return MapFile(camera, config.scale_factor, config.num_octaves, state)
 
 
@@ -60,4 +60,4 @@ def import_map(
     """
     content.check_fits(camera, config.scale_factor, config.num_octaves)
     uids = slam.load(content.map.moved(se3.inverse(frames.T_map_core)), keep=keep)
-    return LoadedMap(uids, frames.keyframes(slam.keyframe_poses()))
+    return LoadedMap(uids, frames.keyframes(slam.map.keyframe_poses()))

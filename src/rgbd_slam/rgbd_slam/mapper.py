@@ -17,7 +17,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import MapState, restore
-from rgbd_slam.model.point_tallies import PointCounts
+from rgbd_slam.model.points import PointCounts
 from rgbd_slam.optimize.local_bundle_adjustment import local_bundle_adjustment
 
 
@@ -31,11 +31,17 @@ class KeyframeRequest:
     points: IntArray  # (N,) point seen by each feature, or NO_POINT
     point_uids: IntArray  # (N,)
     counts: PointCounts  # of the frames since the last keyframe
-    camera: StereoCamera  # with the noise measured so far
+    measured_camera: StereoCamera  # with the noise measured so far
 
 
 class Mapper:
-    """Owns the map and takes keyframes in."""
+    """Owns the map and takes keyframes in.
+
+    Two cameras differ in their noise. Geometry, which hardly feels it, takes the configured one:
+    making, fusing and culling points, and loops, which measure noise anew in the map that they
+    adjust. Bundle adjustment around a keyframe weighs by what the tracker has measured and sends
+    along with it.
+    """
 
     def __init__(
         self,
@@ -46,12 +52,12 @@ class Mapper:
         background: bool = False,
     ) -> None:
         self.map = atlas
-        self._camera = camera
+        self._configured_camera = camera
         self._config = config
         self._background = background
         self._closer = LoopCloser(atlas, camera, config, background=background)
         self.loops = LoopCounts()
-        self._close_limit_m = config.camera.close_baselines * config.camera.baseline_m
+        self._close_limit_m = config.camera.close_limit_m
 
     def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
         """Make the first keyframe of a map, with points at all depths, and return it."""
@@ -64,13 +70,15 @@ class Mapper:
         i = self._add(request)
         if i is None:
             return None
-        cull_young_points(self.map, self._camera, i, self._config.mapping)
+        cull_young_points(self.map, self._configured_camera, i, self._config.mapping)
         self._add_depth_points(i, self._close_limit_m)
         self.map.update_connections(i)
-        triangulate_with_neighbours(self.map, self._camera, i, self._config.mapping.triangulation)
-        fuse_into_neighbours(self.map, self._camera, i, self._config.mapping)
+        triangulate_with_neighbours(
+            self.map, self._configured_camera, i, self._config.mapping.triangulation
+        )
+        fuse_into_neighbours(self.map, self._configured_camera, i, self._config.mapping)
         self.map.update_connections(i)
-        local_bundle_adjustment(self.map, request.camera, i, self._config.mapping)
+        local_bundle_adjustment(self.map, request.measured_camera, i, self._config.mapping)
         cull_keyframes(self.map, i, self._config.mapping, self._close_limit_m)
         self.loops = self.loops.with_event(self._closer.process(i))
         return i
@@ -83,9 +91,9 @@ class Mapper:
         if not keep:
             self._closer.close()  # with all it knows of the old map
             self._closer = LoopCloser(
-                self.map, self._camera, self._config, background=self._background
+                self.map, self._configured_camera, self._config, background=self._background
             )
-        return int(restore(self.map, state, self._camera, keep=keep)[0])
+        return int(restore(self.map, state, self._configured_camera, keep=keep)[0])
 
     def poll(self) -> bool:
         """Lay what the background has finished over the map; return whether there was any."""
@@ -107,16 +115,13 @@ class Mapper:
     def _add(self, request: KeyframeRequest) -> int | None:
         """Store the keyframe with the observations whose points are still in the map."""
         keyframes, points = self.map.keyframes, self.map.points
-        uid, T_reference_camera = self.map.redirected(
+        uid, T_reference_camera = self.map.redirects.resolve(
             request.reference_uid, request.T_reference_camera
         )
         reference = keyframes.index_of(uid)
         if reference is None:
             return None
-        counts = request.counts
-        same = points.uid[counts.points] == counts.uids
-        points.num_visible[counts.points[same]] += counts.visible[same]
-        points.num_found[counts.points[same]] += counts.found[same]
+        self.map.count_sightings(request.counts)
         T_map_camera = keyframes.T_map_camera[reference] @ T_reference_camera
         i = self.map.add_keyframe(
             request.frame, se3.orthonormalized(T_map_camera), int(keyframes.map_id[reference]),
@@ -140,5 +145,7 @@ class Mapper:
         wanted = max(self._config.keyframes.min_new_points - have, 0)
         close = int(np.count_nonzero(depth[k] < limit_m))
         k = np.sort(k[: max(close, wanted)])
-        camera_m = self._camera.back_project(keyframes.measurement_px[i, k, :2], depth[k])
+        camera_m = self._configured_camera.back_project(
+            keyframes.measurement_px[i, k, :2], depth[k]
+        )
         self.map.add_points(i, k, se3.transform(keyframes.T_map_camera[i], camera_m))

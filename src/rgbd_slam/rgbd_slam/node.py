@@ -97,7 +97,7 @@ class RgbdSlamNode(Node):
         self._diagnostics.set_value('state', done.status.state.name.lower())
         self._diagnostics.set_count('images processed', done.status.frames_processed)
         self._diagnostics.set_count('images missing', done.status.frames_dropped)
-        restarts = self._session.num_mapper_restarts
+        restarts = self._session.map.num_restarts
         self._diagnostics.set_count('mapping processes that died', restarts)
 
     def _reconfigure(self, config: SlamNodeConfig) -> None:

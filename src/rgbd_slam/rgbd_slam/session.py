@@ -1,4 +1,9 @@
-"""The core as a node runs it: one map after another, paused and resumed, in a robot's frames."""
+"""The core as it is run, live and offline: which images are tracked, and which are looked at.
+
+This is the only place where picking, tracking and fusing come together. Nodes, offline runs and
+benchmarks differ in what brings images here, and in where the scene mapper is that sees those
+picked.
+"""
 
 from __future__ import annotations
 
@@ -11,20 +16,21 @@ from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import (
     CameraModel,
     Features,
-    Float32Array,
     FloatArray,
     Trajectory,
 )
 from rgbd_slam import map_transfer
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.map_control import MapControl
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.map_transfer import LoadedMap
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
 from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
 from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.statistics import SlamStats
 from rgbd_slam.tracking.stream_gaps import StreamGaps
-from rgbd_slam.tracking.tracking_result import SlamStats, TrackingResult
+from rgbd_slam.tracking.tracking_result import TrackingResult
 
 TRAJECTORY_KINDS = ('final', 'online', 'keyframes')
 _MESSAGES = {
@@ -41,18 +47,19 @@ class Processed(NamedTuple):
 
     status: SlamStatus
     pose: RobotPose | None  # None while the pose is unknown
-    fusion: FusionRequest | None = None  # for the room mapper, when it is to look at the image
+    fusion: FusionRequest | None = None  # for the scene mapper, when it is to look at the image
+    tracking: TrackingResult | None = None  # None when the image was not looked at
 
 
 class SlamSession:
-    """Feeds the core and says how it is doing.
+    """Feeds the core, picks what the scene mapper is to look at, and says how all is doing.
 
     Args:
         camera: The camera of the images that the features come from.
         config: Parameters of the core.
         frames: Where the camera sits on the robot.
         background: Map in a process of its own; `close` ends it.
-        fusion_scheduler: Picks the images that the room mapper is to look at.
+        fusion_scheduler: Picks the images that the scene mapper is to look at.
     """
 
     def __init__(
@@ -65,7 +72,7 @@ class SlamSession:
         fusion_scheduler: FusionScheduler | None = None,
     ) -> None:
         self.camera = camera
-        self.is_paused = False
+        self._is_paused = False
         self._config = config
         self._frames = frames
         self._background = background
@@ -87,59 +94,57 @@ class SlamSession:
         self._slam.reconfigure(config)
 
     def close(self) -> None:
-        """End what runs in the background; the session is of no more use then."""
-        self._slam.close()
+        """End what runs in the background; poses and map can still be read."""
+        self.map.close()
+
+    @property
+    def map(self) -> MapControl:
+        """Return what steers the life of the map; another one after `reset`."""
+        return self._slam.map
+
+    def pause(self) -> None:
+        """Ignore images until `resume`."""
+        self._is_paused = True
+
+    def resume(self) -> None:
+        """Track images again."""
+        self._is_paused = False
 
     def process(self, features: Features) -> Processed:
         """Track one image; a paused session only says that it is paused."""
         self._gaps.add(features.stamp_ns)
-        if self.is_paused:
+        if self._is_paused:
             return Processed(self._status(SlamState.PAUSED), None)
         self.stamp_ns = features.stamp_ns
         result = self._slam.process(features)
         self._num_processed += 1
         self._map_changed |= result.is_keyframe
         status = self._status(SlamState(result.state.value), result)
-        return Processed(status, self._pose(result), self._fusion_request(result))
+        return Processed(status, self._pose(result), self._fusion_request(result), result)
 
     @property
-    def num_mapper_restarts(self) -> int:
-        """Return how often a mapping process had died and was replaced."""
-        return self._slam.num_mapper_restarts
+    def stats(self) -> SlamStats:
+        """Return counts of the main map and of events."""
+        return self._slam.stats
 
     def status(self) -> SlamStatus:
         """Return how the session is doing between two images."""
-        return self._status(SlamState.PAUSED if self.is_paused else SlamState.NOT_INITIALIZED)
+        return self._status(SlamState.PAUSED if self._is_paused else SlamState.NOT_INITIALIZED)
 
     @property
     def mode(self) -> SlamMode:
         """Whether the map grows."""
-        return SlamMode.MAPPING if self._slam.is_mapping else SlamMode.LOCALIZATION
+        return SlamMode.MAPPING if self.map.is_growing else SlamMode.LOCALIZATION
 
     def set_mode(self, mode: SlamMode) -> None:
-        """Let the map grow, or leave it as it is once it `is_settled`.
+        """Let the map grow, or leave it as it is once it has settled.
 
         Raises:
             ConfigError: There is no map to localise in.
         """
-        if mode is SlamMode.LOCALIZATION and self._slam.stats.num_keyframes == 0:
+        if mode is SlamMode.LOCALIZATION and self.map.is_empty:
             raise ConfigError('there is no map to localise in: load one, or map first')
-        self._slam.is_mapping = mode is SlamMode.MAPPING
-
-    @property
-    def is_settled(self) -> bool:
-        """Whether the map stays as it is while no keyframe is made."""
-        return self._slam.is_settled
-
-    def settle(self) -> None:
-        """Ask for a last adjustment of what has grown; without waiting, see `is_settled`."""
-        self._slam.settle()
-
-    @property
-    def is_mapper_idle(self) -> bool:
-        """Whether no keyframe waits for the mapper: what is asked of it is done at once."""
-        # The first of them takes in what the mapper has said since the last image.
-        return self._slam.is_settled or self._slam.mapper_queue == 0
+        self.map.set_growing(is_growing=mode is SlamMode.MAPPING)
 
     def saved_map(self) -> MapFile:
         """Copy the map for a file; see `map_transfer.export_map`."""
@@ -155,7 +160,7 @@ class SlamSession:
 
     def all_keyframes(self) -> KeyframePoses:
         """Return where the keyframes of all maps are, those of the main map in the map frame."""
-        return self._frames.keyframes(self._slam.keyframe_poses())
+        return self._frames.keyframes(self.map.keyframe_poses())
 
     def take_map_changed(self) -> bool:
         """Return whether the map is another than at the last call."""
@@ -174,20 +179,20 @@ class SlamSession:
         """
         if kind == 'final':
             self._map_changed = True  # settling moves it without a trace in the counts
-            return self._frames.cameras(self._slam.trajectory_final())
+            return self._frames.cameras(self._slam.trajectory.final())
         if kind == 'online':
-            return self._frames.cameras(self._slam.trajectory_online())
+            return self._frames.cameras(self._slam.trajectory.online())
         if kind == 'keyframes':
-            return self._frames.cameras(self._slam.keyframe_trajectory())
+            return self._frames.cameras(self._slam.trajectory.keyframes())
         raise ConfigError(f'no trajectory "{kind}"; use one of {", ".join(TRAJECTORY_KINDS)}')
 
     def path(self) -> Trajectory:
         """Return the base's poses at the keyframes, as the map says now."""
-        return self._frames.bases(self._slam.keyframe_trajectory())
+        return self._frames.bases(self._slam.trajectory.keyframes())
 
-    def map_points_m(self) -> Float32Array:
+    def map_points_m(self) -> FloatArray:
         """Return (N, 3) points in the map frame."""
-        return self._frames.points_m(self._slam.map_points_m()).astype(np.float32)
+        return self._frames.points_m(self.map.points_m())
 
     def keyframe_poses(self) -> FloatArray:
         """Return (N, 4, 4) T_map_camera of the main map's keyframes."""
@@ -211,19 +216,26 @@ class SlamSession:
         )
 
     def _fusion_request(self, result: TrackingResult) -> FusionRequest | None:
-        if result.T_map_camera is None:
+        """Return what is to be known of an image that the scene mapper is to look at.
+
+        Images are fused wherever a map grows: the dense map keeps those of maps beside the main
+        one unseen until a known place joins the two, and they would be missing there otherwise.
+        Objects are looked for in the main map only, as tracks cannot wait, but in localisation as
+        well: where people and things are now is no part of the map.
+        """
+        last = self._slam.odometry.last
+        if result.T_map_camera is None or last is None:
             return None
-        T_core_camera, reference_uid = self._slam.last_pose()
         fusion = self._fusion_scheduler.pick(
             result.stamp_ns,
-            self._frames.T_map_core @ T_core_camera,
-            reference_uid,
+            self._frames.T_map_core @ self._slam.odometry.pose(),
+            last.reference_uid,
             self.all_keyframes,
         )
         if fusion is None:
             return None
-        fuse = fusion.keyframes is not None and self._slam.is_mapping
-        track_objects = fusion.track_objects and self._slam.is_in_main_map
+        fuse = fusion.keyframes is not None and self.map.is_growing
+        track_objects = fusion.track_objects and self._slam.odometry.is_in_main_map
         if not fuse and not track_objects:
             return None
         return fusion._replace(
@@ -231,7 +243,7 @@ class SlamSession:
         )
 
     def _message(self, state: SlamState) -> str:
-        if state is SlamState.TRACKING and not self._slam.is_in_main_map:
+        if state is SlamState.TRACKING and not self._slam.odometry.is_in_main_map:
             return _IN_OTHER_MAP
         return _MESSAGES[state]
 
@@ -246,7 +258,7 @@ class SlamSession:
             keyframes=stats.num_keyframes,
             map_points=stats.num_map_points,
             maps=stats.num_maps,
-            mapper_queue=self._slam.mapper_queue,
+            mapper_queue=self.map.queue_length,
             loops=stats.num_loops,
             merges=stats.num_merges,
             relocalizations=stats.num_relocalizations,

@@ -82,7 +82,7 @@ def test_removed_keyframe_leaves_a_redirect(
     atlas, a, b, j = two_keyframes
     uid_a, uid_b = atlas.keyframes.uid[[a, b]]
     atlas.remove_keyframe(b)
-    (redirect,) = atlas.take_redirects()
+    (redirect,) = atlas.redirects.take()
     assert (redirect.uid, redirect.parent_uid) == (uid_b, uid_a)
     np.testing.assert_allclose(redirect.T_parent_camera[:3, 3], [0.5, 0, 0])
     assert atlas.points.num_observations[j].tolist() == [1] * 6
@@ -122,7 +122,7 @@ def test_changes_bring_a_copy_up_to_date(
             )
             np.testing.assert_array_equal(table.uid, other.uid)
     assert len(change.points.rows) == 3
-    assert len(copy.take_redirects()) == 1
+    assert len(copy.redirects.take()) == 1
 
 
 def test_scale_range_and_direction() -> None:

@@ -13,7 +13,7 @@ from rgbd_slam.config.slam_config import KeyframeConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.point_tallies import PointTally
+from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.tracked_frame import tracked_frame
 from rgbd_slam.optimize.pose_optimizer import PoseEstimate
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy

@@ -33,7 +33,7 @@ def turn(count: int, start_rad: float = 0.25, end_rad: float = -0.2) -> FloatArr
 def saved() -> MapState:
     slam = RgbdSlam(CAMERA, SlamConfig())
     run(slam, World(), sway(90))
-    return slam.state()
+    return slam.map.state()
 
 
 def errors(results: list[TrackingResult], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -46,9 +46,9 @@ def errors(results: list[TrackingResult], poses: FloatArray) -> tuple[FloatArray
 
 def test_a_loaded_map_is_found_again_and_left_as_it_is(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
-    slam.is_mapping = False
+    slam.map.set_growing(is_growing=False)
     slam.load(saved, keep=False)
-    before = slam.state().digest()
+    before = slam.map.state().digest()
     assert before == saved.digest()
     poses = turn(40)
     results = run(slam, World(), poses)
@@ -56,9 +56,9 @@ def test_a_loaded_map_is_found_again_and_left_as_it_is(saved: MapState) -> None:
     way_m, turn_rad = errors(results, poses)
     assert way_m.max() < 0.02
     assert np.degrees(turn_rad).max() < 1
-    assert slam.state().digest() == before
-    assert len(slam.keyframe_trajectory()) == 0
-    assert len(slam.trajectory_final()) == 40
+    assert slam.map.state().digest() == before
+    assert len(slam.trajectory.keyframes()) == 0
+    assert len(slam.trajectory.final()) == 40
 
 
 def test_odometry_starts_at_the_first_pose_and_does_not_jump(saved: MapState) -> None:
@@ -78,19 +78,19 @@ def test_odometry_starts_at_the_first_pose_and_does_not_jump(saved: MapState) ->
 
 def test_an_unknown_place_is_not_believed_and_localisation_stays_lost(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
-    slam.is_mapping = False
+    slam.map.set_growing(is_growing=False)
     slam.load(saved, keep=False)
     elsewhere = World(seed=7)
     results = run(slam, elsewhere, sway(90)[:20]) + run(slam, elsewhere, sway(90)[:5], 300)
     assert all(result.state is TrackingState.LOST for result in results)
-    assert slam.state().digest() == saved.digest()
+    assert slam.map.state().digest() == saved.digest()
 
 
 def test_mapping_goes_on_in_a_loaded_map(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
     slam.load(saved, keep=False)
     run(slam, World(), turn(60, end_rad=1.8), first=100)  # later than any image of that session
-    state = slam.state()
+    state = slam.map.state()
     kept = np.isin(state.stamp_ns, saved.stamp_ns)
     assert len(state) > kept.sum()
     assert (state.map_id == 0).all()
@@ -101,8 +101,8 @@ def test_mapping_goes_on_in_a_loaded_map(saved: MapState) -> None:
     first_points = state.point[state.keyframe == first]
     shared = np.isin(first_points[first_points >= 0], loaded_points)
     assert shared.mean() > 0.6
-    slam.finish()
-    assert len(slam.keyframe_trajectory()) == len(state) - kept.sum()
+    slam.map.finish()
+    assert len(slam.trajectory.keyframes()) == len(state) - kept.sum()
 
 
 def test_a_place_unknown_for_long_starts_a_map_beside_the_loaded_one(saved: MapState) -> None:
@@ -112,7 +112,7 @@ def test_a_place_unknown_for_long_starts_a_map_beside_the_loaded_one(saved: MapS
     assert all(result.state is TrackingState.LOST for result in results[:10])
     assert results[10].is_keyframe
     assert slam.stats.num_maps == 2
-    assert not slam.is_in_main_map
+    assert not slam.odometry.is_in_main_map
 
 
 def test_two_sessions_are_joined_when_a_known_place_is_seen(saved: MapState) -> None:
@@ -127,7 +127,7 @@ def test_two_sessions_are_joined_when_a_known_place_is_seen(saved: MapState) -> 
     way_m, turn_rad = errors(results[-3:], poses[-3:])
     assert way_m.max() < 0.02  # in the loaded map's frame
     assert np.degrees(turn_rad).max() < 1
-    assert len(slam.trajectory_final()) == 90
+    assert len(slam.trajectory.final()) == 90
 
 
 def test_the_mapping_process_takes_a_map_over_at_once(saved: MapState) -> None:
@@ -136,17 +136,17 @@ def test_the_mapping_process_takes_a_map_over_at_once(saved: MapState) -> None:
         run(slam, World(), sway(90)[:5])
         uids = slam.load(saved, keep=False)
         assert len(uids) == len(saved)
-        assert slam.state().digest() == saved.digest()
+        assert slam.map.state().digest() == saved.digest()
         poses = turn(60, end_rad=1.8)
         results = run(slam, World(), poses, first=100)  # later than any image of that session
         assert errors(results, poses)[0].max() < 0.02
-        slam.finish()
-        assert slam.is_settled
-        state = slam.state()
+        slam.map.finish()
+        assert slam.map.is_settled
+        state = slam.map.state()
         assert (state.map_id == 0).all()
         # How many keyframes the mapper takes depends on its speed; it may cull loaded ones.
         assert np.isin(state.stamp_ns, saved.stamp_ns).any()
         assert (state.stamp_ns > saved.stamp_ns.max()).any()
-        assert len(slam.trajectory_final()) == 60
+        assert len(slam.trajectory.final()) == 60
     finally:
-        slam.close()
+        slam.map.close()

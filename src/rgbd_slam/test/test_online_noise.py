@@ -6,6 +6,7 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
@@ -62,11 +63,19 @@ class Images:
         )
 
 
+def after(tracked: TrackedFrame, atlas: Atlas) -> StereoCamera:
+    """Return the camera as measured in one image."""
+    noise = OnlineNoise(CAMERA)
+    noise.add(tracked, atlas)
+    return noise.camera
+
+
 @pytest.mark.parametrize(('pixel_px', 'disparity'), [(0.5, 0.2), (0.9, 1.0), (0.3, 2.0)])
 def test_known_noise_is_found(pixel_px: float, disparity: float) -> None:
     images, meter = Images(pixel_px, disparity), OnlineNoise(CAMERA)
     for _ in range(300):
-        camera = meter.add(images.take(), images.map)
+        meter.add(images.take(), images.map)
+    camera = meter.camera
     assert camera.pixel_noise == pytest.approx(pixel_px, rel=0.1)
     assert camera.disparity_noise_px / CAMERA.disparity_noise_px == pytest.approx(
         disparity, rel=0.1
@@ -76,29 +85,35 @@ def test_known_noise_is_found(pixel_px: float, disparity: float) -> None:
 
 def test_the_first_image_is_believed_in_part() -> None:
     images = Images(0.2, 0.2)
-    camera = OnlineNoise(CAMERA).add(images.take(), images.map)
+    camera = after(images.take(), images.map)
     assert 0.8 < camera.pixel_noise < 1.0
     assert 0.8 < camera.disparity_noise_px / CAMERA.disparity_noise_px < 1.0
 
 
 def test_too_few_points_or_readings_change_nothing() -> None:
     images = Images(0.2, 0.2)
-    assert OnlineNoise(CAMERA).add(images.take(10), images.map) == CAMERA
-    camera = OnlineNoise(CAMERA).add(images.take(depth=False), images.map)
+    assert after(images.take(10), images.map) == CAMERA
+    camera = after(images.take(depth=False), images.map)
     assert camera.pixel_noise < 1.0
     assert camera.disparity_noise_px == CAMERA.disparity_noise_px
 
 
-def test_tracking_and_mapping_use_the_noise_of_the_camera() -> None:
+def test_tracking_and_mapping_use_the_noise_of_the_camera(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The world's camera reads depth five to ten times better than configured."""
     world, slam = World(), RgbdSlam(MODEL, SlamConfig())
-    asked = []
-    insert = slam._mapper.insert
-    slam._mapper.insert = lambda request: asked.append(request.camera) or insert(request)  # type: ignore[method-assign,func-returns-value]
+    noise: list[float] = []
+    insert = slam.map._link.insert
+
+    def noted(request: KeyframeRequest) -> int | None:
+        noise.append(request.measured_camera.disparity_noise_px)
+        return insert(request)
+
+    monkeypatch.setattr(slam.map._link, 'insert', noted)
     for n, pose in enumerate(sway(60)):
         slam.process(world.features(n * PERIOD_NS, pose))
-    assert 0.25 < slam._tracker.camera.pixel_noise < 0.6
-    assert slam._tracker.camera.disparity_noise_px < 0.5 * CAMERA.disparity_noise_px
-    noise = [camera.disparity_noise_px for camera in asked]
+    assert 0.25 < slam._tracker._camera.pixel_noise < 0.6
+    assert slam._tracker._camera.disparity_noise_px < 0.5 * CAMERA.disparity_noise_px
     assert len(noise) >= 2
     assert noise[-1] < noise[0] < CAMERA.disparity_noise_px

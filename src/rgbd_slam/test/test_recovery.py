@@ -23,7 +23,7 @@ def seen(world: World, n: int, pose: FloatArray, *, covered: bool = False) -> Fe
 
 
 def rmse_m(slam: RgbdSlam, poses: FloatArray) -> float:
-    errors = position_errors_m(slam.trajectory_final(), poses)
+    errors = position_errors_m(slam.trajectory.final(), poses)
     return float(np.sqrt((errors**2).mean()))
 
 
@@ -61,16 +61,16 @@ def test_what_is_mapped_where_nothing_is_known_stays_out_of_the_trajectory() -> 
     for n, pose in enumerate(POSES[:70]):
         world = here if n < 45 else there
         slam.process(seen(world, n, pose, covered=45 <= n < 50))
-    stats, final = slam.stats, slam.trajectory_final()
-    num_online = len(slam.trajectory_online())
+    stats, final = slam.stats, slam.trajectory.final()
+    num_online = len(slam.trajectory.online())
     assert stats.num_maps == 2
     assert (stats.num_merges, stats.num_loops) == (0, 0)
-    assert not slam.is_in_main_map
+    assert not slam.odometry.is_in_main_map
     assert final.stamps_ns.tolist() == [n * PERIOD_NS for n in range(45)]
     assert num_online > 55
     assert rmse_m(slam, POSES) < 0.015
-    assert len(slam.keyframe_trajectory()) == stats.num_keyframes
-    assert len(slam.map_points_m()) == stats.num_map_points
+    assert len(slam.trajectory.keyframes()) == stats.num_keyframes
+    assert len(slam.map.points_m()) == stats.num_map_points
 
 
 def test_a_gap_in_the_stream_is_no_time_lost() -> None:
@@ -127,7 +127,7 @@ def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None
         if result.covariance is not None:
             sigmas = np.sqrt(np.diag(result.covariance))
             assert (sigmas[:3].min() > 1) == (sigmas[3:].min() > 5)  # rad, m
-            assert (sigmas[3:].min() > 5) == (not slam.is_in_main_map)
+            assert (sigmas[3:].min() > 5) == (not slam.odometry.is_in_main_map)
             unknown += [n] if sigmas[3:].min() > 5 else []
         keyframes = slam._atlas.keyframes
         maps.append(len(np.unique(keyframes.map_id[keyframes.indices()])))
@@ -135,6 +135,6 @@ def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None
     assert maps[-1] == 1
     assert unknown[0] == maps.index(2)  # where the new map lies in the first one
     assert (slam.stats.num_maps, slam.stats.num_merges, slam.stats.num_loops) == (1, 1, 0)
-    assert len(slam.trajectory_final()) == len(slam.trajectory_online())
-    errors = position_errors_m(slam.trajectory_final(), poses)
+    assert len(slam.trajectory.final()) == len(slam.trajectory.online())
+    errors = position_errors_m(slam.trajectory.final(), poses)
     assert errors[-30:].max() < 0.03  # back in the frame of the first map

@@ -33,13 +33,13 @@ def run(slam: RgbdSlam) -> list[TrackingState]:
     for n, pose in enumerate(POSES):
         states.append(slam.process(world.features(n * PERIOD_NS, pose)).state)
         _wait_for_mapper(slam)
-    slam.finish()
+    slam.map.finish()
     return states
 
 
 def _wait_for_mapper(slam: RgbdSlam) -> None:
     """Let a mapper in a process of its own answer, so that a busy machine changes nothing."""
-    link = slam._mapper
+    link = slam.map._link
     while isinstance(link, MapperProcess) and link.queue_length and not link._worker.has_report:
         time.sleep(0.002)
 
@@ -47,10 +47,10 @@ def _wait_for_mapper(slam: RgbdSlam) -> None:
 def test_a_known_trajectory_comes_back_and_repeats() -> None:
     first, second = (RgbdSlam(CAMERA, SlamConfig()) for _ in range(2))
     assert run(first) == run(second) == [TrackingState.TRACKING] * len(POSES)
-    for kind in ('trajectory_final', 'trajectory_online'):
-        one, other = getattr(first, kind)(), getattr(second, kind)()
+    for kind in ('final', 'online'):
+        one, other = (getattr(slam.trajectory, kind)() for slam in (first, second))
         np.testing.assert_array_equal(one.T_world_camera, other.T_world_camera)
-    errors = position_errors_m(first.trajectory_final(), POSES)
+    errors = position_errors_m(first.trajectory.final(), POSES)
     assert np.sqrt((errors**2).mean()) < 0.004
     assert errors.max() < 0.012
     assert 3 <= first.stats.num_keyframes < 40
@@ -68,7 +68,7 @@ def test_a_keyframe_takes_matches_that_do_not_fit_along_where_asked_to(
     moved = world.features(PERIOD_NS, POSES[0])
     moved.uv_px[::10] += 8  # something that they are on has moved
     requests: list[KeyframeRequest] = []
-    monkeypatch.setattr(slam._mapper, 'insert', requests.append)
+    monkeypatch.setattr(slam.map._link, 'insert', requests.append)
     monkeypatch.setattr(slam._policy, 'wants', lambda *_: True)
     slam.process(moved)
     (request,) = requests
@@ -94,35 +94,35 @@ def test_features_of_an_unknown_octave_are_refused_and_change_nothing() -> None:
     with pytest.raises(MessageError, match=said):
         see(1, highest=6)
     assert see(2, highest=5) is TrackingState.TRACKING
-    assert len(slam.trajectory_online()) == 2
+    assert len(slam.trajectory.online()) == 2
 
 
 def test_mapping_in_a_process_of_its_own() -> None:
     slam = RgbdSlam(CAMERA, SlamConfig(), background=True)
-    link = slam._mapper
+    link = slam.map._link
     assert isinstance(link, MapperProcess)
     assert set(run(slam)) == {TrackingState.TRACKING}
-    assert slam.mapper_queue == 0
+    assert slam.map.queue_length == 0
     assert slam.stats.num_keyframes >= 3
-    errors = position_errors_m(slam.trajectory_final(), POSES)
+    errors = position_errors_m(slam.trajectory.final(), POSES)
     assert np.sqrt((errors**2).mean()) < 0.008
     process = link.process_id
-    slam.close()
+    slam.map.close()
     assert process is not None
     assert not is_running(process)
-    slam.close()
-    assert len(slam.trajectory_final()) == len(POSES)
+    slam.map.close()
+    assert len(slam.trajectory.final()) == len(POSES)
 
 
 def test_a_dead_mapper_is_told() -> None:
     slam = RgbdSlam(CAMERA, SlamConfig(), background=True)
-    link = slam._mapper
+    link = slam.map._link
     assert isinstance(link, MapperProcess)
     assert link.process_id is not None
     os.kill(link.process_id, signal.SIGKILL)
     with pytest.raises(MapperStoppedError, match=r'ends at its start \(signal 9\)'):
         slam.process(World().features(0, POSES[0]))
-    slam.close()
+    slam.map.close()
 
 
 def test_a_mapper_that_cannot_start_is_told_at_once() -> None:
@@ -140,13 +140,13 @@ def test_a_mapper_that_takes_too_long_to_start_is_told(monkeypatch: pytest.Monke
 
 def test_a_mapper_that_dies_is_replaced_and_the_map_goes_on() -> None:
     world, slam = World(), RgbdSlam(CAMERA, SlamConfig(), background=True)
-    link = slam._mapper
+    link = slam.map._link
     assert isinstance(link, MapperProcess)
     half = len(POSES) // 2
     for n, pose in enumerate(POSES[:half]):
         slam.process(world.features(n * PERIOD_NS, pose))
         _wait_for_mapper(slam)
-    slam.finish()
+    slam.map.finish()
     known = set(slam._atlas.keyframes.uid[slam._atlas.keyframes.indices()].tolist())
     assert link.process_id is not None
     os.kill(link.process_id, signal.SIGKILL)
@@ -157,15 +157,15 @@ def test_a_mapper_that_dies_is_replaced_and_the_map_goes_on() -> None:
     for n, pose in enumerate(POSES[half:], half):
         assert slam.process(world.features(n * PERIOD_NS, pose)).state is TrackingState.TRACKING
         _wait_for_mapper(slam)
-    slam.finish()
+    slam.map.finish()
     uids = slam._atlas.keyframes.uid[slam._atlas.keyframes.indices()]
-    assert slam.num_mapper_restarts == 1
+    assert slam.map.num_restarts == 1
     assert known <= set(uids.tolist())
     assert len(uids) > len(known)
-    assert len(slam.trajectory_final()) == len(POSES)
-    errors = position_errors_m(slam.trajectory_final(), POSES)
+    assert len(slam.trajectory.final()) == len(POSES)
+    errors = position_errors_m(slam.trajectory.final(), POSES)
     assert np.sqrt((errors**2).mean()) < 0.008
-    slam.close()
+    slam.map.close()
 
 
 def test_the_mapper_dies_with_a_killed_tracker() -> None:

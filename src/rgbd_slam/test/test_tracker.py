@@ -135,7 +135,7 @@ def test_a_camera_shaken_hard_is_tracked_through() -> None:
     states = [slam.process(world.features(n * PERIOD_NS, T)).state for n, T in enumerate(poses)]
     assert states == [TrackingState.TRACKING] * len(poses)
     assert slam.stats.num_relocalizations == 0
-    assert position_errors_m(slam.trajectory_final(), poses).max() < 0.03
+    assert position_errors_m(slam.trajectory.final(), poses).max() < 0.03
 
 
 def test_the_covariance_is_the_inverse_of_what_is_known() -> None:

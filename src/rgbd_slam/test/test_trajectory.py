@@ -7,27 +7,40 @@ import tracemalloc
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.values import FloatArray
+from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import KeyframeTable
+from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import TrajectoryRecorder
 
 MANY = 5000
 
 
-def recorded(count: int) -> TrajectoryRecorder:
+def tracked(stamp_ns: int, T_map_camera: FloatArray, reference_uid: int = 0) -> TrackedFrame:
+    """Return a frame without features, whose reference keyframe is at the origin."""
+    none = np.empty(0, np.int64)
+    frame = Frame(
+        stamp_ns, np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.uint8),
+        np.empty(0, np.float32), np.empty((0, 32), np.uint8), np.empty(0, np.bool_),
+    )  # fmt: skip
+    return TrackedFrame(frame, T_map_camera, none, none, reference_uid, T_map_camera)
+
+
+def recorded(count: int, keyframes: KeyframeTable) -> TrajectoryRecorder:
     """Return a recorder of frames that each move by 1 mm, hung on no keyframe that is there."""
-    recorder, T = TrajectoryRecorder(), np.eye(4)
+    recorder, T = TrajectoryRecorder(keyframes), np.eye(4)
     for n in range(count):
         T = T.copy()
         T[0, 3] = 0.001 * n
-        recorder.add(10**9 + n, T, n // 10, T)
+        recorder.add(tracked(10**9 + n, T, n // 10))
     return recorder
 
 
 def test_poses_come_back_to_the_bit() -> None:
     poses = se3.exp(np.random.default_rng(0).normal(size=(MANY, 6)))
-    recorder = TrajectoryRecorder()
+    recorder = TrajectoryRecorder(KeyframeTable())
     for n, pose in enumerate(poses):
-        recorder.add(n, pose, 0, pose)
+        recorder.add(tracked(n, pose))
     online = recorder.online()
     assert len(recorder) == MANY
     np.testing.assert_array_equal(online.stamps_ns, np.arange(MANY))
@@ -35,13 +48,15 @@ def test_poses_come_back_to_the_bit() -> None:
 
 
 def test_nothing_recorded_is_an_empty_trajectory() -> None:
-    assert len(TrajectoryRecorder().online()) == 0
-    assert len(TrajectoryRecorder().final(KeyframeTable())) == 0
+    nothing = TrajectoryRecorder(KeyframeTable())
+    for trajectory in (nothing.online(), nothing.final(), nothing.keyframes()):
+        assert len(trajectory) == 0
 
 
 def test_a_frame_takes_hardly_more_than_its_numbers() -> None:
+    keyframes = KeyframeTable()
     tracemalloc.start()
-    recorder = recorded(MANY)
+    recorder = recorded(MANY, keyframes)
     size = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     assert len(recorder) == MANY

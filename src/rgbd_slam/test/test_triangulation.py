@@ -140,5 +140,5 @@ def test_a_camera_that_reads_depth_in_part_of_its_view_is_tracked() -> None:
     points = slam._atlas.points
     alive = points.indices()
     assert np.count_nonzero(points.num_stereo[alive] == 0) > 200
-    errors = position_errors_m(slam.trajectory_final(), poses)
+    errors = position_errors_m(slam.trajectory.final(), poses)
     assert np.sqrt((errors**2).mean()) < 0.02

@@ -14,19 +14,19 @@ from hoid_bags.progress import progress
 from hoid_bags.sequence import Sequence
 from hoid_bringup.run import offline_maps
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
-from hoid_bringup.run.offline_maps import MapFiles, Mapped
+from hoid_bringup.run.offline_maps import MapFiles
 from hoid_bringup.run.outputs import write_outputs
 from hoid_bringup.run.run_config import RunConfig
 from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Summary
 from hoid_common.io.files import check_writable
+from hoid_common.slam_status import SlamMode
 from hoid_common.values import DynamicObject, FilterResult, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
-from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.fusion_scheduler import FusionScheduler
 from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.tracking_result import SlamStats, TrackingResult
+from rgbd_slam.session import Processed, SlamSession
+from rgbd_slam.statistics import SlamStats
 
 _LOG = logging.getLogger(__name__)
 _MS = 1e3
@@ -50,13 +50,13 @@ class OfflinePipeline:
     ) -> None:
         self._detect = detect or detection_source(sequence, config)
         self._filter = FeatureFilter(config.filter, sequence.camera)
-        self._slam = RgbdSlam(sequence.camera, config.slam)
-        self._frames = RobotFrames()
-        self._scene = SceneMapper(sequence.camera, config.dense, config.objects)
-        self._mapped = Mapped(
-            self._slam, self._scene, self._frames, sequence.camera, config.slam.camera
+        self._session = SlamSession(
+            sequence.camera,
+            config.slam,
+            RobotFrames(),
+            fusion_scheduler=FusionScheduler(config.dense.rate_hz if dense else None, None),
         )
-        self._fusion_scheduler = FusionScheduler(config.dense.rate_hz if dense else None, None)
+        self._scene = SceneMapper(sequence.camera, config.dense, config.objects)
         self._features_in = self._features_removed = self._objects_dynamic = 0
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
@@ -69,44 +69,29 @@ class OfflinePipeline:
         Raises:
             MapFileError: It is unusable.
         """
-        offline_maps.load(path, self._mapped)
-        self._slam.is_mapping = not localize
+        offline_maps.load(path, self._session, self._scene)
+        self._session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
     def save_map(self, path: Path) -> None:
         """Save the map as it is now; raises HoidError if that is impossible."""
-        offline_maps.save(path, self._mapped)
+        offline_maps.save(path, self._session, self._scene)
 
-    def process(self, frame: RgbdFrame) -> TrackingResult:
+    def process(self, frame: RgbdFrame) -> Processed:
         """Run one frame through all stages."""
         start_s = time.perf_counter()  # the network has threads of its own: wall clock
         detections = self._detect(frame)
         detect_ms = _MS * (time.perf_counter() - start_s)
         filtered = self._filter.process(frame, detections)
         start_s = time.thread_time()
-        tracking = self._slam.process(filtered.features)
+        done = self._session.process(filtered.features)
         track_ms = _MS * (time.thread_time() - start_s)
-        self._fuse(frame, filtered, tracking)
+        if done.fusion is not None:
+            self._scene.fuse(done.fusion, frame.depth_m, frame.image_bgr, filtered.objects)
         self._count(filtered)
-        self._time(filtered, tracking, track_ms)
+        self._time(filtered, done.status.stage_ms, track_ms)
         if detections is not None:
             self.stage_ms['detect'].append(detect_ms)
-        return tracking
-
-    def _fuse(self, frame: RgbdFrame, filtered: FilterResult, tracking: TrackingResult) -> None:
-        if tracking.T_map_camera is None or not self._slam.is_mapping:
-            return
-        T_core_camera, reference_uid = self._slam.last_pose()
-        pose = self._fusion_scheduler.pick(
-            frame.stamp_ns,
-            self._frames.T_map_core @ T_core_camera,
-            reference_uid,
-            self._room_keyframes,
-        )
-        if pose is not None:
-            self._scene.fuse(pose, frame.depth_m, frame.image_bgr, filtered.objects)
-
-    def _room_keyframes(self) -> KeyframePoses:
-        return self._frames.keyframes(self._slam.keyframe_poses())
+        return done
 
     def _count(self, filtered: FilterResult) -> None:
         self.num_processed += 1
@@ -116,8 +101,10 @@ class OfflinePipeline:
         self._features_removed += filtered.num_removed
         self._objects_dynamic += sum(item.is_dynamic for item in filtered.objects)
 
-    def _time(self, filtered: FilterResult, tracking: TrackingResult, slam_ms: float) -> None:
-        stages = {**filtered.stage_ms, **tracking.stage_ms}
+    def _time(
+        self, filtered: FilterResult, slam_stage_ms: Mapping[str, float], slam_ms: float
+    ) -> None:
+        stages = {**filtered.stage_ms, **slam_stage_ms}
         stages.setdefault('track', slam_ms)
         stages['frame'] = stages['extract'] + stages['filter'] + stages['track']
         for name, spent_ms in stages.items():
@@ -127,12 +114,12 @@ class OfflinePipeline:
         self, sequence: Sequence, options: Mapping[str, Any], recording: Path | None = None
     ) -> RunResult:
         """Let the map settle and return all results, in the z-up map frame."""
-        self._slam.finish()
-        self._slam.close()
-        frames, room = self._frames, self._scene
-        room.settle(self._room_keyframes())
-        cloud = room.cloud() if room.num_voxels else None
-        grid = room.grid(cloud) if cloud is not None else None
+        session, scene = self._session, self._scene
+        session.map.finish()
+        session.close()
+        scene.settle(session.all_keyframes())
+        cloud = scene.cloud() if scene.num_voxels else None
+        grid = scene.grid(cloud) if cloud is not None else None
         if cloud is not None and grid is None:
             _LOG.warning('no grid is written, as no floor was seen')
         return RunResult(
@@ -141,14 +128,14 @@ class OfflinePipeline:
             options=options,
             frames_total=len(sequence),
             frames_processed=self.num_processed,
-            final=frames.cameras(self._slam.trajectory_final()),
-            online=frames.cameras(self._slam.trajectory_online()),
-            keyframes=frames.cameras(self._slam.keyframe_trajectory()),
-            map_points_m=frames.points_m(self._slam.map_points_m()),
+            final=session.trajectory('final'),
+            online=session.trajectory('online'),
+            keyframes=session.trajectory('keyframes'),
+            map_points_m=session.map_points_m(),
             cloud=cloud,
             grid=grid,
             ground_truth=sequence.ground_truth,
-            map_counts=_map_counts(self._slam.stats),
+            map_counts=_map_counts(session.stats),
             filter_counts=FilterCounts(
                 self._features_in, self._features_removed, self._objects_dynamic
             ),
@@ -203,8 +190,8 @@ def run_offline(
         pipeline.load_map(maps.load, localize=maps.localize)
     bar = progress(sequence, len(sequence), 'frames', show=show_progress)
     for frame in bar:
-        tracking = pipeline.process(frame)
-        bar.set_postfix_str(tracking.state.name.lower(), refresh=False)
+        done = pipeline.process(frame)
+        bar.set_postfix_str(done.status.state.name.lower(), refresh=False)
     noted = options if options is not None else config.noted()
     summary = write_outputs(out_dir, pipeline.finish(sequence, noted, recording))
     if maps.save is not None:

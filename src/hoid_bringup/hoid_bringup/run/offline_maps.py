@@ -7,14 +7,10 @@ from typing import NamedTuple
 
 from hoid_common.errors import ConfigError
 from hoid_common.io.files import check_writable
-from hoid_common.values import CameraModel
-from rgbd_slam import map_transfer
-from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.map_io import map_file
-from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.session import SlamSession
 
 
 class MapFiles(NamedTuple):
@@ -34,30 +30,20 @@ class MapFiles(NamedTuple):
             check_writable(self.save.parent)
 
 
-class Mapped(NamedTuple):
-    """What maps, and of what."""
-
-    slam: RgbdSlam
-    room: SceneMapper
-    frames: RobotFrames
-    camera: CameraModel
-    config: CameraConfig
-
-
-def load(path: Path, into: Mapped) -> None:
+def load(path: Path, session: SlamSession, scene: SceneMapper) -> None:
     """Start with a saved map; raise MapFileError if it is unusable."""
     content = map_file.load(path)
-    loaded = map_transfer.import_map(into.slam, into.frames, into.camera, into.config, content)
+    loaded = session.load(content)
     if content.dense is not None:
-        into.room.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
+        scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
 
 
-def save(path: Path, of: Mapped) -> None:
+def save(path: Path, session: SlamSession, scene: SceneMapper) -> None:
     """Save the map, with the dense one if there is one; raise HoidError if that is impossible."""
-    content = map_transfer.export_map(of.slam, of.frames, of.camera, of.config)
-    keyframes = of.frames.keyframes(of.slam.keyframe_poses())
-    of.room.update_keyframes(keyframes)
-    views = of.room.views()
+    content = session.saved_map()
+    keyframes = session.all_keyframes()
+    scene.update_keyframes(keyframes)
+    views = scene.views()
     if views:
         content = content._replace(dense=DenseState.of_views(views, keyframes.uids))
     path.parent.mkdir(parents=True, exist_ok=True)

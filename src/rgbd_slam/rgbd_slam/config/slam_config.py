@@ -39,6 +39,11 @@ class CameraConfig(Config):
         8, 'Octaves: at least the levels of extraction', minimum=1, maximum=16
     )
 
+    @property
+    def close_limit_m(self) -> float:
+        """Return the depth up to which readings are trusted to make points."""
+        return self.close_baselines * self.baseline_m
+
 
 @dataclass(frozen=True)
 class TrackingConfig(Config):

@@ -8,46 +8,18 @@ point j in its feature k.
 
 from __future__ import annotations
 
-from collections import deque
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
 from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable
-from rgbd_slam.model.point_statistics import refresh_points
-from rgbd_slam.model.points import PointTable
-from rgbd_slam.model.soa_table import DEAD, SoaTableRows
-
-
-class Observations(NamedTuple):
-    """Parallel arrays (M,): keyframe i sees point j in its feature k."""
-
-    i: IntArray
-    k: IntArray
-    j: IntArray
-
-
-class Redirect(NamedTuple):
-    """Where the poses that were relative to a removed keyframe hang now."""
-
-    uid: int
-    parent_uid: int
-    T_parent_camera: FloatArray  # (4, 4), camera of the removed keyframe
-
-
-_REMEMBERED = 256  # removed keyframes: more than can be removed while a request is under way
-
-
-class MapChange(NamedTuple):
-    """What brings a copy of the map up to date."""
-
-    version: int
-    keyframes: SoaTableRows
-    points: SoaTableRows
-    redirects: tuple[Redirect, ...]
+from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable, Observations, SavedKeyframes
+from rgbd_slam.model.map_change import MapChange, Redirect, Redirects
+from rgbd_slam.model.point_statistics import point_statistics
+from rgbd_slam.model.points import PointCounts, PointTable
+from rgbd_slam.model.soa_table import DEAD, Column
 
 
 class Atlas:
@@ -58,8 +30,7 @@ class Atlas:
         self.points = PointTable()
         self.version = 1
         self.octave_scale = np.power(scale_factor, np.arange(num_octaves, dtype=np.float64))
-        self._redirects: list[Redirect] = []
-        self._removed: deque[Redirect] = deque(maxlen=_REMEMBERED)
+        self.redirects = Redirects()
 
     def clear(self) -> None:
         """Take everything out; what hangs on a keyframe hangs on nothing then."""
@@ -67,8 +38,7 @@ class Atlas:
         keyframes.covisibility[:] = 0
         keyframes.release(keyframes.indices(), self.version)
         points.release(points.indices(), self.version)
-        self._redirects = []
-        self._removed.clear()
+        self.redirects.clear()
 
     # ---- keyframes
 
@@ -112,23 +82,13 @@ class Atlas:
             raise ValueError(f'keyframe {i} is the root of its map and cannot be removed')
         self.unobserve(i, np.flatnonzero(kf.point_of_feature[i] != NO_POINT))
         T_parent_camera = se3.inverse(kf.T_map_camera[parent]) @ kf.T_map_camera[i]
-        redirect = Redirect(int(kf.uid[i]), int(kf.uid[parent]), T_parent_camera)
-        self._redirects.append(redirect)
-        self._removed.append(redirect)
+        self.redirects.add([Redirect(int(kf.uid[i]), int(kf.uid[parent]), T_parent_camera)])
         children = kf.children(i)
         kf.parent_uid[children] = kf.uid[parent]
         touched = np.flatnonzero(kf.covisibility[i])
         kf.covisibility[i] = kf.covisibility[:, i] = 0
         kf.version[np.concatenate([children, touched])] = self.version
         kf.release(np.array([i]), self.version)
-
-    def redirected(self, uid: int, T_keyframe_camera: FloatArray) -> tuple[int, FloatArray]:
-        """Return where a pose hangs now that was given relative to a keyframe."""
-        for redirect in self._removed:
-            if redirect.uid == uid:
-                uid = redirect.parent_uid
-                T_keyframe_camera = redirect.T_parent_camera @ T_keyframe_camera
-        return uid, T_keyframe_camera
 
     def update_connections(self, i: int) -> None:
         """Count anew how many points keyframe `i` shares with every other one."""
@@ -164,7 +124,7 @@ class Atlas:
         points.first_keyframe_uid[j] = points.reference_keyframe_uid[j] = self.keyframes.uid[i]
         points.map_id[j] = self.keyframes.map_id[i]
         self.observe(i, k, j)
-        refresh_points(self, j)
+        self.refresh(j)
         return j
 
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
@@ -233,8 +193,27 @@ class Atlas:
         points.release(old, self.version)
 
     def refresh(self, j: IntArray) -> None:
-        """Derive the viewing direction, scale range and descriptor of points `j` anew."""
-        refresh_points(self, j)
+        """Derive the viewing direction, scale range and descriptor of live points `j` anew."""
+        points = self.points
+        seen = self.observations_of(j[points.uid[j] != DEAD])
+        if len(seen.j) == 0:
+            return
+        new = point_statistics(self.keyframes, points, seen, self.octave_scale)
+        points.view_direction[new.rows] = new.view_direction
+        points.reference_keyframe_uid[new.rows] = new.reference_keyframe_uid
+        points.max_distance_m[new.rows] = new.max_distance_m
+        points.min_distance_m[new.rows] = new.max_distance_m / self.octave_scale[-1]
+        points.descriptors[new.rows] = new.descriptors
+        points.version[new.rows] = self.version
+
+    def count_sightings(self, counts: PointCounts) -> None:
+        """Add how often frames should have seen points, and did; those gone since are left out."""
+        points = self.points
+        same = points.uid[counts.points] == counts.uids
+        j = counts.points[same]
+        points.num_visible[j] += counts.visible[same]
+        points.num_found[j] += counts.found[same]
+        points.version[j] = self.version
 
     def _mask(self, j: IntArray) -> BoolArray:
         """Return (capacity + 1,) flags of points; NO_POINT = -1 indexes the last, always False."""
@@ -243,12 +222,44 @@ class Atlas:
         flags[-1] = False
         return flags
 
-    # ---- copies in other processes
+    # ---- saved maps
 
-    def take_redirects(self) -> tuple[Redirect, ...]:
-        """Return, once, the redirects of keyframes removed since the last call."""
-        redirects, self._redirects = tuple(self._redirects), []
-        return redirects
+    def make_younger(self, by: int) -> None:
+        """Raise the ids of all maps, so that older ones can be laid beside them."""
+        keyframes, points = self.keyframes, self.points
+        i, j = keyframes.indices(), points.indices()
+        keyframes.map_id[i] += by
+        points.map_id[j] += by
+        keyframes.version[i] = points.version[j] = self.version
+
+    def append_keyframes(self, saved: SavedKeyframes) -> IntArray:
+        """Store keyframes of an earlier session and return their (N,) rows."""
+        kf = self.keyframes
+        i = kf.append(saved.columns, self.version)
+        kf.is_loaded[i] = True
+        kf.parent_uid[i] = np.where(saved.parent == DEAD, DEAD, kf.uid[i[saved.parent]])
+        kf.covisibility[i] = kf.covisibility[:, i] = 0
+        kf.covisibility[np.ix_(i, i)] = saved.covisibility
+        kf.point_of_feature[i] = NO_POINT
+        kf.append_features(
+            i[saved.keyframe], saved.feature, saved.features, saved.columns['num_features']
+        )
+        return i
+
+    def append_points(self, columns: Mapping[str, Column], reference: IntArray) -> IntArray:
+        """Store points, (N, ...) columns, made by keyframes (N,), and return their rows."""
+        points, kf = self.points, self.keyframes
+        j = points.append(columns, self.version)
+        points.reference_keyframe_uid[j] = points.first_keyframe_uid[j] = kf.uid[reference]
+        points.map_id[j] = kf.map_id[reference]
+        return j
+
+    def append_observations(self, seen: Observations) -> None:
+        """Record who sees the points stored last, whose columns count these observations."""
+        self.keyframes.point_of_feature[seen.i, seen.k] = seen.j
+        self.refresh(np.unique(seen.j))
+
+    # ---- copies in other processes
 
     def changes_since(self, version: int) -> MapChange:
         """Return the rows changed after `version`, and open a new version for what follows."""
@@ -256,7 +267,7 @@ class Atlas:
             self.version,
             self.keyframes.rows_since(version),
             self.points.rows_since(version),
-            self.take_redirects(),
+            self.redirects.take(),
         )
         self.version += 1
         return change
@@ -271,4 +282,4 @@ class Atlas:
         self.keyframes.put_rows(change.keyframes)
         self.points.put_rows(change.points)
         self.version = change.version
-        self._redirects.extend(change.redirects)
+        self.redirects.add(change.redirects)

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from hoid_common.errors import MessageError
 from hoid_common.values import (
     BoolArray,
     ByteArray,
@@ -103,6 +104,20 @@ class StereoCamera:
         out[:, 1] = (uv_px[:, 1] - self.cy_px) / self.fy_px * z
         out[:, 2] = z
         return out
+
+
+def check_octaves(features: Features, num_octaves: int) -> None:
+    """Refuse what the tables of scales and weights, here and in native code, do not hold.
+
+    Raises:
+        MessageError: A feature is of a higher octave.
+    """
+    highest = int(features.octave.max(initial=0))
+    if highest >= num_octaves:
+        raise MessageError(
+            f'features.octave: {highest} is beyond the camera.num_octaves of SLAM, {num_octaves}: '
+            "set it to the filter's extraction.num_levels"
+        )
 
 
 @dataclass(frozen=True, eq=False)

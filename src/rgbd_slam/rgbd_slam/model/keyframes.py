@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.soa_table import DEAD, SoaTable, SoaTableRows
+from rgbd_slam.model.soa_table import DEAD, Column, SoaTable, SoaTableRows
 
 NO_POINT = -1
 
@@ -26,8 +27,29 @@ _FEATURE_COLUMNS = (
 )
 
 
+class Observations(NamedTuple):
+    """Parallel arrays (M,): keyframe i sees point j in its feature k."""
+
+    i: IntArray
+    k: IntArray
+    j: IntArray
+
+
+class SavedKeyframes(NamedTuple):
+    """Keyframes (N,) of another map, and their features (F,)."""
+
+    columns: dict[str, Column]  # (N, ...) each
+    parent: IntArray  # (N,) which of them, or DEAD
+    covisibility: NDArray[np.int32]  # (N, N)
+    keyframe: IntArray  # (F,) which of them a feature belongs to
+    feature: IntArray  # (F,) which one it is there
+    features: dict[str, Column]  # (F, ...) each
+
+
 class KeyframeTable(SoaTable):
     """Rows are keyframes, index letter i; feature columns are (capacity, max features, ...).
+
+    Columns are written by `Atlas` alone.
 
     `point_of_feature` is the one record of what observes what; it is searched by masks over whole
     rows, which costs 0.3 ms for 200 keyframes and needs no second list to be kept in step.
@@ -112,6 +134,15 @@ class KeyframeTable(SoaTable):
         for name in _FEATURE_COLUMNS[1:]:
             getattr(self, name)[i, :n] = getattr(frame, name)
 
+    def append_features(
+        self, i: IntArray, k: IntArray, columns: Mapping[str, Column], num_features: IntArray
+    ) -> None:
+        """Fill rows with (F, ...) features: feature n is the `k[n]`-th of keyframe `i[n]`."""
+        if num_features.max() > self.max_features:
+            self.grow_features(int(num_features.max()))
+        for name, values in columns.items():
+            getattr(self, name)[i, k] = values
+
     def frame(self, i: int) -> Frame:
         """Return row `i`'s features as a frame (views, not copies)."""
         n = int(self.num_features[i])
@@ -124,6 +155,10 @@ class KeyframeTable(SoaTable):
             self.descriptors[i, :n],
             self.may_seed[i, :n],
         )
+
+    def points_of(self, i: int) -> IntArray:
+        """Return (N,) copies of what the features of row `i` observe, NO_POINT for nothing."""
+        return self.point_of_feature[i, : self.num_features[i]].astype(np.int64)
 
     def children(self, i: int) -> IntArray:
         """Return the keyframes whose parent in the spanning tree is `i`."""

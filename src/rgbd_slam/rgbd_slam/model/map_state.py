@@ -18,7 +18,7 @@ from hoid_common.io.record import Array, Record, column
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable
+from rgbd_slam.model.keyframes import Observations, SavedKeyframes
 from rgbd_slam.model.soa_table import DEAD
 
 Int32Array = NDArray[np.int32]
@@ -112,15 +112,14 @@ def restore(atlas: Atlas, state: MapState, camera: StereoCamera, *, keep: bool) 
         keep: Keep the running map beside it, as a younger one; otherwise it is gone.
     """
     if keep:
-        _make_younger(atlas, 1 + int(state.map_id.max()))
+        atlas.make_younger(1 + int(state.map_id.max()))
     else:
         atlas.clear()
-    i = _restore_keyframes(atlas.keyframes, state, camera, atlas.version)
-    j = _restore_points(atlas, state, i)
+    i = atlas.append_keyframes(_saved_keyframes(state, camera))
+    j = atlas.append_points(_saved_points(state), i[state.reference])
+    seen = state.point != NONE
     of_i, k = i[state.keyframe], _feature_rows(state)
-    point = np.where(state.point == NONE, NO_POINT, j[state.point])
-    atlas.keyframes.point_of_feature[of_i, k] = point
-    atlas.refresh(j)
+    atlas.append_observations(Observations(of_i[seen], k[seen], j[state.point[seen]]))
     return i
 
 
@@ -130,50 +129,36 @@ def _joined(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
     return np.concatenate([empty, *(table[i, :n] for i, n in rows)])
 
 
-def _make_younger(atlas: Atlas, by: int) -> None:
-    i, j = atlas.keyframes.indices(), atlas.points.indices()
-    atlas.keyframes.map_id[i] += by
-    atlas.points.map_id[j] += by
-    atlas.keyframes.version[i] = atlas.points.version[j] = atlas.version
+def _saved_keyframes(state: MapState, camera: StereoCamera) -> SavedKeyframes:
+    return SavedKeyframes(
+        {
+            'stamp_ns': state.stamp_ns,
+            'T_map_camera': state.T_map_camera,
+            'map_id': state.map_id,
+            'num_features': state.num_features,
+        },
+        np.where(state.parent == NONE, DEAD, state.parent),
+        shared_points(state),
+        state.keyframe,
+        _feature_rows(state),
+        {
+            'measurement_px': measurement_px(state, camera),
+            **{name: getattr(state, name) for name in _COPIED},
+        },
+    )
 
 
-def _restore_keyframes(
-    keyframes: KeyframeTable, state: MapState, camera: StereoCamera, version: int
-) -> IntArray:
-    most = int(state.num_features.max())
-    if most > keyframes.max_features:
-        keyframes.grow_features(most)
-    i = keyframes.allocate(len(state), version)
-    keyframes.stamp_ns[i] = state.stamp_ns
-    keyframes.T_map_camera[i] = state.T_map_camera
-    keyframes.map_id[i] = state.map_id
-    keyframes.parent_uid[i] = np.where(state.parent == NONE, DEAD, keyframes.uid[i[state.parent]])
-    keyframes.num_features[i] = state.num_features
-    keyframes.is_loaded[i] = True
-    keyframes.covisibility[i] = keyframes.covisibility[:, i] = 0
-    keyframes.covisibility[np.ix_(i, i)] = shared_points(state)
-    keyframes.point_of_feature[i] = NO_POINT
-    of_i, k = i[state.keyframe], _feature_rows(state)
-    keyframes.measurement_px[of_i, k] = measurement_px(state, camera)
-    for name in _COPIED:
-        getattr(keyframes, name)[of_i, k] = getattr(state, name)
-    return i
-
-
-def _restore_points(atlas: Atlas, state: MapState, i: IntArray) -> IntArray:
-    points, keyframes = atlas.points, atlas.keyframes
-    j = points.allocate(len(state.position_m), atlas.version)
-    seen = state.point != NONE
-    point = state.point[seen]
-    points.position_m[j] = state.position_m
-    points.num_observations[j] = np.bincount(point, minlength=len(j))
-    points.num_stereo[j] = np.bincount(point[state.depth_m[seen] > 0], minlength=len(j))
-    points.num_visible[j] = state.num_visible
-    points.num_found[j] = state.num_found
-    uid = keyframes.uid[i[state.reference]]
-    points.reference_keyframe_uid[j] = points.first_keyframe_uid[j] = uid
-    points.map_id[j] = keyframes.map_id[i[state.reference]]
-    return j
+def _saved_points(state: MapState) -> dict[str, Array]:
+    point = state.point[state.point != NONE]
+    with_depth = state.point[(state.point != NONE) & (state.depth_m > 0)]
+    count = len(state.position_m)
+    return {
+        'position_m': state.position_m,
+        'num_observations': np.bincount(point, minlength=count),
+        'num_stereo': np.bincount(with_depth, minlength=count),
+        'num_visible': state.num_visible,
+        'num_found': state.num_found,
+    }
 
 
 def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:

@@ -2,48 +2,56 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import ByteArray, IntArray
-
-if TYPE_CHECKING:
-    from rgbd_slam.model.atlas import Atlas
+from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
+from rgbd_slam.model.keyframes import KeyframeTable, Observations
+from rgbd_slam.model.points import PointTable
 
 _MAX_COMPARED = 8  # observations whose descriptors are compared; more change the median little
 
 
-def refresh_points(atlas: Atlas, j: IntArray) -> None:
-    """Derive the columns of live points `j` from their observations (ORB-SLAM's MapPoint rules).
+class PointStatistics(NamedTuple):
+    """Columns of points (P,) that follow from their observations."""
+
+    rows: IntArray  # (P,) ascending
+    view_direction: FloatArray  # (P, 3) unit
+    reference_keyframe_uid: IntArray  # (P,)
+    max_distance_m: Float32Array  # (P,)
+    descriptors: ByteArray  # (P, 32)
+
+
+def point_statistics(
+    keyframes: KeyframeTable, points: PointTable, seen: Observations, octave_scale: FloatArray
+) -> PointStatistics:
+    """Derive columns of points from all their observations, at least one (ORB-SLAM's MapPoint).
 
     The scale range is that in which an ORB octave can see the point: its distance in the reference
     keyframe times the scale of the octave it was seen in there, down to that of the finest octave.
     """
-    kf, points = atlas.keyframes, atlas.points
-    j = j[points.uid[j] >= 0]
-    seen = atlas.observations_of(j)
-    if len(seen.j) == 0:
-        return
     order = np.argsort(seen.j, kind='stable')
     i, k, of = seen.i[order], seen.k[order], seen.j[order]
-    ray = points.position_m[of] - kf.T_map_camera[i, :3, 3]
+    ray = points.position_m[of] - keyframes.T_map_camera[i, :3, 3]
     distance = np.linalg.norm(ray, axis=1)
     ray /= distance[:, None]
     starts = np.flatnonzero(np.r_[True, of[1:] != of[:-1]])
     rows = of[starts]
     mean = np.add.reduceat(ray, starts, axis=0)
-    points.view_direction[rows] = mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-9)[:, None]
+    view_direction = mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-9)[:, None]
 
-    is_reference = kf.uid[i] == points.reference_keyframe_uid[of]
+    is_reference = keyframes.uid[i] == points.reference_keyframe_uid[of]
     reference = starts + _first_true(is_reference, starts)
-    points.reference_keyframe_uid[rows] = kf.uid[i[reference]]
-    scale = atlas.octave_scale
-    octave = np.minimum(kf.octave[i[reference], k[reference]], len(scale) - 1)
-    points.max_distance_m[rows] = distance[reference] * scale[octave]
-    points.min_distance_m[rows] = points.max_distance_m[rows] / scale[-1]
-    points.descriptors[rows] = typical_descriptors(kf.descriptors[i, k], starts)
-    points.version[rows] = atlas.version
+    octave = keyframes.octave[i[reference], k[reference]]
+    scale = octave_scale[np.minimum(octave, len(octave_scale) - 1)]
+    return PointStatistics(
+        rows,
+        view_direction,
+        keyframes.uid[i[reference]],
+        (distance[reference] * scale).astype(np.float32),
+        typical_descriptors(keyframes.descriptors[i, k], starts),
+    )
 
 
 def _first_true(flags: np.ndarray[tuple[int], np.dtype[np.bool_]], starts: IntArray) -> IntArray:

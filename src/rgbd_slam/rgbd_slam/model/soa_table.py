@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -73,6 +74,13 @@ class SoaTable:
         self.uid[rows] = self._next_uid + np.arange(count)
         self.version[rows] = self.born[rows] = version
         self._next_uid += count
+        return rows
+
+    def append(self, columns: Mapping[str, Column], version: int) -> IntArray:
+        """Make N elements of (N, ...) columns; other columns keep what their rows held."""
+        rows = self.allocate(len(next(iter(columns.values()))), version)
+        for name, values in columns.items():
+            getattr(self, name)[rows] = values
         return rows
 
     def release(self, rows: IntArray, version: int) -> None:

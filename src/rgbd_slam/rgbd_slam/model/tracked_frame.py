@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray, IntArray
-from rgbd_slam.model.atlas import Atlas, Redirect
+from hoid_common.values import BoolArray, FloatArray, IntArray
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.map_change import Redirect
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,3 +66,17 @@ def tracked_frame(
         int(keyframes.uid[reference]),
         se3.inverse(keyframes.T_map_camera[reference]) @ T_map_camera,
     )
+
+
+def tracked_keyframe(
+    frame: Frame, atlas: Atlas, i: int, unseen: BoolArray | None = None
+) -> TrackedFrame:
+    """Return a frame as the map has it, as keyframe `i`.
+
+    Args:
+        unseen: (N,) mask of features whose points only the map is to know of.
+    """
+    points = atlas.keyframes.points_of(i)
+    if unseen is not None:
+        points[unseen] = NO_POINT
+    return tracked_frame(frame, atlas.keyframes.T_map_camera[i].copy(), points, atlas, i)

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.values import FloatArray, IntArray, Trajectory
-from rgbd_slam.model.atlas import Atlas, Redirect
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.model.keyframes import KeyframeTable
+from rgbd_slam.model.map_change import Redirect
+from rgbd_slam.model.tracked_frame import TrackedFrame
 
 _BLOCK = 1024  # frames
 _FRAME = np.dtype(
@@ -25,9 +27,14 @@ _FRAME = np.dtype(
 
 
 class TrajectoryRecorder:
-    """Stores frames relative to their reference keyframes: later corrections reach them."""
+    """Stores frames relative to their reference keyframes: later corrections reach them.
 
-    def __init__(self) -> None:
+    Args:
+        keyframes: Of the map.
+    """
+
+    def __init__(self, keyframes: KeyframeTable) -> None:
+        self._keyframes = keyframes
         self._blocks = [np.empty(0, _FRAME)]  # all but the first of _BLOCK frames
         self._count = 0
         self._removed: dict[int, Redirect] = {}  # keyframes, and what took their place
@@ -35,18 +42,17 @@ class TrajectoryRecorder:
     def __len__(self) -> int:
         return self._count
 
-    def add(
-        self,
-        stamp_ns: int,
-        T_map_camera: FloatArray,
-        reference_uid: int,
-        T_reference_camera: FloatArray,
-    ) -> None:
-        """Record a tracked frame; its poses (4, 4) are copied."""
+    def add(self, tracked: TrackedFrame) -> None:
+        """Record a frame; its poses are copied."""
         n = self._count % _BLOCK
         if n == 0:
             self._blocks.append(np.empty(_BLOCK, _FRAME))
-        self._blocks[-1][n] = stamp_ns, reference_uid, T_map_camera[:3], T_reference_camera[:3]
+        self._blocks[-1][n] = (
+            tracked.frame.stamp_ns,
+            tracked.reference_uid,
+            tracked.T_map_camera[:3],
+            tracked.T_reference_camera[:3],
+        )
         self._count += 1
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
@@ -58,27 +64,36 @@ class TrajectoryRecorder:
         frames = self._frames()
         return Trajectory(frames['stamp_ns'].copy(), _whole(frames['T_map_camera']))
 
-    def final(self, keyframes: KeyframeTable) -> Trajectory:
+    def final(self) -> Trajectory:
         """Return the poses that follow from where the keyframes of the main map are now.
 
         Frames of other maps are left out: nothing says where those maps lie.
         """
-        frames = self._frames()
+        frames, keyframes = self._frames(), self._keyframes
         uids, which = np.unique(frames['reference_uid'], return_inverse=True)
-        rows, T_map_reference = self._placed(keyframes, uids)
+        rows, T_map_reference = self._placed(uids)
         poses = T_map_reference[which] @ _whole(frames['T_reference_camera'])
         known = np.isin(which, np.flatnonzero(rows >= 0))
         known &= keyframes.map_id[rows[which]] == main_map(keyframes)
         return Trajectory(frames['stamp_ns'][known], poses[known])
 
+    def keyframes(self) -> Trajectory:
+        """Return the poses of this session's keyframes in the main map, in order of time."""
+        keyframes = self._keyframes
+        rows = keyframes.indices()
+        rows = rows[(keyframes.map_id[rows] == main_map(keyframes)) & ~keyframes.is_loaded[rows]]
+        rows = rows[np.argsort(keyframes.stamp_ns[rows], kind='stable')]
+        return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
+
     def _frames(self) -> NDArray[np.void]:
         return np.concatenate(self._blocks)[: self._count]
 
-    def _placed(self, keyframes: KeyframeTable, uids: IntArray) -> tuple[IntArray, FloatArray]:
+    def _placed(self, uids: IntArray) -> tuple[IntArray, FloatArray]:
         """Return the rows (K,) that keyframes hang on, removed ones too, and where they are.
 
         The row is -1 for those that left with all of their map.
         """
+        keyframes = self._keyframes
         row_of = {int(keyframes.uid[i]): i for i in keyframes.indices().tolist()}
         rows, poses = np.empty(len(uids), np.int64), np.empty((len(uids), 4, 4))
         for n, uid in enumerate(uids.tolist()):
@@ -98,14 +113,6 @@ def main_map(keyframes: KeyframeTable) -> int:
     """
     ids = keyframes.map_id[keyframes.indices()]
     return int(np.bincount(ids).argmax()) if len(ids) else 0
-
-
-def keyframe_trajectory(keyframes: KeyframeTable) -> Trajectory:
-    """Return the poses of this session's keyframes in the main map, in order of time."""
-    rows = keyframes.indices()
-    rows = rows[(keyframes.map_id[rows] == main_map(keyframes)) & ~keyframes.is_loaded[rows]]
-    rows = rows[np.argsort(keyframes.stamp_ns[rows], kind='stable')]
-    return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
 
 
 def keyframe_poses(atlas: Atlas) -> KeyframePoses:

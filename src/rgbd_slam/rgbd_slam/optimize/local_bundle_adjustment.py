@@ -7,9 +7,9 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import IntArray
 from rgbd_slam.config.slam_config import MappingConfig
-from rgbd_slam.model.atlas import Atlas, Observations
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.keyframes import NO_POINT, Observations
 from rgbd_slam.optimize.bundle_problem import BundleProblem, adjust
 
 _MIN_SHARED = 15

@@ -33,18 +33,19 @@ class OnlineNoise:
     """
 
     def __init__(self, camera: StereoCamera) -> None:
+        self.camera = camera  # with the noise so far
         self._configured = camera
         self._variances = np.ones(2)
         self._num_images = _PRIOR
 
-    def add(self, tracked: TrackedFrame, atlas: Atlas) -> StereoCamera:
-        """Take what an image saw of the map, and return the camera with the noise so far."""
+    def add(self, tracked: TrackedFrame, atlas: Atlas) -> None:
+        """Take what an image saw of the map."""
         self._num_images = min(self._num_images + 1, _MEMORY)
         step = self._factors(tracked, atlas) ** 2 - self._variances
         self._variances += np.nan_to_num(step) / self._num_images
         pixel, disparity = np.sqrt(self._variances).tolist()
         camera = self._configured
-        return replace(
+        self.camera = replace(
             camera,
             pixel_noise=pixel * camera.pixel_noise,
             disparity_noise_px=disparity * camera.disparity_noise_px,

@@ -8,7 +8,7 @@ from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
-from rgbd_slam.model.atlas import Atlas, Redirect
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_state import MapState
 
@@ -48,15 +48,15 @@ class MapperLink(Protocol):
         """Lay a saved map over the running one, which is kept beside it or gone."""
         ...
 
-    def update(self) -> tuple[Redirect, ...]:
-        """Bring the map up to date, without waiting, and say what became of old keyframes."""
+    def update(self) -> None:
+        """Bring the map up to date, without waiting."""
         ...
 
     def settle(self) -> None:
         """Ask for a last adjustment of what has grown; without waiting, see `is_settled`."""
         ...
 
-    def finish(self) -> tuple[Redirect, ...]:
+    def finish(self) -> None:
         """Wait until everything handed over is in the map and has settled there."""
         ...
 
@@ -73,7 +73,6 @@ class InlineMapper:
     is_settled = True
 
     def __init__(self, camera: StereoCamera, atlas: Atlas, config: SlamConfig) -> None:
-        self._atlas = atlas
         self._mapper = Mapper(camera, atlas, config)
 
     @property
@@ -93,18 +92,16 @@ class InlineMapper:
         """Lay a saved map over the running one, which is kept beside it or gone."""
         self._mapper.load(state, keep=keep)
 
-    def update(self) -> tuple[Redirect, ...]:
-        """Say what became of keyframes removed since the last call."""
-        return self._atlas.take_redirects()
+    def update(self) -> None:
+        """Do nothing: the map is up to date."""
 
     def settle(self) -> None:
         """Adjust what has grown once more, at once."""
         self._mapper.settle(0.0)
 
-    def finish(self) -> tuple[Redirect, ...]:
-        """Let the map settle and say the same."""
+    def finish(self) -> None:
+        """Let the map settle."""
         self.settle()
-        return self._atlas.take_redirects()
 
     def close(self) -> None:
         """End what runs in the background."""

@@ -8,7 +8,6 @@ with it, and only the keyframes under way are lost.
 from __future__ import annotations
 
 import logging
-from collections import deque
 from typing import NoReturn
 
 from hoid_common.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
@@ -17,7 +16,7 @@ from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest
-from rgbd_slam.model.atlas import Atlas, Redirect
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.processes.mapper_worker import (
@@ -55,7 +54,6 @@ class MapperProcess:
         self.loops = LoopCounts()
         self._num_sent = self._num_done = 0
         self._is_settled = True
-        self._redirects: deque[Redirect] = deque()
         self._worker: ChildWorker[Request, Ready | MapperReport] = ChildWorker(
             'mapper', run_mapper, camera, config
         )
@@ -110,19 +108,16 @@ class MapperProcess:
         """Return whether the map stays as it is unless something is handed over."""
         return self.queue_length == 0 and self._is_settled
 
-    def update(self) -> tuple[Redirect, ...]:
-        """Lay what has come over the map and say what became of old keyframes."""
+    def update(self) -> None:
+        """Lay what has come over the map."""
         while self._worker.has_report:
             self._take(0.0)
-        redirects = tuple(self._redirects)
-        self._redirects.clear()
-        return redirects
 
     def settle(self) -> None:
         """Ask for a last adjustment of what has grown; without waiting, see `is_settled`."""
         self._hand_over(Settle(0.0))
 
-    def finish(self) -> tuple[Redirect, ...]:
+    def finish(self) -> None:
         """Wait until everything handed over is in the map, and the whole map is adjusted."""
         self._hand_over(Settle(_SETTLE_S))
         self._drain()
@@ -131,7 +126,7 @@ class MapperProcess:
                 'the whole map is still being adjusted after %g s; what is saved now is the map '
                 'before that', _SETTLE_S,
             )  # fmt: skip
-        return self.update()
+        self.update()
 
     def close(self) -> None:
         """End the process; keyframes still under way are lost."""
@@ -167,7 +162,6 @@ class MapperProcess:
 
     def _apply(self, report: MapperReport) -> None:
         self._atlas.apply(report.change)
-        self._redirects.extend(self._atlas.take_redirects())
         self.loops = report.loops
         self._num_done += report.is_answer
         self._is_settled = report.is_settled

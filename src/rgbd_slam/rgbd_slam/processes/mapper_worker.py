@@ -14,8 +14,9 @@ from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
-from rgbd_slam.model.atlas import Atlas, MapChange
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.map_change import MapChange
 from rgbd_slam.model.map_state import MapState
 
 _NICE = 5  # below tracking, which does not wait for it

@@ -140,11 +140,20 @@ class MapServices:
         end_s = time.monotonic() + _SETTLE_S
         if not self._is_settled_by(end_s):
             return False
-        self._between.call(lambda: self._session().settle())
+
+        def settle() -> None:
+            self._session().map.settle()
+
+        self._between.call(settle)
         return self._is_settled_by(end_s)
 
     def _is_settled_by(self, end_s: float) -> bool:
-        return self._until(lambda: self._session().is_settled or None, end_s) is not None
+        def settled() -> bool | None:
+            control = self._session().map
+            control.update()
+            return control.is_settled or None
+
+        return self._until(settled, end_s) is not None
 
     def _until(self, act: Callable[[], T | None], end_s: float) -> T | None:
         """Call an act between messages until it gives something; return that, or None at the end.
@@ -161,7 +170,8 @@ class MapServices:
 
         def take_over() -> str | None:
             session = self._session()
-            if not session.is_mapper_idle:
+            session.map.update()
+            if session.map.queue_length > 0:
                 return None  # the node would wait for all that is queued
             loaded = session.load(content, keep=keep)
             return self._scene.load(content.dense, loaded, keep=keep)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from hoid_msgs.msg import SlamStatus
 from nav_msgs.msg import Odometry, Path
 from rclpy.node import Node
@@ -39,7 +40,7 @@ class SlamOutputs:
     def publish_map(self, session: SlamSession) -> None:
         """Publish path, points and keyframes as the map says now."""
         header = conversions.header_to_msg(session.stamp_ns, self.frames.map)
-        path, cloud = session.path(), conversions.Cloud(session.map_points_m())
+        path, cloud = session.path(), conversions.Cloud(session.map_points_m().astype(np.float32))
         self._path.publish(conversions.path_to_msg(path.stamps_ns, path.T_world_camera, header))
         self._points.publish(conversions.cloud_to_msg(cloud, header))
         self._keyframes.publish(keyframes_to_msg(session.keyframe_poses(), header))

@@ -43,5 +43,9 @@ class SlamServices:
         return answered(answer, lambda: self._set_paused(paused=False))
 
     def _set_paused(self, *, paused: bool) -> str:
-        self._session().is_paused = paused
-        return 'paused: images are ignored' if paused else 'running'
+        session = self._session()
+        if paused:
+            session.pause()
+            return 'paused: images are ignored'
+        session.resume()
+        return 'running'

@@ -26,15 +26,19 @@ class KeyframePolicy:
 
     Args:
         atlas: The map.
-        config: Parameters, which may be replaced.
+        config: Parameters.
         close_px: Disparity from which on depth is trusted to make points.
     """
 
     def __init__(self, atlas: Atlas, config: KeyframeConfig, close_px: float) -> None:
         self._atlas = atlas
-        self.config = config
+        self._config = config
         self._close_px = close_px
         self.restart()
+
+    def reconfigure(self, config: KeyframeConfig) -> None:
+        """Take over parameters that may change at run time."""
+        self._config = config
 
     def restart(self) -> None:
         """Expect stamps that start anew: the last keyframe is long ago."""
@@ -59,14 +63,14 @@ class KeyframePolicy:
             return False
         gap_s = 1e-9 * (tracking.tracked.frame.stamp_ns - self._last_ns)
         share = num_inliers / max(self._most_inliers, 1)
-        is_falling = share < self.config.fallen_share
-        if gap_s < self.config.min_gap_s and not is_falling:
+        is_falling = share < self._config.fallen_share
+        if gap_s < self._config.min_gap_s and not is_falling:
             return False
         if is_falling:
             return True  # a known view, too: it may be all that keeps tracking alive
-        lacks = share < self.config.fewer_share or self._lacks_depth(tracking)
+        lacks = share < self._config.fewer_share or self._lacks_depth(tracking)
         lacks = lacks or self._leaves_reference(i, num_inliers)
-        return lacks and not (self.config.skip_known_views and self._is_known_view(tracking, i))
+        return lacks and not (self._config.skip_known_views and self._is_known_view(tracking, i))
 
     def _lacks_depth(self, tracking: TrackerOutput) -> bool:
         """Return whether few close points are tracked and many could be made."""
@@ -74,7 +78,7 @@ class KeyframePolicy:
         close = self._is_close(frame.measurement_px.T)
         tracked = np.count_nonzero(close & (points != NO_POINT))
         new = np.count_nonzero(close & (points == NO_POINT) & frame.may_seed)
-        return bool(tracked < self.config.min_close_tracked and new > self.config.min_close_new)
+        return bool(tracked < self._config.min_close_tracked and new > self._config.min_close_new)
 
     def _is_known_view(self, tracking: TrackerOutput, i: int) -> bool:
         """Return whether a settled keyframe shows the same, and nothing has appeared since.
@@ -95,7 +99,7 @@ class KeyframePolicy:
         new_px = frame.measurement_px[unknown & self._is_close(frame.measurement_px.T)].T
         known_px = tracking.expected_px[:, self._is_close(tracking.expected_px)]
         appeared = np.count_nonzero(~np.isin(_cells(new_px), _cells(known_px)))
-        return bool(appeared <= self.config.min_close_new)
+        return bool(appeared <= self._config.min_close_new)
 
     def _is_close(self, pixels: FloatArray | Float32Array) -> BoolArray:
         """Return the (N,) mask of (3, N) u, v, u_right near enough to make points of."""
@@ -110,7 +114,7 @@ class KeyframePolicy:
         weight = points.num_observations[seen] + points.num_stereo[seen]
         young = len(keyframes) <= _YOUNG_MAP
         certain = np.count_nonzero(weight >= (2 if young else _WELL_OBSERVED))
-        share = _YOUNG_SHARE if young else self.config.reference_share
+        share = _YOUNG_SHARE if young else self._config.reference_share
         return bool(num_inliers < share * certain)
 
 

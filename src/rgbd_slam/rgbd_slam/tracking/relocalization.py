@@ -18,6 +18,7 @@ class Relocalizer:
     def __init__(
         self, atlas: Atlas, camera: StereoCamera, tracker: Tracker, config: SlamConfig
     ) -> None:
+        self.num_found = 0  # lost frames
         self._tracker = tracker
         self._finder = PlaceFinder(atlas, camera, config.places, config.seed)
 
@@ -28,4 +29,6 @@ class Relocalizer:
             return None
         points = np.full(len(frame), NO_POINT, np.int64)
         points[place.match.k] = place.match.j
-        return self._tracker.track_at(frame, place.match.T_camera_map, points, place.keyframe)
+        tracking = self._tracker.track_at(frame, place.match.T_camera_map, points, place.keyframe)
+        self.num_found += tracking is not None
+        return tracking

@@ -25,7 +25,7 @@ from rgbd_slam.matching.matching import Matches, match_by_descriptor, match_by_p
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.point_tallies import PointTally
+from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.projection import project, to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.optimize.alignment import AlignmentStatus, align_image
@@ -73,7 +73,7 @@ class Tracker:
     """Tracks frames in a map that it does not change.
 
     Args:
-        camera: The camera, which may be replaced by one with other noise.
+        camera: The camera, with the configured noise.
         atlas: The map.
         config: Parameters.
         seed: Of the samples tried where a frame is recognised; with its stamp.
@@ -82,11 +82,15 @@ class Tracker:
     def __init__(
         self, camera: StereoCamera, atlas: Atlas, config: TrackingConfig, seed: int = 0
     ) -> None:
-        self.camera = camera
+        self._camera = camera
         self._atlas = atlas
         self._config = config
         self._seed = seed
         self._inv_sigma2 = atlas.octave_scale**-2.0
+
+    def use_camera(self, camera: StereoCamera) -> None:
+        """Weigh from now on with the noise measured meanwhile, of the same camera."""
+        self._camera = camera
 
     def track(
         self, frame: Frame, last: TrackedFrame, T_camera_last: FloatArray
@@ -149,7 +153,7 @@ class Tracker:
             yield self._search(frame, known, T_expected, radii_px)
             yield self._search(frame, known, T_last_map, radii_px)
             yield self._recognize(frame, last, known, reference)
-        more = known.joined(read_by_frame(last, self._atlas, self.camera))
+        more = known.joined(read_by_frame(last, self._atlas, self._camera))
         yield self._search(frame, more, T_expected, radii_px)
         yield self._search(frame, more, T_last_map, radii_px)
         if len(known.point) < config.few_points:
@@ -179,7 +183,7 @@ class Tracker:
         behind = x[2] < MIN_DEPTH_M
         x[2][behind] = MIN_DEPTH_M
         pixels = np.empty_like(x)
-        project(self.camera, x, pixels)
+        project(self._camera, x, pixels)
         pixels[:, behind] = _OUTSIDE_PX
         return pixels
 
@@ -200,7 +204,7 @@ class Tracker:
             self._atlas.octave_scale[frame.octave[matches.k]],
             frame.depth_m[matches.k],
             landmarks.position_m[matches.q],
-            self.camera,
+            self._camera,
             config.alignment,
             np.random.default_rng((self._seed, frame.stamp_ns % 2**63)),
         )
@@ -239,7 +243,7 @@ class Tracker:
         others = around.points[~is_known[around.points]]
         view = visible_points(
             self._atlas,
-            self.camera,
+            self._camera,
             first.estimate.T_camera_map,
             others,
             self._config.local_map_radius,
@@ -271,5 +275,5 @@ class Tracker:
             frame.measurement_px[seen.k].astype(np.float64),
             self._inv_sigma2[frame.octave[seen.k]],
         )
-        estimate = optimize_pose(self.camera, problem, T_camera_map)
+        estimate = optimize_pose(self._camera, problem, T_camera_map)
         return _First(estimate, seen.select(estimate.inliers))

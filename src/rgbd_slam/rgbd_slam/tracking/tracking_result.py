@@ -1,4 +1,4 @@
-"""What tracking says of a frame, and of the map."""
+"""What tracking says of a frame."""
 
 from __future__ import annotations
 
@@ -30,15 +30,3 @@ class TrackingResult:
     num_inliers: int = 0  # of them, those that fit the pose
     is_keyframe: bool = False
     stage_ms: dict[str, float] = field(default_factory=dict)  # 'track', 'map'; thread CPU time
-
-
-@dataclass(frozen=True)
-class SlamStats:
-    """Counts of the main map, that with most keyframes, and of events."""
-
-    num_keyframes: int
-    num_map_points: int
-    num_maps: int = 0  # more than one only after a loss, until a known place joins them
-    num_loops: int = 0
-    num_merges: int = 0
-    num_relocalizations: int = 0

@@ -1,0 +1,95 @@
+"""The copy of the map that a live tracker has is the map that an offline run makes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from hoid_common.values import FloatArray
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.mapper import KeyframeRequest
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.map_state import snapshot
+from rgbd_slam.model.soa_table import SoaTable
+from rgbd_slam.processes.mapper_process import MapperProcess
+from rgbd_slam.processes.mapper_worker import Start
+from rgbd_slam.slam import RgbdSlam
+
+from .world import CAMERA, PERIOD_NS, World, sway
+
+CONFIG = SlamConfig()
+BOOKKEEPING = ('version', 'born')  # of changes to send, which an offline map has none of
+
+
+def offline_run(
+    monkeypatch: pytest.MonkeyPatch, count: int
+) -> tuple[Atlas, list[Start | KeyframeRequest]]:
+    """Return the map of an offline run, and what its mapper was asked for."""
+    slam, world = RgbdSlam(CAMERA, CONFIG), World()
+    link, asked = slam.map._link, list[Start | KeyframeRequest]()
+    start_map, insert = link.start_map, link.insert
+
+    def noted_start(frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
+        asked.append(Start(frame, T_map_camera, map_id))
+        return start_map(frame, T_map_camera, map_id)
+
+    def noted_insert(request: KeyframeRequest) -> int | None:
+        asked.append(request)
+        return insert(request)
+
+    monkeypatch.setattr(link, 'start_map', noted_start)
+    monkeypatch.setattr(link, 'insert', noted_insert)
+    for n, pose in enumerate(sway(count)):
+        slam.process(world.features(n * PERIOD_NS, pose))
+    slam.map.finish()
+    return slam.map.atlas, asked
+
+
+@pytest.fixture(name='mapper')
+def fixture_mapper() -> Iterator[tuple[MapperProcess, Atlas]]:
+    atlas = Atlas(CONFIG.camera.scale_factor, CONFIG.camera.num_octaves)
+    mapper = MapperProcess(StereoCamera.from_model(CAMERA, CONFIG.camera), atlas, CONFIG)
+    yield mapper, atlas
+    mapper.close()
+
+
+def assert_same(live: SoaTable, offline: SoaTable) -> None:
+    np.testing.assert_array_equal(live.uid, offline.uid)
+    rows = offline.indices()
+    for name in offline.columns:
+        if name not in BOOKKEEPING:
+            got, wanted = getattr(live, name)[rows], getattr(offline, name)[rows]
+            np.testing.assert_array_equal(got, wanted, err_msg=name)
+
+
+def test_every_column_of_the_live_copy_is_that_of_the_offline_map(
+    mapper: tuple[MapperProcess, Atlas], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offline, asked = offline_run(monkeypatch, 60)
+    link, live = mapper
+    for request in asked:
+        if isinstance(request, Start):
+            link.start_map(*request)
+        else:
+            link.insert(request)
+    link.finish()
+    assert len(asked) > 3
+    assert offline.points.num_visible[offline.points.alive].max() > 10
+    assert_same(live.keyframes, offline.keyframes)
+    assert_same(live.points, offline.points)
+    assert snapshot(live).digest() == snapshot(offline).digest()
+
+
+def test_a_loaded_map_is_the_same_live_and_offline(
+    mapper: tuple[MapperProcess, Atlas], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved = snapshot(offline_run(monkeypatch, 30)[0])
+    offline, link, live = RgbdSlam(CAMERA, CONFIG), *mapper
+    offline.map.load(saved, keep=False)
+    link.load(saved, keep=False)
+    link.update()
+    assert_same(live.keyframes, offline.map.atlas.keyframes)
+    assert_same(live.points, offline.map.atlas.points)

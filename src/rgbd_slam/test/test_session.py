@@ -1,0 +1,98 @@
+"""One rule, wherever a session runs, of what is tracked, fused and looked at."""
+
+from __future__ import annotations
+
+from hoid_common.slam_status import SlamMode, SlamState
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
+from rgbd_slam.session import Processed, SlamSession
+
+from .world import CAMERA, PERIOD_NS, World, sway
+
+POSES = sway(90)
+EVERY = 1e9 / PERIOD_NS  # Hz
+
+
+def new_session(**changes: object) -> SlamSession:
+    config = SlamConfig().updated(dict(changes))
+    return SlamSession(
+        CAMERA, config, RobotFrames(), fusion_scheduler=FusionScheduler(EVERY, EVERY)
+    )
+
+
+def see(session: SlamSession, world: World, n: int, covered: bool = False) -> Processed:
+    features = world.features(n * PERIOD_NS, POSES[n], limit=0 if covered else 900)
+    return session.process(features)
+
+
+def is_fused(request: FusionRequest | None) -> bool:
+    return request is not None and request.keyframes is not None
+
+
+def test_a_tracked_image_is_fused_and_looked_at_where_it_was_taken() -> None:
+    session, world = new_session(), World()
+    done = [see(session, world, n) for n in range(5)]
+    for n, each in enumerate(done):
+        request = each.fusion
+        assert request is not None
+        assert is_fused(request)
+        assert request.track_objects
+        assert request.stamp_ns == n * PERIOD_NS
+        assert request.reference_uid in session.all_keyframes().uids
+    assert session.stats.num_keyframes == len(session.path())
+
+
+def test_in_localization_objects_are_looked_for_and_nothing_is_fused() -> None:
+    session, world = new_session(), World()
+    see(session, world, 0)
+    session.set_mode(SlamMode.LOCALIZATION)
+    request = see(session, world, 1).fusion
+    assert request is not None
+    assert not is_fused(request)
+    assert request.track_objects
+    session.set_mode(SlamMode.MAPPING)
+    assert is_fused(see(session, world, 2).fusion)
+
+
+def test_a_map_beside_the_main_one_is_fused_and_its_objects_are_not_tracked() -> None:
+    session, here, there = new_session(**{'places.new_map_after_s': 0.2}), World(), World(seed=7)
+    for n in range(20):
+        see(session, here, n)
+    lost = [see(session, there, n, covered=True) for n in range(20, 24)]
+    assert [each.fusion for each in lost] == [None] * 4
+    done = [see(session, there, n) for n in range(24, 40)]
+    assert session.stats.num_maps == 2
+    assert 'join the two' in done[-1].status.message
+    request = done[-1].fusion
+    assert request is not None
+    assert is_fused(request)
+    assert not request.track_objects
+
+
+def test_a_paused_session_looks_at_nothing_and_goes_on_where_it_was() -> None:
+    session, world = new_session(), World()
+    see(session, world, 0)
+    session.pause()
+    paused = see(session, world, 1)
+    assert paused.status.state is SlamState.PAUSED
+    assert (paused.pose, paused.fusion, paused.tracking) == (None, None, None)
+    session.resume()
+    assert see(session, world, 2).status.state is SlamState.TRACKING
+    assert session.trajectory('online').stamps_ns.tolist() == [0, 2 * PERIOD_NS]
+
+
+def test_reading_how_a_session_does_changes_nothing() -> None:
+    session, world = new_session(), World()
+    for n in range(10):
+        see(session, world, n)
+    before = session.map.state().digest()
+    version = session.map.atlas.version
+    for _ in range(2):
+        assert session.map.is_settled
+        assert session.map.is_growing
+        assert not session.map.is_empty
+        assert session.map.queue_length == 0
+        assert session.map.num_restarts == 0
+        assert session.mode is SlamMode.MAPPING
+    assert (session.map.state().digest(), session.map.atlas.version) == (before, version)
