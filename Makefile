@@ -4,7 +4,8 @@ demo:  ## Render a scene, replay it live through the three nodes, print the resu
 	@./hoid demo
 
 test:  ## Unit tests, then the tests on topics and of whole replays
-	@./hoid dev python -m pytest -n auto --dist worksteal src bags benchmarks
+	@./hoid dev python -m pytest -n auto --dist worksteal -m 'not slow' src bags benchmarks
+	@./hoid dev python -m pytest -n auto -m slow src bags benchmarks
 	@./hoid dev python -m pytest tests
 
 lint:  ## Style, spelling and types

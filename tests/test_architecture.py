@@ -22,7 +22,7 @@ PACKAGES = """
 # and the rooms of a package, with the modules at its root.
 ROOMS = {
     'hoid_common': """
-        entry errors throttle sync topics slam_status < child_process config values
+        entry signals errors throttle sync topics slam_status < child_process config values
         < se3 input_config < io input_watch static_frames < ros
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
@@ -33,7 +33,7 @@ ROOMS = {
         < map_transfer < session < ros < node
     """,
     'hoid_bags': """
-        images progress < tum < bag < options sequence convert < live < commands
+        images progress < mcap < tum < bag < options sequence convert < live < commands
     """,
     'hoid_synth': """
         config mesh noise < texture < people < room < acting < render
@@ -102,6 +102,20 @@ def test_rooms_import_only_lower_rooms(package: str) -> None:
             if head == package and other and other != room:
                 above = floor_of(ROOMS[package], other) >= floor_of(ROOMS[package], room)
                 assert not above, f'{name} must not import {module}'
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    done: set[str] = set()
+
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        assert name not in path, f'a circle: {" -> ".join((*path, name))}'
+        if name not in done:
+            for other in sorted(imports(name) & modules().keys()):
+                visit(other, (*path, name))
+            done.add(name)
+
+    for name in modules():
+        visit(name, ())
 
 
 def test_ros_is_imported_at_the_seam_only() -> None:

@@ -44,5 +44,5 @@ def test_a_file_beats_the_model(tmp_path: Path) -> None:
     path.write_text('person\n\n  cup \n')
     assert known_names(str(path), {'names': '[1]'}) == ('person', 'cup')
     path.write_bytes(b'\xff\xfe')
-    with pytest.raises(ModelError, match=r'names\.txt: no such file'):
+    with pytest.raises(ModelError, match=r'names\.txt: not a text file'):
         known_names(str(path), {})

@@ -31,6 +31,7 @@ class Size(NamedTuple):
         return cls(stats.num_keyframes, stats.num_map_points, psutil.Process().memory_info().rss)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'close_baselines',
     [
