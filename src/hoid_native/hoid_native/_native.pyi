@@ -294,6 +294,32 @@ def optimize_pose(
         ValueError: Lengths differ.
     """
 
+def judge_matches(
+    camera: StereoParams,
+    gates: Gates,
+    points_m: numpy.typing.NDArray[Any],
+    measured_px: numpy.typing.NDArray[Any],
+    inv_sigma2: numpy.typing.NDArray[Any],
+    T_camera_map: numpy.typing.NDArray[Any],
+) -> hoid_native.results.MatchJudgement:
+    """
+    Return how well each match fits a pose.
+
+    Errors of pixels and of disparities are each cut off where they become outliers: their sum over
+    matches compares poses, whatever is an outlier of which (MSAC).
+
+    Args:
+        camera: Of the image, with its measured noise.
+        gates: Of outliers.
+        points_m: (N, 3) in the map's frame.
+        measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+        inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+        T_camera_map: (4, 4).
+
+    Raises:
+        ValueError: Lengths differ.
+    """
+
 def adjust_bundle(
     lens: StereoParams,
     gates: Gates,

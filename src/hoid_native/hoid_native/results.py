@@ -32,6 +32,13 @@ class PoseFit(NamedTuple):
     information: NDArray[np.float64]  # (6, 6) of the left twist, rotation first
 
 
+class MatchJudgement(NamedTuple):
+    """How well matches fit a pose."""
+
+    cost: NDArray[np.float64]  # (N,) squared errors at the measured noise, cut off at the gates
+    inliers: NDArray[np.bool_]  # (N,)
+
+
 class BundleFit(NamedTuple):
     """Adjusted poses and points."""
 

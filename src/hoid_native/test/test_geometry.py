@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from hoid_native import Gates, StereoParams, adjust_bundle, optimize_pose
+from hoid_native import Gates, StereoParams, adjust_bundle, judge_matches, optimize_pose
 
 
 def stereo(
@@ -63,6 +63,25 @@ def test_pose_is_found_with_outliers_and_without_some_depths() -> None:
     )
     np.testing.assert_allclose(fit.T_camera_map, TRUTH, atol=1e-9)
     assert fit.inliers.tolist() == [False] * 25 + [True] * 95
+
+
+def test_matches_are_judged_at_the_measured_noise_and_cut_off_at_their_gates() -> None:
+    points = np.array([[0.0, 0, 2], [0.1, 0, 2], [0, 0.1, 4], [0.2, 0, 2], [0, 0, -1]])
+    measured = pixels(np.eye(4), points)
+    measured[0] += [0.5, 0, 0.5]  # the disparity stays
+    measured[1, 2] -= 0.25  # of a disparity of 20 px
+    measured[2, :2] += [30, 0]
+    measured[2, 2] = np.nan
+    measured[3] += [40, 0, 0]
+    camera = stereo(pixel_noise=0.5)
+    cost, inliers = judge_matches(camera, GATES, points, measured, np.ones(5), np.eye(4))
+    deviation = np.hypot(0.3, 0.02 * 20.25)
+    expected = [1.0, (0.25 / deviation) ** 2, 5.991, 5.991 + 3.841, 5.991 + 3.841]
+    np.testing.assert_allclose(cost, expected)
+    assert inliers.tolist() == [True, True, False, False, False]
+    joint = stereo(pixel_noise=0.5, joint_noise=True)
+    cost, _ = judge_matches(joint, GATES, points, measured, np.ones(5), np.eye(4))
+    np.testing.assert_allclose(cost, [2.0, 0.25, 5.991, 7.815, 7.815])
 
 
 def test_information_is_that_of_numeric_derivatives() -> None:

@@ -20,6 +20,7 @@ using optimize::StereoParams;
 
 HOID_RESULT(PoseFit);
 HOID_RESULT(BundleFit);
+HOID_RESULT(MatchJudgement);
 
 template <typename Values>
 std::vector<double> copy(const Values& values)
@@ -37,22 +38,46 @@ CameraState state(const StereoParams& camera)
     camera.relative_noise, camera.pixel_noise, camera.joint_noise};
 }
 
-PoseFit optimize_pose(
-  const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
-  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2, const RealArray<4, 4>& T_camera_map)
+optimize::PoseProblem pose_problem(
+  const RealArray<-1, 3>& points_m, const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2)
 {
   const int count = inv_sigma2.size();
   require_length("points_m", points_m, count);
   require_length("measured_px", measured_px, count);
-  const optimize::PoseProblem problem{points_m.data(), measured_px.data(), inv_sigma2.data(), count};
-  optimize::PoseArray start;
-  std::copy_n(T_camera_map.data(), start.size(), start.begin());
+  return {points_m.data(), measured_px.data(), inv_sigma2.data(), count};
+}
+
+optimize::PoseArray pose_array(const RealArray<4, 4>& T)
+{
+  optimize::PoseArray out;
+  std::copy_n(T.data(), out.size(), out.begin());
+  return out;
+}
+
+PoseFit optimize_pose(
+  const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
+  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2, const RealArray<4, 4>& T_camera_map)
+{
+  const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
+  const auto start = pose_array(T_camera_map);
   auto fit = unlocked([&] { return optimize::optimize_pose(camera, gates, problem, start); });
   const std::array<std::size_t, 1> length{fit.inliers.size()};
   return make<PoseFit>(
     give(copy(fit.T_camera_map), std::array<std::size_t, 2>{4, 4}),
     give<uint8_t, bool>(std::move(fit.inliers), length),
     give(copy(fit.information), std::array<std::size_t, 2>{6, 6}));
+}
+
+MatchJudgement judge_matches(
+  const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
+  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2, const RealArray<4, 4>& T_camera_map)
+{
+  const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
+  const auto pose = pose_array(T_camera_map);
+  auto judged = unlocked([&] { return optimize::judge_matches(camera, gates, problem, pose); });
+  const std::array<std::size_t, 1> length{judged.inliers.size()};
+  return make<MatchJudgement>(
+    give(std::move(judged.cost)), give<uint8_t, bool>(std::move(judged.inliers), length));
 }
 
 BundleFit adjust_bundle(
@@ -133,6 +158,24 @@ Args:
     measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
     T_camera_map: (4, 4) where to start.
+
+Raises:
+    ValueError: Lengths differ.)");
+  module.def(
+    "judge_matches", &judge_matches, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a, "inv_sigma2"_a,
+    "T_camera_map"_a, R"(
+Return how well each match fits a pose.
+
+Errors of pixels and of disparities are each cut off where they become outliers: their sum over
+matches compares poses, whatever is an outlier of which (MSAC).
+
+Args:
+    camera: Of the image, with its measured noise.
+    gates: Of outliers.
+    points_m: (N, 3) in the map's frame.
+    measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+    inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+    T_camera_map: (4, 4).
 
 Raises:
     ValueError: Lengths differ.)");

@@ -46,6 +46,17 @@ struct PoseFit
 PoseFit optimize_pose(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem, const PoseArray& start);
 
+struct MatchJudgement
+{
+  std::vector<double> cost;  // squared errors at the measured noise, cut off at the gates
+  std::vector<uint8_t> inliers;
+};
+
+// Say how well each observation fits a pose.
+MatchJudgement judge_matches(
+  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
+  const PoseArray& T_camera_map);
+
 // Observations are in any order; one of a point by a camera at most.
 struct BundleProblem
 {

@@ -116,6 +116,17 @@ MULTIVERSION("avx2") int tell_outliers(const Scene& scene, const double* T, uint
   return count;
 }
 
+MULTIVERSION("avx2") void truncated_costs(const Scene& scene, const double* T, double* costs)
+{
+  for (int k = 0; k < scene.seen.count; ++k) {
+    const Observation seen = scene.at(k);
+    double x[3], e[3];
+    to_camera(T, scene.point(k), x);
+    residual(scene.camera, x, seen, e);
+    costs[k] = truncated_cost(scene.camera, scene.gates, seen, x[2] < kMinDepthM ? nullptr : e);
+  }
+}
+
 }  // namespace
 
 PoseFit optimize_pose(
@@ -135,6 +146,17 @@ PoseFit optimize_pose(
     num_inliers = tell_outliers(scene, fit.T_camera_map.data(), fit.inliers.data());
   }
   return fit;
+}
+
+MatchJudgement judge_matches(
+  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
+  const PoseArray& T_camera_map)
+{
+  const Scene scene{camera, gates, problem};
+  MatchJudgement out{std::vector<double>(problem.count), std::vector<uint8_t>(problem.count)};
+  truncated_costs(scene, T_camera_map.data(), out.cost.data());
+  tell_outliers(scene, T_camera_map.data(), out.inliers.data());
+  return out;
 }
 
 }  // namespace hoid::optimize

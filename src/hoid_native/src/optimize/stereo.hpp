@@ -105,6 +105,28 @@ ALWAYS_INLINE Weights weights_of(
   return out;
 }
 
+// What an observation costs in units of the measured noise, pixel and disparity each cut off at its
+// gate; all that it can cost without residuals, as behind the camera.
+ALWAYS_INLINE double truncated_cost(
+  const StereoParams& camera, const Gates& gates, const Observation& seen, const double* e)
+{
+  const double unit = camera.pixel_noise * camera.pixel_noise;
+  if (camera.joint_noise) {
+    const double gate = gate_of(gates, seen);
+    return e == nullptr ? gate : std::fmin(chi2(camera, seen, e) / unit, gate);
+  }
+  if (e == nullptr) {
+    return gates.mono + (seen.has_depth() ? kGateDisparity : 0.0);
+  }
+  double cost = std::fmin(seen.weight * (e[0] * e[0] + e[1] * e[1]) / unit, gates.mono);
+  if (seen.has_depth()) {
+    const double part = camera.relative_noise * seen.disparity();
+    const double variance = camera.disparity_noise_px * camera.disparity_noise_px + part * part;
+    cost += std::fmin(e[2] * e[2] / variance, kGateDisparity);
+  }
+  return cost;
+}
+
 // Derivatives of the three rows by the point in the camera's frame, [row][coordinate].
 ALWAYS_INLINE void point_jacobian(
   const StereoParams& camera, const double* x, double J[kRows][kPoint])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hoid_common.config import Config, param
+from rgbd_slam.config.consensus_config import ConsensusConfig
 from rgbd_slam.config.place_config import AlignmentConfig, PlaceConfig
 
 
@@ -96,6 +97,7 @@ class TrackingConfig(Config):
     jump_deg: float = param(10.0, 'and turned so far, at once,', minimum=0.0, maximum=180.0)
     max_turn_dps: float = param(400.0, 'and for each second since', minimum=0.0, maximum=5000.0)
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
+    consensus: ConsensusConfig = field(default_factory=ConsensusConfig)
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,13 @@ class PoseProblem:
     measured_px: FloatArray
     inv_sigma2: FloatArray
 
+    def __len__(self) -> int:
+        return len(self.inv_sigma2)
+
+    def select(self, keep: BoolArray) -> PoseProblem:
+        """Return the matches of an (N,) mask."""
+        return PoseProblem(self.points_m[keep], self.measured_px[keep], self.inv_sigma2[keep])
+
 
 def optimize_pose(
     camera: StereoCamera, problem: PoseProblem, T_camera_map: FloatArray

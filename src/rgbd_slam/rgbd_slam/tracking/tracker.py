@@ -29,7 +29,8 @@ from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.projection import project, to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.optimize.alignment import AlignmentStatus, align_image
-from rgbd_slam.optimize.pose_optimizer import MIN_DEPTH_M, PoseEstimate, PoseProblem, optimize_pose
+from rgbd_slam.optimize.pose_consensus import PoseConsensus
+from rgbd_slam.optimize.pose_optimizer import MIN_DEPTH_M, PoseEstimate, PoseProblem
 
 _MIN_FIRST_INLIERS = 10  # of the frame-to-frame step; the local map must bring the rest
 _OUTSIDE_PX = -1e4
@@ -275,5 +276,10 @@ class Tracker:
             frame.measurement_px[seen.k].astype(np.float64),
             self._inv_sigma2[frame.octave[seen.k]],
         )
-        estimate = optimize_pose(self._camera, problem, T_camera_map)
+        consensus = PoseConsensus(self._camera, self._config.consensus)
+        known = np.flatnonzero(seen.point != NO_POINT)
+        is_established = np.zeros(len(seen.k), np.bool_)
+        num_observations = self._atlas.points.num_observations[seen.point[known]]
+        is_established[known] = num_observations >= self._config.consensus.min_observations
+        estimate = consensus.solve(problem, is_established, T_camera_map).estimate
         return _First(estimate, seen.select(estimate.inliers))

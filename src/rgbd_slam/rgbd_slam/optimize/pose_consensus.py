@@ -1,0 +1,170 @@
+"""The pose of an image in which something may move undetected: hypotheses, and who decides.
+
+Counting inliers cannot tell that a tracker follows what moves: near points dominate translation,
+far ones give way by a turn, and each keyframe makes new points on what moves. Here the points that
+several keyframes have seen decide, by their truncated cost at the measured noise (MSAC, Torr and
+Zisserman, CVIU 2000): between the pose that fits them all, and those that suit their far or their
+near half where that objects. All that is matched has its say where these have no objection.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+import hoid_native
+from hoid_common import se3
+from hoid_common.values import BoolArray, FloatArray
+from hoid_native.results import MatchJudgement
+from rgbd_slam.config.consensus_config import ConsensusConfig
+from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.optimize.pose_optimizer import GATES, PoseEstimate, PoseProblem, optimize_pose
+
+_MIN_HALF = 10  # matches that make a hypothesis
+_ROUNDS = 2  # in which a hypothesis gathers what fits it
+
+
+class Rival(NamedTuple):
+    """The motion that explains an image next best, where part of the map objects to the pose."""
+
+    twist: FloatArray  # (6,) from the pose to the rival's, left, rotation first [rad, m]
+    chosen_share: float  # of the deciding matches, those that fit the pose, and fit it better
+    rival_share: float  # and those that fit the rival better
+
+
+class Consensus(NamedTuple):
+    """A pose, and whether another one suits part of the map better."""
+
+    estimate: PoseEstimate
+    rival: Rival | None = None
+
+
+class _Hypothesis(NamedTuple):
+    """A pose, and what the core says of it."""
+
+    T_camera_map: FloatArray  # (4, 4)
+    information: FloatArray  # (6, 6)
+    cost: FloatArray  # (C,)
+    inliers: BoolArray  # (C,)
+
+
+class PoseConsensus:
+    """Solves for the pose of one image.
+
+    Args:
+        camera: With the noise measured so far.
+        config: Parameters.
+    """
+
+    def __init__(self, camera: StereoCamera, config: ConsensusConfig) -> None:
+        self._camera = camera
+        self._config = config
+
+    def solve(
+        self, problem: PoseProblem, is_established: BoolArray, T_camera_map: FloatArray
+    ) -> Consensus:
+        """Return the pose that explains the matches best, from an initial one.
+
+        Args:
+            problem: N matches.
+            is_established: (N,) mask of those whose points several keyframes have seen. Where they
+                are few, as in a new map, all matches decide.
+            T_camera_map: (4, 4) about where the camera is.
+        """
+        usual = optimize_pose(self._camera, problem, T_camera_map)
+        if not self._config.enabled:
+            return Consensus(usual)
+        is_core = is_established
+        if np.count_nonzero(is_established) < self._config.min_established:
+            is_core = np.ones(len(problem), np.bool_)
+        core = problem.select(is_core)
+        best = self._hypothesis(core, core, usual.T_camera_map)
+        rival = None
+        for other in self._objections(core, best):
+            if other.cost.sum() < best.cost.sum():
+                best, other = other, best  # noqa: PLW2901
+            if rival is None or other.cost.sum() < rival.cost.sum():
+                rival = other
+        estimate = self._widened(problem, is_core, best, usual)
+        return Consensus(estimate, None if rival is None else _compared(best, rival))
+
+    def _hypothesis(
+        self, core: PoseProblem, fitted: PoseProblem, T_camera_map: FloatArray
+    ) -> _Hypothesis:
+        """Return the pose that fits some of the core."""
+        fit = optimize_pose(self._camera, fitted, T_camera_map)
+        cost, inliers = self._judge(core, fit.T_camera_map)
+        return _Hypothesis(fit.T_camera_map, fit.information, cost, inliers)
+
+    def _objections(self, core: PoseProblem, best: _Hypothesis) -> list[_Hypothesis]:
+        """Return what the far and the near half of the core would have in place of a pose."""
+        if len(core) < 2 * _MIN_HALF:
+            return []
+        depth_m = core.points_m @ best.T_camera_map[2, :3]
+        is_far = depth_m >= np.median(depth_m)
+        found = (self._objection(core, half, best) for half in (is_far, ~is_far))
+        return [hypothesis for hypothesis in found if hypothesis is not None]
+
+    def _objection(
+        self, core: PoseProblem, half: BoolArray, best: _Hypothesis
+    ) -> _Hypothesis | None:
+        """Return the pose that one half suits much better, with what else of the core fits it."""
+        on_half = core.select(half)
+        fit = optimize_pose(self._camera, on_half, best.T_camera_map)
+        least = self._judge(on_half, fit.T_camera_map)[0]
+        if self._agree(best.cost[half], least, self._config.objection):
+            return None
+        used = half.copy()
+        used[half] = fit.inliers
+        found = _Hypothesis(fit.T_camera_map, fit.information, best.cost, used)
+        for _ in range(_ROUNDS):
+            found = self._hypothesis(core, core.select(found.inliers), found.T_camera_map)
+        return found
+
+    def _widened(
+        self, problem: PoseProblem, is_core: BoolArray, best: _Hypothesis, usual: PoseEstimate
+    ) -> PoseEstimate:
+        """Return the pose of all matches, or of those that fit, if the core can live with it."""
+        if self._suits(problem, is_core, best, usual, self._config.tolerance):
+            return usual
+        fits = self._judge(problem, best.T_camera_map)[1]
+        wider = optimize_pose(self._camera, problem.select(fits), best.T_camera_map)
+        is_wider = self._suits(problem, is_core, best, wider, self._config.objection)
+        T, information = wider[::2] if is_wider else best[:2]
+        return PoseEstimate(T, self._judge(problem, T)[1], information)
+
+    def _suits(
+        self,
+        problem: PoseProblem,
+        is_core: BoolArray,
+        best: _Hypothesis,
+        estimate: PoseEstimate,
+        tolerance: float,
+    ) -> bool:
+        """Return whether what decided on a pose agrees with another one."""
+        decided = best.inliers
+        cost = self._judge(problem.select(is_core), estimate.T_camera_map)[0]
+        return self._agree(cost[decided], best.cost[decided], tolerance)
+
+    def _agree(self, cost: FloatArray, least: FloatArray, tolerance: float) -> bool:
+        return bool(cost.sum() <= self._config.margin + (1 + tolerance) * least.sum())
+
+    def _judge(self, problem: PoseProblem, T_camera_map: FloatArray) -> MatchJudgement:
+        return hoid_native.judge_matches(
+            self._camera.lens,
+            GATES,
+            problem.points_m,
+            problem.measured_px,
+            problem.inv_sigma2,
+            T_camera_map,
+        )
+
+
+def _compared(best: _Hypothesis, rival: _Hypothesis) -> Rival:
+    is_better = best.cost <= rival.cost
+    return Rival(
+        se3.log(rival.T_camera_map @ se3.inverse(best.T_camera_map)),
+        float(np.mean(best.inliers & is_better)),
+        float(np.mean(rival.inliers & ~is_better)),
+    )

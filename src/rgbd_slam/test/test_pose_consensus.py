@@ -1,0 +1,127 @@
+"""Who decides a pose: what moves near the camera or far from it does not, whatever its numbers."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import BoolArray, FloatArray
+from rgbd_slam.config.consensus_config import ConsensusConfig
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.optimize.pose_consensus import PoseConsensus
+from rgbd_slam.optimize.pose_optimizer import PoseProblem, optimize_pose
+
+from .world import CAMERA as MODEL
+
+NOISE_PX = 0.4
+CAMERA = replace(StereoCamera.from_model(MODEL, SlamConfig().camera), pixel_noise=NOISE_PX)
+CONSENSUS = PoseConsensus(CAMERA, ConsensusConfig())
+TRUTH = se3.exp(np.array([0.02, -0.03, 0.01, 0.02, -0.01, 0.03]))
+STEP_M = np.array([0.05, 0.0, 0.0])  # what moves has gone since the map saw it
+
+
+class Group(NamedTuple):
+    """Matched points at like depths."""
+
+    num: int
+    depth_m: tuple[float, float]
+    is_established: bool
+    moves: bool = False
+
+
+def seen(*groups: Group) -> tuple[PoseProblem, BoolArray]:
+    """Return what an image at `TRUTH` shows of the groups, and which the map has established."""
+    rng = np.random.default_rng(0)
+    count = sum(group.num for group in groups)
+    low, high = np.concatenate([np.tile(group.depth_m, (group.num, 1)) for group in groups]).T
+    uv_px = rng.uniform([20, 20], [620, 460], (count, 2))
+    camera_m = CAMERA.back_project(uv_px, rng.uniform(low, high))
+    points_m = se3.transform(se3.inverse(TRUTH), camera_m)
+    moves = np.repeat([group.moves for group in groups], [group.num for group in groups])
+    points_m[moves] -= STEP_M
+    measured_px = CAMERA.project(camera_m) + rng.normal(0, NOISE_PX, (count, 3))
+    established = [group.is_established for group in groups]
+    is_established = np.repeat(established, [group.num for group in groups])
+    return PoseProblem(points_m, measured_px, np.ones(count)), is_established
+
+
+def error_m(T_camera_map: FloatArray) -> float:
+    apart = se3.inverse(T_camera_map)[:3, 3] - se3.inverse(TRUTH)[:3, 3]
+    return float(np.linalg.norm(apart))
+
+
+def moved(groups: tuple[Group, ...]) -> BoolArray:
+    return np.repeat([group.moves for group in groups], [group.num for group in groups])
+
+
+CAPTURES = {
+    'near and new to the map': (
+        Group(300, (3.5, 5.0), is_established=True),
+        Group(350, (0.8, 1.2), is_established=False, moves=True),
+    ),
+    'near and established': (
+        Group(300, (3.5, 5.0), is_established=True),
+        Group(100, (0.8, 1.2), is_established=True, moves=True),
+    ),
+    'near in a map that has established nothing': (
+        Group(300, (3.5, 5.0), is_established=False),
+        Group(100, (0.8, 1.2), is_established=False, moves=True),
+    ),
+    'far': (
+        Group(170, (1.0, 2.0), is_established=True),
+        Group(130, (3.5, 5.0), is_established=True, moves=True),
+    ),
+}
+
+
+@pytest.mark.parametrize('groups', CAPTURES.values(), ids=CAPTURES)
+def test_what_moves_does_not_capture_the_pose(groups: tuple[Group, ...]) -> None:
+    problem, is_established = seen(*groups)
+    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
+    assert error_m(consensus.estimate.T_camera_map) < 0.004
+    is_mover = moved(groups)
+    assert np.mean(consensus.estimate.inliers[is_mover]) < 0.05  # and the map is told so
+    assert np.mean(consensus.estimate.inliers[~is_mover]) > 0.95
+
+
+def test_without_a_consensus_near_movers_take_the_pose_with_them() -> None:
+    """What these scenes would prove nothing without."""
+    off = PoseConsensus(CAMERA, ConsensusConfig(enabled=False))
+    for groups in ('near and new to the map', 'near and established'):
+        problem, is_established = seen(*CAPTURES[groups])
+        consensus = off.solve(problem, is_established, np.eye(4))
+        assert error_m(consensus.estimate.T_camera_map) > 0.02
+        assert consensus.rival is None
+
+
+def test_where_nothing_moves_all_matches_have_their_say() -> None:
+    problem, is_established = seen(
+        Group(200, (1.0, 5.0), is_established=True), Group(200, (1.0, 5.0), is_established=False)
+    )
+    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
+    usual = optimize_pose(CAMERA, problem, np.eye(4))
+    np.testing.assert_array_equal(consensus.estimate.T_camera_map, usual.T_camera_map)
+    np.testing.assert_array_equal(consensus.estimate.information, usual.information)
+    assert consensus.rival is None
+
+
+def test_the_other_motion_is_named_with_its_share() -> None:
+    groups = CAPTURES['near and established']
+    problem, is_established = seen(*groups)
+    rival = CONSENSUS.solve(problem, is_established, np.eye(4)).rival
+    assert rival is not None
+    assert 0.55 < rival.chosen_share < 0.8  # three of four rest
+    assert 0.2 < rival.rival_share < 0.45
+    assert np.linalg.norm(rival.twist[3:]) > 0.02
+
+
+def test_few_matches_are_solved_as_ever() -> None:
+    problem, is_established = seen(Group(12, (1.0, 5.0), is_established=True))
+    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
+    assert error_m(consensus.estimate.T_camera_map) < 0.02
+    nothing = problem.select(np.zeros(12, np.bool_))
+    none = CONSENSUS.solve(nothing, np.zeros(0, np.bool_), TRUTH)
+    np.testing.assert_array_equal(none.estimate.T_camera_map, TRUTH)
