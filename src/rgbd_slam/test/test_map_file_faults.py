@@ -97,6 +97,14 @@ FORGERIES: dict[str, tuple[str, Callable[[Members, Manifest], object]]] = {
     'a flat camera': ('focal lengths', lambda _, m: m['camera'].update(fx_px=0.0)),
     'a NaN camera': ('camera is none', lambda _, m: m['camera'].update(cx_px=float('nan'))),
     'no camera': ('damaged', lambda _, m: m.pop('camera')),
+    'a camera that is none': ('names no camera', lambda _, m: m.update(camera=None)),
+    'a camera that is a word': ('names no camera', lambda _, m: m.update(camera='x')),
+    'a camera with a secret': ('names no camera', lambda _, m: m['camera'].update(zoom=2.0)),
+    'lengths that are none': ('what it holds', lambda _, m: m.update(lengths=None)),
+    'lengths in a list': ('what it holds', lambda _, m: m.update(lengths=[])),
+    'a section of nothing': ('are none', lambda _, m: m['lengths'].update(map=None)),
+    'a true length': ('are none', lambda _, m: m['lengths']['map'].update(points=True)),
+    'no scale': ('which features', lambda _, m: m.pop('scale_factor')),
     'octaves of text': ('damaged', lambda _, m: m.update(num_octaves='many')),
     'too few octaves': ('octave is out of range', lambda _, m: m.update(num_octaves=1)),
     'pickled objects': (
@@ -148,8 +156,13 @@ def test_a_member_twice_is_refused(path: Path) -> None:
     refused(path, 'lacks parts or has foreign ones')
 
 
-def test_members_packed_otherwise_are_refused(path: Path) -> None:
-    forge(path, lambda _members, _manifest: None, compression=zipfile.ZIP_LZMA)
+@pytest.mark.parametrize('way', [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_members_packed_otherwise_are_refused(path: Path, way: int) -> None:
+    forge(path, lambda _members, _manifest: None, compression=way)
+    refused(path, 'packed in an unknown way')
+    data = bytearray(path.read_bytes())
+    data[100:140] = bytes(40)  # of the packed manifest, which nobody is to unpack
+    path.write_bytes(bytes(data))
     refused(path, 'packed in an unknown way')
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from pathlib import Path
 
@@ -60,6 +61,41 @@ def test_flipped_bytes_never_do_harm(path: Path, data: st.DataObject) -> None:
     for at in data.draw(st.lists(places, min_size=1, max_size=4)):
         damaged[at] = data.draw(st.integers(0, 255))
     harmless(path, bytes(damaged))
+
+
+_JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner),
+    max_leaves=6,
+)
+
+
+@_FUZZ
+@given(data=st.data())
+def test_no_manifest_does_harm(path: Path, data: st.DataObject) -> None:
+    """Any value of the manifest is another, at any depth, or gone: refused in one line."""
+    members = members_of(saved())
+    manifest = json.loads(members['manifest.json'])
+    at, key = manifest, data.draw(st.sampled_from(sorted(manifest)))
+    while isinstance(at[key], dict) and data.draw(st.booleans()):
+        at = at[key]
+        key = data.draw(st.sampled_from(sorted(at)))
+    at[key] = data.draw(_JSON)
+    if data.draw(st.integers(0, 5)) == 0:
+        del at[key]
+    members['manifest.json'] = json.dumps(manifest).encode()
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_STORED) as archive:
+        for member, array in members.items():
+            archive.writestr(member, array)
+    attempt(path)
+
+
+@_FUZZ
+@given(document=_JSON)
+def test_no_document_in_place_of_the_manifest_does_harm(path: Path, document: object) -> None:
+    with zipfile.ZipFile(path, 'w') as archive:
+        archive.writestr('manifest.json', json.dumps(document))
+    assert attempt(path) is None
 
 
 @_FUZZ

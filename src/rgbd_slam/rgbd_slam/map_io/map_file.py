@@ -15,9 +15,9 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -34,12 +34,14 @@ _FORMAT = 'hoid map'
 _MANIFEST = 'manifest.json'
 _SECTIONS: dict[str, type[Record]] = {'map': MapState, 'dense': DenseState}
 _HEADER_BYTES = 128
+_INTRINSICS = ('fx_px', 'fy_px', 'cx_px', 'cy_px')
 _MOST_DISTORTION = 14  # coefficients of OpenCV's models
 _SAME = 1e-6  # of intrinsics
 _MOST_MANIFEST_BYTES = 10_000
 _MOST_ROWS = 2**31
 _MOST_UNPACKED = 50  # times the file's size; a map unpacks to about twice
 _SMALL_BYTES = 1_000_000  # that many are harmless whatever they are packed to
+_MOST_SAID = 120  # characters of an error, which may repeat what the file says
 _LEVEL = 1  # more takes three times as long and saves a tenth
 # What the libraries say of files that are none of theirs.
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, KeyError,
@@ -70,6 +72,15 @@ class MapFile(NamedTuple):
                 f'the map has features of {self.num_octaves} octaves with scale '
                 f'{self.scale_factor:g}: set camera.num_octaves and camera.scale_factor to these'
             )
+
+
+class _Manifest(NamedTuple):
+    """What a file says of itself."""
+
+    camera: CameraModel
+    scale_factor: float
+    num_octaves: int
+    lengths: dict[str, dict[str, int]]  # of the named axes, by section
 
 
 def _intrinsics(camera: CameraModel) -> FloatArray:
@@ -128,9 +139,13 @@ def load(path: Path) -> MapFile:
     except OSError as error:
         raise MapFileError(f'{path}: cannot be read: {error.strerror}') from error
     except zipfile.BadZipFile as error:
-        raise MapFileError(f'{path}: is no map file, or damaged: {error}') from error
+        raise MapFileError(f'{path}: is no map file, or damaged: {_line(error)}') from error
     except _DAMAGE as error:
-        raise MapFileError(f'{path}: is damaged: {error}') from error
+        raise MapFileError(f'{path}: is damaged: {_line(error)}') from error
+
+
+def _line(error: Exception) -> str:
+    return ' '.join(str(error).split())[:_MOST_SAID]
 
 
 def _write(file: IO[bytes], content: MapFile) -> None:
@@ -179,19 +194,19 @@ def _header(column: Column, lengths: Mapping[str, int]) -> bytes:
 
 def _read(archive: zipfile.ZipFile, file_bytes: int) -> MapFile:
     infos = {info.filename: info for info in archive.infolist()}
+    for name, info in infos.items():  # before anything is unpacked
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise MapFileError(f'"{name:.40}" is packed in an unknown way')
     manifest = _manifest(archive, infos)
     unpacked = sum(info.file_size for info in archive.infolist())
     if unpacked > _SMALL_BYTES + _MOST_UNPACKED * file_bytes:
         raise MapFileError(f'unpacks to {unpacked} bytes, which no map does')
-    lengths: dict[str, dict[str, int]] = manifest['lengths']
-    names = [_member(part, name) for part in lengths for name in _SECTIONS[part].columns()]
+    parts = manifest.lengths
+    names = [_member(part, name) for part in parts for name in _SECTIONS[part].columns()]
     if sorted(info.filename for info in archive.infolist()) != sorted([*names, _MANIFEST]):
         raise MapFileError('lacks parts or has foreign ones')
-    distortion = tuple(manifest['camera'].pop('distortion'))
-    camera = CameraModel(**manifest['camera'], distortion=distortion)
-    num_octaves = int(manifest['num_octaves'])
-    records = {part: _section(archive, part, lengths[part]) for part in lengths}
-    content = MapFile(camera, float(manifest['scale_factor']), num_octaves, **records)
+    records = {part: _section(archive, part, parts[part]) for part in parts}
+    content = MapFile(manifest.camera, manifest.scale_factor, manifest.num_octaves, **records)
     _check(content)
     return content
 
@@ -203,28 +218,62 @@ def _check(content: MapFile) -> None:
             check_dense(content.dense, len(content.map))
 
 
-def _manifest(archive: zipfile.ZipFile, infos: Mapping[str, zipfile.ZipInfo]) -> dict[str, Any]:
+def _manifest(archive: zipfile.ZipFile, infos: Mapping[str, zipfile.ZipInfo]) -> _Manifest:
     """Return the manifest of a map file of this version."""
     if _MANIFEST not in infos or infos[_MANIFEST].file_size > _MOST_MANIFEST_BYTES:
         raise MapFileError('is no map file: it has no manifest')
-    manifest = json.loads(archive.read(_MANIFEST))
-    if not isinstance(manifest, dict) or manifest.get('format') != _FORMAT:
+    said = json.loads(archive.read(_MANIFEST))
+    if not isinstance(said, dict) or said.get('format') != _FORMAT:
         raise MapFileError('is no map file: its manifest is of something else')
-    if manifest.get('version') != VERSION:
+    if said.get('version') != VERSION:
         raise MapFileError(
-            f'is of version {manifest.get("version")!r:.20}, and this program reads version '
+            f'is of version {said.get("version")!r:.20}, and this program reads version '
             f'{VERSION}: save the map anew with the program that made it'
         )
-    for name, lengths in manifest['lengths'].items():
+    scale_factor, num_octaves = said.get('scale_factor'), said.get('num_octaves')
+    if not _is_number(scale_factor) or not _is_count(num_octaves):
+        raise MapFileError('is damaged: its manifest does not say which features it has')
+    lengths = _lengths(said.get('lengths'))
+    return _Manifest(_camera(said.get('camera')), float(scale_factor), num_octaves, lengths)
+
+
+def _camera(said: object) -> CameraModel:
+    """Return the camera that a manifest speaks of."""
+    names = {field.name for field in fields(CameraModel)}
+    if not isinstance(said, dict) or said.keys() != names:
+        raise MapFileError('is damaged: its manifest names no camera')
+    size_px, distortion = (said['width_px'], said['height_px']), said['distortion']
+    is_lens = isinstance(distortion, list) and len(distortion) <= _MOST_DISTORTION
+    numbers = [said[name] for name in _INTRINSICS]
+    is_camera = is_lens and all(map(_is_number, (*numbers, *distortion)))
+    if not is_camera or not all(map(_is_count, size_px)):
+        raise MapFileError('is damaged: the camera in its manifest is none')
+    fx_px, fy_px, cx_px, cy_px = numbers
+    return CameraModel(*size_px, fx_px, fy_px, cx_px, cy_px, tuple(distortion))
+
+
+def _lengths(said: object) -> dict[str, dict[str, int]]:
+    """Return the lengths of the axes of each section that a manifest speaks of."""
+    if not isinstance(said, dict) or not said.keys() <= _SECTIONS.keys():
+        raise MapFileError('is damaged: its manifest does not say what it holds')
+    if 'map' not in said:
+        raise MapFileError('holds no map')
+    for name, lengths in said.items():
         axes = {
             a for c in _SECTIONS[name].columns().values() for a in c.axes if isinstance(a, str)
         }
-        whole = all(type(n) is int and 0 <= n < _MOST_ROWS for n in lengths.values())
-        if lengths.keys() != axes or not whole:
+        is_table = isinstance(lengths, dict) and lengths.keys() == axes
+        if not is_table or not all(map(_is_count, lengths.values())):
             raise MapFileError(f'the lengths of section "{name}" are none')
-    if 'map' not in manifest['lengths']:
-        raise MapFileError('holds no map')
-    return manifest
+    return said
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return type(value) in (int, float)  # truth values are none
+
+
+def _is_count(value: object) -> TypeGuard[int]:
+    return type(value) is int and 0 <= value < _MOST_ROWS
 
 
 def _section(archive: zipfile.ZipFile, section: str, lengths: Mapping[str, int]) -> Any:
@@ -245,8 +294,6 @@ def _array(
     info = archive.getinfo(name)
     if info.file_size != _HEADER_BYTES + math.prod(shape) * column.dtype.itemsize:
         raise MapFileError(f'"{name}" is of another size than the manifest says')
-    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise MapFileError(f'"{name}" is packed in an unknown way')
     data = archive.read(info)
     if len(data) != info.file_size or data[:_HEADER_BYTES] != _header(column, lengths):
         raise MapFileError(f'"{name}" is not what the manifest says')
