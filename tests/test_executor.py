@@ -16,6 +16,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
 from hoid_common.ros.executor import SteadyExecutor
+from hoid_common.ros.service_thread import ServiceThread
 
 _LIMIT_S = 20.0
 
@@ -147,3 +148,44 @@ def test_spinning_ends_with_the_context(node: Node, executor: SteadyExecutor) ->
     threading.Timer(0.2, context.try_shutdown).start()
     with pytest.raises(ExternalShutdownException):
         executor.spin()
+
+
+def test_a_threads_services_are_answered_beside_a_busy_node(
+    node: Node, executor: SteadyExecutor
+) -> None:
+    """The node's own executor leaves them alone, and no failure ends the thread."""
+    failures: list[Exception] = []
+    answering: list[int] = []
+    thread = ServiceThread(node)
+
+    def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if not request.data:
+            raise KeyError('a bug')
+        answering.append(threading.get_ident())
+        response.success = True
+        return response
+
+    node.create_service(SetBool, 'apart', answer, callback_group=thread.group)
+    thread.start(failures.append)
+    asking = Node('asking')
+    client = asking.create_client(SetBool, 'apart')
+    elsewhere = SteadyExecutor()
+    elsewhere.add_node(asking)
+    spin_until(elsewhere, client.service_is_ready)
+    try:
+        for data in (True, False, False, True):  # this thread spins the client only
+            future: Future = client.call_async(SetBool.Request(data=data))
+            if data:
+                elsewhere.spin_until_future_complete(future, _LIMIT_S)
+        spin_until(elsewhere, lambda: len(failures) == 2)
+        assert future.result().success
+        assert [str(error) for error in failures] == ["'a bug'"] * 2
+        for _ in range(3):
+            client.call_async(SetBool.Request(data=True))
+            executor.spin_once(timeout_sec=0.1)
+        spin_until(elsewhere, lambda: len(answering) == 5)
+        assert threading.get_ident() not in answering
+    finally:
+        thread.close()
+        elsewhere.shutdown()
+        asking.destroy_node()

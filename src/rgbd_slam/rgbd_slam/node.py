@@ -24,14 +24,15 @@ from hoid_common.slam_status import SlamMode
 from hoid_common.values import CameraModel
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_io import map_file
-from rgbd_slam.map_io.map_directory import map_path
+from rgbd_slam.map_io.map_directory import MAP, path_in
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.ros.answers import Responder
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.periods import set_period
-from rgbd_slam.ros.scene_link import SceneLink
+from rgbd_slam.ros.scene.link import SceneLink
 from rgbd_slam.ros.services import SlamServices
 from rgbd_slam.session import Processed, SlamSession
 
@@ -51,8 +52,11 @@ class RgbdSlamNode(Node):
         self._outputs = SlamOutputs(self, self._config.frames)
         self._scene = SceneLink(self, self._config, self._diagnostics)
         self._first_map = self._read_first_map()
-        self._answers = SlamServices(self, self._known_session, self._reset)
-        self._map_answers = MapServices(self, self._config, self._known_session, self._scene)
+        responder = Responder(self, self._diagnostics)
+        SlamServices(responder, self._known_session, self._reset)
+        self._map_services = MapServices(
+            self, self._config, self._known_session, self._scene, self._diagnostics
+        )
         # Wall time, and apart from the images: publishing a map must not hold odometry back.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._map_timer = self.create_timer(
@@ -64,7 +68,7 @@ class RgbdSlamNode(Node):
 
     def destroy_node(self) -> None:
         """End threads and processes before the node."""
-        self._map_answers.close()
+        self._map_services.close()
         if self._session is not None:
             self._session.close()
         self._scene.close()
@@ -147,7 +151,7 @@ class RgbdSlamNode(Node):
         """Return the map to start with; raises HoidError, which ends the node, for a bad one."""
         config = self._config
         if config.map_file:
-            return map_file.load(map_path(config.map_directory, config.map_file))
+            return map_file.load(path_in(config.map_directory, config.map_file, MAP))
         if SlamMode[config.mode.upper()] is SlamMode.LOCALIZATION:
             raise ConfigError('mode is localization, which needs a map_file')
         return None

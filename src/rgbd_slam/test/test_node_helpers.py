@@ -4,11 +4,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from hoid_common.errors import InputError
 from hoid_common.io.param_file import load_params
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.map_io.map_directory import map_path, path_in
+from rgbd_slam.map_io.map_directory import (
+    CLOUD,
+    GRID,
+    MAP,
+    TRAJECTORY,
+    FileKind,
+    path_in,
+    write_whole,
+)
 from rgbd_slam.tracking.stream_gaps import StreamGaps
 
 MS = 1_000_000
@@ -61,33 +71,79 @@ def test_images_missing_at_random_are_all_counted() -> None:
     assert missing_of([33.3 * n for n in come]) == 300 - len(come)
 
 
+KINDS = (MAP, TRAJECTORY, CLOUD, GRID)
+
+
 def test_files_stay_in_their_folder(tmp_path: Path) -> None:
     folder = tmp_path / 'maps'
-    assert path_in(str(folder), '', 'map') == folder / 'map'
-    assert path_in(str(folder), 'lab 2', 'map') == folder / 'lab 2'
+    assert path_in(str(folder), '', TRAJECTORY) == folder / 'trajectory.txt'
+    assert path_in(str(folder), 'lab 2', CLOUD) == folder / 'lab 2.ply'
     assert folder.is_dir()
-    for name in ('../x', '/etc/passwd', 'a/b', '..', '.', 'a\0b'):
+    for name in ('../x', '/etc/passwd', 'a/b', '..', '.', 'a\0b', 'a\nb', '.hidden', '\ud800'):
         with pytest.raises(InputError, match='no plain file name'):
-            path_in(str(folder), name, 'map')
+            path_in(str(folder), name, MAP)
+
+
+@pytest.mark.parametrize('kind', KINDS, ids=lambda kind: kind.noun)
+def test_each_kind_of_file_has_its_endings(tmp_path: Path, kind: FileKind) -> None:
+    folder = str(tmp_path)
+    for ending in kind.endings:
+        assert path_in(folder, f'room{ending}', kind).name == f'room{ending}'
+    for name in ('room', '2024.05.17', 'room 2.0'):
+        assert path_in(folder, name, kind).name == name + kind.endings[0]
+    for ending in ('.exe', *(e for other in KINDS if other is not kind for e in other.endings)):
+        with pytest.raises(InputError, match=f'{kind.noun} ends in {kind.endings[0]}'):
+            path_in(folder, f'good{ending}', kind)
+
+
+@given(name=st.text(max_size=300) | st.text('aä.', min_size=180, max_size=260))
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_every_name_gives_a_file_that_can_be_written_or_one_line(
+    tmp_path: Path, name: str
+) -> None:
+    for kind in KINDS:
+        path = attempt(str(tmp_path), name, kind)
+        if path is not None:
+            assert path.parent == tmp_path
+            write_whole(path, Path.touch)
+            path.unlink()
+
+
+def attempt(folder: str, name: str, kind: FileKind) -> Path | None:
+    """Return the path of a name, or be refused in one line."""
+    try:
+        return path_in(folder, name, kind)
+    except InputError as error:
+        said = str(error)
+    assert '\n' not in said
+    assert len(said) < 200 + len(folder)
+    return None
 
 
 def test_links_are_not_followed(tmp_path: Path) -> None:
-    (tmp_path / 'out').symlink_to(tmp_path.parent / 'elsewhere')
+    (tmp_path / 'out.hoidmap').symlink_to(tmp_path.parent / 'elsewhere')
     with pytest.raises(InputError, match='is a link'):
-        path_in(str(tmp_path), 'out', 'map')
+        path_in(str(tmp_path), 'out', MAP)
 
 
-def test_map_files_have_their_suffix_once(tmp_path: Path) -> None:
-    for name in ('', 'map', 'map.hoidmap'):
-        assert map_path(str(tmp_path), name) == tmp_path / 'map.hoidmap'
-    with pytest.raises(InputError, match='no plain file name'):
-        map_path(str(tmp_path), '..')
+def test_what_cannot_be_written_whole_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / 'a.txt'
+    path.write_text('before')
+
+    def fail(aside: Path) -> None:
+        aside.write_text('half')
+        raise OSError(28, 'No space left on device')
+
+    with pytest.raises(InputError, match=r'a\.txt: cannot be written: No space left'):
+        write_whole(path, fail)
+    assert path.read_text() == 'before'
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
     with pytest.raises(InputError, match='cannot be made'):
-        path_in(str(tmp_path / 'file' / 'maps'), 'a', 'map')
+        path_in(str(tmp_path / 'file' / 'maps'), 'a', MAP)
 
 
 def test_the_shipped_parameter_file_holds_the_defaults() -> None:

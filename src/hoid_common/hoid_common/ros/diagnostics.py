@@ -98,7 +98,8 @@ class Diagnostics:
         problems = [*self._problems.values(), *input_problems]
         level = max((level for level, _ in problems), default=DiagnosticStatus.OK)
         received = {f'{w.what} received': w.num_received for w in self._watches}
-        texts = self._values | {k: str(v) for k, v in (received | self._counts).items()}
+        counts = received | self._counts  # a copy: other threads count as well
+        texts = self._values | {key: str(number) for key, number in counts.items()}
         return DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name(),

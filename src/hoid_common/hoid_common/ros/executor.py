@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
-from threading import RLock
+from threading import RLock, get_ident
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor, TimeoutObject
@@ -22,9 +23,16 @@ _Take = Callable[[Any], Any]
 class _WaitList:
     """The entities of nodes in a wait set; they are not destroyed while it is open."""
 
-    def __init__(self, nodes: Iterable[Node], context: Context, guards: Iterable[Any]) -> None:
+    def __init__(
+        self,
+        nodes: Iterable[Node],
+        context: Context,
+        guards: Iterable[Any],
+        is_served: Callable[[Any], bool],
+    ) -> None:
         self._held = ExitStack()
         self._held.enter_context(context.handle)
+        self._is_served = is_served
         self.waitables = self._hold(entity for node in nodes for entity in node.waitables)
         self.of_kind: dict[str, list[Any]] = {
             kind: self._hold(entity for node in nodes for entity in getattr(node, f'{name}s'))
@@ -66,6 +74,8 @@ class _WaitList:
     def _hold(self, entities: Iterable[Any]) -> list[Any]:
         held = []
         for entity in entities:
+            if not self._is_served(entity):
+                continue
             try:
                 self._held.enter_context(getattr(entity, 'handle', entity))
             except InvalidHandle:  # it is being destroyed
@@ -83,6 +93,26 @@ _NAMES = {
     'service': 'service',
 }
 _COUNTED = ('subscription', 'guard_condition', 'timer', 'client', 'service')
+
+
+class ThreadCallbackGroup(CallbackGroup):
+    """Callbacks of a node that a thread of their own runs, with a `GroupExecutor`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.thread_id: int | None = None  # as of threading.get_ident
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether this thread is the one: other executors leave the callbacks alone."""
+        del entity
+        return get_ident() == self.thread_id
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Return the same."""
+        return self.can_execute(entity)
+
+    def ending_execution(self, entity: Any) -> None:
+        """Do nothing: the thread runs one callback after the other."""
 
 
 class SteadyExecutor(SingleThreadedExecutor):
@@ -145,7 +175,8 @@ class SteadyExecutor(SingleThreadedExecutor):
     def _wait(self, limit_ns: int) -> list[tuple[_Take, Any]]:
         """Return what became ready, each with the function of the base that takes it."""
         if self._list is None:
-            self._list = _WaitList(self.get_nodes(), self._context, (self._guard, self._sigint_gc))
+            own = (self._guard, self._sigint_gc)
+            self._list = _WaitList(self.get_nodes(), self._context, own, self._serves)
         try:
             self._list.wait(limit_ns)
         except InvalidHandle:  # of an event whose owner is being destroyed
@@ -173,7 +204,32 @@ class SteadyExecutor(SingleThreadedExecutor):
         for kind, take in takes.items():
             yield from ((take, entity) for entity in found.ready(kind))
 
+    def _serves(self, entity: Any) -> bool:
+        """Return whether an entity's callbacks are for this executor."""
+        return not isinstance(getattr(entity, 'callback_group', None), ThreadCallbackGroup)
+
     def _forget(self) -> None:
         if self._list is not None:
             self._list.close()
             self._list = None
+
+
+class GroupExecutor(SteadyExecutor):
+    """Runs the callbacks of one group of a node, whose others an executor in another thread runs.
+
+    Args:
+        node: The node, which stays with its own executor.
+        group: Whose callbacks these are; all made before this.
+    """
+
+    def __init__(self, node: Node, group: ThreadCallbackGroup) -> None:
+        super().__init__()
+        self._node, self._group = node, group
+
+    def get_nodes(self) -> list[Node]:
+        """Return the node."""
+        return [self._node]
+
+    def _serves(self, entity: Any) -> bool:
+        is_own = entity in (self._guard, self._sigint_gc)
+        return is_own or getattr(entity, 'callback_group', None) is self._group

@@ -75,7 +75,7 @@ class DenseConfig(Config):
     )
     max_voxels: int = param(3_000_000, 'Memory bound; the least seen are dropped.', minimum=1000)
     max_views: int = param(
-        150, 'Images kept for fusing anew after a loop closure, about 0.4 MB each.', minimum=1
+        150, 'Images kept for fusing anew after a loop closure, about 0.6 MB each.', minimum=1
     )
     publish_period_s: float = param(
         2.0, 'Cloud and grid are published at most so often (s).', minimum=0.1, maximum=3600.0,

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from rclpy.node import Node
 
-from hoid_common.errors import HoidError, InputError
+from hoid_common.errors import InputError
 
 T = TypeVar('T')
 
@@ -24,7 +24,7 @@ class BetweenMessages:
         self._wake = node.create_guard_condition(self._work)
 
     def call(self, act: Callable[[], T]) -> T:
-        """Return what an act returns, or raise the HoidError that it raises.
+        """Return what an act returns, or raise what it raises.
 
         Raises:
             InputError: The node does not get round to it, and will not do it later either.
@@ -46,5 +46,5 @@ class BetweenMessages:
                 continue
             try:
                 done.set_result(act())
-            except HoidError as error:
+            except Exception as error:  # noqa: BLE001 - it is for the thread that asked
                 done.set_exception(error)

@@ -1,33 +1,42 @@
-"""Services that save map and trajectory, load a map, and end or go on with mapping.
+"""Services that save maps and trajectory, load a map, and end or go on with mapping.
 
 They have a thread of their own: the tracker copies the map, or takes one over, between two images,
-and waits neither for files nor for the mapper: these threads do.
+and waits neither for files nor for the mapper: that thread does.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from threading import Thread
+from pathlib import Path
 from typing import TypeVar
 
 from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from hoid_common import topics
 from hoid_common.errors import InputError
-from hoid_common.io.files import unwritable
 from hoid_common.io.trajectory_io import write_tum
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import IntArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_io import map_file
-from rgbd_slam.map_io.map_directory import map_path, path_in
+from rgbd_slam.map_io.map_directory import (
+    CLOUD,
+    GRID,
+    MAP,
+    TRAJECTORY,
+    FileKind,
+    path_in,
+    shown,
+    write_whole,
+)
 from rgbd_slam.map_io.map_file import MapFile
-from rgbd_slam.ros.answers import answered
+from rgbd_slam.ros.answers import Responder
 from rgbd_slam.ros.between_messages import BetweenMessages
-from rgbd_slam.ros.scene_link import SceneLink
+from rgbd_slam.ros.scene.link import SceneLink
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.session import SlamSession
@@ -37,18 +46,18 @@ T = TypeVar('T')
 _MODES = {mode.name.lower(): mode for mode in SlamMode}
 _SETTLE_S = 40.0
 _LOOK_S = 0.05
-_END_S = 2.0
 _MB = 1e6
 
 
 class MapServices:
-    """Answers under the name of the SLAM node, from a node and a thread of its own.
+    """Answers in a thread of its own, which no request can end.
 
     Args:
         node: The SLAM node.
         config: Its parameters.
         session: Gives the session, or raises InputError while there is none.
         room: The dense map's process.
+        diagnostics: Of the node.
     """
 
     def __init__(
@@ -57,60 +66,40 @@ class MapServices:
         config: SlamNodeConfig,
         session: Callable[[], SlamSession],
         room: SceneLink,
+        diagnostics: Diagnostics,
     ) -> None:
         self._config = config
         self._session = session
         self._scene = room
         self._between = BetweenMessages(node)
-        name = f'{node.get_name()}_maps'
-        # A node name on the command line is that of the SLAM node.
-        self._node = Node(
-            name, cli_args=['--ros-args', '-r', f'__node:={name}'], start_parameter_services=False
-        )
-        owner = node.get_fully_qualified_name()
-        for type_, topic, answer in (
+        self._thread = ServiceThread(node)
+        responder = Responder(node, diagnostics, self._thread.group)
+        for type_, topic, act in (
             (SaveMap, topics.SAVE_MAP, self._save),
             (SaveTrajectory, topics.SAVE_TRAJECTORY, self._save_trajectory),
+            (SaveMap, topics.SAVE_CLOUD, self._save_cloud),
+            (SaveMap, topics.SAVE_GRID, self._save_grid),
             (LoadMap, topics.LOAD_MAP, self._load),
             (SetMode, topics.SET_MODE, self._set_mode),
         ):
-            self._node.create_service(type_, topic.replace('~', owner), answer)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._thread = Thread(target=self._spin, name='map services', daemon=True)
-        self._thread.start()
+            responder.serve(type_, topic, act)
+        self._thread.start(responder.failed)
 
     def close(self) -> None:
         """End the thread, unless it is at work; then the process' end ends it."""
-        self._executor.shutdown(timeout_sec=0.0)
-        self._thread.join(_END_S)
-        if not self._thread.is_alive():
-            self._node.destroy_node()
+        self._thread.close()
 
-    def _spin(self) -> None:
-        try:
-            self._executor.spin()
-        except (ExternalShutdownException, RuntimeError):
-            if self._node.context.ok():
-                raise
+    def _path(self, name: str, kind: FileKind) -> Path:
+        return path_in(self._config.map_directory, name, kind)
 
-    def _save(self, request: SaveMap.Request, answer: SaveMap.Response) -> SaveMap.Response:
-        return answered(answer, lambda: self._save_as(request.name))
+    def _save_cloud(self, request: SaveMap.Request) -> str:
+        return self._scene.save(cloud_path=self._path(request.name, CLOUD))
 
-    def _save_trajectory(
-        self, request: SaveTrajectory.Request, answer: SaveTrajectory.Response
-    ) -> SaveTrajectory.Response:
-        kind = request.kind or SaveTrajectory.Request.FINAL
-        return answered(answer, lambda: self._save_poses(request.name, kind))
+    def _save_grid(self, request: SaveMap.Request) -> str:
+        return self._scene.save(grid_path=self._path(request.name, GRID))
 
-    def _load(self, request: LoadMap.Request, answer: LoadMap.Response) -> LoadMap.Response:
-        return answered(answer, lambda: self._load_from(request.name, keep=request.merge))
-
-    def _set_mode(self, request: SetMode.Request, answer: SetMode.Response) -> SetMode.Response:
-        return answered(answer, lambda: self._switch(request.mode))
-
-    def _save_as(self, name: str) -> str:
-        path = map_path(self._config.map_directory, name)
+    def _save(self, request: SaveMap.Request) -> str:
+        path = self._path(request.name, MAP)
         content, uids, views = self._between.call(self._copy)
         kept = views() if views is not None else []
         dense = DenseState.of_views(kept, uids) if kept else None
@@ -123,16 +112,13 @@ class MapServices:
         keyframes = session.all_keyframes()
         return session.saved_map(), keyframes.uids, self._scene.views(keyframes)
 
-    def _save_poses(self, name: str, kind: str) -> str:
-        path = path_in(self._config.map_directory, name, 'trajectory.txt')
-        note = ''
+    def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
+        kind = request.kind or SaveTrajectory.Request.FINAL
+        path, note = self._path(request.name, TRAJECTORY), ''
         if kind == SaveTrajectory.Request.FINAL and not self._settle():
             note = '; the map was still being adjusted'
         trajectory = self._between.call(lambda: self._session().trajectory(kind))
-        try:
-            write_tum(path, trajectory)
-        except OSError as error:
-            raise unwritable(path, error) from error
+        write_whole(path, lambda aside: write_tum(aside, trajectory))
         return f'{len(trajectory)} poses written to {path}{note}'
 
     def _settle(self) -> bool:
@@ -164,8 +150,8 @@ class MapServices:
             time.sleep(_LOOK_S)
         return given
 
-    def _load_from(self, name: str, *, keep: bool) -> str:
-        path = map_path(self._config.map_directory, name)
+    def _load(self, request: LoadMap.Request) -> str:
+        path, keep = self._path(request.name, MAP), request.merge
         content = map_file.load(path)
 
         def take_over() -> str | None:
@@ -181,10 +167,10 @@ class MapServices:
             raise InputError('keyframes still wait for the mapper; ask again')
         return f'{_said(content)} loaded from {path}{note}'
 
-    def _switch(self, name: str) -> str:
-        mode = _MODES.get(name)
+    def _set_mode(self, request: SetMode.Request) -> str:
+        mode = _MODES.get(request.mode)
         if mode is None:
-            raise InputError(f'no mode "{name}"; use one of {", ".join(_MODES)}')
+            raise InputError(f'no mode "{shown(request.mode)}"; use one of {", ".join(_MODES)}')
         self._between.call(lambda: self._session().set_mode(mode))
         if mode is SlamMode.MAPPING:
             return 'mapping: the map grows and is corrected'

@@ -42,7 +42,7 @@ class DenseState(Record):
         """
         kept = [view for view in views if view.keyframe_uid in set(keyframe_uids.tolist())]
         rows, columns = views[0].view.flagged_mm.shape
-        small = [_halved(view.view.image_bgr) for view in kept]
+        small = [halved(view.view.image_bgr) for view in kept]
         half = small[0].shape if small else ((rows + 1) // 2, (columns + 1) // 2, 3)
         uids = np.array([view.keyframe_uid for view in kept], np.int64)
         return cls.of(
@@ -67,7 +67,7 @@ class DenseState(Record):
         """
         rows, columns = self.flagged_mm.shape[1:]
         return [
-            StoredView(DepthView(flagged_mm, _doubled(image)[:rows, :columns]), int(uid), T)
+            StoredView(DepthView(flagged_mm, doubled(image)[:rows, :columns]), int(uid), T)
             for flagged_mm, image, uid, T in zip(
                 self.flagged_mm, self.image_bgr, keyframe_uids[self.keyframe],
                 self.T_keyframe_camera, strict=True,
@@ -75,14 +75,16 @@ class DenseState(Record):
         ]  # fmt: skip
 
 
-def _halved(image_bgr: ByteArray) -> ByteArray:
+def halved(image_bgr: ByteArray) -> ByteArray:
+    """Return an image (H, W, 3) at half the resolution, rounded up."""
     rows, columns = image_bgr.shape[:2]
     even = np.pad(image_bgr, ((0, rows % 2), (0, columns % 2), (0, 0)), 'edge')
     size = even.shape[1] // 2, even.shape[0] // 2
     return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _doubled(image_bgr: ByteArray) -> ByteArray:
+def doubled(image_bgr: ByteArray) -> ByteArray:
+    """Return an image (H, W, 3) at twice the resolution."""
     return image_bgr.repeat(2, axis=0).repeat(2, axis=1)
 
 

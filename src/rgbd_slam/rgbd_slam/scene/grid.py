@@ -106,11 +106,11 @@ def write_map_server(grid: Grid, stem: Path) -> None:
     image = np.full(grid.cells.shape, _PGM[UNKNOWN], np.uint8)
     for value, gray in _PGM.items():
         image[grid.cells == value] = gray
-    pgm = stem.with_suffix('.pgm')
+    pgm = stem.with_name(f'{stem.name}.pgm')  # a date's last part is no ending
     cv2.imwrite(str(pgm), image[::-1])  # the image's first row is the largest y
     x, y, _ = grid.T_map_origin[:3, 3]
     yaw = float(np.arctan2(grid.T_map_origin[1, 0], grid.T_map_origin[0, 0]))
-    stem.with_suffix('.yaml').write_text(
+    stem.with_name(f'{stem.name}.yaml').write_text(
         f'image: {pgm.name}\nmode: trinary\nresolution: {grid.resolution_m}\n'
         f'origin: [{x:.6f}, {y:.6f}, {yaw:.6f}]\n'
         'negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n'

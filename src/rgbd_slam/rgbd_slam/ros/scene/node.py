@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from threading import Thread
@@ -25,12 +26,21 @@ from hoid_common.values import CameraModel, Float32Array
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.ros.periods import set_period
-from rgbd_slam.ros.scene_outputs import SceneOutputs
-from rgbd_slam.ros.scene_services import SceneServices
-from rgbd_slam.ros.scene_setup import ClearScene, SceneMessage, SceneSetup, StoredViewsRequest
+from rgbd_slam.ros.scene.files import save_cloud, save_grid
+from rgbd_slam.ros.scene.messages import (
+    Answer,
+    ClearScene,
+    KnownView,
+    Order,
+    SceneMessage,
+    SceneReport,
+    SceneSetup,
+)
+from rgbd_slam.ros.scene.outputs import SceneOutputs
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.scene_mapper import SceneMapper
+from rgbd_slam.scene.view_ledger import ViewLedger
 
 _NICE = 19  # below what the pose waits for
 _SLOP_NS = 20_000_000
@@ -42,9 +52,8 @@ class SceneNode(Node):
     """A shell around `SceneMapper`, fed with images by topics and with poses by a pipe."""
 
     def __init__(self, messages: Connection, reports: Connection, setup: SceneSetup) -> None:
-        name = f'{setup.slam_node.rsplit("/", 1)[-1]}_scene'
         # A node name on the command line is that of the SLAM node.
-        super().__init__(name, cli_args=['--ros-args', '-r', f'__node:={name}'])
+        super().__init__(setup.name, cli_args=['--ros-args', '-r', f'__node:={setup.name}'])
         bridge_logging(self)
         self._setup = setup
         self._reports = reports
@@ -52,8 +61,8 @@ class SceneNode(Node):
         self._diagnostics.set_value('process', str(os.getpid()))
         self._scene: SceneMapper | None = None
         self._camera: CameraModel | None = None
-        self._outputs = SceneOutputs(self, setup)
-        self._answers = SceneServices(self, setup, lambda: self._scene)
+        self._ledger = ViewLedger()
+        self._outputs = SceneOutputs(self._report, setup.map_frame)
         self._stamp_ns = 0  # of the latest image fused
         self._is_shown = True  # whether the outputs show the map as it is
         self._matcher = StampMatcher(
@@ -96,16 +105,24 @@ class SceneNode(Node):
                 self._begin(message)
             case ClearScene():
                 self._begin(None)
-            case KeyframePoses() if self._scene is not None:
-                self._scene.update_keyframes(message)
-                self._is_shown = False
-            case StoredView() if self._scene is not None:
-                self._scene.restore(message)
-                self._is_shown = False
             case DenseConfig():
                 self._reconfigure(message)
-            case StoredViewsRequest():
-                self._report()
+            case Order():
+                self._report(self._answer_to(message))
+            case _ if self._scene is not None:
+                self._change(self._scene, message)
+                self._is_shown = False
+                self._report_views()
+
+    def _change(self, scene: SceneMapper, message: SceneMessage) -> None:
+        match message:
+            case KeyframePoses():
+                scene.update_keyframes(message)
+            case StoredView():
+                scene.restore(message)
+            case KnownView(slot, view):
+                self._ledger.adopt(slot, view)
+                scene.restore(view)
 
     def _reconfigure(self, dense: DenseConfig) -> None:
         self._setup = self._setup._replace(dense=dense)
@@ -113,20 +130,32 @@ class SceneNode(Node):
         if self._scene is not None:
             self._is_shown &= not self._scene.reconfigure(dense)
 
-    def _report(self) -> None:
-        """Send the images of the dense map; one by one, so that no long one holds the receiver."""
-        views = () if self._scene is None else self._scene.views()
+    def _answer_to(self, order: Order) -> Answer:
         try:
-            for view in (*views, None):
-                self._reports.send(view)
-        except OSError:
-            pass  # the tracker has ended
+            text = ''
+            if order.cloud_path is not None:
+                text = save_cloud(self._scene, order.cloud_path)
+            if order.grid_path is not None:
+                text = save_grid(self._scene, order.grid_path)
+        except HoidError as error:
+            return Answer(order.number, False, str(error))
+        return Answer(order.number, True, text)
+
+    def _report_views(self) -> None:
+        """Have the images of the dense map kept by the tracker's process as well."""
+        for change in self._ledger.changes(() if self._scene is None else self._scene.views()):
+            self._report(change)
+
+    def _report(self, report: SceneReport) -> None:
+        with suppress(OSError):  # the tracker has ended
+            self._reports.send(report)
 
     def _begin(self, camera: CameraModel | None) -> None:
         self._camera, self._scene = camera, None
         if camera is not None:
             self._scene = SceneMapper(camera, self._setup.dense, self._setup.objects)
         self._matcher.reset()
+        self._report_views()
         self._outputs.clear(self._stamp_ns)
 
     def _matched(self, name: str) -> Any:
@@ -156,6 +185,7 @@ class SceneNode(Node):
         if pose.keyframes is not None:
             self._scene.fuse(pose, depth_m, conversions.color_from_msg(color), objects)
             self._stamp_ns, self._is_shown = pose.stamp_ns, False
+            self._report_views()
             self._diagnostics.count('images fused')
             self._diagnostics.set_count('voxels', self._scene.num_voxels)
 

@@ -1,0 +1,91 @@
+"""The process of the room's maps: replaced when it dies, and seen by nobody outside."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hoid_msgs.msg import SlamStatus
+
+from hoid_synth.config import SceneConfig
+from hoid_synth.room_truth import RoomTruth
+from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
+from hoid_system_tests.rendered_room import Messages, recording
+from hoid_system_tests.room_peer import RELIABLE, RoomPeer
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
+
+SCENE = SceneConfig(num_frames=70, width_px=320)
+ROOM = '/rgbd_slam_scene'
+_BACK_S = 10.0  # for a new process and the map of what was seen
+
+
+@pytest.fixture(scope='module')
+def messages() -> list[Messages]:
+    return list(recording(SCENE, 'hoid+'))
+
+
+@pytest.fixture
+def peer(start: Start, probe: Probe, tmp_path: Path, messages: list[Messages]) -> RoomPeer:
+    parameters = {'map_directory': str(tmp_path / 'maps'), 'dense.publish_period_s': 0.3}
+    start('rgbd_slam', 'rgbd_slam_node', parameters | {'dense.rate_hz': 10.0} | RELIABLE)
+    peer = RoomPeer(probe)
+    peer.begin(messages[0].camera)
+    return peer
+
+
+def play(peer: RoomPeer, images: list[Messages]) -> None:
+    assert {status.state for status in peer.play(images)} == {SlamStatus.TRACKING}
+
+
+def test_a_room_process_that_dies_is_replaced_with_its_map(
+    peer: RoomPeer, messages: list[Messages]
+) -> None:
+    play(peer, messages[:40])
+    peer.probe.spin_for(2.0)  # all is mapped, shown, and kept by the node
+    before_m = peer.cloud_m()
+    voxels = int(peer.diagnosis(ROOM)[1]['voxels'])
+    pid = int(peer.diagnosis(ROOM)[1]['process'])
+    os.kill(pid, signal.SIGKILL)
+    killed_s = time.monotonic()
+    peer.clouds.clear()
+    play(peer, messages[40:42])  # images that come while there is no process are lost to the map
+    after_m = peer.cloud_m()
+    assert time.monotonic() - killed_s < _BACK_S
+    assert abs(len(after_m) - len(before_m)) < 0.1 * len(before_m)
+    truth = RoomTruth(SCENE, T_BODY_OPTICAL)
+    assert np.mean(truth.distance_m(after_m) < 0.03) >= 0.98
+    message, values = peer.diagnosis('/rgbd_slam')
+    assert 'has ended' not in message
+    assert values['room processes that died'] == '1'
+    assert int(peer.diagnosis(ROOM)[1]['process']) != pid
+    play(peer, messages[42:])  # and it is mapped on
+    peer.probe.spin_for(1.0)
+    assert int(peer.diagnosis(ROOM)[1]['voxels']) > 0.9 * voxels
+    assert peer.save('room', 'grid').success
+
+
+def test_all_services_and_outputs_are_on_the_node_itself(peer: RoomPeer) -> None:
+    node = peer.probe.node
+    services = dict(node.get_service_names_and_types_by_node('rgbd_slam', '/'))
+    own = {name.removeprefix('/rgbd_slam/') for name in services}
+    assert own >= {
+        'reset', 'pause', 'resume', 'set_mode', 'save_map', 'load_map', 'save_trajectory',
+        'save_cloud', 'save_grid',
+    }  # fmt: skip
+    published = dict(node.get_publisher_names_and_types_by_node('rgbd_slam', '/'))
+    assert published.keys() >= {
+        '/odom', '/tf', '/path', '/map_points', '/keyframes', '/slam_status', '/cloud_map',
+        '/grid_map', '/tracked_objects', '/tracked_objects/markers',
+    }  # fmt: skip
+    helpers = set(node.get_node_names()) - {'rgbd_slam', node.get_name()}
+    assert helpers == {'rgbd_slam_scene'}
+    served = dict(node.get_service_names_and_types_by_node('rgbd_slam_scene', '/'))
+    assert all('parameter' in name or 'type_desc' in name for name in served)
+    assert set(dict(node.get_publisher_names_and_types_by_node('rgbd_slam_scene', '/'))) <= {
+        '/diagnostics', '/rosout', '/parameter_events',
+    }  # fmt: skip

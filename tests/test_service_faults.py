@@ -1,0 +1,114 @@
+"""Services of rgbd_slam answer every request, whatever it asks and whatever files there are."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hoid_msgs.msg import SlamStatus
+from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
+
+from hoid_system_tests.point_world import PointWorld, walked
+from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
+from hoid_system_tests.slam_peer import NO_ROOM, PERIOD_NS, START_NS, SlamPeer, features_msg
+from rgbd_slam.map_io import map_file
+
+LONG = ('x' * 247, 'x' * 248, 'x' * 256, 'ä' * 130, 'x' * 100_000)
+NAMES = (*LONG, '\n', '.', '../x', 'a.exe', '%s')
+SERVICES: tuple[tuple[str, type[Any]], ...] = (
+    ('save_map', SaveMap),
+    ('save_cloud', SaveMap),
+    ('save_grid', SaveMap),
+    ('save_trajectory', SaveTrajectory),
+    ('load_map', LoadMap),
+)
+MANIFESTS: tuple[dict[str, Any], ...] = (
+    {'lengths': []},
+    {'lengths': None},
+    {'lengths': {'map': []}},
+    {'camera': 'x'},
+    {'camera': None},
+    {'camera': []},
+    {'num_octaves': None},
+    {'scale_factor': {}},
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / 'maps'
+
+
+@pytest.fixture
+def peer(start: Start, probe: Probe, folder: Path) -> SlamPeer:
+    start('rgbd_slam', 'rgbd_slam_node', {'map_directory': str(folder)} | NO_ROOM)
+    peer = SlamPeer(probe)
+    peer.begin()
+    for i in range(10):
+        assert track(peer, i).state == SlamStatus.TRACKING
+    return peer
+
+
+def track(peer: SlamPeer, i: int) -> SlamStatus:
+    seen = PointWorld(3000).features(walked(i, turn_rad=0.01), START_NS + i * PERIOD_NS)
+    return peer.answer_to(features_msg(seen))
+
+
+def test_every_request_is_answered_in_a_line(peer: SlamPeer) -> None:
+    for name, type_ in SERVICES:
+        for text in NAMES:
+            answer = peer.probe.call(type_, f'rgbd_slam/{name}', type_.Request(name=text))
+            assert '\n' not in answer.message
+            assert len(answer.message) < 400
+            assert not answer.success or text == '%s'
+    answer = peer.probe.call(SetMode, 'rgbd_slam/set_mode', SetMode.Request(mode='x' * 100_000))
+    assert not answer.success
+    assert len(answer.message) < 200
+    message, values = peer.diagnosis()
+    assert 'fault' not in message
+    assert values['requests that failed by a fault of this program'] == '0'
+    assert peer.save('good').success
+    assert track(peer, 10).state == SlamStatus.TRACKING
+
+
+def test_damaged_maps_are_refused_and_the_next_is_loaded(peer: SlamPeer, folder: Path) -> None:
+    assert peer.save('good').success
+    with zipfile.ZipFile(folder / 'good.hoidmap') as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    for change in MANIFESTS:
+        manifest = json.loads(members['manifest.json']) | change
+        with zipfile.ZipFile(folder / 'bad.hoidmap', 'w') as archive:
+            for name, data in (members | {'manifest.json': json.dumps(manifest)}).items():
+                archive.writestr(name, data)
+        answer = peer.load('bad')
+        assert not answer.success
+        assert 'bad.hoidmap: ' in answer.message, change
+        assert '\n' not in answer.message
+        assert 'fault' not in answer.message
+    with zipfile.ZipFile(folder / 'bad.hoidmap', 'w', zipfile.ZIP_LZMA) as archive:
+        archive.writestr('manifest.json', members['manifest.json'])
+    damaged = bytearray((folder / 'bad.hoidmap').read_bytes())
+    damaged[60:90] = bytes(30)
+    (folder / 'bad.hoidmap').write_bytes(damaged)
+    assert not peer.load('bad').success
+    assert peer.load('good').success
+    assert peer.set_mode('localization').success
+    assert track(peer, 5).state == SlamStatus.TRACKING
+
+
+def test_a_file_of_one_kind_never_replaces_one_of_another(peer: SlamPeer, folder: Path) -> None:
+    assert peer.save('good').success
+    before = (folder / 'good.hoidmap').read_bytes()
+    for name, type_ in (('save_trajectory', SaveTrajectory), ('save_cloud', SaveMap)):
+        answer = peer.probe.call(type_, f'rgbd_slam/{name}', type_.Request(name='good.hoidmap'))
+        assert not answer.success
+        assert 'ends in ' in answer.message or 'is off here' in answer.message
+    request = SaveTrajectory.Request(name='good')
+    assert peer.probe.call(SaveTrajectory, 'rgbd_slam/save_trajectory', request).success
+    assert (folder / 'good.hoidmap').read_bytes() == before
+    assert map_file.load(folder / 'good.hoidmap')
+    assert sorted(p.name for p in folder.iterdir()) == ['good.hoidmap', 'good.txt']
