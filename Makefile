@@ -1,4 +1,4 @@
-.PHONY: demo test lint check docs format stubs lock
+.PHONY: reference demo test lint check docs format stubs lock
 
 demo:  ## Render a scene, replay it live through the three nodes, print the result
 	@./hoid demo
@@ -20,6 +20,9 @@ check:  ## The quick experiments, held against stored bounds
 
 docs:  ## The documents as a site, out/site; broken links are errors
 	@NO_MKDOCS_2_WARNING=1 ./hoid dev python -m mkdocs build --quiet
+
+reference:  ## Write the page of all parameters anew
+	@./hoid dev python -m hoid_bringup.reference > docs/reference/parameters.md
 
 format:
 	@./hoid dev ruff check --fix .

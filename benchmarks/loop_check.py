@@ -148,7 +148,7 @@ def main() -> int:
     parser.add_argument('--detector', default='')
     parser.add_argument('--without', action='store_true')
     args = parser.parse_args()
-    base = RunConfig().updated({'filter.strategy': args.filter, 'model': args.detector})
+    base = RunConfig().updated({'filter.strategy': args.filter, 'detector.model': args.detector})
     sys.stdout.write(_HEAD)
     num_false = 0
     try:

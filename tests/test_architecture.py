@@ -26,7 +26,9 @@ ROOMS = {
         < se3 input_config < io input_watch static_frames < ros
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
-    'hoid_filter': 'config drawing < extraction < detections < rules < feature_filter < node',
+    'hoid_filter': """
+        config drawing < extraction < detections < node_config rules < feature_filter < node
+    """,
     'rgbd_slam': """
         config < model < matching < optimize < places < tracking local_mapping < loops < scene
         < map_io < mapper < processes < map_control statistics < robot_frames slam
@@ -39,7 +41,7 @@ ROOMS = {
         config mesh noise < texture < people < room < acting < render
         < truth static_model < scene < bag room_truth < commands
     """,
-    'hoid_bringup': 'evaluate < run < live view < commands cli < __main__',
+    'hoid_bringup': 'evaluate < run < live view < commands cli reference < __main__',
     'hoid_benchmarks': 'plan < jobs < rooms < report < commands demo',
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')

@@ -6,57 +6,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
-from rclpy.parameter import Parameter, parameter_value_to_python
 
-from hoid_common.config import Config, Param
-from hoid_detector.node import NodeConfig as DetectorNodeConfig
-from hoid_filter.node import NodeConfig as FilterNodeConfig
+from hoid_bringup.live.node_specs import NODE_CONFIGS
+from hoid_common.config import EXPERT, Param
 from hoid_system_tests.detector_bench import write_model
+from hoid_system_tests.parameter_client import ParameterClient
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import NO_ROOM
-from rgbd_slam.config.node_config import SlamNodeConfig
 
-CONFIGS: dict[str, Config] = {
-    'hoid_detector': DetectorNodeConfig(),
-    'hoid_filter': FilterNodeConfig(),
-    'rgbd_slam': SlamNodeConfig(),
-}
 GIVEN: dict[str, dict[str, Any]] = {
     'hoid_detector': {},
     'hoid_filter': {},
     'rgbd_slam': NO_ROOM,
 }
-
-
-class Client:
-    """Asks a node for its parameters."""
-
-    def __init__(self, probe: Probe, node: str) -> None:
-        self._probe, self._node = probe, node
-
-    def names(self) -> list[str]:
-        answer = self._call(ListParameters, 'list_parameters', ListParameters.Request())
-        return list(answer.result.names)
-
-    def describe(self, names: list[str]) -> list[Any]:
-        request = DescribeParameters.Request(names=names)
-        return list(self._call(DescribeParameters, 'describe_parameters', request).descriptors)
-
-    def get(self, names: list[str]) -> list[Any]:
-        request = GetParameters.Request(names=names)
-        values = self._call(GetParameters, 'get_parameters', request).values
-        return [parameter_value_to_python(value) for value in values]
-
-    def set(self, values: dict[str, Any]) -> list[Any]:
-        """Set one by one and return the results."""
-        parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
-        request = SetParameters.Request(parameters=parameters)
-        return list(self._call(SetParameters, 'set_parameters', request).results)
-
-    def _call(self, type_: type[Any], name: str, request: Any) -> Any:
-        return self._probe.call(type_, f'{self._node}/{name}', request, times=3)
 
 
 def other_value(leaf: Param) -> Any:
@@ -76,21 +39,23 @@ def other_value(leaf: Param) -> Any:
     return type(value)(middle) if type(value)(middle) != value else type(value)(high)
 
 
-@pytest.fixture(params=CONFIGS)
-def client(request: pytest.FixtureRequest, start: Start, probe: Probe, tmp_path: Path) -> Client:
+@pytest.fixture(params=NODE_CONFIGS)
+def client(
+    request: pytest.FixtureRequest, start: Start, probe: Probe, tmp_path: Path
+) -> ParameterClient:
     node: str = request.param
     given = dict(GIVEN[node])
     if node == 'hoid_detector':
         given['model'] = str(write_model(tmp_path / 'model.onnx'))
-    start(node, f'{node}_node', given)
-    return Client(probe, node)
+    start(node, f'{node}_node', {**given, EXPERT: True})
+    return ParameterClient(probe, node)
 
 
 def test_each_parameter_is_described_and_changes_or_is_refused(
-    client: Client, request: pytest.FixtureRequest
+    client: ParameterClient, request: pytest.FixtureRequest
 ) -> None:
     node = request.node.callspec.params['client']
-    leaves = {leaf.name: leaf for leaf in CONFIGS[node].params()}
+    leaves = {leaf.name: leaf for leaf in NODE_CONFIGS[node].params()}
     assert leaves.keys() <= set(client.names())
     for leaf, said in zip(leaves.values(), client.describe(list(leaves)), strict=True):
         check_description(leaf, said)
@@ -122,7 +87,7 @@ def check_description(leaf: Param, said: Any) -> None:
         assert choice in said.additional_constraints
 
 
-def check_change(client: Client, name: str, leaf: Param) -> None:
+def check_change(client: ParameterClient, name: str, leaf: Param) -> None:
     before, after = client.get([name])[0], other_value(leaf)
     (result,) = client.set({name: after})
     assert result.successful, (name, result.reason)
@@ -135,8 +100,8 @@ def check_change(client: Client, name: str, leaf: Param) -> None:
     client.set({name: before if before else after})
 
 
-def check_no_list(client: Client, name: str) -> None:
-    """ROS leaves the type of a list open, so it is the node that refuses another one."""
+def check_no_list(client: ParameterClient, name: str) -> None:
+    """What is no list of names is refused, and an empty list is one of one empty name."""
     before = client.get([name])
     for value in (5, 0.5, True, 'person', [b'p'], [1, 2], [True], None):  # None deletes it
         (result,) = client.set({name: value})

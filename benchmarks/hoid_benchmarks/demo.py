@@ -52,16 +52,18 @@ def demo_command(args: argparse.Namespace) -> None:
     shutil.rmtree(bag_path, ignore_errors=True)
     write_bag(scene, bag_path, _WORKERS, show_progress=True)
     bag = BagSequence(bag_path)
-    say_detections(RunConfig().updated({'model': args.detector}))
+    say_detections(RunConfig().updated({'detector.model': args.detector}))
     if args.detector == SYNTHETIC:
         print("detections: the project's own detector, trained on rendered homes of other seeds")
     summaries = {}
     for number, (label, strategy) in enumerate(_RUNS.items(), start=2):
-        config = RunConfig().updated({'filter.strategy': strategy, 'model': args.detector})
+        config = RunConfig().updated(
+            {'filter.strategy': strategy, 'detector.model': args.detector}
+        )
         print(f'{number}/3  replaying it in real time through the live nodes, {label}')
         summaries[label] = replay(bag, ReplayConfig(run=config), args.out / _folder(label))
     picture = args.out / 'demo.png'
-    config = RunConfig().updated({'model': args.detector})
+    config = RunConfig().updated({'detector.model': args.detector})
     _draw(picture, bag, args.out, config)
     print(_table(summaries))
     print(f'\npicture      {picture}')

@@ -11,7 +11,9 @@ from typing import Any
 import psutil
 import yaml
 
+from hoid_bringup.live.node_specs import NODE_CONFIGS
 from hoid_bringup.live.supervisor import ProcessSpec, Supervisor
+from hoid_common.config import EXPERT
 
 Start = Callable[..., Supervisor]
 """The fixture `start`: gets package, executable and parameters, gives who watches the process."""
@@ -34,12 +36,20 @@ def node_spec(
     params: Mapping[str, Any],
     ros_args: Sequence[str] = (),
 ) -> ProcessSpec:
-    """Return how to start `ros2 run package name` with parameters."""
+    """Return how to start `ros2 run package name` with parameters, also those for experts."""
     argv = [sys.executable, str(executable(package, name)), '--ros-args', *ros_args]
-    for key, value in params.items():
+    for key, value in with_switch(package, params).items():
         text = yaml.safe_dump(value, default_flow_style=True).removesuffix('\n...\n').strip()
         argv += ['-p', f'{key}:={text}']
     return ProcessSpec(name, tuple(argv))
+
+
+def with_switch(package: str, params: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a node's parameters, with the switch where one of them is for experts."""
+    config = NODE_CONFIGS.get(package)
+    leaves = [] if config is None else config.params()
+    needs_switch = any(leaf.spec.expert and leaf.name in params for leaf in leaves)
+    return {EXPERT: True, **params} if needs_switch else dict(params)
 
 
 def mapper_of(node: Supervisor) -> psutil.Process:

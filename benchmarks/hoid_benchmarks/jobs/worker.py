@@ -112,7 +112,7 @@ def _more_errors(out: Path) -> dict[str, float | None]:
 
 
 def _config(job: Job) -> RunConfig:
-    named = {'model': job.detector, 'filter.strategy': job.filter, 'slam.seed': job.seed}
+    named = {'detector.model': job.detector, 'filter.strategy': job.filter, 'slam.seed': job.seed}
     return RunConfig().updated(named | job.settings())
 
 

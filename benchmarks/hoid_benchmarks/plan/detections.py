@@ -52,9 +52,9 @@ def kept_detections(sequence: Sequence, config: RunConfig, folder: Path) -> Kept
     Raises:
         ModelError: There is no such model.
     """
-    if not config.needs_detections or config.model == TRUTH:
+    if not config.needs_detections or config.detector.model == TRUTH:
         return None
-    model = find_model(config.model or None)
+    model = find_model(config.detector.model or None)
     told_by = model.read_bytes() + repr(config.detector).encode()
     name = f'{sequence.name}-{model.stem}-{hashlib.sha256(told_by).hexdigest()[:8]}.npz'
     return KeptDetections(folder / name, detection_source(sequence, config))

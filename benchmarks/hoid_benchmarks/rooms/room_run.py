@@ -53,10 +53,10 @@ def map_room(
         sequence.camera,
         config.slam,
         RobotFrames(),
-        fusion_scheduler=FusionScheduler(config.dense.rate_hz, config.objects.rate_hz),
+        fusion_scheduler=FusionScheduler(config.slam.dense.rate_hz, config.slam.objects.rate_hz),
     )
-    scene = SceneMapper(sequence.camera, config.dense, config.objects)
-    publish = Rate(1 / config.dense.publish_period_s)
+    scene = SceneMapper(sequence.camera, config.slam.dense, config.slam.objects)
+    publish = Rate(1 / config.slam.dense.publish_period_s)
     tracks: Tracks = {}
     for frame in tqdm(sequence, f'{sequence.name} {config.filter.strategy}', unit=' frames'):
         filtered = judge.process(frame, detect(frame))

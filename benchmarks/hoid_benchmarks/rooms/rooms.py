@@ -60,7 +60,7 @@ def _rows(name: str, store: Store, model: str) -> Iterable[tuple[str, ...]]:
     sequence = BagSequence(store.find(name))
     truth = RoomTruth(SceneConfig(seed=int(seed)), T_BODY_OPTICAL)
     for strategy in _STRATEGIES:
-        config = RunConfig().updated({'filter.strategy': strategy, 'model': model})
+        config = RunConfig().updated({'filter.strategy': strategy, 'detector.model': model})
         scores = score(map_room(sequence, config), truth, sequence)
         yield name, strategy, *_cells(scores), ghost
 

@@ -20,7 +20,7 @@ from hoid_bringup.run.options import (
 )
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.run.summary import Summary
-from hoid_common.errors import InputError
+from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.files import unwritable
 from hoid_common.io.trajectory_io import read_tum
 
@@ -47,6 +47,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 def run_command(args: argparse.Namespace) -> None:
     """Process a recording offline."""
     config = run_config(args)
+    if config.live_only:
+        raise ConfigError(f'only live nodes have {", ".join(config.live_only)}: see hoid replay')
     sequence = recording(args)
     say_detections(config)
     maps = MapFiles(args.map, args.localize, args.save_map)
@@ -107,7 +109,7 @@ def evaluate_command(args: argparse.Namespace) -> None:
 
 def say_detections(config: RunConfig) -> None:
     """Say it when boxes are exact: such a result says nothing about a detector."""
-    if config.needs_detections and config.model == TRUTH:
+    if config.needs_detections and config.detector.model == TRUTH:
         print("detections: the rendered scene's exact boxes, no detector runs")
 
 

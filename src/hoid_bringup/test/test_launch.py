@@ -17,12 +17,7 @@ import yaml
 
 from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_common import topics
-from hoid_common.config import Config
-from hoid_common.io.param_file import load_params
 from hoid_common.topics import NAMESPACED_TF
-from hoid_detector.config import DetectorConfig
-from hoid_filter.config import FilterConfig
-from rgbd_slam.config.node_config import SlamNodeConfig
 
 SRC = Path(__file__).parents[2]
 MODULES = """launch launch.actions launch.conditions launch.substitutions launch_ros
@@ -127,21 +122,3 @@ def panels(node: str | dict[str, Any]) -> Iterator[str]:
         return
     for side in ('first', 'second'):
         yield from panels(node[side])
-
-
-@pytest.mark.parametrize(
-    ('node', 'config'),
-    [
-        ('hoid_detector', DetectorConfig()),
-        ('hoid_filter', FilterConfig()),
-        ('rgbd_slam', SlamNodeConfig()),
-    ],
-)
-def test_the_suites_parameter_file_holds_the_defaults(node: str, config: Config) -> None:
-    values = load_params(SRC / 'hoid_bringup/config/hoid.yaml', node)
-    names = {p.name for p in config.params()}
-    of_the_node = {name for name in values if name == 'model' or name.startswith('input.')}
-    assert values.keys() <= names | of_the_node
-    known = {name: value for name, value in values.items() if name in names}
-    assert known
-    assert config.updated(known) == config

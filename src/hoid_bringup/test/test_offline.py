@@ -130,7 +130,7 @@ def test_features_on_a_person_are_removed(tmp_path: Path) -> None:
         i * PERIOD_NS: Detections(i * PERIOD_NS, box, ('person',), np.ones(1, np.float32))
         for i in range(FRAMES)
     }
-    config = RunConfig().updated({'filter.strategy': 'hoid2d', 'model': TRUTH})
+    config = RunConfig().updated({'filter.strategy': 'hoid2d', 'detector.model': TRUTH})
     summary = run_offline(sequence, config, tmp_path, show_progress=False)
     share = summary.filter.features_removed / summary.filter.features_in
     assert 0.4 < share < 0.6
@@ -138,7 +138,7 @@ def test_features_on_a_person_are_removed(tmp_path: Path) -> None:
 
 
 def test_exact_boxes_of_a_recording_without_any_are_refused(tmp_path: Path) -> None:
-    config = RunConfig().updated({'model': TRUTH})
+    config = RunConfig().updated({'detector.model': TRUTH})
     with pytest.raises(InputError, match='no exact boxes'):
         run_offline(WallSequence(), config, tmp_path / 'out', show_progress=False)
     assert not (tmp_path / 'out').exists()

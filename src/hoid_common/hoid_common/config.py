@@ -1,7 +1,10 @@
 """Configuration as frozen dataclasses: the one place of each default, description and range.
 
-A stage's dataclass derives from `Config` and declares each field with `param(...)`. Nested configs
-become dotted names (`extraction.num_features`), the same in Python, YAML and ROS parameters.
+A stage's dataclass derives from `Config` and declares each field with `param(...)`, or with
+`section(...)` where it is a config itself: nested names are dotted (`extraction.num_features`),
+the same in Python, YAML and ROS.
+
+Constants of a method that nobody needs to set stand beside its parameters as class variables.
 """
 
 from __future__ import annotations
@@ -15,7 +18,10 @@ from hoid_common.errors import ConfigError
 
 C = TypeVar('C', bound='Config')
 
-_SPEC = 'hoid_param'
+EXPERT = 'expert'
+"""The switch of a node that declares its expert parameters."""
+
+_SPEC, _EXPERT_SECTION = 'hoid_param', 'hoid_expert'
 _ALIKE = 0.8  # of difflib's ratios: a letter or two
 _MOST_MEANT = 3  # names that are offered for an unknown one
 
@@ -24,11 +30,12 @@ _MOST_MEANT = 3  # names that are offered for an unknown one
 class ParamSpec:
     """What is said about a parameter beside its type and default."""
 
-    description: str
+    description: str  # whole sentences, with the unit of a number
     minimum: float | None = None
     maximum: float | None = None
     choices: tuple[str, ...] = ()
     read_only: bool = True
+    expert: bool = False  # a node declares it only when it is started with `expert:=true`
 
 
 class Param(NamedTuple):
@@ -47,19 +54,28 @@ def param(
     maximum: float | None = None,
     choices: tuple[str, ...] = (),
     read_only: bool = True,
+    expert: bool = False,
 ) -> Any:
     """Declare a config field.
 
     Args:
         default: Its type is the field's: bool, int, float, str, or a tuple of strings.
-        description: For people, such as those who ask `ros2 param describe`.
+        description: For people, such as those who ask `ros2 param describe`: sentences that say
+            what it does, the unit, and of a user parameter when to change it.
         minimum: Least value of a number.
         maximum: Greatest value of a number.
         choices: The only values of a string.
         read_only: False lets it change at run time.
+        expert: It is for those who know the method, and hidden from others.
     """
-    spec = ParamSpec(description, minimum, maximum, choices, read_only)
+    spec = ParamSpec(description, minimum, maximum, choices, read_only, expert)
     return field(default=default, metadata={_SPEC: spec})
+
+
+def section(config: type[C], *, expert: bool = False) -> C:
+    """Declare a nested config; all parameters of an expert one are for experts."""
+    nested: C = field(default_factory=config, metadata={_EXPERT_SECTION: expert})
+    return nested
 
 
 @dataclass(frozen=True)
@@ -78,7 +94,9 @@ class Config:
         for f in fields(self):
             value = getattr(self, f.name)
             if is_dataclass(value):
-                yield from cast('Config', value).params(f'{prefix}{f.name}.')
+                inner = cast('Config', value).params(f'{prefix}{f.name}.')
+                is_expert = f.metadata.get(_EXPERT_SECTION, False)
+                yield from map(_for_experts, inner) if is_expert else inner
             else:
                 yield Param(f'{prefix}{f.name}', value, f.metadata[_SPEC])
 
@@ -94,6 +112,10 @@ class Config:
                 raise ConfigError(f'no parameter is called "{name}"{did_you_mean(name, known)}')
             _checked(name, value, known[name].value, known[name].spec)  # by its whole name
         return _replaced(self, values)
+
+
+def _for_experts(leaf: Param) -> Param:
+    return leaf._replace(spec=replace(leaf.spec, expert=True))
 
 
 def _replaced(config: C, values: Mapping[str, Any]) -> C:
@@ -118,6 +140,8 @@ def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
     """
     if type(value) is int and isinstance(like, float):
         value = float(value)  # `3` in a YAML file
+    if value == ('',):
+        value = ()  # ROS knows no empty list of strings
     if not isinstance(value, type(like)) or isinstance(value, bool) != isinstance(like, bool):
         kind = 'list' if isinstance(like, tuple) else type(like).__name__  # as in a YAML file
         raise ConfigError(f'{name} must be {kind}, got {value!r}')

@@ -1,10 +1,10 @@
-"""How a node listens; the subscriptions themselves are `hoid_common.ros.inputs`' matter."""
+"""What every node of the suite has: how it listens, and the switch for its expert parameters."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hoid_common.config import Config, param
+from hoid_common.config import Config, param, section
 
 BEST_EFFORT = 'best_effort'
 RELIABLE = 'reliable'
@@ -12,14 +12,33 @@ RELIABLE = 'reliable'
 
 @dataclass(frozen=True)
 class InputConfig(Config):
-    """How a node listens."""
+    """How a node listens; the subscriptions themselves are `hoid_common.ros.inputs`' matter."""
 
     reliability: str = param(
         BEST_EFFORT,
-        'reliability that is asked of publishers; best_effort hears all of them',
+        'Reliability that is asked of publishers. With best_effort every publisher is heard; with '
+        'reliable a lost message is sent again, but best-effort publishers stay unheard.',
         choices=(BEST_EFFORT, RELIABLE),
+        expert=True,
     )
-    queue_length: int = param(5, 'messages kept per input while busy', minimum=1, maximum=1000)
+    queue_length: int = param(
+        5, 'Number of messages of each input that are kept while the node is busy.',
+        minimum=1, maximum=1000, expert=True,
+    )  # fmt: skip
     compressed: bool = param(
-        default=False, description='take images from .../compressed and .../compressedDepth'
+        default=False,
+        description='Takes images from .../compressed and .../compressedDepth. Set it where the '
+        'camera runs on another computer.',
     )
+
+
+@dataclass(frozen=True)
+class NodeConfig(Config):
+    """Parameters that every node has."""
+
+    expert: bool = param(
+        default=False,
+        description='Declares the expert parameters as well. Set it to change one of them, in a '
+        'parameter file or on the command line; without it they keep their defaults.',
+    )
+    input: InputConfig = section(InputConfig)

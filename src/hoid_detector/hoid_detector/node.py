@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hoid_msgs.msg import DetectionArray
@@ -13,33 +12,20 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
 from hoid_common import topics
-from hoid_common.config import param
 from hoid_common.errors import ConfigError, HoidError
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.ros.inputs import InputConfig, Inputs
+from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.values import ByteArray, Detections
-from hoid_detector.config import DetectorConfig
+from hoid_detector.config import DetectorNodeConfig
 from hoid_detector.drawing import draw_detections
 from hoid_detector.model.model_path import find_model
 from hoid_detector.newest_wins import NewestWins
 from hoid_detector.onnx_detector import OnnxDetector
-
-
-@dataclass(frozen=True)
-class NodeConfig(DetectorConfig):
-    """Parameters of the node."""
-
-    model: str = param('', 'ONNX file or name of a known model; empty looks in the usual places')
-    niceness: int = param(
-        0, 'Lower priority than what else the pose waits for', minimum=0, maximum=19
-    )
-    autostart: bool = param(True, 'become active at once; false waits for a lifecycle manager')
-    input: InputConfig = field(default_factory=InputConfig)
 
 
 class _Seen(NamedTuple):
@@ -59,7 +45,7 @@ class DetectorNode(LifecycleNode):
         self._detector: OnnxDetector | None = None
         self._active, self._enabled = False, True
         self._failure: HoidError | None = None
-        self._settings = Parameters(self, NodeConfig(), self._reconfigure, self._approve)
+        self._settings = Parameters(self, DetectorNodeConfig(), self._reconfigure, self._approve)
         os.nice(self._settings.config.niceness)
         self._diagnostics = Diagnostics(self)
         self._done = self.create_guard_condition(self._finish)
@@ -147,12 +133,12 @@ class DetectorNode(LifecycleNode):
         self._diagnostics.set_value('asked for by ~/enable', response.message)
         return response
 
-    def _approve(self, config: NodeConfig) -> None:
+    def _approve(self, config: DetectorNodeConfig) -> None:
         objection = self._detector.objection(config.classes) if self._detector else ''
         if objection:
             raise ConfigError(objection)
 
-    def _reconfigure(self, config: NodeConfig) -> None:
+    def _reconfigure(self, config: DetectorNodeConfig) -> None:
         if self._detector is not None:
             self._detector.reconfigure(config)
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
-from hoid_common.config import Config, param
+from hoid_common.config import Config, param, section
 from hoid_common.values import PERSON
 
 STRATEGIES = ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor', 'hoid+')
@@ -24,37 +25,41 @@ class ExtractionConfig(Config):
     """ORB extraction."""
 
     num_features: int = param(
-        1000, 'Features per frame, spread over the unmasked image', minimum=50, maximum=20000
+        1000,
+        'Number of features of an image, spread over what is not masked. Raise it in scenes with '
+        'little texture, lower it to save time.',
+        minimum=50,
+        maximum=20000,
     )
-    num_levels: int = param(8, 'Levels of the image pyramid', minimum=1, maximum=16)
-    scale_factor: float = param(1.2, 'Scale between two levels', minimum=1.01, maximum=2.0)
+    num_levels: int = param(
+        8, 'Number of levels of the image pyramid.', minimum=1, maximum=16, expert=True
+    )
+    scale_factor: float = param(
+        1.2, 'Ratio of the scales of two levels of the pyramid, a plain number.',
+        minimum=1.01, maximum=2.0, expert=True,
+    )  # fmt: skip
     fast_threshold: int = param(
-        7, 'Grey-level contrast that makes a corner', minimum=1, maximum=100
+        7, 'Contrast that makes a corner (grey levels).', minimum=1, maximum=100, expert=True
     )
     refill: bool = param(
-        True, 'Spread the budget over what is not masked; false: over all, then drop the masked'
+        default=True,
+        description='Spreads the budget of features over what is not masked; without it, over the '
+        'whole image, after which masked features are dropped as in the paper.',
+        expert=True,
     )
-    border_px: int = param(19, 'Margin without features, at every level', minimum=19, maximum=100)
+
     edge_radius: float = param(
-        0.0, 'A depth so near to an edge of depth is not believed, as a share of the '
-        "image's width; 0 believes all", minimum=0.0, maximum=0.05,
-    )  # fmt: skip
-    edge_step: float = param(
-        0.05, 'Share of the depth by which readings differ at an edge', minimum=0.0, maximum=1.0
+        0.0,
+        'How near to an edge of depth no depth is believed, as a share of the width of the '
+        'image; 0 believes all. A few pixels are best in homes where nobody is.',
+        minimum=0.0,
+        maximum=0.05,
+        expert=True,
     )
 
-
-@dataclass(frozen=True)
-class DescriptorConfig(Config):
-    """The strategy `descriptor`."""
-
-    window_px: int = param(
-        40, 'Side of the square window around a key point', minimum=1, maximum=1000,
-        read_only=False,
-    )  # fmt: skip
-    distance_m: float = param(
-        0.3, 'Person and object are this near in depth', minimum=0.0, maximum=10.0, read_only=False
-    )
+    # Share of the depth by which readings differ at an edge.
+    edge_step: ClassVar[float] = 0.05
+    border_px: ClassVar[int] = 19  # margin without features at every level: a descriptor's reach
 
 
 @dataclass(frozen=True)
@@ -62,93 +67,104 @@ class PlusConfig(Config):
     """The strategy `hoid+`: what it adds to the paper, each part with a switch."""
 
     bridge_misses: bool = param(
-        True, 'Predict the boxes of people and handled objects that are missed', read_only=False
-    )
-    coast_s: float = param(
-        0.4, 'How long a missed box is predicted', minimum=0.0, maximum=10.0, read_only=False
-    )
-    doubt_large_people: bool = param(
-        True, 'Do not believe a weak person over most of the image at once', read_only=False
-    )
-    doubt_area: float = param(
-        0.4, 'Share of the image that makes a weak person doubtful', minimum=0.0, maximum=1.0
-    )
-    doubt_score: float = param(0.5, 'Score below which a person is weak', minimum=0.0, maximum=1.0)
-    doubt_detections: int = param(
-        4, 'Detections in a row that make a doubtful person believed', minimum=1, maximum=100
-    )
-    remember: bool = param(True, 'Hysteresis and memory of interaction', read_only=False)
-    release_area: float = param(
-        0.2, 'A handled object is let go when a person covers less than this share of it',
-        minimum=0.0, maximum=1.0,
-    )  # fmt: skip
-    rest_s: float = param(
-        1.0, 'How long an object is seen untouched before it counts as at rest',
-        minimum=0.0, maximum=60.0,
-    )  # fmt: skip
-    chains: bool = param(True, 'What lies on a handled object is handled', read_only=False)
-    reach_m: float = param(
-        0.6, "How far before a torso a handled object may be; behind: depth_limit_m",
-        minimum=0.0, maximum=10.0,
-    )  # fmt: skip
-    keep_background: bool = param(
-        True,
-        'Mask what depth shows to be the thing, not its whole box',
+        default=True,
+        description='Predicts the boxes of people and handled objects that the detector misses.',
         read_only=False,
     )
-    person_depth_m: float = param(
-        0.45, "How far a person reaches before and behind the torso's depth",
-        minimum=0.05, maximum=2.0,
-    )  # fmt: skip
-    object_depth_m: float = param(
-        0.25, 'How far a handled object reaches before and behind its middle',
-        minimum=0.05, maximum=2.0,
-    )  # fmt: skip
-    fall_back: bool = param(
-        True, 'Unmask in steps rather than leave too few features', read_only=False
+    coast_s: float = param(
+        0.4, 'How long a missed box is predicted (s).', minimum=0.0, maximum=10.0, read_only=False
     )
-    min_static_share: float = param(
-        0.1, 'Corners with depth outside the mask that are too few, as a share of num_features',
-        minimum=0.0, maximum=1.0,
+    doubt_large_people: bool = param(
+        default=True,
+        description='Does not believe a weak person over most of the image at once.',
+        read_only=False,
+    )
+    remember: bool = param(
+        default=True,
+        description='Remembers who was handled, with hysteresis, until it was seen at rest.',
+        read_only=False,
+    )
+    rest_s: float = param(
+        1.0, 'How long an object is seen untouched before it counts as at rest (s).',
+        minimum=0.0, maximum=60.0,
     )  # fmt: skip
+    chains: bool = param(
+        default=True,
+        description='Takes what lies on a handled object for handled, too.',
+        read_only=False,
+    )
+    reach_m: float = param(
+        0.6,
+        'How far before a torso a handled object may be; behind it, depth_limit_m holds (m).',
+        minimum=0.0,
+        maximum=10.0,
+    )
+    keep_background: bool = param(
+        default=True,
+        description='Masks what depth shows to be the person or object, not its whole box.',
+        read_only=False,
+    )
+    fall_back: bool = param(
+        default=True,
+        description='Unmasks in steps rather than leave too few features.',
+        read_only=False,
+    )
+
+    doubt_area: ClassVar[float] = 0.4  # share of the image that makes a weak person doubtful
+    doubt_score: ClassVar[float] = 0.5  # below which a person is weak
+    doubt_detections: ClassVar[int] = 4  # in a row that make a doubtful person believed
+    # Share of a handled object that a person must cover, else it is let go.
+    release_area: ClassVar[float] = 0.2
+    # How far a person reaches before and behind the torso's depth, and an object its middle.
+    person_depth_m: ClassVar[float] = 0.45
+    object_depth_m: ClassVar[float] = 0.25
+    # Corners with depth outside the mask that are too few, as a share of num_features.
+    min_static_share: ClassVar[float] = 0.1
 
 
 @dataclass(frozen=True)
 class FilterConfig(Config):
     """What is removed from the image before tracking, and how features are found."""
 
-    strategy: str = param('hoid+', 'How dynamic objects are told', choices=STRATEGIES)
+    strategy: str = param(
+        'hoid+',
+        'Rule by which dynamic objects are told. Choose hoid2d or hoid3d for the rules of the '
+        'paper, person to remove people only, none to remove nothing.',
+        choices=STRATEGIES,
+    )
     dynamic_classes: tuple[str, ...] = param(
-        HANDLED_CLASSES, "Classes that move when a person handles them; empty or '' = every class"
+        HANDLED_CLASSES,
+        'Names of the classes that move when a person handles them; an empty list means every '
+        'class. Add what people carry about where the robot works.',
     )
     min_interaction_area: float = param(
         0.4,
-        'An object is handled when a person covers more than this share of its box',
+        'An object is handled when a person covers more than this share of its box. Lower it when '
+        'carried objects stay in the map, raise it when things that people pass in front of go.',
         minimum=0.0,
         maximum=1.0,
         read_only=False,
     )
     depth_limit_m: float = param(
         0.2,
-        'hoid3d: and their sample boxes differ by less than this in depth',
+        'An object is handled when it also differs by less than this in depth from the person, '
+        'by hoid3d and hoid+ (m). Raise it for people who reach far.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
     )
-    sample_box_px: int = param(
-        10, 'Side of the sample box at the centre of a box', minimum=1, maximum=200
-    )
     max_detections: int = param(
-        300, 'Detections beyond this many, in falling order of score, are refused', minimum=1,
-        maximum=10000,
+        300, 'Number of detections beyond which those of lower score are refused.',
+        minimum=1, maximum=10000, expert=True,
     )  # fmt: skip
     prediction_limit_s: float = param(
-        0.5, 'How long boxes are predicted when the detector says nothing', minimum=0.0,
-        maximum=10.0, read_only=False,
+        0.5, 'How long boxes are predicted while the detector says nothing (s).',
+        minimum=0.0, maximum=10.0, read_only=False, expert=True,
     )  # fmt: skip
-    extraction: ExtractionConfig = ExtractionConfig()
-    descriptor: DescriptorConfig = DescriptorConfig()
-    plus: PlusConfig = PlusConfig()
+    extraction: ExtractionConfig = section(ExtractionConfig)
+    plus: PlusConfig = section(PlusConfig, expert=True)
+
+    sample_box_px: ClassVar[int] = 10  # side of the sample box of depth at the centre of a box
 
     def may_be_handled(self, class_name: str) -> bool:
         """Return whether a thing of the class moves when a person handles it."""
@@ -156,5 +172,4 @@ class FilterConfig(Config):
 
     @cached_property
     def _handled(self) -> frozenset[str]:
-        # A parameter file cannot hold an empty list, but one with an empty name.
-        return frozenset(self.dynamic_classes) - {'', PERSON}
+        return frozenset(self.dynamic_classes) - {PERSON}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hoid_msgs.msg import DetectionArray, DynamicObjectArray
@@ -14,36 +13,24 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from hoid_common import topics
-from hoid_common.config import param
 from hoid_common.errors import MessageError
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.ros.inputs import InputConfig, Inputs
+from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import FilterResult, RgbdFrame
-from hoid_filter.config import FilterConfig
-from hoid_filter.detections.detection_gate import STOP, DetectionGate, GateConfig, Ready
+from hoid_filter.detections.detection_gate import STOP, DetectionGate, Ready
 from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
+from hoid_filter.node_config import FilterNodeConfig
 
 _SILENCE_S = 0.05  # without images and detections, each of which looks at what waits
 _LOST = 'detector lost'
-
-
-@dataclass(frozen=True)
-class NodeConfig(FilterConfig):
-    """Parameters of the node."""
-
-    sync_slop_s: float = param(
-        0.02, 'Largest difference between the stamps of colour and depth', minimum=0.0, maximum=1.0
-    )
-    detections: GateConfig = field(default_factory=GateConfig)
-    input: InputConfig = field(default_factory=InputConfig)
 
 
 class _Image(NamedTuple):
@@ -57,7 +44,7 @@ class FilterNode(Node):
     def __init__(self) -> None:
         super().__init__('hoid_filter', automatically_declare_parameters_from_overrides=True)
         bridge_logging(self)
-        self._settings = Parameters(self, NodeConfig(), self._reconfigure)
+        self._settings = Parameters(self, FilterNodeConfig(), self._reconfigure)
         config = self._settings.config
         self._filter = FeatureFilter(config)
         self._gate: DetectionGate[_Image] = DetectionGate(config.detections)
@@ -70,7 +57,7 @@ class FilterNode(Node):
         self._debug_images = DebugImages(self)
         self._subscribe(config)
 
-    def _subscribe(self, config: NodeConfig) -> None:
+    def _subscribe(self, config: FilterNodeConfig) -> None:
         inputs = Inputs(self, config.input, self._diagnostics)
         matcher = StampMatcher(('colour', 'depth'), int(config.sync_slop_s * 1e9))
         images = Synchronizer(matcher, self._take_images, self._diagnostics)
@@ -162,7 +149,7 @@ class FilterNode(Node):
         for name, number in self._filter.counters.items():
             self._diagnostics.set_count(name, number)
 
-    def _reconfigure(self, config: NodeConfig) -> None:
+    def _reconfigure(self, config: FilterNodeConfig) -> None:
         self._gate.config = config.detections
         self._filter.reconfigure(config)
 

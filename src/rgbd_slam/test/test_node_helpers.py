@@ -8,8 +8,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hoid_common.errors import InputError
-from hoid_common.io.param_file import load_params
-from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_io.map_directory import (
     CLOUD,
     GRID,
@@ -144,10 +142,3 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
     with pytest.raises(InputError, match='cannot be made'):
         path_in(str(tmp_path / 'file' / 'maps'), 'a', MAP)
-
-
-def test_the_shipped_parameter_file_holds_the_defaults() -> None:
-    path = Path(__file__).parents[1] / 'config' / 'rgbd_slam.yaml'
-    values = load_params(path, 'rgbd_slam')
-    assert values
-    assert SlamNodeConfig().updated(values) == SlamNodeConfig()

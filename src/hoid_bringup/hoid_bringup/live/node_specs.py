@@ -11,9 +11,18 @@ from typing import Any
 import yaml
 
 from hoid_bringup.live.supervisor import ProcessSpec
-from hoid_common.errors import ConfigError
+from hoid_common.config import EXPERT, Config
+from hoid_detector.config import DetectorNodeConfig
+from hoid_filter.node_config import FilterNodeConfig
+from rgbd_slam.config.node_config import SlamNodeConfig
 
 DETECTOR, FILTER, SLAM = 'hoid_detector', 'hoid_filter', 'rgbd_slam'
+NODE_CONFIGS: Mapping[str, Config] = {
+    DETECTOR: DetectorNodeConfig(),
+    FILTER: FilterNodeConfig(),
+    SLAM: SlamNodeConfig(),
+}
+"""All parameters of each node, at their defaults."""
 # The interpreter of this process, not the installed executable, which takes the first on the path.
 _START = ('env', '--block-signal=INT', sys.executable, '-c')
 _CODE = "from hoid_common.entry import start; start('{package}.node')"
@@ -51,6 +60,8 @@ def _spec(package: str, options: NodeOptions, folder: Path) -> ProcessSpec:
     if options.params_file is not None:
         arguments += ['--params-file', str(options.params_file)]
     own = {**options.parameters.get(package, {}), 'use_sim_time': options.use_sim_time}
+    if any(leaf.spec.expert and leaf.name in own for leaf in NODE_CONFIGS[package].params()):
+        own[EXPERT] = True
     path = folder / f'{package}.yaml'
     path.write_text(parameter_file(own), encoding='utf-8')
     arguments += ['--params-file', str(path)]
@@ -59,18 +70,12 @@ def _spec(package: str, options: NodeOptions, folder: Path) -> ProcessSpec:
 
 
 def parameter_file(parameters: Mapping[str, Any]) -> str:
-    """Return the text of a ROS parameter file for any node, from dotted names.
-
-    Raises:
-        ConfigError: A list is empty, which such a file cannot say.
-    """
+    """Return the text of a ROS parameter file for any node, from dotted names."""
     tree: dict[str, Any] = {}
     for name, value in parameters.items():
-        if isinstance(value, tuple) and not value:
-            raise ConfigError(f'parameter {name}: an empty list cannot be given to a node')
         *above, leaf = name.split('.')
         branch = tree
         for part in above:
             branch = branch.setdefault(part, {})
-        branch[leaf] = list(value) if isinstance(value, tuple) else value
+        branch[leaf] = list(value or ('',)) if isinstance(value, tuple) else value
     return str(yaml.safe_dump({'/**': {'ros__parameters': tree}}, sort_keys=True))

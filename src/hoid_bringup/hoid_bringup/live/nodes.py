@@ -7,6 +7,7 @@ import re
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from typing import Any
 from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.supervisor import Supervisor, clean_shared_memory
+from hoid_bringup.run.options import add_set_argument, assignments
+from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
 from hoid_common.topics import NAMESPACED_TF
@@ -36,6 +39,7 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         help="camera driver whose topics are taken (default: the suite's own names)",
     )
     parser.add_argument('--filter', metavar='STRATEGY', help='of the filter')
+    add_set_argument(parser)
     parser.add_argument('--detector', metavar='MODEL', help='ONNX file or name of a known model')
     parser.add_argument('--base', metavar='FRAME', help="robot's base frame, on /tf_static")
     some = parser.add_mutually_exclusive_group()
@@ -102,6 +106,8 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
     ):
         if value is not None:
             parameters[node][name] = value
+    for node, given in set_parameters(args.set).items():
+        parameters[node] |= given
     if args.compressed:
         for chosen in parameters.values():
             chosen['input.compressed'] = True
@@ -117,6 +123,16 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
         ),
         parameters=parameters,
     )
+
+
+def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return what `--set` asks for by node, names and values checked.
+
+    Raises:
+        ConfigError: One is no NAME=VALUE, or its name is unknown or its value out of range.
+    """
+    values = assignments(texts)
+    return RunConfig().updated(values).named(values)
 
 
 def _chosen(args: argparse.Namespace) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,7 @@ class ReplayConfig(Config):
     @property
     def uses_truth(self) -> bool:
         """Return whether the bag's exact boxes stand in for a detector."""
-        return self.run.needs_detections and self.run.model == TRUTH
+        return self.run.needs_detections and self.run.detector.model == TRUTH
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -104,10 +103,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         if names.true_detections is None:
             raise InputError(f'{bag.path}: has no exact boxes for "--detector {TRUTH}"')
         remappings.append((topics.DETECTIONS, names.true_detections))
-    changed = config.run.changed()
-    of = {name: _under(changed, name) for name in ('detector', 'filter', 'slam')}
-    room = {name: changed[name] for name in changed if name.startswith(('dense.', 'objects.'))}
-    gate = {name: changed[name] for name in changed if name.startswith('detections.')}
+    of = config.run.changed_of_nodes()
     listening: dict[str, Any] = {'input.compressed': names.is_compressed}
     if config.lockstep and names.is_reliable:
         listening['input.reliability'] = RELIABLE
@@ -115,9 +111,9 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         nodes=config.nodes,
         remappings=tuple((a, b) for a, b in remappings if a != b),
         parameters={
-            DETECTOR: {**of['detector'], 'model': config.run.model, **listening},
-            FILTER: {**of['filter'], **gate, **listening},
-            SLAM: {**of['slam'], **room, **listening, 'map_directory': str(folder)},
+            DETECTOR: {**of[DETECTOR], **listening},
+            FILTER: {**of[FILTER], **listening},
+            SLAM: {**of[SLAM], **listening, 'map_directory': str(folder)},
         },
     )
 
@@ -132,7 +128,9 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     heard = [found.color, found.depth, found.camera_info]
     if config.uses_truth:
         heard.append(found.true_detections)
-    looks = run.dense.enabled or run.objects.enabled  # SLAM alone does not look at images
+    looks = (
+        run.slam.dense.enabled or run.slam.objects.enabled
+    )  # SLAM alone does not look at images
     listeners = len(config.nodes) - (not looks)
     lockstep = ('--lockstep',) if config.lockstep else ()
     return ProcessSpec(
@@ -149,8 +147,3 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
 
 def _is_best_effort(topic: BagTopic) -> bool:
     return topic.qos is not None and topic.qos.reliability == QosReliability.BEST_EFFORT
-
-
-def _under(values: Mapping[str, Any], stage: str) -> dict[str, Any]:
-    prefix = f'{stage}.'
-    return {n.removeprefix(prefix): v for n, v in values.items() if n.startswith(prefix)}

@@ -26,7 +26,7 @@ def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
     """
     if not config.needs_detections:
         return lambda _frame: None
-    if config.model == TRUTH:
+    if config.detector.model == TRUTH:
         exact = sequence.true_detections
         if exact is None:
             raise InputError(
@@ -34,7 +34,7 @@ def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
                 'only bags of "hoid synth" have'
             )
         return lambda frame: exact.get(frame.stamp_ns)
-    detector = OnnxDetector(find_model(config.model or None), config.detector)
+    detector = OnnxDetector(find_model(config.detector.model or None), config.detector)
     if warning := detector.network.provider_warning:
         _LOG.warning('%s', warning)
     return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)

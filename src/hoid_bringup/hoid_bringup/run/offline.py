@@ -54,9 +54,9 @@ class OfflinePipeline:
             sequence.camera,
             config.slam,
             RobotFrames(),
-            fusion_scheduler=FusionScheduler(config.dense.rate_hz if dense else None, None),
+            fusion_scheduler=FusionScheduler(config.slam.dense.rate_hz if dense else None, None),
         )
-        self._scene = SceneMapper(sequence.camera, config.dense, config.objects)
+        self._scene = SceneMapper(sequence.camera, config.slam.dense, config.slam.objects)
         self._features_in = self._features_removed = self._objects_dynamic = 0
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0

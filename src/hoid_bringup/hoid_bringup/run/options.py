@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from hoid_filter.config import STRATEGIES
 
 _SHORTCUTS = {
     **SHORT_NAMES,
-    'detector': 'model',
+    'detector': 'detector.model',
     'min_interaction_area': 'filter.min_interaction_area',
     'depth_limit': 'filter.depth_limit_m',
 }
@@ -45,12 +45,18 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--min-interaction-area', type=float, metavar='A', help='share in [0, 1]')
     parser.add_argument('--depth-limit', type=float, metavar='M', help='m, of the 3-D rule')
     parser.add_argument('--seed', type=int, metavar='N', help='of everything random')
+    add_set_argument(parser)
+
+
+def add_set_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option for any parameter of any node."""
     parser.add_argument(
         '--set',
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='any parameter by its dotted name, such as filter.extraction.num_features=500',
+        help='any parameter, also for experts, by its name or NODE.name, such as '
+        'extraction.num_features=500 or slam.seed=1',
     )
 
 
@@ -95,8 +101,17 @@ def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunCo
         for option, name in _SHORTCUTS.items()
         if getattr(args, option) is not None
     }
-    values.update(_assignment(text) for text in args.set)
+    values |= assignments(args.set)
     return (base or RunConfig()).updated(values)
+
+
+def assignments(texts: Iterable[str]) -> dict[str, Any]:
+    """Return names and values of what `--set` was given.
+
+    Raises:
+        ConfigError: One is not NAME=VALUE.
+    """
+    return dict(_assignment(text) for text in texts)
 
 
 def _assignment(text: str) -> tuple[str, Any]:

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
-from hoid_common.config import Config, param
+from hoid_bringup.run.parameter_names import by_node, full_name
+from hoid_common.config import Config, section
 from hoid_common.errors import ConfigError
-from hoid_detector.config import DetectorConfig
-from hoid_filter.config import ExtractionConfig, FilterConfig
-from hoid_filter.detections.detection_gate import GateConfig
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.config.object_config import ObjectTrackerConfig
-from rgbd_slam.config.slam_config import CameraConfig, SlamConfig
+from hoid_detector.config import DetectorNodeConfig
+from hoid_filter.config import ExtractionConfig
+from hoid_filter.node_config import FilterNodeConfig
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.config.slam_config import CameraConfig
 
 TRUTH = 'truth'
 """As a model: the exact boxes that a rendered bag brings, in place of a detector's."""
 SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
 """What people ask for by a short name, and read of a run whether they changed it or not."""
+_LIVE_ONLY = (
+    'detector.input.', 'detector.niceness', 'detector.autostart', 'filter.input.',
+    'filter.sync_slop_s', 'filter.detections.', 'slam.input.', 'slam.frames.', 'slam.map_',
+    'slam.mode',
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -31,13 +37,9 @@ class RunConfig(Config):
         ConfigError: A value is out of range, or the octaves of filter and SLAM do not agree.
     """
 
-    model: str = param('', f'Detector model file, "{TRUTH}", or empty for the usual places')
-    detector: DetectorConfig = field(default_factory=DetectorConfig)
-    filter: FilterConfig = field(default_factory=FilterConfig)
-    detections: GateConfig = field(default_factory=GateConfig)  # live; offline, all are waited for
-    slam: SlamConfig = field(default_factory=SlamConfig)
-    dense: DenseConfig = field(default_factory=DenseConfig)
-    objects: ObjectTrackerConfig = field(default_factory=ObjectTrackerConfig)
+    detector: DetectorNodeConfig = section(DetectorNodeConfig)  # its model may be `TRUTH`
+    filter: FilterNodeConfig = section(FilterNodeConfig)
+    slam: SlamNodeConfig = section(SlamNodeConfig)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -49,10 +51,37 @@ class RunConfig(Config):
         """Return whether the filter looks at boxes at all."""
         return self.filter.strategy != 'none'
 
+    @property
+    def live_only(self) -> list[str]:
+        """Return the changed parameters that mean nothing offline."""
+        return [name for name in self.changed() if name.startswith(_LIVE_ONLY)]
+
+    def updated(self, values: Mapping[str, Any]) -> Self:
+        """Return a copy with values replaced, under any of the names of `full_name`.
+
+        Raises:
+            ConfigError: A name is unknown or ambiguous, or a value is unusable.
+        """
+        known = [p.name for p in self.params()]
+        return super().updated({full_name(name, known): v for name, v in values.items()})
+
     def changed(self) -> dict[str, Any]:
         """Return the parameters that are not at their defaults, by dotted name."""
         default = {p.name: p.value for p in RunConfig().params()}
         return {p.name: p.value for p in self.params() if p.value != default[p.name]}
+
+    def changed_of_nodes(self) -> dict[str, dict[str, Any]]:
+        """Return them by node and by the name that the node has for each."""
+        return by_node(self.changed())
+
+    def named(self, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+        """Return parameters by node, whether they were changed or not.
+
+        Raises:
+            ConfigError: A name is unknown or ambiguous.
+        """
+        values = {p.name: p.value for p in self.params()}
+        return by_node({full: values[full] for full in (full_name(n, values) for n in names)})
 
     def noted(self) -> dict[str, Any]:
         """Return what a summary says of a run: strategy, seed, and what else was changed."""
@@ -67,12 +96,13 @@ class RunConfig(Config):
 
         What is no parameter, as of a replay or of another version, is left out.
         """
-        known = {p.name for p in cls().params()}
-        named = {SHORT_NAMES.get(name, name): value for name, value in noted.items()}
-        values = {name: value for name, value in named.items() if name in known}
-        return cls().updated(
-            {n: tuple(v) if isinstance(v, list) else v for n, v in values.items()}
-        )
+        values: dict[str, Any] = {}
+        known = [p.name for p in cls().params()]
+        for name, value in noted.items():
+            with suppress(ConfigError):
+                full = full_name(SHORT_NAMES.get(name, name), known)
+                values[full] = tuple(value) if isinstance(value, list) else value
+        return cls().updated(values)
 
 
 def _following(camera: CameraConfig, extraction: ExtractionConfig) -> CameraConfig:

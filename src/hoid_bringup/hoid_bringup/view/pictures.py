@@ -69,7 +69,8 @@ def pictures_command(args: argparse.Namespace) -> None:
     """
     sequence = open_sequence(args.input, chosen_camera(args), args.depth_factor)
     wanted = frame_numbers(args.frames, len(sequence))
-    detect = detection_source(sequence, RunConfig(model=args.detector))  # also for "none"
+    run = RunConfig().updated({'detector.model': args.detector})
+    detect = detection_source(sequence, run)  # also for "none"
     config = FilterConfig(strategy=args.filter)
     scenes = dict(draw_scenes(sequence, wanted, detect, config))
     for path in write_sheets([scenes[n] for n in wanted], wanted, args.filter, args.out):

@@ -43,9 +43,9 @@ def log_images(
 
 def with_exact_boxes(config: RunConfig, sequence: Sequence) -> RunConfig:
     """Return the configuration with a rendered bag's exact boxes, unless a detector is named."""
-    if config.model or sequence.true_detections is None:
+    if config.detector.model or sequence.true_detections is None:
         return config
-    return config.updated({'model': EXACT})
+    return config.updated({'detector.model': EXACT})
 
 
 def _pose_at(poses: Trajectory, stamp_ns: int) -> FloatArray | None:

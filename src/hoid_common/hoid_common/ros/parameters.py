@@ -2,13 +2,16 @@
 
 The node is to be made with `automatically_declare_parameters_from_overrides=True`, which lets a
 misspelt name in a parameter file be noticed.
+
+A parameter for experts is declared only where `expert` is true. An empty list has no type in a
+parameter file and is written as a list of one empty name, `['']`, here and in a dump.
 """
 
 from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -20,7 +23,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from hoid_common.config import Config, Param, did_you_mean
+from hoid_common.config import EXPERT, Config, Param, did_you_mean
 from hoid_common.errors import ConfigError
 
 C = TypeVar('C', bound=Config)
@@ -46,24 +49,21 @@ class Parameters(Generic[C]):
         on_change: Callable[[C], None] | None = None,
         approve: Callable[[C], None] | None = None,
     ) -> None:
-        given = {name: p.value for name, p in node.get_parameters_by_prefix('').items()}
-        names = {leaf.name for leaf in defaults.params()}
-        self._names = names
         self._on_change = on_change
         self._approve = approve
-        self._config = defaults.updated(
-            {name: _from_ros(value) for name, value in given.items() if name in names}
-        )
+        given = _take_overrides(node)
+        leaves = {leaf.name: leaf for leaf in defaults.params()}
+        is_expert = EXPERT not in leaves or given.get(EXPERT, leaves[EXPERT].value) is True
+        self._leaves = {n: leaf for n, leaf in leaves.items() if is_expert or not leaf.spec.expert}
+        self._config = defaults.updated({n: v for n, v in given.items() if n in self._leaves})
         for leaf in self._config.params():
-            if leaf.name in given:
-                node.undeclare_parameter(leaf.name)
-            node.declare_parameter(
-                leaf.name, _to_ros(leaf.value), _descriptor(leaf), ignore_override=True
-            )
-        for name in sorted(given.keys() - names):
-            if not name.startswith(_OF_ROS):
-                meant = did_you_mean(name, names)
-                node.get_logger().warning(f'no parameter is called "{name}": no effect{meant}')
+            if leaf.name in self._leaves:
+                # What was given was judged above; as it came it may be of another type.
+                node.declare_parameter(
+                    leaf.name, _to_ros(leaf.value), _descriptor(leaf), ignore_override=True
+                )
+        _warn(node, given.keys() - self._leaves.keys(), leaves)
+        node.add_pre_set_parameters_callback(self._typed)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
@@ -72,9 +72,21 @@ class Parameters(Generic[C]):
         """Return the config as it is now."""
         return self._config
 
+    def _typed(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Give whole numbers and empty lists the type that is declared."""
+        return [self._retyped(p) for p in parameters]
+
+    def _retyped(self, parameter: Parameter) -> Parameter:
+        leaf, value = self._leaves.get(parameter.name), parameter.value
+        if leaf is not None and isinstance(leaf.value, float) and type(value) is int:
+            return Parameter(parameter.name, Parameter.Type.DOUBLE, float(value))
+        if leaf is not None and isinstance(leaf.value, tuple) and _from_ros(value) == ():
+            return Parameter(parameter.name, Parameter.Type.STRING_ARRAY, _to_ros(()))
+        return parameter
+
     def _updated(self, parameters: Iterable[Parameter]) -> C:
         return self._config.updated(
-            {p.name: _from_ros(p.value) for p in parameters if p.name in self._names}
+            {p.name: _from_ros(p.value) for p in parameters if p.name in self._leaves}
         )
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -94,12 +106,33 @@ class Parameters(Generic[C]):
                 self._on_change(new)
 
 
+def _take_overrides(node: Node) -> dict[str, Any]:
+    """Return what was given to the node, apart from ROS's own, and undeclare it."""
+    given = node.get_parameters_by_prefix('')
+    names = [name for name in given if not name.startswith(_OF_ROS)]
+    for name in names:
+        node.undeclare_parameter(name)
+    return {name: _from_ros(given[name].value) for name in names}
+
+
+def _warn(node: Node, names: Iterable[str], leaves: Mapping[str, Param]) -> None:
+    """Say which given parameters have no effect."""
+    hidden = sorted(name for name in names if name in leaves)
+    if hidden:
+        node.get_logger().warning(
+            f'for experts, without effect unless {EXPERT}:=true is given: {", ".join(hidden)}'
+        )
+    for name in sorted(name for name in names if name not in leaves):
+        meant = did_you_mean(name, leaves)
+        node.get_logger().warning(f'no parameter is called "{name}": no effect{meant}')
+
+
 def _from_ros(value: Any) -> Any:
     return tuple(value) if isinstance(value, list | array) else value
 
 
 def _to_ros(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+    return list(value or ('',)) if isinstance(value, tuple) else value
 
 
 def _descriptor(leaf: Param) -> ParameterDescriptor:
@@ -107,8 +140,6 @@ def _descriptor(leaf: Param) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=spec.description,
         read_only=spec.read_only,
-        # An empty list has no type of its own; the config checks what comes.
-        dynamic_typing=isinstance(leaf.value, tuple),
         additional_constraints=f'one of {", ".join(spec.choices)}' if spec.choices else '',
     )
     if spec.minimum is None and spec.maximum is None:

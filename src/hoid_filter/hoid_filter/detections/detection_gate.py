@@ -26,23 +26,23 @@ class GateConfig(Config):
 
     mode: str = param(
         EXACT,
-        "exact: wait for the image's own detections; latest: never wait, predict boxes",
+        'Whether an image waits for its own detections (exact) or never waits and takes predicted '
+        'boxes (latest). Choose latest when the detector is slower than the camera.',
         choices=(EXACT, LATEST),
         read_only=False,
     )
     wait_s: float = param(
-        0.15, 'exact: longest wait for detections', minimum=0.0, maximum=10.0, read_only=False
-    )
+        0.15, 'Longest time that an image waits for its detections in the mode exact (s).',
+        minimum=0.0, maximum=10.0, read_only=False, expert=True,
+    )  # fmt: skip
     timeout_s: float = param(
-        2.0,
-        'Without detections for this long the detector counts as lost',
-        minimum=0.1,
-        maximum=3600.0,
-        read_only=False,
-    )
+        2.0, 'Without detections for this long, the detector counts as lost (s).',
+        minimum=0.1, maximum=3600.0, read_only=False, expert=True,
+    )  # fmt: skip
     on_loss: str = param(
         UNFILTERED,
-        'When the detector is lost: go on unfiltered, or stop publishing',
+        'Whether to go on unfiltered or to stop publishing when the detector is lost. Choose stop '
+        'where a map with people in it is worse than no odometry.',
         choices=(UNFILTERED, STOP),
         read_only=False,
     )

@@ -19,6 +19,8 @@ from hoid_native.boxes import MAY_BE_HANDLED as ROLE_CANDIDATE
 from hoid_native.boxes import PERSON as ROLE_PERSON
 
 _CLASSES = 256  # of a detector, about
+# Of `descriptor`: side of the window around a key point, and how near in depth a person is.
+_WINDOW_PX, _NEAR_M = 40, 0.3
 # Why a box moves, by its role; what does not move counts as without one.
 _DETECTED = {0: Reason.STATIC, ROLE_PERSON: Reason.PERSON, ROLE_CANDIDATE: Reason.HANDLED}
 _PREDICTED = {0: Reason.STATIC, ROLE_PERSON: Reason.PREDICTED, ROLE_CANDIDATE: Reason.PREDICTED}
@@ -140,10 +142,8 @@ class Descriptor(ImageRule):
 
     def rule(self) -> Rule:
         """Return that a key point of the object has the person in its window."""
-        descriptor = self.config.descriptor
         # At the distance itself they are still near.
-        apart_m = math.nextafter(descriptor.distance_m, math.inf)
-        return Rule(math.inf, apart_m, descriptor.window_px / 2)
+        return Rule(math.inf, math.nextafter(_NEAR_M, math.inf), _WINDOW_PX / 2)
 
 
 def align_detections(view: FilterInput, predictor: BoxPredictor) -> AlignedDetections:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import ClassVar
 
-from hoid_common.config import Config, param
+from hoid_common.config import Config, param, section
 from hoid_common.errors import ConfigError
 
 
@@ -13,27 +14,32 @@ class GridConfig(Config):
     """Projection of the dense map to a grid for navigation."""
 
     resolution_m: float = param(
-        0.05, 'Side of a grid cell (m).', minimum=0.01, maximum=1.0, read_only=False
-    )
+        0.05, 'Side of a grid cell (m).',
+        minimum=0.01, maximum=1.0, read_only=False, expert=True,
+    )  # fmt: skip
     min_height_m: float = param(
-        0.10, 'Points lower than this above the floor are no obstacle (m).', minimum=0.0,
-        read_only=False,
+        0.10, 'Height above the floor below which points are no obstacle (m).',
+        minimum=0.0, read_only=False, expert=True,
     )  # fmt: skip
     max_height_m: float = param(
-        1.80, 'Points higher than this above the floor are no obstacle (m).', minimum=0.05,
+        1.80,
+        'Height above the floor above which points are no obstacle (m). Set it to a little more '
+        'than the height of the robot.',
+        minimum=0.05,
         read_only=False,
-    )  # fmt: skip
+    )
     clear_height_m: float = param(
-        0.8, 'A cell is free when the space over it was seen to be, up to this height (m).',
-        minimum=0.0, maximum=3.0, read_only=False,
+        0.8, 'Height up to which the space over a cell must be seen empty for it to be free (m).',
+        minimum=0.0, maximum=3.0, read_only=False, expert=True,
     )  # fmt: skip
     obstacle_margin_m: float = param(
-        0.0, 'Obstacles reach so much farther than their points, means over voxels (m).',
-        minimum=0.0, maximum=1.0, read_only=False,
+        0.0, 'How much farther than their points, means over voxels, obstacles reach (m).',
+        minimum=0.0, maximum=1.0, read_only=False, expert=True,
     )  # fmt: skip
     min_obstacle_points: int = param(
-        1, 'Voxels in a cell that make it occupied.', minimum=1, read_only=False
-    )
+        1, 'Number of voxels in a cell that make it occupied.',
+        minimum=1, read_only=False, expert=True,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         """Raise ConfigError when nothing could be an obstacle."""
@@ -49,36 +55,42 @@ class GridConfig(Config):
 class DenseConfig(Config):
     """Fusion of depth images into coloured voxels."""
 
-    enabled: bool = param(True, 'Fuse depth images into `cloud_map` and `grid_map`.')
+    enabled: bool = param(
+        default=True,
+        description='Fuses depth images into cloud_map and grid_map, in a process of their own. '
+        'Set it to false to save time and memory where only poses are needed.',
+    )
     rate_hz: float = param(
-        3.0, 'Images fused per second, at most.', minimum=0.1, maximum=30.0, read_only=False
-    )
-    voxel_m: float = param(0.025, 'Side of a voxel (m).', minimum=0.005, maximum=0.5)
-    max_depth_m: float = param(
-        3.5, 'Farther readings are left out: noise grows with depth squared (m).', minimum=0.5
-    )
-    pixel_stride: int = param(
-        2, 'Every n-th pixel and row of the depth image.', minimum=1, maximum=8
-    )
-    mask_margin_px: int = param(
-        16, 'Pixels this near to a dynamic box are left out as well.', minimum=0
-    )
-    carve_margin_m: float = param(
-        0.05, 'Free space ends this far before the measured surface (m).', minimum=0.01
-    )
-    min_views: int = param(3, 'Images that must agree before a voxel is shown.', minimum=1)
-    min_hit_share: float = param(
-        0.5,
-        'Share of the images looking at a voxel that must have measured it.',
-        minimum=0.0,
-        maximum=1.0,
-    )
-    max_voxels: int = param(3_000_000, 'Memory bound; the least seen are dropped.', minimum=1000)
-    max_views: int = param(
-        150, 'Images kept for fusing anew after a loop closure, about 0.6 MB each.', minimum=1
-    )
-    publish_period_s: float = param(
-        2.0, 'Cloud and grid are published at most so often (s).', minimum=0.1, maximum=3600.0,
-        read_only=False,
+        3.0, 'Images that are fused per second, at most (Hz).',
+        minimum=0.1, maximum=30.0, read_only=False, expert=True,
     )  # fmt: skip
-    grid: GridConfig = field(default_factory=GridConfig)
+    voxel_m: float = param(0.025, 'Side of a voxel (m).', minimum=0.005, maximum=0.5, expert=True)
+    max_depth_m: float = param(
+        3.5, 'Depth beyond which readings are left out, as noise grows with its square (m).',
+        minimum=0.5, expert=True,
+    )  # fmt: skip
+    pixel_stride: int = param(
+        2, 'Every n-th pixel and row of the depth image is fused (pixels).',
+        minimum=1, maximum=8, expert=True,
+    )  # fmt: skip
+    min_views: int = param(
+        3, 'Number of images that must agree before a voxel is shown.', minimum=1, expert=True
+    )
+    max_voxels: int = param(
+        3_000_000, 'Largest number of voxels, to bound the memory; the least seen are dropped.',
+        minimum=1000, expert=True,
+    )  # fmt: skip
+    max_views: int = param(
+        150, 'Number of images kept for fusing anew after a loop closure, about 0.6 MB each.',
+        minimum=1, expert=True,
+    )  # fmt: skip
+    publish_period_s: float = param(
+        2.0, 'Shortest time between two clouds or grids that are published (s).',
+        minimum=0.1, maximum=3600.0, read_only=False, expert=True,
+    )  # fmt: skip
+    grid: GridConfig = section(GridConfig)
+
+    mask_margin_px: ClassVar[int] = 16  # this near to a dynamic box, pixels are left out as well
+    carve_margin_m: ClassVar[float] = 0.05  # free space ends this far before the surface
+    # Share of the images looking at a voxel that must have measured it.
+    min_hit_share: ClassVar[float] = 0.5

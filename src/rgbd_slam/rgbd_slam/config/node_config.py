@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from hoid_common.config import Config, param
-from hoid_common.input_config import InputConfig
+from hoid_common.config import Config, param, section
+from hoid_common.input_config import NodeConfig
 from hoid_common.slam_status import SlamMode
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
@@ -16,43 +16,59 @@ from rgbd_slam.config.slam_config import SlamConfig
 class FrameConfig(Config):
     """The frame tree map -> odom -> base (REP 105)."""
 
-    map: str = param('map', 'Name of the map frame')
-    odom: str = param('odom', 'Name of the odometry frame')
+    map: str = param('map', 'Name of the map frame.', expert=True)
+    odom: str = param(
+        'odom',
+        'Name of the odometry frame. Set it to that of the wheels where they send odom -> base.',
+    )
     base: str = param(
         '',
-        "The robot's base, found from the camera's frame on /tf_static; empty: the camera's own "
-        'optical frame takes its place',
+        "Name of the robot's base frame, which is found from the camera's frame on /tf_static; "
+        "empty takes the camera's own optical frame. Set it on every robot, often to base_link.",
     )
     publish_map_to_odom: bool = param(
-        default=True, description='Send map -> odom on /tf', read_only=False
+        default=True,
+        description='Sends map -> odom on /tf; false where another node localises the robot.',
+        read_only=False,
+        expert=True,
     )
     publish_odom_to_base: bool = param(
-        default=True, description='Send odom -> base on /tf', read_only=False
+        default=True,
+        description='Sends odom -> base on /tf. Set it to false where the wheels or a filter of '
+        'poses send it already.',
+        read_only=False,
     )
     planar: bool = param(
-        default=False, description='The base moves on a plane: no height, no roll, no pitch'
+        default=False,
+        description='Keeps the base on a plane: no height, no roll, no pitch. Set it for a robot '
+        'on wheels on a level floor.',
     )
 
 
 @dataclass(frozen=True)
-class SlamNodeConfig(SlamConfig):
+class SlamNodeConfig(NodeConfig, SlamConfig):
     """All parameters of the node; those of the core keep their names."""
 
     map_directory: str = param(
-        '~/.ros/hoid', 'Folder of the files that services read and write; none lie outside'
+        '~/.ros/hoid',
+        'Folder of the files that services read and write; none lie outside. Set it to keep maps '
+        'elsewhere.',
     )
     map_file: str = param(
-        '', 'Map in that folder to start with, saved before by save_map; empty: an empty map'
+        '',
+        'Map in that folder to start with, saved before by save_map; empty starts an empty map. '
+        'Set it to go on in a known place.',
     )
     mode: str = param(
-        SlamMode.MAPPING.name.lower(), 'To start in: localization needs a map_file',
+        SlamMode.MAPPING.name.lower(),
+        'Whether to extend the map (mapping) or only to look for poses in that of map_file '
+        '(localization). Choose the latter once the map is good.',
         choices=tuple(mode.name.lower() for mode in SlamMode),
-    )  # fmt: skip
+    )
     map_period_s: float = param(
-        1.0, 'Map, path and keyframes are published at most so often', minimum=0.05,
-        maximum=3600.0, read_only=False,
+        1.0, 'Shortest time between two maps, paths and keyframes that are published (s).',
+        minimum=0.05, maximum=3600.0, read_only=False, expert=True,
     )  # fmt: skip
-    frames: FrameConfig = field(default_factory=FrameConfig)
-    input: InputConfig = field(default_factory=InputConfig)
-    dense: DenseConfig = field(default_factory=DenseConfig)
-    objects: ObjectTrackerConfig = field(default_factory=ObjectTrackerConfig)
+    frames: FrameConfig = section(FrameConfig)
+    dense: DenseConfig = section(DenseConfig)
+    objects: ObjectTrackerConfig = section(ObjectTrackerConfig)

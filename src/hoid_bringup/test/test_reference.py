@@ -1,0 +1,83 @@
+"""What users read about parameters: complete sentences, and a page that is current."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hoid_bringup.live.node_specs import NODE_CONFIGS
+from hoid_bringup.reference import parameter_reference
+from hoid_bringup.run.run_config import RunConfig
+from hoid_common.config import Param
+
+PAGE = Path(__file__).parents[3] / 'docs' / 'reference' / 'parameters.md'
+MOST_OF_A_USER = 12
+UNIT = re.compile(
+    r'\((s|m|m/s|Hz|pixels|degrees|degrees/s|bits|grey levels)\)|\bshare\b|\bnumber\b',
+    re.IGNORECASE,
+)
+LEAVES = [
+    pytest.param(leaf, id=f'{node}-{leaf.name}')
+    for node, config in NODE_CONFIGS.items()
+    for leaf in config.params()
+]
+
+
+def test_the_page_is_what_make_reference_writes() -> None:
+    assert PAGE.read_text() == parameter_reference(), 'run "make reference"'
+
+
+def test_the_page_names_every_parameter_of_every_node() -> None:
+    sections = dict(text.split('\n', 1) for text in parameter_reference().split('\n## ')[1:])
+    assert list(sections) == list(NODE_CONFIGS)
+    for node, config in NODE_CONFIGS.items():
+        users, experts = sections[node].split('### For experts')
+        for leaf in config.params():
+            assert f'| `{leaf.name}` |' in (experts if leaf.spec.expert else users)
+
+
+@pytest.mark.parametrize('node', NODE_CONFIGS)
+def test_a_user_sees_few_parameters(node: str) -> None:
+    users = [leaf.name for leaf in NODE_CONFIGS[node].params() if not leaf.spec.expert]
+    assert 'expert' in users
+    assert len(users) <= MOST_OF_A_USER, users
+
+
+@pytest.mark.parametrize('leaf', LEAVES)
+def test_a_description_is_of_sentences_with_the_unit(leaf: Param) -> None:
+    said, value = leaf.spec.description, leaf.value
+    sentences = re.findall(r'[A-Z][^.]*(?:\.{3}[^.]*|\.\w[^.]*)*\.(?= |$)', said)
+    assert ' '.join(sentences) == said
+    assert all(len(sentence.split()) >= 3 for sentence in sentences)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        assert UNIT.search(said), said
+    if not leaf.spec.expert:
+        assert len(sentences) >= 2, 'what it does, and when to change it'
+
+
+def test_every_parameter_is_described_once() -> None:
+    said = [leaf.spec.description for c in NODE_CONFIGS.values() for leaf in c.params()]
+    shared = {'input', 'expert', 'alignment'}  # sections that several have
+    own = [
+        leaf.spec.description
+        for config in NODE_CONFIGS.values()
+        for leaf in config.params()
+        if not shared & set(leaf.name.split('.'))
+    ]
+    assert len(own) < len(said)
+    assert {text for text in own if own.count(text) > 1} <= {
+        # of tracking, of places and of triangulation, which match for themselves
+        'Largest ratio of the best to the second best distance of a match, a share.',
+    }
+
+
+def test_runs_have_the_parameters_of_the_nodes_by_the_same_names() -> None:
+    names = {leaf.name for leaf in RunConfig().params()}
+    stages = ('detector', 'filter', 'slam')
+    assert names == {
+        f'{stage}.{leaf.name}'
+        for stage, config in zip(stages, NODE_CONFIGS.values(), strict=True)
+        for leaf in config.params()
+    }
