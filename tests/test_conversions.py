@@ -91,7 +91,7 @@ def test_camera_round_trip(distortion: tuple[float, ...]) -> None:
     ],
 )
 def test_cameras_that_cannot_be_used_are_refused(change: dict[str, Any], said: str) -> None:
-    good = conversions.camera_to_msg(CameraModel(640, 480, 1, 1, 0, 0, (0.1,) * 5), HEADER)
+    good = conversions.camera_to_msg(CameraModel(640, 480, 500, 500, 0, 0, (0.1,) * 5), HEADER)
     fields = {name: getattr(good, name) for name in good.get_fields_and_field_types()}
     with pytest.raises(MessageError, match=said):
         conversions.camera_from_msg(CameraInfo(**(fields | change)))

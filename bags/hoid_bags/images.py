@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import InputError
+from hoid_common.io.image_size import image_size_px
 from hoid_common.io.untrusted import read_bytes
-from hoid_common.values import ByteArray, CameraModel, Float32Array
+from hoid_common.values import MAX_PIXELS, ByteArray, CameraModel, Float32Array
 
 DepthUnits = NDArray[np.uint16]
 
@@ -97,9 +98,12 @@ def depth_m_from_units(depth: DepthUnits, units_per_m: float) -> Float32Array:
 
 def _decode(data: bytes, flags: int, name: object) -> NDArray[Any]:
     check_whole(data, name)
+    size = image_size_px(data)
+    if size is not None and size[0] * size[1] > MAX_PIXELS:
+        raise InputError(f'{name}: says to be {size[0]}x{size[1]} px, more than any camera gives')
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:  # such as of more pixels than OpenCV takes
+        image = None if size is None else cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
         image = None
     if image is None:
         raise InputError(f'{name}: not an image that can be decoded')

@@ -51,9 +51,9 @@ def test_camera_info_yaml(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('old', 'new', 'said'),
     [
-        ('500.5', '0', 'focal lengths must be positive, got fx=0.0'),
-        ('501.5', '-1', 'focal lengths must be positive'),
-        ('501.5', '.nan', 'focal lengths must be positive'),
+        ('500.5', '0', 'focal lengths must be in [32, 64000] px at 640x480, got fx=0.0'),
+        ('501.5', '-1', 'focal lengths must be in'),
+        ('501.5', '.nan', 'focal lengths must be in'),
         ('camera_matrix', 'matrix', 'camera_matrix.data is missing'),
         ('[500.5, 0, 320.1, ', '[', 'camera_matrix.data has 6 numbers, expected 9'),
         ('[500.5', '["x"', 'camera_matrix.data is missing or not a list of numbers'),

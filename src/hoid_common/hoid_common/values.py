@@ -31,7 +31,14 @@ PERSON = 'person'
 DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')
 """Names in ROS of the lens models whose coefficients OpenCV takes: up to five, and eight."""
 
+MAX_PIXELS = 7680 * 4320
+"""Of an image: 8K, four times what any camera here gives; 100 MB as BGR."""
+MAX_NAME_LENGTH = 100
+"""Of a class, in characters."""
+
 _LENS_TERMS = 8
+_MAX_LENS_TERM = 1e4
+_FOCAL_PER_SIDE = (0.05, 100.0)  # of the longer side: views of 169 and of 0.6 degrees
 
 
 @dataclass(frozen=True)
@@ -52,15 +59,25 @@ class CameraModel:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (np.isfinite([self.fx_px, self.fy_px]).all() and min(self.fx_px, self.fy_px) > 0):
+        width, height, focal = self.width_px, self.height_px, (self.fx_px, self.fy_px)
+        if min(width, height) <= 0 or width * height > MAX_PIXELS:
             raise ConfigError(
-                f'camera focal lengths must be positive, got fx={self.fx_px} fy={self.fy_px}'
+                f'camera size must be positive and at most {MAX_PIXELS} px, got {width}x{height}'
             )
-        if min(self.width_px, self.height_px) <= 0:
+        least, most = (ratio * max(width, height) for ratio in _FOCAL_PER_SIDE)
+        if not all(least <= length <= most for length in focal):  # also refuses NaN
             raise ConfigError(
-                f'camera size must be positive, got {self.width_px}x{self.height_px}'
+                f'camera focal lengths must be in [{least:g}, {most:g}] px at {width}x{height}, '
+                f'got fx={self.fx_px} fy={self.fy_px}'
             )
-        if not np.isfinite(self.distortion).all() or any(self.distortion[_LENS_TERMS:]):
+        if not (-width <= self.cx_px <= 2 * width and -height <= self.cy_px <= 2 * height):
+            raise ConfigError(
+                f'camera centre must be near the image of {width}x{height} px, '
+                f'got cx={self.cx_px} cy={self.cy_px}'
+            )
+        if not (np.abs(self.distortion) <= _MAX_LENS_TERM).all() or any(
+            self.distortion[_LENS_TERMS:]
+        ):
             raise ConfigError(
                 f'camera distortion must be up to {_LENS_TERMS} numbers, k1 k2 p1 p2 k3 k4 k5 k6, '
                 f'got {list(self.distortion)}'
@@ -146,6 +163,10 @@ class Detections:
             raise MessageError(
                 f'detections: {n} classes, boxes {self.boxes_xyxy_px.shape}, '
                 f'scores {self.scores.shape} disagree'
+            )
+        if (length := max(map(len, self.class_names), default=0)) > MAX_NAME_LENGTH:
+            raise MessageError(
+                f'detections: a class name has {length} characters, more than {MAX_NAME_LENGTH}'
             )
 
     def __len__(self) -> int:

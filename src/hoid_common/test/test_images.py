@@ -166,11 +166,12 @@ def png_said_to_be_of(side_px: int, pixels: NDArray[Any]) -> bytes:
     return png[:12] + header + struct.pack('>I', zlib.crc32(header)) + png[33:]
 
 
-def test_more_pixels_than_opencv_takes_are_named() -> None:
-    with pytest.raises(MessageError, match=r'^compressed colour image .* cannot be decoded: .+$'):
+def test_more_pixels_than_any_camera_gives_are_named() -> None:
+    said = 'says to be 60000x60000 px, more than 33 megapixels$'
+    with pytest.raises(MessageError, match=rf'^compressed colour image .* {said}'):
         images.decode_compressed_color(png_said_to_be_of(60_000, COLOR))
     depth = bytes(12) + png_said_to_be_of(60_000, np.ones((2, 2), np.uint16))
-    with pytest.raises(MessageError, match=r'^compressed depth .* cannot be decoded: .+$'):
+    with pytest.raises(MessageError, match=rf'^compressed depth .* {said}'):
         images.decode_compressed_depth(images.COMPRESSED_DEPTH_FORMAT, depth)
 
 

@@ -1,4 +1,5 @@
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -56,17 +57,36 @@ def test_no_distortion_costs_nothing() -> None:
     assert camera().undistort_px(uv) is uv
 
 
-@pytest.mark.parametrize('bad', [{'fx_px': 0.0}, {'fy_px': float('nan')}, {'width_px': 0}])
+@pytest.mark.parametrize(
+    'bad',
+    [
+        {'fx_px': 0.0},
+        {'fx_px': 1e-300},
+        {'fy_px': 1e5},
+        {'fy_px': float('nan')},
+        {'cx_px': float('inf')},
+        {'cy_px': -1000.0},
+        {'width_px': 0},
+        {'width_px': 100_000, 'height_px': 100_000},
+        {'height_px': 2**31 - 1},
+        {'distortion': (1e20,)},
+    ],
+)
 def test_cameras_that_cannot_be_are_refused(bad: dict[str, Any]) -> None:
-    fields = {'width_px': 640, 'height_px': 480, 'fx_px': 1.0, 'fy_px': 1.0}
-    with pytest.raises(ConfigError, match='must be positive'):
-        CameraModel(**(fields | bad), cx_px=0.0, cy_px=0.0)
+    with pytest.raises(ConfigError, match=r'camera .* must be .*, got'):
+        replace(camera(DISTORTION), **bad)
 
 
 @pytest.mark.parametrize('bad', [(0.1,) * 12, (float('nan'),)])
 def test_lenses_that_are_not_known_are_refused(bad: tuple[float, ...]) -> None:
     with pytest.raises(ConfigError, match='distortion must be up to 8 numbers'):
         camera(bad)
+
+
+def test_class_names_are_bounded() -> None:
+    detections([[0, 0, 1, 1]], [0.5], ['x' * 100])
+    with pytest.raises(MessageError, match='a class name has 101 characters, more than 100'):
+        detections([[0, 0, 1, 1]], [0.5], ['x' * 101])
 
 
 def test_what_a_lens_does_not_have_may_be_left_out_or_zero() -> None:

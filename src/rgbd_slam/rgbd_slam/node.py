@@ -12,6 +12,7 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from hoid_common import topics
+from hoid_common.camera_agreement import CameraAgreement
 from hoid_common.errors import ConfigError, InputError, MapFileError
 from hoid_common.ros import conversions
 from hoid_common.ros.diagnostics import Diagnostics
@@ -46,12 +47,14 @@ class RgbdSlamNode(Node):
         self._settings = Parameters(self, SlamNodeConfig(), self._reconfigure)
         self._config = self._settings.config
         self._diagnostics = Diagnostics(self)
+        self._cameras = CameraAgreement()
         self._camera_info: CameraInfo | None = None  # the latest
         self._session: SlamSession | None = None
         self._static = StaticFrameListener(self, self._diagnostics)
         self._outputs = SlamOutputs(self, self._config.frames)
         self._scene = SceneLink(self, self._config, self._diagnostics)
         self._first_map = self._read_first_map()
+        self._is_reset = False  # which forgets that map
         responder = Responder(self, self._diagnostics)
         SlamServices(responder, self._known_session, self._reset)
         self._map_services = MapServices(
@@ -82,14 +85,27 @@ class RgbdSlamNode(Node):
     def _on_camera(self, msg: CameraInfo) -> None:
         camera = conversions.camera_from_msg(msg)
         self._camera_info = msg
-        if self._session is None:
+        is_taken = self._cameras.offer(camera)
+        self._say_camera()
+        if is_taken and self._session is not None:
+            self._session.close()
+            self._session = None
+            self._scene.clear()
+            self._first_map = None if self._is_reset else self._read_first_map()
+        if self._session is None and camera == self._cameras.camera:
             self._session = self._start(camera, msg.header)
-        elif camera != self._session.camera:
-            self._diagnostics.set_problem(
-                'camera', 'the camera changed and its images do not fit the map; call ~/reset'
-            )
+
+    def _say_camera(self) -> None:
+        if self._cameras.complaint:
+            self._diagnostics.set_problem('camera', self._cameras.complaint)
+        else:
+            self._diagnostics.clear_problem('camera')
 
     def _on_features(self, msg: Features) -> None:
+        try:
+            self._cameras.check_image((msg.image_width, msg.image_height))
+        finally:
+            self._say_camera()
         if self._session is None:
             self._diagnostics.count('features before camera and base were known')
             return
@@ -157,7 +173,7 @@ class RgbdSlamNode(Node):
         return None
 
     def _load_first_map(self, session: SlamSession, content: MapFile) -> None:
-        self._first_map = None  # a reset forgets it
+        self._first_map = None
         try:
             loaded = session.load(content)
         except MapFileError as error:
@@ -168,9 +184,10 @@ class RgbdSlamNode(Node):
     def _reset(self) -> None:
         if self._session is not None:
             self._session.close()
-        self._session = None
+        self._session = self._first_map = None
+        self._is_reset = True
         self._scene.clear()
-        self._diagnostics.clear_problem('camera')
+        self._cameras = CameraAgreement()
         if self._camera_info is not None:
             self._on_camera(self._camera_info)
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import MessageError
+from hoid_common.io.image_size import check_image_size
 from hoid_common.values import ByteArray, Float32Array
 
 Buffer: TypeAlias = 'bytes | bytearray | memoryview | array[int] | ByteArray'
@@ -195,8 +196,9 @@ def _metres(depth: NDArray[Any]) -> Float32Array:
 
 def _imdecode(data: Buffer, flags: int, what: str) -> NDArray[Any]:
     raw = np.frombuffer(data, np.uint8)
+    check_image_size(raw.data, what)
     try:
-        pixels = cv2.imdecode(raw, flags) if len(raw) else None
+        pixels = cv2.imdecode(raw, flags)
     except cv2.error as error:  # such as of more pixels than OpenCV takes
         reason = ' '.join(error.err.split())
         raise MessageError(f'{what} of {len(raw)} bytes cannot be decoded: {reason}') from error

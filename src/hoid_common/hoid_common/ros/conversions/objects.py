@@ -7,7 +7,7 @@ from hoid_msgs.msg import DynamicObjectArray
 from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
-from hoid_common.values import DynamicObject, Reason
+from hoid_common.values import MAX_NAME_LENGTH, DynamicObject, Reason
 
 
 def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ...]:
@@ -30,6 +30,11 @@ def dynamic_objects_to_msg(
 def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
     if msg.reason not in {reason.value for reason in Reason}:
         raise MessageError(f'dynamic_objects.reason is {msg.reason}; see hoid_msgs/DynamicObject')
+    if len(msg.class_name) > MAX_NAME_LENGTH:
+        raise MessageError(
+            f'dynamic_objects: a class name has {len(msg.class_name)} characters, '
+            f'more than {MAX_NAME_LENGTH}'
+        )
     x, y, z = (float(value) for value in msg.center_camera_m)
     width, height = (float(value) for value in msg.size_m)
     return DynamicObject(
