@@ -16,6 +16,7 @@ from rgbd_slam.loops.loop_closing import LoopCloser, LoopCounts
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.map_change import MapChange
 from rgbd_slam.model.map_state import MapState, restore
 from rgbd_slam.model.points import PointCounts
 from rgbd_slam.optimize.local_bundle_adjustment import local_bundle_adjustment
@@ -94,6 +95,11 @@ class Mapper:
                 self.map, self._configured_camera, self._config, background=self._background
             )
         return int(restore(self.map, state, self._configured_camera, keep=keep)[0])
+
+    def resume(self, whole: MapChange, loops: LoopCounts) -> None:
+        """Go on, from an empty map, with all that a mapper before this one has left."""
+        self.map.apply(whole)
+        self.loops = loops
 
     def poll(self) -> bool:
         """Lay what the background has finished over the map; return whether there was any."""

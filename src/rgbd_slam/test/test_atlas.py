@@ -1,12 +1,18 @@
 """The map keeps observations, counts, covisibility and copies consistent."""
 
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from hoid_common.values import IntArray
+from rgbd_slam.model import atlas as atlas_module
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable
+from rgbd_slam.model.points import PointTable
 
 
 def make_frame(n: int, stamp_ns: int = 0) -> Frame:
@@ -134,3 +140,25 @@ def test_scale_range_and_direction() -> None:
     assert atlas.points.max_distance_m[j[0]] == pytest.approx(3 * 1.2**2)
     assert atlas.points.min_distance_m[j[0]] == pytest.approx(3 * 1.2**2 / 1.2**7)
     np.testing.assert_allclose(atlas.points.view_direction[j[0]], [0, 0, 1])
+
+
+def test_nothing_but_the_atlas_writes_the_columns_of_its_tables() -> None:
+    package = Path(atlas_module.__file__).parents[1]
+    columns = {*KeyframeTable.columns, *PointTable.columns}
+    writers = {
+        path.name
+        for path in package.rglob('*.py')
+        for node in ast.walk(ast.parse(path.read_text()))
+        for target in written(node)
+        if target.attr in columns
+    }
+    assert writers == {'atlas.py', 'keyframes.py', 'soa_table.py'}
+
+
+def written(node: ast.AST) -> Iterator[ast.Attribute]:
+    """Yield what a statement assigns to in part: `x.name` of `x.name[...] = y`."""
+    targets = node.targets if isinstance(node, ast.Assign) else []
+    targets = [node.target] if isinstance(node, ast.AugAssign) else targets
+    for target in targets:
+        if isinstance(target, ast.Subscript) and isinstance(target.value, ast.Attribute):
+            yield target.value

@@ -101,8 +101,7 @@ def _do(mapper: Mapper, request: Request) -> int | None:
         case Settle(limit_s):
             mapper.settle(limit_s)
         case Resume(whole, loops):
-            mapper.map.apply(whole)
-            mapper.loops = loops
+            mapper.resume(whole, loops)
         case Load(state, keep):
             return mapper.load(state, keep=keep)
         case Start(frame, T_map_camera, map_id):
