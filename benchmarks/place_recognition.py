@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from bag_of_words import BagIndex, Vocabulary
 from hoid_bags.sequence import open_sequence
-from hoid_common.values import BoolArray, ByteArray, FloatArray
+from hoid_common.values import S_PER_NS, BoolArray, ByteArray, FloatArray
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.extraction.extractor import OrbExtractor
 from rgbd_slam.config.place_config import IndexConfig
@@ -79,7 +79,7 @@ def keyframes_of(path: Path) -> Keyframes:
         gray = np.asarray(cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
         features = extractor.extract(gray, frame.depth_m, None, frame.stamp_ns)
         descriptors.append(features.descriptors[features.depth_m > 0])
-        stamp_s.append(1e-9 * frame.stamp_ns)
+        stamp_s.append(S_PER_NS * frame.stamp_ns)
         nearest = np.argmin(np.abs(truth.stamps_ns - frame.stamp_ns))
         poses.append(truth.T_world_camera[nearest])
     return Keyframes(descriptors, np.array(stamp_s), np.array(poses))

@@ -15,7 +15,7 @@ from hoid_benchmarks.plan.sequences import Store
 from hoid_bringup.run.offline import OfflinePipeline
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import InputError
-from hoid_common.values import Detections, RgbdFrame
+from hoid_common.values import S_PER_NS, Detections, RgbdFrame
 from hoid_detector.model.model_path import find_model
 from hoid_detector.onnx_detector import OnnxDetector
 from hoid_filter.config import FilterConfig
@@ -103,7 +103,7 @@ def _crowd(frame: RgbdFrame) -> Detections:
     """Return as many boxes as the bar asks for: a few people and small objects, all moving."""
     rng = np.random.default_rng(0)
     size = rng.uniform(20, 90, (_BOXES, 2))
-    phase = rng.uniform(0, 2 * np.pi, (_BOXES, 2)) + frame.stamp_ns * 1e-9
+    phase = rng.uniform(0, 2 * np.pi, (_BOXES, 2)) + frame.stamp_ns * S_PER_NS
     corner = (0.5 + 0.5 * np.sin(phase)) * (500, 380)
     names = tuple('person' if i % 5 == 0 else 'cup' for i in range(_BOXES))
     boxes = np.concatenate([corner, corner + size], 1).astype(np.float32)

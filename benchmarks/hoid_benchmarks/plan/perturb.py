@@ -13,6 +13,7 @@ from hoid_benchmarks.plan.rearranged import Arrangement, RearrangedSequence
 from hoid_bringup.run.detection_source import DetectionSource
 from hoid_common.values import (
     PERSON,
+    S_PER_NS,
     ByteArray,
     CameraModel,
     Detections,
@@ -118,7 +119,7 @@ def _rearranged(recording: Sequence, perturbation: Perturbation, seed: int) -> S
 def cover_columns(width_px: int, share: float, stamp_ns: int) -> tuple[int, int]:
     """Return the columns that the moving cover hides at a time."""
     wide = round(width_px * share)
-    swing = 0.5 + 0.5 * np.sin(2 * np.pi * (stamp_ns * 1e-9) / _COVER_PERIOD_S)
+    swing = 0.5 + 0.5 * np.sin(2 * np.pi * (stamp_ns * S_PER_NS) / _COVER_PERIOD_S)
     left = round((width_px - wide) * swing)
     return left, left + wide
 
@@ -158,7 +159,7 @@ class _Clock:
         self.num_asked = 0
 
     def is_due(self, stamp_ns: int, rate_hz: float) -> bool:
-        due = rate_hz <= 0 or (stamp_ns - self._last_ns) * 1e-9 > 0.999 / rate_hz
+        due = rate_hz <= 0 or (stamp_ns - self._last_ns) * S_PER_NS > 0.999 / rate_hz
         if due:
             self._last_ns = stamp_ns
         return due

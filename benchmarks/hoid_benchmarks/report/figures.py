@@ -14,7 +14,7 @@ from hoid_benchmarks.plan.plan import Experiment
 from hoid_benchmarks.report.views import setting_of
 from hoid_bringup.evaluate.evaluation import AlignedTrajectory, align
 from hoid_common.io.trajectory_io import read_tum
-from hoid_common.values import FloatArray, IntArray
+from hoid_common.values import S_PER_NS, FloatArray, IntArray
 
 Plot = dict[str, Any]  # a plotly figure: data and layout
 _VALUES = {
@@ -151,7 +151,7 @@ def _trajectory_plots(sequence: str, runs: Sequence[Result], folder: Path) -> li
 
 def _over_time(name: str, since_ns: IntArray, values: NDArray[np.generic]) -> Plot:
     keep = slice(None, None, _step(len(values)))
-    return _line(name, _floats(since_ns[keep] * 1e-9), _floats(values[keep]), mode='lines')
+    return _line(name, _floats(since_ns[keep] * S_PER_NS), _floats(values[keep]), mode='lines')
 
 
 def _widest_plane(aligned: AlignedTrajectory) -> tuple[int, int]:

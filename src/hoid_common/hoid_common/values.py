@@ -26,6 +26,7 @@ BoolArray = NDArray[np.bool_]
 
 NAN = float('nan')
 NS_PER_S = 1_000_000_000
+S_PER_NS = 1e-9
 DESCRIPTOR_BYTES = 32
 PERSON = 'person'
 DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray, Trajectory
+from hoid_common.values import NS_PER_S, FloatArray, Trajectory
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 
 T_BODY_OPTICAL: FloatArray = np.array(
@@ -19,7 +19,6 @@ T_BODY_OPTICAL: FloatArray = np.array(
 )
 """Optical (x right, y down, z forward) to body (x forward, y left, z up), REP 103."""
 
-_NS = 1e9
 _MAX_TWIST_GAP_S = 0.5  # over a longer silence, the mean motion says little of the velocity
 
 
@@ -93,7 +92,7 @@ class RobotFrames:
     def _twist(self, stamp_ns: int, T_odom_base: FloatArray) -> FloatArray:
         if self._last is None:
             return np.zeros(6)
-        elapsed_s = (stamp_ns - self._last[0]) / _NS
+        elapsed_s = (stamp_ns - self._last[0]) / NS_PER_S
         if not 0 < elapsed_s <= _MAX_TWIST_GAP_S:
             return np.zeros(6)
         return se3.log(se3.inverse(self._last[1]) @ T_odom_base) / elapsed_s

@@ -8,7 +8,7 @@ from itertools import count
 
 import numpy as np
 
-from hoid_common.values import PERSON, BoolArray, Detections, FloatArray
+from hoid_common.values import PERSON, S_PER_NS, BoolArray, Detections, FloatArray
 from hoid_filter.detections.overlap import areas_px2, clip_boxes
 from hoid_filter.detections.prediction import match_greedily
 from hoid_native import intersections_over_union
@@ -22,7 +22,6 @@ _VELOCITY_GAIN = 0.3  # of the alpha-beta filter: detected boxes jump by some pi
 _MIN_VISIBLE = 0.15  # share of a box inside the image, else it has left
 _KNOWN_HITS = 3  # a thing seen less often ...
 _UNKNOWN_COAST_SHARE = 0.3  # ... is believed for less long when it is missed
-_NS = 1e-9
 
 
 @dataclass
@@ -62,7 +61,7 @@ class BoxTrack:
         self, box: list[float], expected: list[float], class_name: str, score: float, stamp_ns: int
     ) -> None:
         """Take in a detection of a thing whose box was expected elsewhere."""
-        step_s = (stamp_ns - self.seen_ns) * _NS
+        step_s = (stamp_ns - self.seen_ns) * S_PER_NS
         if step_s > 0:
             off_px = [new - old for new, old in zip(box, expected, strict=True)]
             moved_px = (off_px[0] + off_px[2]) / 2, (off_px[1] + off_px[3]) / 2
@@ -177,14 +176,14 @@ class BoxTracker:
 
 
 def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
-    return (stamp_ns - track.seen_ns) * _NS
+    return (stamp_ns - track.seen_ns) * S_PER_NS
 
 
 def boxes_at(tracks: list[BoxTrack], stamp_ns: int) -> FloatArray:
     """Return the (T, 4) boxes expected at a stamp: where they were seen, moved on since."""
     seen = np.array([track.box_xyxy_px for track in tracks]).reshape(-1, 4)
     velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 2)
-    since_s = np.array([stamp_ns - track.seen_ns for track in tracks]) * _NS
+    since_s = np.array([stamp_ns - track.seen_ns for track in tracks]) * S_PER_NS
     boxes: FloatArray = seen + np.tile(velocity_px_s * since_s[:, None], 2)
     boxes[:, 2:] = np.maximum(boxes[:, 2:], boxes[:, :2] + 1.0)
     return boxes

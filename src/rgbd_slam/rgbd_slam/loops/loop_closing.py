@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray
+from hoid_common.values import S_PER_NS, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.fusing import fuse
 from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
@@ -45,7 +45,7 @@ class Join(NamedTuple):
     T_place_camera: FloatArray  # (4, 4)
 
     def __str__(self) -> str:
-        ago_s = 1e-9 * (self.stamp_ns - self.place_stamp_ns)
+        ago_s = S_PER_NS * (self.stamp_ns - self.place_stamp_ns)
         return f'{self.event.value}: a place seen {ago_s:.1f} s before'
 
 

@@ -6,14 +6,14 @@ import numpy as np
 
 from hoid_common.errors import MapFileError
 from hoid_common.io.record import Array
-from hoid_common.values import CameraModel, FloatArray
+from hoid_common.values import NS_PER_S, CameraModel, FloatArray
 from rgbd_slam.model.map_state import NONE, MapState
 from rgbd_slam.scene.dense_state import DenseState
 
 _MOST_M = 1e5  # from the origin
 _MOST_INTRINSICS = 18
 _MOST_IMAGES = 2.0  # that undistortion may move a pixel
-_MOST_STAMP_NS = 2**31 * 10**9  # of ROS: seconds in 32 bits
+_MOST_STAMP_NS = 2**31 * NS_PER_S  # of ROS: seconds in 32 bits
 _MOST_COUNT = 2**40
 _ORTHONORMAL = 1e-6
 _NEAREST_M = 1e-3

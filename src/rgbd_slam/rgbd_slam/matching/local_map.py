@@ -11,9 +11,8 @@ from rgbd_slam.matching.matching import Queries
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.projection import project, to_camera
+from rgbd_slam.model.projection import MIN_DEPTH_M, project, to_camera
 
-_MIN_DEPTH_M = 0.05
 _RANGE_MARGIN = 1.2  # one octave on either side of the scale range
 _MIN_VIEW_COSINE = 0.5
 _FRONTAL_COSINE = 0.998
@@ -108,7 +107,7 @@ def visible_points(
 def _in_front(
     points: IntArray, x: FloatArray, position: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    front = x[2] > _MIN_DEPTH_M
+    front = x[2] > MIN_DEPTH_M
     return points[front], x[:, front], position[front]
 
 

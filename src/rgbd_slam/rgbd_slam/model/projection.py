@@ -10,6 +10,8 @@ import numpy as np
 from hoid_common.values import FloatArray
 from rgbd_slam.model.frame import StereoCamera
 
+MIN_DEPTH_M = 0.05  # nearer points are not projected; the kernels' limit as well
+
 
 def to_camera(T_camera_map: FloatArray, points_m: FloatArray) -> FloatArray:
     """Return (3, N) points of the map's frame in the camera's."""

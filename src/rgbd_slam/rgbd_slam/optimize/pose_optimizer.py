@@ -14,7 +14,6 @@ from rgbd_slam.model.frame import StereoCamera
 CHI2_MONO = 5.991  # 95 % quantiles of 2 and 3 degrees of freedom
 CHI2_STEREO = 7.815
 GATES = hoid_native.Gates(CHI2_MONO, CHI2_STEREO)
-MIN_DEPTH_M = 0.05
 
 
 class PoseEstimate(NamedTuple):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from rclpy.timer import Timer
 
-_NS = 1e9
+from hoid_common.values import NS_PER_S
 
 
 def set_period(timer: Timer, period_s: float) -> None:
     """Give a timer another period, counted from now: a long one must not have to end first."""
-    period_ns = round(period_s * _NS)
+    period_ns = round(period_s * NS_PER_S)
     if timer.timer_period_ns != period_ns:
         timer.timer_period_ns = period_ns
         timer.reset()

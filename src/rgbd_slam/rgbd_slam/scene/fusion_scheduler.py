@@ -6,10 +6,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from hoid_common.sync import RESTART_NS
-from hoid_common.values import FloatArray
+from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 
-_NS = 1_000_000_000
 _EARLY_NS = 5_000_000  # stamps jitter
 
 
@@ -27,7 +26,7 @@ class Rate:
     """Picks stamps at a rate."""
 
     def __init__(self, rate_hz: float) -> None:
-        self._period_ns = round(_NS / rate_hz)
+        self._period_ns = round(NS_PER_S / rate_hz)
         self._last_ns: int | None = None
 
     def take_due(self, stamp_ns: int) -> bool:

@@ -11,11 +11,10 @@ from enum import Enum
 
 import numpy as np
 
-from hoid_common.values import PERSON, FloatArray
+from hoid_common.values import PERSON, S_PER_NS, FloatArray
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.scene.object_sighting import Sighting
 
-_NS = 1e-9
 _START_SPEED_MPS = 1.0  # 1 sigma, of what is seen for the first time
 _FADE_S = 0.5  # a velocity that is no longer measured fades with this time constant
 
@@ -85,7 +84,7 @@ class KalmanTrack:
         """Return (3,) where it should be."""
         if self.is_settled:
             return self._position_m
-        unseen_s = max(0.0, (stamp_ns - self.stamp_ns) * _NS)
+        unseen_s = max(0.0, (stamp_ns - self.stamp_ns) * S_PER_NS)
         ahead_s = _FADE_S * (1 - np.exp(-unseen_s / _FADE_S))
         return np.asarray(self._position_m + ahead_s * self._velocity_mps)
 
@@ -104,7 +103,7 @@ class KalmanTrack:
             limit_s = config.forget_moving_s
         elif self.is_taken:
             limit_s = config.forget_taken_s
-        return (stamp_ns - self.stamp_ns) * _NS <= limit_s
+        return (stamp_ns - self.stamp_ns) * S_PER_NS <= limit_s
 
     def correct(self, sighting: Sighting, stamp_ns: int) -> None:
         """Take a sighting in."""
@@ -115,7 +114,7 @@ class KalmanTrack:
             self.state = ObjectState.HANDLED
             self._still_since_ns = stamp_ns
             self._restart()
-        self._filter(sighting.position_map_m, (stamp_ns - self.stamp_ns) * _NS)
+        self._filter(sighting.position_map_m, (stamp_ns - self.stamp_ns) * S_PER_NS)
         self.stamp_ns = stamp_ns
         if self.state is ObjectState.HANDLED:
             self._settle_if_still(stamp_ns)
@@ -160,7 +159,7 @@ class KalmanTrack:
     def _settle_if_still(self, stamp_ns: int) -> None:
         if np.linalg.norm(self._position_m - self._still_place_m) > self._config.moved_m:
             self._still_place_m, self._still_since_ns = self._position_m, stamp_ns
-        if (stamp_ns - self._still_since_ns) * _NS < self._config.rest_s:
+        if (stamp_ns - self._still_since_ns) * S_PER_NS < self._config.rest_s:
             return
         carried_m = np.linalg.norm(self._position_m - self._rest_place_m)
         was_moved = carried_m > self._config.moved_m

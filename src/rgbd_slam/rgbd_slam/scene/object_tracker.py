@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hoid_common.values import PERSON, DynamicObject, FloatArray, Reason
+from hoid_common.values import NS_PER_S, PERSON, S_PER_NS, DynamicObject, FloatArray, Reason
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.scene.floor import Floor
 from rgbd_slam.scene.object_sighting import DepthScene, Sighting, sight
@@ -147,7 +147,7 @@ class ObjectTracker:
         for track in free:  # a handful
             if track.class_name != sighting.seen.class_name or not track.is_confirmed:
                 continue
-            unseen_s = min((stamp_ns - track.stamp_ns) * 1e-9, _CARRY_S)
+            unseen_s = min((stamp_ns - track.stamp_ns) * S_PER_NS, _CARRY_S)
             place_m = track.position_at_m(stamp_ns)
             distance_m = float(np.linalg.norm(place_m - sighting.position_map_m))
             reach_m = self._config.gate_m + _CARRY_MPS * unseen_s
@@ -173,7 +173,7 @@ class ObjectTracker:
                 track.is_taken = track.num_looked_through >= _GONE_LOOKS
 
     def _alive(self, stamp_ns: int) -> list[KalmanTrack]:
-        limit_ns = self._config.forget_moving_s * 1e9
+        limit_ns = self._config.forget_moving_s * NS_PER_S
         for track in self._tracks:
             is_late = stamp_ns - track.stamp_ns > limit_ns
             if track.state is ObjectState.HANDLED and is_late and track.was_at_rest:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from hoid_common.sync import RESTART_NS
+from hoid_common.values import NS_PER_S, S_PER_NS
 
-_MOST_NS = 500_000_000  # of a gap: in a longer one nobody has looked
+_MOST_NS = NS_PER_S // 2  # of a gap: in a longer one nobody has looked
 
 
 class ImageClock:
@@ -32,4 +33,4 @@ class ImageClock:
     @property
     def lost_s(self) -> float:
         """Return for how long images have come since one was recognised, or since the first."""
-        return 1e-9 * self._lost_ns
+        return S_PER_NS * self._lost_ns

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
+from hoid_common.values import S_PER_NS, BoolArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.config.slam_config import KeyframeConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframes import NO_POINT
@@ -61,7 +61,7 @@ class KeyframePolicy:
         i = self._atlas.keyframes.index_of(tracking.tracked.reference_uid)
         if i is None or queue_length > 0:
             return False
-        gap_s = 1e-9 * (tracking.tracked.frame.stamp_ns - self._last_ns)
+        gap_s = S_PER_NS * (tracking.tracked.frame.stamp_ns - self._last_ns)
         share = num_inliers / max(self._most_inliers, 1)
         is_falling = share < self._config.fallen_share
         if gap_s < self._config.min_gap_s and not is_falling:

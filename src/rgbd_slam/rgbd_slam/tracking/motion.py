@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray
+from hoid_common.values import S_PER_NS, FloatArray
 
-_NS = 1e-9
 _HORIZON_S = 0.25  # a hand changes its motion; nobody knows where it is after a longer gap
 
 
@@ -24,11 +23,11 @@ class ConstantVelocity:
     def observe(self, T_camera_last: FloatArray, elapsed_ns: int) -> None:
         """Take the motion (4, 4) between two images; stamps that stand still say no speed."""
         if elapsed_ns > 0:
-            self._twist_per_s = se3.log(T_camera_last) / (_NS * elapsed_ns)
+            self._twist_per_s = se3.log(T_camera_last) / (S_PER_NS * elapsed_ns)
         else:
             self.forget()
 
     def predict(self, elapsed_ns: int) -> FloatArray:
         """Return T_camera_last (4, 4), the motion expected in a time."""
-        elapsed_s = min(max(_NS * elapsed_ns, 0.0), _HORIZON_S)
+        elapsed_s = min(max(S_PER_NS * elapsed_ns, 0.0), _HORIZON_S)
         return se3.exp(elapsed_s * self._twist_per_s)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import deque
 from statistics import fmean
 
+from hoid_common.values import NS_PER_S
+
 _WINDOW = 31
 _MIN_INTERVALS = 5  # before that the stream's rate is not known
 _NEW_RATE = 15  # equal gaps in a row: the camera has slowed down, as in the dark
-_PAUSE_NS = 1_000_000_000  # a camera or bag that stood still has dropped nothing
+_PAUSE_NS = NS_PER_S  # a camera or bag that stood still has dropped nothing
 
 
 class StreamGaps:

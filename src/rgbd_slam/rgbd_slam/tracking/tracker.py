@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, FloatArray, IntArray
+from hoid_common.values import S_PER_NS, BoolArray, FloatArray, IntArray
 from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.matching.landmarks import (
     Landmarks,
@@ -26,11 +26,11 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.points import PointTally
-from rgbd_slam.model.projection import project, to_camera
+from rgbd_slam.model.projection import MIN_DEPTH_M, project, to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.optimize.alignment import AlignmentStatus, align_image
 from rgbd_slam.optimize.pose_consensus import PoseConsensus
-from rgbd_slam.optimize.pose_optimizer import MIN_DEPTH_M, PoseEstimate, PoseProblem
+from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem
 
 _MIN_FIRST_INLIERS = 10  # of the frame-to-frame step; the local map must bring the rest
 _OUTSIDE_PX = -1e4
@@ -218,7 +218,7 @@ class Tracker:
 
     def _is_reachable(self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray) -> bool:
         """Return whether a hand can have carried the camera there since the last frame."""
-        elapsed_s = 1e-9 * (frame.stamp_ns - last.frame.stamp_ns)
+        elapsed_s = S_PER_NS * (frame.stamp_ns - last.frame.stamp_ns)
         step = se3.log(T_camera_map @ last.current_pose(self._atlas))
         turn, way = np.linalg.norm(step[:3]), np.linalg.norm(step[3:])
         config = self._config
