@@ -114,8 +114,13 @@ def _parser(chosen: str) -> argparse.ArgumentParser:
     for name, command in COMMANDS.items():
         sub = commands.add_parser(name, help=command.help, description=f'{command.help}.')
         if name == chosen:
-            getattr(_module(name), f'add_{name}_arguments')(sub)
+            add_arguments(name, sub)
     return parser
+
+
+def add_arguments(command: str, parser: argparse.ArgumentParser) -> None:
+    """Declare a command's arguments; raise InputError where a package that it needs is missing."""
+    getattr(_module(command), f'add_{command}_arguments')(parser)
 
 
 def _module(command: str) -> ModuleType:

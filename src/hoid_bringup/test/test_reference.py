@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from hoid_bringup.cli import COMMANDS
+from hoid_bringup.command_reference import command_reference
 from hoid_bringup.live.node_specs import NODE_CONFIGS
 from hoid_bringup.reference import parameter_reference
 from hoid_bringup.run.run_config import RunConfig
@@ -27,6 +29,12 @@ LEAVES = [
 
 def test_the_page_is_what_make_reference_writes() -> None:
     assert PAGE.read_text() == parameter_reference(), 'run "make reference"'
+
+
+def test_the_page_of_commands_is_what_make_reference_writes() -> None:
+    page = PAGE.with_name('commands.md').read_text()
+    assert page == command_reference(), 'run "make reference"'
+    assert re.findall('^## hoid (.*)$', page, re.MULTILINE) == list(COMMANDS)
 
 
 def test_the_page_names_every_parameter_of_every_node() -> None:

@@ -76,7 +76,7 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
         '--workers',
         type=int,
         default=min(_MOST_WORKERS, os.cpu_count() or 1),
-        help='processes (%(default)s)',
+        help=f'processes (one a core, at most {_MOST_WORKERS})',
     )
 
 

@@ -1,0 +1,53 @@
+"""The page that names every command, which `make reference` writes from their parsers."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+
+from hoid_bringup.cli import COMMANDS, add_arguments
+
+_HEAD = """# Commands
+
+Written by `make reference` from the commands themselves. Every error is one line that names the
+file, topic or parameter at fault, with exit status 1, or 2 for usage. `./hoid -v COMMAND` says
+more.
+"""
+
+
+def command_reference() -> str:
+    """Return the page, in Markdown: a section for each command, its arguments in their order."""
+    parts = [_HEAD]
+    for name, command in COMMANDS.items():
+        parser = argparse.ArgumentParser(prog=name, add_help=False)
+        add_arguments(name, parser)
+        parts.append(f'\n## hoid {name}\n\n{command.help[0].upper()}{command.help[1:]}.\n')
+        rows = list(_rows(parser))
+        if rows:
+            parts.append('\n'.join(['| argument | what it is |', '|---|---|', *rows, '']))
+    return '\n'.join(parts)
+
+
+def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
+    for action in parser._actions:  # noqa: SLF001 - argparse has no other list of them
+        if action.help != argparse.SUPPRESS:
+            said = (action.help or '') % {**vars(action), 'prog': parser.prog}
+            usage, said = (text.replace('|', '\\|') for text in (_usage(action), said))
+            yield f'| `{usage}` | {said} |'
+
+
+def _usage(action: argparse.Action) -> str:
+    value = action.metavar or action.dest.upper()
+    if action.choices is not None:
+        value = '|'.join(map(str, action.choices))
+    elif isinstance(value, tuple):
+        value = ' '.join(value)
+    if not action.option_strings:
+        return value
+    longest = max(action.option_strings, key=len)
+    return longest if action.nargs == 0 else f'{longest} {value}'
+
+
+if __name__ == '__main__':
+    sys.stdout.write(command_reference())
