@@ -164,3 +164,9 @@ def test_what_a_robot_runs_needs_no_package_of_the_experiments() -> None:
         [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_yaml_is_read_in_one_place() -> None:
+    readers = re.compile(r'yaml\.(safe_|full_|unsafe_)?load')
+    found = {name for name, path in modules().items() if readers.search(path.read_text())}
+    assert found == {'hoid_common.io.yaml_file'}

@@ -12,7 +12,7 @@ from hoid_benchmarks import commands
 from hoid_benchmarks.commands import add_bench_arguments, repeating_command
 from hoid_benchmarks.jobs.results import Result, key_value, read_result, spread, write_result
 from hoid_benchmarks.jobs.worker import command_of
-from hoid_benchmarks.plan.plan import Experiment, Job, Plan, load_plan
+from hoid_benchmarks.plan.plan import Experiment, Job, Plan, load_plan, load_profile
 from hoid_benchmarks.plan.sequences import Store, scene_options
 from hoid_benchmarks.report.headlines import headlines
 from hoid_benchmarks.report.literature import published
@@ -60,6 +60,23 @@ def test_shipped_plans_load_and_their_parameters_exist(name: str) -> None:
     assert jobs
     for job in jobs:
         RunConfig().updated({'filter.strategy': job.filter, **dict(job.parameters)})
+
+
+def test_a_profile_sets_what_an_experiment_does_not(tmp_path: Path) -> None:
+    path = tmp_path / 'plan.yaml'
+    path.write_text(
+        'experiments: [{id: a, title: A, view: curve, sequences: [s], filters: [none], seeds: [0],'
+        ' profile: orb_slam3, fixed: {slam.mapping.rounds: 2}, vary: {slam.mapping.window: [8]}}]'
+    )
+    (job,) = load_plan(str(path)).jobs()
+    profile = load_profile('orb_slam3')
+    changed = {'slam.mapping.rounds': 2, 'slam.mapping.window': 8}
+    assert dict(job.parameters) == {**profile, **changed}
+    assert all(profile[name] != value for name, value in changed.items())
+    names = {leaf.name: leaf.value for leaf in RunConfig().params()}
+    assert all(names[name] != value for name, value in profile.items())  # else it says nothing
+    with pytest.raises(ConfigError, match='no profile "orb_slam4": there is orb_slam3'):
+        load_profile('orb_slam4')
 
 
 def test_jobs_are_shared_between_experiments_and_no_filter_needs_no_detector(plan: Plan) -> None:

@@ -10,16 +10,16 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from hoid_common.errors import ConfigError
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.io.yaml_file import read_yaml
 from hoid_filter.config import ExtractionConfig
 
 _FOLDER = Path(__file__).parent / 'experiments'
+_PROFILES = Path(__file__).parent / 'profiles'
 _LISTS = ('sequences', 'filters', 'seeds')
 _KEYS = (
     *_LISTS, 'id', 'title', 'view', 'mode', 'about', 'differs', 'part', 'detectors', 'vary',
-    'variants', 'fixed',
+    'variants', 'fixed', 'profile',
 )  # fmt: skip
 _VIEWS = (
     'comparison', 'curve', 'ablation', 'accuracy', 'stages', 'detectors', 'verdicts', 'cost',
@@ -172,11 +172,26 @@ def load_plan(name_or_path: str, official: Sequence[str] = ()) -> Plan:
         known = ', '.join(sorted({p.stem for p in _FOLDER.glob('*.yaml')} - {'scenes'}))
         raise ConfigError(f'no experiments "{name_or_path}": give a YAML file or one of {known}')
     try:
-        document = yaml.safe_load(path.read_text())
+        document = read_yaml(path)
         experiments = tuple(_experiment(entry, official) for entry in document['experiments'])
         return Plan(path.stem, experiments)
-    except (yaml.YAMLError, KeyError, TypeError) as error:
+    except InputError as error:
+        raise ConfigError(str(error)) from error
+    except (KeyError, TypeError) as error:
         raise ConfigError(f'{path}: {str(error).splitlines()[0]}: see experiments/') from error
+
+
+def load_profile(name: str) -> dict[str, Any]:
+    """Return the parameters of a named profile, by dotted name.
+
+    Raises:
+        ConfigError: There is no such profile.
+    """
+    path = _PROFILES / f'{name}.yaml'
+    if not path.is_file():
+        known = ', '.join(sorted(p.stem for p in _PROFILES.glob('*.yaml')))
+        raise ConfigError(f'no profile "{name}": there is {known}')
+    return dict(read_yaml(path))
 
 
 def _experiment(entry: Mapping[str, Any], official: Sequence[str]) -> Experiment:
@@ -210,7 +225,9 @@ def _expand(entry: Mapping[str, Any], varied: Mapping[str, list[Any]]) -> Iterat
     mode = entry.get('mode', 'offline')
     names = list(varied)
     settings = [dict(zip(names, row, strict=True)) for row in itertools.product(*varied.values())]
-    settings = [{**entry.get('fixed', {}), **s} for s in settings + entry.get('variants', [])]
+    fixed = load_profile(entry['profile']) if 'profile' in entry else {}
+    fixed |= entry.get('fixed', {})
+    settings = [{**fixed, **s} for s in settings + entry.get('variants', [])]
     for sequence, method, setting, detector, seed in itertools.product(
         entry['sequences'],
         entry['filters'],

@@ -10,10 +10,9 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 import hoid_synth
 from hoid_common.errors import InputError
+from hoid_common.io.yaml_file import read_yaml
 
 # Short names of experiments, and the official ones of TUM RGB-D and Bonn RGB-D Dynamic.
 _OFFICIAL = ((r'fr([123])_(\w+)', r'rgbd_dataset_freiburg\1_\2'), (r'bonn_(\w+)', r'rgbd_bonn_\1'))
@@ -124,7 +123,7 @@ def scene_options(name: str) -> list[str]:
     Scenes have names in `experiments/scenes.yaml`; beside those there are `synth-SEED[-OPTION+…]`,
     such as `synth-3-no-people` or `synth-1-path=loop+frames=600`.
     """
-    scenes: dict[str, str] = yaml.safe_load(_SCENES.read_text())
+    scenes: dict[str, str] = read_yaml(_SCENES)
     if name in scenes:
         return scenes[name].split()
     if not name.startswith(_SYNTH):

@@ -11,9 +11,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from hoid_benchmarks.jobs.results import Result, key_value, spread
+from hoid_common.io.yaml_file import read_yaml
 
 _FILE = Path(__file__).parent / 'bounds.yaml'
 
@@ -25,7 +24,7 @@ def check(results: Iterable[Result], bounds: Path = _FILE) -> list[str]:
     their summaries whose median counts, and its bounds (`min`, `max`). With `over`, the value is
     divided by another one, with `of` replaced in part by `against` if given.
     """
-    rules: list[dict[str, Any]] = yaml.safe_load(bounds.read_text())['bounds']
+    rules: list[dict[str, Any]] = read_yaml(bounds)['bounds']
     found = list(results)
     failed = [f'run failed: {r.job.label}: {r.error}' for r in found if not r.ok]
     return failed + [line for rule in rules if (line := _broken(rule, found))]

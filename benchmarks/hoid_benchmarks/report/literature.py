@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from hoid_benchmarks.jobs.results import Result, key_value, spread
 from hoid_benchmarks.report.tables import Cell, Table, metres, text
+from hoid_common.io.yaml_file import read_yaml
 
 _FILE = Path(__file__).parent / 'literature.yaml'
 _ATE = key_value('ate_rmse_m')
@@ -21,7 +20,7 @@ def published(results: Sequence[Result] = ()) -> tuple[Table, ...]:
     Args:
         results: From which that row comes; it is left out when none of the sequences is here.
     """
-    return tuple(_table(e, results) for e in yaml.safe_load(_FILE.read_text())['tables'])
+    return tuple(_table(e, results) for e in read_yaml(_FILE)['tables'])
 
 
 def _table(entry: Mapping[str, Any], results: Sequence[Result]) -> Table:

@@ -26,7 +26,9 @@ def full_name(name: str, known: Collection[str]) -> str:
     head, _, rest = name.partition('.')
     found = list(_matches(name, f'{_SHORT.get(head, head)}.{rest}', known))
     if not found:
-        raise ConfigError(f'no parameter is called "{name}"{did_you_mean(name, known)}')
+        spelt = (name, *(f'{stage}.{name}' for stage in STAGES))
+        meant = next(filter(None, (did_you_mean(text, known) for text in spelt)), '')
+        raise ConfigError(f'no parameter is called "{name}"{meant}')
     if len(found) > 1:
         raise ConfigError(f'several nodes have "{name}": say {" or ".join(found)}')
     return found[0]

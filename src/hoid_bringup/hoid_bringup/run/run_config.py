@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from hoid_bringup.run.parameter_names import by_node, full_name
 from hoid_common.config import Config, section
@@ -20,11 +20,6 @@ TRUTH = 'truth'
 """As a model: the exact boxes that a rendered bag brings, in place of a detector's."""
 SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
 """What people ask for by a short name, and read of a run whether they changed it or not."""
-_LIVE_ONLY = (
-    'detector.input.', 'detector.niceness', 'detector.autostart', 'filter.input.',
-    'filter.sync_slop_s', 'filter.detections.', 'slam.input.', 'slam.frames.', 'slam.map_',
-    'slam.mode',
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -41,6 +36,12 @@ class RunConfig(Config):
     filter: FilterNodeConfig = section(FilterNodeConfig)
     slam: SlamNodeConfig = section(SlamNodeConfig)
 
+    LIVE_ONLY: ClassVar[tuple[str, ...]] = (  # beginnings of names that mean nothing offline
+        'detector.input.', 'detector.niceness', 'detector.autostart', 'filter.input.',
+        'filter.sync_slop_s', 'filter.detections.', 'slam.input.', 'slam.frames.', 'slam.map_',
+        'slam.mode',
+    )  # fmt: skip
+
     def __post_init__(self) -> None:
         super().__post_init__()
         camera = _following(self.slam.camera, self.filter.extraction)
@@ -54,7 +55,7 @@ class RunConfig(Config):
     @property
     def live_only(self) -> list[str]:
         """Return the changed parameters that mean nothing offline."""
-        return [name for name in self.changed() if name.startswith(_LIVE_ONLY)]
+        return [name for name in self.changed() if name.startswith(self.LIVE_ONLY)]
 
     def updated(self, values: Mapping[str, Any]) -> Self:
         """Return a copy with values replaced, under any of the names of `full_name`.

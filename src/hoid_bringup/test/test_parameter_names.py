@@ -1,0 +1,118 @@
+"""What parameters are called in `--set`: the same in run, replay and nodes."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hoid_bringup import cli
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
+from hoid_bringup.live.nodes import add_nodes_arguments, node_options
+from hoid_bringup.run.options import add_method_arguments, run_config
+from hoid_bringup.run.run_config import RunConfig
+from hoid_common.errors import ConfigError
+from hoid_common.io.param_file import load_params
+
+SAME = (
+    ('filter.detections.mode', 'detections.mode', 'hoid_filter.detections.mode'),
+    ('slam.dense.voxel_m', 'dense.voxel_m', 'rgbd_slam.dense.voxel_m'),
+    ('slam.objects.rate_hz', 'objects.rate_hz', 'rgbd_slam.objects.rate_hz'),
+    ('detector.model', 'model', 'hoid_detector.model'),
+    (
+        'filter.extraction.num_features',
+        'extraction.num_features',
+        'filter.extraction.num_features',
+    ),
+    ('slam.seed', 'seed', 'rgbd_slam.seed'),
+    ('detector.max_detections', 'hoid_detector.max_detections', 'detector.max_detections'),
+)
+GIVEN: dict[str, Any] = {
+    'filter.detections.mode': 'latest',
+    'slam.dense.voxel_m': 0.1,
+    'slam.objects.rate_hz': 5.0,
+    'detector.model': 'x.onnx',
+    'filter.extraction.num_features': 500,
+    'slam.seed': 3,
+    'detector.max_detections': 7,
+}
+
+
+def of_run(*texts: str) -> RunConfig:
+    parser = argparse.ArgumentParser()
+    add_method_arguments(parser)
+    return run_config(parser.parse_args([word for text in texts for word in ('--set', text)]))
+
+
+def of_nodes(*texts: str) -> NodeOptions:
+    parser = argparse.ArgumentParser()
+    add_nodes_arguments(parser)
+    return node_options(parser.parse_args([word for text in texts for word in ('--set', text)]))
+
+
+@pytest.mark.parametrize('names', SAME, ids=lambda names: names[0])
+def test_a_parameter_has_the_same_names_everywhere(names: tuple[str, ...]) -> None:
+    full = names[0]
+    stage, _, own = full.partition('.')
+    node = {'detector': DETECTOR, 'filter': FILTER, 'slam': SLAM}[stage]
+    for name in names:
+        assert of_run(f'{name}={GIVEN[full]}').changed() == {full: GIVEN[full]}
+        assert of_nodes(f'{name}={GIVEN[full]}').parameters[node] == {own: GIVEN[full]}
+        assert RunConfig.from_noted({name: GIVEN[full]}).changed() == {full: GIVEN[full]}
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('max_detections=5', 'say detector.max_detections or filter.max_detections'),
+        ('input.compressed=true', 'several nodes have "input.compressed": say detector.input'),
+        ('voxel_m=0.1', r'no parameter is called "voxel_m"; did you mean slam\.dense\.voxel_m\?'),
+        ('dense.voxel_n=0.1', r'did you mean slam\.dense\.voxel_m'),
+        ('seed=1.5', r'slam\.seed must be int, got 1\.5'),
+        ('dense.voxel_m=fine', r"slam\.dense\.voxel_m must be float, got 'fine'"),
+        ('seed', 'expected NAME=VALUE'),
+        ('seed=!!int x', '--set seed: is not YAML'),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_alike(text: str, said: str) -> None:
+    for read in (of_run, of_nodes):
+        with pytest.raises(ConfigError, match=said):
+            read(text)
+
+
+def test_whole_numbers_and_lists_are_taken() -> None:
+    config = of_run('dense.voxel_m=0.1', 'depth_limit_m=1', "classes=['']", 'providers=[]')
+    assert config.changed() == {'filter.depth_limit_m': 1.0, 'slam.dense.voxel_m': 0.1}
+    assert type(config.filter.depth_limit_m) is float
+    given = of_nodes('classes=[]', 'depth_limit_m=1').parameters
+    assert given[DETECTOR] == {'classes': ()}
+    assert given[FILTER] == {'depth_limit_m': 1.0}
+
+
+def test_a_node_gets_the_switch_with_what_experts_have_and_the_given_default(
+    tmp_path: Path,
+) -> None:
+    options = of_nodes('strategy=hoid+', 'classes=[]', 'dense.voxel_m=0.025')
+    node_specs(options, tmp_path)
+    always = {'use_sim_time': False}
+    assert load_params(tmp_path / 'hoid_filter.yaml', FILTER) == {'strategy': 'hoid+', **always}
+    assert load_params(tmp_path / 'hoid_detector.yaml', DETECTOR) == {'classes': ('',), **always}
+    slam = load_params(tmp_path / 'rgbd_slam.yaml', SLAM)
+    assert slam == {'dense.voxel_m': 0.025, 'expert': True, **always}
+
+
+def test_offline_what_only_live_nodes_have_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    argv = ['run', str(tmp_path), '--out', str(tmp_path / 'out'), '--set', 'frames.base=base']
+    assert cli.main(argv) == 1
+    said = 'hoid run: only live nodes have slam.frames.base: see hoid replay\n'
+    assert capfd.readouterr().err == said
+
+
+def test_what_only_live_nodes_have_are_their_parameters() -> None:
+    names = [leaf.name for leaf in RunConfig().params()]
+    for part in RunConfig.LIVE_ONLY:
+        assert any(name.startswith(part) for name in names), part
