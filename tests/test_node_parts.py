@@ -299,3 +299,20 @@ def test_core_logging_reaches_the_nodes_logger(
     assert '[WARN]' in said
     assert '[sample]: the lens is dirty' in said
     assert 'not this' not in said
+
+
+@pytest.mark.parametrize(
+    'data',
+    [b'', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 60, b'\xff' * 20],
+)
+def test_bytes_that_are_no_message_are_counted_and_their_topic_named(
+    bench: Bench, data: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    publisher = bench.probe.publisher(Image, 'rgb/image')
+    for _ in range(5):
+        publisher.publish(data)
+    bench.probe.spin_until(lambda: bench.count('colour images refused') == 5, 'not counted')
+    bench.probe.publisher(Image, 'depth/image')
+    said = [line for line in capfd.readouterr().err.splitlines() if 'no sensor_msgs/Image' in line]
+    assert len(said) == 1  # in a while
+    assert f'/rgb/image: {len(data)} bytes are no sensor_msgs/Image' in said[0]

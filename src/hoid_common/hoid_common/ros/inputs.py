@@ -7,11 +7,12 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image
 
 from hoid_common import topics
-from hoid_common.errors import HoidError
+from hoid_common.errors import HoidError, MessageError
 from hoid_common.input_config import InputConfig
 from hoid_common.ros import qos
 from hoid_common.ros.diagnostics import Diagnostics
@@ -51,15 +52,17 @@ class Inputs:
         """Subscribe to a topic whose messages are called `what`, in the plural."""
         reliability = self._config.reliability
 
-        def guarded(msg: Any) -> None:
+        def guarded(data: bytes) -> None:
             watch.heard(time.monotonic())
             try:
-                callback(msg)
+                callback(_decoded(data, type_, watch.topic))
             except HoidError as error:
                 self._diagnostics.report(error, f'{what} refused')
 
         profile = qos.input_qos(reliability, self._config.queue_length)
-        subscription = self._node.create_subscription(type_, topic, guarded, profile)
+        # Raw: the middleware drops what it cannot decode without a word, and text that is no UTF-8
+        # would end the executor. It costs 0.07 ms an image.
+        subscription = self._node.create_subscription(type_, topic, guarded, profile, raw=True)
         watch = self._diagnostics.watch(subscription, what, reliability)
         return subscription
 
@@ -67,3 +70,15 @@ class Inputs:
     def _image_type(self) -> type[Any]:
         type_: type[Any] = CompressedImage if self._config.compressed else Image
         return type_
+
+
+def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
+    """Return the message of serialised bytes; raise MessageError where they are none."""
+    try:
+        return deserialize_message(data, type_)
+    except (RuntimeError, ValueError, MemoryError) as error:  # rclpy's RMWError; no UTF-8; lengths
+        name = f'{type_.__module__.partition(".")[0]}/{type_.__name__}'
+        raise MessageError(
+            f'{topic}: {len(data)} bytes are no {name}: is the publisher built with the '
+            'same message definitions?'
+        ) from error
