@@ -111,4 +111,4 @@ def test_a_file_of_one_kind_never_replaces_one_of_another(peer: SlamPeer, folder
     assert peer.probe.call(SaveTrajectory, 'rgbd_slam/save_trajectory', request).success
     assert (folder / 'good.hoidmap').read_bytes() == before
     assert map_file.load(folder / 'good.hoidmap')
-    assert sorted(p.name for p in folder.iterdir()) == ['good.hoidmap', 'good.txt']
+    assert sorted(p.name for p in folder.glob('[!.]*')) == ['good.hoidmap', 'good.txt']

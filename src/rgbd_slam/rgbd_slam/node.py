@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -30,6 +31,7 @@ from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.answers import Responder
+from rgbd_slam.ros.checkpoints import Checkpoints
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.periods import set_period
@@ -60,6 +62,9 @@ class RgbdSlamNode(Node):
         self._map_services = MapServices(
             self, self._config, self._known_session, self._scene, self._diagnostics
         )
+        self._checkpoints = Checkpoints(
+            self, self._config, self._diagnostics, lambda: self._session
+        )
         # Wall time, and apart from the images: publishing a map must not hold odometry back.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._map_timer = self.create_timer(
@@ -72,6 +77,8 @@ class RgbdSlamNode(Node):
     def destroy_node(self) -> None:
         """End threads and processes before the node."""
         self._map_services.close()
+        # An error that ends the node is under way here; whoever asks it to end raises none.
+        self._checkpoints.close(is_asked_for=sys.exc_info()[0] is None)
         if self._session is not None:
             self._session.close()
         self._scene.close()
@@ -112,6 +119,7 @@ class RgbdSlamNode(Node):
         features = conversions.features_from_msg(msg)
         with _ending_without_mapper():
             done = self._session.process(features)
+        done = self._checkpoints.followed(self._session, done)
         self._scene.enqueue(done.fusion)
         self._outputs.publish(done, msg.header)
         self._diagnostics.set_value('state', done.status.state.name.lower())
@@ -158,9 +166,13 @@ class RgbdSlamNode(Node):
                 fusion_scheduler=self._scene.fusion_scheduler(),
             )
         self._scene.start_map(camera)
-        if self._first_map is not None:
+        resumed = self._checkpoints.resume(session, conversions.stamp_from_msg(header.stamp))
+        if resumed is not None:
+            self._scene.load(None, resumed, keep=False)
+        elif self._first_map is not None:
             self._load_first_map(session, self._first_map)
-        self._outputs.publish(Processed(session.status(), None), header)
+        done = self._checkpoints.followed(session, Processed(session.status(), None))
+        self._outputs.publish(done, header)
         return session
 
     def _read_first_map(self) -> MapFile | None:
@@ -186,6 +198,7 @@ class RgbdSlamNode(Node):
             self._session.close()
         self._session = self._first_map = None
         self._is_reset = True
+        self._checkpoints.forget()
         self._scene.clear()
         self._cameras = CameraAgreement()
         if self._camera_info is not None:

@@ -65,6 +65,14 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         '(localization). Choose the latter once the map is good.',
         choices=tuple(mode.name.lower() for mode in SlamMode),
     )
+    checkpoint_period_s: float = param(
+        10.0,
+        'Time between two copies of the map that changes, in map_directory, which a node that '
+        'starts after a crash goes on in (s). Set it to 0 for none.',
+        minimum=0.0,
+        maximum=3600.0,
+        expert=True,
+    )
     map_period_s: float = param(
         1.0, 'Shortest time between two maps, paths and keyframes that are published (s).',
         minimum=0.05, maximum=3600.0, read_only=False, expert=True,

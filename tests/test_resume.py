@@ -1,0 +1,173 @@
+"""SLAM that is killed goes on in the same map; one that is asked to end begins anew."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hoid_msgs.msg import SlamStatus
+from std_srvs.srv import Trigger
+
+from hoid_bringup.live.supervisor import Supervisor
+from hoid_common import se3
+from hoid_common.ros import conversions
+from hoid_common.values import FloatArray
+from hoid_system_tests.frame_tree import OPTICAL
+from hoid_system_tests.point_world import CAMERA, PointWorld, walked
+from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
+from hoid_system_tests.slam_peer import NO_ROOM, PERIOD_NS, START_NS, SlamPeer, features_msg
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
+
+_BACK_S = 5.0  # from the kill to odometry in the same map
+_WRITTEN_S = 20.0
+
+
+def camera_at(i: int) -> FloatArray:
+    return walked(i, turn_rad=0.01)
+
+
+class Peer(SlamPeer):
+    """A camera whose clock goes on whatever becomes of the node."""
+
+    def __init__(self, probe: Probe) -> None:
+        super().__init__(probe)
+        self.world, self.stamp_ns = PointWorld(3000), START_NS
+
+    def send(self, place: int) -> SlamStatus:
+        self.stamp_ns += PERIOD_NS
+        return self.answer_to(features_msg(self.world.features(camera_at(place), self.stamp_ns)))
+
+    def wake(self) -> None:
+        """Send camera infos as a driver does, until the node speaks."""
+        self.status.clear()
+        due_s = 0.0
+
+        def speaks() -> bool:
+            nonlocal due_s
+            if time.monotonic() > due_s:
+                due_s = time.monotonic() + 0.1
+                header = conversions.header_to_msg(self.stamp_ns + PERIOD_NS, OPTICAL)
+                self.camera.publish(conversions.camera_to_msg(CAMERA, header))
+            return bool(self.status)
+
+        self.probe.spin_until(speaks, 'the node does not get ready', 60.0)
+
+    def check_pose(self, place: int) -> None:
+        error = se3.log(se3.inverse(T_BODY_OPTICAL @ camera_at(place)) @ self.pose(self.stamp_ns))
+        assert np.linalg.norm(error[3:]) < 0.02
+
+    def await_checkpoint(self, folder: Path) -> None:
+        before_ns = time.time_ns()
+        self.probe.spin_until(
+            lambda: any(
+                f.name.startswith('.checkpoint') and f.stat().st_ctime_ns > before_ns
+                for f in folder.iterdir()
+            ),
+            'no checkpoint',
+            _WRITTEN_S,
+        )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    folder = tmp_path / 'maps'
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def run(start: Start, folder: Path) -> Callable[[], Supervisor]:
+    params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0} | NO_ROOM
+    return lambda: start('rgbd_slam', 'rgbd_slam_node', params)
+
+
+def kill(node: Supervisor) -> None:
+    for pid in node.pids.values():
+        os.kill(pid, signal.SIGKILL)
+
+
+def test_a_killed_node_goes_on_in_its_map(
+    run: Callable[[], Supervisor], probe: Probe, folder: Path
+) -> None:
+    started_s = time.monotonic()
+    node = run()
+    peer = Peer(probe)
+    peer.wake()
+    clean_s = time.monotonic() - started_s
+    for place in range(60):
+        assert peer.send(place).state == SlamStatus.TRACKING
+    keyframes = peer.status[-1].keyframes
+    assert keyframes > 2
+    peer.await_checkpoint(folder)
+    for place in range(59, 20, -1):
+        peer.send(place)
+    times_s = []
+    for place in (20, 45, 30):
+        kill(node)
+        killed_s = time.monotonic()
+        node = run()
+        peer.wake()
+        assert 'looking for the camera' in peer.status[0].message
+        assert peer.status[0].mode == SlamStatus.LOCALIZATION
+        peer.stamp_ns += round(1e9 * (time.monotonic() - killed_s))
+        status = peer.send(place)
+        times_s.append(time.monotonic() - killed_s)
+        assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.MAPPING)
+        assert 'is found in the map from before' in status.message
+        assert status.maps == 1
+        assert status.keyframes >= 2
+        peer.check_pose(place)
+    # A busy machine makes every start slow.
+    assert sorted(times_s)[1] < max(_BACK_S, 1.5 * clean_s)
+    for place in range(30, 110):  # and mapping goes on
+        assert peer.send(place).state == SlamStatus.TRACKING
+    peer.probe.spin_until(
+        lambda: peer.send(109).keyframes > keyframes, 'mapping does not go on', 30.0
+    )
+    peer.check_pose(109)
+
+
+def test_what_is_ended_or_reset_is_not_resumed(
+    run: Callable[[], Supervisor], probe: Probe, folder: Path
+) -> None:
+    node = run()
+    peer = Peer(probe)
+    peer.wake()
+    for place in range(20):
+        peer.send(place)
+    peer.await_checkpoint(folder)
+    assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request(), times=3).success
+    assert list(folder.iterdir()) == []
+    for place in range(20):
+        peer.send(place)
+    peer.await_checkpoint(folder)
+    node.stop()
+    assert list(folder.iterdir()) == []
+    run()
+    peer.wake()
+    status = peer.send(30)
+    assert (status.mode, status.keyframes) == (SlamStatus.MAPPING, 1)
+    assert status.message == ''
+
+
+def test_a_recording_played_again_is_mapped_anew(
+    run: Callable[[], Supervisor], probe: Probe, folder: Path
+) -> None:
+    node = run()
+    peer = Peer(probe)
+    peer.wake()
+    for place in range(20):
+        peer.send(place)
+    peer.await_checkpoint(folder)
+    kill(node)
+    peer.stamp_ns = START_NS
+    run()
+    peer.wake()
+    status = peer.send(0)
+    assert (status.mode, status.keyframes) == (SlamStatus.MAPPING, 1)
