@@ -124,8 +124,19 @@ class DetectorNode(LifecycleNode):
             picture = draw_detections(seen.image_bgr, seen.detections)
             self._debug_images.publish(picture, seen.header)
         self._diagnostics.count('images processed')
+        self._say_numbers()
         self._diagnostics.set_count('images dropped for newer ones', self._worker.num_dropped)
         self._diagnostics.set_value('time per image', f'{seen.detect_ms:.1f} ms')
+
+    def _say_numbers(self) -> None:
+        """Say it while the network gives nothing to detect anything by."""
+        assert self._detector is not None
+        number = self._detector.num_without_numbers
+        self._diagnostics.set_count('images without a number from the network', number)
+        if self._detector.gives_numbers:
+            self._diagnostics.clear_problem('numbers')
+        else:
+            self._diagnostics.set_problem('numbers', self._detector.nonsense, severe=True)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data

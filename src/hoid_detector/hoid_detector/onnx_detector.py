@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,8 @@ class OnnxDetector:
     Whoever makes one says `network.provider_warning`, where there is one, in its own way.
 
     Raises:
-        ModelError: the model cannot be read, is no known detector, or does not name its classes.
+        ModelError: the model cannot be read, gives no numbers, is no known detector, or does not
+            name its classes.
         ConfigError: `classes` or `providers` names what does not exist.
     """
 
@@ -38,6 +40,8 @@ class OnnxDetector:
         self.layout, self.class_names = _understood(self.network, config)
         self._letterbox = Letterbox(self.layout.preprocessing, self.network.dtype)
         self.reconfigure(config)
+        self.gives_numbers = True  # for the latest image
+        self.num_without_numbers = 0  # images for which it gave none
         self.network_ms = 0.0  # of the latest call, wall time
         self.detect_ms = 0.0  # of the latest call, wall time, the network's included
         _LOG.info('%s', self.description)
@@ -85,10 +89,25 @@ class OnnxDetector:
         blob, place = self._letterbox(image_bgr, size_wh)
         outputs = self._infer(blob)
         found = self.layout.decode(outputs, size_wh, config.score_threshold)
-        found = _in_image(found.select(_is_finite(found) & self._is_reported(found)), place)
+        finite = _is_finite(found)
+        self._note_numbers(outputs, is_sound=bool(finite.any()))
+        found = _in_image(found.select(finite & self._is_reported(found)), place)
         found = found.select(_strongest(found, self.layout, config))
         self.detect_ms = (time.perf_counter() - start_s) * 1e3
         return self._named(found, stamp_ns)
+
+    def _note_numbers(self, outputs: Sequence[NDArray[Any]], *, is_sound: bool) -> None:
+        """Count images of which the network gives no number, and say so at the first."""
+        self.gives_numbers = is_sound or _has_numbers(outputs)
+        if not self.gives_numbers:
+            self.num_without_numbers += 1
+            if self.num_without_numbers == 1:
+                _LOG.warning('%s', self.nonsense)
+
+    @property
+    def nonsense(self) -> str:
+        """Return what is to be said while `gives_numbers` is False."""
+        return f'{self.network.path}: gives only NaN or Inf, so nothing is detected'
 
     def _infer(self, blob: NDArray[np.floating[Any]]) -> list[NDArray[Any]]:
         start_s = time.perf_counter()
@@ -121,6 +140,8 @@ def _understood(network: Network, config: DetectorConfig) -> tuple[Layout, tuple
         Preprocessing(rgb=True, unit_range=True, placement='stretch'), network.dtype
     )(noise, size_wh)
     outputs = tuple(network.run(blob))
+    if not _has_numbers(outputs):
+        raise ModelError(f'{network.path}: gives only NaN or Inf; export the model again')
     num_names = len(names) if names else None
     try:
         layout = recognize(
@@ -140,6 +161,11 @@ def _understood(network: Network, config: DetectorConfig) -> tuple[Layout, tuple
 
 def _input_size(network: Network, image_wh: Size, config: DetectorConfig) -> Size:
     return network.size_wh or open_size(image_wh, config.input_size_px)
+
+
+def _has_numbers(outputs: Sequence[NDArray[Any]]) -> bool:
+    """Return whether every output has a finite number, or none was to be expected."""
+    return all(output.size == 0 or bool(np.isfinite(output).any()) for output in outputs)
 
 
 def _is_finite(found: Candidates) -> BoolArray:

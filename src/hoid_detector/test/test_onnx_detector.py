@@ -202,3 +202,30 @@ def test_network_failure_is_one_line(make_model: Any) -> None:
     with pytest.raises(ModelError, match='fails on input 1x3x7x7') as error:
         detector.network.run(np.zeros((1, 3, 7, 7), np.float32))
     assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize('number', [np.nan, np.inf])
+def test_a_network_without_numbers_is_refused(make_model: Any, number: float) -> None:
+    path = make_model({'output0': np.full((1, 84, 126), number, np.float32)})
+    with pytest.raises(ModelError, match=r'\.onnx: gives only NaN or Inf'):
+        OnnxDetector(path, DetectorConfig())
+
+
+def test_images_of_which_a_network_gives_no_number_are_counted_and_said(
+    make_model: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    detector = OnnxDetector(make_model(table(*ROWS)), DetectorConfig())
+    sound = detector.network.run
+    monkeypatch.setattr(
+        detector.network, 'run', lambda blob: [np.full_like(o, np.nan) for o in sound(blob)]
+    )
+    for _ in range(3):
+        assert len(detector.detect(IMAGE, 0)) == 0
+    assert not detector.gives_numbers
+    assert detector.num_without_numbers == 3
+    said = [record.message for record in caplog.records if 'NaN' in record.message]
+    assert len(said) == 1
+    monkeypatch.setattr(detector.network, 'run', sound)
+    assert len(detector.detect(IMAGE, 0)) == 3
+    assert detector.gives_numbers
+    assert detector.num_without_numbers == 3
