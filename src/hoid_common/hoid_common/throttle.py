@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 
 
@@ -23,19 +24,26 @@ class Throttle:
 
 
 class Backoff:
-    """Let what stands be said at once, and again after waits that double up to the longest."""
+    """Let what stands be said at once, and again after waits that double up to the longest.
+
+    What was gone in between begins anew, but is never said sooner than after the first wait.
+    """
 
     def __init__(self, first_s: float, longest_s: float) -> None:
         self._first_s, self._longest_s = first_s, longest_s
-        self._wait_s: dict[str, float] = {}  # until the next time
-        self._next_s: dict[str, float] = {}
+        self._said_s: dict[str, float] = {}
+        self._wait_s: dict[str, float] = {}  # of what stands: before it is said again
 
     def due(self, standing: Collection[str], now_s: float) -> list[str]:
-        """Return what of all that stands now is to be said; what stood before begins anew."""
-        self._wait_s = {kind: self._wait_s[kind] for kind in standing if kind in self._wait_s}
-        due = [k for k in standing if k not in self._wait_s or now_s >= self._next_s[k]]
+        """Return what of all that stands now is to be said."""
+        self._wait_s = {kind: self._wait_s.get(kind, 0.0) for kind in standing}
+        due = [kind for kind in standing if now_s >= self._earliest_s(kind)]
         for kind in due:
-            wait_s = self._wait_s.get(kind, self._first_s)
-            self._next_s[kind] = now_s + wait_s
-            self._wait_s[kind] = min(2 * wait_s, self._longest_s)
+            self._said_s[kind] = now_s
+            self._wait_s[kind] = min(max(2 * self._wait_s[kind], self._first_s), self._longest_s)
         return due
+
+    def _earliest_s(self, kind: str) -> float:
+        if kind not in self._said_s:
+            return -math.inf
+        return self._said_s[kind] + max(self._wait_s[kind], self._first_s)

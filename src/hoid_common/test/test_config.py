@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from hoid_common.config import Config, param
+from hoid_common.config import Config, param, section
 from hoid_common.errors import ConfigError
 from hoid_common.io.param_file import load_params
 
@@ -31,6 +31,24 @@ def test_leaves_have_dotted_names_in_order() -> None:
         ('inner.share', 0.5),
         ('inner.classes', ('cup',)),
     ]
+
+
+def test_a_section_for_experts_makes_all_below_it_so() -> None:
+    @dataclass(frozen=True)
+    class Whole(Config):
+        plain: Outer = section(Outer)
+        deep: Outer = section(Outer, expert=True)
+        own: int = param(1, 'a number', expert=True)
+
+    experts = {p.name for p in Whole().params() if p.spec.expert}
+    deep = {f'deep.{p.name}' for p in Outer().params()}
+    assert experts == {*deep, 'own'}
+    assert Whole().updated({'deep.inner.share': 1}).deep.inner.share == 1.0
+
+
+def test_a_list_of_one_empty_name_is_empty() -> None:
+    assert Outer().updated({'inner.classes': ('',)}).inner.classes == ()
+    assert Outer().updated({'inner.classes': ('', 'cup')}).inner.classes == ('', 'cup')
 
 
 def test_specs_come_along() -> None:

@@ -18,3 +18,9 @@ def test_what_comes_back_is_said_at_once_and_each_kind_by_itself() -> None:
     assert backoff.due(['a', 'b'], 110.0) == ['b']
     assert backoff.due(['a', 'b'], 115.0) == ['b']
     assert backoff.due(['a', 'b'], 116.0) == ['a']
+
+
+def test_what_comes_and_goes_is_not_said_each_time() -> None:
+    backoff = Backoff(5.0, 300.0)
+    said = [t for t in range(30) if backoff.due(['a'] if t % 2 else [], float(t))]
+    assert said == [1, 7, 13, 19, 25]

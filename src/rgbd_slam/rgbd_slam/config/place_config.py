@@ -74,11 +74,9 @@ class LoopConfig(Config):
         5.0, 'Length of a way on which drift may hide even if its ends fit by chance (m).',
         minimum=0.0,
     )  # fmt: skip
-    global_iterations: int = param(
-        6, 'Number of iterations, a round, that adjust the whole map after a loop; 0 for none.',
-        minimum=0, maximum=100,
-    )  # fmt: skip
 
+    # Of adjusting the whole map after a loop, a round.
+    global_iterations: ClassVar[int] = 6
     min_support: ClassVar[int] = 2  # keyframes around that must see the place too
     merge_inliers: ClassVar[int] = 60  # points that must be found to merge two maps
     # Drift believed possible anywhere, and the same per metre of path; of the heading as well.

@@ -174,8 +174,6 @@ class GlobalAdjuster:
     def start(self, map_id: int) -> None:
         """Begin to adjust a map; one still under way is outdated and ended."""
         self.close()
-        if self._iterations == 0:
-            return
         problem = global_problem(self._atlas, map_id)
         if problem.bundle.num_free == 0:
             return
