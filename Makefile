@@ -22,7 +22,7 @@ docs:  ## The documents as a site, out/site; broken links are errors
 	@NO_MKDOCS_2_WARNING=1 ./hoid dev python -m mkdocs build --quiet
 
 reference:  ## Write the pages of all parameters and commands anew
-	@./hoid dev python -m hoid_bringup.reference > docs/reference/parameters.md
+	@./hoid dev python -m hoid_bringup.parameter_reference > docs/reference/parameters.md
 	@./hoid dev python -m hoid_bringup.command_reference > docs/reference/commands.md
 
 format:

@@ -41,7 +41,10 @@ ROOMS = {
         config mesh noise < texture < people < room < acting < render
         < truth static_model < scene < bag room_truth < commands
     """,
-    'hoid_bringup': 'evaluate < run < live view < commands cli reference < command_reference < __main__',
+    'hoid_bringup': """
+        evaluate < run < live view < commands cli parameter_reference
+        < command_reference < __main__
+    """,
     'hoid_benchmarks': 'plan < jobs < rooms < report < commands demo',
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')

@@ -10,7 +10,7 @@ import pytest
 from hoid_bringup.cli import COMMANDS
 from hoid_bringup.command_reference import command_reference
 from hoid_bringup.live.node_specs import NODE_CONFIGS
-from hoid_bringup.reference import parameter_reference
+from hoid_bringup.parameter_reference import parameter_reference
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.config import Param
 
