@@ -25,6 +25,7 @@ from rgbd_slam.map_control import MapControl
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.map_transfer import LoadedMap
 from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.optimize.pose_consensus import Rival
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
 from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
 from rgbd_slam.slam import RgbdSlam
@@ -40,6 +41,7 @@ _MESSAGES = {
     SlamState.PAUSED: 'paused; ~/resume goes on',
 }
 _IN_OTHER_MAP = 'in a new map since the last loss; a known place will join the two'
+_TWO_MOTIONS = 'two motions explain this image: {:.0f} % / {:.0f} %; something large moves'
 
 
 class Processed(NamedTuple):
@@ -242,9 +244,11 @@ class SlamSession:
             keyframes=fusion.keyframes if fuse else None, track_objects=track_objects
         )
 
-    def _message(self, state: SlamState) -> str:
+    def _message(self, state: SlamState, rival: Rival | None) -> str:
         if state is SlamState.TRACKING and not self._slam.odometry.is_in_main_map:
             return _IN_OTHER_MAP
+        if rival is not None:
+            return _TWO_MOTIONS.format(100 * rival.chosen_share, 100 * rival.rival_share)
         return _MESSAGES[state]
 
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
@@ -252,7 +256,7 @@ class SlamSession:
         return SlamStatus(
             state=state,
             mode=self.mode,
-            message=self._message(state),
+            message=self._message(state, result.rival if result else None),
             tracked_points=result.num_tracked if result else 0,
             inliers=result.num_inliers if result else 0,
             keyframes=stats.num_keyframes,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from rgbd_slam.model.points import PointTallies
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_keyframe
 from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.online_noise import OnlineNoise
-from rgbd_slam.optimize.pose_optimizer import covariance
 from rgbd_slam.statistics import SlamStats, slam_stats
 from rgbd_slam.tracking.image_clock import ImageClock
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
@@ -83,10 +83,11 @@ class RgbdSlam:
             self._insert_keyframe(tracking)
         mapped_s = time.thread_time()
         stage_ms = {'track': _MS * (tracked_s - start_s), 'map': _MS * (mapped_s - tracked_s)}
-        return self._result(
-            tracking.tracked, covariance(tracking.estimate), tracking.num_matches,
+        result = self._result(
+            tracking.tracked, tracking.consensus.covariance, tracking.num_matches,
             tracking.num_inliers, stage_ms, is_keyframe=is_keyframe,
         )  # fmt: skip
+        return replace(result, rival=tracking.consensus.rival)
 
     def _prepare(self, features: Features) -> Frame:
         """Undistort features, give them virtual right columns, and follow their stamps."""

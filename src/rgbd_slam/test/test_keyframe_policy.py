@@ -15,6 +15,7 @@ from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.tracked_frame import tracked_frame
+from rgbd_slam.optimize.pose_consensus import Consensus
 from rgbd_slam.optimize.pose_optimizer import PoseEstimate
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
 from rgbd_slam.tracking.tracker import TrackerOutput
@@ -69,7 +70,7 @@ def tracking(
     tracked = tracked_frame(seen, T, points, atlas, 0)
     estimate = PoseEstimate(se3.inverse(T), np.ones(num_inliers, np.bool_), np.eye(6))
     tally = PointTally(np.empty(0, np.int64), np.empty(0, np.int64))
-    return TrackerOutput(tracked, estimate, points, num_inliers, tally, expected_px)
+    return TrackerOutput(tracked, Consensus(estimate), points, num_inliers, tally, expected_px)
 
 
 def test_a_frame_becomes_a_keyframe_when_it_shows_less_of_the_reference() -> None:

@@ -1,5 +1,6 @@
 """Who decides a pose: what moves near the camera or far from it does not, whatever its numbers."""
 
+import re
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,8 +14,12 @@ from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.optimize.pose_consensus import PoseConsensus
 from rgbd_slam.optimize.pose_optimizer import PoseProblem, optimize_pose
+from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.session import SlamSession
+from rgbd_slam.slam import RgbdSlam
 
 from .world import CAMERA as MODEL
+from .world import PERIOD_NS, World
 
 NOISE_PX = 0.4
 CAMERA = replace(StereoCamera.from_model(MODEL, SlamConfig().camera), pixel_noise=NOISE_PX)
@@ -116,6 +121,45 @@ def test_the_other_motion_is_named_with_its_share() -> None:
     assert 0.55 < rival.chosen_share < 0.8  # three of four rest
     assert 0.2 < rival.rival_share < 0.45
     assert np.linalg.norm(rival.twist[3:]) > 0.02
+
+
+def test_the_covariance_reaches_to_the_other_motion() -> None:
+    problem, is_established = seen(*CAPTURES['near and established'])
+    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
+    assert consensus.rival is not None
+    twist = consensus.rival.twist
+    away_m = np.linalg.norm(twist[3:])
+    sigma_m = np.sqrt(twist[3:] @ consensus.covariance[3:, 3:] @ twist[3:]) / away_m
+    assert away_m / 3 < sigma_m < away_m
+    alone = consensus._replace(rival=None)
+    np.testing.assert_allclose(alone.covariance, np.linalg.inv(consensus.estimate.information))
+
+
+def test_the_status_says_that_two_motions_explain_an_image() -> None:
+    world = World()
+    world.points_m[::8] *= 0.5  # near the camera
+    session = SlamSession(MODEL, SlamConfig(), RobotFrames())
+    before = session.process(world.features(0, np.eye(4)))
+    world.points_m[::8] += STEP_M / 3
+    after = session.process(world.features(PERIOD_NS, np.eye(4)))
+    assert before.status.message == ''
+    assert re.match(r'two motions explain this image: \d+ % / \d+ %', after.status.message)
+    assert after.pose is not None
+    assert np.linalg.norm(after.pose.T_odom_base[:3, 3]) < 0.005
+
+
+def test_a_capture_at_the_start_is_within_three_sigma() -> None:
+    """Half of what a camera sees moves before the map has established anything."""
+    world, slam = World(), RgbdSlam(MODEL, SlamConfig())
+    world.points_m[::3] *= 0.5
+    slam.process(world.features(0, np.eye(4)))
+    world.points_m[::3] += STEP_M / 3
+    result = slam.process(world.features(PERIOD_NS, np.eye(4)))
+    assert result.T_map_camera is not None
+    assert result.covariance is not None
+    twist = se3.log(result.T_map_camera)
+    assert np.linalg.norm(twist[3:]) > 0.01  # it is captured
+    assert twist[3:] @ np.linalg.solve(result.covariance[3:, 3:], twist[3:]) < 3**2
 
 
 def test_few_matches_are_solved_as_ever() -> None:

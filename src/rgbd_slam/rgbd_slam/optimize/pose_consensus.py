@@ -19,14 +19,25 @@ from hoid_common.values import BoolArray, FloatArray
 from hoid_native.results import MatchJudgement
 from rgbd_slam.config.consensus_config import ConsensusConfig
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.optimize.pose_optimizer import GATES, PoseEstimate, PoseProblem, optimize_pose
+from rgbd_slam.optimize.pose_optimizer import (
+    CHI2_STEREO,
+    GATES,
+    PoseEstimate,
+    PoseProblem,
+    covariance,
+    optimize_pose,
+)
 
+_MEDIAN_COST = 2.366  # of three degrees of freedom, at the true noise
+_MAX_COST = 9.832  # pixel and disparity at their gates
+_MIN_SCALE = 0.01
 _MIN_HALF = 10  # matches that make a hypothesis
+_CHI2_APART = 16.812  # 99 % of six degrees of freedom
 _ROUNDS = 2  # in which a hypothesis gathers what fits it
 
 
 class Rival(NamedTuple):
-    """The motion that explains an image next best, where part of the map objects to the pose."""
+    """Another motion that explains the image: part of the map objects to the pose, or would."""
 
     twist: FloatArray  # (6,) from the pose to the rival's, left, rotation first [rad, m]
     chosen_share: float  # of the deciding matches, those that fit the pose, and fit it better
@@ -39,6 +50,18 @@ class Consensus(NamedTuple):
     estimate: PoseEstimate
     rival: Rival | None = None
 
+    @property
+    def covariance(self) -> FloatArray:
+        """Return (6, 6) of a small motion in the camera's own frame, rotation first [rad^2, m^2].
+
+        With a rival it is that of both poses, weighted by who follows them, around the chosen one.
+        """
+        own = covariance(self.estimate)
+        if self.rival is None:
+            return own
+        _, chosen, other = self.rival
+        return own + other / (chosen + other) * np.outer(self.rival.twist, self.rival.twist)
+
 
 class _Hypothesis(NamedTuple):
     """A pose, and what the core says of it."""
@@ -47,6 +70,11 @@ class _Hypothesis(NamedTuple):
     information: FloatArray  # (6, 6)
     cost: FloatArray  # (C,)
     inliers: BoolArray  # (C,)
+
+    @property
+    def fitting(self) -> BoolArray:
+        """Return (C,) which inliers fit as well as the noise that the pose shows lets expect."""
+        return np.asarray(self.inliers & (self.cost <= CHI2_STEREO * _noise_scale(self.cost)))
 
 
 class PoseConsensus:
@@ -82,12 +110,12 @@ class PoseConsensus:
         best = self._hypothesis(core, core, usual.T_camera_map)
         rival = None
         for other in self._objections(core, best):
-            if other.cost.sum() < best.cost.sum():
+            if _is_better(other, best):
                 best, other = other, best  # noqa: PLW2901
-            if rival is None or other.cost.sum() < rival.cost.sum():
+            if rival is None or _is_better(other, rival):
                 rival = other
         estimate = self._widened(problem, is_core, best, usual)
-        return Consensus(estimate, None if rival is None else _compared(best, rival))
+        return Consensus(estimate, _compared(best, rival))
 
     def _hypothesis(
         self, core: PoseProblem, fitted: PoseProblem, T_camera_map: FloatArray
@@ -117,9 +145,9 @@ class PoseConsensus:
             return None
         used = half.copy()
         used[half] = fit.inliers
-        found = _Hypothesis(fit.T_camera_map, fit.information, best.cost, used)
-        for _ in range(_ROUNDS):
-            found = self._hypothesis(core, core.select(found.inliers), found.T_camera_map)
+        found = self._hypothesis(core, core.select(used), fit.T_camera_map)
+        for _ in range(_ROUNDS - 1):
+            found = self._hypothesis(core, core.select(found.fitting), found.T_camera_map)
         return found
 
     def _widened(
@@ -128,7 +156,8 @@ class PoseConsensus:
         """Return the pose of all matches, or of those that fit, if the core can live with it."""
         if self._suits(problem, is_core, best, usual, self._config.tolerance):
             return usual
-        fits = self._judge(problem, best.T_camera_map)[1]
+        judged = self._judge(problem, best.T_camera_map)
+        fits = judged.inliers & (judged.cost <= CHI2_STEREO * _noise_scale(best.cost))
         wider = optimize_pose(self._camera, problem.select(fits), best.T_camera_map)
         is_wider = self._suits(problem, is_core, best, wider, self._config.objection)
         T, information = wider[::2] if is_wider else best[:2]
@@ -148,6 +177,7 @@ class PoseConsensus:
         return self._agree(cost[decided], best.cost[decided], tolerance)
 
     def _agree(self, cost: FloatArray, least: FloatArray, tolerance: float) -> bool:
+        cost, least = _rescaled(cost, least)
         return bool(cost.sum() <= self._config.margin + (1 + tolerance) * least.sum())
 
     def _judge(self, problem: PoseProblem, T_camera_map: FloatArray) -> MatchJudgement:
@@ -161,10 +191,33 @@ class PoseConsensus:
         )
 
 
-def _compared(best: _Hypothesis, rival: _Hypothesis) -> Rival:
-    is_better = best.cost <= rival.cost
-    return Rival(
-        se3.log(rival.T_camera_map @ se3.inverse(best.T_camera_map)),
-        float(np.mean(best.inliers & is_better)),
-        float(np.mean(rival.inliers & ~is_better)),
-    )
+def _is_better(one: _Hypothesis, other: _Hypothesis) -> bool:
+    cost, other_cost = _rescaled(one.cost, other.cost)
+    return bool(cost.sum() < other_cost.sum())
+
+
+def _rescaled(cost: FloatArray, other_cost: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two poses' costs at the noise that the better one shows."""
+    scale = min(_noise_scale(cost), _noise_scale(other_cost))
+    return np.minimum(cost / scale, _MAX_COST), np.minimum(other_cost / scale, _MAX_COST)
+
+
+def _noise_scale(cost: FloatArray) -> float:
+    """Return the noise that the median of costs shows, in units of that assumed, at most 1.
+
+    A new map's noise is not measured yet. At one assumed too large what moves would fit a pose
+    halfway, and few that do count more than many that rest.
+    """
+    median = float(np.median(cost)) if len(cost) else np.inf
+    return min(max(median / _MEDIAN_COST, _MIN_SCALE), 1.0)
+
+
+def _compared(best: _Hypothesis, other: _Hypothesis | None) -> Rival | None:
+    """Return a rival that some follow, and further off than noise as configured explains."""
+    if other is None:
+        return None
+    twist = se3.log(other.T_camera_map @ se3.inverse(best.T_camera_map))
+    is_better = best.cost <= other.cost
+    shares = np.mean(best.inliers & is_better), np.mean(other.inliers & ~is_better)
+    is_apart = twist @ best.information @ twist > _CHI2_APART
+    return Rival(twist, *map(float, shares)) if is_apart and shares[1] > 0 else None

@@ -29,8 +29,8 @@ from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.projection import MIN_DEPTH_M, project, to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.optimize.alignment import AlignmentStatus, align_image
-from rgbd_slam.optimize.pose_consensus import PoseConsensus
-from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem
+from rgbd_slam.optimize.pose_consensus import Consensus, PoseConsensus
+from rgbd_slam.optimize.pose_optimizer import PoseProblem
 
 _MIN_FIRST_INLIERS = 10  # of the frame-to-frame step; the local map must bring the rest
 _OUTSIDE_PX = -1e4
@@ -41,7 +41,7 @@ class TrackerOutput:
     """What tracking one frame gave."""
 
     tracked: TrackedFrame
-    estimate: PoseEstimate
+    consensus: Consensus
     matched: IntArray  # (N,) point matched with each feature, or NO_POINT; outliers as well
     num_inliers: int  # of them
     tally: PointTally
@@ -66,7 +66,7 @@ class TrackerOutput:
 class _First(NamedTuple):
     """A pose from few landmarks, to be refined with the local map."""
 
-    estimate: PoseEstimate
+    consensus: Consensus
     seen: Sightings  # inliers
 
 
@@ -245,7 +245,7 @@ class Tracker:
         view = visible_points(
             self._atlas,
             self._camera,
-            first.estimate.T_camera_map,
+            first.consensus.estimate.T_camera_map,
             others,
             self._config.local_map_radius,
         )
@@ -256,18 +256,18 @@ class Tracker:
         )
         j = view.points[matches.q]
         seen = first.seen.joined(Sightings(matches.k, j, self._atlas.points.position_m[j]))
-        estimate, fitting = self._optimize(frame, seen, first.estimate.T_camera_map)
+        consensus, fitting = self._optimize(frame, seen, first.consensus.estimate.T_camera_map)
         if len(fitting.k) < self._config.min_inliers:
             return None
         matched, points = np.full((2, len(frame)), NO_POINT, np.int64)
         matched[seen.k] = seen.point
         points[fitting.k] = fitting.point
-        T_map_camera = se3.inverse(estimate.T_camera_map)
+        T_map_camera = se3.inverse(consensus.estimate.T_camera_map)
         tracked = tracked_frame(frame, T_map_camera, points, self._atlas, around.reference)
         found = fitting.points
         tally = PointTally(np.concatenate([known, view.points]), found)
         expected_px = view.queries.projection_px
-        return TrackerOutput(tracked, estimate, matched, len(found), tally, expected_px)
+        return TrackerOutput(tracked, consensus, matched, len(found), tally, expected_px)
 
     def _optimize(self, frame: Frame, seen: Sightings, T_camera_map: FloatArray) -> _First:
         """Return the pose that the sightings give, and those that fit it."""
@@ -276,10 +276,10 @@ class Tracker:
             frame.measurement_px[seen.k].astype(np.float64),
             self._inv_sigma2[frame.octave[seen.k]],
         )
-        consensus = PoseConsensus(self._camera, self._config.consensus)
-        known = np.flatnonzero(seen.point != NO_POINT)
-        is_established = np.zeros(len(seen.k), np.bool_)
-        num_observations = self._atlas.points.num_observations[seen.point[known]]
-        is_established[known] = num_observations >= self._config.consensus.min_observations
-        estimate = consensus.solve(problem, is_established, T_camera_map).estimate
-        return _First(estimate, seen.select(estimate.inliers))
+        config = self._config.consensus
+        num_observations = self._atlas.points.num_observations[seen.point]
+        is_established = (seen.point != NO_POINT) & (num_observations >= config.min_observations)
+        consensus = PoseConsensus(self._camera, config).solve(
+            problem, is_established, T_camera_map
+        )
+        return _First(consensus, seen.select(consensus.estimate.inliers))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from hoid_common.values import FloatArray
+from rgbd_slam.optimize.pose_consensus import Rival
 
 
 class TrackingState(Enum):
@@ -30,3 +31,4 @@ class TrackingResult:
     num_inliers: int = 0  # of them, those that fit the pose
     is_keyframe: bool = False
     stage_ms: dict[str, float] = field(default_factory=dict)  # 'track', 'map'; thread CPU time
+    rival: Rival | None = None  # another motion that explains the image
