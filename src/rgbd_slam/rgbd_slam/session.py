@@ -50,7 +50,6 @@ class Processed(NamedTuple):
     status: SlamStatus
     pose: RobotPose | None  # None while the pose is unknown
     fusion: FusionRequest | None = None  # for the scene mapper, when it is to look at the image
-    tracking: TrackingResult | None = None  # None when the image was not looked at
 
 
 class SlamSession:
@@ -122,7 +121,7 @@ class SlamSession:
         self._num_processed += 1
         self._map_changed |= result.is_keyframe
         status = self._status(SlamState(result.state.value), result)
-        return Processed(status, self._pose(result), self._fusion_request(result), result)
+        return Processed(status, self._pose(result), self._fusion_request(result))
 
     @property
     def stats(self) -> SlamStats:

@@ -16,6 +16,7 @@ from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.scene.object_sighting import Sighting
 
 _START_SPEED_MPS = 1.0  # 1 sigma, of what is seen for the first time
+_GONE_LOOKS = 5  # that show what is behind an object's place
 _FADE_S = 0.5  # a velocity that is no longer measured fades with this time constant
 
 
@@ -60,8 +61,8 @@ class KalmanTrack:
             self.state = ObjectState.HANDLED
         self.stamp_ns = stamp_ns
         self.num_sightings = 1
-        self.num_looked_through = 0
-        self.is_taken = False  # out of sight, away from its place: not published
+        self._num_looked_through = 0
+        self._is_taken = False
         self.was_at_rest = self.state is ObjectState.AT_REST
         self._config = config
         self._score, self._size_m = sighting.seen.score, sighting.size_m
@@ -74,6 +75,11 @@ class KalmanTrack:
     def is_settled(self) -> bool:
         """Return whether it is an object at rest."""
         return self.state in SETTLED
+
+    @property
+    def is_taken(self) -> bool:
+        """Return whether it is out of sight, away from its place: not published."""
+        return self._is_taken
 
     @property
     def is_confirmed(self) -> bool:
@@ -95,6 +101,15 @@ class KalmanTrack:
             self.position_at_m(stamp_ns), self._velocity_mps, self._size_m,
         )  # fmt: skip
 
+    def look_through(self) -> None:
+        """Take note that its place shows what is behind it; once may be chance."""
+        self._num_looked_through += 1
+        self._is_taken = self._num_looked_through >= _GONE_LOOKS
+
+    def take_away(self) -> None:
+        """Take note that it was carried out of sight."""
+        self._is_taken = True
+
     def is_alive(self, stamp_ns: int) -> bool:
         """Return whether it is still worth keeping."""
         config = self._config
@@ -108,7 +123,7 @@ class KalmanTrack:
     def correct(self, sighting: Sighting, stamp_ns: int) -> None:
         """Take a sighting in."""
         self.num_sightings += 1
-        self.num_looked_through = 0
+        self._num_looked_through = 0
         self._score, self._size_m = sighting.seen.score, sighting.size_m
         if self.is_settled and self._is_away(sighting):
             self.state = ObjectState.HANDLED
@@ -122,12 +137,12 @@ class KalmanTrack:
     def confirm(self, sighting: Sighting, stamp_ns: int) -> None:
         """Take in that it is where it was; how much of it is hidden says nothing of its middle."""
         self.num_sightings += 1
-        self.num_looked_through = 0
+        self._num_looked_through = 0
         self._score, self.stamp_ns = sighting.seen.score, stamp_ns
 
     def put_down(self, sighting: Sighting, stamp_ns: int) -> None:
         """Take in that it stands somewhere after it went out of sight."""
-        self.is_taken = False
+        self._is_taken = False
         self.state = ObjectState.HANDLED
         self._position_m = self._still_place_m = sighting.position_map_m
         self._still_since_ns = self.stamp_ns = stamp_ns

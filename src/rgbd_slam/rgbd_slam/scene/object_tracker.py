@@ -21,7 +21,6 @@ __all__ = ['ObjectState', 'ObjectTracker', 'TrackedObject']
 
 _HIDDEN_M = 0.15  # what shows so much before an object's place hides it
 _GONE_M = 0.25  # what shows so far behind it means that it is gone
-_GONE_LOOKS = 5
 _CARRY_MPS, _CARRY_S = 1.5, 3.0  # how fast, and for how long unseen, an object is carried
 
 
@@ -169,15 +168,14 @@ class ObjectTracker:
         """Mark the resting objects whose place shows what is behind it."""
         for track in unseen:
             if track.is_settled and scene.sees_through(track.position_at_m(0), _GONE_M):
-                track.num_looked_through += 1
-                track.is_taken = track.num_looked_through >= _GONE_LOOKS
+                track.look_through()
 
     def _alive(self, stamp_ns: int) -> list[KalmanTrack]:
         limit_ns = self._config.forget_moving_s * NS_PER_S
         for track in self._tracks:
             is_late = stamp_ns - track.stamp_ns > limit_ns
             if track.state is ObjectState.HANDLED and is_late and track.was_at_rest:
-                track.is_taken = True
+                track.take_away()
         alive = [track for track in self._tracks if track.is_alive(stamp_ns)]
         alive.sort(key=lambda track: track.stamp_ns)
         return alive[-self._config.max_objects :]
