@@ -6,7 +6,6 @@ import pytest
 from hoid_common.values import CameraModel, Features, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.model.frame import Frame, StereoCamera
-from rgbd_slam.model.projection import project, to_camera
 
 FR1 = CameraModel(
     640, 480, 517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
@@ -72,13 +71,11 @@ def test_the_right_column_by_hand() -> None:
 
 
 def test_rows_and_columns_project_alike() -> None:
-    points = seen_points()
-    camera = StereoCamera.from_model(FR1, CONFIG)
-    x = to_camera(np.eye(4), points.T)
-    out = np.empty_like(x)
-    inv_z = project(camera, x, out)
-    np.testing.assert_allclose(out.T, camera.project(points), atol=1e-9)
-    np.testing.assert_allclose(inv_z, 1 / points[:, 2])
+    camera = StereoCamera.from_model(CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0), CONFIG)
+    points = np.array([[0.4, -0.2, 2.0], [0.0, 0.0, 5.0]])
+    expected_px = [[420.0, 190.0, 401.25], [320.0, 240.0, 312.5]]  # 18.75 and 7.5 px apart
+    np.testing.assert_allclose(camera.project(points), expected_px, atol=1e-12)
+    np.testing.assert_array_equal(camera.project_rows(points.T).T, camera.project(points))
 
 
 def test_bounds_hold_every_undistorted_pixel() -> None:

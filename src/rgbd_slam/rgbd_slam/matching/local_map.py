@@ -11,7 +11,7 @@ from rgbd_slam.matching.matching import Queries
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.projection import MIN_DEPTH_M, project, to_camera
+from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
 
 _RANGE_MARGIN = 1.2  # one octave on either side of the scale range
 _MIN_VIEW_COSINE = 0.5
@@ -82,8 +82,7 @@ def visible_points(
     position = table.position_m[points]
     x = to_camera(T_camera_map, position.T)
     points, x, position = _in_front(points, x, position)
-    pixels = np.empty_like(x)
-    project(camera, x, pixels)
+    pixels = camera.project_rows(x)
     inside = _inside(camera, pixels)
     points, pixels, position = points[inside], pixels[:, inside], position[inside]
     ray = position + T_camera_map[:3, :3].T @ T_camera_map[:3, 3]

@@ -15,7 +15,7 @@ from gtsam.symbol_shorthand import L, X
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.projection import project, to_camera
+from rgbd_slam.model.projection import to_camera
 from rgbd_slam.optimize.bundle_problem import BundleProblem, BundleSolution
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
@@ -70,9 +70,7 @@ def _chi2(
         x[:, seen] = to_camera(T, points_m[:, problem.point[seen]])
     behind = x[2] <= 0
     x[2, behind] = 1.0
-    predicted = np.empty_like(x)
-    project(camera, x, predicted)
-    residual = predicted - problem.measured_px
+    residual = camera.project_rows(x) - problem.measured_px
     chi2: FloatArray = problem.inv_sigma2 * np.nansum(residual**2, axis=0)
     chi2[behind] = np.inf
     return chi2

@@ -16,7 +16,7 @@ from hoid_common.values import FloatArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.projection import project, to_camera
+from rgbd_slam.model.projection import to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.optimize.residual_noise import noise_factor
 
@@ -57,8 +57,7 @@ class OnlineNoise:
         k = np.flatnonzero(tracked.points != NO_POINT)
         position_m = atlas.points.position_m[tracked.points[k]]
         x = to_camera(se3.inverse(tracked.T_map_camera), position_m.T)
-        expected = np.empty_like(x)
-        project(self._configured, x, expected)
+        expected = self._configured.project_rows(x)
         measured = tracked.frame.measurement_px[k].T
         residual = measured - expected
         pixel = residual[:2] / atlas.octave_scale[tracked.frame.octave[k]]

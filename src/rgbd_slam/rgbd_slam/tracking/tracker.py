@@ -26,7 +26,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.points import PointTally
-from rgbd_slam.model.projection import MIN_DEPTH_M, project, to_camera
+from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.optimize.alignment import AlignmentStatus, align_image
 from rgbd_slam.optimize.pose_consensus import Consensus, PoseConsensus
@@ -183,8 +183,7 @@ class Tracker:
         x = to_camera(T_camera_map, landmarks.position_m.T)
         behind = x[2] < MIN_DEPTH_M
         x[2][behind] = MIN_DEPTH_M
-        pixels = np.empty_like(x)
-        project(self._camera, x, pixels)
+        pixels = self._camera.project_rows(x)
         pixels[:, behind] = _OUTSIDE_PX
         return pixels
 
