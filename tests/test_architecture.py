@@ -45,7 +45,7 @@ ROOMS = {
         evaluate < run < live view < commands cli parameter_reference
         < command_reference < __main__
     """,
-    'hoid_benchmarks': 'plan < jobs < rooms < report < commands demo',
+    'hoid_benchmarks': 'plan < jobs < rooms < report < demo_picture < commands demo',
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')
 ROS_ROOMS = re.compile(

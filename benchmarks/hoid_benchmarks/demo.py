@@ -1,4 +1,4 @@
-"""`hoid demo`: a rendered scene, replayed live with the filter and without."""
+"""`hoid demo`: people walk together past the camera, replayed live with the filter and without."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import argparse
 import shutil
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_benchmarks.demo_picture import DemoRun, Snapshot, draw_demo, write_animation
+from hoid_benchmarks.plan.plan import load_profile
 from hoid_bringup.commands import say_detections
 from hoid_bringup.evaluate.evaluation import align
-from hoid_bringup.evaluate.plots import plot_comparison
 from hoid_bringup.live.replay_plan import ReplayConfig
 from hoid_bringup.run import outputs
 from hoid_bringup.run.detection_source import detection_source
@@ -17,26 +21,33 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_bringup.run.summary import Spread, Summary
 from hoid_common.errors import InputError
 from hoid_common.io.trajectory_io import read_tum
-from hoid_common.values import ByteArray
+from hoid_common.values import ByteArray, FilterResult, Reason, RgbdFrame
 from hoid_detector.model.model_path import SYNTHETIC
-from hoid_filter.drawing import draw_result
+from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, draw_points
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
+from rgbd_slam.scene.export import read_ply
 
 _WORKERS = 2
-_RUNS = {'with the filter': RunConfig().filter.strategy, 'without': 'none'}
-_NUM_SCENES = 4
+_FRAMES = 300
+_SNAPSHOTS = (0.35, 0.6, 0.85)  # of the recording
+_ANIMATED_EVERY = 10
+_ANIMATED_PX = (240, 180)
+_DRAWN = (Reason.PERSON, Reason.HANDLED)  # what is predicted or remembered would clutter
+# What the paper put HOID on, without it; and ours.
+_WITHOUT, _WITH = "ORB-SLAM3's rules, no filter", 'HOID'
 
 
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid demo`."""
-    scene = SceneConfig()
     parser.add_argument(
         '--out', type=Path, default=Path('out/demo'), metavar='DIR', help='default: %(default)s'
     )
-    parser.add_argument('--seed', type=int, default=scene.seed, metavar='N', help='of the scene')
-    parser.add_argument('--frames', type=int, default=300, metavar='N', help='at 30 Hz')
+    parser.add_argument('--seed', type=int, default=1, metavar='N', help='of the scene')
+    parser.add_argument(
+        '--frames', type=int, default=_FRAMES, metavar='N', help='at 30 Hz (%(default)s)'
+    )
     parser.add_argument(
         '--detector', default=SYNTHETIC, metavar='MODEL', help='default: %(default)s'
     )
@@ -47,55 +58,78 @@ def demo_command(args: argparse.Namespace) -> None:
     from hoid_bringup.live.replay import replay  # needs ROS
 
     bag_path = args.out / 'scene.bag'
-    scene = SceneConfig(seed=args.seed, num_frames=args.frames)
-    print(f'1/3  rendering {scene.frames} frames of a furnished home with two people')
+    print(f'1/3  rendering {args.frames} frames of three people who walk past the camera')
     shutil.rmtree(bag_path, ignore_errors=True)
-    write_bag(scene, bag_path, _WORKERS, show_progress=True)
+    write_bag(_scene(args), bag_path, _WORKERS, show_progress=True)
     bag = BagSequence(bag_path)
-    say_detections(RunConfig().updated({'detector.model': args.detector}))
-    if args.detector == SYNTHETIC:
-        print("detections: the project's own detector, trained on rendered homes of other seeds")
+    configs = _configs(args.detector)
+    say_detections(configs[_WITH])
     summaries = {}
-    for number, (label, strategy) in enumerate(_RUNS.items(), start=2):
-        config = RunConfig().updated(
-            {'filter.strategy': strategy, 'detector.model': args.detector}
-        )
-        print(f'{number}/3  replaying it in real time through the live nodes, {label}')
+    for number, (label, config) in enumerate(configs.items(), start=2):
+        print(f'{number}/3  replaying it in real time through the live nodes: {label}')
         summaries[label] = replay(bag, ReplayConfig(run=config), args.out / _folder(label))
-    picture = args.out / 'demo.png'
-    config = RunConfig().updated({'detector.model': args.detector})
-    _draw(picture, bag, args.out, config)
+    picture, animation = args.out / 'demo.png', args.out / 'demo.gif'
+    frames = _pictures(bag, configs[_WITH])
+    shown = [frames[int(share * len(frames))] for share in _SNAPSHOTS]
+    draw_demo(picture, {label: _run(bag, args.out, label) for label in configs}, shown)
+    write_animation(
+        animation,
+        [cv2.resize(f.image_bgr, _ANIMATED_PX) for f in frames[::_ANIMATED_EVERY]],  # type: ignore[misc]
+    )
     print(_table(summaries))
-    print(f'\npicture      {picture}')
-    print(f'all results  {args.out}')
+    print(f'\npicture      {picture}\nanimation    {animation}\nall results  {args.out}')
+
+
+def _scene(args: argparse.Namespace) -> SceneConfig:
+    return SceneConfig(
+        seed=args.seed, num_frames=args.frames, path='xyz', num_people=3, near_m=1.5, together=True
+    )
+
+
+def _configs(detector: str) -> dict[str, RunConfig]:
+    """Return what is compared, by label."""
+    seed_method = {**load_profile('orb_slam3'), 'filter.strategy': 'none'}
+    return {
+        _WITHOUT: RunConfig().updated(seed_method),
+        _WITH: RunConfig().updated({'detector.model': detector}),
+    }
 
 
 def _folder(label: str) -> str:
-    return label.replace(' the ', '_')
+    return 'with_filter' if label == _WITH else 'without'
 
 
-def _scenes(bag: BagSequence, config: RunConfig) -> list[ByteArray]:
-    """Return pictures of what the filter decides, the busiest of each part of the bag."""
+def _pictures(bag: BagSequence, config: RunConfig) -> list[Snapshot]:
+    """Return what the filter sees and decides, image by image."""
     detect = detection_source(bag, config)
     feature_filter = FeatureFilter(config.filter, bag.camera)
-    best: dict[int, tuple[int, ByteArray]] = {}
-    for i, frame in enumerate(bag):
+    found = []
+    for frame in bag:
         result = feature_filter.process(frame, detect(frame), for_picture=True)
-        part, score = i * _NUM_SCENES // len(bag), sum(o.is_dynamic for o in result.objects)
-        if score > best.get(part, (-1,))[0]:
-            best[part] = score, draw_result(frame.image_bgr, result)
-    return [picture for _, (_, picture) in sorted(best.items())]
+        found.append(Snapshot(frame.stamp_ns, _drawn(frame, result)))
+    return found
 
 
-def _draw(path: Path, bag: BagSequence, out: Path, config: RunConfig) -> None:
+def _drawn(frame: RgbdFrame, result: FilterResult) -> ByteArray:
+    picture = frame.image_bgr.copy()
+    draw_points(picture, result.removed_uv_px, REMOVED_BGR)
+    draw_points(picture, result.features.uv_px, KEPT_BGR)
+    for item in result.objects:
+        if item.reason in _DRAWN:
+            x1, y1, x2, y2 = np.rint(item.box_xyxy_px).astype(int).tolist()
+            cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), REASON_BGR[item.reason], 2)
+    return picture
+
+
+def _run(bag: BagSequence, out: Path, label: str) -> DemoRun:
     truth = bag.ground_truth
     if truth is None:
         raise InputError(f'{bag.path}: has no ground truth')
-    runs = {
-        f'{label} ({strategy})': align(read_tum(out / _folder(label) / outputs.FINAL), truth)
-        for label, strategy in _RUNS.items()
-    }
-    plot_comparison(path, runs, 'Rendered home with two people, live', _scenes(bag, config))
+    folder = out / _folder(label)
+    return DemoRun(
+        align(read_tum(folder / outputs.FINAL), truth),
+        read_ply(folder / outputs.MAP).points_m.astype(np.float64),
+    )
 
 
 def _table(summaries: dict[str, Summary]) -> str:
@@ -107,7 +141,7 @@ def _table(summaries: dict[str, Summary]) -> str:
     rows.append(('ATE RMSE', *(_metres(s.ate_rmse_m) for s in every)))
     rows.append(('time per frame', *(_median_ms(s.stage_ms.get('frame')) for s in every)))
     rows.append(('image to odometry', *(_median_ms(s.latency_ms) for s in every)))
-    return '\n' + '\n'.join(f'{a:20s}{b:>18s}{c:>18s}' for a, b, c in rows)
+    return '\n' + '\n'.join(f'{a:20s}{b:>30s}{c:>12s}' for a, b, c in rows)
 
 
 def _metres(value_m: float | None) -> str:

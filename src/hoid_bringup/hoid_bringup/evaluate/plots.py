@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import cycle
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure, FigureBase
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import FormatStrFormatter, NullFormatter
+from matplotlib.figure import Figure
 
 from hoid_bringup.evaluate.evaluation import AlignedTrajectory
-from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray, Trajectory
+from hoid_common.values import NS_PER_S, FloatArray, IntArray, Trajectory
 
 _GAP_S = 0.25  # a longer silence is drawn as a break in the line
 _TRUTH = '#b4b9c2'
 _PATH = '#2563a8'
-_COLORS = ('#2563a8', '#c8553d', '#3c8d5a', '#8a6db1')
 _ERROR_MAP = 'plasma'
 _SIZE_IN = (12.0, 8.2)
 _DPI = 110
 _MIN_SPAN_M = 0.05
-_PAD_IN = 0.12
-_STRIP_IN, _PATHS_IN = 2.4, 6.6  # heights of a row of thumbnails and of what is below
-_LEAST_SHOWN_CM = 0.1  # of a logarithmic axis
 
 
 def plot_run(
@@ -56,69 +47,6 @@ def plot_run(
     _label(side, 'from the side', 'x [m]', 'z [m]')
     figure.suptitle(title, fontsize=12, fontweight='bold')
     figure.savefig(path, format='png', metadata={'Software': None})
-
-
-def plot_comparison(
-    path: Path,
-    runs: Mapping[str, AlignedTrajectory],
-    title: str,
-    thumbnails: Sequence[ByteArray] = (),
-) -> None:
-    """Write a picture of several runs of one recording side by side, at one scale of error.
-
-    Args:
-        path: The file, replaced when it is there.
-        runs: By label.
-        title: What was run, in one line.
-        thumbnails: (H, W, 3) BGR pictures for a row above.
-    """
-    height_in = _PATHS_IN + (_STRIP_IN if thumbnails else 0.0)
-    figure = Figure(figsize=(_SIZE_IN[0], height_in), dpi=_DPI, layout='constrained')
-    FigureCanvasAgg(figure)
-    engine = cast('ConstrainedLayoutEngine', figure.get_layout_engine())
-    engine.set(w_pad=_PAD_IN)
-    figure.suptitle(title, fontsize=12, fontweight='bold')
-    below = _below_thumbnails(figure, thumbnails) if thumbnails else figure
-    rows = below.add_gridspec(2, len(runs), height_ratios=(2.2, 1.0))
-    _draw_paths(below, [below.add_subplot(rows[0, i]) for i in range(len(runs))], runs)
-    _draw_error_curves(below.add_subplot(rows[1, :]), runs)
-    figure.savefig(path, format='png', metadata={'Software': None})
-
-
-def _below_thumbnails(figure: Figure, thumbnails: Sequence[ByteArray]) -> FigureBase:
-    """Draw a row of BGR pictures and return what is left of the figure below it."""
-    parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(_STRIP_IN, _PATHS_IN))
-    strip, below = parts[:, 0]
-    for i, image_bgr in enumerate(thumbnails):
-        axes = strip.add_subplot(1, len(thumbnails), i + 1)
-        axes.imshow(image_bgr[..., ::-1])
-        axes.set_axis_off()
-    return cast('FigureBase', below)
-
-
-def _draw_paths(
-    figure: FigureBase, above: Sequence[Axes], runs: Mapping[str, AlignedTrajectory]
-) -> None:
-    """Draw each run's path from above, at one scale of error."""
-    worst_cm = max(100 * float(np.percentile(run.error_m, 99)) for run in runs.values())
-    norm = Normalize(0.0, max(worst_cm, 1e-3))
-    for axes, (label, run) in zip(above, runs.items(), strict=True):
-        lines = _draw_plane(axes, run, (0, 1), norm)
-        rmse_cm = 100 * float(np.sqrt(np.mean(run.error_m**2)))
-        _label(axes, f'{label}: ATE RMSE {rmse_cm:.2f} cm', 'x [m]', 'y [m]')
-    figure.colorbar(lines, ax=list(above), label='error [cm]', extend='max', shrink=0.9)
-
-
-def _draw_error_curves(axes: Axes, runs: Mapping[str, AlignedTrajectory]) -> None:
-    """Draw the runs' errors over time, on a logarithmic axis."""
-    for (label, run), color in zip(runs.items(), cycle(_COLORS), strict=False):
-        stamps_s = (run.stamps_ns - run.stamps_ns[0]) / NS_PER_S
-        axes.plot(stamps_s, 100 * run.error_m, color=color, lw=1.8, label=label)
-    axes.set(yscale='log', ylim=(_LEAST_SHOWN_CM, None))
-    axes.yaxis.set_major_formatter(FormatStrFormatter('%g'))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.legend(loc='upper right', fontsize=9)
-    _label(axes, '', 'time [s]', 'error [cm]')
 
 
 def _draw_errors(
