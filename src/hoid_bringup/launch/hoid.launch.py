@@ -5,97 +5,95 @@ ros2 launch hoid_bringup hoid.launch.py camera:=realsense base_frame:=base_link
 
 from __future__ import annotations
 
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.conditions import IfCondition
+from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
-from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from hoid_bringup.live.camera_topics import CAMERA_TOPICS
-from hoid_common.topics import NAMESPACED_TF
-from hoid_filter.config import FilterConfig
+from hoid_common import topics
+from hoid_common.ros.launch_files import (
+    Argument,
+    common_arguments,
+    is_on,
+    suite_node,
+    switch,
+    value,
+)
+from hoid_filter.config import STRATEGIES, FilterConfig
 from launch import LaunchContext, LaunchDescription
 
-STRATEGY = FilterConfig().strategy
-PARAMS = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'config', 'hoid.yaml'])
 RVIZ = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'rviz', 'hoid.rviz'])
+# Launch argument that names a topic: the suite's own name of it.
+CAMERA_ARGUMENTS = {
+    'rgb_topic': topics.RGB_IMAGE,
+    'depth_topic': topics.DEPTH_IMAGE,
+    'camera_info_topic': topics.CAMERA_INFO,
+}
 ARGUMENTS = (
-    DeclareLaunchArgument(
-        'namespace', default_value='', description='of nodes, topics and the frame tree on tf'
-    ),
-    DeclareLaunchArgument('params_file', default_value=PARAMS, description='parameters, YAML'),
-    DeclareLaunchArgument(
+    *common_arguments('hoid_bringup', 'hoid.yaml'),
+    Argument(
         'camera',
         default_value='bag',
         choices=list(CAMERA_TOPICS),
         description='driver whose topics are taken',
     ),
-    DeclareLaunchArgument('use_sim_time', default_value='false', description='take /clock'),
-    DeclareLaunchArgument(
-        'model', default_value='', description='detector, an ONNX file; empty: the usual places'
+    Argument(
+        'camera_namespace', default_value='', description="of the driver; empty: the driver's own"
     ),
-    DeclareLaunchArgument('strategy', default_value=STRATEGY, description='of the filter'),
-    DeclareLaunchArgument(
-        'base_frame', default_value='', description="the robot's; empty: the camera's own"
+    *(
+        Argument(name, default_value='', description=f"in place of the camera's {topic}")
+        for name, topic in CAMERA_ARGUMENTS.items()
     ),
-    DeclareLaunchArgument('detector', default_value='true', description='run it here'),
-    DeclareLaunchArgument('rviz', default_value='false', description='open RViz'),
-    DeclareLaunchArgument('log_level', default_value='info'),
+    Argument('map_topic', default_value=topics.GRID_MAP, description='of the occupancy grid'),
+    Argument('model', default_value='', description='ONNX file; empty: the usual places'),
+    Argument(
+        'strategy',
+        default_value=FilterConfig().strategy,
+        choices=list(STRATEGIES),
+        description='how dynamic objects are told',
+    ),
+    Argument('base_frame', default_value='', description="the robot's; empty: the camera's own"),
+    switch('detector', 'run it here', default=True),
+    switch('rviz', 'open RViz'),
 )
 
 
-def text(name: str) -> ParameterValue:
-    """Return a launch argument that stays a string, also when it looks like a number."""
-    return ParameterValue(LaunchConfiguration(name), value_type=str)
+def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
+    """Return the remaps of the camera's topics, each by its own argument or as the preset says."""
+    preset = CAMERA_TOPICS[value(context, 'camera')]
+    names = dict(preset.remappings(value(context, 'camera_namespace')))
+    return topics.camera_remappings(
+        *(value(context, name) or names[topic] for name, topic in CAMERA_ARGUMENTS.items())
+    )
 
 
-def suite(context: LaunchContext) -> list[Node]:
+def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
     """Make the nodes; the camera's name is known only now."""
-    camera = LaunchConfiguration('camera').perform(context)
-    common = {
-        'namespace': LaunchConfiguration('namespace'),
-        'remappings': [*CAMERA_TOPICS[camera].remappings(), *NAMESPACED_TF],
-        'output': 'screen',
-        'arguments': ['--ros-args', '--log-level', LaunchConfiguration('log_level')],
+    camera = camera_remappings(context)
+    grid = (topics.GRID_MAP, value(context, 'map_topic'))
+    parameters = {
+        'hoid_detector': {'model': value(context, 'model')},
+        'hoid_filter': {'strategy': value(context, 'strategy')},
+        'rgbd_slam': {'frames.base': value(context, 'base_frame')},
     }
-    shared = [
-        ParameterFile(LaunchConfiguration('params_file'), allow_substs=True),
-        {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)},
+    if not is_on(context, 'detector'):
+        del parameters['hoid_detector']
+    nodes = [
+        suite_node(context, package, own, [*camera, grid]) for package, own in parameters.items()
     ]
-    return [
-        # A lifecycle node that activates itself (autostart), so that it needs no manager.
-        LifecycleNode(
-            package='hoid_detector',
-            executable='hoid_detector_node',
-            name='hoid_detector',
-            parameters=[*shared, {'model': text('model')}],
-            condition=IfCondition(LaunchConfiguration('detector')),
-            **common,
-        ),
-        Node(
-            package='hoid_filter',
-            executable='hoid_filter_node',
-            name='hoid_filter',
-            parameters=[*shared, {'strategy': text('strategy')}],
-            **common,
-        ),
-        Node(
-            package='rgbd_slam',
-            executable='rgbd_slam_node',
-            name='rgbd_slam',
-            parameters=[*shared, {'frames.base': text('base_frame')}],
-            **common,
-        ),
-        Node(
-            package='rviz2',
-            executable='rviz2',
-            namespace=LaunchConfiguration('namespace'),
-            arguments=['-d', RVIZ],
-            remappings=list(NAMESPACED_TF),
-            condition=IfCondition(LaunchConfiguration('rviz')),
-        ),
-    ]
+    return [*nodes, rviz()] if is_on(context, 'rviz') else nodes
+
+
+def rviz() -> Node:
+    """Return RViz with the suite's displays."""
+    return Node(
+        package='rviz2',
+        executable='rviz2',
+        namespace=LaunchConfiguration('namespace'),
+        arguments=['-d', RVIZ],
+        remappings=list(topics.NAMESPACED_TF),
+    )
 
 
 def generate_launch_description() -> LaunchDescription:

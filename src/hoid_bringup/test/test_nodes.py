@@ -40,6 +40,8 @@ def test_names_of_a_camera_and_a_frame_tree_for_each_namespace() -> None:
     assert ('rgb/image', color) in chosen.remappings
     assert ('rgb/image/compressed', f'{color}/compressed') in chosen.remappings
     assert chosen.namespace == 'robot'
+    own = options('--topics', 'realsense', '--camera-namespace', '/robot/d435')
+    assert ('rgb/image', '/robot/d435/color/image_raw') in own.remappings
 
 
 def test_parameters_go_to_their_nodes() -> None:

@@ -41,4 +41,9 @@ class NodeConfig(Config):
         description='Declares the expert parameters as well. Set it to change one of them, in a '
         'parameter file or on the command line; without it they keep their defaults.',
     )
+    autostart: bool = param(
+        default=True,
+        description='Becomes active at once. Set it to false when a lifecycle manager configures '
+        'and activates the node.',
+    )
     input: InputConfig = section(InputConfig)

@@ -53,3 +53,17 @@ def compressed(topic: str) -> str:
 def compressed_depth(topic: str) -> str:
     """Return the topic of losslessly packed depth that image_transport puts beside a raw one."""
     return f'{topic}/compressedDepth'
+
+
+def camera_remappings(rgb: str, depth: str, camera_info: str) -> list[tuple[str, str]]:
+    """Return the suite's names of a camera's topics and the given ones, as ROS remaps want them.
+
+    Packed images are beside the raw ones, where image_transport puts them.
+    """
+    return [
+        (RGB_IMAGE, rgb),
+        (compressed(RGB_IMAGE), compressed(rgb)),
+        (DEPTH_IMAGE, depth),
+        (compressed_depth(DEPTH_IMAGE), compressed_depth(depth)),
+        (CAMERA_INFO, camera_info),
+    ]

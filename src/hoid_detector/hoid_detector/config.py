@@ -106,8 +106,3 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
         minimum=0,
         maximum=19,
     )
-    autostart: bool = param(
-        default=True,
-        description='Becomes active at once. Set it to false when a lifecycle manager configures '
-        'and activates the node.',
-    )

@@ -6,7 +6,6 @@ import os
 from typing import NamedTuple
 
 from hoid_msgs.msg import DetectionArray
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
@@ -15,9 +14,8 @@ from hoid_common import topics
 from hoid_common.errors import ConfigError, HoidError
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages
-from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import Inputs
-from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.values import ByteArray, Detections
@@ -36,68 +34,42 @@ class _Seen(NamedTuple):
     is_watched: bool  # somebody listened to the debug image
 
 
-class DetectorNode(LifecycleNode):
+class DetectorNode(ManagedNode):
     """Detects in a thread of its own; all that is ROS happens in the executor's."""
 
     def __init__(self) -> None:
-        super().__init__('hoid_detector', automatically_declare_parameters_from_overrides=True)
-        bridge_logging(self)
+        super().__init__('hoid_detector')
         self._detector: OnnxDetector | None = None
-        self._active, self._enabled = False, True
-        self._failure: HoidError | None = None
+        self._enabled = True
         self._settings = Parameters(self, DetectorNodeConfig(), self._reconfigure, self._approve)
         os.nice(self._settings.config.niceness)
-        self._diagnostics = Diagnostics(self)
         self._done = self.create_guard_condition(self._finish)
         self._worker = NewestWins(self._detect, self._done.trigger)
         self._detections = self.create_publisher(DetectionArray, topics.DETECTIONS, qos.OUTPUT)
         self._debug_images = DebugImages(self)
         self.create_service(SetBool, '~/enable', self._enable)
-        Inputs(self, self._settings.config.input, self._diagnostics).color(self._take)
-        if self._settings.config.autostart:
-            self._start()
+        Inputs(self, self._settings.config.input, self.diagnostics).color(self._take)
+        self.begin(autostart=self._settings.config.autostart)
 
     def destroy_node(self) -> None:
         """End the worker first: it must not wake a node that is gone."""
         self._worker.close()
         super().destroy_node()
 
-    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
+    def configure(self) -> None:
         """Load the model."""
         config = self._settings.config
-        try:
-            self._detector = OnnxDetector(find_model(config.model), config)
-        except HoidError as error:
-            self._failure = error
-            if not config.autostart:  # else the process ends with it
-                self._diagnostics.set_problem('model', str(error), severe=True)
-            return TransitionCallbackReturn.FAILURE
-        self._diagnostics.clear_problem('model')
-        self._diagnostics.set_value('model', self._detector.description)
+        self._detector = OnnxDetector(find_model(config.model), config)
+        self.diagnostics.set_value('model', self._detector.description)
         if warning := self._detector.network.provider_warning:
-            self._diagnostics.set_problem('provider', warning)
-        return TransitionCallbackReturn.SUCCESS
+            self.diagnostics.set_problem('provider', warning)
 
-    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Take images."""
-        self._active = True
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Take no more images."""
-        self._active = False
+    def pause(self) -> None:
+        """Leave the image that waits."""
         self._worker.clear()
-        return TransitionCallbackReturn.SUCCESS
-
-    on_shutdown = on_deactivate
-
-    def _start(self) -> None:
-        for trigger in (self.trigger_configure, self.trigger_activate):
-            if trigger() != TransitionCallbackReturn.SUCCESS:
-                raise self._failure or ConfigError('hoid_detector could not become active')
 
     def _take(self, msg: Image | CompressedImage) -> None:
-        if self._active and self._enabled:
+        if self._enabled:
             self._worker.offer(msg)
 
     def _detect(self, msg: Image | CompressedImage) -> _Seen:
@@ -116,32 +88,32 @@ class DetectorNode(LifecycleNode):
         try:
             seen = self._worker.finish()
         except HoidError as error:
-            self._diagnostics.report(error, 'images refused')
+            self.diagnostics.report(error, 'images refused')
             return
         if seen is None:
             return
         if seen.is_watched:
             picture = draw_detections(seen.image_bgr, seen.detections)
             self._debug_images.publish(picture, seen.header)
-        self._diagnostics.count('images processed')
+        self.diagnostics.count('images processed')
         self._say_numbers()
-        self._diagnostics.set_count('images dropped for newer ones', self._worker.num_dropped)
-        self._diagnostics.set_value('time per image', f'{seen.detect_ms:.1f} ms')
+        self.diagnostics.set_count('images dropped for newer ones', self._worker.num_dropped)
+        self.diagnostics.set_value('time per image', f'{seen.detect_ms:.1f} ms')
 
     def _say_numbers(self) -> None:
         """Say it while the network gives nothing to detect anything by."""
         assert self._detector is not None
         number = self._detector.num_without_numbers
-        self._diagnostics.set_count('images without a number from the network', number)
+        self.diagnostics.set_count('images without a number from the network', number)
         if self._detector.gives_numbers:
-            self._diagnostics.clear_problem('numbers')
+            self.diagnostics.clear_problem('numbers')
         else:
-            self._diagnostics.set_problem('numbers', self._detector.nonsense, severe=True)
+            self.diagnostics.set_problem('numbers', self._detector.nonsense, severe=True)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
         response.success, response.message = True, 'detecting' if request.data else 'stopped'
-        self._diagnostics.set_value('asked for by ~/enable', response.message)
+        self.diagnostics.set_value('asked for by ~/enable', response.message)
         return response
 
     def _approve(self, config: DetectorNodeConfig) -> None:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 from hoid_msgs.msg import DetectionArray, DynamicObjectArray
 from hoid_msgs.msg import Features as FeaturesMsg
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
@@ -16,9 +15,8 @@ from hoid_common import topics
 from hoid_common.errors import MessageError
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages
-from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import Inputs
-from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.ros.sync import Synchronizer
@@ -38,29 +36,33 @@ class _Image(NamedTuple):
     detected: DetectedCorners
 
 
-class FilterNode(Node):
+class FilterNode(ManagedNode):
     """Brings images, depth and detections together and publishes what the filter makes of them."""
 
     def __init__(self) -> None:
-        super().__init__('hoid_filter', automatically_declare_parameters_from_overrides=True)
-        bridge_logging(self)
+        super().__init__('hoid_filter')
         self._settings = Parameters(self, FilterNodeConfig(), self._reconfigure)
         config = self._settings.config
         self._filter = FeatureFilter(config)
         self._gate: DetectionGate[_Image] = DetectionGate(config.detections)
         self._size_px: tuple[int, int] | None = None  # of the newest image
-        self._diagnostics = Diagnostics(self)
         self._features = self.create_publisher(FeaturesMsg, topics.FEATURES, qos.OUTPUT)
         self._objects = self.create_publisher(
             DynamicObjectArray, topics.DYNAMIC_OBJECTS, qos.OUTPUT
         )
         self._debug_images = DebugImages(self)
         self._subscribe(config)
+        self.begin(autostart=config.autostart)
+
+    def clean_up(self) -> None:
+        """Forget objects, and images that wait."""
+        self._filter.reset()
+        self._gate = DetectionGate(self._settings.config.detections)
 
     def _subscribe(self, config: FilterNodeConfig) -> None:
-        inputs = Inputs(self, config.input, self._diagnostics)
+        inputs = Inputs(self, config.input, self.diagnostics)
         matcher = StampMatcher(('colour', 'depth'), int(config.sync_slop_s * 1e9))
-        images = Synchronizer(matcher, self._take_images, self._diagnostics)
+        images = Synchronizer(matcher, self._take_images, self.diagnostics)
         inputs.color(images.input('colour', conversions.color_from_msg))
         inputs.depth(images.input('depth', conversions.depth_from_msg))
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._take_camera, 'camera infos')
@@ -87,7 +89,7 @@ class FilterNode(Node):
         if self._gate.restart_if_back(stamp_ns):
             self._filter.reset()
             error = MessageError('stamps went back by a second or more: all objects are forgotten')
-            self._diagnostics.report(error, 'times that stamps went back')
+            self.diagnostics.report(error, 'times that stamps went back')
 
     def _take_detections(self, msg: DetectionArray) -> None:
         said = (msg.image_width, msg.image_height)
@@ -105,7 +107,7 @@ class FilterNode(Node):
         camera, size_px = self._filter.camera, self._size_px
         if camera is not None and size_px not in (None, camera.size_px):
             error = MessageError(f'camera_info is of a {camera.size_px} px image, not {size_px}')
-            self._diagnostics.report(error, 'camera infos refused')
+            self.diagnostics.report(error, 'camera infos refused')
 
     def _poll(self) -> None:
         self._go_on(self._gate.poll(time.monotonic()))
@@ -114,10 +116,10 @@ class FilterNode(Node):
         self._silence.reset()
         self._process(ready)
         if not self._gate.is_lost:
-            self._diagnostics.clear_problem(_LOST)
+            self.diagnostics.clear_problem(_LOST)
             return
         then = 'stopped' if self._gate.config.on_loss == STOP else 'features are unfiltered'
-        self._diagnostics.set_problem(
+        self.diagnostics.set_problem(
             _LOST,
             f'no detections for {self._gate.silent_s:.1f} s: is the detector alive? {then}',
             severe=True,
@@ -144,10 +146,10 @@ class FilterNode(Node):
         features = conversions.features_to_msg(result.features, header, size_px, counts)
         self._features.publish(features)
         self._objects.publish(conversions.dynamic_objects_to_msg(result.objects, header, size_px))
-        self._diagnostics.count('images filtered')
-        self._diagnostics.set_count('images without detections', self._gate.num_unanswered)
+        self.diagnostics.count('images filtered')
+        self.diagnostics.set_count('images without detections', self._gate.num_unanswered)
         for name, number in self._filter.counters.items():
-            self._diagnostics.set_count(name, number)
+            self.diagnostics.set_count(name, number)
 
     def _reconfigure(self, config: FilterNodeConfig) -> None:
         self._gate.config = config.detections

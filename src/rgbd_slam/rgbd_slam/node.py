@@ -8,7 +8,6 @@ from contextlib import contextmanager
 
 from hoid_msgs.msg import Features
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
@@ -16,10 +15,9 @@ from hoid_common import topics
 from hoid_common.camera_agreement import CameraAgreement
 from hoid_common.errors import ConfigError, InputError, MapFileError
 from hoid_common.ros import conversions
-from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.ros.inputs import Inputs
-from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.slam_status import SlamMode
@@ -40,27 +38,25 @@ from rgbd_slam.ros.services import SlamServices
 from rgbd_slam.session import Processed, SlamSession
 
 
-class RgbdSlamNode(Node):
+class RgbdSlamNode(ManagedNode):
     """A shell around `SlamSession`, which starts when camera and base are known."""
 
     def __init__(self) -> None:
-        super().__init__('rgbd_slam', automatically_declare_parameters_from_overrides=True)
-        bridge_logging(self)
+        super().__init__('rgbd_slam')
         self._settings = Parameters(self, SlamNodeConfig(), self._reconfigure)
         self._config = self._settings.config
-        self._diagnostics = Diagnostics(self)
         self._cameras = CameraAgreement()
         self._camera_info: CameraInfo | None = None  # the latest
         self._session: SlamSession | None = None
-        self._static = StaticFrameListener(self, self._diagnostics)
+        self._static = StaticFrameListener(self, self.diagnostics)
         self._outputs = SlamOutputs(self, self._config.frames)
-        self._scene = SceneLink(self, self._config, self._diagnostics)
-        self._first_map = self._read_first_map()
+        self._scene = SceneLink(self, self._config, self.diagnostics)
+        self._first_map: MapFile | None = None
         self._is_reset = False  # which forgets that map
-        responder = Responder(self, self._diagnostics)
+        responder = Responder(self, self.diagnostics)
         SlamServices(responder, self._known_session, self._reset)
         self._map_services = MapServices(
-            self, self._config, self._known_session, self._scene, self._diagnostics
+            self, self._config, self._known_session, self._scene, self.diagnostics
         )
         self._checkpoints = Checkpoints(
             self, self._config, self._diagnostics, lambda: self._session
@@ -70,9 +66,19 @@ class RgbdSlamNode(Node):
         self._map_timer = self.create_timer(
             self._config.map_period_s, self._publish_map, clock=steady
         )
-        inputs = Inputs(self, self._config.input, self._diagnostics)
+        inputs = Inputs(self, self._config.input, self.diagnostics)
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos')
         inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
+        self.begin(autostart=self._config.autostart)
+
+    def configure(self) -> None:
+        """Read the map to start with."""
+        self._first_map, self._is_reset = self._read_first_map(), False
+
+    def clean_up(self) -> None:
+        """Forget the map."""
+        self._camera_info = None
+        self._reset()
 
     def destroy_node(self) -> None:
         """End threads and processes before the node."""
@@ -104,9 +110,9 @@ class RgbdSlamNode(Node):
 
     def _say_camera(self) -> None:
         if self._cameras.complaint:
-            self._diagnostics.set_problem('camera', self._cameras.complaint)
+            self.diagnostics.set_problem('camera', self._cameras.complaint)
         else:
-            self._diagnostics.clear_problem('camera')
+            self.diagnostics.clear_problem('camera')
 
     def _on_features(self, msg: Features) -> None:
         try:
@@ -114,7 +120,7 @@ class RgbdSlamNode(Node):
         finally:
             self._say_camera()
         if self._session is None:
-            self._diagnostics.count('features before camera and base were known')
+            self.diagnostics.count('features before camera and base were known')
             return
         features = conversions.features_from_msg(msg)
         with _ending_without_mapper():
@@ -122,11 +128,11 @@ class RgbdSlamNode(Node):
         done = self._checkpoints.followed(self._session, done)
         self._scene.enqueue(done.fusion)
         self._outputs.publish(done, msg.header)
-        self._diagnostics.set_value('state', done.status.state.name.lower())
-        self._diagnostics.set_count('images processed', done.status.frames_processed)
-        self._diagnostics.set_count('images missing', done.status.frames_dropped)
+        self.diagnostics.set_value('state', done.status.state.name.lower())
+        self.diagnostics.set_count('images processed', done.status.frames_processed)
+        self.diagnostics.set_count('images missing', done.status.frames_dropped)
         restarts = self._session.map.num_restarts
-        self._diagnostics.set_count('mapping processes that died', restarts)
+        self.diagnostics.set_count('mapping processes that died', restarts)
 
     def _reconfigure(self, config: SlamNodeConfig) -> None:
         self._config = config
@@ -147,13 +153,13 @@ class RgbdSlamNode(Node):
             self._static.frames.find(names.base, header.frame_id) if names.base else None
         )
         if names.base and T_base_camera is None:
-            self._diagnostics.set_problem(
+            self.diagnostics.set_problem(
                 'base', f'/tf_static does not join frames "{names.base}" and "{header.frame_id}"'
             )
             return None
-        self._diagnostics.clear_problem('base')
+        self.diagnostics.clear_problem('base')
         if names.planar and not names.base:
-            self._diagnostics.set_problem(
+            self.diagnostics.set_problem(
                 'planar', 'frames.planar needs frames.base, the frame that moves on the plane'
             )
         frames = RobotFrames(T_base_camera, planar=names.planar)

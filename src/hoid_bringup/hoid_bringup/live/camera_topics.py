@@ -1,6 +1,6 @@
 """Topics of common camera drivers, so that a camera is chosen by name instead of by three remaps.
 
-Each driver has to publish depth registered to colour; the note says how.
+Each driver has to publish depth registered to colour; the table says how.
 """
 
 from __future__ import annotations
@@ -13,38 +13,59 @@ from hoid_common import topics
 class CameraTopics(NamedTuple):
     """Where a driver publishes what the suite subscribes to."""
 
-    rgb_image: str
+    driver: str  # with the version whose names these are, and what has to be switched on
+    namespace: str  # the driver's own, as it starts by default
+    rgb_image: str  # this and the others within it
     depth_image: str
     camera_info: str
 
-    def remappings(self) -> list[tuple[str, str]]:
-        """Return the suite's names and the driver's, as ROS remaps want them."""
-        rgb, depth = topics.RGB_IMAGE, topics.DEPTH_IMAGE
-        return [
-            (rgb, self.rgb_image),
-            (topics.compressed(rgb), topics.compressed(self.rgb_image)),
-            (depth, self.depth_image),
-            (topics.compressed_depth(depth), topics.compressed_depth(self.depth_image)),
-            (topics.CAMERA_INFO, self.camera_info),
-        ]
+    def remappings(self, namespace: str = '') -> list[tuple[str, str]]:
+        """Return the suite's names and the driver's, as ROS remaps want them.
+
+        Args:
+            namespace: Where the driver runs; empty: where it does by default.
+        """
+        return topics.camera_remappings(
+            *(join(namespace or self.namespace, name) for name in self[2:])
+        )
+
+
+def join(namespace: str, name: str) -> str:
+    """Return the topic of that name in a namespace, which may be empty or end with a slash."""
+    return f'{namespace.rstrip("/")}/{name}' if namespace else name
 
 
 CAMERA_TOPICS = {
-    'bag': CameraTopics(topics.RGB_IMAGE, topics.DEPTH_IMAGE, topics.CAMERA_INFO),
-    # realsense2_camera 4.x with align_depth.enable:=true
+    'bag': CameraTopics(
+        'HOID bags and remapped drivers', '',
+        topics.RGB_IMAGE, topics.DEPTH_IMAGE, topics.CAMERA_INFO,
+    ),
     'realsense': CameraTopics(
-        '/camera/camera/color/image_raw',
-        '/camera/camera/aligned_depth_to_color/image_raw',
-        '/camera/camera/color/camera_info',
+        'realsense2_camera 4.55, align_depth.enable:=true', '/camera/camera',
+        'color/image_raw', 'aligned_depth_to_color/image_raw', 'color/camera_info',
     ),
-    # azure_kinect_ros_driver; depth_to_rgb is always registered
-    'azure_kinect': CameraTopics('/rgb/image_raw', '/depth_to_rgb/image_raw', '/rgb/camera_info'),
-    # orbbec_camera with depth_registration:=true
+    'azure_kinect': CameraTopics(
+        'azure_kinect_ros_driver 1.4, which registers always', '/',
+        'rgb/image_raw', 'depth_to_rgb/image_raw', 'rgb/camera_info',
+    ),
     'orbbec': CameraTopics(
-        '/camera/color/image_raw', '/camera/depth/image_raw', '/camera/color/camera_info'
+        'orbbec_camera 1.5, depth_registration:=true', '/camera',
+        'color/image_raw', 'depth/image_raw', 'color/camera_info',
     ),
-    # the bags that the TUM RGB-D benchmark itself offers, converted to ROS 2
+    'zed': CameraTopics(
+        'zed_wrapper 5.1, which registers always', '/zed/zed_node',
+        'rgb/color/rect/image', 'depth/depth_registered', 'rgb/color/rect/camera_info',
+    ),
+    'oak': CameraTopics(
+        'depthai_ros_driver 2.11, stereo aligned to rgb', '/oak',
+        'rgb/image_raw', 'stereo/image_raw', 'rgb/camera_info',
+    ),
+    'openni2': CameraTopics(
+        'openni2_camera 2.2 with registered depth', '/camera',
+        'rgb/image_raw', 'depth_registered/image_raw', 'rgb/camera_info',
+    ),
     'tum': CameraTopics(
-        '/camera/rgb/image_color', '/camera/depth/image', '/camera/rgb/camera_info'
+        "the TUM RGB-D benchmark's own bags, converted to ROS 2", '/camera',
+        'rgb/image_color', 'depth/image', 'rgb/camera_info',
     ),
-}
+}  # fmt: skip

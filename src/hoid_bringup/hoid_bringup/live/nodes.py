@@ -38,6 +38,9 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         default='bag',
         help="camera driver whose topics are taken (default: the suite's own names)",
     )
+    parser.add_argument(
+        '--camera-namespace', default='', metavar='NS', help='of the driver (default: its own)'
+    )
     parser.add_argument('--filter', metavar='STRATEGY', help='of the filter')
     add_set_argument(parser)
     parser.add_argument('--detector', metavar='MODEL', help='ONNX file or name of a known model')
@@ -91,10 +94,12 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
     """Return what the options ask for.
 
     Raises:
-        ConfigError: The parameter file is missing or none, or the namespace is no valid name.
+        ConfigError: The parameter file is missing or none, or a namespace is no valid name.
     """
-    if not _NAMESPACE.fullmatch(args.namespace):
-        raise ConfigError(f'--namespace {args.namespace}: use letters, digits, _ and / only')
+    for option in ('namespace', 'camera_namespace'):
+        if not _NAMESPACE.fullmatch(given := getattr(args, option)):
+            name = option.replace('_', '-')
+            raise ConfigError(f'--{name} {given}: use letters, digits, _ and / only')
     if args.params is not None:
         for node in _ALL:
             load_params(args.params, node)
@@ -111,6 +116,7 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
     if args.compressed:
         for chosen in parameters.values():
             chosen['input.compressed'] = True
+    names = CAMERA_TOPICS[args.topics].remappings(args.camera_namespace)
     own_names = CAMERA_TOPICS['bag'].remappings()
     return NodeOptions(
         nodes=_chosen(args),
@@ -118,7 +124,7 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
         use_sim_time=args.sim_time,
         params_file=args.params,
         remappings=(
-            *(pair for pair in CAMERA_TOPICS[args.topics].remappings() if pair not in own_names),
+            *(pair for pair in names if pair not in own_names),
             *NAMESPACED_TF,
         ),
         parameters=parameters,

@@ -16,6 +16,7 @@ from hoid_common.errors import HoidError, MessageError
 from hoid_common.input_config import InputConfig
 from hoid_common.ros import qos
 from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.lifecycle import ManagedNode
 
 __all__ = ['InputConfig', 'Inputs']
 
@@ -23,7 +24,7 @@ Callback = Callable[[Any], None]
 
 
 class Inputs:
-    """Makes the subscriptions of a node.
+    """Makes the subscriptions of a node; a managed one takes messages only while it is active.
 
     Every callback may raise HoidError: the message is then refused, counted and logged, and the
     node lives on.
@@ -54,6 +55,8 @@ class Inputs:
 
         def guarded(data: bytes) -> None:
             watch.heard(time.monotonic())
+            if isinstance(self._node, ManagedNode) and not self._node.is_active:
+                return
             try:
                 callback(_decoded(data, type_, watch.topic))
             except HoidError as error:

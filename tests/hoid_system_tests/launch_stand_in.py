@@ -1,0 +1,274 @@
+"""Runs our launch files as `ros2 launch` does, for machines without ROS's launch packages.
+
+    python -m hoid_system_tests.launch_stand_in FILE NAME:=VALUE ...
+
+Its rules are those of launch 3.4: a dead process is started anew (respawn), `on_exit` is asked
+what to do, and at the end all get SIGINT, though a terminal may have sent it to them before.
+"""
+
+from __future__ import annotations
+
+import os
+import runpy
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import yaml
+
+from hoid_system_tests.processes import executable
+
+_TICK_S, _SIGTERM_AFTER_S, _SIGKILL_AFTER_S = 0.02, 5.0, 10.0
+NAMES = {
+    'launch': 'LaunchContext LaunchDescription',
+    'launch.actions': 'DeclareLaunchArgument OpaqueFunction Shutdown',
+    'launch.events': '',
+    'launch.events.process': 'ProcessExited',
+    'launch.substitutions': 'LaunchConfiguration PathJoinSubstitution',
+    'launch_ros': '',
+    'launch_ros.actions': 'LifecycleNode Node',
+    'launch_ros.parameter_descriptions': 'ParameterFile ParameterValue',
+    'launch_ros.substitutions': 'FindPackageShare',
+}
+
+
+@dataclass
+class LaunchContext:
+    launch_configurations: dict[str, str]
+
+
+class Substitution:
+    def perform(self, context: LaunchContext) -> str:
+        raise NotImplementedError
+
+
+@dataclass
+class LaunchConfiguration(Substitution):
+    name: str
+
+    def perform(self, context: LaunchContext) -> str:
+        return context.launch_configurations[self.name]
+
+
+@dataclass
+class FindPackageShare(Substitution):
+    package: str
+
+    def perform(self, _context: LaunchContext) -> str:
+        for prefix in os.environ['AMENT_PREFIX_PATH'].split(os.pathsep):
+            if (path := Path(prefix) / 'share' / self.package).is_dir():
+                return str(path)
+        raise FileNotFoundError(f'package {self.package} is not installed')
+
+
+@dataclass
+class PathJoinSubstitution(Substitution):
+    parts: list[Substitution | str]
+
+    def perform(self, context: LaunchContext) -> str:
+        return str(Path(*(text(part, context) for part in self.parts)))
+
+
+@dataclass
+class ParameterFile:
+    param_file: Any
+    allow_substs: bool = False
+
+
+@dataclass
+class ParameterValue:
+    value: Any
+    value_type: type[Any]
+
+
+@dataclass
+class DeclareLaunchArgument:
+    name: str
+    default_value: Any
+    description: str
+    choices: list[str] = field(default_factory=list)
+
+    def execute(self, context: LaunchContext) -> None:
+        given = context.launch_configurations.setdefault(
+            self.name, text(self.default_value, context)
+        )
+        if self.choices and given not in self.choices:
+            raise SystemExit(f'{self.name} {given} is not one of {self.choices}')
+
+
+@dataclass
+class OpaqueFunction:
+    function: Callable[[LaunchContext], list[Node]]
+
+
+@dataclass
+class Shutdown:
+    reason: str
+
+
+@dataclass
+class LaunchDescription:
+    entities: list[Any]
+
+
+@dataclass
+class Node:
+    package: str
+    executable: str
+    name: str = ''
+    namespace: Any = ''
+    parameters: list[Any] = field(default_factory=list)
+    remappings: list[tuple[str, str]] = field(default_factory=list)
+    arguments: list[Any] = field(default_factory=list)
+    output: str = 'log'
+    respawn: bool = False
+    respawn_delay: float = 0.0
+    on_exit: Callable[[Any, LaunchContext], list[Shutdown]] = lambda *_: []
+
+    def argv(self, context: LaunchContext, folder: Path) -> list[str]:
+        """Return the command line, as launch_ros makes it."""
+        argv = [str(executable(self.package, self.executable))]
+        argv += [text(argument, context) for argument in self.arguments]
+        argv += ['--ros-args', '-r', f'__node:={self.name}']
+        if namespace := text(self.namespace, context):
+            argv += ['-r', f'__ns:=/{namespace.strip("/")}']
+        for name, target in self.remappings:
+            argv += ['-r', f'{name}:={target}']
+        for number, parameters in enumerate(self.parameters):
+            argv += ['--params-file', _params_file(parameters, context, folder, number)]
+        return argv
+
+
+LifecycleNode = Node
+
+
+class ProcessExited(SimpleNamespace):
+    """Has the `returncode`."""
+
+
+def text(value: Any, context: LaunchContext) -> str:
+    """Return what a text or substitution stands for."""
+    return value.perform(context) if isinstance(value, Substitution) else str(value)
+
+
+def _params_file(
+    parameters: ParameterFile | dict[str, Any], context: LaunchContext, folder: Path, number: int
+) -> str:
+    if isinstance(parameters, ParameterFile):
+        return text(parameters.param_file, context)
+    own = {k: v.value if isinstance(v, ParameterValue) else v for k, v in parameters.items()}
+    with tempfile.NamedTemporaryFile('w', dir=folder, suffix=f'_{number}', delete=False) as file:
+        yaml.safe_dump({'/**': {'ros__parameters': own}}, file)
+    return file.name
+
+
+class Launched:
+    """A node's process, started anew when it is to be."""
+
+    def __init__(self, node: Node, argv: list[str]) -> None:
+        self.node, self._argv = node, argv
+        self.process = subprocess.Popen(argv)
+        self._due_s: float | None = None  # when it starts anew
+
+    def poll(self, context: LaunchContext) -> list[Shutdown]:
+        """Start it anew when due; return what its end asks for."""
+        if self._due_s is not None:
+            if time.monotonic() >= self._due_s:
+                self._due_s = None
+                self.process = subprocess.Popen(self._argv)
+            return []
+        if (status := self.process.poll()) is None or self._due_s == float('inf'):
+            return []
+        say_end(self.node.executable, status)
+        self._due_s = (
+            time.monotonic() + self.node.respawn_delay if self.node.respawn else float('inf')
+        )
+        return self.node.on_exit(ProcessExited(returncode=status), context)
+
+
+def say(who: str, what: str) -> None:
+    """Write a line."""
+    sys.stdout.write(f'[{who}]: {what}\n')
+    sys.stdout.flush()
+
+
+def say_end(name: str, status: int) -> None:
+    """Say how a process ended, in launch's words."""
+    say(name, f'process has died [exit code {status}]' if status else 'finished cleanly')
+
+
+def run(nodes: list[Node], context: LaunchContext, folder: Path) -> None:
+    """Run until Ctrl-C or until a process's end asks for a shutdown."""
+    interrupts: list[int] = []
+    signal.signal(signal.SIGINT, lambda sign, _frame: interrupts.append(sign))
+    launched = [Launched(node, node.argv(context, folder)) for node in nodes]
+    while not interrupts:
+        for one in launched:
+            for shutdown in one.poll(context):
+                say('launch', shutdown.reason)
+                interrupts.append(0)
+        time.sleep(_TICK_S)
+    end([one for one in launched if one.process.poll() is None])
+
+
+def end(launched: list[Launched]) -> None:
+    """Send SIGINT, and what launch sends to those who do not hear it."""
+    start_s = time.monotonic()
+    stages = [
+        (0.0, signal.SIGINT),
+        (_SIGTERM_AFTER_S, signal.SIGTERM),
+        (_SIGKILL_AFTER_S, signal.SIGKILL),
+    ]
+    while launched:
+        if stages and time.monotonic() - start_s >= stages[0][0]:
+            _, sign = stages.pop(0)
+            for one in launched:
+                one.process.send_signal(sign)
+        for one in [one for one in launched if one.process.poll() is not None]:
+            launched.remove(one)
+            say_end(one.node.executable, one.process.returncode)
+        time.sleep(_TICK_S)
+
+
+def description(path: Path) -> LaunchDescription:
+    """Return what a launch file describes."""
+    for name, members in NAMES.items():
+        module = ModuleType(name)
+        for member in members.split():
+            setattr(module, member, globals()[member])
+        sys.modules[name] = module
+    made = runpy.run_path(str(path))['generate_launch_description']()
+    assert isinstance(made, LaunchDescription)
+    return made
+
+
+def load(path: Path, arguments: list[str]) -> tuple[list[Node], LaunchContext]:
+    """Return the nodes that a launch file makes of launch arguments."""
+    pairs = [argument.partition(':=') for argument in arguments]
+    context = LaunchContext({name: value for name, _, value in pairs})
+    nodes: list[Node] = []
+    for entity in description(path).entities:
+        if isinstance(entity, DeclareLaunchArgument):
+            entity.execute(context)
+        else:
+            nodes += entity.function(context)
+    return nodes, context
+
+
+def main() -> None:
+    """Launch the file that the command line names."""
+    path, *arguments = sys.argv[1:]
+    nodes, context = load(Path(path), arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        run(nodes, context, Path(folder))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,195 @@
+"""The launch files: what they start, and how what they started ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+import psutil
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+
+from hoid_bringup.live.camera_topics import CAMERA_TOPICS
+from hoid_system_tests import launch_stand_in
+from hoid_system_tests.launch_stand_in import DeclareLaunchArgument, Node
+from hoid_system_tests.probe import Probe
+
+SRC = Path(__file__).parents[1] / 'src'
+SUITE = SRC / 'hoid_bringup/launch/hoid.launch.py'
+OWN = sorted(p for p in SRC.glob('*/launch/*.launch.py') if p != SUITE)
+COMMON = {'namespace', 'params_file', 'use_sim_time', 'respawn', 'autostart', 'log_level'}
+LIMIT_S = 90.0
+_END_S = 30.0
+
+
+@pytest.fixture
+def _stand_in() -> Iterator[None]:
+    """Let launch files be read without ROS's launch packages."""
+    before = dict(sys.modules)
+    yield
+    for name in {*sys.modules} - before.keys():
+        del sys.modules[name]
+    sys.modules.update(before)
+
+
+def nodes_of(path: Path, *arguments: str) -> dict[str, Node]:
+    """Return the nodes that a launch file makes."""
+    nodes, _ = launch_stand_in.load(path, list(arguments))
+    return {node.package: node for node in nodes}
+
+
+@pytest.mark.usefixtures('_stand_in')
+def test_the_suite_has_three_nodes_and_rviz() -> None:
+    assert list(nodes_of(SUITE)) == ['hoid_detector', 'hoid_filter', 'rgbd_slam']
+    assert list(nodes_of(SUITE, 'detector:=false')) == ['hoid_filter', 'rgbd_slam']
+    assert list(nodes_of(SUITE, 'rviz:=true'))[3:] == ['rviz2']
+
+
+@pytest.mark.usefixtures('_stand_in')
+@pytest.mark.parametrize('camera', CAMERA_TOPICS)
+def test_a_cameras_topics(camera: str) -> None:
+    for node in nodes_of(SUITE, f'camera:={camera}').values():
+        renamed = dict(node.remappings)
+        assert renamed.items() >= dict(CAMERA_TOPICS[camera].remappings()).items()
+        assert (renamed['/tf'], renamed['/tf_static']) == ('tf', 'tf_static')
+
+
+@pytest.mark.usefixtures('_stand_in')
+def test_two_robots_with_the_same_camera() -> None:
+    def color(robot: str) -> str:
+        nodes = nodes_of(SUITE, 'camera:=realsense', f'camera_namespace:=/{robot}/d435')
+        return dict(nodes['hoid_filter'].remappings)['rgb/image']
+
+    assert color('a') == '/a/d435/color/image_raw'
+    assert color('b') == '/b/d435/color/image_raw'
+
+
+@pytest.mark.usefixtures('_stand_in')
+def test_topics_by_name() -> None:
+    given = {'rgb_topic': '/c', 'depth_topic': '/d', 'camera_info_topic': '/i', 'map_topic': '/m'}
+    nodes = nodes_of(SUITE, 'camera:=zed', *(f'{k}:={v}' for k, v in given.items()))
+    renamed = dict(nodes['rgbd_slam'].remappings)
+    topics = [renamed[name] for name in ('rgb/image', 'depth/image', 'rgb/camera_info')]
+    assert topics == ['/c', '/d', '/i']
+    assert renamed['grid_map'] == '/m'
+    assert renamed['rgb/image/compressed'] == '/c/compressed'
+    assert renamed['depth/image/compressedDepth'] == '/d/compressedDepth'
+
+
+@pytest.mark.usefixtures('_stand_in')
+@pytest.mark.parametrize(
+    ('argument', 'choices'),
+    [
+        ('camera:=webcam', "['bag', 'realsense', "),
+        ('strategy:=foo', "['none', 'person', "),
+        ('respawn:=maybe', "['true', 'false', "),
+        ('log_level:=loud', "['debug', 'info', "),
+    ],
+)
+def test_choices_are_declared(argument: str, choices: str) -> None:
+    name, value = argument.split(':=')
+    with pytest.raises(SystemExit) as refused:
+        nodes_of(SUITE, argument)
+    assert str(refused.value).startswith(f'{name} {value} is not one of {choices}')
+
+
+@pytest.mark.usefixtures('_stand_in')
+@pytest.mark.parametrize('path', OWN, ids=lambda p: p.name)
+def test_a_nodes_own_launch_file(path: Path) -> None:
+    package = path.parents[1].name
+    nodes = nodes_of(path, 'image:=/c', 'log_level:=debug', 'respawn:=True')
+    assert list(nodes) == [package]
+    renamed = dict(nodes[package].remappings)
+    assert renamed['rgb/image'] == '/c'
+    assert renamed['rgb/image/compressed'] == '/c/compressed'
+    assert nodes[package].arguments[-1] == 'debug'
+    assert nodes[package].respawn
+
+
+@pytest.mark.usefixtures('_stand_in')
+@pytest.mark.parametrize('path', [SUITE, *OWN], ids=lambda p: p.name)
+def test_all_arguments_are_described(path: Path) -> None:
+    described = {
+        argument.name: argument.description
+        for argument in launch_stand_in.description(path).entities
+        if isinstance(argument, DeclareLaunchArgument)
+    }
+    assert described.keys() > COMMON
+    assert all(described.values())
+
+
+@contextmanager
+def launched(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Launch the suite, by `ros2 launch` where there is one, in a process group of its own."""
+    real = find_spec('ros2launch') is not None
+    how = ['ros2', 'launch'] if real else [sys.executable, '-m', launch_stand_in.__name__]
+    with subprocess.Popen(
+        [*how, str(SUITE), *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        process_group=0,
+    ) as process:
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def pid_of(launch: subprocess.Popen[str], package: str) -> int | None:
+    """Return the process of a node that a launch started, or None."""
+    name = f'{package}_node'
+    for child in psutil.Process(launch.pid).children():
+        with suppress(psutil.Error):  # it has just ended
+            if any(Path(word).name == name for word in child.cmdline()):
+                return int(child.pid)
+    return None
+
+
+def await_slam(launch: subprocess.Popen[str], probe: Probe) -> int:
+    """Wait until the SLAM node says something of itself, and return its process."""
+    heard = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
+    probe.spin_until(
+        lambda: any(status.name == '/rgbd_slam' for said in heard for status in said.status),
+        'the SLAM node does not start',
+        LIMIT_S,
+    )
+    pid = pid_of(launch, 'rgbd_slam')
+    assert pid is not None
+    return pid
+
+
+@pytest.mark.usefixtures('domain_id')
+@pytest.mark.parametrize('respawn', ['true', 'false'])
+def test_a_refusal_ends_the_launch_with_its_one_line(respawn: str) -> None:
+    with launched('model:=/nope.onnx', f'respawn:={respawn}') as launch:
+        said, _ = launch.communicate(timeout=LIMIT_S)
+    assert sum('/nope.onnx does not exist' in line for line in said.splitlines()) == 1, said
+    assert 'hoid_detector refused to start' in said
+    assert 'Traceback' not in said
+
+
+def test_a_killed_node_comes_back_and_two_interrupts_end_all_cleanly(probe: Probe) -> None:
+    """The terminal sends SIGINT to all at once, then launch sends its own."""
+    with launched('detector:=false', 'strategy:=none', 'respawn:=true') as launch:
+        first = await_slam(launch, probe)
+        os.kill(first, signal.SIGKILL)
+        assert await_slam(launch, probe) != first
+        os.killpg(launch.pid, signal.SIGINT)
+        said, _ = launch.communicate(timeout=_END_S)
+    assert said.count('process has died') == 1, said  # the one that was killed
+    assert 'Traceback' not in said
+
+
+def test_a_node_that_died_ends_a_launch_without_respawn(probe: Probe) -> None:
+    with launched('detector:=false', 'strategy:=none') as launch:
+        os.kill(await_slam(launch, probe), signal.SIGKILL)
+        said, _ = launch.communicate(timeout=_END_S)
+    assert 'rgbd_slam ended with status -9' in said
