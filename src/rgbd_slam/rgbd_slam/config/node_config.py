@@ -20,6 +20,7 @@ class FrameConfig(Config):
     odom: str = param(
         'odom',
         'Name of the odometry frame. Set it to that of the wheels where they send odom -> base.',
+        expert=True,
     )
     base: str = param(
         '',
