@@ -59,7 +59,7 @@ class RgbdSlamNode(ManagedNode):
             self, self._config, self._known_session, self._scene, self.diagnostics
         )
         self._checkpoints = Checkpoints(
-            self, self._config, self._diagnostics, lambda: self._session
+            self, self._config, self.diagnostics, lambda: self._session
         )
         # Wall time, and apart from the images: publishing a map must not hold odometry back.
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -48,9 +48,10 @@ class ManagedNode(LifecycleNode):
             return
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != TransitionCallbackReturn.SUCCESS:
-                name = self.get_name()
-                self.destroy_node()  # it has threads and processes already
-                raise self._failure or ConfigError(f'{name} could not become active')
+                try:
+                    raise self._failure or ConfigError(f'{self.get_name()} stays inactive')
+                finally:
+                    self.destroy_node()  # it has threads and processes already
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Get ready."""
