@@ -67,7 +67,7 @@ def test_a_description_is_of_sentences_with_the_unit(leaf: Param) -> None:
 
 def test_every_parameter_is_described_once() -> None:
     said = [leaf.spec.description for c in NODE_CONFIGS.values() for leaf in c.params()]
-    shared = {'input', 'expert', 'alignment'}  # sections that several have
+    shared = {'input', 'expert', 'autostart', 'alignment'}  # and sections that several have
     own = [
         leaf.spec.description
         for config in NODE_CONFIGS.values()
