@@ -11,6 +11,7 @@ from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.projection import MIN_DEPTH_M
 from rgbd_slam.optimize.pose_optimizer import PoseProblem, covariance, optimize_pose
 
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 520.0, 320.0, 240.0), CameraConfig())
@@ -55,3 +56,14 @@ def test_less_noise_than_configured_is_not_believed() -> None:
     """What the pixels of an image err by together does not average out."""
     _, greatest = variance_ratios(0.5)
     assert greatest < 0.5
+
+
+@pytest.mark.parametrize('beyond_m', [0.001, -0.001])
+def test_the_kernel_leaves_out_what_is_nearer_than_the_tracker_projects(beyond_m: float) -> None:
+    points_m = np.random.default_rng(0).uniform([-1.5, -1, 2], [1.5, 1, 5], (50, 3))
+    points_m[0] = 0, 0, MIN_DEPTH_M + beyond_m
+    measured_px = CAMERA.project(points_m)
+    problem = PoseProblem(points_m, measured_px, np.ones(len(points_m)))
+    inliers = optimize_pose(CAMERA, problem, np.eye(4)).inliers
+    assert inliers[1:].all()
+    assert inliers[0] == (beyond_m > 0)
