@@ -99,7 +99,9 @@ def test_without_the_switch_what_experts_have_is_said_to_have_no_effect(
 def test_a_dump_starts_the_same_node(
     node: str, launch: Launch, tmp_path: Path, expert: bool
 ) -> None:
-    given = {**CHOSEN[node], **(FOR_EXPERTS[node] if expert else {}), EXPERT: expert}
+    given = {**CHOSEN[node], EXPERT: expert, 'use_sim_time': expert}
+    if expert:
+        given |= FOR_EXPERTS[node]
     client = launch(given)
     names = sorted(client.names())
     assert set(names) - OF_ROS == names_of(node, expert=expert)
