@@ -38,7 +38,7 @@ def make_bench(tmp_path: Path, domain_id: int) -> Iterator[MakeBench]:
 
     def make(*, work: int = 0, **parameters: object) -> Bench:
         model = parameters.pop('model', None) or write_model(tmp_path / 'm.onnx', work=work)
-        args = ['--ros-args', '-p', f'model:={model}']
+        args = ['--ros-args', '-p', f'model:={model}', '-p', 'expert:=true']
         for name, value in parameters.items():
             args += ['-p', f'{name.replace("__", ".")}:={value}']
         rclpy.init(args=args, domain_id=domain_id)

@@ -45,7 +45,7 @@ def children(process: subprocess.Popen[str]) -> dict[str, psutil.Process]:
         with suppress(psutil.NoSuchProcess):
             command = ' '.join(child.cmdline())
             for package in ('hoid_filter', 'rgbd_slam'):
-                if f'from {package}.node' in command:
+                if f"start('{package}.node')" in command:
                     found[package] = child
     return found
 

@@ -140,6 +140,8 @@ def _descriptor(leaf: Param) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=spec.description,
         read_only=spec.read_only,
+        # Of a list the config checks the type, and names the parameter, which rclpy does not.
+        dynamic_typing=isinstance(leaf.value, tuple),
         additional_constraints=f'one of {", ".join(spec.choices)}' if spec.choices else '',
     )
     if spec.minimum is None and spec.maximum is None:
