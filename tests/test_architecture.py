@@ -27,7 +27,8 @@ ROOMS = {
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
     'hoid_filter': """
-        config drawing < extraction < detections < node_config rules < feature_filter < node
+        config drawing < extraction < detections < node_config motion < rules
+        < feature_filter < node
     """,
     'rgbd_slam': """
         config < model < matching < optimize < places < tracking local_mapping < loops < scene

@@ -9,11 +9,13 @@ from pathlib import Path
 
 from hoid_bringup.evaluate.evaluation import Evaluation, evaluate
 from hoid_bringup.live.replay_plan import ReplayConfig
+from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, STRATEGY, lacks_model
 from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.offline_maps import MapFiles
 from hoid_bringup.run.options import (
     add_method_arguments,
     add_recording_arguments,
+    asked_for,
     playable_bag,
     recording,
     run_config,
@@ -46,11 +48,10 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_command(args: argparse.Namespace) -> None:
     """Process a recording offline."""
-    config = run_config(args)
+    config = _runnable(args)
     if config.live_only:
         raise ConfigError(f'only live nodes have {", ".join(config.live_only)}: see hoid replay')
     sequence = recording(args)
-    say_detections(config)
     maps = MapFiles(args.map, args.localize, args.save_map)
     summary = run_offline(
         sequence, config, args.out, dense=args.dense, recording=args.input, maps=maps
@@ -75,8 +76,7 @@ def replay_command(args: argparse.Namespace) -> None:
     """Play a recording through the live nodes; a folder becomes a bag for the time of it."""
     from hoid_bringup.live.replay import replay  # needs ROS, which the other commands do not
 
-    config = ReplayConfig(rate=args.rate, lockstep=args.lockstep, run=run_config(args))
-    say_detections(config.run)
+    config = ReplayConfig(rate=args.rate, lockstep=args.lockstep, run=_runnable(args))
     with playable_bag(args) as bag:
         summary = replay(bag, config, args.out, recording=args.input)
     print(report(summary, args.out))
@@ -105,6 +105,16 @@ def evaluate_command(args: argparse.Namespace) -> None:
             args.json.write_text(json.dumps(asdict(result), indent=2) + '\n', encoding='utf-8')
         except OSError as error:
             raise unwritable(args.json, error) from error
+
+
+def _runnable(args: argparse.Namespace) -> RunConfig:
+    """Return the configuration asked for, by motion alone without a model; say what is special."""
+    config = run_config(args)
+    if lacks_model(config, asked_for(args)):
+        print(NO_DETECTOR)
+        return config.updated({STRATEGY: MOTION})
+    say_detections(config)
+    return config
 
 
 def say_detections(config: RunConfig) -> None:

@@ -21,5 +21,9 @@ class ModelError(HoidError):
     """A detector model cannot be found, read or understood."""
 
 
+class NoModelError(ModelError):
+    """No detector model is here, and none was asked for; motion tells what moves without one."""
+
+
 class MapFileError(HoidError):
     """A map file is truncated, foreign, hostile or of another version."""

@@ -29,6 +29,8 @@ NS_PER_S = 1_000_000_000
 S_PER_NS = 1e-9
 DESCRIPTOR_BYTES = 32
 PERSON = 'person'
+UNKNOWN = 'unknown'
+"""The class of what moves and was not detected."""
 DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')
 """Names in ROS of the lens models whose coefficients OpenCV takes: up to five, and eight."""
 
@@ -231,6 +233,7 @@ class Reason(Enum):
     HANDLED = 2
     PREDICTED = 3
     REMEMBERED = 4
+    MOVING = 5
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from typing import ClassVar
 from hoid_common.config import Config, param, section
 from hoid_common.values import PERSON
 
-STRATEGIES = ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor', 'hoid+')
+STRATEGIES = ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor', 'motion', 'hoid+')
+WITHOUT_DETECTOR = ('none', 'motion')
 
 # COCO classes that people pick up, push or carry indoors.
 HANDLED_CLASSES = (
@@ -123,6 +124,31 @@ class PlusConfig(Config):
 
 
 @dataclass(frozen=True)
+class MotionConfig(Config):
+    """What moves without being detected: the strategy `motion`, and a part of `hoid+`."""
+
+    enabled: bool = param(
+        default=True,
+        description='Masks what moves and is not detected, in hoid+.',
+        read_only=False,
+    )
+    in_front: bool = param(
+        default=True,
+        description='Takes for evidence what is in front of what was seen earlier.',
+        read_only=False,
+    )
+    off_course: bool = param(
+        default=True,
+        description='Takes for evidence points that do not go as the camera makes them.',
+        read_only=False,
+    )
+
+    num_points: ClassVar[int] = 300  # that are followed from image to image
+    anchor_s: ClassVar[float] = 0.7  # in which a point is held against where it was seen first
+    fade_s: ClassVar[float] = 1.0  # in which a belief fades that nothing speaks for
+
+
+@dataclass(frozen=True)
 class FilterConfig(Config):
     """What is removed from the image before tracking, and how features are found."""
 
@@ -163,8 +189,14 @@ class FilterConfig(Config):
     )  # fmt: skip
     extraction: ExtractionConfig = section(ExtractionConfig)
     plus: PlusConfig = section(PlusConfig, expert=True)
+    motion: MotionConfig = section(MotionConfig, expert=True)
 
     sample_box_px: ClassVar[int] = 10  # side of the sample box of depth at the centre of a box
+
+    @property
+    def needs_detections(self) -> bool:
+        """Return whether the strategy looks at boxes at all."""
+        return self.strategy not in WITHOUT_DETECTOR
 
     def may_be_handled(self, class_name: str) -> bool:
         """Return whether a thing of the class moves when a person handles it."""

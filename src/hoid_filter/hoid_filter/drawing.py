@@ -20,6 +20,7 @@ REASON_BGR: dict[Reason, Bgr] = {
     Reason.HANDLED: (0, 140, 255),
     Reason.PREDICTED: (220, 60, 220),
     Reason.REMEMBERED: (230, 200, 40),
+    Reason.MOVING: (0, 230, 230),
 }
 _TEXT_BGR: Bgr = (255, 255, 255)
 _FONT, _FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.45

@@ -21,7 +21,7 @@ from hoid_common.values import (
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import FilterInput, Verdict
+from hoid_filter.detections.aligned_detections import Appearance, FilterInput, Verdict
 from hoid_filter.detections.sanitize import sanitize
 from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.extraction.pyramid import Corners
@@ -119,9 +119,16 @@ class FeatureFilter:
             self.counters['boxes refused'] += fit.num_refused
             self.counters['boxes clipped'] += fit.num_clipped
             detections = fit.detections
+        appearance = self._appearance(corners, frame.size_px)
         return self._strategy.judge(
-            FilterInput(frame.stamp_ns, detections, frame.depth_m, corners.pixel)
+            FilterInput(frame.stamp_ns, detections, frame.depth_m, corners.pixel, appearance)
         )
+
+    def _appearance(self, corners: Corners, size_px: tuple[int, int]) -> Appearance | None:
+        if self.camera is None or self.camera.size_px != size_px:
+            self.counters['images without their camera'] += 1
+            return None
+        return Appearance(self.camera, corners.pyramid.levels[0], corners.score)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
         """Return where the features were that would have been chosen had nothing been masked."""

@@ -66,7 +66,7 @@ class FilterNode(ManagedNode):
         inputs.color(images.input('colour', conversions.color_from_msg))
         inputs.depth(images.input('depth', conversions.depth_from_msg))
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._take_camera, 'camera infos')
-        if config.strategy != 'none':
+        if config.needs_detections:
             inputs.messages(DetectionArray, topics.DETECTIONS, self._take_detections, 'detections')
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._silence = self.create_timer(_SILENCE_S, self._poll, clock=steady)
@@ -79,11 +79,11 @@ class FilterNode(ManagedNode):
             self._size_px = frame.size_px
             self._check_camera()
         image = _Image(header, detected)
-        if self._settings.config.strategy == 'none':
-            self._process([Ready(image, None)])
-        else:
+        if self._settings.config.needs_detections:
             self._restart_if_back(frame.stamp_ns)
             self._go_on(self._gate.add_image(frame.stamp_ns, image, time.monotonic()))
+        else:
+            self._process([Ready(image, None)])
 
     def _restart_if_back(self, stamp_ns: int) -> None:
         if self._gate.restart_if_back(stamp_ns):

@@ -539,3 +539,116 @@ def values_at(
     Raises:
         ValueError: A pixel is not in the image, or a row or a column not in `values`.
     """
+
+class Pinhole:
+    """A camera without distortion."""
+
+    def __init__(self, fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> None: ...
+    @property
+    def fx_px(self) -> float:
+        """Focal length along rows."""
+
+    @property
+    def fy_px(self) -> float:
+        """Focal length along columns."""
+
+    @property
+    def cx_px(self) -> float:
+        """Column of the principal point."""
+
+    @property
+    def cy_px(self) -> float:
+        """Row of the principal point."""
+
+def depth_segments(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    cell_px: int,
+) -> hoid_native.results.Segments:
+    """
+    Return the pieces of a depth image, cut along jumps of depth and along a grid of square cells.
+
+    Args:
+        depth_m: (H, W) float32; 0 = no reading.
+        cell_px: side of a cell, at least 1.
+
+    Raises:
+        ValueError: The side is less than 1.
+    """
+
+def count_in_front(
+    camera: Pinhole,
+    T_earlier_now: numpy.typing.NDArray[Any],
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
+    num_segments: int,
+    nearest_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    farthest_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    margin: tuple[float, float, float],
+) -> hoid_native.results.FrontCounts:
+    """
+    Return how many pixels of each segment are in front of what was seen in their place earlier.
+
+    Args:
+        camera: of both images.
+        T_earlier_now: (4, 4).
+        depth_m: (H, W) float32 now; 0 = no reading.
+        label: (H, W) int32 segment of each pixel; -1 = none.
+        num_segments: S.
+        nearest_m: (H, W) float32, least reading around each pixel earlier; 0 = none there.
+        farthest_m: (H, W) float32, the same of the most.
+        margin: a constant [m], and shares of the depth and of its square, by which a pixel must be
+            in front.
+
+    Raises:
+        ValueError: Images differ in size, or a label is not one of S.
+    """
+
+def carry_over(
+    camera: Pinhole,
+    T_before_now: numpy.typing.NDArray[Any],
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    before_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    values: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    margin: tuple[float, float, float],
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
+    """
+    Return the (H, W) values that pixels had before; 0 where another depth was seen in their place.
+
+    Args:
+        camera: of both images.
+        T_before_now: (4, 4).
+        depth_m: (H, W) float32 now; 0 = no reading.
+        before_m: (H, W) float32 depth of the image before.
+        values: (H, W) float32 of its pixels.
+        margin: a constant [m], and shares of the depth and of its square, by which depths may differ.
+
+    Raises:
+        ValueError: Images differ in size.
+    """
+
+def score_poses(
+    camera: StereoParams,
+    pixel_px: float,
+    limit: float,
+    T_camera_world: numpy.typing.NDArray[Any],
+    points_m: numpy.typing.NDArray[Any],
+    measured_px: numpy.typing.NDArray[Any],
+    weights: numpy.typing.NDArray[Any],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return the (M, 2) weights of the points that each pose explains, by two sets of weights.
+
+    A point counts less the worse it fits.
+
+    Args:
+        camera: of the image.
+        pixel_px: standard deviation of pixels.
+        limit: standard deviations beyond which a point counts nothing.
+        T_camera_world: (M, 4, 4).
+        points_m: (N, 3).
+        measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+        weights: (N, 2).
+
+    Raises:
+        ValueError: Lengths differ, or the noise or the limit is not positive.
+    """

@@ -58,3 +58,18 @@ class Judged(NamedTuple):
     moves: NDArray[np.uint8]  # (N,) roles of those that move; 0 = static
     outside: NDArray[np.int64]  # of the K pixels, those with their centre in no moving box
     area_px: int  # how many pixels of the whole image are outside
+
+
+class Segments(NamedTuple):
+    """Pieces of a depth image without jumps, no larger than a cell."""
+
+    label: NDArray[np.int32]  # (H, W) of each pixel; -1: on a jump of depth, or no reading
+    region: NDArray[np.int32]  # (S,) the smooth region that each is a piece of
+
+
+class FrontCounts(NamedTuple):
+    """Pixels of S segments in every other row; those behind what was seen are in neither part."""
+
+    looked_at: NDArray[np.int32]  # (S,) all of them
+    in_front: NDArray[np.int32]  # (S,) of what was seen in their place
+    at_it: NDArray[np.int32]  # (S,) where it was seen

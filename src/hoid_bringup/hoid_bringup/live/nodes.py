@@ -9,12 +9,14 @@ import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.supervisor import Supervisor, clean_shared_memory
+from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, has_model
 from hoid_bringup.run.options import add_set_argument, assignments
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError, InputError
@@ -66,7 +68,7 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
 
 def nodes_command(args: argparse.Namespace) -> None:
     """Run until Ctrl-C or SIGTERM, which is the usual end, or until a node dies."""
-    options = node_options(args)
+    options = without_detector(node_options(args))
     with tempfile.TemporaryDirectory(prefix='hoid-') as folder, suppress(KeyboardInterrupt):
         specs = node_specs(options, Path(folder))
         try:
@@ -139,6 +141,28 @@ def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
     """
     values = assignments(texts)
     return RunConfig().updated(values).named(values)
+
+
+def without_detector(options: NodeOptions) -> NodeOptions:
+    """Return the options, by motion alone where a detector would run and no model is found."""
+    asked = {
+        (node, name)
+        for node in (DETECTOR, FILTER)
+        for name in (
+            *options.parameters[node],
+            *(load_params(options.params_file, node) if options.params_file else ()),
+        )
+    }
+    whole_suite = DETECTOR in options.nodes and FILTER in options.nodes
+    if not whole_suite or asked & {(DETECTOR, 'model'), (FILTER, 'strategy')} or has_model():
+        return options
+    sys.stderr.write(f'hoid nodes: {NO_DETECTOR}\n')
+    filter_parameters = {**options.parameters[FILTER], 'strategy': MOTION}
+    return replace(
+        options,
+        nodes=tuple(node for node in options.nodes if node != DETECTOR),
+        parameters={**options.parameters, FILTER: filter_parameters},
+    )
 
 
 def _chosen(args: argparse.Namespace) -> tuple[str, ...]:

@@ -96,13 +96,22 @@ def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunCo
     Raises:
         ConfigError: A name is unknown or a value out of range.
     """
+    return (base or RunConfig()).updated(asked_for(args))
+
+
+def asked_for(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters that the options set, by dotted name.
+
+    Raises:
+        ConfigError: One is no assignment.
+    """
     values: dict[str, Any] = {
         name: getattr(args, option)
         for option, name in _SHORTCUTS.items()
         if getattr(args, option) is not None
     }
     values |= assignments(args.set)
-    return (base or RunConfig()).updated(values)
+    return values
 
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class RunConfig(Config):
     @property
     def needs_detections(self) -> bool:
         """Return whether the filter looks at boxes at all."""
-        return self.filter.strategy != 'none'
+        return self.filter.needs_detections
 
     @property
     def live_only(self) -> list[str]:

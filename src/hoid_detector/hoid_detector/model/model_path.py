@@ -15,7 +15,7 @@ import urllib.request
 from pathlib import Path
 from typing import NamedTuple
 
-from hoid_common.errors import ModelError
+from hoid_common.errors import ModelError, NoModelError
 
 SYNTHETIC = 'synthetic'  # the project's own model, for its rendered scenes
 
@@ -51,7 +51,8 @@ def find_model(requested: str | None = None) -> Path:
     """Return the ONNX file to use; an empty request is none.
 
     Raises:
-        ModelError: what was asked for does not exist, or nothing was asked for and nothing found.
+        ModelError: what was asked for does not exist.
+        NoModelError: nothing was asked for, and none is found.
     """
     if requested:
         return _named(requested, 'detector model')
@@ -113,7 +114,7 @@ def _downloaded(name: str) -> Path:
         partial.replace(target)
     except (urllib.error.URLError, OSError) as error:
         partial.unlink(missing_ok=True)
-        raise ModelError(
+        raise NoModelError(
             f'no detector model here, and {model.url} cannot be had ({error}): give --detector '
             f'MODEL.onnx, set {_ENVIRONMENT}, or use --detector {SYNTHETIC}'
         ) from error

@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from hoid_common.values import (
     BoolArray,
+    ByteArray,
+    CameraModel,
     Detections,
     Float32Array,
     FloatArray,
     IntArray,
     Reason,
 )
+
+
+class Appearance(NamedTuple):
+    """What an image shows beside its depth, for those who follow it over time."""
+
+    camera: CameraModel
+    image_gray: ByteArray  # (H, W)
+    corner_scores: ByteArray  # (K,), higher is stronger
 
 
 class FilterInput(NamedTuple):
@@ -21,6 +33,7 @@ class FilterInput(NamedTuple):
     detections: Detections | None  # clipped; of this image or an older one; None: nothing was said
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
+    appearance: Appearance | None = None  # None: the camera is not known
 
 
 class AlignedDetections(NamedTuple):
@@ -48,6 +61,22 @@ class Verdict(NamedTuple):
     kept: IntArray | None  # of the K corners, ascending, what is on something static; None = all
     seeds: BoolArray | None = None  # (K,) corners that may become map points; None = all
     fallback_step: int = 0  # how far the mask was relaxed for lack of static features
+
+
+def joined(verdict: Verdict, other: Verdict) -> Verdict:
+    """Return a verdict, mask and all, with the objects of another on the same image added."""
+    if not other.class_names:
+        return verdict
+    return verdict._replace(
+        boxes_xyxy_px=np.concatenate([verdict.boxes_xyxy_px, other.boxes_xyxy_px]),
+        class_names=verdict.class_names + other.class_names,
+        scores=np.concatenate([verdict.scores, other.scores]),
+        track_ids=np.concatenate([verdict.track_ids, other.track_ids]),
+        reasons=verdict.reasons + other.reasons,
+        overlap_ratios=np.concatenate([verdict.overlap_ratios, other.overlap_ratios]),
+        depths_m=np.concatenate([verdict.depths_m, other.depths_m]),
+        depth_gaps_m=np.concatenate([verdict.depth_gaps_m, other.depth_gaps_m]),
+    )
 
 
 class Strategy(Protocol):

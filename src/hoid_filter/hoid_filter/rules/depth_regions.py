@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
-from hoid_common.values import Float32Array, FloatArray
+from hoid_common.values import Float32Array, FloatArray, IntArray
 from hoid_filter.extraction.pyramid import Int32Array
 
 SHRINK = 4
@@ -13,6 +15,13 @@ SHRINK = 4
 def shrink(depth_m: Float32Array) -> Float32Array:
     """Return every fourth pixel of every fourth row."""
     return np.ascontiguousarray(depth_m[SHRINK // 2 :: SHRINK, SHRINK // 2 :: SHRINK])
+
+
+@functools.cache
+def small_pixels(shape_hw: tuple[int, ...]) -> IntArray:
+    """Return the flat indices in an (H, W) image, (h, w), of the pixels that `shrink` takes."""
+    flat = np.arange(shape_hw[0] * shape_hw[1]).reshape(shape_hw)
+    return flat[SHRINK // 2 :: SHRINK, SHRINK // 2 :: SHRINK]
 
 
 def cells(boxes_xyxy_px: FloatArray, shape_hw: tuple[int, ...]) -> Int32Array:

@@ -24,6 +24,7 @@ _CERTAINTY = {
     Reason.REMEMBERED: 1,
     Reason.PREDICTED: 2,
     Reason.HANDLED: 2,
+    Reason.MOVING: 2,
     Reason.PERSON: 3,
 }
 # How near a pixel is to what moves; what is added to the last says how sure it is that it moves.
@@ -133,3 +134,12 @@ def dynamic_confidence_mask(
         np.array([_CERTAINTY[reasons[n]] for n in moving], np.uint8),
         seen,
     )
+
+
+def moving_confidence(label: ByteArray) -> ByteArray:
+    """Return how sure it is that each pixel of a small image moves, from (h, w) labels of regions.
+
+    Args:
+        label: 0 = rests.
+    """
+    return (label > 0).astype(np.uint8) * np.uint8(_CERTAINTY[Reason.MOVING])

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_common.values import PERSON, BoolArray, Detections, Float32Array, Reason
+from hoid_common.values import PERSON, BoolArray, ByteArray, Detections, Float32Array, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import FilterInput, Verdict
+from hoid_filter.detections.aligned_detections import FilterInput, Verdict, joined
 from hoid_filter.detections.overlap import areas_px2
 from hoid_filter.detections.tracks import BoxTracker, Patience
-from hoid_filter.rules.depth_regions import SHRINK, shrink
-from hoid_filter.rules.dynamic_mask import Masks, dynamic_confidence_mask, make_masks
+from hoid_filter.motion.moving_regions import NOTHING, MotionSense, Moving
+from hoid_filter.rules.depth_regions import SHRINK, shrink, small_pixels
+from hoid_filter.rules.dynamic_mask import (
+    Masks,
+    dynamic_confidence_mask,
+    make_masks,
+    moving_confidence,
+)
 from hoid_filter.rules.interaction import Interactions, TrackSnapshot, judge_interactions
+from hoid_filter.rules.motion_only import moving_verdict
 from hoid_native import sample_depths_m, torso_depths_m
+
+_KNOWN_SHARE = 0.5  # of what moves that is on something detected: it has been told already
 
 
 class HoidPlus:
@@ -25,6 +34,7 @@ class HoidPlus:
         self._tracker = BoxTracker(
             Patience(config.prediction_limit_s, coast_s, plus.rest_s, plus.doubt_detections)
         )
+        self._sense = MotionSense(config.motion)
 
     def judge(self, view: FilterInput) -> Verdict:
         """Return the verdict on what is detected, and on what is predicted to move (last)."""
@@ -34,9 +44,22 @@ class HoidPlus:
         snapshot = self._snapshot(view, small_depth_m)
         found = judge_interactions(snapshot, self._config)
         confidence = dynamic_confidence_mask(snapshot, found.reasons, small_depth_m, plus)
+        moving = self._undetected(view, confidence)
         enough = plus.min_static_share * self._config.extraction.num_features
         masks = make_masks(confidence, view, plus, enough)
-        return _verdict(snapshot, found, masks)
+        return joined(_verdict(snapshot, found, masks), moving_verdict(moving, masks))
+
+    def _undetected(self, view: FilterInput, confidence: ByteArray) -> Moving:
+        """Return what moves and was not detected; what moves is added to the confidence (h, w).
+
+        A region mostly on what is known to move is a part of it and stands not for itself.
+        """
+        moving = self._sense.sense(view) if self._config.motion.enabled else NOTHING
+        label = moving.label_at(small_pixels(view.depth_m.shape))
+        area = np.bincount(label.ravel(), minlength=len(moving.depths_m) + 1)[1:]
+        known = np.bincount(label[confidence > 0], minlength=len(area) + 1)[1:]
+        np.maximum(confidence, moving_confidence(label), out=confidence)
+        return moving.select(np.flatnonzero(known < _KNOWN_SHARE * area))
 
     def _observe(self, view: FilterInput) -> None:
         if view.detections is not None:

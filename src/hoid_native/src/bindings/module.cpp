@@ -10,4 +10,5 @@ NB_MODULE(_native, module)
   hoid::bindings::bind_optimize(module);
   hoid::bindings::bind_boxes(module);
   hoid::bindings::bind_masks(module);
+  hoid::bindings::bind_motion(module);
 }

@@ -10,5 +10,6 @@ void bind_matching(nanobind::module_& module);
 void bind_optimize(nanobind::module_& module);
 void bind_boxes(nanobind::module_& module);
 void bind_masks(nanobind::module_& module);
+void bind_motion(nanobind::module_& module);
 
 }  // namespace hoid::bindings

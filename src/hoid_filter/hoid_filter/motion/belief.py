@@ -1,0 +1,100 @@
+"""The belief that pixels show what moves: log-odds that grow with evidence and fade with time."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
+from hoid_filter.motion.small_camera import SmallCamera
+from hoid_filter.motion.small_view import SmallView
+from hoid_native import carry_over
+
+EVIDENCE_S = 1 / 30  # the time whose evidence is added as it is
+_MOST_STEPS = 4.0  # of evidence, however long ago the image before was
+_SAME_MARGIN = 0.05, 0.03, 0.0  # m, and shares of depth and its square: it is still the same
+_LIMIT = 3.0  # of log-odds: a belief can be given up
+_MOVES, _SURELY_MOVES = 0.7, 2.0
+_LEAST_AREA = 0.002  # share of the image: less is noise at an edge
+_WIDER_PX = 2  # beyond its pixels: those on edges of depth are of no segment
+
+
+class MovingArea(NamedTuple):
+    """Where the small image moves, and which connected part is which."""
+
+    label: IntArray  # (h, w), 0 = rests, else 1 + index of the region
+    num_regions: int
+
+
+class Belief:
+    """Log-odds for each pixel of the small image."""
+
+    def __init__(self, camera: SmallCamera, fade_s: float) -> None:
+        self._camera = camera
+        self._fade_s = fade_s
+        self._before: SmallView | None = None
+        self.log_odds = np.zeros(camera.shape_hw, np.float32)
+
+    def forget(self) -> None:
+        """Believe nothing any more."""
+        self.log_odds = np.zeros_like(self.log_odds)
+
+    def probability_at(self, pixels: IntArray) -> FloatArray:
+        """Return the (N,) probabilities that flat pixels rest."""
+        odds: FloatArray = self.log_odds.ravel()[pixels].astype(np.float64)
+        return 1 / (1 + np.exp(odds))
+
+    def update(self, view: SmallView, T_before_now: FloatArray, evidence: FloatArray) -> None:
+        """Take the belief over to a view, where depth allows, and add (S,) evidence on segments.
+
+        Args:
+            view: of now.
+            T_before_now: (4, 4) of the camera, since the last update.
+            evidence: log-odds of `EVIDENCE_S` that each segment moves.
+        """
+        carried, since_s = self._carried(view, T_before_now)
+        carried *= np.float32(math.exp(-since_s / self._fade_s))
+        steps = min(since_s / EVIDENCE_S, _MOST_STEPS)
+        of_segment = np.append(evidence * steps, 0.0).astype(np.float32)  # the last: no segment
+        odds = np.clip(carried + of_segment[view.segments.label], -_LIMIT, _LIMIT)
+        odds[view.depth_m <= 0] = 0.0
+        self.log_odds, self._before = odds, view
+
+    def _carried(self, view: SmallView, T_before_now: FloatArray) -> tuple[Float32Array, float]:
+        before = self._before
+        if before is None:
+            return np.zeros_like(self.log_odds), EVIDENCE_S
+        carried = carry_over(
+            self._camera.depth_pinhole,
+            T_before_now,
+            view.depth_m,
+            before.depth_m,
+            self.log_odds,
+            _SAME_MARGIN,
+        )
+        return carried, view.stamp_s - before.stamp_s
+
+    def moving(self) -> MovingArea:
+        """Return what moves: connected parts, some pixel of which is believed to for sure."""
+        moves = self.log_odds > _MOVES
+        if not moves.any():
+            return MovingArea(np.zeros(moves.shape, np.int64), 0)
+        count, label, stats, _ = cv2.connectedComponentsWithStats(
+            moves.view(np.uint8), connectivity=8
+        )
+        sure = np.zeros(count, np.bool_)
+        sure[label[self.log_odds > _SURELY_MOVES]] = True
+        sure &= stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA * moves.size
+        sure[0] = False
+        number = np.where(sure, np.cumsum(sure), 0)
+        return MovingArea(number[label], int(np.count_nonzero(sure)))
+
+
+def widened(label: IntArray) -> ByteArray:
+    """Return the (h, w) labels, of less than 256 regions, with the pixels beside them."""
+    side = 2 * _WIDER_PX + 1
+    grown = cv2.dilate(label.astype(np.uint8), np.ones((side, side), np.uint8))
+    return np.asarray(grown, np.uint8)

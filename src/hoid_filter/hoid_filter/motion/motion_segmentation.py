@@ -1,0 +1,256 @@
+"""Which parts of an RGB-D image move in the world, image by image, without a detector."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import (
+    CameraModel,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
+from hoid_filter.config import MotionConfig
+from hoid_filter.detections.aligned_detections import Appearance, FilterInput
+from hoid_filter.extraction.pyramid import Int32Array
+from hoid_filter.motion.belief import Belief, MovingArea
+from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, Points
+from hoid_filter.motion.past_views import PastViews
+from hoid_filter.motion.point_tracks import (
+    PointTracks,
+    expected_px,
+    follow,
+    strongest_by_cell,
+)
+from hoid_filter.motion.small_camera import SmallCamera
+from hoid_filter.motion.small_view import SmallView, small_view
+
+_LONGEST_GAP_S = 0.7  # between images, beyond which all starts anew
+_OUTLIER_PX = 3.0  # of the grey image: a point so far from where it should be moves
+_POINT_EVIDENCE = 0.6  # log-odds of 1/30 s that a point gives its segment ...
+_MOST_POINT_EVIDENCE = 1.0  # ... and that all its points do
+_RIPE_S = 0.2  # points anchored for less long say little about rest
+_SAME_SHARE = 0.05  # of its depth, by which a point that is followed may be off by noise ...
+_FASTEST_M_S = 3.0  # ... and how fast it may come or go
+_NEAREST_M = 0.3  # what is nearer does not hold even less area
+_UNSTABLE_AREA_PX = 2.0  # that a point on an edge of depth stands for
+
+
+class Seen(NamedTuple):
+    """The points of an image, N of them."""
+
+    points: Points
+    segment: Int32Array  # (N,); -1 = none
+
+
+class MotionSegmentation:
+    """Follows points and depth over time, and believes what it sees more than once.
+
+    Frames: the world is the camera's frame at the first image, or after the last restart.
+    """
+
+    def __init__(self, config: MotionConfig, camera: CameraModel) -> None:
+        self._config = config
+        self.camera = SmallCamera(camera)
+        self._restart()
+
+    def _restart(self) -> None:
+        """Start anew, as at the first image."""
+        self._belief = Belief(self.camera, self._config.fade_s)
+        self._past = PastViews(self.camera)
+        self._ego = EgoMotion(self.camera)
+        self._random = np.random.default_rng(0)
+        self._tracks = PointTracks.none()
+        self._rests = np.empty(0)
+        self._view: SmallView | None = None
+        self._T_world_camera = np.eye(4)
+        self._T_before_now = np.eye(4)
+
+    def observe(self, view: FilterInput, appearance: Appearance) -> MovingArea:
+        """Return what moves in a view; views come in order of time."""
+        small = small_view(view, appearance.image_gray, self.camera)
+        if self._view is not None and not 0 < small.stamp_s - self._view.stamp_s < _LONGEST_GAP_S:
+            self._restart()
+        self._follow(view, small)
+        seen = self._seen(view, small)
+        self._move(seen)
+        self._believe(seen, small)
+        self._past.remember(small, self._T_world_camera)
+        self._renew(seen, small.stamp_s)
+        self._add_points(view, appearance, small)
+        self._view = small
+        return self._belief.moving()
+
+    @property
+    def depth_m(self) -> Float32Array:
+        """Return the small depth image (h, w) of the last view."""
+        assert self._view is not None
+        return self._view.depth_m
+
+    def _follow(self, view: FilterInput, small: SmallView) -> None:
+        """Find the points again; one that has slipped onto another surface is lost."""
+        if self._view is None:
+            return
+        T_now = self._T_world_camera
+        guess_px = expected_px(
+            self._tracks,
+            se3.inverse(T_now),
+            se3.inverse(T_now @ self._T_before_now),
+            self.camera,
+        )
+        tracks, kept = follow(self._view.gray, small.gray, self._tracks, guess_px)
+        depth_m = _readings(view.depth_m, self._pixels(tracks, view))
+        limit_m = _SAME_SHARE * tracks.depth_m
+        limit_m += _FASTEST_M_S * (small.stamp_s - self._view.stamp_s)
+        stayed = (depth_m == 0) | (np.abs(depth_m - tracks.depth_m) < limit_m)
+        known_m = np.where(depth_m > 0, depth_m, tracks.depth_m)
+        self._tracks = replace(tracks, depth_m=known_m).select(stayed)
+        self._rests = self._rests[kept][stayed]
+
+    def _pixels(self, tracks: PointTracks, view: FilterInput) -> IntArray:
+        return _flat(self.camera.full_px(tracks.uv_px), view.depth_m.shape)
+
+    def _seen(self, view: FilterInput, small: SmallView) -> Seen:
+        full_px = self.camera.full_px(self._tracks.uv_px)
+        pixels = self._pixels(self._tracks, view)
+        depth_m = _readings(view.depth_m, pixels)
+        measured_px = self.camera.measure(full_px, depth_m)
+        label = small.segments.label.ravel()
+        segment = label[self.camera.small_pixels(pixels)]
+        points = Points(
+            world_m=self._tracks.anchor_m,
+            measured_px=measured_px,
+            camera_m=self.camera.points_m(measured_px, depth_m),
+            has_depth=depth_m > 0,
+            region=np.where(segment >= 0, np.append(small.segments.region, -1)[segment], -1),
+            weight=_areas(label, segment) * np.maximum(depth_m, _NEAREST_M),
+            rests=self._rests,
+        )
+        return Seen(points, segment)
+
+    def _move(self, seen: Seen) -> None:
+        """Find the camera's motion; without enough points, all starts anew."""
+        if self._view is None:
+            return
+        if len(self._tracks) < MIN_POINTS:
+            self._restart()
+            return
+        T_before = self._T_world_camera
+        guesses = [se3.inverse(T_before @ self._T_before_now), se3.inverse(T_before)]
+        motion = self._ego.estimate(seen.points, guesses)
+        if motion.doubted:
+            self._belief.forget()
+        T_now = se3.orthonormalized(se3.inverse(motion.T_camera_world))
+        self._T_before_now = se3.inverse(T_before) @ T_now
+        self._T_world_camera = T_now
+
+    def _believe(self, seen: Seen, small: SmallView) -> None:
+        evidence = np.zeros(len(small.segments.region))
+        if self._config.in_front:
+            evidence += self._past.evidence(small, self._T_world_camera)
+        if self._config.off_course and len(self._tracks):
+            evidence += self._off_course(seen, small)
+        self._belief.update(small, self._T_before_now, evidence)
+
+    def _off_course(self, seen: Seen, small: SmallView) -> FloatArray:
+        """Return the (S,) log-odds of 1/30 s that points of segments do not go as if at rest."""
+        off_px = self._ego.residuals_px(seen.points, se3.inverse(self._T_world_camera))
+        self._ego.learn_noise(off_px[seen.points.rests > 0.5])
+        ripe = np.minimum((small.stamp_s - self._tracks.anchored_s) / _RIPE_S, 1.0)
+        odds = _POINT_EVIDENCE * np.where(off_px > _OUTLIER_PX, 1.0, -ripe)
+        inside = seen.segment >= 0
+        num = len(small.segments.region)
+        total = np.bincount(seen.segment[inside], weights=odds[inside], minlength=num)
+        return np.clip(total, -_MOST_POINT_EVIDENCE, _MOST_POINT_EVIDENCE)
+
+    def _renew(self, seen: Seen, now_s: float) -> None:
+        """Anchor points anew that were long ago; drop those that have no depth then."""
+        if not len(self._tracks):
+            return
+        due = self._tracks.renew_s <= now_s
+        world_m = se3.transform(self._T_world_camera, seen.points.camera_m)
+        anchored = self._tracks.anchored_anew(
+            due & seen.points.has_depth, world_m, now_s, self._config.anchor_s
+        )
+        self._tracks = anchored.select(~due | seen.points.has_depth)
+
+    def _add_points(self, view: FilterInput, appearance: Appearance, small: SmallView) -> None:
+        """Take up corners with depth where no point is."""
+        pixels, depth_m = self._free_corners(view, appearance, small)
+        width = view.depth_m.shape[1]
+        full_px = np.stack([pixels % width, pixels // width], axis=1).astype(np.float32)
+        camera_m = self.camera.points_m(self.camera.measure(full_px, depth_m), depth_m)
+        # Not all at once: what was anchored long ago shows slow things, what was lately is true.
+        ages_s = self._random.uniform(0.0, self._config.anchor_s, len(pixels))
+        self._tracks = self._tracks.joined(
+            PointTracks(
+                self.camera.gray_px(full_px),
+                se3.transform(self._T_world_camera, camera_m),
+                np.full(len(pixels), small.stamp_s),
+                small.stamp_s + self._config.anchor_s - ages_s,
+                depth_m,
+            )
+        )
+        at = self.camera.small_pixels(self._pixels(self._tracks, view))
+        self._rests = self._belief.probability_at(at)
+
+    def _free_corners(
+        self, view: FilterInput, appearance: Appearance, small: SmallView
+    ) -> tuple[IntArray, FloatArray]:
+        """Return flat pixels and depths of the best corner of each cell that has no point.
+
+        Depth there is smooth: on an edge it may be of either side.
+        """
+        missing = self._config.num_points - len(self._tracks)
+        height, width = view.depth_m.shape
+        cell_px = (height * width / self._config.num_points) ** 0.5
+        columns = int(width / cell_px) + 1
+        at = self._pixels(self._tracks, view)
+        free = np.ones(columns * (int(height / cell_px) + 1), np.bool_)
+        free[_cells(at, width, cell_px, columns)] = False
+        cells = _cells(view.corner_pixels, width, cell_px, columns)
+        among = np.flatnonzero(free[cells])
+        pixels = view.corner_pixels[among]
+        depth_m = _readings(view.depth_m, pixels)
+        smooth = small.segments.label.ravel()[self.camera.small_pixels(pixels)] >= 0
+        fit = np.flatnonzero((depth_m > 0) & smooth)
+        among = among[fit]
+        best = strongest_by_cell(cells[among], appearance.corner_scores[among])[: max(missing, 0)]
+        return pixels[fit[best]], depth_m[fit[best]]
+
+
+def _flat(full_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
+    """Return the flat indices of the pixels nearest to (N, 2) positions."""
+    height, width = shape_hw
+    nearest = np.clip(np.rint(full_px), 0, (width - 1, height - 1)).astype(np.int64)
+    flat: IntArray = nearest[:, 1] * width + nearest[:, 0]
+    return flat
+
+
+def _cells(pixels: IntArray, width: int, cell_px: float, columns: int) -> IntArray:
+    """Return the (N,) numbers of the square cells in which flat pixels lie."""
+    row = pixels // width
+    column = pixels - row * width
+    per_px = 1 / cell_px
+    cells: IntArray = (row * per_px).astype(np.int64) * columns + (column * per_px).astype(
+        np.int64
+    )
+    return cells
+
+
+def _readings(depth_m: Float32Array, pixels: IntArray) -> FloatArray:
+    """Return the (N,) depths of flat pixels; 0 = no reading."""
+    found = depth_m.ravel()[pixels].astype(np.float64)
+    return np.where(np.isfinite(found), found, 0.0)
+
+
+def _areas(label: Int32Array, segment: Int32Array) -> FloatArray:
+    """Return the (N,) areas in pixels that points in segments stand for."""
+    area_px = np.bincount(label + 1, minlength=1).astype(np.float64)
+    points = np.bincount(segment + 1, minlength=len(area_px))
+    share = area_px / np.maximum(points, 1)
+    return np.where(segment >= 0, share[segment + 1], _UNSTABLE_AREA_PX)

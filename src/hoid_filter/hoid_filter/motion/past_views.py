@@ -1,0 +1,112 @@
+"""What was seen some time ago, and what is in front of it now."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import Float32Array, FloatArray
+from hoid_filter.motion.small_camera import SmallCamera
+from hoid_filter.motion.small_view import SmallView
+from hoid_native import count_in_front
+
+_STEP_S = 1 / 40  # views nearer in time than this are one
+_SLACK = 0.3  # share of a baseline by which it may be missed
+_LEAST_SLACK_S = 0.1
+_MARGIN = 0.03, 0.015, 0.008  # m, and shares of the depth and its square
+_FAR_M = np.float32(1e3)
+_KERNEL = np.ones((3, 3), np.uint8)
+_FRONT = 1.5  # log-odds of a segment that is all in front, by 1/30 s
+_LEAST_FRONT = 0.1  # share of a segment that is more than its edges
+_MIXED = 0.25  # with more of it in front, what agrees says nothing for the segment
+
+
+class _Baseline(NamedTuple):
+    """A time to look back, and what it is worth that nothing has changed since then."""
+
+    ago_s: float
+    rest: float  # log-odds, by 1/30 s: a slow thing is where it was for a while
+
+
+_BASELINES = (
+    _Baseline(0.17, 0.05),
+    _Baseline(0.4, 0.1),
+    _Baseline(1.0, 0.25),
+    _Baseline(2.5, 0.4),
+)
+
+
+class _Past(NamedTuple):
+    """A depth image of earlier."""
+
+    stamp_s: float
+    T_world_camera: FloatArray
+    nearest_m: Float32Array  # (h, w) around each pixel; 0 = no reading
+    farthest_m: Float32Array  # (h, w)
+
+
+class PastViews:
+    """Depth images of the last seconds, and the evidence that they give."""
+
+    def __init__(self, camera: SmallCamera) -> None:
+        self._camera = camera
+        self._views: list[_Past] = []
+
+    def remember(self, view: SmallView, T_world_camera: FloatArray) -> None:
+        """Keep a view as long as one will want to look back to it."""
+        if self._views and view.stamp_s - self._views[-1].stamp_s < _STEP_S:
+            return
+        depth_m = view.depth_m
+        known = depth_m > 0
+        nearest = cv2.erode(np.where(known, depth_m, _FAR_M), _KERNEL)
+        farthest = cv2.dilate(depth_m, _KERNEL)
+        nearest_m = np.asarray(np.where(known, nearest, 0), np.float32)
+        self._views.append(
+            _Past(view.stamp_s, T_world_camera, nearest_m, np.asarray(farthest, np.float32))
+        )
+        oldest_s = view.stamp_s - _BASELINES[-1].ago_s * (1 + _SLACK)
+        while self._views[0].stamp_s < oldest_s:
+            del self._views[0]
+
+    def evidence(self, view: SmallView, T_world_camera: FloatArray) -> FloatArray:
+        """Return the (S,) log-odds of 1/30 s that each segment of a view moves.
+
+        What is in front of what was seen earlier has come there. What is behind it was hidden then
+        or has been there: that says nothing.
+        """
+        num = len(view.segments.region)
+        total = np.zeros(num)
+        for baseline in _BASELINES:
+            past = self._at(view.stamp_s, baseline.ago_s)
+            if past is None:
+                continue
+            counts = count_in_front(
+                self._camera.depth_pinhole,
+                se3.inverse(past.T_world_camera) @ T_world_camera,
+                view.depth_m,
+                view.segments.label,
+                num,
+                past.nearest_m,
+                past.farthest_m,
+                _MARGIN,
+            )
+            looked_at = np.maximum(counts.looked_at, 1)
+            in_front, at_it = counts.in_front / looked_at, counts.at_it / looked_at
+            total += np.where(in_front > _LEAST_FRONT, _FRONT * in_front, 0.0)
+            total -= np.where(in_front < _MIXED, baseline.rest * at_it, 0.0)
+        return total
+
+    def _at(self, now_s: float, ago_s: float) -> _Past | None:
+        """Return the view of about so long ago, if there is one."""
+        if not self._views:
+            return None
+        slack_s = max(_SLACK * ago_s, _LEAST_SLACK_S)
+        wanted_s = now_s - ago_s
+        n = bisect_left(self._views, wanted_s, key=lambda past: past.stamp_s)
+        beside = [self._views[k] for k in (n - 1, n) if 0 <= k < len(self._views)]
+        best = min(beside, key=lambda past: abs(past.stamp_s - wanted_s))
+        return best if abs(best.stamp_s - wanted_s) <= slack_s else None

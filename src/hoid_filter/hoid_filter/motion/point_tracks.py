@@ -1,0 +1,135 @@
+"""Points followed over images, each with the place in the world where it was seen first."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import (
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
+from hoid_filter.motion.small_camera import SmallCamera
+
+_WINDOW_PX = 9
+_LEVELS = 2
+_BACK_LEVELS = 1  # it is known about where to
+_STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 8, 0.03)
+_MARGIN_PX = 3.0  # from the edge of the image
+_RETURN_PX = 0.5  # a point followed back is this near to where it was: else it slipped
+_MAX_STEP_PX = 40.0  # that is expected from one image to the next
+
+
+@dataclass(frozen=True, eq=False)
+class PointTracks:
+    """N points in the small grey image, and where they were when they were anchored."""
+
+    uv_px: Float32Array  # (N, 2) in the grey image
+    anchor_m: FloatArray  # (N, 3) in the world
+    anchored_s: FloatArray  # (N,) when
+    renew_s: FloatArray  # (N,) when they are to be anchored anew
+    depth_m: FloatArray  # (N,) where they were last, as far as it is known
+
+    @staticmethod
+    def none() -> PointTracks:
+        """Return no points."""
+        empty = np.empty(0)
+        return PointTracks(np.empty((0, 2), np.float32), np.empty((0, 3)), empty, empty, empty)
+
+    def __len__(self) -> int:
+        return len(self.anchored_s)
+
+    def select(self, keep: BoolArray) -> PointTracks:
+        """Return the points at a (N,) mask."""
+        return PointTracks(**{name: values[keep] for name, values in vars(self).items()})
+
+    def joined(self, other: PointTracks) -> PointTracks:
+        """Return these points and the others."""
+        mine, theirs = vars(self), vars(other)
+        return PointTracks(**{n: np.concatenate([mine[n], theirs[n]]) for n in mine})
+
+    def anchored_anew(
+        self, due: BoolArray, points_world_m: FloatArray, now_s: float, for_s: float
+    ) -> PointTracks:
+        """Return the tracks with (N,) those that are due anchored where they are, (N, 3), now."""
+        return dataclasses.replace(
+            self,
+            anchor_m=np.where(due[:, None], points_world_m, self.anchor_m),
+            anchored_s=np.where(due, now_s, self.anchored_s),
+            renew_s=np.where(due, now_s + for_s, self.renew_s),
+        )
+
+
+def expected_px(
+    tracks: PointTracks, T_camera_world: FloatArray, T_next_world: FloatArray, camera: SmallCamera
+) -> Float32Array:
+    """Return where the points go if they rest and the camera moves on to the next pose."""
+    focal_px = camera.gray_pinhole.fx_px, camera.gray_pinhole.fy_px
+    before, after = (
+        _on_plane(se3.transform(T, tracks.anchor_m)) for T in (T_camera_world, T_next_world)
+    )
+    step_px = np.clip((after - before) * focal_px, -_MAX_STEP_PX, _MAX_STEP_PX)
+    return tracks.uv_px + step_px.astype(np.float32)
+
+
+def _on_plane(points_m: FloatArray) -> FloatArray:
+    on_plane: FloatArray = points_m[:, :2] / np.maximum(points_m[:, 2:], 0.05)
+    return on_plane
+
+
+def follow(
+    before: ByteArray, now: ByteArray, tracks: PointTracks, guess_px: Float32Array
+) -> tuple[PointTracks, BoolArray]:
+    """Return the points found again in the grey image of now, and which of the (N,) they are.
+
+    A point counts as found when following it back leads to where it was.
+    """
+    if not len(tracks):
+        return tracks, np.empty(0, np.bool_)
+    uv_px, found = _flow(before, now, tracks.uv_px, guess_px.copy(), _LEVELS)
+    back_guess_px = uv_px - (guess_px - tracks.uv_px)
+    back_px, returned = _flow(now, before, uv_px, back_guess_px, _BACK_LEVELS)
+    limits = np.array(now.shape[::-1], np.float32) - 1 - _MARGIN_PX
+    inside = ((uv_px >= _MARGIN_PX) & (uv_px <= limits)).all(axis=1)
+    off_px = np.abs(back_px - tracks.uv_px).max(axis=1)
+    kept = found & returned & inside & (off_px < _RETURN_PX)
+    return dataclasses.replace(tracks, uv_px=uv_px).select(kept), kept
+
+
+def _flow(
+    before: ByteArray, now: ByteArray, from_px: Float32Array, guess_px: Float32Array, levels: int
+) -> tuple[Float32Array, BoolArray]:
+    """Return where (N, 2) points have gone, and which of them were found."""
+    uv_px, found, _ = cv2.calcOpticalFlowPyrLK(
+        before,
+        now,
+        from_px,
+        guess_px,
+        winSize=(_WINDOW_PX, _WINDOW_PX),
+        maxLevel=levels,
+        criteria=_STEPS,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    return np.asarray(uv_px, np.float32), found.ravel() > 0
+
+
+def strongest_by_cell(cells: IntArray, scores: ByteArray) -> IntArray:
+    """Return the indices, in order of cell, of the strongest of K corners in each cell.
+
+    Args:
+        cells: (K,) numbers, not negative.
+        scores: (K,), higher is stronger; of equals, the first is taken.
+    """
+    # Whole keys are sorted: quicker than a stable argsort, and as free of ties.
+    weakness = 255 - scores.astype(np.int64)
+    order = np.sort((cells << 8 | weakness) << 20 | np.arange(len(cells)))
+    is_first = np.ones(len(order), np.bool_)
+    is_first[1:] = order[1:] >> 28 != order[:-1] >> 28
+    return order[is_first] & ((1 << 20) - 1)

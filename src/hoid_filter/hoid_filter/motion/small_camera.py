@@ -1,0 +1,137 @@
+"""The small images in which motion is judged: of an ideal camera, and of one size for all."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from hoid_common.values import (
+    BoolArray,
+    ByteArray,
+    CameraModel,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
+from hoid_native import Pinhole
+
+DEPTH_WIDTH_PX = 160
+GRAY_WIDTH_PX = 320
+_BASELINE_M = 0.075  # of the virtual right camera: depth as a disparity, like a depth camera's own
+
+
+class SmallCamera:
+    """Brings images of one camera down to small ones without distortion, and back.
+
+    Depth is sampled, never averaged: between a person and a wall there is nothing.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        self.shape_hw = _shape(camera, DEPTH_WIDTH_PX)
+        self.depth_pinhole = _pinhole(camera, DEPTH_WIDTH_PX)
+        self.gray_pinhole = _pinhole(camera, GRAY_WIDTH_PX)
+        self.disparity_px_m = self.gray_pinhole.fx_px * _BASELINE_M
+        self._gray_step = camera.width_px / GRAY_WIDTH_PX
+        self._sampled = self._samples()
+        self._small_of_pixel = self._small_pixels()
+
+    def depth(self, depth_m: Float32Array) -> Float32Array:
+        """Return the small depth image of an (H, W) one; 0 = no reading."""
+        small = depth_m.ravel().take(self._sampled.pixels)
+        small[self._sampled.outside | ~np.isfinite(small)] = 0.0
+        return small.reshape(self.shape_hw)
+
+    def gray(self, image_gray: ByteArray) -> ByteArray:
+        """Return the small (distorted) grey image in which points are followed."""
+        height, width = _shape(self.camera, GRAY_WIDTH_PX)
+        small = cv2.resize(image_gray, (width, height), interpolation=cv2.INTER_AREA)
+        return np.asarray(small, np.uint8)
+
+    def full_px(self, gray_px: Float32Array) -> Float32Array:
+        """Return (N, 2) positions in the full image from those in the grey one."""
+        return (gray_px + np.float32(0.5)) * np.float32(self._gray_step) - np.float32(0.5)
+
+    def gray_px(self, full_px: Float32Array) -> Float32Array:
+        """Return (N, 2) positions in the grey image, from those in the full one."""
+        return (full_px + np.float32(0.5)) / np.float32(self._gray_step) - np.float32(0.5)
+
+    def small_pixels(self, pixels: IntArray) -> IntArray:
+        """Return the flat indices in the small depth image, (N,), of those in the full image."""
+        return self._small_of_pixel[pixels]
+
+    def measure(self, full_px: Float32Array, depth_m: FloatArray) -> FloatArray:
+        """Return (N, 3) undistorted u, v, u_right at the grey image's scale; NaN: no depth."""
+        out = np.empty((len(full_px), 3))
+        out[:, :2] = self.gray_px(self.camera.undistort_px(full_px))
+        known = depth_m > 0
+        disparity_px = self.disparity_px_m / np.where(known, depth_m, 1.0)
+        out[:, 2] = np.where(known, out[:, 0] - disparity_px, np.nan)
+        return out
+
+    def points_m(self, measured_px: FloatArray, depth_m: FloatArray) -> FloatArray:
+        """Return the (N, 3) points in the camera's frame that measurements show."""
+        rays = _rays(self.gray_pinhole, measured_px[:, 0], measured_px[:, 1])
+        return rays * depth_m[:, None]
+
+    def box_px(self, mask: BoolArray) -> tuple[float, float, float, float]:
+        """Return the box in the full image around what an (h, w) mask shows."""
+        x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+        columns = np.array([x, x + width / 2, x + width]) - 0.5
+        rows = np.array([y, y + height / 2, y + height]) - 0.5
+        u, v = (part.ravel() for part in np.meshgrid(columns, rows))
+        imaged_px = self.camera.project_px(_rays(self.depth_pinhole, u, v)) + 0.5
+        last = np.array(self.camera.size_px)
+        first, end = (np.clip(edge, 0, last) for edge in (imaged_px.min(0), imaged_px.max(0)))
+        return float(first[0]), float(first[1]), float(end[0]), float(end[1])
+
+    def _samples(self) -> _Samples:
+        height, width = self.shape_hw
+        v, u = np.mgrid[0:height, 0:width]
+        rays = _rays(self.depth_pinhole, u.ravel(), v.ravel())
+        imaged_px = self.camera.project_px(rays)
+        column, row = np.rint(imaged_px).astype(np.int64).T
+        full_width, full_height = self.camera.size_px
+        outside = (column < 0) | (row < 0) | (column >= full_width) | (row >= full_height)
+        return _Samples(np.where(outside, 0, row * full_width + column), outside)
+
+    def _small_pixels(self) -> IntArray:
+        full_width, full_height = self.camera.size_px
+        v, u = np.mgrid[0:full_height, 0:full_width]
+        imaged_px = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float32)
+        scale = DEPTH_WIDTH_PX / full_width
+        small_px = (self.camera.undistort_px(imaged_px) + 0.5) * scale - 0.5
+        height, width = self.shape_hw
+        nearest = np.clip(np.rint(small_px), 0, (width - 1, height - 1)).astype(np.int64)
+        flat: IntArray = nearest[:, 1] * width + nearest[:, 0]
+        return flat
+
+
+class _Samples(NamedTuple):
+    """Which pixels of the full image the small one is made of."""
+
+    pixels: IntArray  # (h * w,) flat
+    outside: BoolArray  # (h * w,) no pixel of the full image is there
+
+
+def _shape(camera: CameraModel, width_px: int) -> tuple[int, int]:
+    return max(round(camera.height_px * width_px / camera.width_px), 1), width_px
+
+
+def _rays(pinhole: Pinhole, u_px: FloatArray, v_px: FloatArray) -> FloatArray:
+    """Return the (N, 3) points at a depth of 1 m that pixels show."""
+    x = (u_px - pinhole.cx_px) / pinhole.fx_px
+    y = (v_px - pinhole.cy_px) / pinhole.fy_px
+    return np.stack([x, y, np.ones(len(x))], axis=1)
+
+
+def _pinhole(camera: CameraModel, width_px: int) -> Pinhole:
+    scale = width_px / camera.width_px
+    return Pinhole(
+        camera.fx_px * scale,
+        camera.fy_px * scale,
+        (camera.cx_px + 0.5) * scale - 0.5,
+        (camera.cy_px + 0.5) * scale - 0.5,
+    )

@@ -1,0 +1,262 @@
+"""What moves without being detected, in small rendered scenes with known answers."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import (
+    UNKNOWN,
+    BoolArray,
+    ByteArray,
+    CameraModel,
+    Detections,
+    Float32Array,
+    FloatArray,
+    Reason,
+    RgbdFrame,
+)
+from hoid_filter.config import FilterConfig, MotionConfig
+from hoid_filter.feature_filter import FeatureFilter
+from hoid_filter.motion.belief import Belief
+from hoid_filter.motion.small_camera import SmallCamera
+from hoid_filter.motion.small_view import SmallView
+from hoid_native import depth_segments
+
+CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
+LENS = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5, (0.1, -0.05, 0.0, 0.0, 0.0))
+WALL_M, SQUARE_M, SIDE_M = 3.0, 1.5, 0.5
+PERIOD_NS = 33_333_333
+
+
+def texture(seed: int) -> ByteArray:
+    """Return (1024, 1024) blotches, 5 mm each."""
+    noise = np.random.default_rng(seed).integers(0, 256, (256, 256)).astype(np.uint8)
+    return np.asarray(cv2.resize(noise, (1024, 1024), interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+WALL, SQUARE = texture(1), texture(2)
+
+
+class Scene:
+    """A textured wall, and a textured square before it, seen by a camera without noise."""
+
+    def __init__(self, camera: CameraModel = CAMERA) -> None:
+        self.camera = camera
+        v, u = np.mgrid[0 : camera.height_px, 0 : camera.width_px]
+        pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float32)
+        ideal = camera.undistort_px(pixels).astype(np.float64)
+        x = (ideal[:, 0] - camera.cx_px) / camera.fx_px
+        y = (ideal[:, 1] - camera.cy_px) / camera.fy_px
+        self._rays = np.stack([x, y, np.ones(len(x))], axis=1)
+
+    def frame(
+        self, i: int, T_world_camera: FloatArray, square_x_m: float | None
+    ) -> tuple[RgbdFrame, BoolArray]:
+        """Return an image, and which of its pixels show the square."""
+        gray, depth_m = self._surface(T_world_camera, WALL_M, WALL)
+        shape = self.camera.height_px, self.camera.width_px
+        on_square = np.zeros(len(gray), np.bool_)
+        if square_x_m is not None:
+            on_square = self._is_square(T_world_camera, square_x_m)
+            moved = T_world_camera.copy()
+            moved[0, 3] -= square_x_m  # its texture goes with it
+            near_gray, near_m = self._surface(moved, SQUARE_M, SQUARE)
+            gray, depth_m = (
+                np.where(on_square, *pair) for pair in ((near_gray, gray), (near_m, depth_m))
+            )
+        bgr = np.repeat(gray.reshape(*shape, 1), 3, axis=2).astype(np.uint8)
+        depth = depth_m.reshape(shape).astype(np.float32)
+        return RgbdFrame(i * PERIOD_NS, bgr, depth), on_square.reshape(shape)
+
+    def _at(self, T_world_camera: FloatArray, plane_m: float) -> tuple[FloatArray, FloatArray]:
+        rays = self._rays @ T_world_camera[:3, :3].T
+        distance = (plane_m - T_world_camera[2, 3]) / rays[:, 2]
+        return rays * distance[:, None] + T_world_camera[:3, 3], distance
+
+    def _surface(
+        self, T_world_camera: FloatArray, plane_m: float, painted: ByteArray
+    ) -> tuple[FloatArray, FloatArray]:
+        points_m, depth_m = self._at(T_world_camera, plane_m)
+        shape = self.camera.height_px, self.camera.width_px
+        column, row = (
+            (part / 0.005 + 512).astype(np.float32).reshape(shape) for part in points_m.T[:2]
+        )
+        shown = cv2.remap(painted, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        return np.asarray(shown.ravel(), np.float64), depth_m
+
+    def _is_square(self, T_world_camera: FloatArray, square_x_m: float) -> BoolArray:
+        points_m, _ = self._at(T_world_camera, SQUARE_M)
+        off_m = np.abs(points_m[:, :2] - (square_x_m, 0.0)).max(axis=1)
+        return np.asarray(off_m < SIDE_M / 2, np.bool_)
+
+
+def moved(x_m: float = 0.0, turned_rad: float = 0.0) -> FloatArray:
+    return se3.exp(np.array([0.0, turned_rad, 0.0, x_m, 0.0, 0.0]))
+
+
+@cache
+def scene_of(camera: CameraModel) -> Scene:
+    return Scene(camera)
+
+
+@cache
+def passing(i: int, camera: CameraModel = CAMERA) -> tuple[RgbdFrame, BoolArray]:
+    """Return image i of a square that passes a camera which moves, too."""
+    return scene_of(camera).frame(i, moved(0.004 * i), -0.4 + 0.02 * i)
+
+
+def make_filter(camera: CameraModel | None = CAMERA, strategy: str = 'motion') -> FeatureFilter:
+    return FeatureFilter(FilterConfig(strategy=strategy), camera)
+
+
+def corner_shares(motion: FeatureFilter, frame: RgbdFrame, square: BoolArray) -> tuple[float, ...]:
+    """Return how many of the features are on the square, and the number of features."""
+    features = motion.process(frame, None).features
+    at = np.rint(features.uv_px).astype(int)
+    return float(square[at[:, 1], at[:, 0]].mean()), len(features)
+
+
+@pytest.mark.parametrize('camera', [CAMERA, LENS], ids=['pinhole', 'lens'])
+def test_a_square_that_moves_is_masked_and_told(camera: CameraModel) -> None:
+    motion = make_filter(camera)
+    for i in range(25):
+        frame, square = passing(i, camera)
+        result = motion.process(frame, None)
+    at = np.rint(result.features.uv_px).astype(int)
+    assert square[at[:, 1], at[:, 0]].mean() < 0.01
+    assert len(result.features) > 500
+    (region,) = result.objects
+    assert (region.class_name, region.reason, region.is_dynamic) == (UNKNOWN, Reason.MOVING, True)
+    rows, columns = np.nonzero(square)
+    box = columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
+    np.testing.assert_allclose(region.box_xyxy_px, box, atol=6)
+    x_m, y_m, z_m = region.center_camera_m
+    assert z_m == pytest.approx(SQUARE_M, abs=0.01)
+    assert (x_m, y_m) == pytest.approx((-0.4 + 0.02 * 24 - 0.004 * 24, 0.0), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ('step_m', 'turn_rad'), [(0.0, 0.0), (0.01, 0.0), (0.0, 0.02)], ids=['rests', 'goes', 'turns']
+)
+def test_where_nothing_moves_nothing_is_masked(step_m: float, turn_rad: float) -> None:
+    motion, none = make_filter(), make_filter(strategy='none')
+    for i in range(15):
+        pose = moved(step_m * i, turn_rad * np.sin(i / 3))
+        frame, _ = scene_of(CAMERA).frame(i, pose, 0.0)
+        result = motion.process(frame, None)
+        assert result.num_removed == 0
+        assert result.objects == ()
+        unfiltered = none.process(frame, None).features
+        np.testing.assert_array_equal(result.features.uv_px, unfiltered.uv_px)
+
+
+def test_what_came_to_rest_is_static_again() -> None:
+    motion = make_filter()
+    for i in range(20):
+        last, square = passing(i)
+        share, _ = corner_shares(motion, last, square)
+    assert share == 0
+    for i in range(20, 140):
+        frame = RgbdFrame(i * PERIOD_NS, last.image_bgr, last.depth_m)
+        share, _ = corner_shares(motion, frame, square)
+    assert share > 0.1
+
+
+def test_the_same_images_give_the_same_features() -> None:
+    results = []
+    for motion in (make_filter(), make_filter()):
+        for i in range(15):
+            result = motion.process(passing(i)[0], None)
+        results.append(result.features.uv_px)
+    np.testing.assert_array_equal(results[0], results[1])
+
+
+def test_lost_depth_jumps_in_time_and_other_sizes_are_lived_through() -> None:
+    motion = make_filter()
+    blank = np.zeros((CAMERA.height_px, CAMERA.width_px), np.float32)
+    for i in (0, 1, 2, 3, 24, 23, 4, 5, 5, 6):
+        frame, _ = passing(i)
+        for depth_m in (frame.depth_m, blank, blank * np.nan):
+            seen = RgbdFrame(frame.stamp_ns * 3, frame.image_bgr, depth_m)
+            assert len(motion.process(seen, None).features) > 100
+    black = RgbdFrame(0, np.zeros((240, 320, 3), np.uint8), blank)
+    assert len(motion.process(black, None).features) == 0
+    other = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
+    small = scene_of(other)
+    for i in range(4):
+        if i == 2:
+            assert motion.counters['images without their camera'] == 2
+            motion.camera = other
+        motion.process(small.frame(i, moved(), 0.0)[0], None)
+    assert motion.counters['images without their camera'] == 2
+
+
+def test_without_a_camera_nothing_is_known_to_move() -> None:
+    motion = make_filter(None)
+    for i in range(10):
+        assert motion.process(passing(i)[0], None).num_removed == 0
+
+
+def test_hoid_plus_tells_what_the_detector_misses() -> None:
+    both = make_filter(strategy='hoid+')
+    switched_off = FeatureFilter(
+        FilterConfig(strategy='hoid+', motion=MotionConfig(enabled=False)), CAMERA
+    )
+    for i in range(20):
+        frame, _ = passing(i)
+        nobody = Detections.none(frame.stamp_ns)
+        found, without = both.process(frame, nobody), switched_off.process(frame, nobody)
+    assert [item.reason for item in found.objects] == [Reason.MOVING]
+    assert without.objects == ()
+    assert without.num_removed == 0
+
+
+def test_what_is_detected_is_not_told_twice() -> None:
+    both = make_filter(strategy='hoid+')
+    for i in range(20):
+        frame, square = passing(i)
+        rows, columns = np.nonzero(square)
+        box = [[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]]
+        found = Detections(
+            frame.stamp_ns, np.array(box, np.float32), ('person',), np.array([0.9], np.float32)
+        )
+        result = both.process(frame, found)
+    assert [item.reason for item in result.objects] == [Reason.PERSON]
+
+
+def test_belief_never_comes_from_pixels_without_depth() -> None:
+    camera = SmallCamera(CAMERA)
+    belief = Belief(camera, 1.0)
+    random = np.random.default_rng(0)
+    for i in range(20):
+        depth_m: Float32Array = random.uniform(1.0, 1.02, camera.shape_hw).astype(np.float32)
+        depth_m[random.random(camera.shape_hw) < 0.02] = 0.0
+        segments = depth_segments(depth_m, 20)
+        view = SmallView(i / 30, np.zeros((240, 320), np.uint8), depth_m, segments)
+        evidence = random.normal(0.5, 1.0, len(segments.region))
+        belief.update(view, np.eye(4), evidence)
+        assert (belief.log_odds[depth_m == 0] == 0).all()
+        assert np.abs(belief.log_odds).max() <= 3.0
+
+
+def test_a_belief_fades_by_time_and_not_by_images() -> None:
+    camera = SmallCamera(CAMERA)
+    depth_m = np.full(camera.shape_hw, 2.0, np.float32)
+    segments = depth_segments(depth_m, 20)
+    left = []
+    for rate_hz in (8.0, 60.0):
+        belief = Belief(camera, 1.0)
+        evidence = np.full(len(segments.region), 2.0)
+        gray = np.zeros((240, 320), np.uint8)
+        belief.update(SmallView(0.0, gray, depth_m, segments), np.eye(4), evidence)
+        for i in range(1, int(rate_hz) + 1):
+            view = SmallView(i / rate_hz, gray, depth_m, segments)
+            belief.update(view, np.eye(4), 0 * evidence)
+        left.append(float(belief.log_odds[60, 80]))
+    assert left[0] == pytest.approx(left[1], rel=1e-3)
+    assert left[0] == pytest.approx(2.0 * np.exp(-1.0), rel=1e-3)

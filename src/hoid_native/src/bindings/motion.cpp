@@ -1,0 +1,172 @@
+#include "motion/motion.hpp"
+
+#include <nanobind/stl/tuple.h>
+
+#include <tuple>
+
+#include "bindings/arrays.hpp"
+#include "bindings/checks.hpp"
+#include "bindings/module.hpp"
+
+namespace hoid::bindings {
+
+namespace {
+
+using namespace nb::literals;
+using motion::Pinhole;
+
+HOID_RESULT(Segments);
+HOID_RESULT(FrontCounts);
+
+using MarginTuple = std::tuple<float, float, float>;
+
+motion::Margin margin_of(const MarginTuple& values)
+{
+  return {std::get<0>(values), std::get<1>(values), std::get<2>(values)};
+}
+
+template <typename T>
+void require_shape(const char* name, const ImageArray<T>& image, const ImageArray<float>& like)
+{
+  if (image.size(0) != like.size(0) || image.size(1) != like.size(1)) {
+    refuse(std::string(name) + ": must be as large as depth_m");
+  }
+}
+
+Segments depth_segments(const ImageArray<float>& depth_m, int cell_px)
+{
+  require(cell_px >= 1, "cell_px: must be at least 1");
+  auto found = unlocked([&] { return motion::depth_segments(view(depth_m), cell_px); });
+  const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
+  return make<Segments>(give(std::move(found.label), shape), give(std::move(found.region)));
+}
+
+FrontCounts count_in_front(
+  const Pinhole& camera, const RealArray<4, 4>& T_earlier_now, const ImageArray<float>& depth_m,
+  const ImageArray<int32_t>& label, int num_segments, const ImageArray<float>& nearest_m,
+  const ImageArray<float>& farthest_m, const MarginTuple& margin)
+{
+  require_shape("label", label, depth_m);
+  require_shape("nearest_m", nearest_m, depth_m);
+  require_shape("farthest_m", farthest_m, depth_m);
+  require(num_segments >= 0, "num_segments: must not be negative");
+  require_range("label", label, -1, num_segments);
+  auto counts = unlocked([&] {
+    return motion::count_in_front(
+      {camera, T_earlier_now.data(), view(depth_m)}, label.data(), num_segments, nearest_m.data(),
+      farthest_m.data(), margin_of(margin));
+  });
+  return make<FrontCounts>(
+    give(std::move(counts.looked_at)), give(std::move(counts.in_front)), give(std::move(counts.at_it)));
+}
+
+auto carry_over(
+  const Pinhole& camera, const RealArray<4, 4>& T_before_now, const ImageArray<float>& depth_m,
+  const ImageArray<float>& before_m, const ImageArray<float>& values, const MarginTuple& margin)
+{
+  require_shape("before_m", before_m, depth_m);
+  require_shape("values", values, depth_m);
+  std::vector<float> carried(depth_m.array.size());
+  unlocked([&] {
+    motion::carry_over(
+      {camera, T_before_now.data(), view(depth_m)}, before_m.data(), values.data(), margin_of(margin),
+      carried.data());
+  });
+  const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
+  return give(std::move(carried), shape);
+}
+
+auto score_poses(
+  const optimize::StereoParams& camera, double pixel_px, double limit, const RealArray<-1, 4, 4>& T_camera_world,
+  const RealArray<-1, 3>& points_m, const RealArray<-1, 3>& measured_px, const RealArray<-1, 2>& weights)
+{
+  require(pixel_px > 0 && limit > 0, "pixel_px and limit: must be positive");
+  require_length("measured_px", measured_px, points_m.size());
+  require_length("weights", weights, points_m.size());
+  const motion::Points points{points_m.data(), measured_px.data(), weights.data(), points_m.size()};
+  const std::array<std::size_t, 2> shape{T_camera_world.array.shape(0), 2};
+  std::vector<double> score(shape[0] * shape[1]);
+  unlocked([&] {
+    motion::score_poses(
+      camera, pixel_px, limit, T_camera_world.data(), T_camera_world.size(), points, score.data());
+  });
+  return give(std::move(score), shape);
+}
+
+void bind_views(nb::module_& module)
+{
+  module.def("depth_segments", &depth_segments, "depth_m"_a, "cell_px"_a, R"(
+Return the pieces of a depth image, cut along jumps of depth and along a grid of square cells.
+
+Args:
+    depth_m: (H, W) float32; 0 = no reading.
+    cell_px: side of a cell, at least 1.
+
+Raises:
+    ValueError: The side is less than 1.)");
+  module.def(
+    "count_in_front", &count_in_front, "camera"_a, "T_earlier_now"_a, "depth_m"_a, "label"_a, "num_segments"_a,
+    "nearest_m"_a, "farthest_m"_a, "margin"_a, R"(
+Return how many pixels of each segment are in front of what was seen in their place earlier.
+
+Args:
+    camera: of both images.
+    T_earlier_now: (4, 4).
+    depth_m: (H, W) float32 now; 0 = no reading.
+    label: (H, W) int32 segment of each pixel; -1 = none.
+    num_segments: S.
+    nearest_m: (H, W) float32, least reading around each pixel earlier; 0 = none there.
+    farthest_m: (H, W) float32, the same of the most.
+    margin: a constant [m], and shares of the depth and of its square, by which a pixel must be
+        in front.
+
+Raises:
+    ValueError: Images differ in size, or a label is not one of S.)");
+  module.def(
+    "carry_over", &carry_over, "camera"_a, "T_before_now"_a, "depth_m"_a, "before_m"_a, "values"_a, "margin"_a, R"(
+Return the (H, W) values that pixels had before; 0 where another depth was seen in their place.
+
+Args:
+    camera: of both images.
+    T_before_now: (4, 4).
+    depth_m: (H, W) float32 now; 0 = no reading.
+    before_m: (H, W) float32 depth of the image before.
+    values: (H, W) float32 of its pixels.
+    margin: a constant [m], and shares of the depth and of its square, by which depths may differ.
+
+Raises:
+    ValueError: Images differ in size.)");
+}
+
+}  // namespace
+
+void bind_motion(nb::module_& module)
+{
+  nb::class_<Pinhole>(module, "Pinhole", "A camera without distortion.")
+    .def(nb::init<double, double, double, double>(), "fx_px"_a, "fy_px"_a, "cx_px"_a, "cy_px"_a)
+    .def_ro("fx_px", &Pinhole::fx_px, "Focal length along rows.")
+    .def_ro("fy_px", &Pinhole::fy_px, "Focal length along columns.")
+    .def_ro("cx_px", &Pinhole::cx_px, "Column of the principal point.")
+    .def_ro("cy_px", &Pinhole::cy_px, "Row of the principal point.");
+  bind_views(module);
+  module.def(
+    "score_poses", &score_poses, "camera"_a, "pixel_px"_a, "limit"_a, "T_camera_world"_a, "points_m"_a,
+    "measured_px"_a, "weights"_a, R"(
+Return the (M, 2) weights of the points that each pose explains, by two sets of weights.
+
+A point counts less the worse it fits.
+
+Args:
+    camera: of the image.
+    pixel_px: standard deviation of pixels.
+    limit: standard deviations beyond which a point counts nothing.
+    T_camera_world: (M, 4, 4).
+    points_m: (N, 3).
+    measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+    weights: (N, 2).
+
+Raises:
+    ValueError: Lengths differ, or the noise or the limit is not positive.)");
+}
+
+}  // namespace hoid::bindings

@@ -1,0 +1,77 @@
+// What moves, seen in depth images of different times: pieces of an image, what they are in front of, and poses
+// held against points.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "common/image.hpp"
+#include "optimize/optimize.hpp"
+
+namespace hoid::motion {
+
+// A camera without distortion.
+struct Pinhole
+{
+  double fx_px, fy_px, cx_px, cy_px;
+};
+
+// Two depth images of one camera and size; 0 = no reading.
+struct Views
+{
+  Pinhole camera;
+  const double* T_earlier_now;  // (4, 4)
+  Image<float> depth_m;         // of now
+};
+
+// Pieces of a depth image: smooth regions, cut along a grid of square cells.
+struct Segments
+{
+  std::vector<int32_t> label;   // of each pixel; -1: on a jump of depth, or no reading
+  std::vector<int32_t> region;  // of each segment
+};
+
+// The pixels of each of a number of segments, in every other row.
+struct FrontCounts
+{
+  std::vector<int32_t> looked_at;  // all of them
+  std::vector<int32_t> in_front;   // in front of what was seen earlier in their place
+  std::vector<int32_t> at_it;      // where something was seen earlier
+};
+
+// How far depths may be apart: a constant and shares of the depth and of its square.
+struct Margin
+{
+  float constant_m, linear, square_per_m;
+
+  float at(float depth_m) const { return constant_m + depth_m * (linear + depth_m * square_per_m); }
+};
+
+Segments depth_segments(const Image<float>& depth_m, int cell_px);
+
+// Count the pixels of segments against an earlier view: the least and the most depth around each of its pixels, 0
+// where nothing was measured. Labels are less than the number of segments.
+FrontCounts count_in_front(
+  const Views& views, const int32_t* label, int num_segments, const float* nearest_m, const float* farthest_m,
+  const Margin& margin);
+
+// Write the values that pixels had in the view before, 0 where that showed something else in their place.
+void carry_over(
+  const Views& views, const float* before_m, const float* values, const Margin& margin, float* value_out);
+
+// Points as an image shows them.
+struct Points
+{
+  const double* points_m;     // (count, 3)
+  const double* measured_px;  // (count, 3) u, v, u_right; NaN u_right: no depth
+  const double* weights;      // (count, 2)
+  int count;
+};
+
+// Write the (num_poses, 2) weights that poses explain, by two sets of weights. A point counts less the worse it
+// fits, and nothing beyond so many standard deviations.
+void score_poses(
+  const optimize::StereoParams& camera, double pixel_px, double limit, const double* T_camera_world, int num_poses,
+  const Points& points, double* score_out);
+
+}  // namespace hoid::motion

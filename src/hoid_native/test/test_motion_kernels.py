@@ -1,0 +1,106 @@
+"""Segments, warps and scores against the plainest NumPy that says the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoid_native import (
+    Pinhole,
+    StereoParams,
+    carry_over,
+    count_in_front,
+    depth_segments,
+    score_poses,
+)
+
+CAMERA = Pinhole(50.0, 50.0, 31.5, 23.5)
+SHAPE = (48, 64)
+MARGIN = (0.05, 0.0, 0.0)
+REST = np.eye(4)
+
+
+def plane(depth_m: float) -> np.ndarray:
+    return np.full(SHAPE, depth_m, np.float32)
+
+
+def with_square(depth_m: float) -> np.ndarray:
+    picture = plane(3.0)
+    picture[10:30, 20:40] = depth_m
+    return picture
+
+
+def test_segments_end_at_jumps_and_at_cells() -> None:
+    found = depth_segments(with_square(1.0), 20)
+    square, wall = found.label[15:18, 25:35], found.label[2:6, 2:6]
+    assert found.label[9:11, 25].tolist() == [-1, -1]  # on the jump
+    assert set(np.unique(square)).isdisjoint(np.unique(wall))
+    assert found.label[15, 25] != found.label[22, 25]  # another cell ...
+    assert found.region[found.label[15, 25]] == found.region[found.label[22, 25]]  # ... one region
+    assert found.label.max() + 1 == len(found.region)
+
+
+def test_no_reading_is_of_no_segment() -> None:
+    found = depth_segments(np.zeros(SHAPE, np.float32), 20)
+    assert (found.label == -1).all()
+    assert len(found.region) == 0
+    with pytest.raises(ValueError, match='cell_px'):
+        depth_segments(plane(1.0), 0)
+
+
+def test_what_came_before_a_wall_is_counted_and_nothing_else() -> None:
+    now, earlier = with_square(1.0), plane(3.0)
+    found = depth_segments(now, 64)
+    counts = count_in_front(
+        CAMERA, REST, now, found.label, len(found.region), earlier, earlier, MARGIN
+    )
+    square, wall = found.label[20, 30], found.label[2, 2]
+    assert counts.in_front[square] == counts.looked_at[square] > 0
+    assert counts.in_front[wall] == 0
+    assert counts.at_it[wall] == counts.looked_at[wall]
+    gone = count_in_front(CAMERA, REST, earlier, np.zeros(SHAPE, np.int32), 1, now, now, MARGIN)
+    assert gone.in_front[0] == 0  # behind what was seen: it was hidden
+    unknown = count_in_front(
+        CAMERA, REST, now, found.label, len(found.region), earlier * 0, earlier * 0, MARGIN
+    )
+    assert not unknown.in_front.any()
+    assert not unknown.at_it.any()
+
+
+def test_a_camera_that_moves_puts_a_resting_wall_in_front_of_nothing() -> None:
+    T_earlier_now = np.eye(4)
+    T_earlier_now[2, 3] = 0.5  # half a metre nearer to the wall now
+    label = np.zeros(SHAPE, np.int32)
+    counts = count_in_front(
+        CAMERA, T_earlier_now, plane(2.5), label, 1, plane(3.0), plane(3.0), MARGIN
+    )
+    assert counts.in_front[0] == 0
+    assert counts.at_it[0] == counts.looked_at[0]
+    still = count_in_front(CAMERA, REST, plane(2.5), label, 1, plane(3.0), plane(3.0), MARGIN)
+    assert still.in_front[0] == still.looked_at[0]
+
+
+def test_values_move_with_the_pixels_where_depth_agrees() -> None:
+    values = np.arange(48 * 64, dtype=np.float32).reshape(SHAPE)
+    T_before_now = np.eye(4)
+    T_before_now[0, 3] = 0.12  # 2 px at 3 m
+    carried = carry_over(CAMERA, T_before_now, plane(3.0), plane(3.0), values, MARGIN)
+    np.testing.assert_array_equal(carried[:, :-2], values[:, 2:])
+    assert (carried[:, -2:] == 0).all()
+    assert not carry_over(CAMERA, REST, plane(3.0), plane(2.0), values, MARGIN).any()
+    assert not carry_over(CAMERA, REST, plane(0.0), plane(3.0), values, MARGIN).any()
+    with pytest.raises(ValueError, match='before_m'):
+        carry_over(CAMERA, REST, plane(3.0), plane(3.0)[:-1], values, MARGIN)
+
+
+def test_scores_are_the_weights_of_what_fits() -> None:
+    camera = StereoParams(50.0, 50.0, 31.5, 23.5, 5.0, 1.0, 0.0)
+    points = np.array([[0.0, 0.0, 2.0], [0.5, 0.2, 2.0], [0.1, 0.1, -1.0]])
+    measured = np.array([[31.5, 23.5, 29.0], [44.0 + 1.0, 28.5, np.nan], [31.5, 23.5, np.nan]])
+    weights = np.array([[1.0, 10.0], [2.0, 20.0], [4.0, 40.0]])
+    away = np.eye(4)
+    away[0, 3] = 1.0
+    scores = score_poses(camera, 1.0, 2.0, np.array([REST, away]), points, measured, weights)
+    np.testing.assert_allclose(scores, [[1 + 2 * 0.75, 10 + 20 * 0.75], [0, 0]])
+    with pytest.raises(ValueError, match='weights'):
+        score_poses(camera, 1.0, 2.0, REST[None], points, measured, weights[:2])
