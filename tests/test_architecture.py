@@ -23,7 +23,7 @@ PACKAGES = """
 ROOMS = {
     'hoid_common': """
         entry signals errors throttle sync topics slam_status < child_process config values
-        < camera_agreement se3 input_config < io input_watch static_frames < ros
+        < camera_agreement se3 input_config < io input_watch pose_buffer static_frames < ros
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
     'hoid_filter': """

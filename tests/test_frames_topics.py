@@ -11,8 +11,8 @@ from tf2_msgs.msg import TFMessage
 
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
-from hoid_common.values import FloatArray
-from hoid_system_tests.frame_tree import OPTICAL
+from hoid_common.values import NS_PER_S, Features, FloatArray
+from hoid_system_tests.frame_tree import OPTICAL, edges
 from hoid_system_tests.point_world import PointWorld
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
@@ -90,23 +90,77 @@ def test_a_planar_robot_stays_on_the_floor_and_upright(start: Start, probe: Prob
             assert conversions.transform_from_msg(edge)[2, 3] == pytest.approx(0, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ('switch', 'left'),
-    [
-        ('frames.publish_map_to_odom', {('odom', OPTICAL)}),
-        ('frames.publish_odom_to_base', {('map', 'odom')}),
-    ],
-)
-def test_an_edge_is_left_to_somebody_else(
-    start: Start, probe: Probe, switch: str, left: set[tuple[str, str]]
-) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {switch: False} | NO_ROOM)
+def test_map_to_odom_is_left_to_somebody_else(start: Start, probe: Probe) -> None:
+    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_map_to_odom': False} | NO_ROOM)
     peer = Peer(probe)
     peer.play()
-    assert peer.edges() == left
+    assert peer.edges() == {('odom', OPTICAL)}
     np.testing.assert_allclose(
         poses(peer.odom)[-1], T_BODY_OPTICAL @ camera_at(IMAGES - 1), atol=0.005
     )
+
+
+class Wheels:
+    """Say on /tf, at 50 Hz, where they think the robot is: 5 m away, and they slip."""
+
+    def __init__(self, probe: Probe) -> None:
+        self._tf = probe.publisher(TFMessage, '/tf', qos.TF)
+
+    @staticmethod
+    def at(stamp_ns: int) -> FloatArray:
+        """Return T_odom_base, which the wheels drive at 2 m/s and turn in."""
+        driven_s = (stamp_ns - START_NS) / NS_PER_S
+        start = se3.exp(np.array([0, 0, 0.5, 5.0, 1.0, 0.0]))
+        return start @ se3.exp(np.array([0.0, 0.0, 0.3, 2.0, 0.0, 0.0]) * driven_s)
+
+    def send_around(self, stamp_ns: int) -> None:
+        """Send what they say 7 ms before and 13 ms after an image."""
+        for at_ns in (stamp_ns - 7_000_000, stamp_ns + 13_000_000):
+            T = conversions.transform_to_msg(self.at(at_ns), at_ns, 'odom', 'base_link')
+            self._tf.publish(TFMessage(transforms=[T]))
+
+
+def test_wheels_that_slip_do_not_move_the_pose_and_bridge_a_covered_lens(
+    start: Start, probe: Probe
+) -> None:
+    parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_ROOM)
+    own = probe.collect(Odometry, 'visual_odom', wait=False)
+    peer, wheels, world = Peer(probe), Wheels(probe), PointWorld()
+    peer.say_where_the_camera_sits()
+    peer.begin()
+
+    def send(features: Features) -> None:
+        wheels.send_around(features.stamp_ns)
+        probe.spin_for(0.05)
+        peer.answer_to(features_msg(features))
+
+    def map_to_odom(i: int) -> FloatArray:
+        """Return what is said for an image, dated 0.1 s ahead."""
+        dated_ns = START_NS + i * PERIOD_NS + NS_PER_S // 10
+        probe.spin_until(lambda: ('map', 'odom') in edges(peer.tf, dated_ns), 'no map -> odom')
+        return edges(peer.tf, dated_ns)['map', 'odom']
+
+    for i in range(IMAGES):
+        send(world.features(camera_at(i), START_NS + i * PERIOD_NS))
+    bases = [map_to_odom(i) @ wheels.at(START_NS + i * PERIOD_NS) for i in range(IMAGES)]
+    np.testing.assert_allclose(bases, expected_bases(), atol=0.005)
+    np.testing.assert_allclose(poses(own), expected_bases(), atol=0.005)
+    assert peer.odom == []
+    for i in range(IMAGES, IMAGES + 3):  # the lens is covered
+        seen = world.features(camera_at(i), START_NS + i * PERIOD_NS)
+        send(seen.select(np.arange(0)))
+        np.testing.assert_allclose(map_to_odom(i), map_to_odom(IMAGES - 1), atol=1e-9)
+    assert len(own) == IMAGES
+
+
+def test_wheels_that_say_nothing_are_missed(start: Start, probe: Probe) -> None:
+    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_odom_to_base': False} | NO_ROOM)
+    peer = Peer(probe)
+    peer.begin()
+    peer.answer_to(features_msg(PointWorld().features(camera_at(0), START_NS)))
+    assert '/tf does not say where' in peer.diagnosis()[0]
+    assert peer.edges() == set()
 
 
 def test_planar_motion_without_a_base_is_said_to_have_no_effect(

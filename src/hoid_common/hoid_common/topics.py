@@ -13,6 +13,7 @@ DYNAMIC_OBJECTS = 'dynamic_objects'
 DEBUG_IMAGE = '~/debug_image'
 
 ODOM = 'odom'
+VISUAL_ODOM = 'visual_odom'  # in its place where `odom` is the wheels'
 PATH = 'path'
 MAP_POINTS = 'map_points'
 CLOUD_MAP = 'cloud_map'

@@ -49,7 +49,9 @@ class RgbdSlamNode(ManagedNode):
         self._camera_info: CameraInfo | None = None  # the latest
         self._session: SlamSession | None = None
         self._static = StaticFrameListener(self, self.diagnostics)
-        self._outputs = SlamOutputs(self, self._config.frames)
+        self._outputs = SlamOutputs(
+            self, self._config.frames, self._static.frames, self.diagnostics
+        )
         self._scene = SceneLink(self, self._config, self.diagnostics)
         self._first_map: MapFile | None = None
         self._is_reset = False  # which forgets that map
@@ -136,7 +138,7 @@ class RgbdSlamNode(ManagedNode):
 
     def _reconfigure(self, config: SlamNodeConfig) -> None:
         self._config = config
-        self._outputs.frames = config.frames
+        self._outputs.reconfigure(config.frames)
         set_period(self._map_timer, config.map_period_s)
         self._scene.reconfigure(config)
         if self._session is not None:

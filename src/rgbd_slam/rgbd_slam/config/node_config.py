@@ -36,9 +36,16 @@ class FrameConfig(Config):
     publish_odom_to_base: bool = param(
         default=True,
         description='Sends odom -> base on /tf. Set it to false where the wheels or a filter of '
-        'poses send it already.',
+        'poses send it already: map -> odom then fits theirs, and the own odometry is on '
+        'visual_odom.',
         read_only=False,
     )
+    transform_tolerance_s: float = param(
+        0.1,
+        'Time by which map -> odom is dated ahead when somebody else sends odom -> base (s), so '
+        'that it holds until the next one comes.',
+        minimum=0.0, maximum=10.0, read_only=False, expert=True,
+    )  # fmt: skip
     planar: bool = param(
         default=False,
         description='Keeps the base on a plane: no height, no roll, no pitch. Set it for a robot '

@@ -10,31 +10,50 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from hoid_common import topics
+from hoid_common import se3, topics
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.conversions.slam import keyframes_to_msg, slam_status_to_msg
+from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import TransformPublisher
+from hoid_common.static_frames import StaticFrames
+from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.robot_frames import RobotPose
+from rgbd_slam.ros.wheels import WheelOdometry
 from rgbd_slam.session import Processed, SlamSession
+
+_WHEELS = 'wheels'
 
 
 class SlamOutputs:
     """Publishers of the node; every message carries the stamp of the image it came from."""
 
-    def __init__(self, node: Node, frames: FrameConfig) -> None:
-        self.frames = frames
+    def __init__(
+        self, node: Node, frames: FrameConfig, static: StaticFrames, diagnostics: Diagnostics
+    ) -> None:
+        self._node, self._static, self._diagnostics = node, static, diagnostics
+        self._wheels: WheelOdometry | None = None
+        self._T_map_wheels: FloatArray | None = None
+        self.reconfigure(frames)
         self._transforms = TransformPublisher(node)
-        self._odom = node.create_publisher(Odometry, topics.ODOM, qos.OUTPUT)
+        own = topics.ODOM if frames.publish_odom_to_base else topics.VISUAL_ODOM
+        self._odom = node.create_publisher(Odometry, own, qos.OUTPUT)
         self._status = node.create_publisher(SlamStatus, topics.SLAM_STATUS, qos.OUTPUT)
         self._path = node.create_publisher(Path, topics.PATH, qos.LATCHED)
         self._points = node.create_publisher(PointCloud2, topics.MAP_POINTS, qos.LATCHED)
         self._keyframes = node.create_publisher(MarkerArray, topics.KEYFRAMES, qos.LATCHED)
 
+    def reconfigure(self, frames: FrameConfig) -> None:
+        """Take over names of frames, and which edges are sent."""
+        self.frames = frames
+        if not frames.publish_odom_to_base and self._wheels is None:
+            self._wheels = WheelOdometry(self._node, frames.odom, self._static, self._diagnostics)
+
     def publish(self, done: Processed, header: Header) -> None:
         """Publish what one image gave; the header is that of its features."""
         if done.pose is not None:
-            self._publish_pose(done.pose, header)
+            self._publish_odometry(done.pose, header)
+        self._publish_tree(done.pose, header)
         self._status.publish(slam_status_to_msg(done.status, header))
 
     def publish_map(self, session: SlamSession) -> None:
@@ -45,18 +64,50 @@ class SlamOutputs:
         self._points.publish(conversions.cloud_to_msg(cloud, header))
         self._keyframes.publish(keyframes_to_msg(session.keyframe_poses(), header))
 
-    def _publish_pose(self, pose: RobotPose, header: Header) -> None:
-        names = self.frames
-        base = names.base or header.frame_id
-        edges = []
-        if names.publish_map_to_odom:
-            edges.append((names.map, names.odom, pose.T_map_odom))
-        if names.publish_odom_to_base:
-            edges.append((names.odom, base, pose.T_odom_base))
-        odom_header = Header(stamp=header.stamp, frame_id=names.odom)
+    def _publish_odometry(self, pose: RobotPose, header: Header) -> None:
         self._odom.publish(
             conversions.odometry_to_msg(
-                pose.T_odom_base, pose.covariance, pose.twist, odom_header, base
+                pose.T_odom_base,
+                pose.covariance,
+                pose.twist,
+                Header(stamp=header.stamp, frame_id=self.frames.odom),
+                self._base(header),
             )
         )
-        self._transforms.send(conversions.stamp_from_msg(header.stamp), edges)
+
+    def _publish_tree(self, pose: RobotPose | None, header: Header) -> None:
+        names, stamp_ns = self.frames, conversions.stamp_from_msg(header.stamp)
+        edges = []
+        if not names.publish_odom_to_base:
+            T_map_odom = self._map_to_wheels(pose, stamp_ns, self._base(header))
+            stamp_ns += int(names.transform_tolerance_s * NS_PER_S)
+        else:
+            T_map_odom = None if pose is None else pose.T_map_odom
+            if pose is not None:
+                edges.append((names.odom, self._base(header), pose.T_odom_base))
+        if T_map_odom is not None and names.publish_map_to_odom:
+            edges.insert(0, (names.map, names.odom, T_map_odom))
+        if edges:
+            self._transforms.send(stamp_ns, edges)
+
+    def _map_to_wheels(
+        self, pose: RobotPose | None, stamp_ns: int, base: str
+    ) -> FloatArray | None:
+        """Return T_map_odom for the wheels' odometry, which bridges what the camera cannot see.
+
+        It is None until both have said where the base is, at the time of one image.
+        """
+        T_wheels_base = None if self._wheels is None else self._wheels.at(stamp_ns, base)
+        if T_wheels_base is None:
+            self._diagnostics.set_problem(
+                _WHEELS, f'/tf does not say where {base} is in {self.frames.odom}, by the wheels'
+            )
+            return self._T_map_wheels
+        self._diagnostics.clear_problem(_WHEELS)
+        if pose is not None:
+            T_map_base = pose.T_map_odom @ pose.T_odom_base
+            self._T_map_wheels = T_map_base @ se3.inverse(T_wheels_base)
+        return self._T_map_wheels
+
+    def _base(self, header: Header) -> str:
+        return self.frames.base or str(header.frame_id)

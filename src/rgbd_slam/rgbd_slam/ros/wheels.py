@@ -1,0 +1,58 @@
+"""Odometry that somebody else sends on /tf, such as that of the wheels."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from tf2_msgs.msg import TFMessage
+
+from hoid_common import topics
+from hoid_common.errors import MessageError
+from hoid_common.pose_buffer import PoseBuffer
+from hoid_common.ros import qos
+from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.static_frames import StaticFrames
+from hoid_common.values import FloatArray
+
+
+class WheelOdometry:
+    """Keeps where the odometry frame's child has been, which may sit anywhere on the robot.
+
+    Args:
+        node: That listens.
+        odom: Name of the odometry frame.
+        static: Joins that child with the base.
+        diagnostics: Gets what is refused.
+    """
+
+    def __init__(
+        self, node: Node, odom: str, static: StaticFrames, diagnostics: Diagnostics
+    ) -> None:
+        self._odom = odom
+        self._static = static
+        self._diagnostics = diagnostics
+        self._poses: dict[str, PoseBuffer] = {}  # child frame: T_odom_child
+        self._subscription = node.create_subscription(
+            TFMessage, topics.TF, self._on_transforms, qos.TF
+        )
+
+    def at(self, stamp_ns: int, base: str) -> FloatArray | None:
+        """Return T_odom_base (4, 4) at the time of an image, or None when it is not known."""
+        for child, poses in self._poses.items():
+            T_child_base = self._static.find(child, base)
+            T_odom_child = poses.at(stamp_ns)
+            if T_child_base is not None and T_odom_child is not None:
+                return T_odom_child @ T_child_base
+        return None
+
+    def _on_transforms(self, msg: TFMessage) -> None:
+        for edge in msg.transforms:
+            if edge.header.frame_id != self._odom:
+                continue
+            try:
+                T = transform_from_msg(edge)
+            except MessageError as error:
+                self._diagnostics.report(error, 'transforms of odometry refused')
+                continue
+            poses = self._poses.setdefault(edge.child_frame_id, PoseBuffer())
+            poses.add(stamp_from_msg(edge.header.stamp), T)
