@@ -44,7 +44,7 @@ ALWAYS_INLINE Cells scores(const uint8_t* at, std::ptrdiff_t stride)
 
 // The peak of the quadratic a + b x + c y + d x^2 + e x y + f y^2 through nine values, as far as the
 // edge of the middle pixel; its centre when there is no peak.
-void write_peak(const Cells& s, float* offset)
+ALWAYS_INLINE void write_peak(const Cells& s, float* offset)
 {
   const auto sum = [&s](int a, int b, int c) { return static_cast<float>(s[a] + s[b] + s[c]); };
   const float left = sum(0, 3, 6), right = sum(2, 5, 8), over = sum(0, 1, 2), under = sum(6, 7, 8);

@@ -1,5 +1,6 @@
 // Bundle adjustment of a window of keyframes by Levenberg-Marquardt.
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -17,25 +18,29 @@ namespace {
 constexpr double kFirstDamping = 1e-5, kMinDamping = 1e-9, kMaxDamping = 1e3;
 constexpr double kConverged = 1e-4;  // relative decrease of the cost
 
+// The system of the cameras once points are eliminated; its upper triangle is not used.
+using Reduced = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
 // Solve for cameras, then points, and move; false when the system cannot be solved.
 bool take_step(const Window& window, const System& system, double damping, State& state)
 {
-  const int n = kPose * window.num_free;
-  std::vector<double> S(static_cast<std::size_t>(n) * n, 0.0), step(system.g_c);
+  const Eigen::Index n = kPose * static_cast<Eigen::Index>(window.num_free);
+  Reduced S = Reduced::Zero(n, n);
+  Eigen::VectorXd step = Eigen::Map<const Eigen::VectorXd>(system.g_c.data(), n);
   for (int i = 0; i < window.num_free; ++i) {
-    for (int a = 0; a < kPose; ++a) {
-      double* row = &S[static_cast<std::size_t>(kPose * i + a) * n + kPose * i];
-      std::copy_n(&system.H_cc[36 * i + 6 * a], kPose, row);
-      row[a] += damping * row[a] + kPivot;
-    }
+    auto block = S.block<kPose, kPose>(kPose * i, kPose * i);
+    block = Eigen::Map<const Matrix6>(&system.H_cc[36 * static_cast<std::size_t>(i)]);
+    block.diagonal().array() += damping * block.diagonal().array() + kPivot;
   }
   eliminate(window, system, damping, S.data(), step.data());
-  if (!solve_positive(S.data(), step.data(), n)) {
+  const Eigen::LLT<Eigen::Ref<Reduced>> factor(S);  // in place
+  if (factor.info() != Eigen::Success) {
     return false;
   }
+  factor.solveInPlace(step);
   move_points(window, system, damping, step.data(), state);
   for (int i = 0; i < window.num_free; ++i) {
-    move_pose(&step[kPose * i], &state.T[kPoseSize * i]);
+    move_pose(step.segment<kPose>(kPose * i), &state.T[kPoseSize * i]);
   }
   return true;
 }

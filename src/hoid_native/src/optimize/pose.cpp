@@ -1,8 +1,8 @@
 // The pose of one image from matched map points: Gauss-Newton on pixels and disparities with
 // Huber kernels, and without outliers.
 
+#include <Eigen/Cholesky>
 #include <cstddef>
-#include <cstring>
 #include <vector>
 
 #include "optimize/optimize.hpp"
@@ -37,26 +37,24 @@ struct Scene
 
 // Add the rows of one observation to the upper triangle of H and to g.
 ALWAYS_INLINE void accumulate(
-  const double J[kRows][kPose], const double* e, const Weights& weights, double H[kPose][kPose],
-  double* g)
+  const double J[kRows][kPose], const double* e, const Weights& weights, Matrix6& H, Vector6& g)
 {
   for (int r = 0; r < kRows; ++r) {
     for (int a = 0; a < kPose; ++a) {
       const double scaled = (r < 2 ? weights.pixel : weights.depth) * J[r][a];
       g[a] += scaled * e[r];
       for (int b = a; b < kPose; ++b) {
-        H[a][b] += scaled * J[r][b];
+        H(a, b) += scaled * J[r][b];
       }
     }
   }
 }
 
 MULTIVERSION("avx2") void normal_equations(
-  const Scene& scene, const double* T, const uint8_t* inliers,
-  double H[kPose][kPose], double* g)
+  const Scene& scene, const double* T, const uint8_t* inliers, Matrix6& H, Vector6& g)
 {
-  std::memset(H, 0, sizeof(double) * kPose * kPose);
-  std::memset(g, 0, sizeof(double) * kPose);
+  H.setZero();
+  g.setZero();
   for (int k = 0; k < scene.seen.count; ++k) {
     if (!inliers[k]) {
       continue;
@@ -73,30 +71,22 @@ MULTIVERSION("avx2") void normal_equations(
     pose_jacobian(x, J_point, J);
     accumulate(J, e, weights, H, g);
   }
-  for (int a = 0; a < kPose; ++a) {
-    for (int b = 0; b < a; ++b) {
-      H[a][b] = H[b][a];
-    }
-  }
+  H.triangularView<Eigen::StrictlyLower>() = H.transpose();
 }
 
 void iterate(
-  const Scene& scene, int iterations, const uint8_t* inliers, Pose T, double* information)
+  const Scene& scene, int iterations, const uint8_t* inliers, Pose T, Matrix6& information)
 {
-  double H[kPose][kPose], factor[kPose * kPose], step[kPose];
+  Vector6 g;
   for (int n = 0; n < iterations; ++n) {
-    normal_equations(scene, T, inliers, H, step);
-    std::memcpy(information, H, sizeof(H));
-    std::memcpy(factor, H, sizeof(H));
-    if (!solve_positive(factor, step, kPose)) {
+    normal_equations(scene, T, inliers, information, g);
+    const Eigen::LLT<Matrix6> factor(information);
+    if (factor.info() != Eigen::Success) {
       return;
     }
+    const Vector6 step = factor.solve(g);
     move_pose(step, T);
-    double square = 0.0;
-    for (const double s : step) {
-      square += s * s;
-    }
-    if (square < kConverged * kConverged) {
+    if (step.squaredNorm() < kConverged * kConverged) {
       return;
     }
   }
@@ -134,17 +124,16 @@ PoseFit optimize_pose(
 {
   const Scene scene{camera, gates, problem};
   PoseFit fit{start, std::vector<uint8_t>(problem.count, 1), {}};
-  for (int a = 0; a < kPose; ++a) {
-    fit.information[a * (kPose + 1)] = 1.0;
-  }
+  Matrix6 information = Matrix6::Identity();
   int num_inliers = problem.count;
   for (const int iterations : kRounds) {
     if (num_inliers < kMinPoints) {
       break;
     }
-    iterate(scene, iterations, fit.inliers.data(), fit.T_camera_map.data(), fit.information.data());
+    iterate(scene, iterations, fit.inliers.data(), fit.T_camera_map.data(), information);
     num_inliers = tell_outliers(scene, fit.T_camera_map.data(), fit.inliers.data());
   }
+  Eigen::Map<Matrix6>(fit.information.data()) = information;
   return fit;
 }
 

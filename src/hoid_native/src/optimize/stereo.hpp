@@ -6,6 +6,7 @@
 // Robotics, eq. 7.180).
 #pragma once
 
+#include <Eigen/Core>
 #include <cmath>
 #include <cstdint>
 
@@ -20,6 +21,9 @@ constexpr int kRows = 3;  // u, v, and disparity, or u_right where noise is join
 constexpr double kMinDepthM = 0.05;
 constexpr double kGateDisparity = 3.841;  // 95 % of one degree of freedom
 constexpr double kSmallAngleRad = 1e-4;
+
+using Vector6 = Eigen::Matrix<double, kPose, 1>;
+using Matrix6 = Eigen::Matrix<double, kPose, kPose, Eigen::RowMajor>;
 
 // Row-major 4x4, T_camera_map.
 using Pose = double*;
@@ -164,10 +168,6 @@ ALWAYS_INLINE void pose_jacobian(
 }
 
 // T <- exp(twist) T, with the rotation kept orthonormal.
-void move_pose(const double* twist, Pose T);
-
-// Solve A x = b for a symmetric positive definite A (n, n), row-major, which is overwritten by its
-// Cholesky factor; b becomes x. False when A is not positive definite.
-bool solve_positive(double* A, double* b, int n);
+void move_pose(const Vector6& twist, Pose T);
 
 }  // namespace hoid::optimize
