@@ -1,4 +1,4 @@
-.PHONY: reference demo test lint check docs format stubs lock
+.PHONY: reference demo test lint check docs format stubs sanitize lock
 
 demo:  ## Render a scene, replay it live through the three nodes, print the result
 	@./hoid demo
@@ -28,6 +28,9 @@ reference:  ## Write the pages of all parameters and commands anew
 format:
 	@./hoid dev ruff check --fix .
 	@./hoid dev ruff format .
+
+sanitize:  ## The kernels' tests under AddressSanitizer and UndefinedBehaviorSanitizer
+	@./hoid dev src/hoid_native/sanitize
 
 stubs:  ## Write the types of the compiled module anew, from what it says itself
 	@./hoid dev python -m nanobind.stubgen -q -m hoid_native._native -o src/hoid_native/hoid_native/_native.pyi

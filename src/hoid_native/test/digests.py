@@ -1,0 +1,141 @@
+"""Print a digest of what each kernel returns for the same made-up input.
+
+With a folder given, of the kernels compiled there instead of those that are installed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def load_from(folder: str) -> None:
+    """Make the compiled module in a folder that of hoid_native."""
+    (file,) = Path(folder).glob('_native.*.so')
+    spec = importlib.util.spec_from_file_location('hoid_native._native', file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    sys.modules[spec.name] = module
+
+
+def main() -> None:
+    if len(sys.argv) > 1:
+        load_from(sys.argv[1])
+    results = {**features_and_matches(), **poses(), **masks()}
+    print(json.dumps({name: digest(value) for name, value in results.items()}))
+
+
+def digest(value: Any) -> str:
+    parts: Iterable[Any] = value if isinstance(value, tuple) else (value,)
+    data = b''.join(np.ascontiguousarray(part).tobytes() for part in parts)
+    return hashlib.sha256(data).hexdigest()[:16]
+
+
+def features_and_matches() -> dict[str, Any]:
+    import hoid_native as kernels  # noqa: PLC0415  after the choice of the compiled module
+
+    rng = np.random.default_rng(0)
+    image = np.kron(rng.integers(0, 256, (40, 50)), np.ones((6, 7))).astype(np.uint8)
+    image += rng.integers(0, 9, image.shape).astype(np.uint8)
+    corners = kernels.fast_corners(image, 12, 20)
+    x, y = corners.x, corners.y
+    angle_deg = kernels.orientations_deg(image, x, y)
+    descriptors = kernels.orb_descriptors(image, x, y, angle_deg)
+    octave = rng.integers(0, 4, len(x))
+    measured = np.stack([x, y, x - 15], 1).astype(np.float32)
+    low, high = (np.clip(octave + d, 0, 3).astype(np.int8) for d in (-1, 1))
+    queries = kernels.QueryConstraints(low, high, descriptors)
+    features = kernels.Candidates(measured, octave.astype(np.uint8), descriptors)
+    threshold = kernels.MatchThreshold(80, 0.9)
+    near = measured.T + rng.normal(0, 4, measured.T.shape)
+    segments = np.concatenate([near[:2].T - 30, near[:2].T + 20], 1)
+    radius_px = np.full(len(x), 15.0)
+    return {
+        'fast_corners': corners,
+        'corner_peaks_px': kernels.corner_peaks_px(image, x, y),
+        'orientations_deg': angle_deg,
+        'orb_descriptors': descriptors,
+        'match_by_projection': kernels.match_by_projection(
+            near, radius_px, queries, features, threshold
+        ),
+        'match_along_segments': kernels.match_along_segments(
+            segments, np.arange(2.0, 6.0), queries, features, threshold
+        ),
+    }
+
+
+def poses() -> dict[str, Any]:
+    import hoid_native as kernels  # noqa: PLC0415
+
+    rng = np.random.default_rng(1)
+    camera = kernels.StereoParams(500.0, 510.0, 320.0, 240.0, 40.0, 0.3, 0.02)
+    gates = kernels.Gates(5.991, 7.815)
+    points = rng.uniform([-1.5, -1, 1.5], [1.5, 1, 5], (200, 3))
+    T = np.tile(np.eye(4), (8, 1, 1))
+    T[:, 0, 3] = 0.1 * np.arange(8)
+    seen = (points[None] + T[:, None, :3, 3]).reshape(-1, 3)
+    u = 500 * seen[:, 0] / seen[:, 2] + 320
+    measured = np.stack([u, 510 * seen[:, 1] / seen[:, 2] + 240, u - 40 / seen[:, 2]], 1)
+    measured += rng.normal(0, 0.7, measured.shape)
+    measured[rng.random(len(measured)) < 0.3, 2] = np.nan
+    moved = T.copy()
+    moved[:5, 1, 3] += 0.02
+    camera_index, point_index = (part.ravel() for part in np.mgrid[:8, :200])
+    weight = np.ones(len(measured))
+    return {
+        'optimize_pose': kernels.optimize_pose(
+            camera, gates, points, measured[:200], weight[:200], moved[0]
+        ),
+        'judge_matches': kernels.judge_matches(
+            camera, gates, points, measured[:200], weight[:200], moved[0]
+        ),
+        'adjust_bundle': kernels.adjust_bundle(
+            camera, gates, moved, 5, points, camera_index, point_index, measured, weight, 2, 6
+        ),
+    }
+
+
+def masks() -> dict[str, Any]:
+    import hoid_native as kernels  # noqa: PLC0415
+
+    rng = np.random.default_rng(2)
+    depth_m = np.kron(rng.uniform(0.5, 4, (12, 16)), np.ones((10, 10))).astype(np.float32)
+    depth_m += rng.normal(0, 0.005, depth_m.shape).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) < 0.1] = 0
+    first = rng.uniform(0, (130, 90), (30, 2))
+    boxes = np.concatenate([first, first + rng.uniform(5, 30, (30, 2))], 1)
+    roles = rng.integers(0, 3, 30).astype(np.uint8)
+    pixels = rng.integers(0, depth_m.size, 2000)
+    areas = np.round(boxes).astype(np.int32)
+    far_m = kernels.sample_depths_m(depth_m, boxes, 10)
+    certainty = kernels.cover_things(
+        depth_m, areas, far_m, np.full(30, 0.3), roles + np.uint8(1), roles > 1
+    )
+    rows, columns = np.arange(480) // 4, np.arange(640) // 4
+    return {
+        'sample_depths_m': far_m,
+        'torso_depths_m': kernels.torso_depths_m(depth_m, boxes, far_m),
+        'depths_off_edges_m': kernels.depths_off_edges_m(depth_m, areas[:, :2], 3, 0.05),
+        'judge_boxes': kernels.judge_boxes(depth_m, pixels, boxes, roles, 10, 0.4, 0.2),
+        'judge_boxes by reach': kernels.judge_boxes(
+            depth_m, pixels[:50], boxes, roles, 10, 0.4, 0.2, 3.0
+        ),
+        'cover_things': certainty,
+        'widen': kernels.widen(certainty, 3),
+        'values_at': kernels.values_at(pixels, certainty, rows, columns),
+        'overlap_ratios': kernels.overlap_ratios(boxes, boxes),
+        'intersections_over_union': kernels.intersections_over_union(boxes, boxes),
+    }
+
+
+if __name__ == '__main__':
+    main()
