@@ -85,7 +85,8 @@ def orb_descriptors(
         angle_deg: (N,) float32.
 
     Raises:
-        ValueError: A pixel is less than 19 px from the edge, an angle is not finite, or lengths differ.
+        ValueError: A pixel is less than 19 px from the edge, an angle is not finite, or lengths
+            differ.
     """
 
 class QueryConstraints:
@@ -420,7 +421,8 @@ def judge_boxes(
             within this reach along rows and columns.
 
     Raises:
-        ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths differ.
+        ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths
+            differ.
     """
 
 def sample_depths_m(

@@ -31,7 +31,7 @@ def main() -> None:
     if len(sys.argv) > 1:
         load_from(sys.argv[1])
     results = {**features_and_matches(), **poses(), **masks()}
-    print(json.dumps({name: digest(value) for name, value in results.items()}))
+    sys.stdout.write(json.dumps({name: digest(value) for name, value in results.items()}))
 
 
 def digest(value: Any) -> str:

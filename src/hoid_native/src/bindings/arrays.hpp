@@ -1,4 +1,5 @@
-// Arrays at the door: what kernels are given is of one dtype and shape and has no gaps, or is refused.
+// Arrays at the door: what kernels are given is of one dtype and shape and has no gaps, or is
+// refused.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -48,7 +49,10 @@ Image<T> view(const ImageArray<T>& array)
   return {array.data(), array.size(1), array.size(0)};
 }
 
-inline Boxes view(const BoxArray& array) { return {array.data(), array.size()}; }
+inline Boxes view(const BoxArray& array)
+{
+  return {array.data(), array.size()};
+}
 
 // Give an array of results to Python, without a copy.
 template <typename T, typename Element = T, std::size_t kDimensions>
@@ -87,11 +91,11 @@ auto unlocked(Kernel kernel)
 }  // namespace hoid::bindings
 
 // A named tuple of hoid_native.results as a return type.
-#define HOID_RESULT(Class)                                                                    \
-  struct Class : nb::object                                                                   \
-  {                                                                                           \
-    using nb::object::object;                                                                 \
-    static constexpr const char* kName = #Class;                                              \
+#define HOID_RESULT(Class)                                                              \
+  struct Class : nb::object                                                             \
+  {                                                                                     \
+    using nb::object::object;                                                           \
+    static constexpr const char* kName = #Class;                                        \
     static constexpr auto Name = nb::detail::const_name("hoid_native.results." #Class); \
   }
 

@@ -17,7 +17,9 @@ using namespace nb::literals;
 
 HOID_RESULT(Judged);
 
-auto of_pairs(void (*kernel)(const Boxes&, const Boxes&, double*), const BoxArray& boxes, const BoxArray& others)
+auto of_pairs(
+  void (*kernel)(const Boxes&, const Boxes&, double*), const BoxArray& boxes,
+  const BoxArray& others)
 {
   const std::array<std::size_t, 2> shape{boxes.array.shape(0), others.array.shape(0)};
   std::vector<double> ratio(shape[0] * shape[1]);
@@ -36,7 +38,8 @@ auto intersections_over_union(const BoxArray& boxes, const BoxArray& others)
 }
 
 bool are_boxes_fit(
-  const Array<float, -1, 4>& boxes, const Vector<float>& scores, const std::tuple<int, int>& shape_hw)
+  const Array<float, -1, 4>& boxes, const Vector<float>& scores,
+  const std::tuple<int, int>& shape_hw)
 {
   require_length("scores", scores, boxes.size());
   return masks::are_boxes_fit(
@@ -58,8 +61,9 @@ Judged judge_boxes(
       view(depth_m), view(boxes), roles.data(), side_px, rule, pixels.data(), pixels.size());
   });
   return make<Judged>(
-    give(std::move(judged.depth_m)), give(std::move(judged.overlap)), give(std::move(judged.gap_m)),
-    give(std::move(judged.moves)), give(std::move(judged.outside)), judged.area_px);
+    give(std::move(judged.depth_m)), give(std::move(judged.overlap)),
+    give(std::move(judged.gap_m)), give(std::move(judged.moves)), give(std::move(judged.outside)),
+    judged.area_px);
 }
 
 }  // namespace
@@ -75,7 +79,8 @@ Args:
     boxes_xyxy_px: (N, 4), finite.
     others_xyxy_px: (M, 4), finite.)");
   module.def(
-    "intersections_over_union", &intersections_over_union, "boxes_xyxy_px"_a, "others_xyxy_px"_a, R"(
+    "intersections_over_union", &intersections_over_union, "boxes_xyxy_px"_a, "others_xyxy_px"_a,
+    R"(
 Return the (N, M) ratios in [0, 1] of shared area to joint area; 0 without area.
 
 Args:
@@ -92,8 +97,9 @@ Args:
 Raises:
     ValueError: Lengths differ.)");
   module.def(
-    "judge_boxes", &judge_boxes, "depth_m"_a, "pixels"_a, "boxes_xyxy_px"_a, "roles"_a, "side_px"_a,
-    "min_share"_a, "apart_m"_a, "reach_px"_a = std::numeric_limits<double>::quiet_NaN(), R"(
+    "judge_boxes", &judge_boxes, "depth_m"_a, "pixels"_a, "boxes_xyxy_px"_a, "roles"_a,
+    "side_px"_a, "min_share"_a, "apart_m"_a,
+    "reach_px"_a = std::numeric_limits<double>::quiet_NaN(), R"(
 Return which of N boxes move, people and what people handle, and what lies outside them.
 
 Args:
@@ -108,7 +114,8 @@ Args:
         within this reach along rows and columns.
 
 Raises:
-    ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths differ.)");
+    ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths
+        differ.)");
 }
 
 }  // namespace hoid::bindings

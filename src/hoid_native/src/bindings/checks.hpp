@@ -12,7 +12,10 @@
 
 namespace hoid::bindings {
 
-[[noreturn]] inline void refuse(const std::string& reason) { throw nb::value_error(reason.c_str()); }
+[[noreturn]] inline void refuse(const std::string& reason)
+{
+  throw nb::value_error(reason.c_str());
+}
 
 inline void require(bool is_true, const char* reason)
 {
@@ -25,7 +28,9 @@ template <typename A>
 void require_length(const char* name, const A& array, int length)
 {
   if (array.size() != length) {
-    refuse(std::string(name) + ": expected " + std::to_string(length) + " rows, not " + std::to_string(array.size()));
+    refuse(
+      std::string(name) + ": expected " + std::to_string(length) + " rows, not " +
+      std::to_string(array.size()));
   }
 }
 
@@ -35,14 +40,15 @@ void require_range(const char* name, const Array<T, kShape...>& array, int64_t l
 {
   const T *first = array.data(), *last = first + array.array.size();
   T least = 0, most = 0;
-  for (const T* at = first; at != last; ++at) {  // no early end: this way the loop is one of vectors
+  for (const T* at = first; at != last;
+       ++at) {  // no early end: this way the loop is one of vectors
     least = at == first ? *at : std::min(least, *at);
     most = at == first ? *at : std::max(most, *at);
   }
   if (first != last && (static_cast<int64_t>(least) < low || static_cast<int64_t>(most) >= end)) {
     refuse(
-      std::string(name) + ": " + std::to_string(least) + " to " + std::to_string(most) + " is not within 0 to " +
-      std::to_string(end - 1));
+      std::string(name) + ": " + std::to_string(least) + " to " + std::to_string(most) +
+      " is not within 0 to " + std::to_string(end - 1));
   }
 }
 

@@ -17,18 +17,21 @@ Corners fast_corners(const ImageArray<uint8_t>& image, int threshold, int border
   require(threshold >= 1 && threshold <= 254, "threshold: must be from 1 to 254");
   require(border_px >= 0, "border_px: must not be negative");
   auto found = unlocked([&] { return features::detect_fast(view(image), threshold, border_px); });
-  return make<Corners>(give(std::move(found.x)), give(std::move(found.y)), give(std::move(found.score)));
+  return make<Corners>(
+    give(std::move(found.x)), give(std::move(found.y)), give(std::move(found.score)));
 }
 
 // Pixels (x, y) that are far enough from the edge of an image.
 features::Pixels inside(
-  const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y, int border_px)
+  const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y,
+  int border_px)
 {
   require_length("y", y, x.size());
   const int right = image.size(1) - border_px, bottom = image.size(0) - border_px;
   bool all = true;
   for (int k = 0; k < x.size(); ++k) {
-    all &= (x.data()[k] >= border_px) & (x.data()[k] < right) & (y.data()[k] >= border_px) & (y.data()[k] < bottom);
+    all &= (x.data()[k] >= border_px) & (x.data()[k] < right) & (y.data()[k] >= border_px) &
+           (y.data()[k] < bottom);
   }
   if (!all) {
     refuse("pixels must be at least " + std::to_string(border_px) + " px from the edge");
@@ -36,7 +39,8 @@ features::Pixels inside(
   return {x.data(), y.data(), x.size()};
 }
 
-auto corner_peaks_px(const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y)
+auto corner_peaks_px(
+  const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y)
 {
   const features::Pixels corners = inside(image, x, y, features::kPeakBorderPx);
   const auto count = static_cast<std::size_t>(corners.count);
@@ -45,7 +49,8 @@ auto corner_peaks_px(const ImageArray<uint8_t>& image, const Vector<int32_t>& x,
   return give(std::move(offset), std::array{count, std::size_t{2}});
 }
 
-auto orientations_deg(const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y)
+auto orientations_deg(
+  const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y)
 {
   const features::Pixels corners = inside(image, x, y, features::kOrientationBorderPx);
   std::vector<float> angle_deg(corners.count);
@@ -62,7 +67,8 @@ auto orb_descriptors(
   require_finite("angle_deg", angle_deg);
   const auto count = static_cast<std::size_t>(corners.count);
   std::vector<uint8_t> bits(features::kDescriptorBytes * count);
-  unlocked([&] { features::orb_descriptors(view(image), corners, angle_deg.data(), bits.data()); });
+  unlocked(
+    [&] { features::orb_descriptors(view(image), corners, angle_deg.data(), bits.data()); });
   return give(std::move(bits), std::array{count, std::size_t{features::kDescriptorBytes}});
 }
 
@@ -108,7 +114,8 @@ Args:
 
 Raises:
     ValueError: A pixel is less than 15 px from the edge, or there are more of x than of y.)");
-  module.def("orb_descriptors", &orb_descriptors, "image_smooth"_a, "x"_a, "y"_a, "angle_deg"_a, R"(
+  module.def(
+    "orb_descriptors", &orb_descriptors, "image_smooth"_a, "x"_a, "y"_a, "angle_deg"_a, R"(
 Return the (N, 32) descriptors of pixels, turned by their angles.
 
 Source: Rublee et al., ORB, ICCV 2011, sec. 4; the same bits as OpenCV's.
@@ -120,7 +127,8 @@ Args:
     angle_deg: (N,) float32.
 
 Raises:
-    ValueError: A pixel is less than 19 px from the edge, an angle is not finite, or lengths differ.)");
+    ValueError: A pixel is less than 19 px from the edge, an angle is not finite, or lengths
+        differ.)");
 }
 
 }  // namespace hoid::bindings

@@ -26,7 +26,8 @@ auto sample_depths_m(const ImageArray<float>& depth_m, const BoxArray& boxes, in
 }
 
 auto depths_off_edges_m(
-  const ImageArray<float>& depth_m, const Array<int32_t, -1, 2>& pixels_xy, int radius_px, double step)
+  const ImageArray<float>& depth_m, const Array<int32_t, -1, 2>& pixels_xy, int radius_px,
+  double step)
 {
   const int width = depth_m.size(1), height = depth_m.size(0);
   bool inside = true;
@@ -36,22 +37,26 @@ auto depths_off_edges_m(
   }
   if (!inside) {
     refuse(
-      "pixels must be inside the image of " + std::to_string(width) + " x " + std::to_string(height) + " px");
+      "pixels must be inside the image of " + std::to_string(width) + " x " +
+      std::to_string(height) + " px");
   }
   const int radius = std::clamp(radius_px, 0, std::max(width, height));
   std::vector<float> reading_m(pixels_xy.size());
   unlocked([&] {
-    masks::depths_off_edges(view(depth_m), pixels_xy.data(), pixels_xy.size(), radius, step, reading_m.data());
+    masks::depths_off_edges(
+      view(depth_m), pixels_xy.data(), pixels_xy.size(), radius, step, reading_m.data());
   });
   return give(std::move(reading_m));
 }
 
-auto torso_depths_m(const ImageArray<float>& depth_m, const BoxArray& boxes, const RealArray<-1>& known_m)
+auto torso_depths_m(
+  const ImageArray<float>& depth_m, const BoxArray& boxes, const RealArray<-1>& known_m)
 {
   require_finite("boxes_xyxy_px", boxes);
   require_length("known_m", known_m, boxes.size());
   std::vector<double> torso_m(boxes.size());
-  unlocked([&] { masks::torso_depths(view(depth_m), view(boxes), known_m.data(), torso_m.data()); });
+  unlocked(
+    [&] { masks::torso_depths(view(depth_m), view(boxes), known_m.data(), torso_m.data()); });
   return give(std::move(torso_m));
 }
 
@@ -60,17 +65,20 @@ void require_areas(const Array<int32_t, -1, 4>& areas, int width, int height)
   for (int n = 0; n < areas.size(); ++n) {
     const int32_t* area = areas.data() + 4 * static_cast<std::ptrdiff_t>(n);
     const bool inside = std::min({area[0], area[1], area[2], area[3]}) >= 0 &&
-                        std::max(area[0], area[2]) <= width && std::max(area[1], area[3]) <= height;
+                        std::max(area[0], area[2]) <= width &&
+                        std::max(area[1], area[3]) <= height;
     if (!inside) {
       refuse(
-        "areas must be inside the image of " + std::to_string(width) + " x " + std::to_string(height) + " px");
+        "areas must be inside the image of " + std::to_string(width) + " x " +
+        std::to_string(height) + " px");
     }
   }
 }
 
 auto cover_things(
-  const ImageArray<float>& depth_m, const Array<int32_t, -1, 4>& areas, const RealArray<-1>& depths_m,
-  const RealArray<-1>& reaches_m, const Vector<uint8_t>& certainties, const Vector<bool>& seen)
+  const ImageArray<float>& depth_m, const Array<int32_t, -1, 4>& areas,
+  const RealArray<-1>& depths_m, const RealArray<-1>& reaches_m,
+  const Vector<uint8_t>& certainties, const Vector<bool>& seen)
 {
   const int count = areas.size();
   require_areas(areas, depth_m.size(1), depth_m.size(0));
@@ -79,8 +87,12 @@ auto cover_things(
   require_length("certainties", certainties, count);
   require_length("seen", seen, count);
   const masks::Things things{
-    areas.data(), depths_m.data(), reaches_m.data(), certainties.data(),
-    reinterpret_cast<const uint8_t*>(seen.data()), count};
+    areas.data(),
+    depths_m.data(),
+    reaches_m.data(),
+    certainties.data(),
+    reinterpret_cast<const uint8_t*>(seen.data()),
+    count};
   std::vector<uint8_t> certainty(depth_m.array.size());
   unlocked([&] { masks::cover_things(view(depth_m), things, certainty.data()); });
   return give(std::move(certainty), shape_of(depth_m));
@@ -122,7 +134,8 @@ Args:
 Raises:
     ValueError: The image is empty, a box is not finite, or the side is less than 1.)");
   module.def(
-    "depths_off_edges_m", &depths_off_edges_m, "depth_m"_a, "pixels_xy"_a, "radius_px"_a, "step"_a, R"(
+    "depths_off_edges_m", &depths_off_edges_m, "depth_m"_a, "pixels_xy"_a, "radius_px"_a, "step"_a,
+    R"(
 Return the (N,) readings at pixels; 0 where there is none, or where an edge is near.
 
 Beside an edge a depth camera may read the surface on the other side of it.
@@ -156,8 +169,8 @@ void bind_masks(nb::module_& module)
 {
   bind_depths(module);
   module.def(
-    "cover_things", &cover_things, "depth_m"_a, "areas_xyxy_px"_a, "depths_m"_a, "reaches_m"_a, "certainties"_a,
-    "seen"_a, R"(
+    "cover_things", &cover_things, "depth_m"_a, "areas_xyxy_px"_a, "depths_m"_a, "reaches_m"_a,
+    "certainties"_a, "seen"_a, R"(
 Return how sure it is, (H, W) uint8, that each pixel shows something that moves; 0 = static.
 
 The image is cut into regions along the jumps of depth. A thing is the regions that lie mostly

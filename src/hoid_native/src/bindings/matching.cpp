@@ -22,7 +22,8 @@ class QueryConstraints
 {
 public:
   QueryConstraints(
-    Vector<int8_t> min_octave, Vector<int8_t> max_octave, Array<uint8_t, -1, kDescriptorBytes> descriptors)
+    Vector<int8_t> min_octave, Vector<int8_t> max_octave,
+    Array<uint8_t, -1, kDescriptorBytes> descriptors)
   : min_octave_(std::move(min_octave)),
     max_octave_(std::move(max_octave)),
     descriptors_(std::move(descriptors))
@@ -77,32 +78,36 @@ private:
 
 Pairs given(matching::Pairs&& pairs)
 {
-  return make<Pairs>(give(std::move(pairs.q)), give(std::move(pairs.k)), give(std::move(pairs.distance)));
+  return make<Pairs>(
+    give(std::move(pairs.q)), give(std::move(pairs.k)), give(std::move(pairs.distance)));
 }
 
 Pairs match_by_projection(
-  const RealArray<3, -1>& projection_px, const RealArray<-1>& radius_px, const QueryConstraints& wanted,
-  const Candidates& candidates, const MatchThreshold& threshold)
+  const RealArray<3, -1>& projection_px, const RealArray<-1>& radius_px,
+  const QueryConstraints& wanted, const Candidates& candidates, const MatchThreshold& threshold)
 {
   const int count = wanted.count();
   require_length("radius_px", radius_px, count);
   require(projection_px.size(1) == count, "projection_px: expected a column for each query");
   const double* u = projection_px.data();
-  const matching::Windows windows{u, u + count, u + 2 * static_cast<std::ptrdiff_t>(count), radius_px.data()};
-  return given(unlocked(
-    [&] { return matching::match_by_projection(windows, wanted.view(), candidates.view(), threshold); }));
+  const matching::Windows windows{
+    u, u + count, u + 2 * static_cast<std::ptrdiff_t>(count), radius_px.data()};
+  return given(unlocked([&] {
+    return matching::match_by_projection(windows, wanted.view(), candidates.view(), threshold);
+  }));
 }
 
 Pairs match_along_segments(
-  const RealArray<-1, 4>& segments_px, const RealArray<-1>& octave_radius_px, const QueryConstraints& wanted,
-  const Candidates& candidates, const MatchThreshold& threshold)
+  const RealArray<-1, 4>& segments_px, const RealArray<-1>& octave_radius_px,
+  const QueryConstraints& wanted, const Candidates& candidates, const MatchThreshold& threshold)
 {
   require_length("segments_px", segments_px, wanted.count());
   require_range("max_octave", wanted.max_octave(), 0, octave_radius_px.size());
   require_range("octave", candidates.octave(), 0, octave_radius_px.size());
   const matching::Segments segments{segments_px.data(), octave_radius_px.data()};
-  return given(unlocked(
-    [&] { return matching::match_along_segments(segments, wanted.view(), candidates.view(), threshold); }));
+  return given(unlocked([&] {
+    return matching::match_along_segments(segments, wanted.view(), candidates.view(), threshold);
+  }));
 }
 
 }  // namespace
@@ -120,8 +125,8 @@ Args:
 Raises:
     ValueError: Lengths differ.)")
     .def(
-      nb::init<Vector<int8_t>, Vector<int8_t>, Array<uint8_t, -1, kDescriptorBytes>>(), "min_octave"_a,
-      "max_octave"_a, "descriptors"_a);
+      nb::init<Vector<int8_t>, Vector<int8_t>, Array<uint8_t, -1, kDescriptorBytes>>(),
+      "min_octave"_a, "max_octave"_a, "descriptors"_a);
   nb::class_<Candidates>(module, "Candidates", R"(
 N features among which queries look for theirs.
 
@@ -147,10 +152,11 @@ Args:
     ratio: by which the best must beat a second best of its octave; 1.0: no test.)")
     .def(nb::init<int, double>(), "max_distance"_a, "ratio"_a)
     .def_ro("max_distance", &MatchThreshold::max_distance, "Hamming.")
-    .def_ro("ratio", &MatchThreshold::ratio, "Of the best distance to the second best; 1.0: no test.");
+    .def_ro(
+      "ratio", &MatchThreshold::ratio, "Of the best distance to the second best; 1.0: no test.");
   module.def(
-    "match_by_projection", &match_by_projection, "projection_px"_a, "radius_px"_a, "wanted"_a, "candidates"_a,
-    "threshold"_a, R"(
+    "match_by_projection", &match_by_projection, "projection_px"_a, "radius_px"_a, "wanted"_a,
+    "candidates"_a, "threshold"_a, R"(
 Return the best feature of each query near its expected pixel, one to one.
 
 Args:
@@ -163,8 +169,8 @@ Args:
 Raises:
     ValueError: Lengths differ.)");
   module.def(
-    "match_along_segments", &match_along_segments, "segments_px"_a, "octave_radius_px"_a, "wanted"_a,
-    "candidates"_a, "threshold"_a, R"(
+    "match_along_segments", &match_along_segments, "segments_px"_a, "octave_radius_px"_a,
+    "wanted"_a, "candidates"_a, "threshold"_a, R"(
 Return the best feature of each query along the segment where it may be, one to one.
 
 Args:

@@ -29,17 +29,19 @@ std::vector<double> copy(const Values& values)
 }
 
 // Cameras travel to other processes.
-using CameraState = std::tuple<double, double, double, double, double, double, double, double, bool>;
+using CameraState =
+  std::tuple<double, double, double, double, double, double, double, double, bool>;
 
 CameraState state(const StereoParams& camera)
 {
-  return {
-    camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.disparity_px_m, camera.disparity_noise_px,
-    camera.relative_noise, camera.pixel_noise, camera.joint_noise};
+  return {camera.fx_px,          camera.fy_px,          camera.cx_px,
+          camera.cy_px,          camera.disparity_px_m, camera.disparity_noise_px,
+          camera.relative_noise, camera.pixel_noise,    camera.joint_noise};
 }
 
 optimize::PoseProblem pose_problem(
-  const RealArray<-1, 3>& points_m, const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2)
+  const RealArray<-1, 3>& points_m, const RealArray<-1, 3>& measured_px,
+  const RealArray<-1>& inv_sigma2)
 {
   const int count = inv_sigma2.size();
   require_length("points_m", points_m, count);
@@ -56,7 +58,8 @@ optimize::PoseArray pose_array(const RealArray<4, 4>& T)
 
 PoseFit optimize_pose(
   const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
-  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2, const RealArray<4, 4>& T_camera_map)
+  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2,
+  const RealArray<4, 4>& T_camera_map)
 {
   const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
   const auto start = pose_array(T_camera_map);
@@ -70,7 +73,8 @@ PoseFit optimize_pose(
 
 MatchJudgement judge_matches(
   const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
-  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2, const RealArray<4, 4>& T_camera_map)
+  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2,
+  const RealArray<4, 4>& T_camera_map)
 {
   const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
   const auto pose = pose_array(T_camera_map);
@@ -81,26 +85,30 @@ MatchJudgement judge_matches(
 }
 
 BundleFit adjust_bundle(
-  const StereoParams& camera, const Gates& gates, const RealArray<-1, 4, 4>& T_camera_map, int num_free,
-  const RealArray<-1, 3>& points_m, const Vector<int64_t>& camera_index, const Vector<int64_t>& point_index,
-  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2, int rounds, int iterations)
+  const StereoParams& camera, const Gates& gates, const RealArray<-1, 4, 4>& T_camera_map,
+  int num_free, const RealArray<-1, 3>& points_m, const Vector<int64_t>& camera_index,
+  const Vector<int64_t>& point_index, const RealArray<-1, 3>& measured_px,
+  const RealArray<-1>& inv_sigma2, int rounds, int iterations)
 {
-  const int num_cameras = T_camera_map.size(), num_points = points_m.size(), count = camera_index.size();
+  const int num_cameras = T_camera_map.size(), num_points = points_m.size(),
+            count = camera_index.size();
   require_length("point", point_index, count);
   require_length("measured_px", measured_px, count);
   require_length("inv_sigma2", inv_sigma2, count);
   require_range("camera", camera_index, 0, num_cameras);
   require_range("point", point_index, 0, num_points);
-  require(num_free >= 0 && num_free <= num_cameras, "num_free: must be from 0 to the number of cameras");
+  require(
+    num_free >= 0 && num_free <= num_cameras, "num_free: must be from 0 to the number of cameras");
   const optimize::BundleProblem problem{
-    T_camera_map.data(), num_cameras, num_free, points_m.data(), num_points, camera_index.data(),
-    point_index.data(), measured_px.data(), inv_sigma2.data(), count};
-  auto fit = unlocked([&] { return optimize::adjust_bundle(camera, gates, problem, rounds, iterations); });
+    T_camera_map.data(), num_cameras,        num_free,           points_m.data(),   num_points,
+    camera_index.data(), point_index.data(), measured_px.data(), inv_sigma2.data(), count};
+  auto fit =
+    unlocked([&] { return optimize::adjust_bundle(camera, gates, problem, rounds, iterations); });
   const std::array<std::size_t, 3> poses{static_cast<std::size_t>(num_cameras), 4, 4};
   const std::array<std::size_t, 2> points{static_cast<std::size_t>(num_points), 3};
   return make<BundleFit>(
-    give(std::move(fit.T_camera_map), poses), give(std::move(fit.points_m), points), give(std::move(fit.chi2)),
-    fit.cost_before, fit.cost_after);
+    give(std::move(fit.T_camera_map), poses), give(std::move(fit.points_m), points),
+    give(std::move(fit.chi2)), fit.cost_before, fit.cost_after);
 }
 
 void bind_parameters(nb::module_& module)
@@ -108,9 +116,9 @@ void bind_parameters(nb::module_& module)
   nb::class_<StereoParams>(module, "StereoParams", R"(
 A pinhole camera with a virtual right column: u_right = u - disparity_px_m / depth_m.)")
     .def(
-      nb::init<double, double, double, double, double, double, double, double, bool>(), "fx_px"_a, "fy_px"_a,
-      "cx_px"_a, "cy_px"_a, "disparity_px_m"_a, "disparity_noise_px"_a, "relative_noise"_a,
-      "pixel_noise"_a = 1.0, "joint_noise"_a = false)
+      nb::init<double, double, double, double, double, double, double, double, bool>(), "fx_px"_a,
+      "fy_px"_a, "cx_px"_a, "cy_px"_a, "disparity_px_m"_a, "disparity_noise_px"_a,
+      "relative_noise"_a, "pixel_noise"_a = 1.0, "joint_noise"_a = false)
     .def_ro("fx_px", &StereoParams::fx_px, "Focal length along rows.")
     .def_ro("fy_px", &StereoParams::fy_px, "Focal length along columns.")
     .def_ro("cx_px", &StereoParams::cx_px, "Column of the principal point.")
@@ -126,12 +134,14 @@ A pinhole camera with a virtual right column: u_right = u - disparity_px_m / dep
       "pixel_noise", &StereoParams::pixel_noise,
       "Standard deviation of pixels, in units of that of their weights.")
     .def_ro(
-      "joint_noise", &StereoParams::joint_noise, "u_right is as noisy as u and v, all under one kernel.")
+      "joint_noise", &StereoParams::joint_noise,
+      "u_right is as noisy as u and v, all under one kernel.")
     .def("__getstate__", &state)
     .def("__setstate__", [](StereoParams& camera, const CameraState& values) {
       new (&camera) StereoParams(std::make_from_tuple<StereoParams>(values));
     });
-  nb::class_<Gates>(module, "Gates", "Squared normalised residuals beyond which an observation is an outlier.")
+  nb::class_<Gates>(
+    module, "Gates", "Squared normalised residuals beyond which an observation is an outlier.")
     .def(nb::init<double, double>(), "mono"_a, "stereo"_a)
     .def_ro("mono", &Gates::mono, "Of observations without depth.")
     .def_ro("stereo", &Gates::stereo, "Of observations with depth.");
@@ -143,8 +153,8 @@ void bind_optimize(nb::module_& module)
 {
   bind_parameters(module);
   module.def(
-    "optimize_pose", &optimize_pose, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a, "inv_sigma2"_a,
-    "T_camera_map"_a, R"(
+    "optimize_pose", &optimize_pose, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
+    "inv_sigma2"_a, "T_camera_map"_a, R"(
 Return the pose that explains matches best: Gauss-Newton with a Huber kernel.
 
 Pixels and the disparity u - u_right are independent measurements with robust kernels of their own;
@@ -162,8 +172,8 @@ Args:
 Raises:
     ValueError: Lengths differ.)");
   module.def(
-    "judge_matches", &judge_matches, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a, "inv_sigma2"_a,
-    "T_camera_map"_a, R"(
+    "judge_matches", &judge_matches, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
+    "inv_sigma2"_a, "T_camera_map"_a, R"(
 Return how well each match fits a pose.
 
 Errors of pixels and of disparities are each cut off where they become outliers: their sum over
@@ -180,8 +190,9 @@ Args:
 Raises:
     ValueError: Lengths differ.)");
   module.def(
-    "adjust_bundle", &adjust_bundle, "lens"_a, "gates"_a, "T_camera_map"_a, "num_free"_a, "points_m"_a,
-    "camera"_a, "point"_a, "measured_px"_a, "inv_sigma2"_a, "rounds"_a, "iterations"_a, R"(
+    "adjust_bundle", &adjust_bundle, "lens"_a, "gates"_a, "T_camera_map"_a, "num_free"_a,
+    "points_m"_a, "camera"_a, "point"_a, "measured_px"_a, "inv_sigma2"_a, "rounds"_a,
+    "iterations"_a, R"(
 Adjust with a Huber kernel, in rounds after each of which what does not fit is left out.
 
 Args:

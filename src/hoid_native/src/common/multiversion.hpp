@@ -1,5 +1,6 @@
-// Functions compiled for newer processors as well: the loader takes what the machine at hand can run.
-// With HOID_ONE_VERSION there is only the one for every processor, which tests compare with the others.
+// Functions compiled for newer processors as well: the loader takes what the machine at hand can
+// run. With HOID_ONE_VERSION there is only the one for every processor, which tests compare with
+// the others.
 #pragma once
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(HOID_ONE_VERSION)

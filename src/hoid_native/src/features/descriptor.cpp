@@ -43,7 +43,8 @@ ALWAYS_INLINE int32_t nearest(float value)
 }
 
 ALWAYS_INLINE void describe(
-  const uint8_t* corner, int32_t stride, float cosine, float sine, const Pattern& pattern, uint8_t* out)
+  const uint8_t* corner, int32_t stride, float cosine, float sine, const Pattern& pattern,
+  uint8_t* out)
 {
   int32_t at[2 * kPairs];
   for (int k = 0; k < 2 * kPairs; ++k) {
@@ -79,8 +80,11 @@ void orb_descriptors(
   for (int k = 0; k < corners.count; ++k) {
     const uint8_t* corner = image.row(corners.y[k]) + corners.x[k];
     const double angle = angle_deg[k] * kRadians;
-    const auto cosine = static_cast<float>(std::cos(angle)), sine = static_cast<float>(std::sin(angle));
-    describe(corner, image.width, cosine, sine, pattern, out + kDescriptorBytes * static_cast<std::ptrdiff_t>(k));
+    const auto cosine = static_cast<float>(std::cos(angle)),
+               sine = static_cast<float>(std::sin(angle));
+    describe(
+      corner, image.width, cosine, sine, pattern,
+      out + kDescriptorBytes * static_cast<std::ptrdiff_t>(k));
   }
 }
 

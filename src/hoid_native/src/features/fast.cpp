@@ -29,7 +29,10 @@ ALWAYS_INLINE Lanes load(const uint8_t* at)
 }
 
 // a - b, not below 0.
-ALWAYS_INLINE Lanes excess(Lanes a, Lanes b) { return larger(a, b) - b; }
+ALWAYS_INLINE Lanes excess(Lanes a, Lanes b)
+{
+  return larger(a, b) - b;
+}
 
 ALWAYS_INLINE bool any_above(Lanes lanes, uint8_t threshold)
 {

@@ -1,6 +1,6 @@
 // The FAST-9/16 test of Rosten and Drummond, "Machine learning for high-speed corner detection",
-// ECCV 2006: a pixel is a corner when 9 contiguous pixels of the circle of radius 3 are all brighter
-// than it by more than a threshold, or all darker.
+// ECCV 2006: a pixel is a corner when 9 contiguous pixels of the circle of radius 3 are all
+// brighter than it by more than a threshold, or all darker.
 #pragma once
 
 #include "common/multiversion.hpp"

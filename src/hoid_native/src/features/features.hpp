@@ -1,5 +1,5 @@
-// ORB features of one pyramid level: FAST corners, where between the pixels they peak, which way they
-// point, and what they look like.
+// ORB features of one pyramid level: FAST corners, where between the pixels they peak, which way
+// they point, and what they look like.
 #pragma once
 
 #include <cstdint>
@@ -9,12 +9,13 @@
 
 namespace hoid::features {
 
-constexpr int kPeakBorderPx = 4;         // what each kernel reads around a pixel
+constexpr int kPeakBorderPx = 4;  // what each kernel reads around a pixel
 constexpr int kOrientationBorderPx = 15;
 constexpr int kDescriptorBorderPx = 19;
 constexpr int kDescriptorBytes = 32;
 
-// FAST corners in raster order; a score is the largest threshold at which a pixel still is a corner.
+// FAST corners in raster order; a score is the largest threshold at which a pixel still is a
+// corner.
 struct Corners
 {
   std::vector<int32_t> x, y;

@@ -44,7 +44,8 @@ void orientations(const Image<uint8_t>& image, const Pixels& corners, float* ang
   for (int k = 0; k < corners.count; ++k) {
     const uint8_t* corner = image.row(corners.y[k] - kRadius) + corners.x[k] - kRadius;
     for (int row = 0; row < kRows; ++row) {
-      std::memcpy(patch + row * kColumns, corner + static_cast<std::ptrdiff_t>(row) * image.width, kRows);
+      std::memcpy(
+        patch + row * kColumns, corner + static_cast<std::ptrdiff_t>(row) * image.width, kRows);
     }
     int moment_x = 0, moment_y = 0;
     for (int at = 0; at < kRows * kColumns; ++at) {

@@ -1,7 +1,8 @@
 // Where between the pixels a FAST corner is strongest.
 //
 // The FAST-9/16 scores of the corner's pixel and its eight neighbours, signed, so that they go on
-// below any threshold; then the peak of the quadratic that fits the nine in the least-squares sense.
+// below any threshold; then the peak of the quadratic that fits the nine in the least-squares
+// sense.
 
 #include <algorithm>
 #include <cstddef>
@@ -42,8 +43,8 @@ ALWAYS_INLINE Cells scores(const uint8_t* at, std::ptrdiff_t stride)
   return larger(best_arc(brighter), best_arc(darker));
 }
 
-// The peak of the quadratic a + b x + c y + d x^2 + e x y + f y^2 through nine values, as far as the
-// edge of the middle pixel; its centre when there is no peak.
+// The peak of the quadratic a + b x + c y + d x^2 + e x y + f y^2 through nine values, as far as
+// the edge of the middle pixel; its centre when there is no peak.
 ALWAYS_INLINE void write_peak(const Cells& s, float* offset)
 {
   const auto sum = [&s](int a, int b, int c) { return static_cast<float>(s[a] + s[b] + s[c]); };

@@ -14,16 +14,26 @@ namespace hoid::masks {
 
 namespace {
 
-double side(double first, double last) { return std::max(last - first, 0.0); }
+double side(double first, double last)
+{
+  return std::max(last - first, 0.0);
+}
 
-double area(const double* box) { return side(box[0], box[2]) * side(box[1], box[3]); }
+double area(const double* box)
+{
+  return side(box[0], box[2]) * side(box[1], box[3]);
+}
 
 double shared_area(const double* a, const double* b)
 {
-  return side(std::max(a[0], b[0]), std::min(a[2], b[2])) * side(std::max(a[1], b[1]), std::min(a[3], b[3]));
+  return side(std::max(a[0], b[0]), std::min(a[2], b[2])) *
+         side(std::max(a[1], b[1]), std::min(a[3], b[3]));
 }
 
-double ratio(double part, double whole) { return whole > 0 ? part / whole : 0.0; }
+double ratio(double part, double whole)
+{
+  return whole > 0 ? part / whole : 0.0;
+}
 
 template <typename Visit>
 void each_pair(const Boxes& boxes, const Boxes& others, Visit visit)
@@ -46,8 +56,9 @@ std::vector<int> people_among(int count, const uint8_t* roles)
   return people;
 }
 
-// When a person touches an object: by the share of the object that the person covers, or where a reach is given
-// (not NaN), because a pixel of the object has a part of the person within reach along rows and columns.
+// When a person touches an object: by the share of the object that the person covers, or where a
+// reach is given (not NaN), because a pixel of the object has a part of the person within reach
+// along rows and columns.
 struct Touch
 {
   HandlingRule rule;
@@ -59,8 +70,10 @@ struct Touch
       return overlap > rule.min_share;
     }
     const double both[] = {
-      std::max(object[0], person[0] - rule.reach_px), std::max(object[1], person[1] - rule.reach_px),
-      std::min(object[2], person[2] + rule.reach_px), std::min(object[3], person[3] + rule.reach_px)};
+      std::max(object[0], person[0] - rule.reach_px),
+      std::max(object[1], person[1] - rule.reach_px),
+      std::min(object[2], person[2] + rule.reach_px),
+      std::min(object[3], person[3] + rule.reach_px)};
     return pixels.has_any_in(both);
   }
 };
@@ -73,7 +86,8 @@ struct Interaction
 };
 
 Interaction interaction(
-  int object, const Boxes& boxes, const double* depths_m, const std::vector<int>& people, const Touch& touch)
+  int object, const Boxes& boxes, const double* depths_m, const std::vector<int>& people,
+  const Touch& touch)
 {
   Interaction found;
   const double* box = boxes[object];
@@ -128,9 +142,9 @@ Judged judge_boxes(
 {
   const int count = boxes.count;
   constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-  Judged out{
-    std::vector<double>(count), std::vector<double>(count, 0.0), std::vector<double>(count, kUnknown),
-    std::vector<uint8_t>(count, 0), std::vector<int64_t>(num_pixels), 0};
+  Judged out{std::vector<double>(count),           std::vector<double>(count, 0.0),
+             std::vector<double>(count, kUnknown), std::vector<uint8_t>(count, 0),
+             std::vector<int64_t>(num_pixels),     0};
   sample_depths(depth_m, boxes, side_px, out.depth_m.data());
   const std::vector<int> people = people_among(count, roles);
   Touch touch{rule, PixelSet(depth_m.width, depth_m.height)};
@@ -153,7 +167,8 @@ Judged judge_boxes(
   out.area_px = static_cast<int64_t>(depth_m.width) * depth_m.height - moving.size();
   std::size_t num_outside = 0;
   for (int k = 0; k < num_pixels; ++k) {
-    out.outside[num_outside] = k;  // overwritten by the next when this one is inside: no branch to predict
+    out.outside[num_outside] =
+      k;  // overwritten by the next when this one is inside: no branch to predict
     num_outside += static_cast<std::size_t>(!moving.has(pixels[k]));
   }
   out.outside.resize(num_outside);

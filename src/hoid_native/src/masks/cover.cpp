@@ -1,4 +1,5 @@
-// What boxes show, cut out of a depth image along its jumps: a person or an object is a region, or a few.
+// What boxes show, cut out of a depth image along its jumps: a person or an object is a region, or
+// a few.
 
 #include <algorithm>
 #include <cmath>
@@ -13,10 +14,11 @@ namespace hoid::masks {
 
 namespace {
 
-constexpr double kInsideShare = 0.6;   // of a region that belongs to what a box shows
-constexpr double kFilledShare = 0.25;  // of a box: with less, what it shows has merged with what it touches
-constexpr double kBeyond = 0.1;        // of a box's side: how far what it shows may reach out of it
-constexpr int kReach = 5;              // pixels from a region within which it fills gaps without readings
+constexpr double kInsideShare = 0.6;  // of a region that belongs to what a box shows
+constexpr double kFilledShare =
+  0.25;  // of a box: with less, what it shows has merged with what it touches
+constexpr double kBeyond = 0.1;  // of a box's side: how far what it shows may reach out of it
+constexpr int kReach = 5;  // pixels from a region within which it fills gaps without readings
 
 // A part of an image: columns [x1, x2), rows [y1, y2).
 struct Area
@@ -27,7 +29,8 @@ struct Area
   int height() const { return std::max(y2 - y1, 0); }
 };
 
-// Set the pixels without readings that lie within reach of set pixels of an area, along rows and columns alike.
+// Set the pixels without readings that lie within reach of set pixels of an area, along rows and
+// columns alike.
 void fill_gaps(const float* depth_m, int stride, const Area& area, std::vector<uint8_t>& pixels)
 {
   const int width = area.width(), height = area.height();
@@ -38,7 +41,8 @@ void fill_gaps(const float* depth_m, int stride, const Area& area, std::vector<u
     for (int x = 0; x < width; ++x) {
       if (row[x] != 0) {
         const int first = std::max(until, x - kReach), last = std::min(width, x + kReach + 1);
-        std::fill(beside.begin() + y * width + first, beside.begin() + y * width + last, uint8_t{1});
+        std::fill(
+          beside.begin() + y * width + first, beside.begin() + y * width + last, uint8_t{1});
         until = last;
       }
     }
@@ -85,7 +89,8 @@ public:
   {
     const Area& area = thing.area;
     const bool whole = std::isnan(thing.depth_m);
-    pixels_.assign(static_cast<std::size_t>(area.width()) * area.height(), static_cast<uint8_t>(whole));
+    pixels_.assign(
+      static_cast<std::size_t>(area.width()) * area.height(), static_cast<uint8_t>(whole));
     if (!whole) {
       const int64_t size = add_regions(thing);
       if (thing.seen && size < kFilledShare * static_cast<double>(pixels_.size())) {
@@ -106,7 +111,8 @@ private:
   void each_run(const Area& area, Visit visit) const
   {
     for (int y = area.y1; y < area.y2; ++y) {
-      for (const Run* run = regions_.begin(y); run != regions_.end(y) && run->first < area.x2; ++run) {
+      for (const Run* run = regions_.begin(y); run != regions_.end(y) && run->first < area.x2;
+           ++run) {
         if (run->last > area.x1) {
           visit(y, *run);
         }
@@ -120,10 +126,12 @@ private:
     const auto x = static_cast<int>(std::lround(kBeyond * area.width()));
     const auto y = static_cast<int>(std::lround(kBeyond * area.height()));
     return {
-      std::max(area.x1 - x, 0), std::max(area.y1 - y, 0), std::min(area.x2 + x, width_), std::min(area.y2 + y, height_)};
+      std::max(area.x1 - x, 0), std::max(area.y1 - y, 0), std::min(area.x2 + x, width_),
+      std::min(area.y2 + y, height_)};
   }
 
-  // Set the pixels of the regions that belong to a thing; return how many pixels those regions have.
+  // Set the pixels of the regions that belong to a thing; return how many pixels those regions
+  // have.
   int64_t add_regions(const Thing& thing)
   {
     const Area& area = thing.area;
@@ -165,10 +173,12 @@ private:
   // Set every pixel of the area that is as far as the thing.
   void add_near(const Thing& thing)
   {
-    const auto middle_m = static_cast<float>(thing.depth_m), reach_m = static_cast<float>(thing.reach_m);
+    const auto middle_m = static_cast<float>(thing.depth_m),
+               reach_m = static_cast<float>(thing.reach_m);
     for (int y = thing.area.y1, k = 0; y < thing.area.y2; ++y) {
       for (int x = thing.area.x1; x < thing.area.x2; ++x, ++k) {
-        pixels_[k] |= static_cast<uint8_t>(std::abs(depth_m_[y * width_ + x] - middle_m) < reach_m);
+        pixels_[k] |=
+          static_cast<uint8_t>(std::abs(depth_m_[y * width_ + x] - middle_m) < reach_m);
       }
     }
   }
@@ -188,13 +198,17 @@ MULTIVERSION("avx2")
 void cover_things(const Image<float>& depth_m, const Things& things, uint8_t* certainty_out)
 {
   const int width = depth_m.width, height = depth_m.height;
-  std::fill(certainty_out, certainty_out + static_cast<std::ptrdiff_t>(width) * height, uint8_t{0});
+  std::fill(
+    certainty_out, certainty_out + static_cast<std::ptrdiff_t>(width) * height, uint8_t{0});
   const Regions found(depth_m.data, width, height);
   Cover cover(depth_m.data, width, height, found, certainty_out);
   for (int n = 0; n < things.count; ++n) {
     const int32_t* area = things.areas + 4 * static_cast<std::ptrdiff_t>(n);
     cover.add(
-      {{area[0], area[1], area[2], area[3]}, things.depths_m[n], things.reaches_m[n], things.certainties[n],
+      {{area[0], area[1], area[2], area[3]},
+       things.depths_m[n],
+       things.reaches_m[n],
+       things.certainties[n],
        things.seen[n] != 0});
   }
 }

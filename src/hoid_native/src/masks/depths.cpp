@@ -1,4 +1,5 @@
-// Depths where they can be believed: the median at the centre of a box, and pixels away from edges.
+// Depths where they can be believed: the median at the centre of a box, and pixels away from
+// edges.
 
 #include <algorithm>
 #include <cmath>
@@ -26,7 +27,8 @@ public:
     top_(first((box[1] + box[3] - side) / 2, depth_m.height))
   {
 #ifdef __GNUC__
-    // Not in a function of its own: GCC drops the call of one that returns nothing and only prefetches.
+    // Not in a function of its own: GCC drops the call of one that returns nothing and only
+    // prefetches.
     for (int v = top_; v < top_ + side_; ++v) {
       __builtin_prefetch(at(v, left_));
       __builtin_prefetch(at(v, left_ + side_ - 1));
@@ -34,7 +36,8 @@ public:
 #endif
   }
 
-  // Write the readings, as bits: those of positive floats are in the order of their values. Return how many.
+  // Write the readings, as bits: those of positive floats are in the order of their values. Return
+  // how many.
   ALWAYS_INLINE int read(uint32_t* bits) const
   {
     int count = 0;
@@ -42,7 +45,9 @@ public:
       const float* row = at(v, 0);
       for (int u = left_; u < left_ + side_; ++u) {
         const float reading = row[std::clamp(u, 0, depth_m_.width - 1)];
-        std::memcpy(bits + count, &reading, sizeof(*bits));  // overwritten by the next when it is none: no branch
+        std::memcpy(
+          bits + count, &reading,
+          sizeof(*bits));  // overwritten by the next when it is none: no branch
         count += static_cast<int>(reading > 0);
       }
     }
@@ -50,7 +55,8 @@ public:
   }
 
 private:
-  // The first pixel along a side of the image; a square wholly beyond it sees the same from anywhere there.
+  // The first pixel along a side of the image; a square wholly beyond it sees the same from
+  // anywhere there.
   ALWAYS_INLINE int first(double place_px, int size) const
   {
     return static_cast<int>(std::clamp<double>(std::nearbyint(place_px), -side_, size));
@@ -58,7 +64,8 @@ private:
 
   ALWAYS_INLINE const float* at(int v, int u) const
   {
-    return depth_m_.row(std::clamp(v, 0, depth_m_.height - 1)) + std::clamp(u, 0, depth_m_.width - 1);
+    return depth_m_.row(std::clamp(v, 0, depth_m_.height - 1)) +
+           std::clamp(u, 0, depth_m_.width - 1);
   }
 
   Image<float> depth_m_;
@@ -68,7 +75,8 @@ private:
 }  // namespace
 
 MULTIVERSION("avx2")
-void sample_depths(const Image<float>& depth_m, const Boxes& boxes, int side_px, double* median_m_out)
+void sample_depths(
+  const Image<float>& depth_m, const Boxes& boxes, int side_px, double* median_m_out)
 {
   std::vector<Square> squares;
   squares.reserve(boxes.count);

@@ -1,6 +1,7 @@
 // Medians of positive floats, given by their bits, whose order is that of the values.
 //
-// They are found by counting, in loops without a branch to predict that the compiler turns into vectors.
+// They are found by counting, in loops without a branch to predict that the compiler turns into
+// vectors.
 #pragma once
 
 #include <algorithm>
@@ -19,7 +20,8 @@ ALWAYS_INLINE double value(uint32_t bits)
   return number;
 }
 
-// The number with `rank` smaller ones (of at least one), found bit by bit below those that all have in common.
+// The number with `rank` smaller ones (of at least one), found bit by bit below those that all
+// have in common.
 ALWAYS_INLINE uint32_t select(const uint32_t* bits, int count, int rank)
 {
   uint32_t in_all = ~uint32_t{0}, in_any = 0;

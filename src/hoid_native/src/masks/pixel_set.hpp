@@ -15,14 +15,19 @@ class PixelSet
 {
 public:
   PixelSet(int width, int height)
-  : width_(width), height_(height), words_(static_cast<std::size_t>(width) * height / 64 + 1)
+  : width_(width),
+    height_(height),
+    words_(static_cast<std::size_t>(width) * height / 64 + 1)
   {
   }
 
   // Pixels are given as indices in the flat image.
   void add(int64_t pixel) { words_[pixel >> 6] |= uint64_t{1} << (pixel & 63); }
 
-  ALWAYS_INLINE bool has(int64_t pixel) const { return (words_[pixel >> 6] >> (pixel & 63) & 1) != 0; }
+  ALWAYS_INLINE bool has(int64_t pixel) const
+  {
+    return (words_[pixel >> 6] >> (pixel & 63) & 1) != 0;
+  }
 
   // Add the pixels whose centre is in a box (x1, y1, x2, y2), which may reach beyond the image.
   void add_box(const double* box)
@@ -67,7 +72,8 @@ private:
     const int left = first_from(box[0], set.width_), right = first_from(box[2], set.width_);
     const int bottom = first_from(box[3], set.height_);
     for (int v = first_from(box[1], set.height_); v < bottom && left < right; ++v) {
-      const int64_t first = static_cast<int64_t>(v) * set.width_ + left, last = first + right - left - 1;
+      const int64_t first = static_cast<int64_t>(v) * set.width_ + left,
+                    last = first + right - left - 1;
       for (int64_t word = first >> 6; word <= last >> 6; ++word) {
         uint64_t mask = ~uint64_t{0};
         mask &= word == first >> 6 ? mask << (first & 63) : mask;

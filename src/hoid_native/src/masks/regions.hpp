@@ -11,13 +11,16 @@
 
 namespace hoid::masks {
 
-constexpr float kJumpM = 0.02F;      // a jump is more than this ...
-constexpr float kJumpShare = 0.03F;  // ... plus this share of the depth: surfaces seen at a slant must not break
+constexpr float kJumpM = 0.02F;  // a jump is more than this ...
+constexpr float kJumpShare =
+  0.03F;  // ... plus this share of the depth: surfaces seen at a slant must not break
 
-// Write flags of the pixels of a row that have a reading and are no jump away from any of their 8 neighbours.
-// `low` and `high` have room for the least and the most of each column and one more at either end.
+// Write flags of the pixels of a row that have a reading and are no jump away from any of their 8
+// neighbours. `low` and `high` have room for the least and the most of each column and one more at
+// either end.
 ALWAYS_INLINE void find_smooth(
-  const float* above, const float* row, const float* below, int width, float* low, float* high, uint8_t* smooth)
+  const float* above, const float* row, const float* below, int width, float* low, float* high,
+  uint8_t* smooth)
 {
   for (int x = 0; x < width; ++x) {
     low[x + 1] = std::min(row[x], std::min(above[x], below[x]));

@@ -12,8 +12,10 @@ namespace hoid::masks {
 
 namespace {
 
-// Write, for each of a number of bytes, the union of those that are up to reach steps of some bytes away.
-ALWAYS_INLINE void unite(const uint8_t* from, std::ptrdiff_t step, int reach, int count, uint8_t* out)
+// Write, for each of a number of bytes, the union of those that are up to reach steps of some
+// bytes away.
+ALWAYS_INLINE void unite(
+  const uint8_t* from, std::ptrdiff_t step, int reach, int count, uint8_t* out)
 {
   for (int x = 0; x < count; ++x) {
     out[x] = from[x];
@@ -36,7 +38,9 @@ void widen(const Image<uint8_t>& mask, int reach, uint8_t* out)
   std::vector<uint8_t> wide((height + 2 * static_cast<std::size_t>(reach)) * width);  // along rows
   for (int v = 0; v < height; ++v) {
     std::copy_n(mask.row(v), width, row.data() + reach);
-    unite(row.data() + reach, 1, reach, width, wide.data() + static_cast<std::ptrdiff_t>(v + reach) * width);
+    unite(
+      row.data() + reach, 1, reach, width,
+      wide.data() + static_cast<std::ptrdiff_t>(v + reach) * width);
   }
   for (int v = 0; v < height; ++v) {
     uint8_t* to = out + static_cast<std::ptrdiff_t>(v) * width;
@@ -48,14 +52,15 @@ void widen(const Image<uint8_t>& mask, int reach, uint8_t* out)
 }
 
 void values_at(
-  const Image<uint8_t>& values, const Magnification& magnification, const int64_t* pixels, int num_pixels,
-  uint8_t* value_out)
+  const Image<uint8_t>& values, const Magnification& magnification, const int64_t* pixels,
+  int num_pixels, uint8_t* value_out)
 {
   const int64_t *rows = magnification.rows, *columns = magnification.columns;
   const int width = magnification.width;
   const double per_width = 1.0 / width;
   for (int k = 0; k < num_pixels; ++k) {
-    // Half a pixel from every border of rows, which is more than the error of the product; faster than a division.
+    // Half a pixel from every border of rows, which is more than the error of the product; faster
+    // than a division.
     const auto v = static_cast<int64_t>((static_cast<double>(pixels[k]) + 0.5) * per_width);
     value_out[k] = values.data[rows[v] * values.width + columns[pixels[k] - v * width]];
   }

@@ -16,14 +16,20 @@ namespace {
 
 constexpr float kBinM = 0.1F;
 constexpr float kFarthestM = 10.0F;
-constexpr int kBins = 128;            // more than up to the farthest reading
-constexpr int kLayerBins = 4;         // a torso's thickness
-constexpr double kNearerShare = 0.6;  // of the largest layer: a nearer one that large is the person
-constexpr double kMiddle[] = {0.2, 0.1, 0.8, 0.9};  // part of a box that mostly shows the person: x1 y1 x2 y2
-constexpr float kStepM = 0.5F;        // a torso's depth changes by less from image to image
-constexpr double kKeptShare = 0.3;    // of the readings: with fewer near the known depth, that was the background's
+constexpr int kBins = 128;     // more than up to the farthest reading
+constexpr int kLayerBins = 4;  // a torso's thickness
+constexpr double kNearerShare =
+  0.6;  // of the largest layer: a nearer one that large is the person
+constexpr double kMiddle[] = {
+  0.2, 0.1, 0.8, 0.9};          // part of a box that mostly shows the person: x1 y1 x2 y2
+constexpr float kStepM = 0.5F;  // a torso's depth changes by less from image to image
+constexpr double kKeptShare =
+  0.3;  // of the readings: with fewer near the known depth, that was the background's
 
-int pixel(double place_px, int size) { return static_cast<int>(std::clamp(place_px, 0.0, static_cast<double>(size))); }
+int pixel(double place_px, int size)
+{
+  return static_cast<int>(std::clamp(place_px, 0.0, static_cast<double>(size)));
+}
 
 // Write the readings in the middle of a box.
 void read_middle(const Image<float>& depth_m, const double* box, std::vector<float>& readings)
@@ -37,9 +43,9 @@ void read_middle(const Image<float>& depth_m, const double* box, std::vector<flo
   readings.clear();
   for (int v = top; v < bottom; ++v) {
     const float* row = depth_m.row(v);
-    std::copy_if(row + left, row + std::max(left, right), std::back_inserter(readings), [](float reading) {
-      return reading > 0 && reading < kFarthestM;
-    });
+    std::copy_if(
+      row + left, row + std::max(left, right), std::back_inserter(readings),
+      [](float reading) { return reading > 0 && reading < kFarthestM; });
   }
 }
 
@@ -53,7 +59,10 @@ void hold_to(float known_m, std::vector<float>& readings)
   }
 }
 
-int bin_of(float reading) { return static_cast<int>(reading / kBinM); }
+int bin_of(float reading)
+{
+  return static_cast<int>(reading / kBinM);
+}
 
 // The bin where the nearest large layer of readings begins.
 int first_layer(const std::vector<float>& readings)
@@ -66,7 +75,8 @@ int first_layer(const std::vector<float>& readings)
     layer[b] = count[b] + count[b + 1] + count[b + 2] + count[b + 3];
   }
   const int* largest = std::max_element(layer, layer + kBins);
-  const int* first = std::find_if(layer, layer + kBins, [&](int size) { return size >= kNearerShare * *largest; });
+  const int* first =
+    std::find_if(layer, layer + kBins, [&](int size) { return size >= kNearerShare * *largest; });
   return static_cast<int>(std::max_element(first, first + kLayerBins) - layer);
 }
 

@@ -49,7 +49,8 @@ struct Problem
 
   ALWAYS_INLINE bool may_match(int q, int k) const
   {
-    return candidates.octave[k] >= wanted.min_octave[q] && candidates.octave[k] <= wanted.max_octave[q] &&
+    return candidates.octave[k] >= wanted.min_octave[q] &&
+           candidates.octave[k] <= wanted.max_octave[q] &&
            (candidates.free == nullptr || candidates.free[k] != 0);
   }
 
@@ -65,8 +66,8 @@ struct Problem
     if (best.feature < 0 || best.distance > threshold.max_distance) {
       return false;
     }
-    const bool rivalled =
-      best.second_feature >= 0 && candidates.octave[best.second_feature] == candidates.octave[best.feature];
+    const bool rivalled = best.second_feature >= 0 && candidates.octave[best.second_feature] ==
+                                                        candidates.octave[best.feature];
     return !(rivalled && best.distance > threshold.ratio * best.second_distance);
   }
 };
@@ -75,8 +76,7 @@ struct Problem
 class Assignment
 {
 public:
-  explicit Assignment(int num_features)
-  : winner_(num_features, -1), distance_(num_features, kFar)
+  explicit Assignment(int num_features) : winner_(num_features, -1), distance_(num_features, kFar)
   {
   }
 

@@ -11,8 +11,8 @@
 namespace hoid::matching {
 
 constexpr float kCellPx = 24.0F;
-// Features further out than any image is large come from a distortion that diverges; they, and those
-// that are nowhere (NaN), are in no cell and match nothing.
+// Features further out than any image is large come from a distortion that diverges; they, and
+// those that are nowhere (NaN), are in no cell and match nothing.
 constexpr float kFarthestPx = 16384.0F;
 
 // Features by cell of a grid over their own extent.

@@ -32,7 +32,10 @@ struct Window
   double u, v, u_right, radius;
 
   ALWAYS_INLINE Window(const Windows& windows, const Problem&, int q)
-  : u(windows.u[q]), v(windows.v[q]), u_right(windows.u_right[q]), radius(windows.radius_px[q])
+  : u(windows.u[q]),
+    v(windows.v[q]),
+    u_right(windows.u_right[q]),
+    radius(windows.radius_px[q])
   {
   }
 
@@ -91,11 +94,12 @@ ALWAYS_INLINE Pairs match(const Regions& regions, const Problem& problem)
     Best best;
     const Region region(regions, problem, q);
     const Rectangle box = region.extent();
-    grid.visit(box.u_min, box.v_min, box.u_max, box.v_max, [&](int k) __attribute__((always_inline)) {
-      if (region.has(problem, q, k)) {
-        best.consider(k, problem.distance(q, k));
-      }
-    });
+    grid.visit(
+      box.u_min, box.v_min, box.u_max, box.v_max, [&](int k) __attribute__((always_inline)) {
+        if (region.has(problem, q, k)) {
+          best.consider(k, problem.distance(q, k));
+        }
+      });
     if (problem.is_clear(best)) {
       assignment.offer(q, best);
     }

@@ -1,9 +1,9 @@
 // Bundle adjustment of a window of keyframes by Levenberg-Marquardt.
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <Eigen/Cholesky>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -151,7 +151,8 @@ Window sorted(const StereoParams& camera, const Gates& gates, const BundleProble
 }  // namespace
 
 BundleFit adjust_bundle(
-  const StereoParams& camera, const Gates& gates, const BundleProblem& problem, int rounds, int iterations)
+  const StereoParams& camera, const Gates& gates, const BundleProblem& problem, int rounds,
+  int iterations)
 {
   const double *T = problem.T_camera_map, *points = problem.points_m;
   Adjustment adjustment(

@@ -60,7 +60,8 @@ ALWAYS_INLINE void inverse_of(const double* H, double damping, double out[3][3])
 }
 
 // S[i, h] -= Y_i^T W_h for one point and two cameras.
-ALWAYS_INLINE void subtract_block(const double Y[3][kPose], const double* W, std::ptrdiff_t n, double* S)
+ALWAYS_INLINE void subtract_block(
+  const double Y[3][kPose], const double* W, std::ptrdiff_t n, double* S)
 {
   for (int a = 0; a < kPose; ++a) {
     for (int b = 0; b < kPose; ++b) {
@@ -71,7 +72,8 @@ ALWAYS_INLINE void subtract_block(const double Y[3][kPose], const double* W, std
 
 }  // namespace
 
-MULTIVERSION("avx2") void eliminate(
+MULTIVERSION("avx2")
+void eliminate(
   const Window& window, const System& system, double damping, double* S, double* right)
 {
   const auto n = static_cast<std::ptrdiff_t>(kPose) * window.num_free;
@@ -91,8 +93,7 @@ MULTIVERSION("avx2") void eliminate(
       double Y[3][kPose];
       for (int r = 0; r < 3; ++r) {
         for (int a = 0; a < kPose; ++a) {
-          Y[r][a] =
-            inverse[r][0] * W[a] + inverse[r][1] * W[6 + a] + inverse[r][2] * W[12 + a];
+          Y[r][a] = inverse[r][0] * W[a] + inverse[r][1] * W[6 + a] + inverse[r][2] * W[12 + a];
         }
       }
       for (int a = 0; a < kPose; ++a) {
@@ -103,14 +104,15 @@ MULTIVERSION("avx2") void eliminate(
         if (h > i) {
           continue;
         }
-        subtract_block(Y, &system.H_pc[18 * static_cast<std::size_t>(other)], n, S + kPose * i * n + kPose * h);
+        subtract_block(
+          Y, &system.H_pc[18 * static_cast<std::size_t>(other)], n, S + kPose * i * n + kPose * h);
       }
     }
   }
 }
 
-MULTIVERSION("avx2") void linearize(
-  const Window& window, const State& state, const uint8_t* used, System& system)
+MULTIVERSION("avx2")
+void linearize(const Window& window, const State& state, const uint8_t* used, System& system)
 {
   for (auto* part : {&system.H_cc, &system.g_c, &system.H_pp, &system.g_p, &system.H_pc}) {
     std::fill(part->begin(), part->end(), 0.0);
@@ -128,18 +130,21 @@ MULTIVERSION("avx2") void linearize(
     const Weights weight = weights_of(window.camera, window.gates, seen, e);
     point_jacobian(window.camera, x, J);
     rotated(J, T, J_map);
-    add_product<kPoint, kPoint>(J_map, J_map, weight, &system.H_pp[9 * static_cast<std::size_t>(j)]);
+    add_product<kPoint, kPoint>(
+      J_map, J_map, weight, &system.H_pp[9 * static_cast<std::size_t>(j)]);
     add_gradient<kPoint>(J_map, e, weight, &system.g_p[3 * j]);
     if (i < window.num_free) {
       pose_jacobian(x, J, J_pose);
       add_product<kPose, kPose>(J_pose, J_pose, weight, &system.H_cc[36 * i]);
       add_gradient<kPose>(J_pose, e, weight, &system.g_c[6 * i]);
-      add_product<kPoint, kPose>(J_map, J_pose, weight, &system.H_pc[18 * static_cast<std::size_t>(m)]);
+      add_product<kPoint, kPose>(
+        J_map, J_pose, weight, &system.H_pc[18 * static_cast<std::size_t>(m)]);
     }
   }
 }
 
-MULTIVERSION("avx2") void move_points(
+MULTIVERSION("avx2")
+void move_points(
   const Window& window, const System& system, double damping, const double* step, State& state)
 {
   for (int first = 0, end = 0; first < window.count(); first = end) {
@@ -166,8 +171,8 @@ MULTIVERSION("avx2") void move_points(
   }
 }
 
-MULTIVERSION("avx2") double cost_of(
-  const Window& window, const State& state, const uint8_t* used, double* chi2_out)
+MULTIVERSION("avx2")
+double cost_of(const Window& window, const State& state, const uint8_t* used, double* chi2_out)
 {
   double sum = 0.0;
   for (int m = 0; m < window.count(); ++m) {

@@ -43,14 +43,14 @@ struct System
   std::vector<double> H_pc;       // (M, 3, 6), of observations by free cameras
 };
 
-// Return the Huber cost of the observations in use, and write all their squared normalised residuals
-// (M); infinite behind a camera.
+// Return the Huber cost of the observations in use, and write all their squared normalised
+// residuals (M); infinite behind a camera.
 double cost_of(const Window& window, const State& state, const uint8_t* used, double* chi2_out);
 
 void linearize(const Window& window, const State& state, const uint8_t* used, System& system);
 
-// S -= Y^T W and right -= Y^T g_p with Y = H_pp^-1 W, W = H_pc, over all points; the upper triangle
-// of S is left alone.
+// S -= Y^T W and right -= Y^T g_p with Y = H_pp^-1 W, W = H_pc, over all points; the upper
+// triangle of S is left alone.
 void eliminate(
   const Window& window, const System& system, double damping, double* S, double* right);
 

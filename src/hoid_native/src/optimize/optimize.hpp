@@ -1,7 +1,7 @@
 // Least squares on pixels and disparities: the pose of one image, or poses and points of many.
 //
-// Pixels and the disparity u - u_right are independent measurements with robust kernels of their own;
-// outliers are told on (u, v, u_right) (Mur-Artal and Tardos, T-RO 2017).
+// Pixels and the disparity u - u_right are independent measurements with robust kernels of their
+// own; outliers are told on (u, v, u_right) (Mur-Artal and Tardos, T-RO 2017).
 #pragma once
 
 #include <array>
@@ -10,11 +10,13 @@
 
 namespace hoid::optimize {
 
-// A pinhole camera with a virtual right column, u_right = u - disparity_px_m / depth_m, and its noise.
+// A pinhole camera with a virtual right column, u_right = u - disparity_px_m / depth_m, and its
+// noise.
 struct StereoParams
 {
   double fx_px, fy_px, cx_px, cy_px, disparity_px_m;
-  double disparity_noise_px, relative_noise;  // of a disparity: what does not depend on it, and what does
+  double disparity_noise_px,
+    relative_noise;    // of a disparity: what does not depend on it, and what does
   double pixel_noise;  // standard deviation of pixels, in units of that of their weights
   bool joint_noise;    // u_right is as noisy as u and v, all under one kernel, as in ORB-SLAM
 };
@@ -44,7 +46,8 @@ struct PoseFit
 
 // Return the pose that explains the observations best.
 PoseFit optimize_pose(
-  const StereoParams& camera, const Gates& gates, const PoseProblem& problem, const PoseArray& start);
+  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
+  const PoseArray& start);
 
 struct MatchJudgement
 {
@@ -79,6 +82,7 @@ struct BundleFit
 
 // Adjust with a Huber kernel, in rounds after each of which what does not fit is left out.
 BundleFit adjust_bundle(
-  const StereoParams& camera, const Gates& gates, const BundleProblem& problem, int rounds, int iterations);
+  const StereoParams& camera, const Gates& gates, const BundleProblem& problem, int rounds,
+  int iterations);
 
 }  // namespace hoid::optimize

@@ -1,8 +1,8 @@
 // The pose of one image from matched map points: Gauss-Newton on pixels and disparities with
 // Huber kernels, and without outliers.
 
-#include <Eigen/Cholesky>
 #include <cstddef>
+#include <Eigen/Cholesky>
 #include <vector>
 
 #include "optimize/optimize.hpp"
@@ -50,7 +50,8 @@ ALWAYS_INLINE void accumulate(
   }
 }
 
-MULTIVERSION("avx2") void normal_equations(
+MULTIVERSION("avx2")
+void normal_equations(
   const Scene& scene, const double* T, const uint8_t* inliers, Matrix6& H, Vector6& g)
 {
   H.setZero();
@@ -120,7 +121,8 @@ MULTIVERSION("avx2") void truncated_costs(const Scene& scene, const double* T, d
 }  // namespace
 
 PoseFit optimize_pose(
-  const StereoParams& camera, const Gates& gates, const PoseProblem& problem, const PoseArray& start)
+  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
+  const PoseArray& start)
 {
   const Scene scene{camera, gates, problem};
   PoseFit fit{start, std::vector<uint8_t>(problem.count, 1), {}};

@@ -18,7 +18,10 @@ Matrix3d skew(const Vector3d& w)
 }
 
 // One step of Newton's iteration to the nearest rotation.
-Matrix3d orthonormalized(const Matrix3d& R) { return 1.5 * R - 0.5 * (R * R.transpose()) * R; }
+Matrix3d orthonormalized(const Matrix3d& R)
+{
+  return 1.5 * R - 0.5 * (R * R.transpose()) * R;
+}
 
 }  // namespace
 

@@ -6,9 +6,9 @@
 // Robotics, eq. 7.180).
 #pragma once
 
-#include <Eigen/Core>
 #include <cmath>
 #include <cstdint>
+#include <Eigen/Core>
 
 #include "common/multiversion.hpp"
 #include "optimize/optimize.hpp"
@@ -50,8 +50,8 @@ ALWAYS_INLINE void to_camera(const double* T, const double* p, double* x)
   }
 }
 
-// Write measured - expected of u, v and the disparity u - u_right, or u_right itself where noise is
-// joint; 0 without depth. Depth is held at its minimum.
+// Write measured - expected of u, v and the disparity u - u_right, or u_right itself where noise
+// is joint; 0 without depth. Depth is held at its minimum.
 ALWAYS_INLINE void residual(
   const StereoParams& camera, const double* x, const Observation& seen, double* out)
 {
@@ -97,11 +97,12 @@ ALWAYS_INLINE Weights weights_of(
   }
   const double unit = camera.pixel_noise * camera.pixel_noise;
   const double pixel2 = seen.weight * (e[0] * e[0] + e[1] * e[1]) / unit;
-  Weights out{seen.weight * huber_weight(pixel2, gates.mono), 0.0,
-              unit * huber_cost(pixel2, gates.mono)};
+  Weights out{
+    seen.weight * huber_weight(pixel2, gates.mono), 0.0, unit * huber_cost(pixel2, gates.mono)};
   if (seen.has_depth()) {
     const double part = camera.relative_noise * seen.disparity();
-    const double weight = 1.0 / (camera.disparity_noise_px * camera.disparity_noise_px + part * part);
+    const double weight =
+      1.0 / (camera.disparity_noise_px * camera.disparity_noise_px + part * part);
     const double disparity2 = weight * e[2] * e[2];
     out.depth = unit * weight * huber_weight(disparity2, kGateDisparity);
     out.cost += unit * huber_cost(disparity2, kGateDisparity);
@@ -109,8 +110,8 @@ ALWAYS_INLINE Weights weights_of(
   return out;
 }
 
-// What an observation costs in units of the measured noise, pixel and disparity each cut off at its
-// gate; all that it can cost without residuals, as behind the camera.
+// What an observation costs in units of the measured noise, pixel and disparity each cut off at
+// its gate; all that it can cost without residuals, as behind the camera.
 ALWAYS_INLINE double truncated_cost(
   const StereoParams& camera, const Gates& gates, const Observation& seen, const double* e)
 {
