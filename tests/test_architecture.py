@@ -27,7 +27,7 @@ ROOMS = {
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
     'hoid_filter': """
-        config drawing < extraction < detections < node_config motion < rules
+        config drawing < extraction < detections < node_config motion < rules masked_images
         < feature_filter < node
     """,
     'rgbd_slam': """

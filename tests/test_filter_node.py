@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hoid_msgs.msg import DynamicObject as ObjectMsg
 from sensor_msgs.msg import Image
@@ -9,6 +10,7 @@ from sensor_msgs.msg import Image
 from hoid_common.ros import conversions
 from hoid_system_tests.filter_peer import (
     CUP,
+    DEPTH_M,
     HEIGHT,
     IMAGE,
     PERSON,
@@ -17,6 +19,7 @@ from hoid_system_tests.filter_peer import (
     FilterRunner,
     num_inside,
 )
+from hoid_system_tests.probe import Probe
 
 
 def test_values_of_one_image(run_filter: FilterRunner) -> None:
@@ -158,3 +161,26 @@ def test_a_parameter_set_at_run_time_changes_the_verdicts(run_filter: FilterRunn
         features, objects = peer.answer(i + 1)
         assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON, reason]
         assert (num_inside(features, seat) > 20) == (reason == ObjectMsg.STATIC)
+
+
+@pytest.mark.parametrize('strategy', ['person', 'hoid+'])
+def test_masked_images_for_another_slam(
+    run_filter: FilterRunner, probe: Probe, strategy: str
+) -> None:
+    peer = run_filter(strategy=strategy)
+    masks = probe.collect(Image, 'hoid_filter/mask')
+    depths = probe.collect(Image, 'hoid_filter/static_depth')
+    probe.spin_for(0.5)
+    depth_m = np.full_like(DEPTH_M, 4.0)
+    depth_m[50:450, 100:300] = 2.0  # the person before a wall
+    peer.send_images(0, depth_m)
+    peer.send_boxes(0, PERSON)
+    probe.spin_until(lambda: bool(masks and depths), 'no masked images')
+    assert masks[0].header == depths[0].header == peer.header(0)
+    assert masks[0].encoding == 'mono8'
+    mask = np.frombuffer(masks[0].data, np.uint8).reshape(HEIGHT, WIDTH)
+    assert set(np.unique(mask)) == {0, 255}
+    assert not mask[80:420, 130:270].any()
+    assert (mask[:, 340:] == 255).all()
+    static_m = conversions.depth_from_msg(depths[0])
+    np.testing.assert_allclose(static_m, np.where(mask == 255, depth_m, 0.0))

@@ -11,6 +11,9 @@ DETECTIONS = 'detections'
 FEATURES = 'features'
 DYNAMIC_OBJECTS = 'dynamic_objects'
 DEBUG_IMAGE = '~/debug_image'
+# For a SLAM that finds its own features; made while somebody listens.
+MASK = '~/mask'  # mono8, 255 = static, 0 = moving
+STATIC_DEPTH = '~/static_depth'  # 0 where something moves
 
 ODOM = 'odom'
 VISUAL_ODOM = 'visual_odom'  # in its place where `odom` is the wheels'

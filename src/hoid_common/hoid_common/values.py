@@ -266,6 +266,7 @@ class FilterResult:
     num_features_in: int
     num_removed: int
     stage_ms: dict[str, float] = field(default_factory=dict)  # 'extract', 'filter'
+    static_mask: ByteArray | None = None  # (H, W), 255 = static, 0 = moving; where it was wanted
 
 
 @dataclass(frozen=True, eq=False)

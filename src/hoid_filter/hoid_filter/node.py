@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from hoid_common import topics
 from hoid_common.errors import MessageError
 from hoid_common.ros import conversions, qos
-from hoid_common.ros.debug_image import DebugImages
+from hoid_common.ros.debug_image import DebugImages, MaskedImages
 from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
@@ -25,6 +25,7 @@ from hoid_common.values import FilterResult, RgbdFrame
 from hoid_filter.detections.detection_gate import STOP, DetectionGate, Ready
 from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
+from hoid_filter.masked_images import static_depth_m
 from hoid_filter.node_config import FilterNodeConfig
 
 _SILENCE_S = 0.05  # without images and detections, each of which looks at what waits
@@ -51,6 +52,7 @@ class FilterNode(ManagedNode):
             DynamicObjectArray, topics.DYNAMIC_OBJECTS, qos.OUTPUT
         )
         self._debug_images = DebugImages(self)
+        self._masked_images = MaskedImages(self)
         self._subscribe(config)
         self.begin(autostart=config.autostart)
 
@@ -129,9 +131,15 @@ class FilterNode(ManagedNode):
         for image, detections in ready:
             watched = self._debug_images.is_watched
             result = self._filter.select_and_describe(
-                image.detected, detections, for_picture=watched
+                image.detected,
+                detections,
+                for_picture=watched,
+                with_mask=self._masked_images.is_watched,
             )
             self._publish(image.header, image.detected.frame.size_px, result)
+            if (mask := result.static_mask) is not None:
+                depth_m = static_depth_m(image.detected.frame.depth_m, mask)
+                self._masked_images.publish(mask, depth_m, image.header)
             if watched:
                 picture = draw_result(image.detected.frame.image_bgr, result)
                 self._debug_images.publish(picture, image.header)

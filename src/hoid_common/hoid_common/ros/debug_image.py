@@ -1,4 +1,4 @@
-"""Pictures for people to look at, drawn only while somebody does."""
+"""Pictures for people to look at and masked ones for programs, made only while somebody does."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from std_msgs.msg import Header
 
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
-from hoid_common.values import ByteArray
+from hoid_common.values import ByteArray, Float32Array
 
 _JPEG_QUALITY = 80
 
@@ -35,3 +35,32 @@ class DebugImages:
         if self._compressed.get_subscription_count():
             msg = conversions.compressed_color_to_msg(image_bgr, header, _JPEG_QUALITY)
             self._compressed.publish(msg)
+
+
+class MaskedImages:
+    """Publishes the mask of what is static, and depth without what moves.
+
+    They are for a SLAM that finds its features itself.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._mask = node.create_publisher(Image, topics.MASK, qos.OUTPUT)
+        self._depth = node.create_publisher(Image, topics.STATIC_DEPTH, qos.OUTPUT)
+
+    @property
+    def is_watched(self) -> bool:
+        """Return whether anybody listens."""
+        return any(p.get_subscription_count() for p in (self._mask, self._depth))
+
+    def publish(self, mask: ByteArray, depth_m: Float32Array, header: Header) -> None:
+        """Publish what somebody listens to.
+
+        Args:
+            mask: (H, W), not 0 where it is static.
+            depth_m: (H, W) of what is static; 0 elsewhere.
+            header: Of the image.
+        """
+        if self._mask.get_subscription_count():
+            self._mask.publish(conversions.mask_to_msg(mask, header))
+        if self._depth.get_subscription_count():
+            self._depth.publish(conversions.depth_to_msg(depth_m, header))

@@ -61,6 +61,7 @@ class Verdict(NamedTuple):
     kept: IntArray | None  # of the K corners, ascending, what is on something static; None = all
     seeds: BoolArray | None = None  # (K,) corners that may become map points; None = all
     fallback_step: int = 0  # how far the mask was relaxed for lack of static features
+    moves: BoolArray | None = None  # (h, w) of a small image, what is masked; None: by the boxes
 
 
 def joined(verdict: Verdict, other: Verdict) -> Verdict:

@@ -44,6 +44,7 @@ class Masks(NamedTuple):
     kept: IntArray | None = None  # of the K corners, ascending, what is static; None = all
     seeds: BoolArray | None = None  # (K,), False = no map point; None = all that are kept
     step: int = 0  # how far the mask was relaxed
+    moves: BoolArray | None = None  # (h, w) of the small image, what is masked; None = nothing
 
 
 def make_masks(confidence: ByteArray, view: FilterInput, plus: PlusConfig, enough: float) -> Masks:
@@ -66,7 +67,8 @@ def make_masks(confidence: ByteArray, view: FilterInput, plus: PlusConfig, enoug
         kept = np.flatnonzero(at_corner <= limit)
         if not plus.fall_back or _leaves(kept, view, enough):
             seeds = is_free if step else None
-            return Masks(size_px - grid.area_px(nearness > limit), kept, seeds, step)
+            moves = nearness > limit
+            return Masks(size_px - grid.area_px(moves), kept, seeds, step, moves)
     return Masks(size_px, None, is_free, len(_LIMITS))
 
 

@@ -115,4 +115,5 @@ def _verdict(snapshot: TrackSnapshot, found: Interactions, masks: Masks) -> Verd
         kept=masks.kept,
         seeds=masks.seeds,
         fallback_step=masks.step,
+        moves=masks.moves,
     )

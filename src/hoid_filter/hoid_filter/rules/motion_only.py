@@ -44,4 +44,5 @@ def moving_verdict(moving: Moving, masks: Masks) -> Verdict:
         kept=masks.kept,
         seeds=masks.seeds,
         fallback_step=masks.step,
+        moves=masks.moves,
     )

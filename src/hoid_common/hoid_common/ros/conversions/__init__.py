@@ -34,6 +34,7 @@ from hoid_common.ros.conversions.images import (
     compressed_depth_to_msg,
     depth_from_msg,
     depth_to_msg,
+    mask_to_msg,
 )
 from hoid_common.ros.conversions.objects import dynamic_objects_from_msg, dynamic_objects_to_msg
 
@@ -58,6 +59,7 @@ __all__ = [
     'features_from_msg',
     'features_to_msg',
     'header_to_msg',
+    'mask_to_msg',
     'odometry_from_msg',
     'odometry_to_msg',
     'path_from_msg',

@@ -23,6 +23,11 @@ def color_to_msg(image_bgr: ByteArray, header: Header) -> Image:
     return _image_to_msg(image_bgr, 'bgr8', header)
 
 
+def mask_to_msg(mask: ByteArray, header: Header) -> Image:
+    """Return a mono8 message of an (H, W) mask."""
+    return _image_to_msg(mask, 'mono8', header)
+
+
 def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) -> CompressedImage:
     """Return a JPEG message of a (H, W, 3) picture; quality in [1, 100]."""
     jpeg = images.encode_jpeg(image_bgr, quality)
