@@ -57,7 +57,8 @@ FrontCounts count_in_front(
       farthest_m.data(), margin_of(margin));
   });
   return make<FrontCounts>(
-    give(std::move(counts.looked_at)), give(std::move(counts.in_front)), give(std::move(counts.at_it)));
+    give(std::move(counts.looked_at)), give(std::move(counts.in_front)),
+    give(std::move(counts.at_it)));
 }
 
 auto carry_over(
@@ -69,21 +70,23 @@ auto carry_over(
   std::vector<float> carried(depth_m.array.size());
   unlocked([&] {
     motion::carry_over(
-      {camera, T_before_now.data(), view(depth_m)}, before_m.data(), values.data(), margin_of(margin),
-      carried.data());
+      {camera, T_before_now.data(), view(depth_m)}, before_m.data(), values.data(),
+      margin_of(margin), carried.data());
   });
   const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
   return give(std::move(carried), shape);
 }
 
 auto score_poses(
-  const optimize::StereoParams& camera, double pixel_px, double limit, const RealArray<-1, 4, 4>& T_camera_world,
-  const RealArray<-1, 3>& points_m, const RealArray<-1, 3>& measured_px, const RealArray<-1, 2>& weights)
+  const optimize::StereoParams& camera, double pixel_px, double limit,
+  const RealArray<-1, 4, 4>& T_camera_world, const RealArray<-1, 3>& points_m,
+  const RealArray<-1, 3>& measured_px, const RealArray<-1, 2>& weights)
 {
   require(pixel_px > 0 && limit > 0, "pixel_px and limit: must be positive");
   require_length("measured_px", measured_px, points_m.size());
   require_length("weights", weights, points_m.size());
-  const motion::Points points{points_m.data(), measured_px.data(), weights.data(), points_m.size()};
+  const motion::Points points{
+    points_m.data(), measured_px.data(), weights.data(), points_m.size()};
   const std::array<std::size_t, 2> shape{T_camera_world.array.shape(0), 2};
   std::vector<double> score(shape[0] * shape[1]);
   unlocked([&] {
@@ -105,8 +108,8 @@ Args:
 Raises:
     ValueError: The side is less than 1.)");
   module.def(
-    "count_in_front", &count_in_front, "camera"_a, "T_earlier_now"_a, "depth_m"_a, "label"_a, "num_segments"_a,
-    "nearest_m"_a, "farthest_m"_a, "margin"_a, R"(
+    "count_in_front", &count_in_front, "camera"_a, "T_earlier_now"_a, "depth_m"_a, "label"_a,
+    "num_segments"_a, "nearest_m"_a, "farthest_m"_a, "margin"_a, R"(
 Return how many pixels of each segment are in front of what was seen in their place earlier.
 
 Args:
@@ -123,7 +126,8 @@ Args:
 Raises:
     ValueError: Images differ in size, or a label is not one of S.)");
   module.def(
-    "carry_over", &carry_over, "camera"_a, "T_before_now"_a, "depth_m"_a, "before_m"_a, "values"_a, "margin"_a, R"(
+    "carry_over", &carry_over, "camera"_a, "T_before_now"_a, "depth_m"_a, "before_m"_a, "values"_a,
+    "margin"_a, R"(
 Return the (H, W) values that pixels had before; 0 where another depth was seen in their place.
 
 Args:
@@ -150,8 +154,8 @@ void bind_motion(nb::module_& module)
     .def_ro("cy_px", &Pinhole::cy_px, "Row of the principal point.");
   bind_views(module);
   module.def(
-    "score_poses", &score_poses, "camera"_a, "pixel_px"_a, "limit"_a, "T_camera_world"_a, "points_m"_a,
-    "measured_px"_a, "weights"_a, R"(
+    "score_poses", &score_poses, "camera"_a, "pixel_px"_a, "limit"_a, "T_camera_world"_a,
+    "points_m"_a, "measured_px"_a, "weights"_a, R"(
 Return the (M, 2) weights of the points that each pose explains, by two sets of weights.
 
 A point counts less the worse it fits.

@@ -1,5 +1,5 @@
-// What moves, seen in depth images of different times: pieces of an image, what they are in front of, and poses
-// held against points.
+// What moves, seen in depth images of different times: pieces of an image, what they are in front
+// of, and poses held against points.
 #pragma once
 
 #include <cstdint>
@@ -44,20 +44,25 @@ struct Margin
 {
   float constant_m, linear, square_per_m;
 
-  float at(float depth_m) const { return constant_m + depth_m * (linear + depth_m * square_per_m); }
+  float at(float depth_m) const
+  {
+    return constant_m + depth_m * (linear + depth_m * square_per_m);
+  }
 };
 
 Segments depth_segments(const Image<float>& depth_m, int cell_px);
 
-// Count the pixels of segments against an earlier view: the least and the most depth around each of its pixels, 0
-// where nothing was measured. Labels are less than the number of segments.
+// Count the pixels of segments against an earlier view: the least and the most depth around each
+// of its pixels, 0 where nothing was measured. Labels are less than the number of segments.
 FrontCounts count_in_front(
-  const Views& views, const int32_t* label, int num_segments, const float* nearest_m, const float* farthest_m,
-  const Margin& margin);
+  const Views& views, const int32_t* label, int num_segments, const float* nearest_m,
+  const float* farthest_m, const Margin& margin);
 
-// Write the values that pixels had in the view before, 0 where that showed something else in their place.
+// Write the values that pixels had in the view before, 0 where that showed something else in their
+// place.
 void carry_over(
-  const Views& views, const float* before_m, const float* values, const Margin& margin, float* value_out);
+  const Views& views, const float* before_m, const float* values, const Margin& margin,
+  float* value_out);
 
 // Points as an image shows them.
 struct Points
@@ -68,10 +73,10 @@ struct Points
   int count;
 };
 
-// Write the (num_poses, 2) weights that poses explain, by two sets of weights. A point counts less the worse it
-// fits, and nothing beyond so many standard deviations.
+// Write the (num_poses, 2) weights that poses explain, by two sets of weights. A point counts less
+// the worse it fits, and nothing beyond so many standard deviations.
 void score_poses(
-  const optimize::StereoParams& camera, double pixel_px, double limit, const double* T_camera_world, int num_poses,
-  const Points& points, double* score_out);
+  const optimize::StereoParams& camera, double pixel_px, double limit,
+  const double* T_camera_world, int num_poses, const Points& points, double* score_out);
 
 }  // namespace hoid::motion

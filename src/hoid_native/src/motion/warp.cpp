@@ -41,11 +41,14 @@ public:
       const float depth = depth_m[u], x = x_[u];
       const float z = (T_[8] * x + T_[9] * y + T_[10]) * depth + T_[11];
       const float scale = 1 / std::max(z, kNearestM);
-      const float column = ((T_[0] * x + T_[1] * y + T_[2]) * depth + T_[3]) * scale * fx_ + cx_ + 0.5F;
-      const float row = ((T_[4] * x + T_[5] * y + T_[6]) * depth + T_[7]) * scale * fy_ + cy_ + 0.5F;
-      const bool inside = (depth > 0) & (z > kNearestM) & (column >= 0) & (row >= 0) & (column < end_column) &
-                          (row < end_row);
-      const int at = static_cast<int>(inside ? row : 0) * width_ + static_cast<int>(inside ? column : 0);
+      const float column =
+        ((T_[0] * x + T_[1] * y + T_[2]) * depth + T_[3]) * scale * fx_ + cx_ + 0.5F;
+      const float row =
+        ((T_[4] * x + T_[5] * y + T_[6]) * depth + T_[7]) * scale * fy_ + cy_ + 0.5F;
+      const bool inside = (depth > 0) & (z > kNearestM) & (column >= 0) & (row >= 0) &
+                          (column < end_column) & (row < end_row);
+      const int at =
+        static_cast<int>(inside ? row : 0) * width_ + static_cast<int>(inside ? column : 0);
       index[u] = inside ? at : -1;
       there_m[u] = z;
     }
@@ -62,9 +65,10 @@ private:
 
 }  // namespace
 
-MULTIVERSION("avx2") FrontCounts count_in_front(
-  const Views& views, const int32_t* label, int num_segments, const float* nearest_m, const float* farthest_m,
-  const Margin& margin)
+MULTIVERSION("avx2")
+FrontCounts count_in_front(
+  const Views& views, const int32_t* label, int num_segments, const float* nearest_m,
+  const float* farthest_m, const Margin& margin)
 {
   const std::vector<int32_t> none(num_segments, 0);
   FrontCounts counts{none, none, none};
@@ -85,14 +89,17 @@ MULTIVERSION("avx2") FrontCounts count_in_front(
       const float margin_m = margin.at(depths[u]);
       const bool front = warp.there_m[u] < nearest_m[at] - margin_m;
       counts.in_front[labels[u]] += static_cast<int32_t>(front);
-      counts.at_it[labels[u]] += static_cast<int32_t>(!front && warp.there_m[u] <= farthest_m[at] + margin_m);
+      counts.at_it[labels[u]] +=
+        static_cast<int32_t>(!front && warp.there_m[u] <= farthest_m[at] + margin_m);
     }
   }
   return counts;
 }
 
-MULTIVERSION("avx2") void carry_over(
-  const Views& views, const float* before_m, const float* values, const Margin& margin, float* value_out)
+MULTIVERSION("avx2")
+void carry_over(
+  const Views& views, const float* before_m, const float* values, const Margin& margin,
+  float* value_out)
 {
   Warp warp(views);
   for (int v = 0; v < views.depth_m.height; ++v) {
@@ -100,8 +107,8 @@ MULTIVERSION("avx2") void carry_over(
     warp.look_up(v, depths);
     for (int u = 0; u < views.depth_m.width; ++u) {
       const int at = warp.index[u];
-      const bool same =
-        at >= 0 && before_m[at] > 0 && std::abs(before_m[at] - warp.there_m[u]) < margin.at(depths[u]);
+      const bool same = at >= 0 && before_m[at] > 0 &&
+                        std::abs(before_m[at] - warp.there_m[u]) < margin.at(depths[u]);
       *value_out++ = same ? values[at] : 0.0F;
     }
   }
