@@ -30,7 +30,7 @@ def load_from(folder: str) -> None:
 def main() -> None:
     if len(sys.argv) > 1:
         load_from(sys.argv[1])
-    results = {**features_and_matches(), **poses(), **masks()}
+    results = {**features_and_matches(), **poses(), **masks(), **motion()}
     sys.stdout.write(json.dumps({name: digest(value) for name, value in results.items()}))
 
 
@@ -134,6 +134,34 @@ def masks() -> dict[str, Any]:
         'values_at': kernels.values_at(pixels, certainty, rows, columns),
         'overlap_ratios': kernels.overlap_ratios(boxes, boxes),
         'intersections_over_union': kernels.intersections_over_union(boxes, boxes),
+    }
+
+
+def motion() -> dict[str, Any]:
+    import hoid_native as kernels  # noqa: PLC0415
+
+    rng = np.random.default_rng(3)
+    depth_m = np.kron(rng.uniform(1, 4, (6, 8)), np.ones((8, 8))).astype(np.float32)
+    before_m = depth_m + rng.normal(0, 0.1, depth_m.shape).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) < 0.1] = 0
+    camera, margin = kernels.Pinhole(50.0, 50.0, 31.5, 23.5), (0.05, 0.01, 0.002)
+    T = np.eye(4)
+    T[:3, 3] = 0.05, -0.02, 0.1
+    found = kernels.depth_segments(depth_m, 10)
+    points = rng.uniform([-1, -1, 1], [1, 1, 4], (200, 3))
+    u, v = (50 * points[:, :2] / points[:, 2:]).T + np.array([[31.5], [23.5]])
+    measured = np.stack([u, v, u - 5 / points[:, 2]], 1) + rng.normal(0, 0.5, (200, 3))
+    stereo = kernels.StereoParams(50.0, 50.0, 31.5, 23.5, 5.0, 1.0, 0.0)
+    poses = np.stack([np.eye(4), T])
+    return {
+        'depth_segments': found,
+        'count_in_front': kernels.count_in_front(
+            camera, T, depth_m, found.label, len(found.region), before_m, before_m, margin
+        ),
+        'carry_over': kernels.carry_over(camera, T, depth_m, before_m, before_m, margin),
+        'score_poses': kernels.score_poses(
+            stereo, 1.0, 3.0, poses, points, measured, rng.random((200, 2))
+        ),
     }
 
 
