@@ -90,6 +90,19 @@ def test_hostile_metadata_is_not_read(bag: Path, old: str, new: str, said: str) 
     assert len(sequence) == 60
 
 
+@pytest.mark.parametrize(
+    ('good', 'bad'), [('/depth/image', '/depth/imagf'), ('sensor_msgs/msg/Image', 'a/msg/B')]
+)
+def test_metadata_that_contradicts_the_file_is_not_believed(
+    bag: Path, good: str, bad: str
+) -> None:
+    metadata = bag / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace(good, bad, 1))
+    sequence = open_sequence(bag)
+    assert len(list(sequence)) == 60
+    assert 'metadata.yaml says otherwise of /' in (sequence.fault or '')
+
+
 def damage(bag: Path) -> None:
     """Overwrite a whole chunk; the index stays."""
     file = bag / 'bag.mcap'

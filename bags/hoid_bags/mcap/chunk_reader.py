@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
@@ -96,9 +96,21 @@ class TolerantMcapReader(McapReader):
 
 
 class _FolderReader(DirectoryReader):
+    """A folder whose metadata may not make messages of its files disappear."""
+
     STORAGE_PLUGINS = MappingProxyType(
         {**DirectoryReader.STORAGE_PLUGINS, 'mcap': TolerantMcapReader}
     )
+
+    def open(self) -> None:
+        """Open all files; raises ReaderError where one has a topic that metadata.yaml has not."""
+        super().open()
+        told = [(c.topic, c.msgtype, c.ext) for c in self.connections]
+        for storage in self.storages:
+            for found in storage.connections:
+                if found.msgcount and (found.topic, found.msgtype, found.ext) not in told:
+                    self.close()
+                    raise ReaderError(f'metadata.yaml says otherwise of {found.topic}')
 
 
 class TolerantReader(Reader):
