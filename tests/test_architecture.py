@@ -46,12 +46,12 @@ ROOMS = {
         evaluate < run < live view < commands cli parameter_reference
         < command_reference < __main__
     """,
-    'hoid_benchmarks': 'plan < jobs < rooms < report < demo_picture < commands demo',
+    'hoid_benchmarks': 'plan < jobs < rooms faults < report < demo_picture < commands demo',
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')
 ROS_ROOMS = re.compile(
     r'(hoid_common|rgbd_slam)\.ros\b|(hoid_detector|hoid_filter|rgbd_slam)\.node$|'
-    r'hoid_bags\.live\b|hoid_bringup\.live\b'
+    r'hoid_bags\.live\b|hoid_bringup\.live\b|hoid_benchmarks\.faults\.(live|messages)$'
 )
 EXPERIMENTS_ONLY = ('distributed', 'embreex', 'evo', 'matplotlib', 'plotly')
 

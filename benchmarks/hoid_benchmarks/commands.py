@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from hoid_benchmarks.faults.campaign import NIGHTLY, SLICE, fault_report
 from hoid_benchmarks.jobs.engine import Engine
 from hoid_benchmarks.jobs.machine import Code
 from hoid_benchmarks.jobs.masks import mask_report
@@ -23,7 +24,7 @@ from hoid_benchmarks.report.runs import RunList
 from hoid_benchmarks.rooms.rooms import room_report
 from hoid_common.errors import HoidError
 
-_MASKS, _ROOMS = 'masks', 'rooms'
+_MASKS, _ROOMS, _FAULTS = 'masks', 'rooms', 'faults'
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
 
@@ -37,10 +38,12 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         default='full',
         metavar='WHAT',
         help=f'experiments: full, quick or a YAML file; a stage to time ({", ".join(STAGES)}); '
-        f'{_MASKS}: judge the masks corner by corner; {_ROOMS}: dense map, grid and tracks',
+        f'{_MASKS}: judge the masks corner by corner; {_ROOMS}: dense map, grid and tracks; '
+        f'{_FAULTS}: damaged files, kills and messages, each by its seed',
     )
     add('--quick', action='store_true', help='the same as "quick": a few minutes')
     add('--only', action='append', default=[], metavar='ID', help='run just this; repeatable')
+    add('--seed', type=int, default=0, metavar='N', help='of the faults (default: %(default)s)')
     add('--job', metavar='KEY', help='run this one again, as its page says')
     add('--report', action='store_true', help='run nothing: write the report of what has run')
     add('--detector', metavar='MODEL', help='instead of every detector of the plan')
@@ -57,6 +60,10 @@ def bench_command(args: argparse.Namespace) -> None:
     Raises:
         HoidError: A bound is broken, or the experiments cannot be read.
     """
+    if args.what == _FAULTS:
+        size = SLICE if args.quick else NIGHTLY
+        sys.stdout.write(fault_report(args.seed, size, args.only, args.out / _FAULTS))
+        return
     store = Store(_ROOT.parent / 'shared', args.out.absolute() / 'sequences', args.data)
     store.made.mkdir(parents=True, exist_ok=True)
     if args.what in STAGES and not args.quick:

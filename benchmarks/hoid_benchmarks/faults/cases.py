@@ -1,0 +1,47 @@
+"""What became of each case of the campaign, and the table of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+
+class Outcome(NamedTuple):
+    """What became of one case."""
+
+    kind: str
+    seed: int
+    complaint: str  # of the oracle; empty when all is as it must be
+    was_refused: bool = False
+    wall_s: float = 0.0
+    peak_mb: float = 0.0
+
+
+def table(outcomes: Iterable[Outcome]) -> str:
+    """Return a Markdown table of the kinds, and a line for each case that failed."""
+    by_kind: dict[str, list[Outcome]] = {}
+    for outcome in outcomes:
+        by_kind.setdefault(outcome.kind, []).append(outcome)
+    lines = [
+        '| what was tried | cases | as they must | refused | slowest | most memory |',
+        '|---|--:|--:|--:|--:|--:|',
+        *(_row(kind, found) for kind, found in by_kind.items()),
+    ]
+    failed = [o for found in by_kind.values() for o in found if o.complaint]
+    lines += [''] * bool(failed)
+    lines += [f'- {o.kind}, seed {o.seed}: {o.complaint}' for o in failed]
+    return '\n'.join(lines) + '\n'
+
+
+def totals(outcomes: Iterable[Outcome]) -> Mapping[str, int]:
+    """Return the numbers of cases and of those that failed."""
+    every = list(outcomes)
+    return {'cases': len(every), 'failed': sum(bool(o.complaint) for o in every)}
+
+
+def _row(kind: str, found: list[Outcome]) -> str:
+    good = sum(not o.complaint for o in found)
+    refused = sum(o.was_refused for o in found)
+    slowest, most = max(o.wall_s for o in found), max(o.peak_mb for o in found)
+    memory = f'{most:.0f} MB' if most else '-'
+    return f'| {kind} | {len(found)} | {good} | {refused} | {slowest:.1f} s | {memory} |'

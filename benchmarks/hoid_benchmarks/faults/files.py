@@ -1,0 +1,203 @@
+"""Files that are damaged, hostile or no files at all, given to the commands that read them."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.sequence import open_sequence
+from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.damage import Rng, damaged
+from hoid_benchmarks.faults.guarded import Ended, run_guarded
+from hoid_benchmarks.faults.samples import CAMERA, Samples
+from hoid_bringup import cli
+from hoid_common.errors import HoidError
+from hoid_common.io.files import leftovers
+
+LIMIT_S = 10.0
+_MEMORY_FACTOR, _MEMORY_MB = 1.3, 50.0  # over that of the same command on good files
+_SILENT = 98
+_REFUSED = 1
+
+Work = Callable[[], int]
+
+
+def file_cases(samples: Samples, folder: Path, seeds: range) -> Iterator[Outcome]:
+    """Yield the outcomes of all kinds of files, one of each kind for each seed.
+
+    Raises:
+        HoidError: Good files are refused, so that nothing could be told of damaged ones.
+    """
+    clean_mb = {}
+    for i, (kind, make) in enumerate(KINDS.items()):
+        ended = run_guarded(make(samples, _made(folder / f'clean {i}'), None), LIMIT_S)
+        if ended.status:
+            raise HoidError(f'{kind}: good files are refused: {ended.said}')
+        clean_mb[kind] = ended.peak_mb
+    for seed in seeds:
+        for kind, make in KINDS.items():
+            place = _made(folder / f'{seed}')
+            ended = run_guarded(make(samples, place, np.random.default_rng(seed)), LIMIT_S)
+            complaint = _complaint(ended, clean_mb[kind]) or _half_written(place, ended)
+            shutil.rmtree(place)
+            yield Outcome(
+                kind, seed, complaint, ended.status == _REFUSED, ended.wall_s, ended.peak_mb
+            )
+
+
+def _complaint(ended: Ended, clean_mb: float) -> str:
+    lines = [line for line in ended.said.splitlines() if line.startswith('hoid ')]
+    if ended.was_late:
+        return f'it hung for {LIMIT_S:g} s'
+    if ended.status == _SILENT:
+        return 'wrong data were read without a word'
+    if 'Traceback' in ended.said or ended.status not in (0, 1, 2):
+        return f'status {ended.status}: {" ".join(ended.said.split())[-300:]}'
+    if ended.status == _REFUSED and len(lines) != 1:
+        return f'{len(lines)} lines said: {ended.said[:300]}'
+    if ended.peak_mb > _MEMORY_FACTOR * clean_mb + _MEMORY_MB:
+        return f'{ended.peak_mb:.0f} MB where good files take {clean_mb:.0f}'
+    return ''
+
+
+def _half_written(place: Path, ended: Ended) -> str:
+    if left := leftovers(place):
+        return f'{left[0].name} was left behind'
+    if ended.status == _REFUSED and (place / 'out').exists():
+        return 'refused, and yet a bag was written'
+    return ''
+
+
+def _bag_bytes(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    """A bag's content; what is read of it must be as it was, or the fault must be said."""
+    bag = shutil.copytree(samples.bag, place / 'bag')
+    _damage(bag / 'bag.mcap', rng)
+    return lambda: _read_bag(bag, _digests(samples.bag))
+
+
+def _metadata(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    bag = shutil.copytree(samples.bag, place / 'bag')
+    _damage(bag / 'metadata.yaml', rng)
+    return lambda: _read_bag(bag, _digests(samples.bag))
+
+
+def _read_bag(bag: Path, good: list[str]) -> int:
+    status = cli.main(['info', '--bandwidth', str(bag)])
+    try:
+        if status == 0 and _digests(bag) != good:
+            return _SILENT
+        for _ in open_sequence(bag, CAMERA):
+            pass
+    except HoidError:
+        status = status or _said_elsewhere()
+    return status
+
+
+def _said_elsewhere() -> int:
+    """Return the status of a fault that only who looks at images meets, with its one line."""
+    sys.stderr.write('hoid run: refused\n')
+    return _REFUSED
+
+
+def _digests(bag: Path) -> list[str]:
+    with BagReader(bag) as reader:
+        return sorted(
+            hashlib.sha256(f'{m.topic} {m.log_ns}'.encode() + m.data).hexdigest()
+            for m in reader.messages()
+        )
+
+
+def _tum_file(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    tum = shutil.copytree(samples.tum, place / 'tum')
+    if rng is not None:
+        _damage(_one_of(sorted(p for p in tum.rglob('*') if p.is_file()), rng), rng)
+    return _converted(tum, samples.camera, place)
+
+
+def _tum_list(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    tum = shutil.copytree(samples.tum, place / 'tum')
+    _damage(tum / 'rgb.txt', rng)
+    return _converted(tum, samples.camera, place)
+
+
+def _camera(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    camera = Path(shutil.copy(samples.camera, place / 'camera.yaml'))
+    _damage(camera, rng)
+    return _converted(samples.tum, camera, place)
+
+
+def _converted(tum: Path, camera: Path, place: Path) -> Work:
+    argv = ['convert', str(tum), str(place / 'out'), '--camera', str(camera)]
+    return lambda: cli.main(argv)
+
+
+def _trajectory(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    path = Path(shutil.copy(samples.trajectory, place / 'path.txt'))
+    _damage(path, rng)
+    return lambda: cli.main(['evaluate', str(path), str(samples.trajectory)])
+
+
+def _no_file(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    """A pipe, a device, a folder or nothing in the place of a file."""
+    tum, bag = (shutil.copytree(p, place / p.name) for p in (samples.tum, samples.bag))
+    works = [
+        (tum / 'rgb.txt', _converted(tum, samples.camera, place)),
+        (bag / 'bag.mcap', lambda: cli.main(['info', str(bag)])),
+        (bag / 'metadata.yaml', lambda: cli.main(['info', str(bag)])),
+        (place / 'path', lambda: cli.main(['evaluate', str(place / 'path'), str(place / 'path')])),
+    ]
+    if rng is None:
+        return works[0][1]
+    path, work = works[int(rng.integers(len(works)))]
+    path.unlink(missing_ok=True)
+    replacements: list[Callable[[], object]] = [
+        lambda: os.mkfifo(path),
+        lambda: path.symlink_to('/dev/zero'),
+        path.mkdir,
+        lambda: path.symlink_to(path.name),  # to itself
+        lambda: None,
+    ]
+    replacements[int(rng.integers(len(replacements)))]()
+    return work
+
+
+def _name(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    """A name that no file can have, for one of a command's files."""
+    argv = ['convert', str(samples.tum), str(place / 'out'), '--camera', str(samples.camera)]
+    if rng is not None:
+        strange = ('x' * 5000, 'é' * 200, os.fsdecode(b'caf\xe9'), '', 'a\nb' * 100, '\x1b[2J')
+        argv[int(rng.choice([1, 4]))] = strange[int(rng.integers(len(strange)))]
+    return lambda: cli.main(argv)
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    return folder
+
+
+def _damage(path: Path, rng: Rng | None) -> None:
+    if rng is not None:
+        path.write_bytes(damaged(path.read_bytes(), rng))
+
+
+def _one_of(paths: list[Path], rng: Rng) -> Path:
+    return paths[int(rng.integers(len(paths)))]
+
+
+KINDS: dict[str, Callable[[Samples, Path, Rng | None], Work]] = {
+    'bag: bytes': _bag_bytes,
+    'bag: metadata.yaml': _metadata,
+    'TUM folder: a file': _tum_file,
+    'TUM folder: a list': _tum_list,
+    'camera YAML': _camera,
+    'trajectory': _trajectory,
+    'pipes, devices, loops': _no_file,
+    'names': _name,
+}

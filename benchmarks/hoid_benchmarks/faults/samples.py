@@ -1,0 +1,72 @@
+"""Small files of each kind, all good, to be damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import yaml
+
+from hoid_bags.convert import convert
+from hoid_common import se3
+from hoid_common.io.trajectory_io import write_tum
+from hoid_common.values import CameraModel, Trajectory
+
+CAMERA = CameraModel(160, 120, 150.0, 150.0, 79.5, 59.5)
+NUM_FRAMES = 30
+START_NS, PERIOD_NS = 1_305_031_102_000_000_000, 33_333_333
+
+
+class Samples(NamedTuple):
+    """Where they lie."""
+
+    tum: Path
+    camera: Path
+    bag: Path
+    trajectory: Path
+
+
+def make_samples(folder: Path) -> Samples:
+    """Write one file or folder of each kind."""
+    samples = Samples(*(folder / name for name in ('tum', 'camera.yaml', 'bag', 'path.txt')))
+    _write_tum_folder(samples.tum)
+    samples.camera.write_text(_camera_yaml())
+    convert(samples.tum, samples.bag, None, CAMERA)
+    stamps_ns = START_NS + PERIOD_NS * np.arange(NUM_FRAMES)
+    twists = 0.01 * np.random.default_rng(0).standard_normal((NUM_FRAMES, 6)).cumsum(axis=0)
+    write_tum(samples.trajectory, Trajectory(stamps_ns, se3.exp(twists)))
+    return samples
+
+
+def _write_tum_folder(folder: Path) -> None:
+    rng = np.random.default_rng(0)
+    for kind in ('rgb', 'depth'):
+        (folder / kind).mkdir(parents=True)
+    lists: dict[str, list[str]] = {'rgb': [], 'depth': []}
+    size = CAMERA.height_px, CAMERA.width_px
+    for i in range(NUM_FRAMES):
+        stamp_ns = START_NS + i * PERIOD_NS
+        stamp = f'{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}'
+        pixels = {
+            'rgb': rng.integers(0, 256, (*size, 3), np.uint8),
+            'depth': rng.integers(0, 13107, size).astype(np.uint16),
+        }
+        for kind, image in pixels.items():
+            cv2.imwrite(str(folder / kind / f'{stamp}.png'), image)
+            lists[kind].append(f'{stamp} {kind}/{stamp}.png')
+    for kind, rows in lists.items():
+        (folder / f'{kind}.txt').write_text('\n'.join(rows) + '\n')
+
+
+def _camera_yaml() -> str:
+    matrix = {'rows': 3, 'cols': 3, 'data': CAMERA.matrix.ravel().tolist()}
+    content = {
+        'image_width': CAMERA.width_px,
+        'image_height': CAMERA.height_px,
+        'camera_matrix': matrix,
+        'distortion_model': 'plumb_bob',
+        'distortion_coefficients': {'rows': 1, 'cols': 5, 'data': [0.0] * 5},
+    }
+    return str(yaml.safe_dump(content))

@@ -1,0 +1,60 @@
+"""A slice of the fault campaign: every case ends as it must."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoid_benchmarks.faults.cases import Outcome, table
+from hoid_benchmarks.faults.damage import damaged
+
+SEED = 1
+LIMIT_S = 300.0  # a third of it on a quiet machine
+
+
+@pytest.mark.usefixtures('domain_id')
+def test_a_slice_of_the_campaign(tmp_path: Path) -> None:
+    command = (
+        'bench', 'faults', '--quick', '--seed', str(SEED), '--out', str(tmp_path / 'out'),
+    )  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, '-m', 'hoid_bringup', *command],
+        capture_output=True, text=True, timeout=LIMIT_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr + (tmp_path / 'out/faults/faults.md').read_text()
+    rows = [line for line in done.stdout.splitlines() if line.startswith('| ')]
+    assert len(rows) == 1 + 8 + 2 + 5  # the head; kinds of files, of kills; inputs
+
+
+def test_damage_repeats_by_its_seed_and_changes_something() -> None:
+    data = bytes(range(256)) * 20
+    for seed in range(200):
+        one, other = (damaged(data, np.random.default_rng(seed)) for _ in range(2))
+        assert one == other
+        assert one != data
+    assert damaged(b'', np.random.default_rng(0)) == b''
+
+
+def test_a_child_that_hangs_crashes_or_speaks_is_told_apart() -> None:
+    code = (
+        'import os, sys, time\n'
+        'from hoid_benchmarks.faults.guarded import run_guarded\n'
+        'late = run_guarded(lambda: time.sleep(60) or 0, 0.3)\n'
+        'assert late.was_late and late.status == -9, late\n'
+        'raised = run_guarded(lambda: 1 // 0, 10)\n'
+        'assert raised.status == 99 and "ZeroDivisionError" in raised.said, raised\n'
+        'said = run_guarded(lambda: sys.stderr.write("hello") and 3, 10)\n'
+        'assert (said.status, said.said) == (3, "hello"), said\n'
+    )
+    subprocess.run([sys.executable, '-c', code], check=True, timeout=60)
+
+
+def test_the_table_names_what_failed() -> None:
+    outcomes = [Outcome('bag', 1, ''), Outcome('bag', 2, 'it hung', wall_s=10.0)]
+    text = table(outcomes)
+    assert '| bag | 2 | 1 | 0 | 10.0 s | - |' in text
+    assert text.endswith('- bag, seed 2: it hung\n')
