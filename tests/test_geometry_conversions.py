@@ -44,7 +44,7 @@ def test_odometry_round_trip(T: FloatArray) -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(6, 6))
     twist = rng.normal(size=6)
-    msg = sent(conversions.odometry_to_msg(T, root @ root.T, twist, HEADER, 'base'))
+    msg = sent(conversions.odometry_to_msg(T, root @ root.T, twist, np.eye(6), HEADER, 'base'))
     assert (msg.header, msg.child_frame_id) == (HEADER, 'base')
     back_T, back_covariance, back_twist = conversions.odometry_from_msg(msg)
     np.testing.assert_allclose(back_T, T, atol=1e-12)
@@ -56,10 +56,12 @@ def test_covariance_in_ros_order_and_axes() -> None:
     # The base looks along the odometry's y axis; it is unsure of its own x and of its yaw.
     T = se3.exp(np.array([0, 0, np.pi / 2, 0, 0, 0]))
     covariance = np.diag([0, 0, 0.03, 0.5, 0, 0])
-    msg = conversions.odometry_to_msg(T, covariance, np.arange(6.0), HEADER, 'base')
+    of_twist = np.diag([1.0, 2, 3, 4, 5, 6])
+    msg = conversions.odometry_to_msg(T, covariance, np.arange(6.0), of_twist, HEADER, 'base')
     np.testing.assert_allclose(
         np.diag(np.reshape(msg.pose.covariance, (6, 6))), [0, 0.5, 0, 0, 0, 0.03], atol=1e-15
     )
+    assert np.diag(np.reshape(msg.twist.covariance, (6, 6))).tolist() == [4, 5, 6, 1, 2, 3]
     assert (msg.twist.twist.angular.z, msg.twist.twist.linear.x) == (2.0, 3.0)
 
 

@@ -97,6 +97,9 @@ def test_odometry_transforms_and_status_of_each_image(peer: Peer) -> None:
     covariance = np.array(last.pose.covariance).reshape(6, 6)
     assert (np.linalg.eigvalsh(covariance) > 0).all()
     assert np.sqrt(covariance[0, 0]) < 0.02
+    of_twist = np.array(last.twist.covariance).reshape(6, 6)
+    assert (np.linalg.eigvalsh(of_twist) > 0).all()
+    assert np.sqrt(of_twist[0, 0]) < 1.0
 
     stamp_ns = START_NS + 29 * PERIOD_NS
     assert set(peer.tree(stamp_ns)) == {('map', 'odom'), ('odom', OPTICAL)}

@@ -7,6 +7,7 @@ z up. Without a base frame, the camera is taken to be level when it starts.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,8 @@ T_BODY_OPTICAL: FloatArray = np.array(
 )
 """Optical (x right, y down, z forward) to body (x forward, y left, z up), REP 103."""
 
+# Of a velocity that nothing tells, as standard deviations [rad/s, m/s].
+_UNKNOWN_TWIST = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
 _MAX_TWIST_GAP_S = 0.5  # over a longer silence, the mean motion says little of the velocity
 
 
@@ -30,6 +33,13 @@ class RobotPose:
     T_odom_base: FloatArray  # (4, 4); never jumps
     covariance: FloatArray  # (6, 6) of a small motion in the base frame, rotation first
     twist: FloatArray  # (6,) in the base frame: rad/s, then m/s
+    twist_covariance: FloatArray  # (6, 6) of it
+
+
+class _Placed(NamedTuple):
+    stamp_ns: int
+    T_odom_base: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6) in the base frame, of what this image errs by alone
 
 
 class RobotFrames:
@@ -45,7 +55,7 @@ class RobotFrames:
         self.T_map_core = T_BODY_OPTICAL if T_base_camera is None else T_base_camera
         self._T_camera_base = np.eye(4) if T_base_camera is None else se3.inverse(T_base_camera)
         self._planar = planar and T_base_camera is not None
-        self._last: tuple[int, FloatArray] | None = None
+        self._last: _Placed | None = None
 
     def place(
         self,
@@ -53,18 +63,29 @@ class RobotFrames:
         T_map_camera: FloatArray,
         T_odom_camera: FloatArray,
         covariance: FloatArray,
+        image_covariance: FloatArray | None = None,
     ) -> RobotPose:
-        """Return the robot's pose from the core's, whose covariance is of the camera's frame."""
+        """Return the robot's pose from the core's, whose covariance is of the camera's frame.
+
+        Args:
+            stamp_ns: Of the image.
+            T_map_camera: (4, 4) in the core's map.
+            T_odom_camera: (4, 4) without the map's jumps.
+            covariance: (6, 6) of a small motion of the camera.
+            image_covariance: (6, 6) of it, what images in a row do not share; all by default.
+        """
         T_map_base = self._base(T_map_camera)
         T_odom_base = self._base(T_odom_camera)
         A = adjoint(se3.inverse(self._T_camera_base))
+        own = covariance if image_covariance is None else image_covariance
+        placed = _Placed(stamp_ns, T_odom_base, A @ own @ A.T)
         pose = RobotPose(
             T_map_base @ se3.inverse(T_odom_base),
             T_odom_base,
             A @ covariance @ A.T,
-            self._twist(stamp_ns, T_odom_base),
+            *self._twist(placed),
         )
-        self._last = stamp_ns, T_odom_base
+        self._last = placed
         return pose
 
     def bases(self, cameras: Trajectory) -> Trajectory:
@@ -89,13 +110,16 @@ class RobotFrames:
         T = self.T_map_core @ T_core_camera @ self._T_camera_base
         return flattened(T) if self._planar else T
 
-    def _twist(self, stamp_ns: int, T_odom_base: FloatArray) -> FloatArray:
-        if self._last is None:
-            return np.zeros(6)
-        elapsed_s = (stamp_ns - self._last[0]) / NS_PER_S
-        if not 0 < elapsed_s <= _MAX_TWIST_GAP_S:
-            return np.zeros(6)
-        return se3.log(se3.inverse(self._last[1]) @ T_odom_base) / elapsed_s
+    def _twist(self, now: _Placed) -> tuple[FloatArray, FloatArray]:
+        """Return the mean velocity since the last pose, and its covariance."""
+        last = self._last
+        elapsed_s = 0.0 if last is None else (now.stamp_ns - last.stamp_ns) / NS_PER_S
+        if last is None or not 0 < elapsed_s <= _MAX_TWIST_GAP_S:
+            return np.zeros(6), _UNKNOWN_TWIST
+        T_last_now = se3.inverse(last.T_odom_base) @ now.T_odom_base
+        A = adjoint(se3.inverse(T_last_now))
+        covariance = now.covariance + A @ last.covariance @ A.T
+        return se3.log(T_last_now) / elapsed_s, covariance / elapsed_s**2
 
 
 def adjoint(T_a_b: FloatArray) -> FloatArray:

@@ -213,7 +213,11 @@ class SlamSession:
             return None
         covariance = np.zeros((6, 6)) if result.covariance is None else result.covariance
         return self._frames.place(
-            result.stamp_ns, result.T_map_camera, result.T_odom_camera, covariance
+            result.stamp_ns,
+            result.T_map_camera,
+            result.T_odom_camera,
+            covariance,
+            result.image_covariance,
         )
 
     def _fusion_request(self, result: TrackingResult) -> FusionRequest | None:

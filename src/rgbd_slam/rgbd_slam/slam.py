@@ -87,7 +87,8 @@ class RgbdSlam:
             tracking.tracked, tracking.consensus.covariance, tracking.num_matches,
             tracking.num_inliers, stage_ms, is_keyframe=is_keyframe,
         )  # fmt: skip
-        return replace(result, rival=tracking.consensus.rival)
+        consensus = tracking.consensus
+        return replace(result, image_covariance=consensus.image_covariance, rival=consensus.rival)
 
     def _prepare(self, features: Features) -> Frame:
         """Undistort features, give them virtual right columns, and follow their stamps."""
@@ -167,8 +168,8 @@ class RgbdSlam:
     ) -> TrackingResult:  # fmt: skip
         return TrackingResult(
             tracked.frame.stamp_ns, TrackingState.TRACKING, tracked.T_map_camera,
-            self.odometry.T_odom_camera, self.odometry.in_map(pose_covariance), num_tracked,
-            num_inliers, is_keyframe, stage_ms,
+            self.odometry.T_odom_camera, self.odometry.in_map(pose_covariance), pose_covariance,
+            num_tracked, num_inliers, is_keyframe, stage_ms,
         )  # fmt: skip
 
     def reconfigure(self, config: SlamConfig) -> None:

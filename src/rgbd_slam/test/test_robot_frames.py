@@ -89,10 +89,21 @@ def test_a_lever_arm_turns_rotation_noise_into_translation_noise() -> None:
     np.testing.assert_allclose(pose.covariance[3:, 3:], expected, atol=1e-12)
 
 
+def test_the_covariance_of_a_velocity_is_that_of_both_poses_over_the_time_between() -> None:
+    frames = RobotFrames()
+    own = np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])
+    frames.place(S, np.eye(4), np.eye(4), np.eye(6), own)
+    pose = frames.place(S + S // 10, np.eye(4), np.eye(4), np.eye(6), own)
+    np.testing.assert_allclose(pose.twist_covariance, 2 * own / 0.1**2)
+    np.testing.assert_allclose(pose.covariance, np.eye(6))
+
+
 def test_no_velocity_over_a_gap_or_back_in_time() -> None:
     frames = RobotFrames()
     frames.place(10 * S, np.eye(4), np.eye(4), np.eye(6))
     far = np.eye(4)
     far[0, 3] = 1
-    assert not frames.place(12 * S, far, far, np.eye(6)).twist.any()
+    late = frames.place(12 * S, far, far, np.eye(6))
+    assert not late.twist.any()
+    assert np.sqrt(np.diag(late.twist_covariance)).min() > 3  # nothing is known of it
     assert not frames.place(11 * S, np.eye(4), np.eye(4), np.eye(6)).twist.any()

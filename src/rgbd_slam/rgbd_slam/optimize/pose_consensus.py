@@ -56,11 +56,19 @@ class Consensus(NamedTuple):
 
         With a rival it is that of both poses, weighted by who follows them, around the chosen one.
         """
-        own = covariance(self.estimate)
+        return covariance(self.estimate) + self._ambiguity
+
+    @property
+    def image_covariance(self) -> FloatArray:
+        """Return (6, 6) of what the image errs by alone, as in the motion between two in a row."""
+        return self.estimate.own_share * covariance(self.estimate) + self._ambiguity
+
+    @property
+    def _ambiguity(self) -> FloatArray:
         if self.rival is None:
-            return own
-        _, chosen, other = self.rival
-        return own + other / (chosen + other) * np.outer(self.rival.twist, self.rival.twist)
+            return np.zeros((6, 6))
+        twist, chosen, other = self.rival
+        return np.asarray(other / (chosen + other) * np.outer(twist, twist))
 
 
 class _Hypothesis(NamedTuple):
@@ -161,7 +169,8 @@ class PoseConsensus:
         wider = optimize_pose(self._camera, problem.select(fits), best.T_camera_map)
         is_wider = self._suits(problem, is_core, best, wider, self._config.objection)
         T, information = wider[::2] if is_wider else best[:2]
-        return PoseEstimate(T, self._judge(problem, T)[1], information)
+        inliers = self._judge(problem, T)[1]
+        return PoseEstimate(T, inliers, information, usual.own_share)
 
     def _suits(
         self,

@@ -22,6 +22,7 @@ class PoseEstimate(NamedTuple):
     T_camera_map: FloatArray  # (4, 4)
     inliers: BoolArray  # (N,)
     information: FloatArray  # (6, 6) of the left twist, rotation first [1/rad^2, 1/m^2]
+    own_share: float = 1.0  # of its variance: what images in a row do not all err by
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +66,9 @@ def optimize_pose(
     )
     # In the sums pixels have their configured weights and disparities are weighed against them, so
     # that the measured noise scales all of it alike.
-    information = fit.information / max(1.0, camera.pixel_noise**2)
-    return PoseEstimate(fit.T_camera_map, fit.inliers, information)
+    variance = camera.pixel_noise**2
+    information = fit.information / max(1.0, variance)
+    return PoseEstimate(fit.T_camera_map, fit.inliers, information, min(1.0, variance))
 
 
 def covariance(estimate: PoseEstimate) -> FloatArray:

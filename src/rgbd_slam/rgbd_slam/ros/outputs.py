@@ -70,6 +70,7 @@ class SlamOutputs:
                 pose.T_odom_base,
                 pose.covariance,
                 pose.twist,
+                pose.twist_covariance,
                 Header(stamp=header.stamp, frame_id=self.frames.odom),
                 self._base(header),
             )

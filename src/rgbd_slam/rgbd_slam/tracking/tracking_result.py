@@ -27,6 +27,7 @@ class TrackingResult:
     T_odom_camera: FloatArray | None = None  # (4, 4); never jumps
     covariance: FloatArray | None = None  # (6, 6) of a small motion in the camera's frame,
     # rotation first [rad^2, m^2]; large in a map started after a loss, unless it is the main one
+    image_covariance: FloatArray | None = None  # (6, 6) of it, what images in a row do not share
     num_tracked: int = 0  # map points matched
     num_inliers: int = 0  # of them, those that fit the pose
     is_keyframe: bool = False

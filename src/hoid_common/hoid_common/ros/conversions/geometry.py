@@ -87,6 +87,7 @@ def odometry_to_msg(
     T_odom_base: FloatArray,
     covariance: FloatArray,
     twist: FloatArray,
+    twist_covariance: FloatArray,
     header: Header,
     child_frame_id: str,
 ) -> Odometry:
@@ -97,6 +98,7 @@ def odometry_to_msg(
             translation (m²), as GTSAM gives it for T_odom_base. ROS wants it along the axes of
             the header's frame: it is turned here.
         twist: (6,) in the base frame: angular (rad/s), then linear (m/s).
+        twist_covariance: (6, 6) of it.
         header: stamp of the image; frame_id is the odometry's frame.
     """
     A = _block_rotation(T_odom_base)
@@ -105,6 +107,7 @@ def odometry_to_msg(
     msg.pose.pose = pose_to_msg(T_odom_base)
     msg.pose.covariance = turned.ravel()
     msg.twist.twist = twist_to_msg(twist)
+    msg.twist.covariance = twist_covariance[np.ix_(_ROS_ORDER, _ROS_ORDER)].ravel()
     return msg
 
 
