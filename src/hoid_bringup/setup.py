@@ -17,6 +17,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*.yaml')),
         (f'share/{NAME}/launch', glob('launch/*.py')),
+        (f'share/{NAME}/policies', glob('policies/*.xml')),
         (f'share/{NAME}/rviz', glob('rviz/*.rviz')),
         (f'share/{NAME}/foxglove', glob('foxglove/*.json')),
     ],

@@ -1,0 +1,64 @@
+"""The SROS2 policies name exactly what the nodes use, as the graph shows it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
+
+POLICIES = Path(__file__).parents[1] / 'src/hoid_bringup/policies/hoid.policy.xml'
+NODES = {
+    'hoid_detector': {'model': 'synthetic'},
+    'hoid_filter': {'strategy': 'hoid+'},
+    'rgbd_slam': {},
+    'rgbd_slam_scene': {},  # its process
+}
+_LIMIT_S = 60.0
+Uses = dict[str, set[str]]
+"""Names by what is done with them, as in a policy: "topics publish", "services reply", ..."""
+
+
+def allowed(node: str) -> Uses:
+    """Return what the policies let a node do; relative names are below its namespace."""
+    root = ET.parse(POLICIES).getroot()  # noqa: S314  # our own file
+    (profile,) = root.findall(f".//profile[@node='{node}']")
+    return {
+        f'{rule.tag} {action}': {absolute(str(name.text), node) for name in rule}
+        for rule in profile
+        for action in ('publish', 'subscribe', 'reply', 'request')
+        if rule.get(action) == 'ALLOW'
+    }
+
+
+def absolute(name: str, node: str) -> str:
+    if name.startswith('/'):
+        return name
+    return f'/{node}/{name[2:]}' if name.startswith('~/') else f'/{name}'
+
+
+def used(probe: Probe, node: str) -> Uses:
+    """Return what a node of the graph does."""
+    ask = probe.node
+    found = {
+        'topics publish': ask.get_publisher_names_and_types_by_node(node, '/'),
+        'topics subscribe': ask.get_subscriber_names_and_types_by_node(node, '/'),
+        'services reply': ask.get_service_names_and_types_by_node(node, '/'),
+        'services request': ask.get_client_names_and_types_by_node(node, '/'),
+    }
+    return {use: {name for name, _ in names} for use, names in found.items() if names}
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_a_node_uses_what_its_policy_allows_and_nothing_else(
+    start: Start, probe: Probe, node: str
+) -> None:
+    package = node.removesuffix('_scene')
+    start(package, f'{package}_node', NODES[node])
+    probe.spin_until(lambda: node in probe.node.get_node_names(), f'no {node}', _LIMIT_S)
+    probe.spin_until(lambda: 'topics publish' in used(probe, node), f'{node} is silent')
+    probe.spin_for(3.0)
+    assert used(probe, node) == allowed(node)
