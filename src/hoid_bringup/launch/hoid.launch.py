@@ -1,6 +1,13 @@
 """The whole suite: detector, filter and SLAM, in a namespace, for a camera chosen by name.
 
 ros2 launch hoid_bringup hoid.launch.py camera:=realsense base_frame:=base_link
+
+`./hoid nodes` keeps discovery to this computer and takes the suite's transport profile; under
+launch both are the shell's matter:
+
+export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
+share=$(ros2 pkg prefix --share hoid_common)
+export FASTRTPS_DEFAULT_PROFILES_FILE=$share/config/fastdds_profile.xml
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """The detector alone, also on another computer than the rest of the suite.
 
 ros2 launch hoid_detector hoid_detector.launch.py image:=/camera/color/image_raw
+
+How discovery is kept to one computer is said in hoid_bringup's hoid.launch.py.
 """
 
 from __future__ import annotations

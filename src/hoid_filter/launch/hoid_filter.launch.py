@@ -1,6 +1,8 @@
 """The filter alone.
 
 ros2 launch hoid_filter hoid_filter.launch.py strategy:=hoid2d image:=/camera/color/image_raw
+
+How discovery is kept to one computer is said in hoid_bringup's hoid.launch.py.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """The SLAM node alone.
 
 ros2 launch rgbd_slam rgbd_slam.launch.py base_frame:=base_link
+
+How discovery is kept to one computer is said in hoid_bringup's hoid.launch.py.
 """
 
 from __future__ import annotations
