@@ -14,8 +14,10 @@ import psutil
 import pytest
 import yaml
 from hoid_msgs.msg import SlamStatus, TrackedObject, TrackedObjectArray
+from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common import se3
@@ -44,6 +46,8 @@ class Peer(RoomPeer):
 
     def __init__(self, probe: Probe) -> None:
         self.grids = probe.collect(OccupancyGrid, 'grid_map', qos.LATCHED, wait=False)
+        self.level = probe.collect(TFMessage, '/tf_static', qos.TF_STATIC, wait=False)
+        self.patches = probe.collect(OccupancyGridUpdate, 'grid_map_updates', wait=False)
         self.tracked = probe.collect(TrackedObjectArray, 'tracked_objects', wait=False)
         self.markers = probe.collect(MarkerArray, 'tracked_objects/markers', wait=False)
         super().__init__(probe)
@@ -83,6 +87,7 @@ def test_the_room_is_mapped_without_its_people(
     truth = RoomTruth(SCENE, T_BODY_OPTICAL)
     check_cloud(peer, truth)
     check_grid(peer, truth)
+    check_patches(peer)
     check_objects(peer, truth)
     check_files(peer, tmp_path / 'maps')
     check_run_time(peer)
@@ -101,16 +106,40 @@ def check_cloud(peer: Peer, truth: RoomTruth) -> None:
 
 def check_grid(peer: Peer, truth: RoomTruth) -> None:
     msg = peer.grids[-1]
-    assert msg.header.frame_id == 'map'
+    assert msg.header.frame_id == 'map_level'  # no base is known that the map were level with
+    (edge,) = peer.level[-1].transforms
+    assert (edge.header.frame_id, edge.child_frame_id) == ('map', 'map_level')
+    T_map_level = conversions.transform_from_msg(edge)
+    q = msg.info.origin.orientation
+    assert (q.x, q.y, q.z, q.w) == (0, 0, 0, 1)
     assert msg.info.resolution == pytest.approx(0.05)
     cells = np.array(msg.data, np.int8).reshape(msg.info.height, msg.info.width)
-    T_map_origin = conversions.pose_from_msg(msg.info.origin)
+    T_map_origin = T_map_level @ conversions.pose_from_msg(msg.info.origin)
     floor_m = se3.transform(truth.T_world_map @ T_map_origin, np.zeros((1, 3)))[0, 2]
     assert floor_m == pytest.approx(0, abs=0.03)
     occupied = truth.occupied(T_map_origin, cells.shape, msg.info.resolution)
     known = cells >= 0
     assert known.sum() > 1000
     assert np.mean((cells == 100)[known] == occupied[known]) >= 0.97
+
+
+def check_patches(peer: Peer) -> None:
+    """The grid grows in steps; what changes between is said, and makes the same grid."""
+    sizes = {(m.info.width, m.info.height, m.info.origin.position.x) for m in peer.grids}
+    assert len(sizes) <= 6
+    assert all(m.info.width % 40 == 0 and m.info.height % 40 == 0 for m in peer.grids)
+    assert peer.patches
+    patch = peer.patches[-1]
+    stamps = [stamp_of(msg) for msg in peer.grids]
+    now = stamps.index(stamp_of(patch))
+    before, after = (
+        np.array(m.data, np.int8).reshape(m.info.height, m.info.width)
+        for m in peer.grids[now - 1 : now + 1]
+    )
+    patched = before.copy()
+    cells = np.array(patch.data, np.int8).reshape(patch.height, patch.width)
+    patched[patch.y : patch.y + patch.height, patch.x : patch.x + patch.width] = cells
+    assert (patched == after).all()
 
 
 def check_objects(peer: Peer, truth: RoomTruth) -> None:

@@ -85,7 +85,7 @@ def room(truth: RoomTruth, points_world_m: FloatArray, found: Tracks) -> MappedR
     cells = np.where(truth.occupied(T_map_floor, (60, 80), 0.05), 100, 0).astype(np.int8)
     cells[:30] = -1
     cells[30:33] = 100 - cells[30:33]
-    grid = Grid(cells, 0.05, T_map_floor)
+    grid = Grid(cells, 0.05, T_map_floor, (0, 0))
     return MappedRoom(ColoredCloud(points, np.zeros((len(points), 3), np.uint8)), grid, found)
 
 

@@ -21,6 +21,7 @@ PATH = 'path'
 MAP_POINTS = 'map_points'
 CLOUD_MAP = 'cloud_map'
 GRID_MAP = 'grid_map'
+GRID_MAP_UPDATES = 'grid_map_updates'  # map_msgs/OccupancyGridUpdate, beside the whole grid
 KEYFRAMES = 'keyframes'
 SLAM_STATUS = 'slam_status'
 TRACKED_OBJECTS = 'tracked_objects'  # hoid_msgs/TrackedObjectArray

@@ -5,16 +5,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from hoid_common import se3
 from hoid_common.errors import ConfigError
 from hoid_common.values import FloatArray
-from rgbd_slam.config.dense_config import GridConfig
+from rgbd_slam.config.dense_config import FILE_MODES, GridConfig
+from rgbd_slam.ros.scene.steady_grid import SteadyGrid
 from rgbd_slam.scene.floor import find_floor
 from rgbd_slam.scene.grid import (
     FREE,
     OCCUPIED,
     UNKNOWN,
+    Grid,
     project_grid,
     without_unseen,
     write_map_server,
@@ -83,16 +86,85 @@ def test_floor_is_not_free_before_the_space_over_it_was_seen() -> None:
     assert without_unseen(grid, config, lambda p: p[:, 2] < 0.8).cells.tolist() == [[FREE, FREE]]
 
 
-def test_map_server_files_read_back(tmp_path: Path) -> None:
-    points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.5], [1.5, 0.5, 0.6], [0.5, 2.5, 0.0]])
-    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0))
-    write_map_server(grid, tmp_path / 'room')
-    image = cv2.imread(str(tmp_path / 'room.pgm'), cv2.IMREAD_UNCHANGED)
+def nav2_cells(yaml_path: Path) -> tuple[list[list[int]], FloatArray]:
+    """Read a map by the rules that Nav2's map server publishes (nav2_map_server, map_io)."""
+    document = yaml.safe_load(yaml_path.read_text())
+    image = cv2.imread(str(yaml_path.parent / document['image']), cv2.IMREAD_UNCHANGED)
     assert image is not None
-    assert image.tolist() == [[254, 205], [205, 205], [254, 0]]
-    text = (tmp_path / 'room.yaml').read_text()
-    assert 'image: room.pgm' in text
-    assert 'origin: [0.000000, 0.000000, 0.000000]' in text
+    colors = image.reshape(*image.shape[:2], -1).astype(np.float64)
+    is_opaque = colors[..., 3] == 255 if colors.shape[2] == 4 else np.ones(image.shape[:2], bool)
+    shade = colors[..., :3].mean(axis=-1) / 255
+    taken = shade if document['negate'] else 1 - shade
+    occupied, free = document['occupied_thresh'], document['free_thresh']
+    if document['mode'] == 'raw':
+        percent = np.round(shade * 255)
+        cells = np.where(percent <= 100, percent, -1)
+    else:
+        between = -1.0
+        if document['mode'] == 'scale':
+            between = np.rint((taken - free) / (occupied - free) * 100.0)
+        cells = np.where(taken > occupied, 100, np.where(taken < free, 0, between))
+        if document['mode'] == 'scale':
+            cells = np.where(is_opaque, cells, -1)
+    return cells[::-1].astype(int).tolist(), np.array(document['origin'])
+
+
+@pytest.mark.parametrize('mode', FILE_MODES)
+def test_nav2_reads_a_saved_grid_as_it_is(tmp_path: Path, mode: str) -> None:
+    points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.5], [1.5, 0.5, 0.6], [-1.5, 2.5, 0.0]])
+    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0))
+    assert {FREE, OCCUPIED, UNKNOWN} == set(np.unique(grid.cells))
+    write_map_server(grid, tmp_path / '2024.05.17', mode)
+    cells, origin = nav2_cells(tmp_path / '2024.05.17.yaml')
+    assert cells == grid.cells.tolist()
+    assert origin.tolist() == [-2.0, 0.0, 0.0]
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_tilted_floor_gives_a_level_grid() -> None:
+    """In a level frame of its own, or over a map that is all but level with x and y kept."""
+    points = room(np.random.default_rng(3))
+    T_map_room = se3.exp(np.array([0.01, -0.02, 0.0, 0.2, -0.3, -1.2]))
+    points_m = se3.transform(T_map_room, points)
+    floor = find_floor(points_m, np.array([0, 0, 1.0]))
+    assert floor is not None
+    config = GridConfig(resolution_m=0.2)
+    for T_map_level in (floor.T_map_floor, floor.T_map_ground):
+        grid = project_grid(points_m, T_map_level, config)
+        T_level_map = np.asarray(np.linalg.inv(T_map_level), np.float64)
+        heights_m = se3.transform(T_level_map, points_m[:4000])[:, 2]
+        np.testing.assert_allclose(heights_m, 0, atol=0.03)
+        x_m, y_m = np.array(grid.origin_m) + 0.2 * 0.5
+        for place, state in (((3.0, 3.0), FREE), ((1.5, 1.5), OCCUPIED)):
+            at = se3.transform(T_level_map @ T_map_room, np.array([[*place, 0.0]]))
+            column, row = np.rint((at[0, :2] - (x_m, y_m)) / 0.2).astype(int)
+            assert grid.cells[row, column] == state
+    xy_m = se3.transform(floor.T_map_ground, np.array([[1.0, 2.0, 0.5]]))[0, :2]
+    assert xy_m.tolist() == [1.0, 2.0]
+
+
+def test_a_steady_grid_grows_in_steps_and_says_what_changed() -> None:
+    steady = SteadyGrid()
+    cells = np.full((10, 15), FREE, np.int8)
+    first = steady.place(Grid(cells, 0.1, np.eye(4), (-3, 5)))
+    assert (first.low, first.cells.shape) == ((-20, 0), (20, 40))
+    assert (first.cells[5:15, 17:32] == FREE).all()
+    assert np.count_nonzero(first.cells == UNKNOWN) == first.cells.size - cells.size
+    assert steady.show(first) is None
+    cells = cells.copy()
+    cells[2:4, 6] = OCCUPIED
+    second = steady.place(Grid(cells, 0.1, np.eye(4), (-3, 5)))
+    assert (second.low, second.cells.shape) == (first.low, first.cells.shape)
+    patch = steady.show(second)
+    assert patch is not None
+    assert (patch.column, patch.row, patch.cells.tolist()) == (23, 7, [[OCCUPIED], [OCCUPIED]])
+    smaller = steady.place(Grid(cells[:2, :2], 0.1, np.eye(4), (0, 5)))
+    assert (smaller.low, smaller.cells.shape) == (first.low, first.cells.shape)
+    larger = steady.place(Grid(cells, 0.1, np.eye(4), (18, 5)))
+    assert (larger.low, larger.cells.shape) == ((-20, 0), (20, 60))
+    assert steady.show(larger) is None
+    steady.clear()
+    assert steady.place(Grid(cells, 0.1, np.eye(4), (18, 5))).low == (0, 0)
 
 
 def test_a_grid_without_any_height_for_obstacles_is_refused() -> None:

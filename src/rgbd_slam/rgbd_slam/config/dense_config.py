@@ -8,6 +8,9 @@ from typing import ClassVar
 from hoid_common.config import Config, param, section
 from hoid_common.errors import ConfigError
 
+FILE_MODES = ('trinary', 'scale', 'raw')
+"""Of Nav2's map server."""
+
 
 @dataclass(frozen=True)
 class GridConfig(Config):
@@ -40,6 +43,14 @@ class GridConfig(Config):
         1, 'Number of voxels in a cell that make it occupied.',
         minimum=1, read_only=False, expert=True,
     )  # fmt: skip
+
+    file_mode: str = param(
+        'trinary',
+        "Mode of Nav2's map server in which grids are saved. Choose raw for numbers as in the "
+        'message, scale for a picture whose unknown cells are transparent.',
+        choices=FILE_MODES,
+        expert=True,
+    )
 
     def __post_init__(self) -> None:
         """Raise ConfigError when nothing could be an obstacle."""

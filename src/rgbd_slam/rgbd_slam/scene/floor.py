@@ -22,6 +22,18 @@ class Floor(NamedTuple):
     T_map_floor: FloatArray  # (4, 4)
     num_points: int
 
+    @property
+    def T_map_ground(self) -> FloatArray:  # noqa: N802 - a transform's name
+        """Return (4, 4) to the map from its own x and y with the height above the plane as z.
+
+        Where the map is level and the plane all but so, this levels what stands on it; no rigid
+        motion, as x and y stay.
+        """
+        T_ground_map = np.eye(4)
+        normal = self.T_map_floor[:3, 2]
+        T_ground_map[2] = *normal, -normal @ self.T_map_floor[:3, 3]
+        return np.asarray(np.linalg.inv(T_ground_map), np.float64)
+
     def height_m(self, x_m: float, y_m: float) -> float:
         """Return z of the plane at a place in the map."""
         normal, origin = self.T_map_floor[:3, 2], self.T_map_floor[:3, 3]

@@ -28,15 +28,23 @@ class SceneMapper:
         camera: Of depth and colour.
         dense: Parameters of the dense map.
         objects: Parameters of the object tracks.
+        is_map_level: Whether the map frame is known to be level, but for a degree or two: the grid
+            keeps its x and y then, and has a level frame of its own otherwise.
     """
 
     def __init__(
-        self, camera: CameraModel, dense: DenseConfig, objects: ObjectTrackerConfig
+        self,
+        camera: CameraModel,
+        dense: DenseConfig,
+        objects: ObjectTrackerConfig,
+        *,
+        is_map_level: bool = False,
     ) -> None:
         self._camera = camera
         self._config = dense
         self._mapper = DenseMapper(camera, dense)
         self._tracker = ObjectTracker(objects)
+        self._is_map_level = is_map_level
         self._floor: Floor | None = None
 
     def reconfigure(self, dense: DenseConfig) -> bool:
@@ -106,6 +114,7 @@ class SceneMapper:
         self._floor = find_floor(points_m, _UP) or self._floor
         if self._floor is None:
             return None
-        T_map_floor, config = self._floor.T_map_floor, self._config.grid
-        grid = project_grid(points_m, T_map_floor, config, self._mapper.doubtful_m())
+        floor, config = self._floor, self._config.grid
+        T_map_level = floor.T_map_ground if self._is_map_level else floor.T_map_floor
+        grid = project_grid(points_m, T_map_level, config, self._mapper.doubtful_m())
         return without_unseen(grid, config, self._mapper.is_clear)

@@ -5,15 +5,16 @@ from __future__ import annotations
 from array import array
 
 import numpy as np
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point, Pose, Vector3
 from hoid_msgs.msg import TrackedObject as TrackedObjectMsg
 from hoid_msgs.msg import TrackedObjectArray
+from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
+from rgbd_slam.ros.scene.steady_grid import GridPatch
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
 
@@ -27,17 +28,35 @@ _COLORS = {
 }
 
 
-def grid_to_msg(grid: Grid, header: Header) -> OccupancyGrid:
-    """Return the message of a grid in the header's frame."""
+def grid_to_msg(grid: Grid, header: Header, height_m: float) -> OccupancyGrid:
+    """Return the message of a grid in the header's frame, which is level.
+
+    Args:
+        grid: The grid.
+        header: Of the message.
+        height_m: Of the grid in that frame.
+    """
     height, width = grid.cells.shape
+    origin = Pose()  # no turn: Nav2 takes none
+    origin.position.x, origin.position.y = grid.origin_m
+    origin.position.z = height_m
     info = MapMetaData(
         map_load_time=header.stamp,
         resolution=grid.resolution_m,
         width=width,
         height=height,
-        origin=conversions.pose_to_msg(grid.T_map_origin),
+        origin=origin,
     )
     return OccupancyGrid(header=header, info=info, data=array('b', grid.cells.tobytes()))
+
+
+def patch_to_msg(patch: GridPatch, header: Header) -> OccupancyGridUpdate:
+    """Return the message of a change of a grid with the header."""
+    height, width = patch.cells.shape
+    return OccupancyGridUpdate(
+        header=header, x=patch.column, y=patch.row, width=width, height=height,
+        data=array('b', patch.cells.tobytes()),
+    )  # fmt: skip
 
 
 def tracked_objects_to_msg(

@@ -8,6 +8,7 @@ from pathlib import Path
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
+from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.values import CameraModel
@@ -40,11 +41,12 @@ class SceneLink:
         self._publishers = {
             topic: node.create_publisher(type_, topic, profile)
             for topic, (type_, profile) in TOPICS.items()
+            if topic != topics.TF_STATIC or not config.frames.base
         }
         diagnostics.set_count(_ENDS, 0)
         setup = SceneSetup(
-            f'{node.get_name()}_scene', config.frames.map, config.dense, config.objects,
-            config.input,
+            f'{node.get_name()}_scene', config.frames.map, bool(config.frames.base),
+            config.dense, config.objects, config.input,
         )  # fmt: skip
         self._process = SceneProcess(setup, self)
 

@@ -20,6 +20,7 @@ class SceneSetup(NamedTuple):
 
     name: str  # of its node
     map_frame: str
+    is_map_level: bool  # as it is with a known base
     dense: DenseConfig
     objects: ObjectTrackerConfig
     input: InputConfig

@@ -62,7 +62,7 @@ class SceneNode(Node):
         self._scene: SceneMapper | None = None
         self._camera: CameraModel | None = None
         self._ledger = ViewLedger()
-        self._outputs = SceneOutputs(self._report, setup.map_frame)
+        self._outputs = SceneOutputs(self._report, setup)
         self._stamp_ns = 0  # of the latest image fused
         self._is_shown = True  # whether the outputs show the map as it is
         self._matcher = StampMatcher(
@@ -136,7 +136,8 @@ class SceneNode(Node):
             if order.cloud_path is not None:
                 text = save_cloud(self._scene, order.cloud_path)
             if order.grid_path is not None:
-                text = save_grid(self._scene, order.grid_path)
+                mode = self._setup.dense.grid.file_mode
+                text = save_grid(self._scene, self._outputs.placed_grid, order.grid_path, mode)
         except HoidError as error:
             return Answer(order.number, False, str(error))
         return Answer(order.number, True, text)
@@ -153,7 +154,12 @@ class SceneNode(Node):
     def _begin(self, camera: CameraModel | None) -> None:
         self._camera, self._scene = camera, None
         if camera is not None:
-            self._scene = SceneMapper(camera, self._setup.dense, self._setup.objects)
+            self._scene = SceneMapper(
+                camera,
+                self._setup.dense,
+                self._setup.objects,
+                is_map_level=self._setup.is_map_level,
+            )
         self._matcher.reset()
         self._report_views()
         self._outputs.clear(self._stamp_ns)

@@ -7,21 +7,34 @@ from typing import Any
 
 import numpy as np
 from hoid_msgs.msg import TrackedObjectArray
+from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
-from rgbd_slam.ros.scene.conversions import grid_to_msg, markers_to_msg, tracked_objects_to_msg
-from rgbd_slam.ros.scene.messages import Output
+from hoid_common.values import FloatArray
+from rgbd_slam.ros.scene.conversions import (
+    grid_to_msg,
+    markers_to_msg,
+    patch_to_msg,
+    tracked_objects_to_msg,
+)
+from rgbd_slam.ros.scene.messages import Output, SceneSetup
+from rgbd_slam.ros.scene.steady_grid import SteadyGrid
+from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import TrackedObject
 from rgbd_slam.scene.scene_mapper import SceneMapper
+from rgbd_slam.scene.voxel_map import ColoredCloud
 
 TOPICS = {
     topics.CLOUD_MAP: (PointCloud2, qos.LATCHED),
     topics.GRID_MAP: (OccupancyGrid, qos.LATCHED),
+    topics.GRID_MAP_UPDATES: (OccupancyGridUpdate, qos.OUTPUT),
+    topics.TF_STATIC: (TFMessage, qos.TF_STATIC),
     topics.TRACKED_OBJECTS: (TrackedObjectArray, qos.OUTPUT),
     topics.TRACKED_OBJECT_MARKERS: (MarkerArray, qos.OUTPUT),
 }
@@ -29,16 +42,19 @@ TOPICS = {
 
 
 class SceneOutputs:
-    """Makes messages, all in the map frame, with the stamp of the image they came from.
+    """Makes messages, in the map frame but for the grid, with the stamps of their images.
 
     Args:
         send: Takes them to the SLAM node.
-        map_frame: Name of the map frame.
+        setup: Names the map frame, and says whether that is level; if not, the grid has a frame of
+            its own beside it, which is.
     """
 
-    def __init__(self, send: Callable[[Output], None], map_frame: str) -> None:
+    def __init__(self, send: Callable[[Output], None], setup: SceneSetup) -> None:
         self._send = send
-        self._frame = map_frame
+        self._frame, self._is_map_level = setup.map_frame, setup.is_map_level
+        self._steady = SteadyGrid()
+        self._T_map_level: FloatArray | None = None  # that was sent
 
     def publish_objects(self, objects: tuple[TrackedObject, ...], stamp_ns: int) -> None:
         """Publish the tracks as known after an image."""
@@ -52,9 +68,14 @@ class SceneOutputs:
         cloud = room.cloud()
         message = conversions.Cloud(cloud.points_m, cloud.colors_bgr)
         self._publish(topics.CLOUD_MAP, conversions.cloud_to_msg(message, header))
-        grid = room.grid(cloud)
+        grid = self.placed_grid(room, cloud)
         if grid is not None:
-            self._publish(topics.GRID_MAP, grid_to_msg(grid, header))
+            self._publish_grid(grid, stamp_ns)
+
+    def placed_grid(self, room: SceneMapper, cloud: ColoredCloud) -> Grid | None:
+        """Return the grid of a cloud of the room as it is published; None without a floor."""
+        grid = room.grid(cloud)
+        return None if grid is None else self._steady.place(grid)
 
     def clear(self, stamp_ns: int) -> None:
         """Show that there is no map any more."""
@@ -64,7 +85,27 @@ class SceneOutputs:
         nothing = conversions.Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
         self._publish(topics.CLOUD_MAP, conversions.cloud_to_msg(nothing, header))
         self._publish(topics.GRID_MAP, OccupancyGrid(header=header))
+        self._steady.clear()
         self.publish_objects((), stamp_ns)
+
+    def _publish_grid(self, grid: Grid, stamp_ns: int) -> None:
+        """Publish the whole grid, for who comes late, and what of it changed."""
+        frame, height_m = self._frame, float(grid.T_map_origin[2, 3])
+        if not self._is_map_level:
+            frame, height_m = f'{self._frame}_level', 0.0
+            self._publish_level(grid.T_map_level, stamp_ns, frame)
+        header = conversions.header_to_msg(stamp_ns, frame)
+        patch = self._steady.show(grid)
+        self._publish(topics.GRID_MAP, grid_to_msg(grid, header, height_m))
+        if patch is not None:
+            self._publish(topics.GRID_MAP_UPDATES, patch_to_msg(patch, header))
+
+    def _publish_level(self, T_map_level: FloatArray, stamp_ns: int, frame: str) -> None:
+        before = self._T_map_level
+        if before is None or not np.allclose(before, T_map_level, atol=1e-6):
+            self._T_map_level = T_map_level
+            edge = conversions.transform_to_msg(T_map_level, stamp_ns, self._frame, frame)
+            self._publish(topics.TF_STATIC, TFMessage(transforms=[edge]))
 
     def _publish(self, topic: str, message: Any) -> None:
         self._send(Output(topic, serialize_message(message)))
