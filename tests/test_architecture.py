@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -22,13 +23,13 @@ PACKAGES = """
 # and the rooms of a package, with the modules at its root.
 ROOMS = {
     'hoid_common': """
-        entry signals errors throttle sync topics slam_status < child_process config values
-        < camera_agreement se3 input_config < io input_watch pose_buffer static_frames < ros
+        errors throttle sync topics slam_status < config values < se3 process
+        < inputs pose_buffer io static_frames < ros
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
     'hoid_filter': """
         config drawing < extraction < detections < node_config motion < rules masked_images
-        < feature_filter < node
+        < feature_filter ros < node
     """,
     'rgbd_slam': """
         config < model < matching < optimize < places < tracking local_mapping < loops < scene
@@ -50,9 +51,11 @@ ROOMS = {
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')
 ROS_ROOMS = re.compile(
-    r'(hoid_common|rgbd_slam)\.ros\b|(hoid_detector|hoid_filter|rgbd_slam)\.node$|'
+    r'(hoid_common|hoid_filter|rgbd_slam)\.ros\b|(hoid_detector|hoid_filter|rgbd_slam)\.node$|'
     r'hoid_bags\.live\b|hoid_bringup\.live\b|hoid_benchmarks\.faults\.(live|messages)$'
 )
+MOST_MODULES, MOST_LINES, MOST_NODE_LINES = 12, 300, 150
+LONG_FUNCTION = 25  # lines, of which at most one function in twenty has more
 EXPERIMENTS_ONLY = ('distributed', 'embreex', 'evo', 'matplotlib', 'plotly')
 
 
@@ -134,6 +137,23 @@ def test_ros_is_imported_at_the_seam_only() -> None:
 def test_gtsam_is_imported_in_one_room_only() -> None:
     users = {name.rpartition('.')[0] for name in modules() if 'gtsam' in imports(name)}
     assert users == {'rgbd_slam.optimize'}
+
+
+def test_folders_files_and_functions_stay_small() -> None:
+    folders = Counter(path.parent for path in modules().values())
+    assert {f for f, count in folders.items() if count > MOST_MODULES} == set()
+    lines = {name: len(path.read_text().splitlines()) for name, path in modules().items()}
+    assert {name for name, count in lines.items() if count > MOST_LINES} == set()
+    nodes = {name for name in lines if name.endswith('.node') and name.count('.') == 1}
+    assert {name for name in nodes if lines[name] > MOST_NODE_LINES} == set()
+    functions = [
+        node
+        for path in modules().values()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef)
+    ]
+    long = [f for f in functions if (f.end_lineno or 0) - f.lineno + 1 > LONG_FUNCTION]
+    assert len(long) <= 0.05 * len(functions)
 
 
 def test_everything_public_has_a_docstring() -> None:

@@ -15,8 +15,8 @@ from rclpy.task import Future
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
-from hoid_common.ros.executor import SteadyExecutor
-from hoid_common.ros.service_thread import ServiceThread
+from hoid_common.ros.execution.executor import SteadyExecutor
+from hoid_common.ros.execution.service_thread import ServiceThread
 
 _LIMIT_S = 20.0
 

@@ -19,7 +19,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from hoid_common.config import Config, param
 from hoid_common.errors import ConfigError, MessageError
-from hoid_common.input_config import InputConfig
+from hoid_common.inputs.input_config import InputConfig
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import Inputs

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 
-from hoid_common.entry import INTERRUPTED, REFUSED
+from hoid_common.process.entry import INTERRUPTED, REFUSED
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import executable
 

@@ -22,7 +22,7 @@ from hoid_bags.bag.bag_types import Message, ensure_type, serialize, shared_type
 from hoid_bags.mcap.checked_writer import CheckedWriter
 from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, unwritable
-from hoid_common.signals import uninterrupted
+from hoid_common.process.signals import uninterrupted
 
 _METADATA_VERSION: Final = 9  # what Jazzy's rosbag2 writes
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it

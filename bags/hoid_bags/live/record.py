@@ -17,7 +17,7 @@ from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.live.ros_session import from_rclpy_qos, ros_session
 from hoid_common import topics
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.ros.executor import SteadyExecutor
+from hoid_common.ros.execution.executor import SteadyExecutor
 
 RESULT_TOPICS = (
     topics.DETECTIONS,

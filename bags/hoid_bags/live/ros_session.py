@@ -15,8 +15,8 @@ from rosbags.interfaces import Qos, QosDurability, QosReliability
 from hoid_bags.bag.bag_writer import reliable_qos
 from hoid_common import topics
 from hoid_common.errors import ConfigError
+from hoid_common.process.signals import end_as_by_interrupt
 from hoid_common.ros.run import limit_exit_time
-from hoid_common.signals import end_as_by_interrupt
 
 _DEFAULT_DEPTH = 10
 _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)

@@ -26,7 +26,7 @@ from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
-from hoid_common.ros.executor import SteadyExecutor
+from hoid_common.ros.execution.executor import SteadyExecutor
 from hoid_common.values import CameraModel
 
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)

@@ -19,7 +19,7 @@ from types import ModuleType
 from hoid_common.errors import HoidError, InputError
 from hoid_common.io.files import leftovers
 from hoid_common.io.untrusted import check_name
-from hoid_common.signals import end_as_by_interrupt, uninterrupted
+from hoid_common.process.signals import end_as_by_interrupt, uninterrupted
 
 _OK, _FAILED, _INTERRUPTED = 0, 1, 130
 _NO_NAMES = ('set',)  # options whose text is of any length

@@ -11,7 +11,7 @@ import pytest
 
 from hoid_bringup import cli
 from hoid_common.io.trajectory_io import write_tum
-from hoid_common.signals import uninterrupted
+from hoid_common.process.signals import uninterrupted
 from hoid_common.values import Trajectory
 
 

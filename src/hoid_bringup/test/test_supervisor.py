@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from hoid_bringup.live.supervisor import GRACE_S, ProcessExit, ProcessSpec, Supervisor
-from hoid_common.entry import REFUSED
 from hoid_common.errors import InputError
+from hoid_common.process.entry import REFUSED
 
 STUBBORN = (
     'import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN);'

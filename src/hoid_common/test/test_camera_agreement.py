@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from hoid_common.camera_agreement import CameraAgreement
 from hoid_common.errors import MessageError
+from hoid_common.inputs.camera_agreement import CameraAgreement
 from hoid_common.values import CameraModel
 
 RIGHT = CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0)

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from hoid_common.child_process import (
+from hoid_common.process.child_process import (
     ChildEndedError,
     ChildTimeoutError,
     ChildWorker,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import ConfigError, MessageError
-from hoid_common.input_watch import InputWatch
+from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.throttle import Throttle
 from hoid_common.values import CameraModel, Detections, DynamicObject, Features, Reason
 

@@ -5,28 +5,25 @@ from __future__ import annotations
 import time
 from typing import NamedTuple
 
-from hoid_msgs.msg import DetectionArray, DynamicObjectArray
-from hoid_msgs.msg import Features as FeaturesMsg
+from hoid_msgs.msg import DetectionArray
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from hoid_common import topics
 from hoid_common.errors import MessageError
-from hoid_common.ros import conversions, qos
-from hoid_common.ros.debug_image import DebugImages, MaskedImages
+from hoid_common.ros import conversions
 from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
-from hoid_common.values import FilterResult, RgbdFrame
+from hoid_common.values import RgbdFrame
 from hoid_filter.detections.detection_gate import STOP, DetectionGate, Ready
-from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
-from hoid_filter.masked_images import static_depth_m
 from hoid_filter.node_config import FilterNodeConfig
+from hoid_filter.ros.outputs import FilterOutputs
 
 _SILENCE_S = 0.05  # without images and detections, each of which looks at what waits
 _LOST = 'detector lost'
@@ -47,12 +44,7 @@ class FilterNode(ManagedNode):
         self._filter = FeatureFilter(config)
         self._gate: DetectionGate[_Image] = DetectionGate(config.detections)
         self._size_px: tuple[int, int] | None = None  # of the newest image
-        self._features = self.create_publisher(FeaturesMsg, topics.FEATURES, qos.OUTPUT)
-        self._objects = self.create_publisher(
-            DynamicObjectArray, topics.DYNAMIC_OBJECTS, qos.OUTPUT
-        )
-        self._debug_images = DebugImages(self)
-        self._masked_images = MaskedImages(self)
+        self._outputs = FilterOutputs(self)
         self._subscribe(config)
         self.begin(autostart=config.autostart)
 
@@ -128,36 +120,19 @@ class FilterNode(ManagedNode):
         )
 
     def _process(self, ready: list[Ready[_Image]]) -> None:
+        outputs = self._outputs
         for image, detections in ready:
-            watched = self._debug_images.is_watched
             result = self._filter.select_and_describe(
                 image.detected,
                 detections,
-                for_picture=watched,
-                with_mask=self._masked_images.is_watched,
+                for_picture=outputs.wants_picture,
+                with_mask=outputs.wants_mask,
             )
-            self._publish(image.header, image.detected.frame.size_px, result)
-            if (mask := result.static_mask) is not None:
-                depth_m = static_depth_m(image.detected.frame.depth_m, mask)
-                self._masked_images.publish(mask, depth_m, image.header)
-            if watched:
-                picture = draw_result(image.detected.frame.image_bgr, result)
-                self._debug_images.publish(picture, image.header)
-
-    def _publish(self, header: Header, size_px: tuple[int, int], result: FilterResult) -> None:
-        counts = conversions.FeatureCounts(
-            result.num_features_in,
-            result.num_removed,
-            result.stage_ms['extract'],
-            result.stage_ms['filter'],
-        )
-        features = conversions.features_to_msg(result.features, header, size_px, counts)
-        self._features.publish(features)
-        self._objects.publish(conversions.dynamic_objects_to_msg(result.objects, header, size_px))
-        self.diagnostics.count('images filtered')
-        self.diagnostics.set_count('images without detections', self._gate.num_unanswered)
-        for name, number in self._filter.counters.items():
-            self.diagnostics.set_count(name, number)
+            outputs.publish(image.detected.frame, result, image.header)
+            self.diagnostics.count('images filtered')
+            self.diagnostics.set_count('images without detections', self._gate.num_unanswered)
+            for name, number in self._filter.counters.items():
+                self.diagnostics.set_count(name, number)
 
     def _reconfigure(self, config: FilterNodeConfig) -> None:
         self._gate.config = config.detections

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hoid_common.config import param, section
-from hoid_common.input_config import NodeConfig
+from hoid_common.inputs.input_config import NodeConfig
 from hoid_filter.config import FilterConfig
 from hoid_filter.detections.detection_gate import GateConfig
 

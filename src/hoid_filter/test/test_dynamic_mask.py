@@ -76,4 +76,4 @@ def test_without_the_fallback_the_mask_stays() -> None:
 
 def test_nothing_moves_nothing_masked() -> None:
     masks = make_masks(np.zeros((30, 40), np.uint8), seen(FREE_X, 0), PlusConfig(), enough=10)
-    assert masks == (HEIGHT * WIDTH, None, None, 0)
+    assert masks == (HEIGHT * WIDTH, None, None, 0, None)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.child_process import ChildTimeoutError
+from hoid_common.process.child_process import ChildTimeoutError
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m

@@ -95,7 +95,7 @@ FORGERIES: dict[str, tuple[str, Callable[[Members, Manifest], object]]] = {
     'a missing length': ('are none', lambda _, m: m['lengths']['map'].pop('points')),
     'a camera of text': ('damaged', lambda _, m: m['camera'].update(fx_px='wide')),
     'a flat camera': ('focal lengths', lambda _, m: m['camera'].update(fx_px=0.0)),
-    'a NaN camera': ('camera is none', lambda _, m: m['camera'].update(cx_px=float('nan'))),
+    'a NaN camera': ('camera centre must be', lambda _, m: m['camera'].update(cx_px=float('nan'))),
     'no camera': ('damaged', lambda _, m: m.pop('camera')),
     'a camera that is none': ('names no camera', lambda _, m: m.update(camera=None)),
     'a camera that is a word': ('names no camera', lambda _, m: m.update(camera='x')),

@@ -25,7 +25,7 @@ NODE_CONFIGS: Mapping[str, Config] = {
 """All parameters of each node, at their defaults."""
 # The interpreter of this process, not the installed executable, which takes the first on the path.
 _START = ('env', '--block-signal=INT', sys.executable, '-c')
-_CODE = "from hoid_common.entry import start; start('{package}.node')"
+_CODE = "from hoid_common.process.entry import start; start('{package}.node')"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common import topics
 from hoid_common.config import Config, param
 from hoid_common.errors import InputError
-from hoid_common.input_config import RELIABLE
+from hoid_common.inputs.input_config import RELIABLE
 
 PLAYER = 'player'
 _SUBSCRIBER_LIMIT_S = 30.0

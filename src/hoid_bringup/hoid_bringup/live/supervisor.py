@@ -22,8 +22,8 @@ from typing import Self
 
 import psutil
 
-from hoid_common.entry import REFUSED
 from hoid_common.io.files import unwritable
+from hoid_common.process.entry import REFUSED
 
 _LOG = logging.getLogger(__name__)
 

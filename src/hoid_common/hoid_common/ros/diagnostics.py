@@ -13,7 +13,7 @@ from rclpy.subscription import Subscription
 
 from hoid_common import topics
 from hoid_common.errors import HoidError
-from hoid_common.input_watch import InputWatch
+from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.ros import qos
 from hoid_common.throttle import Backoff, Throttle
 

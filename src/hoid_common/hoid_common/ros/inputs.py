@@ -13,7 +13,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from hoid_common import topics
 from hoid_common.errors import HoidError, MessageError
-from hoid_common.input_config import InputConfig
+from hoid_common.inputs.input_config import InputConfig
 from hoid_common.ros import qos
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.lifecycle import ManagedNode

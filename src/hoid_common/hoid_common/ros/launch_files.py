@@ -14,7 +14,7 @@ from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from hoid_common import topics
-from hoid_common.entry import REFUSED
+from hoid_common.process.entry import REFUSED
 from launch import LaunchContext, LaunchDescription
 
 _SWITCH = ('true', 'false', 'True', 'False')

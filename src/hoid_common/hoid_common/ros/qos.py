@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from hoid_common.input_config import RELIABLE
+from hoid_common.inputs.input_config import RELIABLE
 
 # Results: nothing is lost while a subscriber keeps up.
 OUTPUT = QoSProfile(

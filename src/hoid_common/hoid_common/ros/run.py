@@ -17,10 +17,10 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from hoid_common.entry import INTERRUPTED, REFUSED
 from hoid_common.errors import ConfigError, HoidError
-from hoid_common.ros.executor import SteadyExecutor
-from hoid_common.signals import ENDING
+from hoid_common.process.entry import INTERRUPTED, REFUSED
+from hoid_common.process.signals import ENDING
+from hoid_common.ros.execution.executor import SteadyExecutor
 
 _EXIT_LIMIT_S = 10
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hoid_common.config import Config, param, section
-from hoid_common.input_config import NodeConfig
+from hoid_common.inputs.input_config import NodeConfig
 from hoid_common.slam_status import SlamMode
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig

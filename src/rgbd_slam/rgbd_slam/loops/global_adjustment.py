@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
+from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.values import BoolArray, IntArray
 from rgbd_slam.loops.essential_graph import move_map
 from rgbd_slam.model.atlas import Atlas

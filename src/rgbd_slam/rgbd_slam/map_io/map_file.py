@@ -15,30 +15,30 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
-from typing import IO, Any, NamedTuple, TypeGuard
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
 from hoid_common.errors import HoidError, MapFileError
-from hoid_common.io.record import Array, Column, Record
+from hoid_common.io.record import Array, Column
 from hoid_common.values import CameraModel, FloatArray
+from rgbd_slam.map_io.manifest import (
+    FORMAT,
+    MANIFEST,
+    MOST_DISTORTION,
+    SECTIONS,
+    VERSION,
+    read_manifest,
+)
 from rgbd_slam.map_io.map_check import check_dense, check_map
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.scene.dense_state import DenseState
 
 SUFFIX = '.hoidmap'
-VERSION = 1
-_FORMAT = 'hoid map'
-_MANIFEST = 'manifest.json'
-_SECTIONS: dict[str, type[Record]] = {'map': MapState, 'dense': DenseState}
 _HEADER_BYTES = 128
-_INTRINSICS = ('fx_px', 'fy_px', 'cx_px', 'cy_px')
-_MOST_DISTORTION = 14  # coefficients of OpenCV's models
 _SAME = 1e-6  # of intrinsics
-_MOST_MANIFEST_BYTES = 10_000
-_MOST_ROWS = 2**31
 _MOST_UNPACKED = 50  # times the file's size; a map unpacks to about twice
 _SMALL_BYTES = 1_000_000  # that many are harmless whatever they are packed to
 _MOST_SAID = 120  # characters of an error, which may repeat what the file says
@@ -74,17 +74,8 @@ class MapFile(NamedTuple):
             )
 
 
-class _Manifest(NamedTuple):
-    """What a file says of itself."""
-
-    camera: CameraModel
-    scale_factor: float
-    num_octaves: int
-    lengths: dict[str, dict[str, int]]  # of the named axes, by section
-
-
 def _intrinsics(camera: CameraModel) -> FloatArray:
-    out = np.zeros(4 + _MOST_DISTORTION)
+    out = np.zeros(4 + MOST_DISTORTION)
     values = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
     out[: len(values)] = values
     return out
@@ -149,10 +140,10 @@ def _line(error: Exception) -> str:
 
 
 def _write(file: IO[bytes], content: MapFile) -> None:
-    sections = {name: getattr(content, name) for name in _SECTIONS}
+    sections = {name: getattr(content, name) for name in SECTIONS}
     present = {name: record for name, record in sections.items() if record is not None}
     manifest = {
-        'format': _FORMAT,
+        'format': FORMAT,
         'version': VERSION,
         'camera': asdict(content.camera),
         'scale_factor': content.scale_factor,
@@ -160,7 +151,7 @@ def _write(file: IO[bytes], content: MapFile) -> None:
         'lengths': {name: record.lengths() for name, record in present.items()},
     }
     with zipfile.ZipFile(file, 'w', zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive:
-        archive.writestr(_MANIFEST, json.dumps(manifest, indent=1))
+        archive.writestr(MANIFEST, json.dumps(manifest, indent=1))
         for section, record in present.items():
             for name, array in record.arrays().items():
                 column, lengths = record.columns()[name], record.lengths()
@@ -197,13 +188,13 @@ def _read(archive: zipfile.ZipFile, file_bytes: int) -> MapFile:
     for name, info in infos.items():  # before anything is unpacked
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise MapFileError(f'"{name:.40}" is packed in an unknown way')
-    manifest = _manifest(archive, infos)
+    manifest = read_manifest(archive, infos)
     unpacked = sum(info.file_size for info in archive.infolist())
     if unpacked > _SMALL_BYTES + _MOST_UNPACKED * file_bytes:
         raise MapFileError(f'unpacks to {unpacked} bytes, which no map does')
     parts = manifest.lengths
-    names = [_member(part, name) for part in parts for name in _SECTIONS[part].columns()]
-    if sorted(info.filename for info in archive.infolist()) != sorted([*names, _MANIFEST]):
+    names = [_member(part, name) for part in parts for name in SECTIONS[part].columns()]
+    if sorted(info.filename for info in archive.infolist()) != sorted([*names, MANIFEST]):
         raise MapFileError('lacks parts or has foreign ones')
     records = {part: _section(archive, part, parts[part]) for part in parts}
     content = MapFile(manifest.camera, manifest.scale_factor, manifest.num_octaves, **records)
@@ -218,66 +209,8 @@ def _check(content: MapFile) -> None:
             check_dense(content.dense, len(content.map))
 
 
-def _manifest(archive: zipfile.ZipFile, infos: Mapping[str, zipfile.ZipInfo]) -> _Manifest:
-    """Return the manifest of a map file of this version."""
-    if _MANIFEST not in infos or infos[_MANIFEST].file_size > _MOST_MANIFEST_BYTES:
-        raise MapFileError('is no map file: it has no manifest')
-    said = json.loads(archive.read(_MANIFEST))
-    if not isinstance(said, dict) or said.get('format') != _FORMAT:
-        raise MapFileError('is no map file: its manifest is of something else')
-    if said.get('version') != VERSION:
-        raise MapFileError(
-            f'is of version {said.get("version")!r:.20}, and this program reads version '
-            f'{VERSION}: save the map anew with the program that made it'
-        )
-    scale_factor, num_octaves = said.get('scale_factor'), said.get('num_octaves')
-    if not _is_number(scale_factor) or not _is_count(num_octaves):
-        raise MapFileError('is damaged: its manifest does not say which features it has')
-    lengths = _lengths(said.get('lengths'))
-    return _Manifest(_camera(said.get('camera')), float(scale_factor), num_octaves, lengths)
-
-
-def _camera(said: object) -> CameraModel:
-    """Return the camera that a manifest speaks of."""
-    names = {field.name for field in fields(CameraModel)}
-    if not isinstance(said, dict) or said.keys() != names:
-        raise MapFileError('is damaged: its manifest names no camera')
-    size_px, distortion = (said['width_px'], said['height_px']), said['distortion']
-    is_lens = isinstance(distortion, list) and len(distortion) <= _MOST_DISTORTION
-    numbers = [said[name] for name in _INTRINSICS]
-    is_camera = is_lens and all(map(_is_number, (*numbers, *distortion)))
-    if not is_camera or not all(map(_is_count, size_px)):
-        raise MapFileError('is damaged: the camera in its manifest is none')
-    fx_px, fy_px, cx_px, cy_px = numbers
-    return CameraModel(*size_px, fx_px, fy_px, cx_px, cy_px, tuple(distortion))
-
-
-def _lengths(said: object) -> dict[str, dict[str, int]]:
-    """Return the lengths of the axes of each section that a manifest speaks of."""
-    if not isinstance(said, dict) or not said.keys() <= _SECTIONS.keys():
-        raise MapFileError('is damaged: its manifest does not say what it holds')
-    if 'map' not in said:
-        raise MapFileError('holds no map')
-    for name, lengths in said.items():
-        axes = {
-            a for c in _SECTIONS[name].columns().values() for a in c.axes if isinstance(a, str)
-        }
-        is_table = isinstance(lengths, dict) and lengths.keys() == axes
-        if not is_table or not all(map(_is_count, lengths.values())):
-            raise MapFileError(f'the lengths of section "{name}" are none')
-    return said
-
-
-def _is_number(value: object) -> TypeGuard[float]:
-    return type(value) in (int, float)  # truth values are none
-
-
-def _is_count(value: object) -> TypeGuard[int]:
-    return type(value) is int and 0 <= value < _MOST_ROWS
-
-
 def _section(archive: zipfile.ZipFile, section: str, lengths: Mapping[str, int]) -> Any:
-    record = _SECTIONS[section]
+    record = SECTIONS[section]
     return record.of(
         {
             name: _array(archive, _member(section, name), column, lengths)

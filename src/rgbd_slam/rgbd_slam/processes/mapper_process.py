@@ -10,8 +10,8 @@ from __future__ import annotations
 import logging
 from typing import NoReturn
 
-from hoid_common.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.errors import HoidError
+from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts

@@ -18,7 +18,7 @@ from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.io.trajectory_io import write_tum
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.ros.service_thread import ServiceThread
+from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import IntArray
 from rgbd_slam.config.node_config import SlamNodeConfig

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from hoid_common.input_config import InputConfig
+from hoid_common.inputs.input_config import InputConfig
 from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig

@@ -15,8 +15,8 @@ from queue import Empty, SimpleQueue
 from threading import RLock, Thread
 from typing import Protocol
 
-from hoid_common.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.errors import InputError
+from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses

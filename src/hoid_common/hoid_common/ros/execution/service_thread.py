@@ -10,7 +10,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from hoid_common.ros.executor import GroupExecutor, ThreadCallbackGroup
+from hoid_common.ros.execution.executor import GroupExecutor, ThreadCallbackGroup
 
 _PAUSE_S = 0.1  # after a failure, which may come again at once
 _END_S = 2.0

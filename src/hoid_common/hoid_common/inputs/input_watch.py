@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hoid_common.input_config import BEST_EFFORT
+from hoid_common.inputs.input_config import BEST_EFFORT
 
 _TIMEOUT_S = 2.0
 

@@ -1,0 +1,4 @@
+"""Processes of their own: children that work for this one, starts and signals.
+
+Nothing here knows ROS.
+"""

@@ -1,0 +1,4 @@
+"""Executors and threads that run callbacks.
+
+Nothing here knows what they do.
+"""

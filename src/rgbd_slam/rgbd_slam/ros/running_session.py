@@ -1,0 +1,191 @@
+"""The session that runs once camera and base are known, and what it starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from hoid_common.errors import ConfigError, InputError, MapFileError
+from hoid_common.inputs.camera_agreement import CameraAgreement
+from hoid_common.ros.conversions import stamp_from_msg
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.slam_status import SlamMode
+from hoid_common.static_frames import StaticFrames
+from hoid_common.values import CameraModel, Features
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.map_directory import MAP, path_in
+from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.processes.mapper_process import MapperStoppedError
+from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.ros.checkpoints import Checkpoints
+from rgbd_slam.ros.scene.link import SceneLink
+from rgbd_slam.session import Processed, SlamSession
+
+
+class RunningSession:
+    """Starts, feeds, resets and ends the session of a node.
+
+    Args:
+        node: Whose clock and parameters the checkpoints go by.
+        config: Of the node.
+        frames: What `/tf_static` says.
+        scene: The scene mapper's process, which follows the session.
+        diagnostics: Of the node.
+        publish: Takes what a session says when it starts, before the first image.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: SlamNodeConfig,
+        frames: StaticFrames,
+        scene: SceneLink,
+        diagnostics: Diagnostics,
+        publish: Callable[[Processed, Header], None],
+    ) -> None:
+        self._config, self._frames, self._scene = config, frames, scene
+        self._diagnostics, self._publish = diagnostics, publish
+        self.session: SlamSession | None = None
+        self._cameras = CameraAgreement()
+        self._heard: tuple[CameraModel, Header] | None = None  # the latest camera info
+        self._first_map: MapFile | None = None
+        self._is_reset = False  # which forgets that map
+        self._checkpoints = Checkpoints(node, config, diagnostics, lambda: self.session)
+
+    def known(self) -> SlamSession:
+        """Return the session; raise InputError while there is none."""
+        if self.session is None:
+            raise InputError('nothing has been tracked yet: no camera info and features so far')
+        return self.session
+
+    def configure(self) -> None:
+        """Read the map to start with; raises HoidError, which ends the node, for a bad one."""
+        self._first_map, self._is_reset = self._read_first_map(), False
+
+    def reconfigure(self, config: SlamNodeConfig) -> None:
+        """Take over parameters that may change at run time."""
+        self._config = config
+        if self.session is not None:
+            self.session.reconfigure(config, self._scene.fusion_scheduler())
+
+    def offer_camera(self, camera: CameraModel, header: Header) -> None:
+        """Take a camera info, and start once it is believed and the base is known."""
+        self._heard = camera, header
+        is_taken = self._cameras.offer(camera)
+        self._say_camera()
+        if is_taken and self.session is not None:
+            self._end()
+            self._scene.clear()
+            self._first_map = None if self._is_reset else self._read_first_map()
+        if self.session is None and camera == self._cameras.camera:
+            self.session = self._start(camera, header)
+
+    def check_image(self, size_px: tuple[int, int]) -> None:
+        """Raise MessageError for features of images that are not the camera's."""
+        try:
+            self._cameras.check_image(size_px)
+        finally:
+            self._say_camera()
+
+    def process(self, session: SlamSession, features: Features) -> Processed:
+        """Track one image; end the node when mapping cannot be kept running."""
+        with _ending_without_mapper():
+            done = session.process(features)
+        return self._checkpoints.followed(session, done)
+
+    def reset(self) -> None:
+        """Forget the map, and start anew with the camera that was heard last."""
+        self._end()
+        self._first_map, self._is_reset = None, True
+        self._checkpoints.forget()
+        self._scene.clear()
+        self._cameras = CameraAgreement()
+        if self._heard is not None:
+            self.offer_camera(*self._heard)
+
+    def forget(self) -> None:
+        """Forget the map and the camera."""
+        self._heard = None
+        self.reset()
+
+    def close(self, *, is_asked_for: bool) -> None:
+        """End what runs in the background; a checkpoint stays unless the end was asked for."""
+        self._checkpoints.close(is_asked_for=is_asked_for)
+        self._end()
+
+    def _end(self) -> None:
+        if self.session is not None:
+            self.session.close()
+            self.session = None
+
+    def _say_camera(self) -> None:
+        if self._cameras.complaint:
+            self._diagnostics.set_problem('camera', self._cameras.complaint)
+        else:
+            self._diagnostics.clear_problem('camera')
+
+    def _robot_frames(self, header: Header) -> RobotFrames | None:
+        """Return where the camera sits on the robot, or None while that is unknown."""
+        names = self._config.frames
+        T_base_camera = self._frames.find(names.base, header.frame_id) if names.base else None
+        if names.base and T_base_camera is None:
+            self._diagnostics.set_problem(
+                'base', f'/tf_static does not join frames "{names.base}" and "{header.frame_id}"'
+            )
+            return None
+        self._diagnostics.clear_problem('base')
+        if names.planar and not names.base:
+            self._diagnostics.set_problem(
+                'planar', 'frames.planar needs frames.base, the frame that moves on the plane'
+            )
+        return RobotFrames(T_base_camera, planar=names.planar)
+
+    def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
+        """Return a session, or None while the base is unknown; takes a second or two."""
+        frames = self._robot_frames(header)
+        if frames is None:
+            return None
+        scheduler = self._scene.fusion_scheduler()
+        with _ending_without_mapper():
+            session = SlamSession(
+                camera, self._config, frames, background=True, fusion_scheduler=scheduler
+            )
+        self._scene.start_map(camera)
+        resumed = self._checkpoints.resume(session, stamp_from_msg(header.stamp))
+        if resumed is not None:
+            self._scene.load(None, resumed, keep=False)
+        elif self._first_map is not None:
+            self._load_first_map(session, self._first_map)
+        done = Processed(session.status(), None)
+        self._publish(self._checkpoints.followed(session, done), header)
+        return session
+
+    def _read_first_map(self) -> MapFile | None:
+        config = self._config
+        if config.map_file:
+            return map_file.load(path_in(config.map_directory, config.map_file, MAP))
+        if SlamMode[config.mode.upper()] is SlamMode.LOCALIZATION:
+            raise ConfigError('mode is localization, which needs a map_file')
+        return None
+
+    def _load_first_map(self, session: SlamSession, content: MapFile) -> None:
+        self._first_map = None
+        try:
+            loaded = session.load(content)
+        except MapFileError as error:
+            raise SystemExit(f'error: {self._config.map_file}: {error}') from error
+        session.set_mode(SlamMode[self._config.mode.upper()])
+        self._scene.load(content.dense, loaded, keep=False)
+
+
+@contextmanager
+def _ending_without_mapper() -> Iterator[None]:
+    """End the node when mapping cannot be kept running; a supervisor starts it anew."""
+    try:
+        yield
+    except MapperStoppedError as error:
+        raise SystemExit(f'error: {error}') from error
