@@ -111,12 +111,11 @@ void eliminate(
   }
 }
 
-MULTIVERSION("avx2")
-void linearize(const Window& window, const State& state, const uint8_t* used, System& system)
+namespace {
+
+template <bool kJoint>
+ALWAYS_INLINE void sum_system(const Window& window, const State& state, const uint8_t* used, System& system)
 {
-  for (auto* part : {&system.H_cc, &system.g_c, &system.H_pp, &system.g_p, &system.H_pc}) {
-    std::fill(part->begin(), part->end(), 0.0);
-  }
   for (int m = 0; m < window.count(); ++m) {
     const int i = window.camera_of[m], j = window.point_of[m];
     const double* T = &state.T[kPoseSize * i];
@@ -126,9 +125,9 @@ void linearize(const Window& window, const State& state, const uint8_t* used, Sy
     if (!used[m] || x[2] < kMinDepthM) {
       continue;
     }
-    residual(window.camera, x, seen, e);
-    const Weights weight = weights_of(window.camera, window.gates, seen, e);
-    point_jacobian(window.camera, x, J);
+    residual<kJoint>(window.camera, x, seen, e);
+    const Weights weight = weights_of<kJoint>(window.camera, window.gates, seen, e);
+    point_jacobian<kJoint>(window.camera, x, J);
     rotated(J, T, J_map);
     add_product<kPoint, kPoint>(
       J_map, J_map, weight, &system.H_pp[9 * static_cast<std::size_t>(j)]);
@@ -140,6 +139,21 @@ void linearize(const Window& window, const State& state, const uint8_t* used, Sy
       add_product<kPoint, kPose>(
         J_map, J_pose, weight, &system.H_pc[18 * static_cast<std::size_t>(m)]);
     }
+  }
+}
+
+}  // namespace
+
+MULTIVERSION("avx2")
+void linearize(const Window& window, const State& state, const uint8_t* used, System& system)
+{
+  for (auto* part : {&system.H_cc, &system.g_c, &system.H_pp, &system.g_p, &system.H_pc}) {
+    std::fill(part->begin(), part->end(), 0.0);
+  }
+  if (window.camera.joint_noise) {
+    sum_system<true>(window, state, used, system);
+  } else {
+    sum_system<false>(window, state, used, system);
   }
 }
 
@@ -171,8 +185,11 @@ void move_points(
   }
 }
 
-MULTIVERSION("avx2")
-double cost_of(const Window& window, const State& state, const uint8_t* used, double* chi2_out)
+namespace {
+
+template <bool kJoint>
+ALWAYS_INLINE double sum_costs(
+  const Window& window, const State& state, const uint8_t* used, double* chi2_out)
 {
   double sum = 0.0;
   for (int m = 0; m < window.count(); ++m) {
@@ -180,14 +197,23 @@ double cost_of(const Window& window, const State& state, const uint8_t* used, do
     double x[3], e[3];
     const double* T = &state.T[kPoseSize * window.camera_of[m]];
     to_camera(T, &state.points[kPoint * window.point_of[m]], x);
-    residual(window.camera, x, seen, e);
+    residual<kJoint>(window.camera, x, seen, e);
     const bool behind = x[2] < kMinDepthM;
-    chi2_out[m] = behind ? std::numeric_limits<double>::infinity() : chi2(window.camera, seen, e);
+    chi2_out[m] = behind ? std::numeric_limits<double>::infinity() : chi2<kJoint>(seen, e);
     if (used[m]) {
-      sum += behind ? kCostBehind : weights_of(window.camera, window.gates, seen, e).cost;
+      sum += behind ? kCostBehind : weights_of<kJoint>(window.camera, window.gates, seen, e).cost;
     }
   }
   return sum;
+}
+
+}  // namespace
+
+MULTIVERSION("avx2")
+double cost_of(const Window& window, const State& state, const uint8_t* used, double* chi2_out)
+{
+  return window.camera.joint_noise ? sum_costs<true>(window, state, used, chi2_out)
+                                   : sum_costs<false>(window, state, used, chi2_out);
 }
 
 }  // namespace hoid::optimize

@@ -50,8 +50,8 @@ ALWAYS_INLINE void accumulate(
   }
 }
 
-MULTIVERSION("avx2")
-void normal_equations(
+template <bool kJoint>
+ALWAYS_INLINE void sum_equations(
   const Scene& scene, const double* T, const uint8_t* inliers, Matrix6& H, Vector6& g)
 {
   H.setZero();
@@ -66,11 +66,22 @@ void normal_equations(
     if (x[2] < kMinDepthM) {
       continue;
     }
-    residual(scene.camera, x, seen, e);
-    const Weights weights = weights_of(scene.camera, scene.gates, seen, e);
-    point_jacobian(scene.camera, x, J_point);
+    residual<kJoint>(scene.camera, x, seen, e);
+    const Weights weights = weights_of<kJoint>(scene.camera, scene.gates, seen, e);
+    point_jacobian<kJoint>(scene.camera, x, J_point);
     pose_jacobian(x, J_point, J);
     accumulate(J, e, weights, H, g);
+  }
+}
+
+MULTIVERSION("avx2")
+void normal_equations(
+  const Scene& scene, const double* T, const uint8_t* inliers, Matrix6& H, Vector6& g)
+{
+  if (scene.camera.joint_noise) {
+    sum_equations<true>(scene, T, inliers, H, g);
+  } else {
+    sum_equations<false>(scene, T, inliers, H, g);
   }
   H.triangularView<Eigen::StrictlyLower>() = H.transpose();
 }
@@ -93,28 +104,46 @@ void iterate(
   }
 }
 
-MULTIVERSION("avx2") int tell_outliers(const Scene& scene, const double* T, uint8_t* inliers)
+template <bool kJoint>
+ALWAYS_INLINE int gate(const Scene& scene, const double* T, uint8_t* inliers)
 {
   int count = 0;
   for (int k = 0; k < scene.seen.count; ++k) {
     const Observation seen = scene.at(k);
     double x[3], e[3];
     to_camera(T, scene.point(k), x);
-    residual(scene.camera, x, seen, e);
-    inliers[k] = x[2] >= kMinDepthM && chi2(scene.camera, seen, e) <= gate_of(scene.gates, seen);
+    residual<kJoint>(scene.camera, x, seen, e);
+    inliers[k] = x[2] >= kMinDepthM && chi2<kJoint>(seen, e) <= gate_of(scene.gates, seen);
     count += inliers[k];
   }
   return count;
 }
 
-MULTIVERSION("avx2") void truncated_costs(const Scene& scene, const double* T, double* costs)
+MULTIVERSION("avx2") int tell_outliers(const Scene& scene, const double* T, uint8_t* inliers)
+{
+  return scene.camera.joint_noise ? gate<true>(scene, T, inliers)
+                                  : gate<false>(scene, T, inliers);
+}
+
+template <bool kJoint>
+ALWAYS_INLINE void write_costs(const Scene& scene, const double* T, double* costs)
 {
   for (int k = 0; k < scene.seen.count; ++k) {
     const Observation seen = scene.at(k);
     double x[3], e[3];
     to_camera(T, scene.point(k), x);
-    residual(scene.camera, x, seen, e);
-    costs[k] = truncated_cost(scene.camera, scene.gates, seen, x[2] < kMinDepthM ? nullptr : e);
+    residual<kJoint>(scene.camera, x, seen, e);
+    costs[k] =
+      truncated_cost<kJoint>(scene.camera, scene.gates, seen, x[2] < kMinDepthM ? nullptr : e);
+  }
+}
+
+MULTIVERSION("avx2") void truncated_costs(const Scene& scene, const double* T, double* costs)
+{
+  if (scene.camera.joint_noise) {
+    write_costs<true>(scene, T, costs);
+  } else {
+    write_costs<false>(scene, T, costs);
   }
 }
 

@@ -50,8 +50,12 @@ ALWAYS_INLINE void to_camera(const double* T, const double* p, double* x)
   }
 }
 
+// What follows is of one model of noise, which callers choose once for all observations: kJoint
+// holds u_right to the noise of u and v, under one kernel, as ORB-SLAM does.
+
 // Write measured - expected of u, v and the disparity u - u_right, or u_right itself where noise
 // is joint; 0 without depth. Depth is held at its minimum.
+template <bool kJoint>
 ALWAYS_INLINE void residual(
   const StereoParams& camera, const double* x, const Observation& seen, double* out)
 {
@@ -59,13 +63,14 @@ ALWAYS_INLINE void residual(
   out[0] = seen.measured[0] - (camera.fx_px * x[0] * inv_z + camera.cx_px);
   out[1] = seen.measured[1] - (camera.fy_px * x[1] * inv_z + camera.cy_px);
   const double disparity = seen.disparity() - camera.disparity_px_m * inv_z;
-  out[2] = !seen.has_depth() ? 0.0 : camera.joint_noise ? out[0] - disparity : disparity;
+  out[2] = !seen.has_depth() ? 0.0 : kJoint ? out[0] - disparity : disparity;
 }
 
 // What tells outliers: u_right is held to the same noise as u and v.
-ALWAYS_INLINE double chi2(const StereoParams& camera, const Observation& seen, const double* e)
+template <bool kJoint>
+ALWAYS_INLINE double chi2(const Observation& seen, const double* e)
 {
-  const double right = !seen.has_depth() ? 0.0 : camera.joint_noise ? e[2] : e[0] - e[2];
+  const double right = !seen.has_depth() ? 0.0 : kJoint ? e[2] : e[0] - e[2];
   return seen.weight * (e[0] * e[0] + e[1] * e[1] + right * right);
 }
 
@@ -87,11 +92,12 @@ struct Weights
   double pixel, depth, cost;  // of u and v, and of the third row
 };
 
+template <bool kJoint>
 ALWAYS_INLINE Weights weights_of(
   const StereoParams& camera, const Gates& gates, const Observation& seen, const double* e)
 {
-  if (camera.joint_noise) {
-    const double all = chi2(camera, seen, e), gate = gate_of(gates, seen);
+  if constexpr (kJoint) {
+    const double all = chi2<kJoint>(seen, e), gate = gate_of(gates, seen);
     const double weight = seen.weight * huber_weight(all, gate);
     return {weight, seen.has_depth() ? weight : 0.0, huber_cost(all, gate)};
   }
@@ -112,13 +118,14 @@ ALWAYS_INLINE Weights weights_of(
 
 // What an observation costs in units of the measured noise, pixel and disparity each cut off at
 // its gate; all that it can cost without residuals, as behind the camera.
+template <bool kJoint>
 ALWAYS_INLINE double truncated_cost(
   const StereoParams& camera, const Gates& gates, const Observation& seen, const double* e)
 {
   const double unit = camera.pixel_noise * camera.pixel_noise;
-  if (camera.joint_noise) {
+  if constexpr (kJoint) {
     const double gate = gate_of(gates, seen);
-    return e == nullptr ? gate : std::fmin(chi2(camera, seen, e) / unit, gate);
+    return e == nullptr ? gate : std::fmin(chi2<kJoint>(seen, e) / unit, gate);
   }
   if (e == nullptr) {
     return gates.mono + (seen.has_depth() ? kGateDisparity : 0.0);
@@ -133,6 +140,7 @@ ALWAYS_INLINE double truncated_cost(
 }
 
 // Derivatives of the three rows by the point in the camera's frame, [row][coordinate].
+template <bool kJoint>
 ALWAYS_INLINE void point_jacobian(
   const StereoParams& camera, const double* x, double J[kRows][kPoint])
 {
@@ -146,7 +154,7 @@ ALWAYS_INLINE void point_jacobian(
   J[1][2] = -fy * x[1] * inv_z;
   J[2][0] = J[2][1] = 0.0;
   J[2][2] = -camera.disparity_px_m * inv_z * inv_z;
-  if (camera.joint_noise) {
+  if constexpr (kJoint) {
     for (int a = 0; a < kPoint; ++a) {
       J[2][a] = J[0][a] - J[2][a];
     }
