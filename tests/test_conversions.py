@@ -5,6 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, RegionOfInterest
+from vision_msgs.msg import (
+    Detection2D,
+    Detection2DArray,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+)
 
 from hoid_common.errors import MessageError
 from hoid_common.ros import conversions
@@ -111,6 +117,46 @@ def test_detections_round_trip() -> None:
     assert (back.stamp_ns, back.class_names) == (detections.stamp_ns, detections.class_names)
     np.testing.assert_array_equal(back.boxes_xyxy_px, detections.boxes_xyxy_px)
     np.testing.assert_array_equal(back.scores, detections.scores)
+
+
+def test_detections_2d_round_trip() -> None:
+    detections = Detections(
+        conversions.stamp_from_msg(HEADER.stamp),
+        np.array([[1.5, 2, 30, 40], [5, 6, 7, 8]], np.float32),
+        ('person', 'unicorn'),
+        np.array([0.75, 0.25], np.float32),
+    )
+    msg = sent(conversions.detections_2d_to_msg(detections, HEADER))
+    person = msg.detections[0]
+    assert msg.header == person.header == HEADER
+    assert (person.bbox.center.position.x, person.bbox.center.position.y) == (15.75, 21.0)
+    assert (person.bbox.size_x, person.bbox.size_y) == (28.5, 38.0)
+    back = conversions.detections_2d_from_msg(msg)
+    assert (back.stamp_ns, back.class_names) == (detections.stamp_ns, detections.class_names)
+    np.testing.assert_array_equal(back.boxes_xyxy_px, detections.boxes_xyxy_px)
+    np.testing.assert_array_equal(back.scores, detections.scores)
+
+
+def test_a_turned_box_gives_the_upright_one_around_it_and_its_likeliest_class() -> None:
+    one = Detections(0, np.array([[0, 0, 40, 20]], np.float32), ('cup',), np.array([0.25], 'f4'))
+    msg = conversions.detections_2d_to_msg(one, HEADER)
+    msg.detections[0].bbox.center.theta = np.pi / 2
+    hypothesis = ObjectHypothesis(class_id='vase', score=0.5)
+    msg.detections[0].results.append(ObjectHypothesisWithPose(hypothesis=hypothesis))
+    back = conversions.detections_2d_from_msg(sent(msg))
+    assert (back.class_names, back.scores.tolist()) == (('vase',), [0.5])
+    np.testing.assert_allclose(back.boxes_xyxy_px, [[10, -10, 30, 30]], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ('detections', 'said'),
+    [([Detection2D()], 'results is empty'), ([Detection2D()] * 1001, '1001 elements')],
+)
+def test_foreign_boxes_that_say_nothing_or_too_much_are_refused(
+    detections: list[Detection2D], said: str
+) -> None:
+    with pytest.raises(MessageError, match=said):
+        conversions.detections_2d_from_msg(Detection2DArray(detections=detections))
 
 
 def test_no_detections_round_trip() -> None:

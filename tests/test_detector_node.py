@@ -16,6 +16,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 from std_srvs.srv import SetBool
+from vision_msgs.msg import Detection2DArray
 
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_common.errors import ModelError
@@ -25,6 +26,7 @@ from hoid_detector.node import DetectorNode
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
 from hoid_system_tests.detector_bench import FRAME, IMAGE, STAMP_NS, Bench, write_model
+from hoid_system_tests.probe import SETTLE_S
 from hoid_training.evaluate import Tally, Truth, count
 
 SMALL_PX = 32  # things of a shorter side may be missed
@@ -70,6 +72,23 @@ def test_image_gives_detections_with_its_stamp_and_frame(bench: Bench) -> None:
     ]
     assert found == [('person', 0, 20, 40, 60, 120), ('cup', 41, 100, 16, 180, 48)]
     assert [d.score for d in msg.detections] == pytest.approx([0.9, 0.6])
+
+
+def test_the_same_boxes_as_vision_msgs_for_who_listens(bench: Bench) -> None:
+    heard: list[Detection2DArray] = []
+    topic = 'hoid_detector/detections_2d'
+    bench.peer.create_subscription(Detection2DArray, topic, heard.append, qos.OUTPUT)
+    bench.until(lambda: bench.peer.count_publishers(topic) or None)
+    bench.spin(SETTLE_S)
+    bench.send(IMAGE)
+    own = conversions.detections_from_msg(bench.answer())
+    bench.until(lambda: heard or None)
+    assert conversions.stamp_from_msg(heard[0].header.stamp) == STAMP_NS
+    assert heard[0].header.frame_id == FRAME
+    foreign = conversions.detections_2d_from_msg(heard[0])
+    assert foreign.class_names == own.class_names == ('person', 'cup')
+    np.testing.assert_allclose(foreign.boxes_xyxy_px, own.boxes_xyxy_px)
+    np.testing.assert_allclose(foreign.scores, own.scores)
 
 
 def test_compressed_images_by_parameter(make_bench: MakeBench) -> None:

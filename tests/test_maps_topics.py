@@ -16,6 +16,7 @@ import yaml
 from hoid_msgs.msg import SlamStatus, TrackedObject, TrackedObjectArray
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid
+from people_msgs.msg import People
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
@@ -49,6 +50,7 @@ class Peer(RoomPeer):
         self.level = probe.collect(TFMessage, '/tf_static', qos.TF_STATIC, wait=False)
         self.patches = probe.collect(OccupancyGridUpdate, 'grid_map_updates', wait=False)
         self.tracked = probe.collect(TrackedObjectArray, 'tracked_objects', wait=False)
+        self.people = probe.collect(People, 'people', wait=False)
         self.markers = probe.collect(MarkerArray, 'tracked_objects/markers', wait=False)
         super().__init__(probe)
 
@@ -145,6 +147,7 @@ def check_patches(peer: Peer) -> None:
 def check_objects(peer: Peer, truth: RoomTruth) -> None:
     assert 48 <= len(peer.tracked) <= 51  # 10 Hz over 5 s
     assert peer.markers
+    check_people(peer)
     errors_m = []
     for msg in peer.tracked:
         i = round((stamp_of(msg) - SCENE.stamp_ns(0)) * 30e-9)
@@ -155,6 +158,23 @@ def check_objects(peer: Peer, truth: RoomTruth) -> None:
             errors_m.append(np.linalg.norm(people_m - world, axis=1).min())
     assert len(errors_m) > 30
     assert np.median(errors_m) < 0.2
+
+
+def check_people(peer: Peer) -> None:
+    """They are the people among the objects."""
+    people = {stamp_of(msg): msg for msg in peer.people}
+    assert len(people) == len(peer.tracked)
+    for msg in peer.tracked:
+        same = people[stamp_of(msg)]
+        assert same.header == msg.header
+        tracked = [t for t in msg.objects if t.state == TrackedObject.PERSON]
+        assert [(p.name, p.position) for p in same.people] == [
+            (str(t.id), t.position) for t in tracked
+        ]
+        assert [(p.velocity.x, p.velocity.y, p.velocity.z) for p in same.people] == [
+            (t.velocity.x, t.velocity.y, t.velocity.z) for t in tracked
+        ]
+        assert [p.reliability for p in same.people] == pytest.approx([t.score for t in tracked])
 
 
 def check_files(peer: Peer, folder: Path) -> None:

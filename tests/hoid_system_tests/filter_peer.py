@@ -40,14 +40,14 @@ DEPTH_M = np.full((HEIGHT, WIDTH), 2.0, np.float32)
 class Peer:
     """Sends what the node needs and keeps what it says."""
 
-    def __init__(self, probe: Probe) -> None:
+    def __init__(self, probe: Probe, *, as_vision_msgs: bool = False) -> None:
         self.probe = probe
         self.features = probe.collect(FeaturesMsg, 'features', wait=False)
         self.objects = probe.collect(DynamicObjectArray, 'dynamic_objects', wait=False)
         self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
         self.color = probe.publisher(Image, 'rgb/image')
         self.depth = probe.publisher(Image, 'depth/image')
-        self.boxes = probe.publisher(DetectionArray, 'detections')
+        self.boxes = probe.publisher(DetectionArray, 'detections', wait=not as_vision_msgs)
         self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')
         self.camera.publish(conversions.camera_to_msg(CAMERA, self.header(0)))
         probe.spin_for(0.2)

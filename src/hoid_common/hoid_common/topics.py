@@ -8,12 +8,17 @@ DEPTH_IMAGE = 'depth/image'
 IMU = 'imu'
 
 DETECTIONS = 'detections'
+DETECTIONS_2D = 'detections_2d'  # vision_msgs/Detection2DArray, in place of `detections`
+OWN_DETECTIONS_2D = '~/detections_2d'  # the same of our detector, made while somebody listens
 FEATURES = 'features'
 DYNAMIC_OBJECTS = 'dynamic_objects'
 DEBUG_IMAGE = '~/debug_image'
 # For a SLAM that finds its own features; made while somebody listens.
 MASK = '~/mask'  # mono8, 255 = static, 0 = moving
 STATIC_DEPTH = '~/static_depth'  # 0 where something moves
+# For obstacle layers, in the camera's optical frame; made while somebody listens.
+MOVING_POINTS = 'moving_points'
+STATIC_POINTS = 'static_points'
 
 ODOM = 'odom'
 VISUAL_ODOM = 'visual_odom'  # in its place where `odom` is the wheels'
@@ -25,6 +30,7 @@ GRID_MAP_UPDATES = 'grid_map_updates'  # map_msgs/OccupancyGridUpdate, beside th
 KEYFRAMES = 'keyframes'
 SLAM_STATUS = 'slam_status'
 TRACKED_OBJECTS = 'tracked_objects'  # hoid_msgs/TrackedObjectArray
+PEOPLE = 'people'  # people_msgs/People
 TRACKED_OBJECT_MARKERS = 'tracked_objects/markers'  # visualization_msgs/MarkerArray
 
 # Truth, in bags of recordings that have it; never on /tf, where it would fight the estimate.

@@ -9,6 +9,7 @@ from hoid_msgs.msg import DetectionArray
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
+from vision_msgs.msg import Detection2DArray
 
 from hoid_common import topics
 from hoid_common.errors import ConfigError, HoidError
@@ -46,6 +47,9 @@ class DetectorNode(ManagedNode):
         self._done = self.create_guard_condition(self._finish)
         self._worker = NewestWins(self._detect, self._done.trigger)
         self._detections = self.create_publisher(DetectionArray, topics.DETECTIONS, qos.OUTPUT)
+        self._detections_2d = self.create_publisher(
+            Detection2DArray, topics.OWN_DETECTIONS_2D, qos.OUTPUT
+        )
         self._debug_images = DebugImages(self)
         self.create_service(SetBool, '~/enable', self._enable)
         Inputs(self, self._settings.config.input, self.diagnostics).color(self._take)
@@ -82,6 +86,8 @@ class DetectorNode(ManagedNode):
         self._detections.publish(
             conversions.detections_to_msg(detections, msg.header, size_px, names, detect_ms)
         )
+        if self._detections_2d.get_subscription_count():
+            self._detections_2d.publish(conversions.detections_2d_to_msg(detections, msg.header))
         return _Seen(msg.header, image_bgr, detections, detect_ms, is_watched)
 
     def _finish(self) -> None:

@@ -25,7 +25,7 @@ from hoid_filter.detections.aligned_detections import Appearance, FilterInput, V
 from hoid_filter.detections.sanitize import sanitize
 from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.extraction.pyramid import Corners
-from hoid_filter.masked_images import static_mask
+from hoid_filter.masked_images import moving_mask, static_mask
 from hoid_filter.rules.registry import make_strategy
 
 
@@ -107,6 +107,7 @@ class FeatureFilter:
             objects=self._objects(verdict, frame.size_px),
             removed_uv_px=self._removed(corners, verdict, for_picture),
             static_mask=static_mask(verdict, frame.size_px) if with_mask else None,
+            moving=moving_mask(verdict, frame.size_px) if with_mask else None,
             num_features_in=len(corners),
             num_removed=0 if verdict.kept is None else len(corners) - len(verdict.kept),
             stage_ms={

@@ -9,6 +9,7 @@ from hoid_msgs.msg import DetectionArray
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
+from vision_msgs.msg import Detection2DArray
 
 from hoid_common import topics
 from hoid_common.errors import MessageError
@@ -61,7 +62,10 @@ class FilterNode(ManagedNode):
         inputs.depth(images.input('depth', conversions.depth_from_msg))
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._take_camera, 'camera infos')
         if config.needs_detections:
-            inputs.messages(DetectionArray, topics.DETECTIONS, self._take_detections, 'detections')
+            type_, topic = DetectionArray, topics.DETECTIONS
+            if config.detections.as_vision_msgs:
+                type_, topic = Detection2DArray, topics.DETECTIONS_2D
+            inputs.messages(type_, topic, self._take_detections, 'detections')
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._silence = self.create_timer(_SILENCE_S, self._poll, clock=steady)
 
@@ -85,11 +89,14 @@ class FilterNode(ManagedNode):
             error = MessageError('stamps went back by a second or more: all objects are forgotten')
             self.diagnostics.report(error, 'times that stamps went back')
 
-    def _take_detections(self, msg: DetectionArray) -> None:
-        said = (msg.image_width, msg.image_height)
-        if self._size_px not in (None, said):
-            raise MessageError(f'detections are of a {said} px image, colour is {self._size_px}')
-        detections = conversions.detections_from_msg(msg)
+    def _take_detections(self, msg: DetectionArray | Detection2DArray) -> None:
+        if isinstance(msg, Detection2DArray):
+            detections = conversions.detections_2d_from_msg(msg)
+        else:
+            said = (msg.image_width, msg.image_height)
+            if self._size_px not in (None, said):
+                raise MessageError(f'detections are of {said} px, colour is {self._size_px}')
+            detections = conversions.detections_from_msg(msg)
         self._go_on(self._gate.add_detections(detections, time.monotonic()))
 
     def _take_camera(self, msg: CameraInfo) -> None:
@@ -120,15 +127,14 @@ class FilterNode(ManagedNode):
         )
 
     def _process(self, ready: list[Ready[_Image]]) -> None:
-        outputs = self._outputs
-        for image, detections in ready:
+        for (header, detected), detections in ready:
             result = self._filter.select_and_describe(
-                image.detected,
+                detected,
                 detections,
-                for_picture=outputs.wants_picture,
-                with_mask=outputs.wants_mask,
+                for_picture=self._outputs.wants_picture,
+                with_mask=self._outputs.wants_mask,
             )
-            outputs.publish(image.detected.frame, result, image.header)
+            self._outputs.publish(detected.frame, result, header, self._filter.camera)
             self.diagnostics.count('images filtered')
             self.diagnostics.set_count('images without detections', self._gate.num_unanswered)
             for name, number in self._filter.counters.items():

@@ -35,6 +35,12 @@ class GateConfig(Config):
         0.15, 'Longest time that an image waits for its detections in the mode exact (s).',
         minimum=0.0, maximum=10.0, read_only=False, expert=True,
     )  # fmt: skip
+    as_vision_msgs: bool = param(
+        default=False,
+        description="Takes another detector's boxes: vision_msgs/Detection2DArray with the names "
+        'of classes as class_id, on detections_2d, in place of detections.',
+        expert=True,
+    )
     timeout_s: float = param(
         2.0, 'Without detections for this long, the detector counts as lost (s).',
         minimum=0.1, maximum=3600.0, read_only=False, expert=True,

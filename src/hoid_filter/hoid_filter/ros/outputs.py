@@ -1,18 +1,20 @@
-"""What the filter publishes: features, verdicts, and pictures while someone listens."""
+"""What the filter publishes: features, verdicts; pictures and points while someone listens."""
 
 from __future__ import annotations
 
 from hoid_msgs.msg import DynamicObjectArray
 from hoid_msgs.msg import Features as FeaturesMsg
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages, MaskedImages
-from hoid_common.values import FilterResult, RgbdFrame
+from hoid_common.values import CameraModel, FilterResult, RgbdFrame
 from hoid_filter.drawing import draw_result
-from hoid_filter.masked_images import static_depth_m
+from hoid_filter.masked_images import points_m, static_depth_m
 
 
 class FilterOutputs:
@@ -25,6 +27,8 @@ class FilterOutputs:
         )
         self._debug_images = DebugImages(node)
         self._masked_images = MaskedImages(node)
+        self._moving_points = node.create_publisher(PointCloud2, topics.MOVING_POINTS, qos.OUTPUT)
+        self._static_points = node.create_publisher(PointCloud2, topics.STATIC_POINTS, qos.OUTPUT)
 
     @property
     def wants_picture(self) -> bool:
@@ -33,11 +37,20 @@ class FilterOutputs:
 
     @property
     def wants_mask(self) -> bool:
-        """Return whether someone listens to the masked images."""
-        return self._masked_images.is_watched
+        """Return whether someone listens to the masked images or the points."""
+        return self._masked_images.is_watched or bool(self._watched_clouds())
 
-    def publish(self, frame: RgbdFrame, result: FilterResult, header: Header) -> None:
-        """Publish features and verdicts, then the pictures that are wanted."""
+    def publish(
+        self, frame: RgbdFrame, result: FilterResult, header: Header, camera: CameraModel | None
+    ) -> None:
+        """Publish features and verdicts, then the pictures and points that are wanted.
+
+        Args:
+            frame: The image.
+            result: What the filter made of it.
+            header: Of the image.
+            camera: That took it; without it, or with one of another size, there are no points.
+        """
         counts = conversions.FeatureCounts(
             result.num_features_in,
             result.num_removed,
@@ -51,5 +64,14 @@ class FilterOutputs:
         self._objects.publish(conversions.dynamic_objects_to_msg(result.objects, header, size_px))
         if (mask := result.static_mask) is not None:
             self._masked_images.publish(mask, static_depth_m(frame.depth_m, mask), header)
+        if result.moving is not None and camera is not None and camera.size_px == size_px:
+            for publisher in self._watched_clouds():
+                wanted = result.moving if publisher is self._moving_points else ~result.moving
+                cloud = conversions.Cloud(points_m(frame.depth_m, wanted, camera))
+                publisher.publish(conversions.cloud_to_msg(cloud, header))
         if self.wants_picture:
             self._debug_images.publish(draw_result(frame.image_bgr, result), header)
+
+    def _watched_clouds(self) -> list[Publisher]:
+        clouds = (self._moving_points, self._static_points)
+        return [publisher for publisher in clouds if publisher.get_subscription_count()]

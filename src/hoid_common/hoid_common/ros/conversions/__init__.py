@@ -7,6 +7,10 @@ take a Header, as every output carries the stamp and frame of the image it came 
 from hoid_common.ros.conversions.camera import camera_from_msg, camera_to_msg
 from hoid_common.ros.conversions.clouds import Cloud, cloud_from_msg, cloud_to_msg
 from hoid_common.ros.conversions.detections import detections_from_msg, detections_to_msg
+from hoid_common.ros.conversions.detections_2d import (
+    detections_2d_from_msg,
+    detections_2d_to_msg,
+)
 from hoid_common.ros.conversions.features import (
     FeatureCounts,
     feature_counts_from_msg,
@@ -51,6 +55,8 @@ __all__ = [
     'compressed_depth_to_msg',
     'depth_from_msg',
     'depth_to_msg',
+    'detections_2d_from_msg',
+    'detections_2d_to_msg',
     'detections_from_msg',
     'detections_to_msg',
     'dynamic_objects_from_msg',

@@ -1,4 +1,4 @@
-"""Messages of the room: grid, tracked objects, and the same as markers."""
+"""Messages of the room: grid, tracked objects, and the same as people and as markers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from hoid_msgs.msg import TrackedObject as TrackedObjectMsg
 from hoid_msgs.msg import TrackedObjectArray
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import MapMetaData, OccupancyGrid
+from people_msgs.msg import People, Person
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -66,6 +67,12 @@ def tracked_objects_to_msg(
     return TrackedObjectArray(header=header, objects=[_object_to_msg(item) for item in objects])
 
 
+def people_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> People:
+    """Return the message of those tracks that are people, in the header's frame."""
+    people = [_person_to_msg(item) for item in objects if item.state is ObjectState.PERSON]
+    return People(header=header, people=people)
+
+
 def markers_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> MarkerArray:
     """Return a box and a label per object; what was there before goes."""
     markers = [Marker(header=header, action=Marker.DELETEALL)]
@@ -92,6 +99,16 @@ def _object_to_msg(item: TrackedObject) -> TrackedObjectMsg:
         position=_point(item),
         velocity=_vector(item.velocity_map_mps),
         size=_vector(item.size_m),
+    )
+
+
+def _person_to_msg(item: TrackedObject) -> Person:
+    x, y, z = item.velocity_map_mps.tolist()
+    return Person(
+        name=str(item.track_id),
+        position=_point(item),
+        velocity=Point(x=x, y=y, z=z),
+        reliability=float(item.score),
     )
 
 

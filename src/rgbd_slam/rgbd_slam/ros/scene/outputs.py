@@ -9,6 +9,7 @@ import numpy as np
 from hoid_msgs.msg import TrackedObjectArray
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid
+from people_msgs.msg import People
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from tf2_msgs.msg import TFMessage
@@ -21,6 +22,7 @@ from rgbd_slam.ros.scene.conversions import (
     grid_to_msg,
     markers_to_msg,
     patch_to_msg,
+    people_to_msg,
     tracked_objects_to_msg,
 )
 from rgbd_slam.ros.scene.messages import Output, SceneSetup
@@ -36,6 +38,7 @@ TOPICS = {
     topics.GRID_MAP_UPDATES: (OccupancyGridUpdate, qos.OUTPUT),
     topics.TF_STATIC: (TFMessage, qos.TF_STATIC),
     topics.TRACKED_OBJECTS: (TrackedObjectArray, qos.OUTPUT),
+    topics.PEOPLE: (People, qos.OUTPUT),
     topics.TRACKED_OBJECT_MARKERS: (MarkerArray, qos.OUTPUT),
 }
 """Type and quality of service by name."""
@@ -60,6 +63,7 @@ class SceneOutputs:
         """Publish the tracks as known after an image."""
         header = conversions.header_to_msg(stamp_ns, self._frame)
         self._publish(topics.TRACKED_OBJECTS, tracked_objects_to_msg(objects, header))
+        self._publish(topics.PEOPLE, people_to_msg(objects, header))
         self._publish(topics.TRACKED_OBJECT_MARKERS, markers_to_msg(objects, header))
 
     def publish_map(self, room: SceneMapper, stamp_ns: int) -> None:

@@ -1,0 +1,75 @@
+"""vision_msgs/Detection2DArray, which other detectors and whoever listens to them speak."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from std_msgs.msg import Header
+from vision_msgs.msg import (
+    BoundingBox2D,
+    Detection2D,
+    Detection2DArray,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+)
+
+from hoid_common.errors import MessageError
+from hoid_common.ros.conversions.detections import MAX_DETECTIONS
+from hoid_common.ros.conversions.headers import stamp_from_msg
+from hoid_common.values import Detections
+
+Row = tuple[float, float, float, float]
+
+
+def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
+    """Return the upright boxes around those of the message, each with its likeliest class.
+
+    Boxes without a class, and more than MAX_DETECTIONS, raise MessageError.
+    """
+    found = msg.detections
+    if len(found) > MAX_DETECTIONS:
+        raise MessageError(f'detections_2d has {len(found)} elements, more than {MAX_DETECTIONS}')
+    best = [_likeliest(detection) for detection in found]
+    return Detections(
+        stamp_from_msg(msg.header.stamp),
+        np.array([_box_from_msg(each.bbox) for each in found], np.float32).reshape(-1, 4),
+        tuple(hypothesis.class_id for hypothesis in best),
+        np.array([hypothesis.score for hypothesis in best], np.float32),
+    )
+
+
+def detections_2d_to_msg(detections: Detections, header: Header) -> Detection2DArray:
+    """Return the message; a class is given by its name."""
+    rows = zip(
+        detections.boxes_xyxy_px.tolist(),
+        detections.class_names,
+        detections.scores.tolist(),
+        strict=True,
+    )
+    return Detection2DArray(
+        header=header, detections=[_to_msg(box, name, score, header) for box, name, score in rows]
+    )
+
+
+def _likeliest(detection: Detection2D) -> ObjectHypothesis:
+    if not detection.results:
+        raise MessageError('detections_2d.results is empty: a box needs a class and a score')
+    return max((r.hypothesis for r in detection.results), key=lambda h: h.score)
+
+
+def _box_from_msg(box: BoundingBox2D) -> Row:
+    x, y = box.center.position.x, box.center.position.y
+    cos, sin = abs(math.cos(box.center.theta)), abs(math.sin(box.center.theta))
+    half_x = (cos * box.size_x + sin * box.size_y) / 2
+    half_y = (sin * box.size_x + cos * box.size_y) / 2
+    return x - half_x, y - half_y, x + half_x, y + half_y
+
+
+def _to_msg(box_xyxy_px: Row, name: str, score: float, header: Header) -> Detection2D:
+    left, top, right, bottom = box_xyxy_px
+    result = ObjectHypothesisWithPose(hypothesis=ObjectHypothesis(class_id=name, score=score))
+    msg = Detection2D(header=header, results=[result])
+    msg.bbox.center.position.x, msg.bbox.center.position.y = (left + right) / 2, (top + bottom) / 2
+    msg.bbox.size_x, msg.bbox.size_y = right - left, bottom - top
+    return msg
