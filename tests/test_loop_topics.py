@@ -118,9 +118,10 @@ def test_odometry_does_not_move_when_a_loop_corrects_the_map(probe: Probe) -> No
     assert distance_m(edges[LAP // 2].T_map_odom, np.eye(4)) < 0.005
     for (edge, later), (T, T_later) in zip(pairwise(edges), pairwise(true), strict=True):
         T_measured = se3.inverse(edge.T_odom_camera) @ later.T_odom_camera
-        # The closed map is bent by 1 %, which is up to 16 mm over half a view 3 m away: odometry
-        # may follow the bend of what it is measured by, but not the jump.
-        assert distance_m(se3.inverse(T) @ T_later, T_measured) < 0.25 * max(jumps_m)
+        # The closed map is bent by 1 %: odometry may follow the bend of what it is measured by,
+        # which may be the far wall alone, but not the jump.
+        assert distance_m(se3.inverse(T) @ T_later, T_measured) < walker.world.bend_m
+    assert walker.world.bend_m < 0.35 * max(jumps_m)
     known = walker.camera_at(OVERLAP - 1)  # the same place, a lap ago
     gap_m = distance_m(edges[-1].T_odom_camera, known)
     assert gap_m > 0.04

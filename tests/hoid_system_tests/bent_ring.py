@@ -28,6 +28,12 @@ class BentRing:
         self._height_m = rng.uniform(-1.5, 1.5, num_points)
         self._descriptors = rng.integers(0, 256, (num_points, 32), dtype=np.uint8)
 
+    @property
+    def bend_m(self) -> float:
+        """Return how far the bend of a closed map moves the farthest wall over half a view."""
+        half_view_rad = np.arctan(CAMERA.width_px / 2 / CAMERA.fx_px)
+        return float(_MISSING_SHARE * half_view_rad * self._radius_m.max())
+
     def camera_at(self, turn_rad: float) -> FloatArray:
         """Return T_start_camera (4, 4) as measured along the way."""
         T_world_start, T_world_camera = (_on_ring(turn) for turn in (0.0, turn_rad))
