@@ -101,6 +101,6 @@ def test_scores_are_the_weights_of_what_fits() -> None:
     away = np.eye(4)
     away[0, 3] = 1.0
     scores = score_poses(camera, 1.0, 2.0, np.array([REST, away]), points, measured, weights)
-    np.testing.assert_allclose(scores, [[1 + 2 * 0.75, 10 + 20 * 0.75], [0, 0]])
+    np.testing.assert_allclose(scores, np.array([[2.5, 25.0], [0.0, 0.0]]))
     with pytest.raises(ValueError, match='weights'):
         score_poses(camera, 1.0, 2.0, REST[None], points, measured, weights[:2])
