@@ -79,6 +79,6 @@ def test_a_node_that_cannot_start_ends_the_replay_with_its_own_words(
     argv = ['replay', str(scene), '--out', str(tmp_path / 'out'), '--detector', 'nowhere.onnx']
     assert cli.main(argv) == 1
     error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith('hoid replay: hoid_detector ended (status 1): ')
+    assert error.startswith('hoid replay: hoid_detector refused to start: ')
     assert 'nowhere.onnx' in error
     assert not (tmp_path / 'out' / 'summary.json').exists()

@@ -59,6 +59,7 @@ class Bench:
     def __init__(self) -> None:
         self.executor = SingleThreadedExecutor()
         self.peer = Node('peer')
+        self._clients: dict[str, Any] = {}
         self.executor.add_node(self.peer)
         self.detections: list[DetectionArray] = []
         self.diagnostics: list[DiagnosticStatus] = []
@@ -102,9 +103,11 @@ class Bench:
         return self.until(lambda: self.detections.pop(0) if self.detections else None)
 
     def call(self, type_: Any, name: str, request: Any) -> Any:
-        client = self.peer.create_client(type_, name)
-        self.until(lambda: client.service_is_ready() or None)
-        self.spin(SETTLE_S)
+        if name not in self._clients:
+            self._clients[name] = self.peer.create_client(type_, name)
+            self.until(self._clients[name].service_is_ready)
+            self.spin(SETTLE_S)
+        client = self._clients[name]
         future = client.call_async(request)
         self.until(future.done)
         return future.result()

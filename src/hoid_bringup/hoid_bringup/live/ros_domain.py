@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import socket
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from hoid_common.errors import ConfigError
 
 VARIABLE = 'ROS_DOMAIN_ID'
 _FIRST, _COUNT = 1, 100
+_USED = itertools.count()  # not the same one twice: the dead are heard for a while
 _PORT_BASE = 32768  # a bound port marks a domain as taken; ROS's domain_coordinator does the same
 
 
@@ -35,7 +37,7 @@ def own_domain() -> Iterator[int]:
 
 
 def _reserve(stack: ExitStack) -> int:
-    for attempt in range(_COUNT):
+    for attempt in itertools.islice(_USED, _COUNT):
         domain = _FIRST + (os.getpid() + attempt) % _COUNT
         mark = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
         try:
