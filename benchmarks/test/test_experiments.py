@@ -54,6 +54,7 @@ def result(job: Job, ate: float) -> Result:
     return Result(job, {'ate_rmse_m': ate, 'coverage': 1.0, 'ate_mean_m': ate})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['quick', 'full', 'readme'])
 def test_shipped_plans_load_and_their_parameters_exist(name: str) -> None:
     jobs = load_plan(name).jobs()

@@ -96,6 +96,7 @@ def test_frames_of_a_case_are_chosen_by_its_name() -> None:
         find_case('static-false@10')
 
 
+@pytest.mark.slow
 def test_people_move_and_what_stands_about_does_not() -> None:
     config = SceneConfig(seed=1, num_frames=2, width_px=64)
     for frame, moving, exact in rendered_people(config, workers=1):

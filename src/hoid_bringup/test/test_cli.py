@@ -69,6 +69,7 @@ sys.exit(cli.main(['evaluate', 'a', 'b']))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['SIGTERM', 'SIGHUP', 'SIGQUIT', 'SIGINT'])
 def test_signals_end_a_command_as_ctrl_c_does(name: str) -> None:
     argv = [sys.executable, '-c', BUSY]
@@ -82,6 +83,7 @@ def test_signals_end_a_command_as_ctrl_c_does(name: str) -> None:
     assert said == 'hoid evaluate: interrupted\n'
 
 
+@pytest.mark.slow
 def test_a_command_that_ignores_hang_ups_goes_on_doing_so() -> None:
     code = 'import signal\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)' + BUSY
     argv = [sys.executable, '-c', code]
@@ -107,6 +109,7 @@ def test_what_a_killed_command_left_is_named(
     assert '.check.partial-abcdefgh: left by a killed command' in second
 
 
+@pytest.mark.slow
 def test_an_interrupt_while_importing_gives_no_traceback() -> None:
     argv = [sys.executable, '-m', 'hoid_bringup', 'info', 'nothing']
     for i in range(12):

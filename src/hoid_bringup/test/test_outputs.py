@@ -100,6 +100,7 @@ def test_truth_of_another_time_is_said_to_give_no_errors(
     assert 'of the same recording?' in record.getMessage()
 
 
+@pytest.mark.slow
 def test_without_ground_truth_errors_are_null(tmp_path: Path) -> None:
     write_outputs(tmp_path, result(spiral(90), None))
     loaded = json.loads((tmp_path / 'summary.json').read_text())

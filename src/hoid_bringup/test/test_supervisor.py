@@ -82,6 +82,7 @@ def test_a_child_that_refuses_to_start_is_not_restarted(tmp_path: Path) -> None:
     assert (tmp_path / 'proud.log').read_text() == 'no\n'
 
 
+@pytest.mark.slow
 def test_children_end_when_their_supervisor_is_killed(tmp_path: Path) -> None:
     code = (
         'import sys, time; from pathlib import Path; from hoid_bringup.live.supervisor import *;'

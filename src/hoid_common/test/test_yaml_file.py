@@ -121,6 +121,7 @@ def test_what_is_refused_and_where(text: str, said: str) -> None:
     assert said in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'unit',
     [

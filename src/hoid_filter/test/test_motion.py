@@ -121,6 +121,7 @@ def corner_shares(motion: FeatureFilter, frame: RgbdFrame, square: BoolArray) ->
     return float(square[at[:, 1], at[:, 0]].mean()), len(features)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('camera', [CAMERA, LENS], ids=['pinhole', 'lens'])
 def test_a_square_that_moves_is_masked_and_told(camera: CameraModel) -> None:
     motion = make_filter(camera)
@@ -140,6 +141,7 @@ def test_a_square_that_moves_is_masked_and_told(camera: CameraModel) -> None:
     assert (x_m, y_m) == pytest.approx((-0.4 + 0.02 * 24 - 0.004 * 24, 0.0), abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('step_m', 'turn_rad'), [(0.0, 0.0), (0.01, 0.0), (0.0, 0.02)], ids=['rests', 'goes', 'turns']
 )
@@ -155,6 +157,7 @@ def test_where_nothing_moves_nothing_is_masked(step_m: float, turn_rad: float) -
         np.testing.assert_array_equal(result.features.uv_px, unfiltered.uv_px)
 
 
+@pytest.mark.slow
 def test_what_came_to_rest_is_static_again() -> None:
     motion = make_filter()
     for i in range(20):

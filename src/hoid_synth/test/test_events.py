@@ -30,6 +30,7 @@ def test_an_event_moves_one_thing(event: str) -> None:
     assert found.handled == ((True,) if name else ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('event', ['carry_box', 'cat', 'picture'])
 def test_what_an_event_moves_is_seen(event: str) -> None:
     renderer = SceneRenderer(config(event))

@@ -129,6 +129,7 @@ def test_objects_are_in_hands_and_bump_into_nobody(seed: int) -> None:
                 assert np.linalg.norm(points[:, :2] - people[n, i], axis=1).min() > 0.15
 
 
+@pytest.mark.slow
 def test_boxes_tell_what_is_carried() -> None:
     renderer = SceneRenderer(replace(GROUP, seed=1, width_px=160))
     told: set[tuple[str, bool]] = set()

@@ -2,6 +2,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
@@ -32,6 +33,7 @@ def world_points(synth: SynthFrame) -> FloatArray:
     return se3.transform(synth.T_world_camera, np.stack([x, y, z], -1).reshape(-1, 3))
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_bytes_in_any_order() -> None:
     again = SceneRenderer(SMALL)
     frame(120)
@@ -48,6 +50,7 @@ def test_another_seed_is_another_room() -> None:
     assert other.world.wardrobes[0].build != one.world.wardrobes[0].build
 
 
+@pytest.mark.slow
 def test_other_people_share_the_home_and_begin_elsewhere() -> None:
     home = SceneConfig(num_frames=60, width_px=64)
     one, other = (set_stage(c) for c in (home, replace(home, people_seed=3, start_s=1.0)))
@@ -73,6 +76,7 @@ def test_boxes_enclose_the_visible_pixels() -> None:
         assert box.tolist() == [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
 
 
+@pytest.mark.slow
 def test_static_pixels_lie_on_the_static_model_and_people_do_not() -> None:
     synth, stage = frame(120), renderer().stage
     distance = StaticModel(stage).distance_m(world_points(synth)).reshape(synth.true_depth_m.shape)

@@ -31,6 +31,7 @@ def test_it_tells_by_itself_how_to_be_fed(detector: OnnxDetector) -> None:
     assert detector.network.path.stat().st_size <= 1_500_000
 
 
+@pytest.mark.slow
 def test_people_are_found(tally: Tally) -> None:
     people = tally.people()
     assert people.asked >= FRAMES

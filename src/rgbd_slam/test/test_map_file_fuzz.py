@@ -70,6 +70,7 @@ _JSON = st.recursive(
 )
 
 
+@pytest.mark.slow
 @_FUZZ
 @given(data=st.data())
 def test_no_manifest_does_harm(path: Path, data: st.DataObject) -> None:
@@ -104,6 +105,7 @@ def test_truncated_files_never_do_harm(path: Path, end: int) -> None:
     harmless(path, saved()[: end % len(saved())])
 
 
+@pytest.mark.slow
 @_FUZZ
 @given(
     name=st.sampled_from(sorted(members_of(saved()))), at=st.integers(0, 2**20),

@@ -115,6 +115,7 @@ def test_a_place_unknown_for_long_starts_a_map_beside_the_loaded_one(saved: MapS
     assert not slam.odometry.is_in_main_map
 
 
+@pytest.mark.slow
 def test_two_sessions_are_joined_when_a_known_place_is_seen(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
     poses = turn(90, 1.8, -0.2)
@@ -130,6 +131,7 @@ def test_two_sessions_are_joined_when_a_known_place_is_seen(saved: MapState) -> 
     assert len(slam.trajectory.final()) == 90
 
 
+@pytest.mark.slow
 def test_the_mapping_process_takes_a_map_over_at_once(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig(), background=True)
     try:

@@ -27,6 +27,7 @@ def rmse_m(slam: RgbdSlam, poses: FloatArray) -> float:
     return float(np.sqrt((errors**2).mean()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('first', 'last'), [(30, 50), (40, 70)], ids=['covered lens', 'elsewhere afterwards']
 )
@@ -87,6 +88,7 @@ def test_a_gap_in_the_stream_is_no_time_lost() -> None:
 LATER = 3000  # images, of a clock that is set back by 100 s then
 
 
+@pytest.mark.slow
 def test_after_stamps_that_go_back_another_scene_becomes_a_new_map() -> None:
     """As of a bag that starts anew: time was counted from what is now the future."""
     config = SlamConfig().updated({'places.new_map_after_s': 1.0})
@@ -99,6 +101,7 @@ def test_after_stamps_that_go_back_another_scene_becomes_a_new_map() -> None:
     assert slam.stats.num_maps == 2
 
 
+@pytest.mark.slow
 def test_after_stamps_that_go_back_the_map_goes_on_growing() -> None:
     config = SlamConfig().updated({'keyframes.fallen_share': 0.0})  # which waits for no time
     world, slam = World(), RgbdSlam(CAMERA, config)
@@ -110,6 +113,7 @@ def test_after_stamps_that_go_back_the_map_goes_on_growing() -> None:
     assert slam.stats.num_maps == 1
 
 
+@pytest.mark.slow
 def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None:
     """The camera turns round in the dark, maps what is there, and turns back in the light."""
     config = SlamConfig().updated({'places.new_map_after_s': 0.2})

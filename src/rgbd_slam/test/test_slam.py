@@ -44,6 +44,7 @@ def _wait_for_mapper(slam: RgbdSlam) -> None:
         time.sleep(0.002)
 
 
+@pytest.mark.slow
 def test_a_known_trajectory_comes_back_and_repeats() -> None:
     first, second = (RgbdSlam(CAMERA, SlamConfig()) for _ in range(2))
     assert run(first) == run(second) == [TrackingState.TRACKING] * len(POSES)
@@ -97,6 +98,7 @@ def test_features_of_an_unknown_octave_are_refused_and_change_nothing() -> None:
     assert len(slam.trajectory.online()) == 2
 
 
+@pytest.mark.slow
 def test_mapping_in_a_process_of_its_own() -> None:
     slam = RgbdSlam(CAMERA, SlamConfig(), background=True)
     link = slam.map._link
@@ -125,6 +127,7 @@ def test_a_dead_mapper_is_told() -> None:
     slam.map.close()
 
 
+@pytest.mark.slow
 def test_a_mapper_that_cannot_start_is_told_at_once() -> None:
     camera = StereoCamera.from_model(CAMERA, SlamConfig().camera)
     nothing: Any = None  # no configuration: the process fails on its own
@@ -132,12 +135,14 @@ def test_a_mapper_that_cannot_start_is_told_at_once() -> None:
         MapperProcess(camera, Atlas(1.2, 8), nothing)
 
 
+@pytest.mark.slow
 def test_a_mapper_that_takes_too_long_to_start_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('rgbd_slam.processes.mapper_process._START_S', 0.001)
     with pytest.raises(MapperStoppedError, match=r'did not start in 0\.001 s: .* too busy'):
         RgbdSlam(CAMERA, SlamConfig(), background=True)
 
 
+@pytest.mark.slow
 def test_a_mapper_that_dies_is_replaced_and_the_map_goes_on() -> None:
     world, slam = World(), RgbdSlam(CAMERA, SlamConfig(), background=True)
     link = slam.map._link
@@ -168,6 +173,7 @@ def test_a_mapper_that_dies_is_replaced_and_the_map_goes_on() -> None:
     slam.map.close()
 
 
+@pytest.mark.slow
 def test_the_mapper_dies_with_a_killed_tracker() -> None:
     code = (
         'import time\n'
