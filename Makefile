@@ -21,9 +21,10 @@ check:  ## The quick experiments, held against stored bounds
 docs:  ## The documents as a site, out/site; broken links are errors
 	@NO_MKDOCS_2_WARNING=1 ./hoid dev python -m mkdocs build --quiet
 
-reference:  ## Write the pages of all parameters and commands anew
+reference:  ## Write the pages of all parameters and commands, and the tables of results, anew
 	@./hoid dev python -m hoid_bringup.parameter_reference > docs/reference/parameters.md
 	@./hoid dev python -m hoid_bringup.command_reference > docs/reference/commands.md
+	@./hoid dev python -m hoid_benchmarks.publish.pages
 
 format:
 	@./hoid dev ruff check --fix .

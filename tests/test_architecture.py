@@ -47,7 +47,9 @@ ROOMS = {
         evaluate < run < live view < commands cli parameter_reference
         < command_reference < __main__
     """,
-    'hoid_benchmarks': 'plan < jobs < rooms faults < report < demo_picture < commands demo',
+    'hoid_benchmarks': """
+        plan < jobs < rooms faults < report < publish demo_picture < commands demo
+    """,
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')
 ROS_ROOMS = re.compile(

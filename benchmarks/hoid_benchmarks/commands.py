@@ -6,7 +6,7 @@ import argparse
 import os
 import shlex
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +16,10 @@ from hoid_benchmarks.jobs.machine import Code
 from hoid_benchmarks.jobs.masks import mask_report
 from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.jobs.speed import STAGES, time_stage
-from hoid_benchmarks.plan.plan import Job, load_plan
+from hoid_benchmarks.plan.plan import Job, Plan, load_plan
 from hoid_benchmarks.plan.sequences import Store
+from hoid_benchmarks.publish.pages import results_path, write_pages
+from hoid_benchmarks.publish.results_file import keep
 from hoid_benchmarks.report.check import check
 from hoid_benchmarks.report.report import Report
 from hoid_benchmarks.report.runs import RunList
@@ -52,6 +54,11 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     add('--workers', type=int, default=0, metavar='N', help='runs at a time (default: one a core)')
     add('--cluster', default='', metavar='ADDRESS', help='of a Dask scheduler that shares files')
     add('--check', action='store_true', help='fail when a stored bound is broken by this code')
+    add('--renew', action='store_true', help='run again what other code has run')
+    add(
+        '--publish', action='store_true',
+        help='put what is complete into the tables of README and docs/results',
+    )  # fmt: skip
 
 
 def bench_command(args: argparse.Namespace) -> None:
@@ -92,12 +99,24 @@ def _experiments(args: argparse.Namespace, store: Store) -> None:
         return
     found = engine.stored(plan.jobs())
     if not args.report:
-        found |= engine.run(plan.only(args.only).jobs())
+        running = replace(engine, only_this_code=args.check or args.renew)
+        found |= running.run(plan.only(args.only).jobs())
     results = {job: found[job] for job in plan.jobs() if job in found}  # in the plan's order
     page = Report(plan, results, folder, RunList(plan, store, _ROOT)).write()
     sys.stdout.write(f'{_counted(results.values())}\n{page}\n')
+    if args.publish:
+        _publish(plan.only(args.only), results)
     if args.check and (broken := check(results.values())):
         raise HoidError('; '.join(broken))
+
+
+def _publish(plan: Plan, results: Mapping[Job, Result]) -> None:
+    kept = keep(plan, results, results_path(_ROOT, plan.name))
+    left = [e.id for e in plan.experiments if e.id not in kept]
+    write_pages(_ROOT)
+    for words, names in (('published', kept), ('not complete, left as it was', left)):
+        if names:
+            sys.stdout.write(f'{words}: {", ".join(names)}\n')
 
 
 def repeating_command(what: str, args: argparse.Namespace) -> str:

@@ -21,7 +21,7 @@ from hoid_benchmarks.report.notes import curve_note
 from hoid_benchmarks.report.page import Head, Page, Picture, Section, render_page
 from hoid_benchmarks.report.runs import RunList, but_seed
 from hoid_benchmarks.report.tables import Table, text
-from hoid_benchmarks.report.views import failures, grouped, make_table, missing
+from hoid_benchmarks.report.views import failures, grouped, make_table, missing, with_commits
 
 _CAPTIONS = {
     'verdicts.png': 'verdict on each object (paper, Figure 4)',
@@ -68,7 +68,7 @@ class Report:
         save_figures(experiment, plots, self.folder / 'figures')
         return Section(
             experiment,
-            make_table(experiment, here),
+            with_commits(make_table(experiment, here), here),
             plots,
             tuple(p for r in here for p in _pictures(r, self.folder)),
             curve_note(experiment, here),

@@ -26,6 +26,25 @@ def make_table(experiment: Experiment, results: Sequence[Result]) -> Table:
     return Table(experiment.id, experiment.title, columns, tuple(rows))
 
 
+def with_commits(table: Table, results: Sequence[Result]) -> Table:
+    """Return the table, with each row's commit where rows are of different ones."""
+    if len({r.commit for r in results}) < 2:
+        return table
+    rows = ((*row, text(commits_of(results_of(row, results)))) for row in table.rows)
+    return replace(table, columns=(*table.columns, 'commit'), rows=tuple(rows))
+
+
+def results_of(row: Sequence[Cell], results: Sequence[Result]) -> list[Result]:
+    """Return the results that a row was made from."""
+    jobs = {job for cell in row for job in cell.jobs}
+    return [r for r in results if r.job in jobs]
+
+
+def commits_of(results: Sequence[Result]) -> str:
+    """Return the commits that made some results."""
+    return ', '.join(sorted({r.commit for r in results}))
+
+
 def failures(results: Sequence[Result]) -> Table:
     """Return the runs that failed, with the reason."""
     rows = [(text(r.job.label), text(r.error)) for r in results if not r.ok and not r.missing]
@@ -70,7 +89,9 @@ def _frame_times(group: Sequence[Result]) -> Cell:
 def improvement(
     baseline: Sequence[Result], group: Sequence[Result], name: str = 'ate_rmse_m'
 ) -> Cell:
-    """Return by how many percent the median of a value falls."""
+    """Return by how many percent the median of a value falls; of runs of one state only."""
+    if commits_of(baseline) != commits_of(group):
+        return percent(math.nan, group)
     before, after = (spread(g, key_value(name)).median for g in (baseline, group))
     return percent(100 * (1 - after / before) if before else math.nan, group)
 

@@ -1,0 +1,141 @@
+"""Writes the tables of README and of the pages of results from the files of results.
+
+A table stands between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; in place of the
+experiments, `summary` stands for README's rows. `make reference` writes all of them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from hoid_benchmarks.publish.results_file import Kept, Row, read_kept
+from hoid_common.errors import InputError
+from hoid_common.io.yaml_file import read_yaml
+
+ROOT = Path(__file__).parents[3]
+RESULTS = Path('docs/results')  # a file for each plan and the pages
+_MARKED = re.compile(r'(<!-- bench (\w+) ([\w ]+) -->\n).*?(<!-- /bench -->)', re.DOTALL)
+_SUMMARY = 'summary'
+_SUMMARY_ROWS = Path(__file__).with_name('summary.yaml')
+_NAMES = ('sequence', 'filter', 'detector')
+_ATE = 'RMSE [m]'
+_DETECTORS = {
+    'yolox_nano': 'YOLOX-nano',
+    'yolov8n_int8': 'YOLOv8n',
+    'synthetic': 'own',
+    'truth': 'exact boxes',
+}
+_IN_TICKS = ('sequence', 'filter', 'variant')
+
+
+def results_path(root: Path, plan: str) -> Path:
+    """Return the file of a plan's results."""
+    return root / RESULTS / f'{plan}.json'
+
+
+def rewritten(text: str, root: Path) -> str:
+    """Return a page with every marked table as the files of results have it.
+
+    Raises:
+        InputError: A file of results is damaged.
+    """
+    return _MARKED.sub(lambda found: _filled(found, root), text)
+
+
+def marked_pages(root: Path) -> list[Path]:
+    """Return the pages that show results."""
+    pages = [root / 'README.md', *sorted((root / 'docs').rglob('*.md'))]
+    return [page for page in pages if _MARKED.search(page.read_text(encoding='utf-8'))]
+
+
+def write_pages(root: Path) -> None:
+    """Write the marked tables of all pages."""
+    for page in marked_pages(root):
+        page.write_text(rewritten(page.read_text(encoding='utf-8'), root), encoding='utf-8')
+
+
+def _filled(found: re.Match[str], root: Path) -> str:
+    begin, plan, names, end = found.groups()
+    kept = read_kept(results_path(root, plan))
+    if names == _SUMMARY:
+        return f'{begin}\n{_summary(kept)}\n{end}'
+    here = [kept[name] for name in names.split() if name in kept]
+    left = [name for name in names.split() if name not in kept]
+    parts = [_table(here)] if here else []
+    if left:
+        only = ' '.join(f'--only {name}' for name in left)
+        parts.append(f'Not run yet: `./hoid bench {plan} {only} --publish`.')
+    return f'{begin}\n' + '\n\n'.join(parts) + f'\n\n{end}'
+
+
+def _table(kept: Sequence[Kept]) -> str:
+    """Return the rows of experiments with the same columns as one table, with what they are of."""
+    columns = kept[0].columns
+    if any(one.columns != columns for one in kept):
+        raise InputError(f'experiments of one table differ in their columns: {columns}')
+    rows = [row for one in kept for row in one.rows]
+    commits = {row.commit for row in rows}
+    shown = [(*map(_shown, columns, row.cells), row.commit) for row in rows]
+    heads = (*columns, 'commit')
+    if len(commits) == 1:
+        heads, shown = columns, [cells[:-1] for cells in shown]
+    return f'{_markdown(heads, shown)}\n{_made(rows)}'
+
+
+def _shown(column: str, cell: str) -> str:
+    if column in _IN_TICKS and cell not in ('', '-'):
+        return f'`{cell}`'
+    return _DETECTORS.get(cell, cell) if column == 'detector' else cell
+
+
+def _made(rows: Sequence[Row]) -> str:
+    commits = sorted({row.commit for row in rows})
+    machines = '; '.join(sorted({row.machine for row in rows} - {''}))
+    of = f'at commit {commits[0]}' if len(commits) == 1 else 'at the commit in its row'
+    return f'Made {of}, on {machines}.' if machines else f'Made {of}.'
+
+
+def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [columns, ['---'] * len(columns), *rows]
+    return ''.join('| ' + ' | '.join(cells) + ' |\n' for cells in lines)
+
+
+def _summary(kept: dict[str, Kept]) -> str:
+    """Return README's table; a row of which nothing has run is left out."""
+    table = read_yaml(_SUMMARY_ROWS)
+    rows, commits = [], {name: set[str]() for name in table['filters']}
+    for wanted in table['rows']:
+        ours = [_found(kept, wanted, name) for name in table['filters']]
+        if None in ours:
+            continue
+        for name, row in zip(table['filters'], ours, strict=True):
+            commits[name].add(row.commit)
+        errors = [_median(kept[wanted['experiment']], row) for row in ours]
+        rows.append(
+            (wanted['words'], wanted['orb_slam3'], *errors, _DETECTORS[wanted['detector']])
+        )
+    heads = ('sequence', 'ORB-SLAM3', *table['filters'].values(), 'detector')
+    of = '; '.join(f'{table["filters"][n]} {", ".join(sorted(c))}' for n, c in commits.items())
+    return f'{_markdown(heads, rows)}\nCommits: {of}.\n'
+
+
+def _found(kept: dict[str, Kept], wanted: dict[str, Any], name: str) -> Any:
+    """Return the row of a filter, or None; without one no detector runs."""
+    experiment = kept.get(wanted['experiment'])
+    detector = '-' if name == 'none' else wanted['detector']
+    names = (wanted['sequence'], name, detector)
+    for row in experiment.rows if experiment else ():
+        if row.cells[: len(_NAMES)] == names:
+            return row
+    return None
+
+
+def _median(kept: Kept, row: Row) -> str:
+    return row.cells[kept.columns.index(_ATE)].split()[0]
+
+
+if __name__ == '__main__':
+    write_pages(ROOT)

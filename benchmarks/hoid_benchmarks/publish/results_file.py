@@ -1,0 +1,90 @@
+"""The file of results that the documents show: a row knows the commit and machine it is of."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from hoid_benchmarks.jobs.results import Result
+from hoid_benchmarks.plan.plan import Experiment, Job, Plan
+from hoid_benchmarks.report.tables import Cell
+from hoid_benchmarks.report.views import commits_of, make_table, results_of
+from hoid_common.errors import InputError
+
+_MOST_COLUMNS = {'comparison': 8}  # mean and median of the error stay on the experiments' page
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row as the documents show it."""
+
+    cells: tuple[str, ...]
+    commit: str  # that made it; several, with commas, where its runs are of several
+    machine: str
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What is kept of an experiment."""
+
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def read_kept(path: Path) -> dict[str, Kept]:
+    """Return what is kept, by the experiment's name; nothing where there is no file.
+
+    Raises:
+        InputError: The file is damaged.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        return {
+            name: Kept(
+                tuple(kept['columns']),
+                tuple(Row(tuple(r['cells']), r['commit'], r['machine']) for r in kept['rows']),
+            )
+            for name, kept in json.loads(path.read_text(encoding='utf-8')).items()
+        }
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f'{path}: no file of results: {error}') from error
+
+
+def write_kept(path: Path, kept: Mapping[str, Kept]) -> None:
+    """Write all experiments, a row a line, so that a difference shows which rows are new."""
+    parts = []
+    for name, one in kept.items():
+        rows = ',\n'.join(f'  {json.dumps(asdict(row))}' for row in one.rows)
+        columns = json.dumps(one.columns)
+        parts.append(f'{json.dumps(name)}: {{"columns": {columns}, "rows": [\n{rows}\n]}}')
+    path.write_text('{\n' + ',\n'.join(parts) + '\n}\n', encoding='utf-8')
+
+
+def keep(plan: Plan, results: Mapping[Job, Result], path: Path) -> tuple[str, ...]:
+    """Replace in a file every experiment of which all runs ended well; return their names.
+
+    What is not complete stays as it was, row for row, with the commit it is of.
+    """
+    kept, new = read_kept(path), []
+    for experiment in plan.experiments:
+        every = [results[job] for job in experiment.jobs if job in results]
+        if len(every) == len(experiment.jobs) and all(r.ok for r in every):
+            kept[experiment.id] = _kept(experiment, every)
+            new.append(experiment.id)
+    write_kept(path, kept)
+    return tuple(new)
+
+
+def _kept(experiment: Experiment, results: list[Result]) -> Kept:
+    table = make_table(experiment, results)
+    most = _MOST_COLUMNS.get(experiment.view, len(table.columns))
+    return Kept(table.columns[:most], tuple(_row(cells, results, most) for cells in table.rows))
+
+
+def _row(cells: Sequence[Cell], results: Sequence[Result], most: int) -> Row:
+    of = results_of(cells, results)
+    machines = sorted({r.machine for r in of})
+    return Row(tuple(c.text for c in cells[:most]), commits_of(of), '; '.join(machines))

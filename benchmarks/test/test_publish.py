@@ -1,0 +1,115 @@
+"""What the documents show of results: rows that know their commit, never mixed silently."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hoid_benchmarks.jobs.results import Result
+from hoid_benchmarks.plan.plan import Job, Plan, load_plan
+from hoid_benchmarks.publish.pages import ROOT, marked_pages, results_path, rewritten, write_pages
+from hoid_benchmarks.publish.results_file import keep, read_kept
+from hoid_benchmarks.report.views import make_table, with_commits
+from hoid_common.errors import InputError
+
+PLAN = """
+experiments:
+  - {id: one, title: One, view: comparison, sequences: [a], filters: [none, hoid2d],
+     detectors: [truth], seeds: [0, 1]}
+  - {id: two, title: Two, view: comparison, sequences: [b], filters: [none, hoid2d],
+     detectors: [truth], seeds: [0, 1]}
+"""
+PAGE = '# Page\n\n<!-- bench tiny one two -->\nold\n<!-- /bench -->\n\nEnd.\n'
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    (tmp_path / 'docs/results').mkdir(parents=True)
+    (tmp_path / 'README.md').write_text('# Nothing\n')
+    (tmp_path / 'docs/page.md').write_text(PAGE)
+    (tmp_path / 'tiny.yaml').write_text(PLAN)
+    return tmp_path
+
+
+@pytest.fixture
+def plan(root: Path) -> Plan:
+    return load_plan(str(root / 'tiny.yaml'))
+
+
+def results(plan: Plan, commit: str) -> dict[Job, Result]:
+    """Return results in which a filter takes 75 % of an error of 8 cm."""
+    return {
+        job: Result(
+            job,
+            {'ate_rmse_m': 0.08 if job.filter == 'none' else 0.02, 'coverage': 1.0},
+            commit=commit,
+            machine='M',
+        )
+        for job in plan.jobs()
+    }
+
+
+def test_every_page_shows_what_the_files_of_results_hold() -> None:
+    pages = marked_pages(ROOT)
+    assert ROOT / 'README.md' in pages
+    for page in pages:
+        text = page.read_text()
+        assert rewritten(text, ROOT) == text, f'{page}: run make reference'
+
+
+def test_a_table_names_its_commit_and_machine_once(root: Path, plan: Plan) -> None:
+    assert keep(plan, results(plan, 'c1'), results_path(root, 'tiny')) == ('one', 'two')
+    write_pages(root)
+    text = (root / 'docs/page.md').read_text()
+    assert '| `a` | `hoid2d` | exact boxes | 0.0200 [0.0200-0.0200] | 75.0 % |' in text
+    assert 'Made at commit c1, on M.' in text
+    assert text.startswith('# Page\n')
+    assert text.endswith('<!-- /bench -->\n\nEnd.\n')
+    assert 'old' not in text
+
+
+def test_rows_of_another_commit_say_so(root: Path, plan: Plan) -> None:
+    path = results_path(root, 'tiny')
+    keep(plan, results(plan, 'c1'), path)
+    renewed = plan.only(['two'])
+    assert keep(renewed, results(renewed, 'c2'), path) == ('two',)
+    assert [row.commit for one in read_kept(path).values() for row in one.rows] == [
+        *('c1', 'c1'),
+        *('c2', 'c2'),
+    ]
+    text = rewritten(PAGE, root)
+    assert [
+        line.split('|')[-2].strip() for line in text.splitlines() if line.startswith('| `')
+    ] == [
+        *('c1', 'c1'),
+        *('c2', 'c2'),
+    ]
+    assert 'Made at the commit in its row, on M.' in text
+
+
+def test_an_experiment_that_is_not_complete_stays_as_it_was(root: Path, plan: Plan) -> None:
+    path = results_path(root, 'tiny')
+    every = results(plan.only(['one']), 'c1')
+    assert keep(plan, every, path) == ('one',)
+    before = path.read_text()
+    missing = dict(list(results(plan, 'c2').items())[1:-1])
+    assert keep(plan, missing, path) == ()
+    assert path.read_text() == before
+    assert 'Not run yet: `./hoid bench tiny --only two --publish`.' in rewritten(PAGE, root)
+
+
+def test_runs_of_two_commits_are_not_compared(plan: Plan) -> None:
+    every = results(plan.only(['one']), 'c1')
+    mixed = [r if r.job.filter == 'none' else replace(r, commit='c2') for r in every.values()]
+    table = with_commits(make_table(plan.experiments[0], mixed), mixed)
+    better, commit = table.columns.index('better'), table.columns.index('commit')
+    assert [(row[better].text, row[commit].text) for row in table.rows] == [
+        ('-', 'c1'),
+        ('-', 'c2'),
+    ]
+
+
+def test_a_damaged_file_of_results_is_named(root: Path) -> None:
+    results_path(root, 'tiny').write_text('{"one": []}')
+    with pytest.raises(InputError, match=r'tiny\.json: no file of results'):
+        rewritten(PAGE, root)
