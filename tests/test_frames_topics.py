@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
+from hoid_msgs.msg import SlamStatus
 from nav_msgs.msg import Odometry
 from tf2_msgs.msg import TFMessage
 
@@ -151,7 +153,57 @@ def test_wheels_that_slip_do_not_move_the_pose_and_bridge_a_covered_lens(
         seen = world.features(camera_at(i), START_NS + i * PERIOD_NS)
         send(seen.select(np.arange(0)))
         np.testing.assert_allclose(map_to_odom(i), map_to_odom(IMAGES - 1), atol=1e-9)
-    assert len(own) == IMAGES
+    bridged = poses(own[IMAGES:])  # by wheels that slip, as far as anybody knows
+    steps = se3.inverse(wheels.at(START_NS + (IMAGES - 1) * PERIOD_NS)) @ [
+        wheels.at(START_NS + i * PERIOD_NS) for i in range(IMAGES, IMAGES + 3)
+    ]
+    np.testing.assert_allclose(bridged, poses(own)[IMAGES - 1] @ steps, atol=1e-6)
+    sigma_m = [math.sqrt(msg.pose.covariance[0]) for msg in own[IMAGES - 1 :]]
+    assert (np.diff(sigma_m) > 0.01).all()  # they were seen to slip
+    status = peer.status[-1]
+    assert status.state == SlamStatus.LOST
+    assert status.message == (
+        'too few map points are seen; the pose goes on by the wheels: 0.1 s, 0.20 m'
+    )
+    seen = world.features(camera_at(IMAGES), START_NS + (IMAGES + 3) * PERIOD_NS)
+    send(seen)
+    assert (peer.status[-1].state, peer.status[-1].relocalizations) == (SlamStatus.TRACKING, 0)
+    base = map_to_odom(IMAGES + 3) @ wheels.at(START_NS + (IMAGES + 3) * PERIOD_NS)
+    T = T_BASE_CAMERA @ camera_at(IMAGES) @ se3.inverse(T_BASE_CAMERA)
+    np.testing.assert_allclose(base, T, atol=0.005)
+
+
+class GoodWheels(Wheels):
+    """Wheels that do not slip, on a robot that leaps as images that come seldom show it."""
+
+    @staticmethod
+    def at(stamp_ns: int) -> FloatArray:
+        start = se3.exp(np.array([0, 0, 0.5, 5.0, 1.0, 0.0]))
+        T = T_BASE_CAMERA @ leap((stamp_ns - START_NS) / PERIOD_NS)
+        return np.asarray(start @ T @ se3.inverse(T_BASE_CAMERA))
+
+
+def leap(i: float) -> FloatArray:
+    """Return T_world_camera of image i: at rest, and from the tenth on elsewhere."""
+    twist = np.array([0.0, 0.2, 0, 0.35, 0, 0]) if i > IMAGES - 1.5 else np.zeros(6)
+    return se3.exp(twist)
+
+
+def test_wheels_tell_where_to_look(start: Start, probe: Probe) -> None:
+    parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_ROOM)
+    own = probe.collect(Odometry, 'visual_odom', wait=False)
+    peer, wheels, world = Peer(probe), GoodWheels(probe), PointWorld()
+    peer.say_where_the_camera_sits()
+    peer.begin()
+    for i in range(IMAGES):
+        stamp_ns = START_NS + i * PERIOD_NS
+        wheels.send_around(stamp_ns)
+        probe.spin_for(0.05)
+        status = peer.answer_to(features_msg(world.features(leap(i), stamp_ns)))
+        assert (status.state, status.relocalizations) == (SlamStatus.TRACKING, 0)
+    expected = T_BASE_CAMERA @ leap(IMAGES - 1) @ se3.inverse(T_BASE_CAMERA)
+    np.testing.assert_allclose(poses(own)[-1], expected, atol=0.005)
 
 
 def test_wheels_that_say_nothing_are_missed(start: Start, probe: Probe) -> None:

@@ -69,6 +69,15 @@ def inverse(T: FloatArray) -> FloatArray:
     return out
 
 
+def adjoint(T_a_b: FloatArray) -> FloatArray:
+    """Return (6, 6) that turns small motions, rotation first, of frame b into those of frame a."""
+    R = T_a_b[:3, :3]
+    A = np.zeros((6, 6))
+    A[:3, :3] = A[3:, 3:] = R
+    A[3:, :3] = hat(T_a_b[:3, 3]) @ R
+    return A
+
+
 def transform(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
     """Return (N, 3) points of frame b in frame a."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]

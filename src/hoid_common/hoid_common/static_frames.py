@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -21,6 +21,14 @@ class StaticFrames:
     def add(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
         """Take an edge in; the latest for a child counts."""
         self._edges[child] = parent, T_parent_child
+
+    def with_edges(self, edges: Iterable[tuple[str, str, FloatArray]]) -> StaticFrames:
+        """Return a tree with edges (parent, child, T_parent_child) that hold now as well."""
+        tree = StaticFrames()
+        tree._edges = dict(self._edges)
+        for edge in edges:
+            tree.add(*edge)
+        return tree
 
     def find(self, a: str, b: str) -> FloatArray | None:
         """Return T_a_b (4, 4), or None when no chain of known edges joins the two."""

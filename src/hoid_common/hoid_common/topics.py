@@ -6,6 +6,7 @@ RGB_IMAGE = 'rgb/image'
 CAMERA_INFO = 'rgb/camera_info'
 DEPTH_IMAGE = 'depth/image'
 IMU = 'imu'
+INITIAL_POSE = 'initialpose'  # RViz's name; where the robot is, says somebody
 
 DETECTIONS = 'detections'
 DETECTIONS_2D = 'detections_2d'  # vision_msgs/Detection2DArray, in place of `detections`

@@ -47,3 +47,13 @@ def test_the_latest_edge_counts() -> None:
     found = frames.find('base', 'camera')
     assert found is not None
     assert found[0, 3] == 3
+
+
+def test_edges_that_hold_now_are_a_tree_of_their_own() -> None:
+    frames = StaticFrames()
+    frames.add('base', 'camera', shift(1, 0))
+    now = frames.with_edges([('map', 'base', shift(0, 2))])
+    found = now.find('map', 'camera')
+    assert found is not None
+    np.testing.assert_allclose(found, shift(1, 2), atol=1e-12)
+    assert frames.find('map', 'camera') is None

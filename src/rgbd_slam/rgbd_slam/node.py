@@ -17,6 +17,7 @@ from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.ros.answers import Responder
+from rgbd_slam.ros.initial_pose import InitialPose
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.periods import set_period
@@ -36,8 +37,9 @@ class RgbdSlamNode(ManagedNode):
         self._outputs = SlamOutputs(self, config.frames, static.frames, self.diagnostics)
         self._scene = SceneLink(self, config, self.diagnostics)
         self._running = RunningSession(
-            self, config, static.frames, self._scene, self.diagnostics, self._outputs.publish
-        )
+            self, config, static.frames, self._scene, self.diagnostics,
+            self._outputs.publish, self._outputs.wheel_motion,
+        )  # fmt: skip
         responder = Responder(self, self.diagnostics)
         SlamServices(responder, self._running.known, self._running.reset)
         self._map_services = MapServices(
@@ -49,6 +51,7 @@ class RgbdSlamNode(ManagedNode):
         inputs = Inputs(self, config.input, self.diagnostics)
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos')
         inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
+        InitialPose(inputs, self._running.known, self._outputs.find_in_map)
         self.begin(autostart=config.autostart)
 
     def configure(self) -> None:

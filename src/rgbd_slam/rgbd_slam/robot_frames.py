@@ -76,7 +76,7 @@ class RobotFrames:
         """
         T_map_base = self._base(T_map_camera)
         T_odom_base = self._base(T_odom_camera)
-        A = adjoint(se3.inverse(self._T_camera_base))
+        A = se3.adjoint(se3.inverse(self._T_camera_base))
         own = covariance if image_covariance is None else image_covariance
         placed = _Placed(stamp_ns, T_odom_base, A @ own @ A.T)
         pose = RobotPose(
@@ -87,6 +87,17 @@ class RobotFrames:
         )
         self._last = placed
         return pose
+
+    def camera_at(self, T_map_base: FloatArray) -> FloatArray:
+        """Return T_core_camera (4, 4) for a pose that was given of the base, x forward, z up.
+
+        Without a base, that is taken of the camera's body.
+        """
+        return se3.inverse(self.T_map_core) @ T_map_base @ self.T_map_core
+
+    def camera_motion(self, T_base_base: FloatArray) -> FloatArray:
+        """Return the camera's motion (4, 4) between two times, for the base's."""
+        return self._T_camera_base @ T_base_base @ se3.inverse(self._T_camera_base)
 
     def bases(self, cameras: Trajectory) -> Trajectory:
         """Return the base's poses in the map for the camera's in the core's map."""
@@ -117,18 +128,9 @@ class RobotFrames:
         if last is None or not 0 < elapsed_s <= _MAX_TWIST_GAP_S:
             return np.zeros(6), _UNKNOWN_TWIST
         T_last_now = se3.inverse(last.T_odom_base) @ now.T_odom_base
-        A = adjoint(se3.inverse(T_last_now))
+        A = se3.adjoint(se3.inverse(T_last_now))
         covariance = now.covariance + A @ last.covariance @ A.T
         return se3.log(T_last_now) / elapsed_s, covariance / elapsed_s**2
-
-
-def adjoint(T_a_b: FloatArray) -> FloatArray:
-    """Return (6, 6) that turns small motions, rotation first, of frame b into those of frame a."""
-    R = T_a_b[:3, :3]
-    A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = R
-    A[3:, :3] = se3.hat(T_a_b[:3, 3]) @ R
-    return A
 
 
 def flattened(T: FloatArray) -> FloatArray:

@@ -25,13 +25,14 @@ from rgbd_slam.map_control import MapControl
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.map_transfer import LoadedMap
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.optimize.pose_consensus import Rival
+from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
 from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import SlamStats
+from rgbd_slam.tracking.motion import MotionSource
 from rgbd_slam.tracking.stream_gaps import StreamGaps
-from rgbd_slam.tracking.tracking_result import TrackingResult
+from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
 
 TRAJECTORY_KINDS = ('final', 'online', 'keyframes')
 _MESSAGES = {
@@ -61,6 +62,7 @@ class SlamSession:
         frames: Where the camera sits on the robot.
         background: Map in a process of its own; `close` ends it.
         fusion_scheduler: Picks the images that the scene mapper is to look at.
+        wheels: Somebody else's odometry, of the camera.
     """
 
     def __init__(
@@ -71,12 +73,13 @@ class SlamSession:
         *,
         background: bool = False,
         fusion_scheduler: FusionScheduler | None = None,
+        wheels: MotionSource | None = None,
     ) -> None:
         self.camera = camera
         self._is_paused = False
         self._config = config
         self._frames = frames
-        self._background = background
+        self._background, self._wheels = background, wheels
         self._fusion_scheduler = (
             FusionScheduler(None, None) if fusion_scheduler is None else fusion_scheduler
         )
@@ -147,6 +150,22 @@ class SlamSession:
             raise ConfigError('there is no map to localise in: load one, or map first')
         self.map.set_growing(is_growing=mode is SlamMode.MAPPING)
 
+    def look_first_at(self, T_map_base: FloatArray, sigma_m: float, sigma_rad: float) -> None:
+        """Look for the robot at a pose (4, 4) first, from the next image on.
+
+        Args:
+            T_map_base: As in RViz: x forward, z up, without a base as well.
+            sigma_m: Standard deviation of the place.
+            sigma_rad: Of the direction.
+
+        Raises:
+            ConfigError: The map grows.
+        """
+        if self.map.is_growing:
+            raise ConfigError('a pose is looked for in localization only; see set_mode')
+        hint = PoseHint(self._frames.camera_at(T_map_base), sigma_m, sigma_rad)
+        self._slam.look_first_at(hint)
+
     def saved_map(self) -> MapFile:
         """Copy the map for a file; see `map_transfer.export_map`."""
         return map_transfer.export_map(self._slam, self._frames, self.camera, self._config.camera)
@@ -201,7 +220,9 @@ class SlamSession:
         return keyframes.T_map_camera[keyframes.is_main]
 
     def _begin(self) -> None:
-        self._slam = RgbdSlam(self.camera, self._config, background=self._background)
+        self._slam = RgbdSlam(
+            self.camera, self._config, background=self._background, wheels=self._wheels
+        )
         self._gaps = StreamGaps()
         self._num_processed = 0
         self._map_changed = False
@@ -229,7 +250,7 @@ class SlamSession:
         well: where people and things are now is no part of the map.
         """
         last = self._slam.odometry.last
-        if result.T_map_camera is None or last is None:
+        if result.state is not TrackingState.TRACKING or last is None:
             return None
         fusion = self._fusion_scheduler.pick(
             result.stamp_ns,
@@ -247,10 +268,13 @@ class SlamSession:
             keyframes=fusion.keyframes if fuse else None, track_objects=track_objects
         )
 
-    def _message(self, state: SlamState, rival: Rival | None) -> str:
+    def _message(self, state: SlamState, result: TrackingResult | None) -> str:
+        if result is not None and result.note:
+            return result.note
         if state is SlamState.TRACKING and not self._slam.odometry.is_in_main_map:
             return _IN_OTHER_MAP
-        if rival is not None:
+        if result is not None and result.rival is not None:
+            rival = result.rival
             return _TWO_MOTIONS.format(100 * rival.chosen_share, 100 * rival.rival_share)
         return _MESSAGES[state]
 
@@ -259,7 +283,7 @@ class SlamSession:
         return SlamStatus(
             state=state,
             mode=self.mode,
-            message=self._message(state, result.rival if result else None),
+            message=self._message(state, result),
             tracked_points=result.num_tracked if result else 0,
             inliers=result.num_inliers if result else 0,
             keyframes=stats.num_keyframes,

@@ -18,15 +18,18 @@ from rgbd_slam.model.points import PointTallies
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_keyframe
 from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.online_noise import OnlineNoise
+from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.statistics import SlamStats, slam_stats
 from rgbd_slam.tracking.image_clock import ImageClock
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
+from rgbd_slam.tracking.motion import MotionSource
 from rgbd_slam.tracking.odometry import Odometry
 from rgbd_slam.tracking.relocalization import Relocalizer
 from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
 
 _MS = 1e3
+_BY_WHEELS = 'too few map points are seen; the pose goes on by the wheels: {:.1f} s, {:.2f} m'
 _MIN_FIRST_FEATURES = 50  # with depth, to start a map; triangulation adds to them
 
 
@@ -41,17 +44,23 @@ class RgbdSlam:
         config: Parameters.
         background: Map in a process of its own, as live; otherwise at once, so that runs repeat.
             Call `map.close` in the end.
+        wheels: Somebody else's odometry, which helps where images do not.
     """
 
     def __init__(
-        self, camera: CameraModel, config: SlamConfig, *, background: bool = False
+        self,
+        camera: CameraModel,
+        config: SlamConfig,
+        *,
+        background: bool = False,
+        wheels: MotionSource | None = None,
     ) -> None:
         self._config = config
         self._model = camera
         self._camera = StereoCamera.from_model(camera, config.camera)
         atlas = self._atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
         self.trajectory = TrajectoryRecorder(atlas.keyframes)
-        self.odometry = Odometry(atlas)
+        self.odometry = Odometry(atlas, wheels)
         followers = self.trajectory.redirect, self.odometry.redirect
         self.map = MapControl(atlas, self._camera, config, followers, background=background)
         self._clock = ImageClock()
@@ -68,9 +77,18 @@ class RgbdSlam:
         Raises:
             MessageError: A feature is of an octave that the configuration does not know.
         """
+        result = self._process(self._prepare(features))
+        return replace(result, note=self._relocalizer.take_note() or result.note)
+
+    def look_first_at(self, hint: PoseHint) -> None:
+        """Leave the pose there is, and look for the camera at another before anywhere else."""
+        self._relocalizer.look_first_at(hint)
+        self._forget_pose()
+
+    def _process(self, frame: Frame) -> TrackingResult:
         start_s = time.thread_time()
-        frame = self._prepare(features)
         self.map.update()
+        self.odometry.follow(frame.stamp_ns)
         if self.map.is_empty:
             return self._start_map(frame, np.eye(4))  # which is where the map's frame is
         tracking = self._track(frame) or self._relocalize(frame)
@@ -120,26 +138,37 @@ class RgbdSlam:
         last = self.odometry.last
         if last is None:
             return None
-        return self._tracker.track(frame, last, self.odometry.predict(frame.stamp_ns))
+        return self._tracker.track(frame, last, *self.odometry.predict(frame.stamp_ns))
 
     def _relocalize(self, frame: Frame) -> TrackerOutput | None:
-        """Find a lost frame in the map; how it moved since the last one stays unknown."""
+        """Find a lost frame in the map; how it moved since the last one only wheels know."""
         tracking = self._relocalizer.relocalize(frame)
         if tracking is not None:
+            self.odometry.bridge()
             self.odometry.go_on_from(tracking.tracked)
         return tracking
 
     def _lose(self, frame: Frame) -> TrackingResult:
-        """Give up on a frame; when lost for long, map anew from where the camera was last."""
+        """Go on by the wheels, if there are any; when lost for long, map anew from there."""
         self.odometry.stop()
+        bridge = self.odometry.bridge()
         if self.map.is_growing and self._clock.lost_s > self._config.places.new_map_after_s:
-            return self._start_map(frame, self.odometry.pose())
-        return TrackingResult(frame.stamp_ns, TrackingState.LOST)
+            pose = bridge.T_map_camera if bridge else self.odometry.pose()
+            started = self._start_map(frame, pose)
+            if started.is_keyframe:
+                return started
+        if bridge is None:
+            return TrackingResult(frame.stamp_ns, TrackingState.LOST)
+        return TrackingResult(
+            frame.stamp_ns, TrackingState.LOST, bridge.T_map_camera, self.odometry.T_odom_camera,
+            self.odometry.in_map(bridge.covariance), bridge.image_covariance,
+            note=_BY_WHEELS.format(bridge.elapsed_s, bridge.way_m),
+        )  # fmt: skip
 
     def _advance(self, tracking: TrackerOutput) -> None:
         """Take in what a tracked frame says of motion, points and noise."""
         tracked = tracking.tracked
-        self.odometry.advance(tracked)
+        self.odometry.advance(tracked, tracking.consensus.covariance)
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
         self._tracker.use_camera(self._noise.camera)
@@ -184,10 +213,13 @@ class RgbdSlam:
         """
         uids = self.map.load(state, keep=keep)
         if not keep:
-            self.odometry.go_on_from(None)
-            self._clock.recognised()  # there is time to find the camera in it
-            self.odometry.stop()
+            self._forget_pose()
         return uids
+
+    def _forget_pose(self) -> None:
+        self.odometry.go_on_from(None)
+        self._clock.recognised()  # there is time to find the camera
+        self.odometry.stop()
 
     @property
     def stats(self) -> SlamStats:

@@ -6,7 +6,7 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.robot_frames import RobotFrames, RobotPose, adjoint
+from rgbd_slam.robot_frames import RobotFrames, RobotPose
 from rgbd_slam.session import SlamSession
 
 from .world import CAMERA, PERIOD_NS, World, sway
@@ -43,7 +43,7 @@ def test_relative_poses_over_a_second(truth: FloatArray, poses: list[RobotPose])
         b = a + SECOND
         true = se3.inverse(truth[a]) @ truth[b]
         found = se3.inverse(poses[a].T_odom_base) @ poses[b].T_odom_base
-        A = adjoint(se3.inverse(true))
+        A = se3.adjoint(se3.inverse(true))
         covariance = poses[b].covariance + A @ poses[a].covariance @ A.T
         squares.append(normalised(se3.log(se3.inverse(true) @ found), covariance))
     assert 0.4 < np.mean(squares) < 2

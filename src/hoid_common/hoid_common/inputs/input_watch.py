@@ -18,6 +18,7 @@ class InputWatch:
     topic: str
     reliability: str  # what we ask for: "best_effort" or "reliable"
     since_s: float  # steady time of the subscription
+    is_occasional: bool = False  # silence is nothing to complain of
     last_s: float | None = None  # steady time of the newest message
     num_received: int = 0
 
@@ -28,7 +29,7 @@ class InputWatch:
 
     def is_missing(self, now_s: float) -> bool:
         """Return whether it has been silent for too long."""
-        return self._silent_s(now_s) > _TIMEOUT_S
+        return not self.is_occasional and self._silent_s(now_s) > _TIMEOUT_S
 
     def complaint(self, now_s: float, offered: Sequence[str]) -> str:
         """Return one line on the missing input.

@@ -47,14 +47,23 @@ class Diagnostics:
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_PERIOD_S, self._publish, clock=steady)
 
-    def watch(self, subscription: Subscription, what: str, reliability: str) -> InputWatch:
+    def watch(
+        self,
+        subscription: Subscription,
+        what: str,
+        reliability: str,
+        *,
+        is_occasional: bool = False,
+    ) -> InputWatch:
         """Report the input when it is silent; `heard()` of the result is to be called per message.
 
         Args:
             what: what the messages are, in the plural, such as "depth images".
             reliability: what the subscription asks for.
+            is_occasional: Whether it is only counted, as it is silent most of the time.
         """
-        watch = InputWatch(what, subscription.topic_name, reliability, time.monotonic())
+        topic, now_s = subscription.topic_name, time.monotonic()
+        watch = InputWatch(what, topic, reliability, now_s, is_occasional)
         self._watches.append(watch)
         return watch
 

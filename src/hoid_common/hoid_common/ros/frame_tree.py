@@ -19,9 +19,11 @@ class TransformPublisher:
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.create_publisher(TFMessage, topics.TF, qos.TF)
+        self.sent: list[tuple[str, str, FloatArray]] = []  # the latest, as `send` takes them
 
     def send(self, stamp_ns: int, edges: list[tuple[str, str, FloatArray]]) -> None:
         """Publish edges (parent, child, T_parent_child) that hold at one time."""
+        self.sent = edges
         self._publisher.publish(
             TFMessage(
                 transforms=[

@@ -48,10 +48,26 @@ class Inputs:
         return self.messages(self._image_type, topic, callback, 'depth images')
 
     def messages(
-        self, type_: type[Any], topic: str, callback: Callback, what: str
+        self,
+        type_: type[Any],
+        topic: str,
+        callback: Callback,
+        what: str,
+        *,
+        reliability: str | None = None,
+        is_occasional: bool = False,
     ) -> Subscription:
-        """Subscribe to a topic whose messages are called `what`, in the plural."""
-        reliability = self._config.reliability
+        """Subscribe to a topic whose messages are called `what`, in the plural.
+
+        Args:
+            type_: Of the messages.
+            topic: Their topic.
+            callback: Takes a message, or refuses it by a HoidError.
+            what: The messages, in the plural.
+            reliability: What to ask for; by default what the parameters say.
+            is_occasional: Whether silence is nothing to complain of.
+        """
+        reliability = reliability or self._config.reliability
 
         def guarded(data: bytes) -> None:
             watch.heard(time.monotonic())
@@ -66,7 +82,9 @@ class Inputs:
         # Raw: the middleware drops what it cannot decode without a word, and text that is no UTF-8
         # would end the executor. It costs 0.07 ms an image.
         subscription = self._node.create_subscription(type_, topic, guarded, profile, raw=True)
-        watch = self._diagnostics.watch(subscription, what, reliability)
+        watch = self._diagnostics.watch(
+            subscription, what, reliability, is_occasional=is_occasional
+        )
         return subscription
 
     @property

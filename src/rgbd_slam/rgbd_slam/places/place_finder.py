@@ -6,12 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoid_common import se3
 from hoid_common.values import ByteArray, IntArray
 from rgbd_slam.config.place_config import PlaceConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceStatus, PlaceVerifier
 from rgbd_slam.places.place_recognition import PlaceIndex
+from rgbd_slam.places.pose_hint import PoseHint
 
 NEAR_SHARED = 15  # points that make two keyframes neighbours
 _RIVAL_M = 0.3  # poses further apart than this are two places
@@ -60,10 +63,32 @@ class PlaceFinder:
         Identical furniture fits in two places: then neither is believed, and a later frame
         that shows more will decide.
         """
-        nothing = np.empty(0, np.int64)
+        return self._clearest(frame, np.empty(0, np.int64))
+
+    def locate_near(self, frame: Frame, hint: PoseHint) -> FoundPlace | None:
+        """Return where near a pose of the main map a frame was taken, or None.
+
+        First by what the map shows from that pose, which has to be good to a degree or two; then
+        by places, of which only those within reach count: others may look the same.
+        """
+        keyframes = self._atlas.keyframes
+        rows = keyframes.indices()
+        T_map_camera = keyframes.T_map_camera[rows]
+        is_near = hint.reaches(T_map_camera) & (keyframes.map_id[rows] == main_map(keyframes))
+        if not is_near.any():
+            return None
+        nearest = np.argsort(hint.apart(T_map_camera[is_near]).sum(0))  # a metre is as a radian
+        around = rows[is_near][nearest[: 1 + self._config.neighbours]]
+        match = self.verifier.search(frame, se3.inverse(hint.T_map_camera), around)
+        place: FoundPlace | None = FoundPlace(int(around[0]), match)
+        if match.status is not PlaceStatus.SAME_PLACE:
+            place = self._clearest(frame, rows[~is_near])
+        return place if place is not None and hint.reaches(place.match.pose[None])[0] else None
+
+    def _clearest(self, frame: Frame, excluded: IntArray) -> FoundPlace | None:
         tried = [
             FoundPlace(i, self.verifier.verify(frame, i))
-            for i in self.candidates(frame.descriptors, nothing)
+            for i in self.candidates(frame.descriptors, excluded)
         ]
         places = [place for place in tried if place.match.status is PlaceStatus.SAME_PLACE]
         if not places:

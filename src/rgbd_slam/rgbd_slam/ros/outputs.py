@@ -56,6 +56,19 @@ class SlamOutputs:
         self._publish_tree(done.pose, header)
         self._status.publish(slam_status_to_msg(done.status, header))
 
+    def find_in_map(self, frame: str) -> FloatArray | None:
+        """Return T_map_frame (4, 4) by the frame tree as it was last said, or None."""
+        return self._static.with_edges(self._transforms.sent).find(self.frames.map, frame)
+
+    def wheel_motion(self, first_ns: int, second_ns: int, base: str) -> FloatArray | None:
+        """Return how the base moved (4, 4) between two stamps, by somebody else's odometry."""
+        if self._wheels is None or self.frames.publish_odom_to_base:
+            return None
+        T_odom_first, T_odom_second = (self._wheels.at(ns, base) for ns in (first_ns, second_ns))
+        if T_odom_first is None or T_odom_second is None:
+            return None
+        return se3.inverse(T_odom_first) @ T_odom_second
+
     def publish_map(self, session: SlamSession) -> None:
         """Publish path, points and keyframes as the map says now."""
         header = conversions.header_to_msg(session.stamp_ns, self.frames.map)

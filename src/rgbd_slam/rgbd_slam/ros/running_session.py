@@ -14,7 +14,7 @@ from hoid_common.ros.conversions import stamp_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode
 from hoid_common.static_frames import StaticFrames
-from hoid_common.values import CameraModel, Features
+from hoid_common.values import CameraModel, Features, FloatArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_directory import MAP, path_in
@@ -36,6 +36,7 @@ class RunningSession:
         scene: The scene mapper's process, which follows the session.
         diagnostics: Of the node.
         publish: Takes what a session says when it starts, before the first image.
+        wheel_motion: Says how a frame moved between two stamps, or None.
     """
 
     def __init__(
@@ -46,9 +47,11 @@ class RunningSession:
         scene: SceneLink,
         diagnostics: Diagnostics,
         publish: Callable[[Processed, Header], None],
+        wheel_motion: Callable[[int, int, str], FloatArray | None],
     ) -> None:
         self._config, self._frames, self._scene = config, frames, scene
         self._diagnostics, self._publish = diagnostics, publish
+        self._wheel_motion = wheel_motion
         self.session: SlamSession | None = None
         self._cameras = CameraAgreement()
         self._heard: tuple[CameraModel, Header] | None = None  # the latest camera info
@@ -149,11 +152,18 @@ class RunningSession:
         frames = self._robot_frames(header)
         if frames is None:
             return None
+        base = self._config.frames.base or header.frame_id
+
+        def camera_motion(first_ns: int, second_ns: int) -> FloatArray | None:
+            T_first_second = self._wheel_motion(first_ns, second_ns, base)
+            return None if T_first_second is None else frames.camera_motion(T_first_second)
+
         scheduler = self._scene.fusion_scheduler()
         with _ending_without_mapper():
             session = SlamSession(
-                camera, self._config, frames, background=True, fusion_scheduler=scheduler
-            )
+                camera, self._config, frames,
+                background=True, fusion_scheduler=scheduler, wheels=camera_motion,
+            )  # fmt: skip
         self._scene.start_map(camera)
         resumed = self._checkpoints.resume(session, stamp_from_msg(header.stamp))
         if resumed is not None:

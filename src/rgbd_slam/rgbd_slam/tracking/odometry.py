@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,11 +13,21 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
-from rgbd_slam.tracking.motion import ConstantVelocity
+from rgbd_slam.tracking.motion import ConstantVelocity, MotionSource, WheelMotion
 
 # What a camera may have turned and gone while lost, as standard deviations [rad, m]: of poses in
 # a map that nothing has joined with the main one.
 _UNKNOWN_COVARIANCE = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
+
+
+class Bridge(NamedTuple):
+    """Where the wheels have taken the camera since it was tracked last."""
+
+    T_map_camera: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6) of a small motion of the camera, rotation first
+    image_covariance: FloatArray  # (6, 6) of it, what images in a row do not share
+    elapsed_s: float
+    way_m: float
 
 
 class Odometry:
@@ -24,31 +35,77 @@ class Odometry:
 
     Args:
         atlas: The map, by which the last frame's pose is known at any time.
+        wheels: Somebody else's odometry, if there is one.
     """
 
-    def __init__(self, atlas: Atlas) -> None:
+    def __init__(self, atlas: Atlas, wheels: MotionSource | None = None) -> None:
         self.last: TrackedFrame | None = None
         self.T_odom_camera = np.eye(4)
         self._atlas = atlas
         self._motion = ConstantVelocity()
+        self._wheels = WheelMotion(wheels or (lambda *_: None))
+        self._T_odom_last = np.eye(4)
+        self._is_bridged = False
+        self._covariance = np.zeros((6, 6))  # of the last frame's pose
 
-    def predict(self, stamp_ns: int) -> FloatArray:
-        """Return T_camera_last (4, 4), the motion expected since the last frame."""
+    def follow(self, stamp_ns: int) -> None:
+        """Hear what the wheels say of the time up to an image."""
+        self._wheels.follow(stamp_ns)
+
+    def predict(self, stamp_ns: int) -> list[FloatArray]:
+        """Return T_camera_last (4, 4) that may be expected, the likeliest first.
+
+        While the camera is tracked its own motion is: wheels slip.
+        """
         assert self.last is not None
-        return self._motion.predict(stamp_ns - self.last.frame.stamp_ns)
+        own = self._motion.predict(stamp_ns - self.last.frame.stamp_ns)
+        T_last_now = self._wheels.T_last_now
+        if T_last_now is None:
+            return [own]
+        both = [own, se3.inverse(T_last_now)]
+        return both[::-1] if self._is_bridged else both
 
-    def advance(self, tracked: TrackedFrame) -> None:
-        """Take the motion since the last frame, both poses by the map as it is now."""
+    def advance(self, tracked: TrackedFrame, covariance: FloatArray) -> None:
+        """Take the motion since the last frame, both poses by the map as it is now.
+
+        Args:
+            tracked: The frame.
+            covariance: (6, 6) of its pose.
+        """
         assert self.last is not None
         T_last_camera = se3.inverse(self.last.current_pose(self._atlas)) @ tracked.T_map_camera
         elapsed_ns = tracked.frame.stamp_ns - self.last.frame.stamp_ns
         self._motion.observe(se3.inverse(T_last_camera), elapsed_ns)
-        self.T_odom_camera = se3.orthonormalized(self.T_odom_camera @ T_last_camera)
-        self.last = tracked
+        self._wheels.compare(T_last_camera)
+        if self._is_bridged:
+            self.bridge()  # what was said meanwhile is not taken back
+        else:
+            self._move(T_last_camera)
+        self._covariance = covariance
+        self.go_on_from(tracked)
+
+    def bridge(self) -> Bridge | None:
+        """Go on by the wheels, with no image; None where they say nothing."""
+        T_last_now = self._wheels.T_last_now
+        if self.last is None or T_last_now is None:
+            return None
+        self._is_bridged = True
+        self._move(T_last_now)
+        A = se3.adjoint(se3.inverse(T_last_now))
+        return Bridge(
+            self.pose() @ T_last_now,
+            A @ self._covariance @ A.T + self._wheels.covariance,
+            self._wheels.image_covariance,
+            self._wheels.elapsed_s,
+            float(np.linalg.norm(T_last_now[:3, 3])),
+        )
 
     def go_on_from(self, tracked: TrackedFrame | None) -> None:
         """Take another last frame, or none, without a motion to it."""
         self.last = tracked
+        self._T_odom_last, self._is_bridged = self.T_odom_camera, False
+        if tracked is not None:
+            self._wheels.begin(tracked.frame.stamp_ns)
 
     def stop(self) -> None:
         """Expect no motion, until one is observed."""
@@ -66,6 +123,9 @@ class Odometry:
     def in_map(self, covariance: FloatArray) -> FloatArray:
         """Return how well the last pose is known (6, 6): not where its map lies, unless main."""
         return covariance if self.is_in_main_map else covariance + _UNKNOWN_COVARIANCE
+
+    def _move(self, T_last_now: FloatArray) -> None:
+        self.T_odom_camera = se3.orthonormalized(self._T_odom_last @ T_last_now)
 
     @property
     def is_in_main_map(self) -> bool:

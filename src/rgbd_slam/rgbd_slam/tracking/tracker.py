@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -94,20 +94,21 @@ class Tracker:
         self._camera = camera
 
     def track(
-        self, frame: Frame, last: TrackedFrame, T_camera_last: FloatArray
+        self, frame: Frame, last: TrackedFrame, *T_camera_last: FloatArray
     ) -> TrackerOutput | None:
         """Return the frame's pose and points, or None when too little of the map is found.
 
         Args:
             frame: The frame.
             last: The frame before.
-            T_camera_last: (4, 4) motion expected since.
+            *T_camera_last: (4, 4) motions that are expected since, the likeliest first. They only
+                say where to look: what most of the image fits is believed.
         """
         reference = self._atlas.keyframes.index_of(last.reference_uid)
         if reference is None:
             return None
         best = None
-        for first in self._first_poses(frame, last, T_camera_last, reference):
+        for first in self._first_poses(frame, last, reference, T_camera_last):
             tracking = None if first is None else self._refine(frame, first, reference)
             if tracking is None:
                 continue
@@ -139,7 +140,11 @@ class Tracker:
         return self._refine(frame, self._optimize(frame, seen, T_camera_map), reference)
 
     def _first_poses(
-        self, frame: Frame, last: TrackedFrame, T_camera_last: FloatArray, reference: int
+        self,
+        frame: Frame,
+        last: TrackedFrame,
+        reference: int,
+        T_camera_last: Sequence[FloatArray],
     ) -> Iterator[_First | None]:
         """Yield first poses, found by ever more search; each is made when the last one failed.
 
@@ -147,16 +152,16 @@ class Tracker:
         """
         config = self._config
         T_last_map = se3.inverse(last.current_pose(self._atlas))
-        T_expected = T_camera_last @ T_last_map
+        expected = [*(T @ T_last_map for T in T_camera_last), T_last_map]
         known = seen_by_frame(last, self._atlas)
         radii_px = config.last_frame_radius_px, config.wide_radius_px
         if len(known.point) >= config.few_points:
-            yield self._search(frame, known, T_expected, radii_px)
-            yield self._search(frame, known, T_last_map, radii_px)
+            for T_camera_map in expected:
+                yield self._search(frame, known, T_camera_map, radii_px)
             yield self._recognize(frame, last, known, reference)
         more = known.joined(read_by_frame(last, self._atlas, self._camera))
-        yield self._search(frame, more, T_expected, radii_px)
-        yield self._search(frame, more, T_last_map, radii_px)
+        for T_camera_map in expected:
+            yield self._search(frame, more, T_camera_map, radii_px)
         if len(known.point) < config.few_points:
             yield self._recognize(frame, last, known, reference)
 

@@ -33,3 +33,4 @@ class TrackingResult:
     is_keyframe: bool = False
     stage_ms: dict[str, float] = field(default_factory=dict)  # 'track', 'map'; thread CPU time
     rival: Rival | None = None  # another motion that explains the image
+    note: str = ''  # what else is to be said of it

@@ -13,6 +13,7 @@ from geometry_msgs.msg import (
     Point,
     Pose,
     PoseStamped,
+    PoseWithCovariance,
     Quaternion,
     TransformStamped,
     Twist,
@@ -43,6 +44,19 @@ def pose_to_msg(T_a_b: FloatArray) -> Pose:
 def pose_stamped_to_msg(T_a_b: FloatArray, header: Header) -> PoseStamped:
     """Return the stamped pose of frame b in the header's frame a."""
     return PoseStamped(header=header, pose=pose_to_msg(T_a_b))
+
+
+def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, float, float]:
+    """Return the (4, 4) transform, and its largest standard deviations [m] and [rad].
+
+    Raises:
+        MessageError: It is no rigid motion, or a variance is negative or no number.
+    """
+    variances = np.array(msg.covariance).reshape(6, 6).diagonal()
+    if not (np.isfinite(variances) & (variances >= 0)).all():
+        raise MessageError(f'pose has variances that are none: {variances.tolist()}')
+    way, turn = np.sqrt(variances.reshape(2, 3).max(axis=1)).tolist()
+    return pose_from_msg(msg.pose), way, turn
 
 
 def transform_from_msg(msg: TransformStamped) -> FloatArray:
