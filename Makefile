@@ -6,7 +6,8 @@ demo:  ## Render a scene, replay it live through the three nodes, print the resu
 test:  ## Unit tests, then the tests on topics and of whole replays
 	@./hoid dev python -m pytest -n auto --dist worksteal -m 'not slow' src bags benchmarks
 	@./hoid dev python -m pytest -n auto -m slow src bags benchmarks
-	@./hoid dev python -m pytest tests
+	@./hoid dev python -m pytest -n 2 --dist loadfile -m 'not alone' tests
+	@./hoid dev python -m pytest -m alone tests
 
 lint:  ## Style, spelling and types
 	@./hoid dev ruff check .

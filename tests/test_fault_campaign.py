@@ -12,6 +12,8 @@ import pytest
 from hoid_benchmarks.faults.cases import Outcome, table
 from hoid_benchmarks.faults.damage import damaged
 
+pytestmark = pytest.mark.alone
+
 SEED = 1
 LIMIT_S = 300.0  # a third of it on a quiet machine
 

@@ -26,6 +26,8 @@ from hoid_system_tests.slam_peer import (
 )
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
+pytestmark = pytest.mark.alone
+
 STEP_RAD = np.deg2rad(3.0)
 LAP = 120  # steps
 OVERLAP = 30  # steps of the second lap

@@ -202,6 +202,7 @@ def repeated(state: MapState, times: int) -> MapState:
     return MapState.of(arrays)
 
 
+@pytest.mark.alone
 def test_images_are_tracked_while_a_large_map_is_saved(begin: Begin, folder: Path) -> None:
     peer, _ = begin()
     peer.send(*range(40))
@@ -241,6 +242,7 @@ def mapper_at_a_stand(node: Supervisor) -> Iterator[None]:
         mapper.resume()
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize(
     ('name', 'type_', 'request_'),
     [

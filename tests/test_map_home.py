@@ -20,6 +20,8 @@ from hoid_system_tests.room_peer import RELIABLE, RoomPeer
 from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
+pytestmark = pytest.mark.alone
+
 SCENE = SceneConfig(num_frames=90, width_px=320)
 LATER = SceneConfig(num_frames=30, width_px=320, people_seed=3, start_s=2.0)  # other people
 

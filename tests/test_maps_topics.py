@@ -33,6 +33,8 @@ from hoid_system_tests.room_peer import RELIABLE, RoomPeer
 from hoid_system_tests.slam_peer import NO_ROOM, SlamPeer
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
+pytestmark = pytest.mark.alone
+
 SCENE = SceneConfig(num_frames=150)
 ROOM = '/rgbd_slam_scene'  # the process of the room's maps
 

@@ -14,6 +14,8 @@ from hoid_common.io.trajectory_io import read_tum
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
 
+pytestmark = pytest.mark.alone
+
 FRAMES = 75  # two people walk past, close to the camera
 
 

@@ -24,6 +24,8 @@ from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import NO_ROOM, PERIOD_NS, START_NS, SlamPeer, features_msg
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
+pytestmark = pytest.mark.alone
+
 _BACK_S = 5.0  # from the kill to odometry in the same map
 _WRITTEN_S = 20.0
 

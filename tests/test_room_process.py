@@ -19,6 +19,8 @@ from hoid_system_tests.rendered_room import Messages, recording
 from hoid_system_tests.room_peer import RELIABLE, RoomPeer
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
+pytestmark = pytest.mark.alone
+
 SCENE = SceneConfig(num_frames=70, width_px=320)
 ROOM = '/rgbd_slam_scene'
 _BACK_S = 10.0  # for a new process and the map of what was seen

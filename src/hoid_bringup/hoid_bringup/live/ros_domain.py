@@ -12,6 +12,7 @@ from hoid_common.errors import ConfigError
 
 VARIABLE = 'ROS_DOMAIN_ID'
 _FIRST, _COUNT = 1, 100
+_STRIDE = 37  # between processes that start together, so that they do not follow each other
 _USED = itertools.count()  # not the same one twice: the dead are heard for a while
 _PORT_BASE = 32768  # a bound port marks a domain as taken; ROS's domain_coordinator does the same
 
@@ -38,7 +39,7 @@ def own_domain() -> Iterator[int]:
 
 def _reserve(stack: ExitStack) -> int:
     for attempt in itertools.islice(_USED, _COUNT):
-        domain = _FIRST + (os.getpid() + attempt) % _COUNT
+        domain = _FIRST + (_STRIDE * os.getpid() + attempt) % _COUNT
         mark = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
         try:
             mark.bind(('', _PORT_BASE + domain))
