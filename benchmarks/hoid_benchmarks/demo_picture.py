@@ -101,7 +101,9 @@ def _draw_errors(axes: Axes, runs: Mapping[str, DemoRun]) -> None:
         since_s = (run.path.stamps_ns - run.path.stamps_ns[0]) / NS_PER_S
         axes.plot(since_s, 100 * run.path.error_m, color=color, lw=1.8, label=label)
     axes.set(xlabel='time [s]', ylabel='error [cm]', yscale='log', ylim=(_LEAST_SHOWN_CM, None))
-    axes.legend(loc='upper left', fontsize=9)
+    axes.legend(
+        loc='lower left', bbox_to_anchor=(0, 1), ncols=len(runs), fontsize=9, frameon=False
+    )
     axes.grid(visible=True, color='#e3e5e8', lw=0.7)
 
 

@@ -112,7 +112,10 @@ def _parser(chosen: str) -> argparse.ArgumentParser:
     parser.add_argument('-v', '--verbose', action='store_true', help='say more, with tracebacks')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, command in COMMANDS.items():
-        sub = commands.add_parser(name, help=command.help, description=f'{command.help}.')
+        # Half an option's name must not choose another one.
+        sub = commands.add_parser(
+            name, help=command.help, description=f'{command.help}.', allow_abbrev=False
+        )
         if name == chosen:
             add_arguments(name, sub)
     return parser

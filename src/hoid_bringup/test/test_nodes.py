@@ -34,7 +34,7 @@ def test_which_nodes(argv: tuple[str, ...], nodes: tuple[str, ...]) -> None:
 
 def test_names_of_a_camera_and_a_frame_tree_for_each_namespace() -> None:
     assert options().remappings == FRAME_TREE
-    chosen = options('--topics', 'realsense', '--namespace', 'robot')
+    chosen = options('--camera', 'realsense', '--namespace', 'robot')
     color = '/camera/camera/color/image_raw'
     assert dict(chosen.remappings).items() >= dict(FRAME_TREE).items()
     assert ('rgb/image', color) in chosen.remappings

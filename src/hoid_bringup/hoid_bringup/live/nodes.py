@@ -35,7 +35,9 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         '--namespace', default='', metavar='NS', help='of nodes, topics and the frame tree'
     )
     parser.add_argument(
+        '--camera',
         '--topics',
+        dest='topics',
         choices=tuple(CAMERA_TOPICS),
         default='bag',
         help="camera driver whose topics are taken (default: the suite's own names)",

@@ -1,0 +1,197 @@
+"""Every command that README and the documents show: accepted as written, and run where cheap.
+
+The others run elsewhere: `nodes`, `replay`, `play`, `record`, `bench`, `demo`, `view` and launch
+files have tests of their own, over topics and in processes.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from hoid_benchmarks.jobs.speed import STAGES
+from hoid_benchmarks.plan.plan import load_plan
+from hoid_bringup.cli import _parser, main
+from hoid_bringup.live.node_specs import NODE_CONFIGS
+from hoid_common.config import EXPERT
+from hoid_common.io.trajectory_io import write_tum
+from hoid_common.values import Trajectory
+from hoid_synth.config import SceneConfig
+from hoid_synth.scene import render
+from hoid_system_tests import launch_stand_in
+from hoid_system_tests.documented import PAGES, ROOT, Shown, shown_commands
+
+ALL = [shown for page in PAGES for shown in shown_commands(page)]
+OFFLINE = ('run', 'convert', 'info', 'evaluate')  # these are cheap on a second of images
+NEEDS_MORE = ('my_model.onnx', 'FILE', '--set NAME=VALUE')  # than this repository holds
+ROS2_TOOLS = ('ros2 bag', 'ros2 param', 'ros2 topic')  # ROS's own, on names that other tests hold
+FOREIGN = ('rtabmap_launch',)
+FRAMES, PERIOD_NS = 10, 125_000_000  # longer than the second of a relative error
+# What stands in a command for a reader's own: here, a folder that the test renders.
+OWN = {
+    'fr1_xyz': '{tum}', 'FOLDER': '{tum}', 'SEQUENCE': '{tum}', 'SEQ': '{tum}',
+    'BAG': 'a.bag', 'DIR': 'out', 'PRESET': 'realsense', 'NAME': 'hoid2d', 'R': '1', 'S': '1',
+    'N': '1', 'MODEL': 'model.onnx', 'FILE': 'out/a.hoidmap', '...': 'x', 'CASE': 'pasted-yolox',
+    'PROGRAM': 'true',
+}  # fmt: skip
+
+
+def words_of(command: str, tum: Path = Path('tum')) -> list[str]:
+    """Return a command's words, with what a reader may leave out, and own names filled in."""
+    text = re.sub(r'[\[\]]', '', command)
+    text = re.sub(r'(\S+?)\|\S+', r'\1', text)
+    words = [OWN.get(word, word) for word in shlex.split(text)]
+    return [
+        re.sub(r'^DATA/rgbd_dataset_freiburg3_walking_xyz', '{tum}', w).replace('{tum}', str(tum))
+        for w in words
+        if w
+    ]
+
+
+def of(*beginning: str) -> list[Shown]:
+    """Return the commands that begin with some words, each once."""
+    length = len(beginning)
+    found = {s.command: s for s in ALL if tuple(s.command.split()[:length]) == beginning}
+    return list(found.values())
+
+
+def ids(shown: Shown) -> str:
+    return f'{shown.page}: {shown.command}'[:90]
+
+
+@pytest.mark.parametrize('shown', of('./hoid'), ids=ids)
+def test_hoid_accepts_it(shown: Shown) -> None:
+    _, *words = words_of(shown.command)
+    if words[0] in ('env', 'dev'):
+        program, *rest = words[1:]
+        assert program != 'python' or (ROOT / rest[0]).is_file()
+    elif words[0] not in ('setup', '--help', '-v', 'view') and words[1:] not in ([], ['--help']):
+        args = _parser(words[0]).parse_args(words)
+        if words[0] == 'bench' and args.what not in (*STAGES, 'masks', 'rooms', 'faults'):
+            load_plan('quick' if args.quick else args.what).only(args.only)
+
+
+@pytest.mark.parametrize('shown', of('make'), ids=ids)
+def test_make_has_the_target(shown: Shown) -> None:
+    makefile = (ROOT / 'Makefile').read_text()
+    assert re.search(rf'^{words_of(shown.command)[1]}:', makefile, re.MULTILINE)
+
+
+@pytest.mark.parametrize('shown', of('python'), ids=ids)
+def test_the_script_is_there(shown: Shown) -> None:
+    assert (ROOT / shown.command.split()[1]).is_file()
+
+
+@pytest.fixture
+def _stand_in() -> Iterator[None]:
+    """Let launch files be read without ROS's launch packages."""
+    before = dict(sys.modules)
+    yield
+    for name in {*sys.modules} - before.keys():
+        del sys.modules[name]
+    sys.modules.update(before)
+
+
+@pytest.mark.usefixtures('_stand_in')
+@pytest.mark.parametrize('shown', of('ros2', 'launch'), ids=ids)
+def test_the_launch_file_has_the_arguments(shown: Shown) -> None:
+    package, file, *given = [w for w in words_of(shown.command)[2:] if not w.startswith('--')]
+    if package in FOREIGN:
+        return
+    path = ROOT / 'src' / package / 'launch' / file
+    declared = launch_stand_in.load(path, [])[1].launch_configurations
+    assert {word.partition(':=')[0] for word in given} <= set(declared)
+
+
+@pytest.mark.parametrize('shown', of('ros2', 'service', 'call'), ids=ids)
+def test_the_service_takes_the_request(shown: Shown) -> None:
+    name, kind, *request = words_of(shown.command)[3:]
+    package, _, service = kind.split('/')
+    message = getattr(import_module(f'{package}.srv'), service).Request()
+    for text in request:
+        for field, value in yaml.safe_load(text).items():
+            setattr(message, field, value)  # which checks both
+    services = (ROOT / 'docs/reference/services.md').read_text()
+    assert f'~/{name.rpartition("/")[2]}' in services
+
+
+@pytest.mark.parametrize('shown', of('ros2', 'run'), ids=ids)
+def test_the_node_has_the_parameters(shown: Shown) -> None:
+    package, *rest = words_of(shown.command)[2:]
+    known = {EXPERT, *(leaf.name for leaf in NODE_CONFIGS[package].params())}
+    assert {word.partition(':=')[0] for word in rest if ':=' in word} <= known
+
+
+def test_no_other_command_is_shown() -> None:
+    """A kind of command that nothing here looks at would go stale unseen."""
+    known = {'./hoid', 'make', 'python', 'ros2 launch', 'ros2 run', 'ros2 service', *ROS2_TOOLS}
+    for shown in ALL:
+        first, second, *_ = shown.command.split()
+        assert {first, f'{first} {second}'} & known, shown
+
+
+@pytest.fixture(scope='module')
+def tum(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rendered second as a folder of the TUM benchmark, whose name says the camera."""
+    folder = tmp_path_factory.mktemp('data') / 'rgbd_dataset_freiburg3_walking_xyz'
+    lists: dict[str, list[str]] = {'rgb': [], 'depth': []}
+    stamps_ns: list[int] = []
+    poses = []
+    for frame in render(SceneConfig(num_frames=FRAMES, path='xyz'), 2):
+        first_ns = stamps_ns[0] if stamps_ns else frame.frame.stamp_ns
+        stamps_ns.append(first_ns + PERIOD_NS * len(stamps_ns))
+        poses.append(frame.T_world_camera)
+        stamp = f'{stamps_ns[-1] / 1e9:.6f}'
+        depth = np.nan_to_num(frame.frame.depth_m * 5000).astype(np.uint16)
+        for kind, image in (('rgb', frame.frame.image_bgr), ('depth', depth)):
+            (folder / kind).mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(folder / kind / f'{stamp}.png'), image)
+            lists[kind].append(f'{stamp} {kind}/{stamp}.png')
+    for kind, rows in lists.items():
+        (folder / f'{kind}.txt').write_text('\n'.join(rows) + '\n')
+    write_tum(folder / 'groundtruth.txt', Trajectory(np.array(stamps_ns), np.array(poses)))
+    return folder
+
+
+def is_cheap(shown: Shown) -> bool:
+    words = shown.command.split()
+    if words[0] != './hoid' or len(words) < 3 or words[1] not in OFFLINE:
+        return False
+    return not any(text in shown.command for text in (*NEEDS_MORE, '--help', '...', ' A', ' B '))
+
+
+@pytest.mark.parametrize('page', sorted({s.page for s in ALL if is_cheap(s)}))
+def test_it_runs_and_prints_what_is_shown(
+    page: str,
+    tum: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    here = [shown for shown in ALL if shown.page == page and is_cheap(shown)]
+    main(['convert', str(tum), OWN['BAG']])
+    capsys.readouterr()
+    for shown in here:
+        if 'convert' in shown.command:
+            shutil.rmtree(OWN['BAG'])
+        status = main(words_of(shown.command, tum)[1:])
+        printed, errors = capsys.readouterr()
+        assert status == 0, f'{shown.command}: {errors}'
+        if shown.output:
+            assert shape(printed.splitlines()) == shape(shown.output)
+
+
+def shape(lines: list[str] | tuple[str, ...]) -> list[str]:
+    """Return lines with a mark for every number, and for paths."""
+    return [re.sub(r'\S*/\S+|-?\d[\d.]*', '#', line).rstrip() for line in lines if line.strip()]
