@@ -654,3 +654,49 @@ def score_poses(
     Raises:
         ValueError: Lengths differ, or the noise or the limit is not positive.
     """
+
+def align_triples(
+    from_m: numpy.typing.NDArray[Any],
+    to_m: numpy.typing.NDArray[Any],
+    triples: Annotated[NDArray[numpy.int64], dict(shape=(None, 3), writable=False)],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None, None))]:
+    """
+    Return the (M, 4, 4) rigid transforms that bring three points each nearest to three others.
+
+    Args:
+        from_m: (N, 3).
+        to_m: (N, 3).
+        triples: (M, 3) int64 indices; three points on a line give the identity.
+
+    Raises:
+        ValueError: Lengths differ, or an index is not one of N.
+
+    Source: Umeyama, PAMI 1991, without scale, in closed form for three points.
+    """
+
+def strongest_in_cells(
+    corner_pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    corner_scores: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    small_of_pixel: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
+    cell_px: float,
+    taken: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the indices, in order of cell, of the strongest corner of each cell that is not taken.
+
+    Only corners with depth, on a piece of the small depth image, are chosen; of equals, the first.
+
+    Args:
+        corner_pixels: (K,) int64 indices in the flat image.
+        corner_scores: (K,) uint8, higher is stronger.
+        depth_m: (H, W) float32; 0 or not finite = no reading.
+        small_of_pixel: (H * W,) int64 indices in the flat small image.
+        label: (h, w) int32 of the small image; -1 = no piece.
+        cell_px: side of a cell.
+        taken: (rows, columns) uint8 of the cells, which cover the image; 0 = free.
+
+    Raises:
+        ValueError: Lengths differ, a corner is not in the image, or the cells do not cover it.
+    """

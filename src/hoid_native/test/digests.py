@@ -162,6 +162,18 @@ def motion() -> dict[str, Any]:
         'score_poses': kernels.score_poses(
             stereo, 1.0, 3.0, poses, points, measured, rng.random((200, 2))
         ),
+        'align_triples': kernels.align_triples(
+            points, points + rng.normal(0, 0.1, points.shape), rng.integers(0, 200, (30, 3))
+        ),
+        'strongest_in_cells': kernels.strongest_in_cells(
+            rng.integers(0, depth_m.size, 500),
+            rng.integers(0, 256, 500).astype(np.uint8),
+            depth_m,
+            np.arange(depth_m.size),
+            found.label,
+            7.5,
+            (rng.random((7, 9)) < 0.3).astype(np.uint8),
+        ),
     }
 
 

@@ -8,10 +8,12 @@ import pytest
 from hoid_native import (
     Pinhole,
     StereoParams,
+    align_triples,
     carry_over,
     count_in_front,
     depth_segments,
     score_poses,
+    strongest_in_cells,
 )
 
 CAMERA = Pinhole(50.0, 50.0, 31.5, 23.5)
@@ -104,3 +106,45 @@ def test_scores_are_the_weights_of_what_fits() -> None:
     np.testing.assert_allclose(scores, np.array([[2.5, 25.0], [0.0, 0.0]]))
     with pytest.raises(ValueError, match='weights'):
         score_poses(camera, 1.0, 2.0, REST[None], points, measured, weights[:2])
+
+
+def umeyama(from_m: np.ndarray, to_m: np.ndarray) -> np.ndarray:
+    middle_from, middle_to = from_m.mean(0), to_m.mean(0)
+    u, _, vt = np.linalg.svd((to_m - middle_to).T @ (from_m - middle_from))
+    R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, middle_to - R @ middle_from
+    return T
+
+
+def test_three_points_are_aligned_as_by_least_squares() -> None:
+    rng = np.random.default_rng(5)
+    from_m = rng.uniform(-1, 1, (60, 3))
+    to_m = from_m[:, [1, 2, 0]] + [0.1, -0.2, 0.3] + rng.normal(0, 0.05, from_m.shape)
+    triples = np.arange(60).reshape(20, 3)
+    aligned = align_triples(from_m, to_m, triples)
+    expected = [umeyama(from_m[triple], to_m[triple]) for triple in triples]
+    np.testing.assert_allclose(aligned, expected, atol=1e-9)
+    on_a_line = align_triples(from_m, to_m, np.array([[4, 4, 7]]))
+    np.testing.assert_array_equal(on_a_line[0], REST)
+    with pytest.raises(ValueError, match='triples'):
+        align_triples(from_m, to_m, np.array([[0, 1, 60]]))
+
+
+def test_the_strongest_corner_of_each_free_cell_is_chosen() -> None:
+    depth_m = plane(2.0)
+    depth_m[0, 1] = 0.0
+    label = np.zeros(SHAPE, np.int32)
+    label[0, 2] = -1
+    #       no depth, no piece, equal, equal, weaker, another cell, one that is taken
+    pixels = np.array([1, 2, 3, 4, 5, 40, 20 * 64 + 3])
+    scores = np.array([200, 190, 90, 90, 80, 10, 99], np.uint8)
+    taken = np.zeros((3, 4), np.uint8)
+    taken[1, 0] = 1
+    small = np.arange(48 * 64)
+    best = strongest_in_cells(pixels, scores, depth_m, small, label, 16.0, taken)
+    assert best.tolist() == [2, 5]
+    with pytest.raises(ValueError, match='taken'):
+        strongest_in_cells(pixels, scores, depth_m, small, label, 16.0, taken[:2])
+    with pytest.raises(ValueError, match='corner_pixels'):
+        strongest_in_cells(pixels + 48 * 64, scores, depth_m, small, label, 16.0, taken)

@@ -79,14 +79,15 @@ class Belief:
 
     def moving(self) -> MovingArea:
         """Return what moves: connected parts, some pixel of which is believed to for sure."""
+        surely = self.log_odds > _SURELY_MOVES
+        if not surely.any():
+            return MovingArea(np.zeros(surely.shape, np.int64), 0)
         moves = self.log_odds > _MOVES
-        if not moves.any():
-            return MovingArea(np.zeros(moves.shape, np.int64), 0)
         count, label, stats, _ = cv2.connectedComponentsWithStats(
             moves.view(np.uint8), connectivity=8
         )
         sure = np.zeros(count, np.bool_)
-        sure[label[self.log_odds > _SURELY_MOVES]] = True
+        sure[label[surely]] = True
         sure &= stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA * moves.size
         sure[0] = False
         number = np.where(sure, np.cumsum(sure), 0)

@@ -9,7 +9,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
 from hoid_filter.motion.small_camera import SmallCamera
-from hoid_native import Gates, StereoParams, optimize_pose, score_poses
+from hoid_native import Gates, StereoParams, align_triples, optimize_pose, score_poses
 
 MIN_POINTS = 10
 _DISPARITY_PX = 0.2  # noise of it at the grey image's scale
@@ -34,8 +34,8 @@ class Points(NamedTuple):
     camera_m: FloatArray  # (N, 3) where the depth has them
     has_depth: BoolArray  # (N,)
     region: IntArray  # (N,) of smooth depth; -1 = none
-    weight: FloatArray  # (N,) the area that each stands for
     rests: FloatArray  # (N,) probability
+    weights: FloatArray  # (N, 2) the area that each stands for: as far as it rests, and all
 
 
 class Motion(NamedTuple):
@@ -58,7 +58,9 @@ class EgoMotion:
         """Take note of how far (N,) points that rest, for the most part, were off."""
         if len(residuals_px) < MIN_POINTS:
             return
-        now_px = min(max(_PX_OF_MEDIAN * float(np.median(residuals_px)), _LEAST_PX), _MOST_PX)
+        middle = len(residuals_px) // 2
+        median_px = float(np.partition(residuals_px, middle)[middle])
+        now_px = min(max(_PX_OF_MEDIAN * median_px, _LEAST_PX), _MOST_PX)
         self._noise_px += _LEARNING * (now_px - self._noise_px)
 
     def estimate(self, points: Points, guesses: list[FloatArray]) -> Motion:
@@ -100,14 +102,14 @@ class EgoMotion:
 
     def _hypotheses(self, points: Points, guess: FloatArray) -> list[FloatArray]:
         """Return poses of which each takes another part of the image for what rests."""
-        regions, counts = np.unique(points.region[points.region >= 0], return_counts=True)
+        counts = np.bincount(points.region + 1)[1:]
         largest = np.argsort(-counts, kind='stable')[:_REGIONS]
         enough = largest[counts[largest] >= _REGION_POINTS]
-        poses = [self._fit(points, points.region == regions[n], guess) for n in enough.tolist()]
+        poses = [self._fit(points, points.region == region, guess) for region in enough]
         known = np.flatnonzero(points.has_depth)
         if len(known) >= MIN_POINTS:
             triples = known[self._random.integers(0, len(known), (_SAMPLES, 3))]
-            poses += list(_aligned(points.world_m[triples], points.camera_m[triples]))
+            poses += list(align_triples(points.world_m, points.camera_m, triples))
         return poses
 
     def _best(
@@ -124,7 +126,7 @@ class EgoMotion:
 
     def _shares(self, points: Points, poses: list[FloatArray]) -> FloatArray:
         """Return the (M, 2) shares of the area: of what is believed to rest, and of all."""
-        weights = np.stack([points.weight * points.rests, points.weight], axis=1)
+        weights = points.weights
         scores = score_poses(
             self._stereo(),
             self._noise_px,
@@ -159,18 +161,3 @@ class EgoMotion:
             _DISPARITY_PX / self._noise_px,
             0.0,
         )
-
-
-def _aligned(from_m: FloatArray, to_m: FloatArray) -> FloatArray:
-    """Return the (M, 4, 4) transforms that bring sets of points (M, K, 3) nearest to others.
-
-    Source: Umeyama, PAMI 1991, without scale.
-    """
-    center_from, center_to = from_m.mean(axis=1), to_m.mean(axis=1)
-    spread = (to_m - center_to[:, None]).transpose(0, 2, 1) @ (from_m - center_from[:, None])
-    u, _, vt = np.linalg.svd(spread)
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    T = np.tile(np.eye(4), (len(from_m), 1, 1))
-    T[:, :3, :3] = u @ vt
-    T[:, :3, 3] = center_to - (T[:, :3, :3] @ center_from[:, :, None])[:, :, 0]
-    return T

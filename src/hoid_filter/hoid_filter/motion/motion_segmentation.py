@@ -9,6 +9,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import (
+    BoolArray,
     CameraModel,
     Float32Array,
     FloatArray,
@@ -20,14 +21,10 @@ from hoid_filter.extraction.pyramid import Int32Array
 from hoid_filter.motion.belief import Belief, MovingArea
 from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, Points
 from hoid_filter.motion.past_views import PastViews
-from hoid_filter.motion.point_tracks import (
-    PointTracks,
-    expected_px,
-    follow,
-    strongest_by_cell,
-)
+from hoid_filter.motion.point_tracks import PointTracks, expected_px, follow
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import SmallView, small_view
+from hoid_native import strongest_in_cells
 
 _LONGEST_GAP_S = 0.7  # between images, beyond which all starts anew
 _OUTLIER_PX = 3.0  # of the grey image: a point so far from where it should be moves
@@ -40,11 +37,23 @@ _NEAREST_M = 0.3  # what is nearer does not hold even less area
 _UNSTABLE_AREA_PX = 2.0  # that a point on an edge of depth stands for
 
 
+class Found(NamedTuple):
+    """Where N points are in an image."""
+
+    pixel: IntArray  # (N,) flat
+    depth_m: FloatArray  # (N,); 0 = no reading
+
+    def select(self, keep: BoolArray) -> Found:
+        """Return the points at a (N,) mask."""
+        return Found(self.pixel[keep], self.depth_m[keep])
+
+
 class Seen(NamedTuple):
     """The points of an image, N of them."""
 
     points: Points
     segment: Int32Array  # (N,); -1 = none
+    small_pixel: IntArray  # (N,) flat, in the small depth image
 
 
 class MotionSegmentation:
@@ -67,7 +76,7 @@ class MotionSegmentation:
         self._tracks = PointTracks.none()
         self._rests = np.empty(0)
         self._view: SmallView | None = None
-        self._T_world_camera = np.eye(4)
+        self._T_world_camera = self._T_camera_world = np.eye(4)
         self._T_before_now = np.eye(4)
 
     def observe(self, view: FilterInput, appearance: Appearance) -> MovingArea:
@@ -75,13 +84,17 @@ class MotionSegmentation:
         small = small_view(view, appearance.image_gray, self.camera)
         if self._view is not None and not 0 < small.stamp_s - self._view.stamp_s < _LONGEST_GAP_S:
             self._restart()
-        self._follow(view, small)
-        seen = self._seen(view, small)
-        self._move(seen)
+        # Where the camera is if it goes on as before, and if it stands.
+        guesses = [
+            se3.inverse(self._T_world_camera @ self._T_before_now),
+            self._T_camera_world,
+        ]
+        seen = self._seen(self._follow(view, small, guesses[0]), small)
+        self._move(seen, guesses)
         self._believe(seen, small)
         self._past.remember(small, self._T_world_camera)
-        self._renew(seen, small.stamp_s)
-        self._add_points(view, appearance, small)
+        followed = self._renew(seen, small.stamp_s)
+        self._add_points(view, appearance, small, followed)
         self._view = small
         return self._belief.moving()
 
@@ -91,62 +104,53 @@ class MotionSegmentation:
         assert self._view is not None
         return self._view.depth_m
 
-    def _follow(self, view: FilterInput, small: SmallView) -> None:
+    def _follow(self, view: FilterInput, small: SmallView, T_next_world: FloatArray) -> Found:
         """Find the points again; one that has slipped onto another surface is lost."""
         if self._view is None:
-            return
-        T_now = self._T_world_camera
-        guess_px = expected_px(
-            self._tracks,
-            se3.inverse(T_now),
-            se3.inverse(T_now @ self._T_before_now),
-            self.camera,
-        )
+            return Found(np.empty(0, np.int64), np.empty(0))
+        guess_px = expected_px(self._tracks, self._T_camera_world, T_next_world, self.camera)
         tracks, kept = follow(self._view.gray, small.gray, self._tracks, guess_px)
-        depth_m = _readings(view.depth_m, self._pixels(tracks, view))
+        pixel = _flat(self.camera.full_px(tracks.uv_px), view.depth_m.shape)
+        depth_m = _readings(view.depth_m, pixel)
         limit_m = _SAME_SHARE * tracks.depth_m
         limit_m += _FASTEST_M_S * (small.stamp_s - self._view.stamp_s)
         stayed = (depth_m == 0) | (np.abs(depth_m - tracks.depth_m) < limit_m)
         known_m = np.where(depth_m > 0, depth_m, tracks.depth_m)
         self._tracks = replace(tracks, depth_m=known_m).select(stayed)
         self._rests = self._rests[kept][stayed]
+        return Found(pixel, depth_m).select(stayed)
 
-    def _pixels(self, tracks: PointTracks, view: FilterInput) -> IntArray:
-        return _flat(self.camera.full_px(tracks.uv_px), view.depth_m.shape)
-
-    def _seen(self, view: FilterInput, small: SmallView) -> Seen:
-        full_px = self.camera.full_px(self._tracks.uv_px)
-        pixels = self._pixels(self._tracks, view)
-        depth_m = _readings(view.depth_m, pixels)
-        measured_px = self.camera.measure(full_px, depth_m)
+    def _seen(self, found: Found, small: SmallView) -> Seen:
+        depth_m = found.depth_m
+        measured_px = self.camera.measure(self.camera.full_px(self._tracks.uv_px), depth_m)
         label = small.segments.label.ravel()
-        segment = label[self.camera.small_pixels(pixels)]
+        small_pixel = self.camera.small_pixels(found.pixel)
+        segment = label[small_pixel]
+        area = _areas(label, segment) * np.maximum(depth_m, _NEAREST_M)
         points = Points(
             world_m=self._tracks.anchor_m,
             measured_px=measured_px,
             camera_m=self.camera.points_m(measured_px, depth_m),
             has_depth=depth_m > 0,
-            region=np.where(segment >= 0, np.append(small.segments.region, -1)[segment], -1),
-            weight=_areas(label, segment) * np.maximum(depth_m, _NEAREST_M),
+            region=np.append(small.segments.region, -1)[segment],
             rests=self._rests,
+            weights=np.stack([area * self._rests, area], axis=1),
         )
-        return Seen(points, segment)
+        return Seen(points, segment, small_pixel)
 
-    def _move(self, seen: Seen) -> None:
+    def _move(self, seen: Seen, guesses: list[FloatArray]) -> None:
         """Find the camera's motion; without enough points, all starts anew."""
         if self._view is None:
             return
         if len(self._tracks) < MIN_POINTS:
             self._restart()
             return
-        T_before = self._T_world_camera
-        guesses = [se3.inverse(T_before @ self._T_before_now), se3.inverse(T_before)]
         motion = self._ego.estimate(seen.points, guesses)
         if motion.doubted:
             self._belief.forget()
-        T_now = se3.orthonormalized(se3.inverse(motion.T_camera_world))
-        self._T_before_now = se3.inverse(T_before) @ T_now
-        self._T_world_camera = T_now
+        T_now = se3.inverse(motion.T_camera_world)
+        self._T_before_now = self._T_camera_world @ T_now
+        self._T_world_camera, self._T_camera_world = T_now, motion.T_camera_world
 
     def _believe(self, seen: Seen, small: SmallView) -> None:
         evidence = np.zeros(len(small.segments.region))
@@ -158,7 +162,7 @@ class MotionSegmentation:
 
     def _off_course(self, seen: Seen, small: SmallView) -> FloatArray:
         """Return the (S,) log-odds of 1/30 s that points of segments do not go as if at rest."""
-        off_px = self._ego.residuals_px(seen.points, se3.inverse(self._T_world_camera))
+        off_px = self._ego.residuals_px(seen.points, self._T_camera_world)
         self._ego.learn_noise(off_px[seen.points.rests > 0.5])
         ripe = np.minimum((small.stamp_s - self._tracks.anchored_s) / _RIPE_S, 1.0)
         odds = _POINT_EVIDENCE * np.where(off_px > _OUTLIER_PX, 1.0, -ripe)
@@ -167,20 +171,29 @@ class MotionSegmentation:
         total = np.bincount(seen.segment[inside], weights=odds[inside], minlength=num)
         return np.clip(total, -_MOST_POINT_EVIDENCE, _MOST_POINT_EVIDENCE)
 
-    def _renew(self, seen: Seen, now_s: float) -> None:
-        """Anchor points anew that were long ago; drop those that have no depth then."""
+    def _renew(self, seen: Seen, now_s: float) -> IntArray:
+        """Anchor points anew that were long ago; drop those that have no depth then.
+
+        Returns:
+            Where the (N,) points left are, in the flat small image.
+        """
         if not len(self._tracks):
-            return
+            return np.empty(0, np.int64)
         due = self._tracks.renew_s <= now_s
         world_m = se3.transform(self._T_world_camera, seen.points.camera_m)
         anchored = self._tracks.anchored_anew(
             due & seen.points.has_depth, world_m, now_s, self._config.anchor_s
         )
-        self._tracks = anchored.select(~due | seen.points.has_depth)
+        kept = ~due | seen.points.has_depth
+        self._tracks = anchored.select(kept)
+        return seen.small_pixel[kept]
 
-    def _add_points(self, view: FilterInput, appearance: Appearance, small: SmallView) -> None:
-        """Take up corners with depth where no point is."""
-        pixels, depth_m = self._free_corners(view, appearance, small)
+    def _add_points(
+        self, view: FilterInput, appearance: Appearance, small: SmallView, followed: IntArray
+    ) -> None:
+        """Take up corners with depth where no point is; (N,) small pixels of those followed."""
+        pixels = self._free_corners(view, appearance, small)
+        depth_m = _readings(view.depth_m, pixels)
         width = view.depth_m.shape[1]
         full_px = np.stack([pixels % width, pixels // width], axis=1).astype(np.float32)
         camera_m = self.camera.points_m(self.camera.measure(full_px, depth_m), depth_m)
@@ -195,32 +208,35 @@ class MotionSegmentation:
                 depth_m,
             )
         )
-        at = self.camera.small_pixels(self._pixels(self._tracks, view))
+        at = np.concatenate([followed, self.camera.small_pixels(pixels)])
         self._rests = self._belief.probability_at(at)
 
     def _free_corners(
         self, view: FilterInput, appearance: Appearance, small: SmallView
-    ) -> tuple[IntArray, FloatArray]:
-        """Return flat pixels and depths of the best corner of each cell that has no point.
+    ) -> IntArray:
+        """Return flat pixels of the best corner of each cell that has no point.
 
         Depth there is smooth: on an edge it may be of either side.
         """
         missing = self._config.num_points - len(self._tracks)
         height, width = view.depth_m.shape
         cell_px = (height * width / self._config.num_points) ** 0.5
-        columns = int(width / cell_px) + 1
-        at = self._pixels(self._tracks, view)
-        free = np.ones(columns * (int(height / cell_px) + 1), np.bool_)
-        free[_cells(at, width, cell_px, columns)] = False
-        cells = _cells(view.corner_pixels, width, cell_px, columns)
-        among = np.flatnonzero(free[cells])
-        pixels = view.corner_pixels[among]
-        depth_m = _readings(view.depth_m, pixels)
-        smooth = small.segments.label.ravel()[self.camera.small_pixels(pixels)] >= 0
-        fit = np.flatnonzero((depth_m > 0) & smooth)
-        among = among[fit]
-        best = strongest_by_cell(cells[among], appearance.corner_scores[among])[: max(missing, 0)]
-        return pixels[fit[best]], depth_m[fit[best]]
+        taken = np.zeros((int(height / cell_px) + 1, int(width / cell_px) + 1), np.uint8)
+        at_px = np.clip(
+            np.rint(self.camera.full_px(self._tracks.uv_px)), 0, (width - 1, height - 1)
+        )
+        column, row = (at_px / cell_px).astype(np.int64).T
+        taken[row, column] = 1
+        best = strongest_in_cells(
+            view.corner_pixels,
+            appearance.corner_scores,
+            view.depth_m,
+            self.camera.small_of_pixel,
+            small.segments.label,
+            cell_px,
+            taken,
+        )[: max(missing, 0)]
+        return view.corner_pixels[best]
 
 
 def _flat(full_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
@@ -229,17 +245,6 @@ def _flat(full_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
     nearest = np.clip(np.rint(full_px), 0, (width - 1, height - 1)).astype(np.int64)
     flat: IntArray = nearest[:, 1] * width + nearest[:, 0]
     return flat
-
-
-def _cells(pixels: IntArray, width: int, cell_px: float, columns: int) -> IntArray:
-    """Return the (N,) numbers of the square cells in which flat pixels lie."""
-    row = pixels // width
-    column = pixels - row * width
-    per_px = 1 / cell_px
-    cells: IntArray = (row * per_px).astype(np.int64) * columns + (column * per_px).astype(
-        np.int64
-    )
-    return cells
 
 
 def _readings(depth_m: Float32Array, pixels: IntArray) -> FloatArray:

@@ -44,7 +44,7 @@ class _Past(NamedTuple):
     """A depth image of earlier."""
 
     stamp_s: float
-    T_world_camera: FloatArray
+    T_camera_world: FloatArray
     nearest_m: Float32Array  # (h, w) around each pixel; 0 = no reading
     farthest_m: Float32Array  # (h, w)
 
@@ -66,7 +66,12 @@ class PastViews:
         farthest = cv2.dilate(depth_m, _KERNEL)
         nearest_m = np.asarray(np.where(known, nearest, 0), np.float32)
         self._views.append(
-            _Past(view.stamp_s, T_world_camera, nearest_m, np.asarray(farthest, np.float32))
+            _Past(
+                view.stamp_s,
+                se3.inverse(T_world_camera),
+                nearest_m,
+                np.asarray(farthest, np.float32),
+            )
         )
         oldest_s = view.stamp_s - _BASELINES[-1].ago_s * (1 + _SLACK)
         while self._views[0].stamp_s < oldest_s:
@@ -86,7 +91,7 @@ class PastViews:
                 continue
             counts = count_in_front(
                 self._camera.depth_pinhole,
-                se3.inverse(past.T_world_camera) @ T_world_camera,
+                past.T_camera_world @ T_world_camera,
                 view.depth_m,
                 view.segments.label,
                 num,

@@ -14,7 +14,6 @@ from hoid_common.values import (
     ByteArray,
     Float32Array,
     FloatArray,
-    IntArray,
 )
 from hoid_filter.motion.small_camera import SmallCamera
 
@@ -118,18 +117,3 @@ def _flow(
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     return np.asarray(uv_px, np.float32), found.ravel() > 0
-
-
-def strongest_by_cell(cells: IntArray, scores: ByteArray) -> IntArray:
-    """Return the indices, in order of cell, of the strongest of K corners in each cell.
-
-    Args:
-        cells: (K,) numbers, not negative.
-        scores: (K,), higher is stronger; of equals, the first is taken.
-    """
-    # Whole keys are sorted: quicker than a stable argsort, and as free of ties.
-    weakness = 255 - scores.astype(np.int64)
-    order = np.sort((cells << 8 | weakness) << 20 | np.arange(len(cells)))
-    is_first = np.ones(len(order), np.bool_)
-    is_first[1:] = order[1:] >> 28 != order[:-1] >> 28
-    return order[is_first] & ((1 << 20) - 1)

@@ -36,7 +36,7 @@ class SmallCamera:
         self.disparity_px_m = self.gray_pinhole.fx_px * _BASELINE_M
         self._gray_step = camera.width_px / GRAY_WIDTH_PX
         self._sampled = self._samples()
-        self._small_of_pixel = self._small_pixels()
+        self.small_of_pixel = self._small_pixels()  # (H * W,) flat
 
     def depth(self, depth_m: Float32Array) -> Float32Array:
         """Return the small depth image of an (H, W) one; 0 = no reading."""
@@ -60,7 +60,7 @@ class SmallCamera:
 
     def small_pixels(self, pixels: IntArray) -> IntArray:
         """Return the flat indices in the small depth image, (N,), of those in the full image."""
-        return self._small_of_pixel[pixels]
+        return self.small_of_pixel[pixels]
 
     def measure(self, full_px: Float32Array, depth_m: FloatArray) -> FloatArray:
         """Return (N, 3) undistorted u, v, u_right at the grey image's scale; NaN: no depth."""

@@ -96,6 +96,43 @@ auto score_poses(
   return give(std::move(score), shape);
 }
 
+auto align_triples(
+  const RealArray<-1, 3>& from_m, const RealArray<-1, 3>& to_m,
+  const Array<int64_t, -1, 3>& triples)
+{
+  require_length("to_m", to_m, from_m.size());
+  require_range("triples", triples, 0, from_m.size());
+  const std::array<std::size_t, 3> shape{triples.array.shape(0), 4, 4};
+  std::vector<double> T(16 * shape[0]);
+  unlocked([&] {
+    motion::align_triples(
+      from_m.data(), to_m.data(), triples.data(), triples.size(), T.data());
+  });
+  return give(std::move(T), shape);
+}
+
+auto strongest_in_cells(
+  const Vector<int64_t>& corner_pixels, const Vector<uint8_t>& corner_scores,
+  const ImageArray<float>& depth_m, const Vector<int64_t>& small_of_pixel,
+  const ImageArray<int32_t>& label, double cell_px, const ImageArray<uint8_t>& taken)
+{
+  require(cell_px > 0, "cell_px: must be positive");
+  const auto pixels = static_cast<int>(depth_m.array.size());
+  require_length("corner_scores", corner_scores, corner_pixels.size());
+  require_length("small_of_pixel", small_of_pixel, pixels);
+  require_range("corner_pixels", corner_pixels, 0, pixels);
+  const bool covers = taken.size(0) > (depth_m.size(0) - 1) / cell_px &&
+                      taken.size(1) > (depth_m.size(1) - 1) / cell_px;
+  require(covers, "taken: the cells do not cover the image");
+  const motion::CornersOnDepth seen{
+    corner_pixels.data(),  corner_scores.data(), corner_pixels.size(),
+    view(depth_m),         small_of_pixel.data(), label.data(),
+    static_cast<int64_t>(label.array.size())};
+  const motion::CellGrid grid{
+    cell_px, taken.size(1), taken.data(), static_cast<int>(taken.array.size())};
+  return give(unlocked([&] { return motion::strongest_in_cells(seen, grid); }));
+}
+
 void bind_views(nb::module_& module)
 {
   module.def("depth_segments", &depth_segments, "depth_m"_a, "cell_px"_a, R"(
@@ -142,6 +179,28 @@ Raises:
     ValueError: Images differ in size.)");
 }
 
+void bind_corners(nb::module_& module)
+{
+  module.def(
+    "strongest_in_cells", &strongest_in_cells, "corner_pixels"_a, "corner_scores"_a, "depth_m"_a,
+    "small_of_pixel"_a, "label"_a, "cell_px"_a, "taken"_a, R"(
+Return the indices, in order of cell, of the strongest corner of each cell that is not taken.
+
+Only corners with depth, on a piece of the small depth image, are chosen; of equals, the first.
+
+Args:
+    corner_pixels: (K,) int64 indices in the flat image.
+    corner_scores: (K,) uint8, higher is stronger.
+    depth_m: (H, W) float32; 0 or not finite = no reading.
+    small_of_pixel: (H * W,) int64 indices in the flat small image.
+    label: (h, w) int32 of the small image; -1 = no piece.
+    cell_px: side of a cell.
+    taken: (rows, columns) uint8 of the cells, which cover the image; 0 = free.
+
+Raises:
+    ValueError: Lengths differ, a corner is not in the image, or the cells do not cover it.)");
+}
+
 }  // namespace
 
 void bind_motion(nb::module_& module)
@@ -171,6 +230,19 @@ Args:
 
 Raises:
     ValueError: Lengths differ, or the noise or the limit is not positive.)");
+  module.def("align_triples", &align_triples, "from_m"_a, "to_m"_a, "triples"_a, R"(
+Return the (M, 4, 4) rigid transforms that bring three points each nearest to three others.
+
+Args:
+    from_m: (N, 3).
+    to_m: (N, 3).
+    triples: (M, 3) int64 indices; three points on a line give the identity.
+
+Raises:
+    ValueError: Lengths differ, or an index is not one of N.
+
+Source: Umeyama, PAMI 1991, without scale, in closed form for three points.)");
+  bind_corners(module);
 }
 
 }  // namespace hoid::bindings

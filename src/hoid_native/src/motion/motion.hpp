@@ -79,4 +79,40 @@ void score_poses(
   const optimize::StereoParams& camera, double pixel_px, double limit,
   const double* T_camera_world, int num_poses, const Points& points, double* score_out);
 
+// Write the (count, 4, 4) rigid transforms that bring three of some points nearest to the same of
+// others, in the least squares sense; that of three on a line is the identity.
+void align_triples(
+  const double* from_m, const double* to_m, const int64_t* triples, int count, double* T_out);
+
+// Corners of an image, its depth, and the pieces of its small image.
+struct CornersOnDepth
+{
+  const int64_t* pixel;  // (count,) flat
+  const uint8_t* score;
+  int count;
+  Image<float> depth_m;           // 0 or not finite = no reading
+  const int64_t* small_of_pixel;  // flat, of each pixel
+  const int32_t* label;           // of each pixel of the small image; -1 = no piece
+  int64_t label_count;
+
+  bool is_smooth(int64_t at) const
+  {
+    const int64_t small = small_of_pixel[at];
+    return small >= 0 && small < label_count && label[small] >= 0;
+  }
+};
+
+// Square cells of an image, row by row.
+struct CellGrid
+{
+  double cell_px;
+  int columns;
+  const uint8_t* taken;
+  int count;
+};
+
+// Return the strongest corner with smooth depth of each cell that is not taken, in order of cell;
+// of equals, the first.
+std::vector<int64_t> strongest_in_cells(const CornersOnDepth& seen, const CellGrid& grid);
+
 }  // namespace hoid::motion

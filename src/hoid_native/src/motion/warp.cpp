@@ -33,24 +33,30 @@ public:
   }
 
   // Set where each pixel of a row of depths lies.
-  ALWAYS_INLINE void look_up(int v, const float* depth_m)
+  ALWAYS_INLINE void look_up(int v, const float* __restrict depth_m)
   {
+    // Copies: a loop of vectors must not fear that it writes what it reads.
+    float T[12];
+    std::copy_n(T_, 12, T);
+    const float fx = fx_, fy = fy_, cx = cx_ + 0.5F, cy = cy_ + 0.5F;
     const float y = (static_cast<float>(v) - cy_) / fy_;
     const auto end_column = static_cast<float>(width_), end_row = static_cast<float>(height_);
-    for (int u = 0; u < width_; ++u) {
-      const float depth = depth_m[u], x = x_[u];
-      const float z = (T_[8] * x + T_[9] * y + T_[10]) * depth + T_[11];
-      const float scale = 1 / std::max(z, kNearestM);
-      const float column =
-        ((T_[0] * x + T_[1] * y + T_[2]) * depth + T_[3]) * scale * fx_ + cx_ + 0.5F;
-      const float row =
-        ((T_[4] * x + T_[5] * y + T_[6]) * depth + T_[7]) * scale * fy_ + cy_ + 0.5F;
+    const int width = width_;
+    const float* __restrict rays_x = x_.data();
+    int32_t* __restrict index_out = index.data();
+    float* __restrict there_out = there_m.data();
+    for (int u = 0; u < width; ++u) {
+      const float depth = depth_m[u], x = rays_x[u];
+      const float z = (T[8] * x + T[9] * y + T[10]) * depth + T[11];
+      const float scale = 1 / (z > kNearestM ? z : kNearestM);
+      const float column = ((T[0] * x + T[1] * y + T[2]) * depth + T[3]) * scale * fx + cx;
+      const float row = ((T[4] * x + T[5] * y + T[6]) * depth + T[7]) * scale * fy + cy;
       const bool inside = (depth > 0) & (z > kNearestM) & (column >= 0) & (row >= 0) &
                           (column < end_column) & (row < end_row);
       const int at =
-        static_cast<int>(inside ? row : 0) * width_ + static_cast<int>(inside ? column : 0);
-      index[u] = inside ? at : -1;
-      there_m[u] = z;
+        static_cast<int>(inside ? row : 0.0F) * width + static_cast<int>(inside ? column : 0.0F);
+      index_out[u] = inside ? at : -1;
+      there_out[u] = z;
     }
   }
 
@@ -63,6 +69,61 @@ private:
   std::vector<float> x_;
 };
 
+// What a pixel adds to the sum of a run, which is shorter than 65536.
+constexpr int32_t kFront = 1, kAtIt = 1 << 16;
+
+// Write what each pixel of a row adds.
+ALWAYS_INLINE void tell_front(
+  const Warp& warp, const float* __restrict depth_m, const float* __restrict nearest_m,
+  const float* __restrict farthest_m, const Margin margin, int width,
+  int32_t* __restrict found_out)
+{
+  const int32_t* __restrict index = warp.index.data();
+  const float* __restrict there_m = warp.there_m.data();
+  for (int u = 0; u < width; ++u) {
+    const int at = index[u] < 0 ? 0 : index[u];
+    const float near_m = nearest_m[at], far_m = farthest_m[at], margin_m = margin.at(depth_m[u]);
+    const bool known = (index[u] >= 0) & (near_m > 0);
+    const bool front = there_m[u] < near_m - margin_m;
+    const bool at_it = !front & (there_m[u] <= far_m + margin_m);
+    const int32_t sum = (front ? kFront : 0) + (at_it ? kAtIt : 0);
+    found_out[u] = known ? sum : 0;
+  }
+}
+
+// Add what was found at the pixels of a row to their segments, a run of equal labels at a time.
+void add_runs(const int32_t* label, const int32_t* found, int width, FrontCounts& counts)
+{
+  for (int first = 0, last; first < width; first = last) {
+    const int32_t segment = label[first];
+    int32_t sum = 0;
+    for (last = first; last < width && label[last] == segment; ++last) {
+      sum += found[last];
+    }
+    if (segment >= 0) {
+      counts.looked_at[segment] += last - first;
+      counts.in_front[segment] += sum % kAtIt;
+      counts.at_it[segment] += sum / kAtIt;
+    }
+  }
+}
+
+// Write the values that the pixels of a row had.
+ALWAYS_INLINE void carry_row(
+  const Warp& warp, const float* __restrict depth_m, const float* __restrict before_m,
+  const float* __restrict values, const Margin margin, int width, float* __restrict value_out)
+{
+  const int32_t* __restrict index = warp.index.data();
+  const float* __restrict there_m = warp.there_m.data();
+  for (int u = 0; u < width; ++u) {
+    const int at = index[u] < 0 ? 0 : index[u];
+    const float seen_m = before_m[at], value = values[at];
+    const bool same = (index[u] >= 0) & (seen_m > 0) &
+                      (std::abs(seen_m - there_m[u]) < margin.at(depth_m[u]));
+    value_out[u] = same ? value : 0.0F;
+  }
+}
+
 }  // namespace
 
 MULTIVERSION("avx2")
@@ -73,25 +134,15 @@ FrontCounts count_in_front(
   const std::vector<int32_t> none(num_segments, 0);
   FrontCounts counts{none, none, none};
   Warp warp(views);
+  std::vector<int32_t> found(views.depth_m.width);
   for (int v = 0; v < views.depth_m.height; v += 2) {
     const float* depths = views.depth_m.row(v);
-    const int32_t* labels = label + static_cast<std::ptrdiff_t>(v) * views.depth_m.width;
     warp.look_up(v, depths);
-    for (int u = 0; u < views.depth_m.width; ++u) {
-      if (labels[u] < 0) {
-        continue;
-      }
-      ++counts.looked_at[labels[u]];
-      const int at = warp.index[u];
-      if (at < 0 || !(nearest_m[at] > 0)) {
-        continue;
-      }
-      const float margin_m = margin.at(depths[u]);
-      const bool front = warp.there_m[u] < nearest_m[at] - margin_m;
-      counts.in_front[labels[u]] += static_cast<int32_t>(front);
-      counts.at_it[labels[u]] +=
-        static_cast<int32_t>(!front && warp.there_m[u] <= farthest_m[at] + margin_m);
-    }
+    tell_front(
+      warp, depths, nearest_m, farthest_m, margin, views.depth_m.width, found.data());
+    add_runs(
+      label + static_cast<std::ptrdiff_t>(v) * views.depth_m.width, found.data(),
+      views.depth_m.width, counts);
   }
   return counts;
 }
@@ -105,12 +156,8 @@ void carry_over(
   for (int v = 0; v < views.depth_m.height; ++v) {
     const float* depths = views.depth_m.row(v);
     warp.look_up(v, depths);
-    for (int u = 0; u < views.depth_m.width; ++u) {
-      const int at = warp.index[u];
-      const bool same = at >= 0 && before_m[at] > 0 &&
-                        std::abs(before_m[at] - warp.there_m[u]) < margin.at(depths[u]);
-      *value_out++ = same ? values[at] : 0.0F;
-    }
+    carry_row(warp, depths, before_m, values, margin, views.depth_m.width, value_out);
+    value_out += views.depth_m.width;
   }
 }
 

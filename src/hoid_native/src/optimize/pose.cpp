@@ -35,27 +35,40 @@ struct Scene
   }
 };
 
-// Add the rows of one observation to the upper triangle of H and to g.
+// A row of the equations: six coefficients, the right-hand side, and nothing. As vectors, for the
+// sums take most of the time.
+using Half = double __attribute__((vector_size(4 * sizeof(double))));
+struct Row
+{
+  Half low, high;
+};
+
+// The equations as they are summed up; only the upper triangle is of use.
+struct Sums
+{
+  Row rows[kPose];
+};
+
+// Add the rows of one observation.
 ALWAYS_INLINE void accumulate(
-  const double J[kRows][kPose], const double* e, const Weights& weights, Matrix6& H, Vector6& g)
+  const double J[kRows][kPose], const double* e, const Weights& weights, Sums& sums)
 {
   for (int r = 0; r < kRows; ++r) {
+    const double* d = J[r];
+    const Row row{{d[0], d[1], d[2], d[3]}, {d[4], d[5], e[r], 0}};
     for (int a = 0; a < kPose; ++a) {
-      const double scaled = (r < 2 ? weights.pixel : weights.depth) * J[r][a];
-      g[a] += scaled * e[r];
-      for (int b = a; b < kPose; ++b) {
-        H(a, b) += scaled * J[r][b];
-      }
+      const double scaled = (r < 2 ? weights.pixel : weights.depth) * d[a];
+      sums.rows[a].low += scaled * row.low;
+      sums.rows[a].high += scaled * row.high;
     }
   }
 }
 
 template <bool kJoint>
 ALWAYS_INLINE void sum_equations(
-  const Scene& scene, const double* T, const uint8_t* inliers, Matrix6& H, Vector6& g)
+  const Scene& scene, const double* T, const uint8_t* inliers, Sums& out)
 {
-  H.setZero();
-  g.setZero();
+  Sums sums{};
   for (int k = 0; k < scene.seen.count; ++k) {
     if (!inliers[k]) {
       continue;
@@ -70,28 +83,41 @@ ALWAYS_INLINE void sum_equations(
     const Weights weights = weights_of<kJoint>(scene.camera, scene.gates, seen, e);
     point_jacobian<kJoint>(scene.camera, x, J_point);
     pose_jacobian(x, J_point, J);
-    accumulate(J, e, weights, H, g);
+    accumulate(J, e, weights, sums);
   }
+  out = sums;
 }
 
 MULTIVERSION("avx2")
-void normal_equations(
-  const Scene& scene, const double* T, const uint8_t* inliers, Matrix6& H, Vector6& g)
+void normal_equations(const Scene& scene, const double* T, const uint8_t* inliers, Sums& sums)
 {
   if (scene.camera.joint_noise) {
-    sum_equations<true>(scene, T, inliers, H, g);
+    sum_equations<true>(scene, T, inliers, sums);
   } else {
-    sum_equations<false>(scene, T, inliers, H, g);
+    sum_equations<false>(scene, T, inliers, sums);
   }
-  H.triangularView<Eigen::StrictlyLower>() = H.transpose();
+}
+
+// Take the symmetric matrix and the right-hand side out of the sums.
+void unpack(const Sums& sums, Matrix6& H, Vector6& g)
+{
+  for (int a = 0; a < kPose; ++a) {
+    const Row& row = sums.rows[a];
+    for (int b = a; b < kPose; ++b) {
+      H(a, b) = H(b, a) = b < 4 ? row.low[b] : row.high[b - 4];
+    }
+    g[a] = row.high[2];
+  }
 }
 
 void iterate(
   const Scene& scene, int iterations, const uint8_t* inliers, Pose T, Matrix6& information)
 {
   Vector6 g;
+  Sums sums;
   for (int n = 0; n < iterations; ++n) {
-    normal_equations(scene, T, inliers, information, g);
+    normal_equations(scene, T, inliers, sums);
+    unpack(sums, information, g);
     const Eigen::LLT<Matrix6> factor(information);
     if (factor.info() != Eigen::Success) {
       return;
