@@ -29,11 +29,11 @@ ROOMS = {
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
     'hoid_filter': """
         config drawing < extraction < detections < node_config motion < rules masked_images
-        < feature_filter ros < node
+        < feature_filter < ros < node
     """,
     'rgbd_slam': """
         config < model < matching < optimize < places < tracking local_mapping < loops < scene
-        < map_io < mapper < processes < map_control statistics < robot_frames slam
+        < map_io < mapper < processes < map_control statistics < robot_frames slam late_verdicts
         < map_transfer < session < ros < node
     """,
     'hoid_bags': """

@@ -35,13 +35,11 @@ def test_wrong_boxes_are_refused_or_clipped_one_by_one(run_filter: FilterRunner)
         (700.0, 10.0, 800.0, 60.0),  # outside
     ]
     for i, box in enumerate(refused):
-        peer.send_images(i)
-        peer.send_boxes(i, PERSON, ('cup', box))
+        peer.show(i, PERSON, ('cup', box))
         features, objects = peer.answer(i + 1)
         assert [o.class_name for o in objects.objects] == ['person']
         assert num_inside(features, PERSON) == 0
-    peer.send_images(9)
-    peer.send_boxes(9, ('cup', (600.0, -10.0, 800.0, 60.0)))
+    peer.show(9, ('cup', (600.0, -10.0, 800.0, 60.0)))
     cup = peer.answer(5)[1].objects[0]
     assert (cup.x_min, cup.y_min, cup.x_max, cup.y_max) == (600.0, 0.0, WIDTH, 60.0)
     peer.wait_for_count('boxes clipped', 1)
@@ -56,8 +54,7 @@ def test_whole_messages_that_are_wrong_are_refused(run_filter: FilterRunner) -> 
     peer.wait_for_count('detections refused', 1)
     peer.boxes.publish(serialized_crowd(peer.header(1), 1_000_000))
     peer.wait_for_count('detections refused', 2, timeout_s=90.0)  # unpacking takes seconds
-    peer.send_images(2)
-    peer.send_boxes(2, PERSON)
+    peer.show(2, PERSON)
     features, _ = peer.answer(2)
     assert num_inside(features, PERSON) == 0
     peer.wait_for_count('images filtered', 2)
@@ -104,7 +101,6 @@ def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
     run_filter: FilterRunner,
 ) -> None:
     peer = run_filter()
-    peer.send_images(0)
     x1, y1, x2, y2 = PERSON[1]
     peer.send_boxes(
         0,
@@ -113,6 +109,8 @@ def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
             for score in (7.5, -1.0, NAN)
         ],
     )
+    peer.probe.spin_for(0.2)
+    peer.send_images(0)
     _, objects = peer.answer()
     assert [o.score for o in objects.objects] == [1.0, 0.0]
     peer.wait_for_count('boxes clipped', 2)
@@ -126,8 +124,7 @@ def test_camera_of_another_size_is_refused(run_filter: FilterRunner) -> None:
     for i, camera in enumerate((half, CAMERA, half, CAMERA)):
         peer.camera.publish(conversions.camera_to_msg(camera, peer.header(i)))
         peer.wait_for_count('camera infos received', i + 2)
-        peer.send_images(i)
-        peer.send_boxes(i, PERSON)
+        peer.show(i, PERSON)
         (person,) = peer.answer(i + 1)[1].objects
         assert np.isnan([*person.center_camera_m, *person.size_m]).all() == (camera is half)
     peer.wait_for_count('camera infos refused', 2)
@@ -137,11 +134,9 @@ def test_camera_of_another_size_is_refused(run_filter: FilterRunner) -> None:
 def test_a_recording_may_start_over(run_filter: FilterRunner) -> None:
     peer = run_filter()
     first = 10_000  # of the end of the recording
-    peer.send_images(first)
-    peer.send_boxes(first, PERSON)
+    peer.show(first, PERSON)
     peer.answer(1)
-    peer.send_images(0)
-    peer.send_boxes(0, PERSON)
+    peer.show(0, PERSON)
     assert peer.answer(2)[1].header == peer.header(0)
     peer.wait_for_count('times that stamps went back', 1)
     peer.send_boxes(first + 1, TV)  # late, and of before

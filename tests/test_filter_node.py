@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hoid_msgs.msg import DynamicObject as ObjectMsg
+from hoid_msgs.msg import FeatureVerdicts
 from sensor_msgs.msg import Image
 
 from hoid_common.ros import conversions
@@ -24,8 +25,7 @@ from hoid_system_tests.probe import Probe
 
 def test_values_of_one_image(run_filter: FilterRunner) -> None:
     peer = run_filter()
-    peer.send_images(0)
-    peer.send_boxes(0, PERSON, CUP, TV)
+    peer.show(0, PERSON, CUP, TV)
     features, objects = peer.answer()
     header = peer.header(0)
     assert features.header == header
@@ -48,54 +48,79 @@ def test_values_of_one_image(run_filter: FilterRunner) -> None:
     assert list(person.size_m) == pytest.approx([0.8, 1.6])
 
 
-def test_exact_mode_waits_for_the_images_own_detections(run_filter: FilterRunner) -> None:
-    peer = run_filter(**{'detections.wait_s': 1.0})
-    peer.send_boxes(0, TV)
-    peer.probe.spin_for(0.2)
-    peer.send_images(1)
-    peer.probe.spin_for(0.3)
-    assert peer.features == []  # what is known of an earlier image does not do
-    peer.send_boxes(1, PERSON)
+def test_an_image_goes_at_once_and_a_slow_detector_has_the_final_word(
+    run_filter: FilterRunner,
+) -> None:
+    peer = run_filter(**{'detections.wait_s': 10.0})
+    verdicts = peer.probe.collect(FeatureVerdicts, 'feature_verdicts')
+    peer.send_images(0)
     features, objects = peer.answer(1)
+    assert objects.provisional
+    assert list(objects.objects) == []
+    assert num_inside(features, PERSON) > 50  # nobody has said so far that it is there
+    peer.probe.spin_for(0.3)
+    assert verdicts == []
+    peer.send_boxes(0, PERSON)
+    _, objects = peer.answer(2, num_features=1)
+    assert not objects.provisional
+    assert objects.header == peer.header(0)
     assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
-    assert num_inside(features, PERSON) == 0
+    peer.probe.spin_until(lambda: bool(verdicts), 'no final word on the features')
+    assert verdicts[0].header == peer.header(0)
+    is_dynamic = np.array(verdicts[0].dynamic, np.bool_)
+    assert is_dynamic.sum() == pytest.approx(num_inside(features, PERSON), rel=0.2)
+    u, v = np.rint(np.array(features.uv_px).reshape(-1, 2)).T
+    left, top, right, bottom = PERSON[1]
+    inside = (u >= left) & (u < right) & (v >= top) & (v < bottom)
+    assert is_dynamic[inside].all()
     peer.wait_for_count('images filtered', 1)
     assert peer.said()[1]['images without detections'] == '0'
 
 
-def test_exact_mode_does_not_wait_beyond_its_limit(run_filter: FilterRunner) -> None:
+def test_detections_that_are_there_already_are_final(run_filter: FilterRunner) -> None:
+    peer = run_filter()
+    peer.send_boxes(0, PERSON)
+    peer.probe.spin_for(0.2)
+    peer.send_images(0)
+    features, objects = peer.answer(1)
+    assert not objects.provisional
+    assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
+    assert num_inside(features, PERSON) == 0
+
+
+def test_the_first_verdict_is_final_when_none_comes_in_time(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 0.2})
+    verdicts = peer.probe.collect(FeatureVerdicts, 'feature_verdicts')
     peer.send_boxes(0, PERSON)
     peer.probe.spin_for(0.2)
     peer.send_images(1)
     features, objects = peer.answer(1)
+    assert objects.provisional
     assert [o.reason for o in objects.objects] == [ObjectMsg.PREDICTED]
     assert num_inside(features, PERSON) == 0
+    _, final = peer.answer(2, num_features=1)
+    assert not final.provisional
+    assert [o.reason for o in final.objects] == [ObjectMsg.PREDICTED]
+    peer.probe.spin_until(lambda: bool(verdicts), 'no final word on the features')
+    assert not any(verdicts[0].dynamic)
     peer.wait_for_count('images without detections', 1)
 
 
-def test_skipped_image_goes_through_with_predicted_boxes(run_filter: FilterRunner) -> None:
-    peer = run_filter()
-    peer.send_images(0)
-    peer.send_boxes(0, PERSON)
-    peer.answer(1)
-    peer.send_images(1)
-    peer.send_images(2)
-    peer.probe.spin_for(0.05)
-    peer.send_boxes(2, PERSON)
-    assert peer.answer(2)[1].objects[0].reason == ObjectMsg.PREDICTED
-    features, objects = peer.answer(3)
-    assert objects.objects[0].reason == ObjectMsg.PERSON
-    assert features.header == peer.header(2)
-
-
-def test_latest_mode_never_waits(run_filter: FilterRunner) -> None:
-    peer = run_filter(**{'detections.mode': 'latest', 'detections.wait_s': 10.0})
-    peer.send_boxes(0, PERSON)
-    peer.probe.spin_for(0.2)
-    peer.send_images(1)
-    features, objects = peer.answer()
-    assert objects.objects[0].reason == ObjectMsg.PREDICTED
+def test_a_skipped_image_is_judged_by_the_boxes_of_the_next(run_filter: FilterRunner) -> None:
+    peer = run_filter(**{'detections.wait_s': 10.0})
+    for i in range(3):
+        peer.send_images(i)
+        peer.answer(i + 1)
+    assert all(objects.provisional for objects in peer.objects)
+    peer.send_boxes(1, PERSON)
+    peer.answer(5, num_features=3)
+    assert [o.header for o in peer.objects[3:]] == [peer.header(0), peer.header(1)]
+    reasons = [o.objects[0].reason for o in peer.objects[3:]]
+    assert reasons == [ObjectMsg.PREDICTED, ObjectMsg.PERSON]
+    peer.send_images(3)
+    features, objects = peer.answer(6, num_features=4)
+    assert objects.provisional
+    assert [o.reason for o in objects.objects] == [ObjectMsg.PREDICTED]
     assert num_inside(features, PERSON) == 0
 
 
@@ -104,8 +129,7 @@ def test_loss_of_the_detector_is_said_and_lived_with(
     run_filter: FilterRunner, on_loss: str
 ) -> None:
     peer = run_filter(**{'detections.timeout_s': 1.0, 'detections.on_loss': on_loss})
-    peer.send_images(0)
-    peer.send_boxes(0, PERSON)
+    peer.show(0, PERSON)
     peer.answer(1)
     for i in range(1, 46):
         peer.send_images(i)
@@ -127,8 +151,7 @@ def test_loss_of_the_detector_is_said_and_lived_with(
     peer.probe.spin_until(
         lambda: 'is the detector alive?' not in peer.said()[0], 'the detector stays lost'
     )
-    peer.send_images(46)
-    peer.send_boxes(46, PERSON)
+    peer.show(46, PERSON)
     peer.probe.spin_until(
         lambda: peer.features[-1].header.stamp == peer.header(46).stamp, 'it does not come back'
     )
@@ -139,8 +162,7 @@ def test_debug_image_is_drawn_for_a_listener(run_filter: FilterRunner) -> None:
     peer = run_filter()
     pictures = peer.probe.collect(Image, 'hoid_filter/debug_image')
     peer.probe.spin_for(0.3)
-    peer.send_images(0)
-    peer.send_boxes(0, PERSON)
+    peer.show(0, PERSON)
     peer.probe.spin_until(lambda: bool(pictures), 'no picture')
     picture = conversions.color_from_msg(pictures[0])
     assert pictures[0].header == peer.header(0)
@@ -156,8 +178,7 @@ def test_a_parameter_set_at_run_time_changes_the_verdicts(run_filter: FilterRunn
         [(0.4, ObjectMsg.HANDLED), (0.6, ObjectMsg.STATIC), (0.4, ObjectMsg.HANDLED)]
     ):
         peer.probe.set_parameters('hoid_filter', {'min_interaction_area': limit})
-        peer.send_images(i)
-        peer.send_boxes(i, PERSON, chair)
+        peer.show(i, PERSON, chair)
         features, objects = peer.answer(i + 1)
         assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON, reason]
         assert (num_inside(features, seat) > 20) == (reason == ObjectMsg.STATIC)
@@ -173,8 +194,7 @@ def test_masked_images_for_another_slam(
     probe.spin_for(0.5)
     depth_m = np.full_like(DEPTH_M, 4.0)
     depth_m[50:450, 100:300] = 2.0  # the person before a wall
-    peer.send_images(0, depth_m)
-    peer.send_boxes(0, PERSON)
+    peer.show(0, PERSON, depth_m=depth_m)
     probe.spin_until(lambda: bool(masks and depths), 'no masked images')
     assert masks[0].header == depths[0].header == peer.header(0)
     assert masks[0].encoding == 'mono8'

@@ -49,8 +49,7 @@ def test_the_filter_takes_images_only_while_active(run_filter: FilterRunner) -> 
     manager = Manager(peer.probe, 'hoid_filter')
 
     def send(i: int) -> None:
-        peer.send_images(i)
-        peer.send_boxes(i)
+        peer.show(i)
 
     assert manager.state == 'unconfigured'
     send(0)

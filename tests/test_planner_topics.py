@@ -88,8 +88,7 @@ def test_points_of_what_moves_and_of_what_does_not(run_filter: FilterRunner, pro
     depth_m = np.full_like(DEPTH_M, 4.0)
     depth_m[50:450, 100:300] = 2.0  # the person before a wall
     depth_m[0, 0] = 0.0
-    peer.send_images(0, depth_m)
-    peer.send_boxes(0, PERSON)
+    peer.show(0, PERSON, depth_m=depth_m)
     probe.spin_until(lambda: bool(moving and static), 'no points')
     assert moving[0].header == static[0].header == peer.header(0)
     points = conversions.cloud_from_msg(moving[0]).points_m
@@ -109,8 +108,7 @@ def test_somebody_who_fills_the_view_is_there_for_planners(
     peer = run_filter(strategy='hoid+')
     moving = probe.collect(PointCloud2, 'moving_points')
     probe.spin_for(0.5)
-    peer.send_images(0)
-    peer.send_boxes(0, ('person', (0.0, 0.0, float(WIDTH), float(HEIGHT))))
+    peer.show(0, ('person', (0.0, 0.0, float(WIDTH), float(HEIGHT))))
     features, _ = peer.answer()
     assert len(features.octave) > 0  # given back: there is nothing else
     probe.spin_until(lambda: bool(moving), 'no points')

@@ -72,12 +72,22 @@ class Peer:
         values = {'image_width': WIDTH, 'image_height': HEIGHT, 'detections': found, **fields}
         self.boxes.publish(DetectionArray(header=self.header(i), **values))
 
-    def answer(self, number: int = 1) -> tuple[FeaturesMsg, DynamicObjectArray]:
-        """Return the features and verdicts on the image, once `number` images were filtered."""
+    def answer(
+        self, number: int = 1, num_features: int | None = None
+    ) -> tuple[FeaturesMsg, DynamicObjectArray]:
+        """Return the last of so many verdicts on objects, and of features, as many by default."""
+        num_features = number if num_features is None else num_features
         self.probe.spin_until(
-            lambda: len(self.features) >= number and len(self.objects) >= number, 'no features'
+            lambda: len(self.features) >= num_features and len(self.objects) >= number,
+            'no features',
         )
-        return self.features[number - 1], self.objects[number - 1]
+        return self.features[num_features - 1], self.objects[number - 1]
+
+    def show(self, i: int, *rows: Row, depth_m: Any = DEPTH_M) -> None:
+        """Publish frame i, and before it what is detected there."""
+        self.send_boxes(i, *rows)
+        self.probe.spin_for(0.2)
+        self.send_images(i, depth_m)
 
     def said(self) -> tuple[str, dict[str, str]]:
         """Return the message and values of the node's newest diagnostics."""

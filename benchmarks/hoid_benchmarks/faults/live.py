@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import psutil
 import rclpy
-from hoid_msgs.msg import Detection, DetectionArray, Features, SlamStatus
+from hoid_msgs.msg import Detection, DetectionArray, Features, FeatureVerdicts, SlamStatus
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -32,6 +32,7 @@ from hoid_common.values import CameraModel
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 INPUTS = (
     topics.RGB_IMAGE, topics.DEPTH_IMAGE, topics.DETECTIONS, topics.CAMERA_INFO, topics.FEATURES,
+    topics.FEATURE_VERDICTS,
 )  # fmt: skip
 _FRAME = 'camera_color_optical_frame'
 _PERIOD_S = 1 / 15
@@ -49,7 +50,7 @@ class Sender:
     def __init__(self, node: Node) -> None:
         self._executor = SteadyExecutor()
         self._executor.add_node(node)
-        kinds = (Image, Image, DetectionArray, CameraInfo, Features)
+        kinds = (Image, Image, DetectionArray, CameraInfo, Features, FeatureVerdicts)
         self.publishers: dict[str, Publisher] = {
             topic: node.create_publisher(kind, topic, qos.OUTPUT)
             for topic, kind in zip(INPUTS, kinds, strict=True)
@@ -136,6 +137,9 @@ def _send_wrong(sender: Sender, topic: str, rng: Rng, number: int) -> None:
         if topic == topics.FEATURES and sender.features is not None:
             sender.features.header = good[topics.RGB_IMAGE].header
             good[topic] = sender.features
+        if topic == topics.FEATURE_VERDICTS:
+            header = good[topics.RGB_IMAGE].header
+            good[topic] = FeatureVerdicts(header=header, dynamic=[0, 1] * 500)
         sender.publishers[topic].publish(mutated(good[topic], rng))
 
 

@@ -125,9 +125,9 @@ def test_only_what_the_nodes_hear_is_played() -> None:
 
 
 def test_the_gate_of_detections_is_set_by_its_own_names() -> None:
-    options = plan(FakeBag(), **{'detections.mode': 'latest', 'filter.strategy': 'hoid2d'})
+    options = plan(FakeBag(), **{'detections.on_loss': 'stop', 'filter.strategy': 'hoid2d'})
     parameters = options.parameters['hoid_filter']
-    assert parameters['detections.mode'] == 'latest'
+    assert parameters['detections.on_loss'] == 'stop'
     assert parameters['strategy'] == 'hoid2d'
 
 

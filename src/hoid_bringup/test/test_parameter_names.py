@@ -17,7 +17,7 @@ from hoid_common.errors import ConfigError
 from hoid_common.io.param_file import load_params
 
 SAME = (
-    ('filter.detections.mode', 'detections.mode', 'hoid_filter.detections.mode'),
+    ('filter.detections.on_loss', 'detections.on_loss', 'hoid_filter.detections.on_loss'),
     ('slam.dense.voxel_m', 'dense.voxel_m', 'rgbd_slam.dense.voxel_m'),
     ('slam.objects.rate_hz', 'objects.rate_hz', 'rgbd_slam.objects.rate_hz'),
     ('detector.model', 'model', 'hoid_detector.model'),
@@ -30,7 +30,7 @@ SAME = (
     ('detector.max_detections', 'hoid_detector.max_detections', 'detector.max_detections'),
 )
 GIVEN: dict[str, Any] = {
-    'filter.detections.mode': 'latest',
+    'filter.detections.on_loss': 'stop',
     'slam.dense.voxel_m': 0.1,
     'slam.objects.rate_hz': 5.0,
     'detector.model': 'x.onnx',

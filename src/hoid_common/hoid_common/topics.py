@@ -12,6 +12,7 @@ DETECTIONS = 'detections'
 DETECTIONS_2D = 'detections_2d'  # vision_msgs/Detection2DArray, in place of `detections`
 OWN_DETECTIONS_2D = '~/detections_2d'  # the same of our detector, made while somebody listens
 FEATURES = 'features'
+FEATURE_VERDICTS = 'feature_verdicts'  # the final word on features of images judged too early
 DYNAMIC_OBJECTS = 'dynamic_objects'
 DEBUG_IMAGE = '~/debug_image'
 # For a SLAM that finds its own features; made while somebody listens.

@@ -225,6 +225,14 @@ class Features:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class FeatureVerdicts:
+    """The filter's final word on the N features of an image that was judged before."""
+
+    stamp_ns: int
+    is_dynamic: BoolArray  # (N,); True: on what moves after all
+
+
 class Reason(Enum):
     """Why an object counts as dynamic or not; the values are those of hoid_msgs/DynamicObject."""
 

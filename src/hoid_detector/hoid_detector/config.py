@@ -101,8 +101,7 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
     niceness: int = param(
         0,
         'Number by which the process is nicer to others than usual, as of the command nice. Raise '
-        'it when odometry is late because the detector takes the CPU, and images need not wait '
-        'for their own detections.',
+        'it when odometry is late because the detector takes the CPU.',
         minimum=0,
         maximum=19,
     )

@@ -15,6 +15,8 @@ from hoid_common.values import (
     CameraModel,
     Detections,
     DynamicObject,
+    Features,
+    FeatureVerdicts,
     FilterResult,
     Float32Array,
     Reason,
@@ -35,6 +37,13 @@ class DetectedCorners(NamedTuple):
     frame: RgbdFrame
     corners: Corners
     took_s: float
+
+
+class FinalWord(NamedTuple):
+    """What an image that was judged before turns out to show."""
+
+    objects: tuple[DynamicObject, ...]
+    verdicts: FeatureVerdicts
 
 
 class FeatureFilter:
@@ -91,7 +100,9 @@ class FeatureFilter:
         """Return what `process` does, of images in order of time, with a mask where wanted."""
         frame, corners, detected_s = detected
         found = time.thread_time()
-        verdict = self._judge(frame, detections, corners)
+        appearance = self._appearance(corners, frame.size_px)
+        view = FilterInput(frame.stamp_ns, detections, frame.depth_m, corners.pixel, appearance)
+        verdict = self._judge(view)
         self.counters['frames with too few static features'] += verdict.fallback_step > 0
         judged = time.thread_time()
         chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)
@@ -116,17 +127,40 @@ class FeatureFilter:
             },
         )
 
-    def _judge(self, frame: RgbdFrame, detections: Detections | None, corners: Corners) -> Verdict:
-        height, width = frame.depth_m.shape
-        if detections is not None:
-            fit = sanitize(detections, width, height, self._config.max_detections)
+    def judge_again(
+        self, features: Features, depth_m: Float32Array, detections: Detections
+    ) -> FinalWord:
+        """Return what detections that came late say of an image and its features.
+
+        What moves in it without being detected is known already, and stays.
+
+        Args:
+            features: Of the image, one of the last second, as `select_and_describe` gave them.
+            depth_m: (H, W) of the image.
+            detections: Of the image, or of a later one that the detector took instead.
+        """
+        height, width = depth_m.shape
+        u, v = np.rint(features.uv_px).astype(np.int64).T
+        pixels = np.clip(v, 0, height - 1) * width + np.clip(u, 0, width - 1)
+        view = FilterInput(features.stamp_ns, detections, depth_m, pixels, is_second=True)
+        verdict = self._judge(view)
+        is_dynamic = np.zeros(len(features), np.bool_)
+        if verdict.kept is not None:
+            is_dynamic[:] = True
+            is_dynamic[verdict.kept] = False
+        if verdict.seeds is not None:
+            is_dynamic |= ~verdict.seeds
+        objects = self._objects(verdict, (width, height))
+        return FinalWord(objects, FeatureVerdicts(features.stamp_ns, is_dynamic))
+
+    def _judge(self, view: FilterInput) -> Verdict:
+        height, width = view.depth_m.shape
+        if view.detections is not None:
+            fit = sanitize(view.detections, width, height, self._config.max_detections)
             self.counters['boxes refused'] += fit.num_refused
             self.counters['boxes clipped'] += fit.num_clipped
-            detections = fit.detections
-        appearance = self._appearance(corners, frame.size_px)
-        return self._strategy.judge(
-            FilterInput(frame.stamp_ns, detections, frame.depth_m, corners.pixel, appearance)
-        )
+            view = view._replace(detections=fit.detections)
+        return self._strategy.judge(view)
 
     def _appearance(self, corners: Corners, size_px: tuple[int, int]) -> Appearance | None:
         if self.camera is None or self.camera.size_px != size_px:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from typing import NamedTuple
-
 from hoid_msgs.msg import DetectionArray
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
@@ -21,38 +18,39 @@ from hoid_common.ros.run import run_node
 from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import RgbdFrame
-from hoid_filter.detections.detection_gate import STOP, DetectionGate, Ready
+from hoid_filter.detections.detection_gate import Known
 from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
 from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.ros.outputs import FilterOutputs
+from hoid_filter.ros.second_looks import SecondLooks
 
-_SILENCE_S = 0.05  # without images and detections, each of which looks at what waits
-_LOST = 'detector lost'
-
-
-class _Image(NamedTuple):
-    header: Header
-    detected: DetectedCorners
+_SILENCE_S = 0.05  # after which images are looked at again that wait for detections
 
 
 class FilterNode(ManagedNode):
-    """Brings images, depth and detections together and publishes what the filter makes of them."""
+    """Brings images, depth and detections together and publishes what the filter makes of them.
+
+    An image is published at once, judged by motion and by boxes predicted to it, and judged again
+    when its own detections are there.
+    """
 
     def __init__(self) -> None:
         super().__init__('hoid_filter')
         self._settings = Parameters(self, FilterNodeConfig(), self._reconfigure)
         config = self._settings.config
         self._filter = FeatureFilter(config)
-        self._gate: DetectionGate[_Image] = DetectionGate(config.detections)
         self._size_px: tuple[int, int] | None = None  # of the newest image
         self._outputs = FilterOutputs(self)
+        self._second_looks = SecondLooks(
+            config.detections, self._filter, self._outputs, self.diagnostics
+        )
         self._subscribe(config)
         self.begin(autostart=config.autostart)
 
     def clean_up(self) -> None:
-        """Forget objects, and images that wait."""
+        """Forget objects, and images that are to be judged again."""
         self._filter.reset()
-        self._gate = DetectionGate(self._settings.config.detections)
+        self._second_looks.forget()
 
     def _subscribe(self, config: FilterNodeConfig) -> None:
         inputs = Inputs(self, config.input, self.diagnostics)
@@ -67,7 +65,7 @@ class FilterNode(ManagedNode):
                 type_, topic = Detection2DArray, topics.DETECTIONS_2D
             inputs.messages(type_, topic, self._take_detections, 'detections')
             steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self._silence = self.create_timer(_SILENCE_S, self._poll, clock=steady)
+            self.create_timer(_SILENCE_S, self._second_looks.poll, clock=steady)
 
     def _take_images(self, match: Match) -> None:
         (header, image_bgr), (_, depth_m) = match.values
@@ -76,18 +74,11 @@ class FilterNode(ManagedNode):
         if frame.size_px != self._size_px:
             self._size_px = frame.size_px
             self._check_camera()
-        image = _Image(header, detected)
+        known: Known | None = Known(None, is_final=True)
         if self._settings.config.needs_detections:
-            self._restart_if_back(frame.stamp_ns)
-            self._go_on(self._gate.add_image(frame.stamp_ns, image, time.monotonic()))
-        else:
-            self._process([Ready(image, None)])
-
-    def _restart_if_back(self, stamp_ns: int) -> None:
-        if self._gate.restart_if_back(stamp_ns):
-            self._filter.reset()
-            error = MessageError('stamps went back by a second or more: all objects are forgotten')
-            self.diagnostics.report(error, 'times that stamps went back')
+            known = self._second_looks.known(frame.stamp_ns)
+        if known is not None:
+            self._process(header, detected, known)
 
     def _take_detections(self, msg: DetectionArray | Detection2DArray) -> None:
         if isinstance(msg, Detection2DArray):
@@ -97,7 +88,7 @@ class FilterNode(ManagedNode):
             if self._size_px not in (None, said):
                 raise MessageError(f'detections are of {said} px, colour is {self._size_px}')
             detections = conversions.detections_from_msg(msg)
-        self._go_on(self._gate.add_detections(detections, time.monotonic()))
+        self._second_looks.add_detections(detections)
 
     def _take_camera(self, msg: CameraInfo) -> None:
         self._filter.camera = conversions.camera_from_msg(msg)
@@ -110,38 +101,24 @@ class FilterNode(ManagedNode):
             error = MessageError(f'camera_info is of a {camera.size_px} px image, not {size_px}')
             self.diagnostics.report(error, 'camera infos refused')
 
-    def _poll(self) -> None:
-        self._go_on(self._gate.poll(time.monotonic()))
-
-    def _go_on(self, ready: list[Ready[_Image]]) -> None:
-        self._silence.reset()
-        self._process(ready)
-        if not self._gate.is_lost:
-            self.diagnostics.clear_problem(_LOST)
-            return
-        then = 'stopped' if self._gate.config.on_loss == STOP else 'features are unfiltered'
-        self.diagnostics.set_problem(
-            _LOST,
-            f'no detections for {self._gate.silent_s:.1f} s: is the detector alive? {then}',
-            severe=True,
+    def _process(self, header: Header, detected: DetectedCorners, known: Known) -> None:
+        """Publish what is known of an image."""
+        result = self._filter.select_and_describe(
+            detected,
+            known.detections,
+            for_picture=self._outputs.wants_picture,
+            with_mask=self._outputs.wants_mask,
         )
-
-    def _process(self, ready: list[Ready[_Image]]) -> None:
-        for (header, detected), detections in ready:
-            result = self._filter.select_and_describe(
-                detected,
-                detections,
-                for_picture=self._outputs.wants_picture,
-                with_mask=self._outputs.wants_mask,
-            )
-            self._outputs.publish(detected.frame, result, header, self._filter.camera)
-            self.diagnostics.count('images filtered')
-            self.diagnostics.set_count('images without detections', self._gate.num_unanswered)
-            for name, number in self._filter.counters.items():
-                self.diagnostics.set_count(name, number)
+        frame, camera = detected.frame, self._filter.camera
+        self._outputs.publish(frame, result, header, camera, provisional=not known.is_final)
+        if not known.is_final:
+            self._second_looks.remember(header, frame, result)
+        self.diagnostics.count('images filtered')
+        for name, number in self._filter.counters.items():
+            self.diagnostics.set_count(name, number)
 
     def _reconfigure(self, config: FilterNodeConfig) -> None:
-        self._gate.config = config.detections
+        self._second_looks.reconfigure(config.detections)
         self._filter.reconfigure(config)
 
 

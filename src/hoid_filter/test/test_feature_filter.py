@@ -133,3 +133,60 @@ def test_depth_of_another_size_is_refused(frame: RgbdFrame) -> None:
     small = RgbdFrame(0, frame.image_bgr, np.ones((240, 320), np.float32))
     with pytest.raises(MessageError, match='320x240 but colour is 640x480'):
         FeatureFilter(FilterConfig()).process(small, None)
+
+
+@pytest.mark.parametrize('strategy', ['person', 'hoid2d', 'hoid3d', 'hoid+'])
+def test_late_detections_tell_which_published_features_move(
+    frame: RgbdFrame, strategy: str
+) -> None:
+    features = FeatureFilter(FilterConfig(strategy=strategy), CAMERA)
+    first = features.process(frame, None)
+    assert first.objects == ()
+    found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
+    word = features.judge_again(first.features, frame.depth_m, found)
+    assert [seen.reason for seen in word.objects] == [Reason.PERSON]
+    assert word.verdicts.stamp_ns == frame.stamp_ns
+    u, v = np.rint(first.features.uv_px).T
+    inside = (u >= 100) & (u < 300) & (v >= 50) & (v < 450)
+    near = (u >= 88) & (u < 312) & (v >= 38) & (v < 462)
+    assert inside.sum() > 50
+    assert word.verdicts.is_dynamic[inside].all()
+    assert not word.verdicts.is_dynamic[~near].any()
+
+
+def test_the_next_image_knows_what_came_late(frame: RgbdFrame) -> None:
+    late, prompt = (FeatureFilter(FilterConfig(), CAMERA) for _ in range(2))
+    found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
+    first = late.process(frame, None)
+    late.judge_again(first.features, frame.depth_m, found)
+    prompt.process(frame, found)
+    following = dataclasses.replace(frame, stamp_ns=frame.stamp_ns + 33_000_000)
+    got, wanted = late.process(following, None), prompt.process(following, None)
+    assert [seen.reason for seen in got.objects] == [Reason.PREDICTED]
+    assert [seen.box_xyxy_px for seen in got.objects] == [PERSON_BOX]
+    np.testing.assert_array_equal(got.features.uv_px, wanted.features.uv_px)
+
+
+def test_a_skipped_image_is_judged_by_the_boxes_of_the_next(frame: RgbdFrame) -> None:
+    depth_m = np.full_like(frame.depth_m, 3.0)
+    depth_m[50:450, 100:300] = 1.5  # the person before a wall
+    frame = dataclasses.replace(frame, depth_m=depth_m)
+    features = FeatureFilter(FilterConfig(), CAMERA)
+    first = features.process(frame, None)
+    following = dataclasses.replace(frame, stamp_ns=frame.stamp_ns + 33_000_000)
+    features.process(following, None)
+    found = detections(('person', PERSON_BOX), stamp_ns=following.stamp_ns)
+    word = features.judge_again(first.features, frame.depth_m, found)
+    assert [seen.reason for seen in word.objects] == [Reason.PREDICTED]
+    assert word.verdicts.is_dynamic.sum() > 50
+    again = features.judge_again(first.features, frame.depth_m, found)
+    np.testing.assert_array_equal(again.verdicts.is_dynamic, word.verdicts.is_dynamic)
+
+
+def test_late_detections_of_nobody_leave_all_features(frame: RgbdFrame) -> None:
+    features = FeatureFilter(FilterConfig(), CAMERA)
+    first = features.process(frame, None)
+    word = features.judge_again(first.features, frame.depth_m, detections(stamp_ns=1_000))
+    assert word.objects == ()
+    assert len(word.verdicts.is_dynamic) == len(first.features)
+    assert not word.verdicts.is_dynamic.any()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hoid_common.values import FloatArray, IntArray
+from hoid_common.values import FeatureVerdicts, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest
@@ -94,6 +94,10 @@ class MapControl:
         i = self._link.insert(request)
         self.update()
         return i
+
+    def take_back(self, verdicts: FeatureVerdicts) -> None:
+        """Forget what a keyframe saw on what turned out to move."""
+        self._link.take_back(verdicts)
 
     def update(self) -> None:
         """Take in what the mapper has done meanwhile, without waiting."""

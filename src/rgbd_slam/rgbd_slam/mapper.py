@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray, IntArray
+from hoid_common.values import FeatureVerdicts, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.culling import cull_keyframes, cull_young_points
 from rgbd_slam.local_mapping.fusing import fuse_into_neighbours
+from rgbd_slam.local_mapping.taking_back import take_back
 from rgbd_slam.local_mapping.triangulation import triangulate_with_neighbours
 from rgbd_slam.loops.loop_closing import LoopCloser, LoopCounts
 from rgbd_slam.model.atlas import Atlas
@@ -83,6 +84,10 @@ class Mapper:
         cull_keyframes(self.map, i, self._config.mapping, self._close_limit_m)
         self.loops = self.loops.with_event(self._closer.process(i))
         return i
+
+    def take_back(self, verdicts: FeatureVerdicts) -> None:
+        """Forget what a keyframe saw on what turned out to move."""
+        take_back(self.map, verdicts)
 
     def load(self, state: MapState, *, keep: bool) -> int:
         """Lay a saved map over the running one, which is kept beside it or gone; see `restore`.

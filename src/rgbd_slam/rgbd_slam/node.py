@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import sys
 
-from hoid_msgs.msg import Features
+from hoid_msgs.msg import Features, FeatureVerdicts
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
 
 from hoid_common import topics
+from hoid_common.inputs.input_config import RELIABLE
 from hoid_common.ros import conversions
 from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.ros.inputs import Inputs
@@ -51,6 +52,10 @@ class RgbdSlamNode(ManagedNode):
         inputs = Inputs(self, config.input, self.diagnostics)
         inputs.messages(CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos')
         inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
+        inputs.messages(
+            FeatureVerdicts, topics.FEATURE_VERDICTS, self._on_verdicts, 'feature verdicts',
+            reliability=RELIABLE, is_occasional=True,
+        )  # fmt: skip
         InitialPose(inputs, self._running.known, self._outputs.find_in_map)
         self.begin(autostart=config.autostart)
 
@@ -86,6 +91,11 @@ class RgbdSlamNode(ManagedNode):
         self.diagnostics.set_count('images processed', done.status.frames_processed)
         self.diagnostics.set_count('images missing', done.status.frames_dropped)
         self.diagnostics.set_count('mapping processes that died', session.map.num_restarts)
+
+    def _on_verdicts(self, msg: FeatureVerdicts) -> None:
+        session = self._running.session
+        if session is not None:
+            session.judge_again(conversions.feature_verdicts_from_msg(msg))
 
     def _reconfigure(self, config: SlamNodeConfig) -> None:
         self._outputs.reconfigure(config.frames)

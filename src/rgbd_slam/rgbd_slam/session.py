@@ -16,11 +16,13 @@ from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import (
     CameraModel,
     Features,
+    FeatureVerdicts,
     FloatArray,
     Trajectory,
 )
 from rgbd_slam import map_transfer
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.late_verdicts import LateVerdicts
 from rgbd_slam.map_control import MapControl
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.map_transfer import LoadedMap
@@ -29,20 +31,12 @@ from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
 from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.statistics import SlamStats
+from rgbd_slam.statistics import SlamStats, status_message
 from rgbd_slam.tracking.motion import MotionSource
 from rgbd_slam.tracking.stream_gaps import StreamGaps
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
 
 TRAJECTORY_KINDS = ('final', 'online', 'keyframes')
-_MESSAGES = {
-    SlamState.NOT_INITIALIZED: 'waiting for an image with enough static features that have depth',
-    SlamState.TRACKING: '',
-    SlamState.LOST: 'too few map points are seen; looking for a known place',
-    SlamState.PAUSED: 'paused; ~/resume goes on',
-}
-_IN_OTHER_MAP = 'in a new map since the last loss; a known place will join the two'
-_TWO_MOTIONS = 'two motions explain this image: {:.0f} % / {:.0f} %; something large moves'
 
 
 class Processed(NamedTuple):
@@ -120,11 +114,23 @@ class SlamSession:
         if self._is_paused:
             return Processed(self._status(SlamState.PAUSED), None)
         self.stamp_ns = features.stamp_ns
+        features = self._late.filtered(features)
         result = self._slam.process(features)
         self._num_processed += 1
         self._map_changed |= result.is_keyframe
+        if result.is_keyframe:
+            self._late.note_keyframe(features)
         status = self._status(SlamState(result.state.value), result)
         return Processed(status, self._pose(result), self._fusion_request(result))
+
+    def judge_again(self, verdicts: FeatureVerdicts) -> None:
+        """Take back what the map has of features that move after all.
+
+        Raises:
+            MessageError: The verdicts are not those of the image with their stamp.
+        """
+        if self._late.is_due(verdicts):
+            self.map.take_back(verdicts)
 
     @property
     def stats(self) -> SlamStats:
@@ -224,6 +230,7 @@ class SlamSession:
             self.camera, self._config, background=self._background, wheels=self._wheels
         )
         self._gaps = StreamGaps()
+        self._late = LateVerdicts()
         self._num_processed = 0
         self._map_changed = False
         self._stats_shown = None
@@ -268,22 +275,12 @@ class SlamSession:
             keyframes=fusion.keyframes if fuse else None, track_objects=track_objects
         )
 
-    def _message(self, state: SlamState, result: TrackingResult | None) -> str:
-        if result is not None and result.note:
-            return result.note
-        if state is SlamState.TRACKING and not self._slam.odometry.is_in_main_map:
-            return _IN_OTHER_MAP
-        if result is not None and result.rival is not None:
-            rival = result.rival
-            return _TWO_MOTIONS.format(100 * rival.chosen_share, 100 * rival.rival_share)
-        return _MESSAGES[state]
-
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
         stats = self._slam.stats
         return SlamStatus(
             state=state,
             mode=self.mode,
-            message=self._message(state, result),
+            message=status_message(state, result, self._slam.odometry.is_in_main_map),
             tracked_points=result.num_tracked if result else 0,
             inliers=result.num_inliers if result else 0,
             keyframes=stats.num_keyframes,

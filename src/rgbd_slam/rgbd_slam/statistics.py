@@ -1,4 +1,4 @@
-"""What is counted of a session's maps and events."""
+"""What is counted of a session's maps and events, and said of its state."""
 
 from __future__ import annotations
 
@@ -6,9 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hoid_common.slam_status import SlamState
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.trajectory import main_map
+from rgbd_slam.tracking.tracking_result import TrackingResult
+
+_MESSAGES = {
+    SlamState.NOT_INITIALIZED: 'waiting for an image with enough static features that have depth',
+    SlamState.TRACKING: '',
+    SlamState.LOST: 'too few map points are seen; looking for a known place',
+    SlamState.PAUSED: 'paused; ~/resume goes on',
+}
+_IN_OTHER_MAP = 'in a new map since the last loss; a known place will join the two'
+_TWO_MOTIONS = 'two motions explain this image: {:.0f} % / {:.0f} %; something large moves'
 
 
 @dataclass(frozen=True)
@@ -35,3 +46,15 @@ def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> Sla
         loops.merged,
         num_relocalizations,
     )
+
+
+def status_message(state: SlamState, result: TrackingResult | None, is_in_main_map: bool) -> str:
+    """Return why the state is what it is, in plain words; empty when there is nothing to say."""
+    if result is not None and result.note:
+        return result.note
+    if state is SlamState.TRACKING and not is_in_main_map:
+        return _IN_OTHER_MAP
+    if result is not None and result.rival is not None:
+        rival = result.rival
+        return _TWO_MOTIONS.format(100 * rival.chosen_share, 100 * rival.rival_share)
+    return _MESSAGES[state]

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hoid_common.values import FloatArray
+from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.local_mapping.taking_back import take_back
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.model.soa_table import SoaTable
 from rgbd_slam.processes.mapper_process import MapperProcess
@@ -81,6 +83,42 @@ def test_every_column_of_the_live_copy_is_that_of_the_offline_map(
     assert_same(live.keyframes, offline.keyframes)
     assert_same(live.points, offline.points)
     assert snapshot(live).digest() == snapshot(offline).digest()
+
+
+def test_what_is_taken_back_is_gone_from_both_copies(
+    mapper: tuple[MapperProcess, Atlas], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offline, asked = offline_run(monkeypatch, 40)
+    link, live = mapper
+    for request in asked:
+        if isinstance(request, Start):
+            link.start_map(*request)
+        else:
+            link.insert(request)
+    keyframes, points = offline.keyframes, offline.points
+    i = int(keyframes.indices()[-2])
+    is_dynamic = np.arange(keyframes.num_features[i]) < 300
+    seen = keyframes.points_of(i)[is_dynamic]
+    seen = seen[seen != NO_POINT]
+    made = seen[points.first_keyframe_uid[seen] == keyframes.uid[i]]
+    known = np.setdiff1d(seen, made)
+    uids, counts = points.uid[made], points.num_observations[known].copy()
+    assert min(len(made), len(known)) > 10
+    verdicts = FeatureVerdicts(int(keyframes.stamp_ns[i]), is_dynamic)
+    take_back(offline, verdicts)
+    link.take_back(verdicts)
+    link.finish()
+    assert not np.isin(points.uid, uids).any()
+    assert (keyframes.points_of(i)[is_dynamic] == NO_POINT).all()
+    assert not keyframes.may_seed[i, : len(is_dynamic)][is_dynamic].any()
+    np.testing.assert_array_equal(points.num_observations[known], counts - 1)
+    rows = points.indices()
+    observed = offline.observations_of(rows)
+    np.testing.assert_array_equal(
+        np.bincount(observed.j, minlength=points.capacity)[rows], points.num_observations[rows]
+    )
+    assert_same(live.keyframes, offline.keyframes)
+    assert_same(live.points, offline.points)
 
 
 def test_a_loaded_map_is_the_same_live_and_offline(

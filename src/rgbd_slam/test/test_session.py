@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+
+from hoid_common.errors import MessageError
 from hoid_common.slam_status import SlamMode, SlamState
+from hoid_common.values import BoolArray, FeatureVerdicts
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
@@ -96,3 +101,53 @@ def test_reading_how_a_session_does_changes_nothing() -> None:
         assert session.map.num_restarts == 0
         assert session.mode is SlamMode.MAPPING
     assert (session.map.state().digest(), session.map.atlas.version) == (before, version)
+
+
+def first_features(num: int, of: int) -> BoolArray:
+    return np.arange(of) < num
+
+
+def test_features_that_move_after_all_are_taken_out_of_the_map() -> None:
+    session, world = new_session(), World()
+    features = world.features(0, POSES[0])
+    session.process(features)
+    before = session.stats.num_map_points
+    is_dynamic = first_features(200, len(features))
+    num_made = int(np.count_nonzero(features.depth_m[is_dynamic] > 0))
+    assert num_made > 50
+    session.judge_again(FeatureVerdicts(0, is_dynamic))
+    assert session.stats.num_map_points == before - num_made
+    session.judge_again(FeatureVerdicts(0, is_dynamic))  # no keyframe is judged a third time
+    assert session.stats.num_map_points == before - num_made
+    done = see(session, world, 1)
+    assert done.status.state is SlamState.TRACKING
+    assert done.status.tracked_points <= before - num_made
+
+
+def test_verdicts_that_change_nothing_change_nothing() -> None:
+    session, world = new_session(), World()
+    num = len(world.features(0, POSES[0]))
+    see(session, world, 0)
+    before = session.stats
+    session.judge_again(FeatureVerdicts(0, first_features(0, 0)))  # nothing moves
+    session.judge_again(FeatureVerdicts(7, first_features(num, num)))  # an image never seen
+    assert session.stats == before
+
+
+def test_verdicts_of_another_length_are_refused() -> None:
+    session = new_session()
+    see(session, World(), 0)
+    with pytest.raises(MessageError, match='feature_verdicts are of 3 features, the image has'):
+        session.judge_again(FeatureVerdicts(0, first_features(1, 3)))
+
+
+def test_a_verdict_that_comes_before_its_image_is_obeyed_at_once() -> None:
+    session, world = new_session(), World()
+    see(session, world, 0)
+    features = world.features(PERIOD_NS, POSES[1])
+    session.judge_again(FeatureVerdicts(PERIOD_NS, first_features(300, len(features))))
+    others = new_session()
+    see(others, World(), 0)
+    got = session.process(features)
+    wanted = others.process(features.select(np.arange(300, len(features))))
+    assert got.status.tracked_points == wanted.status.tracked_points

@@ -34,6 +34,7 @@ class FilterInput(NamedTuple):
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
     appearance: Appearance | None = None  # None: the camera is not known
+    is_second: bool = False  # it was judged before, and later ones may have been since
 
 
 class AlignedDetections(NamedTuple):
@@ -84,4 +85,8 @@ class Strategy(Protocol):
     """Tells which objects are dynamic."""
 
     def judge(self, view: FilterInput) -> Verdict:
-        """Return the verdict on one image; images come in order of time."""
+        """Return the verdict on one image.
+
+        Images come in order of time, each once. One may come a second time when its detections do,
+        with the corners that matter: then boxes alone are judged anew.
+        """

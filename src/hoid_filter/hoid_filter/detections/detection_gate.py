@@ -1,4 +1,4 @@
-"""When an image is filtered, and with which detections: wait for its own, or take the newest."""
+"""Which detections an image is judged with: at once, and once more when its own are there."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from hoid_common.errors import MessageError
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import NS_PER_S, Detections
 
-EXACT, LATEST = 'exact', 'latest'
 UNFILTERED, STOP = 'unfiltered', 'stop'
 _QUEUE_LENGTH = 30
 _LEAD_S = 1.0  # much more than detections come before their image, which waits for its depth
@@ -24,15 +23,10 @@ Item = TypeVar('Item')
 class GateConfig(Config):
     """How images and detections come together."""
 
-    mode: str = param(
-        EXACT,
-        'Whether an image waits for its own detections (exact) or never waits and takes predicted '
-        'boxes (latest). Choose latest when the detector is slower than the camera.',
-        choices=(EXACT, LATEST),
-        read_only=False,
-    )
     wait_s: float = param(
-        0.15, 'Longest time that an image waits for its detections in the mode exact (s).',
+        0.5,
+        'Longest time that mapping waits for what an image shows by its own detections; tracking '
+        'never waits (s).',
         minimum=0.0, maximum=10.0, read_only=False, expert=True,
     )  # fmt: skip
     as_vision_msgs: bool = param(
@@ -54,11 +48,18 @@ class GateConfig(Config):
     )
 
 
-class Ready(NamedTuple, Generic[Item]):
-    """An image to be filtered now."""
+class Known(NamedTuple):
+    """What is known of an image as it comes."""
+
+    detections: Detections | None  # of its stamp or older, each given out once; None: no new ones
+    is_final: bool  # nothing that is to come says more of it
+
+
+class Answered(NamedTuple, Generic[Item]):
+    """An image that is judged for good now."""
 
     item: Item
-    detections: Detections | None  # of its stamp or older, each given out once; None: no new ones
+    detections: Detections | None  # of its stamp or the next; None: there are none to wait for
 
 
 class _Waiting(NamedTuple, Generic[Item]):
@@ -68,17 +69,17 @@ class _Waiting(NamedTuple, Generic[Item]):
 
 
 class DetectionGate(Generic[Item]):
-    """Holds images back until their detections are there, or are not to be waited for.
+    """Gives each image the detections that are there, and remembers it until its own are.
 
-    Images go through in order. A detector that skips images (newest wins) tells so by its next
-    answer; one that is lost is not waited for. Times are of a steady clock, in seconds.
+    A detector that skips images (newest wins) tells so by its next answer; one that is lost is not
+    waited for. Images are answered in order. Times are of a steady clock, in seconds.
     """
 
     def __init__(self, config: GateConfig) -> None:
         self.config = config
-        self.num_unanswered = 0  # images that went through without detections of their own
-        self._images: deque[_Waiting[Item]] = deque()
-        self._detections = _queue()
+        self.num_unanswered = 0  # images that had no detections of their own in the end
+        self._waiting: deque[_Waiting[Item]] = deque()
+        self._detections = _queue()  # that no image has been given
         self._asked_s: float | None = None  # first image since the last answer
         self._image_s = 0.0  # last image
         self._newest_ns: int | None = None  # its stamp
@@ -93,6 +94,11 @@ class DetectionGate(Generic[Item]):
         """Return whether the detector counts as lost."""
         return self.silent_s > self.config.timeout_s
 
+    @property
+    def is_shut(self) -> bool:
+        """Return whether nothing is to be published without a detector."""
+        return self.config.on_loss == STOP and self.is_lost
+
     def restart_if_back(self, stamp_ns: int) -> bool:
         """Forget the past when an image's stamp says that time started anew; return whether so.
 
@@ -101,54 +107,62 @@ class DetectionGate(Generic[Item]):
         """
         if self._newest_ns is None or self._newest_ns - stamp_ns < RESTART_NS:
             return False
-        self._images.clear()
+        self._waiting.clear()
         self._detections = _queue(
             found for found in self._detections if found.stamp_ns <= stamp_ns
         )
         return True
 
-    def add_image(self, stamp_ns: int, item: Item, now_s: float) -> list[Ready[Item]]:
-        """Take an image and return what is ready."""
+    def add_image(self, stamp_ns: int, now_s: float) -> Known:
+        """Take note of an image and return what is known of it."""
         self._image_s, self._newest_ns = now_s, stamp_ns
         if self._asked_s is None:
             self._asked_s = now_s
-        self._images.append(_Waiting(stamp_ns, item, now_s))
-        return self.poll(now_s)
+        is_passed = any(found.stamp_ns >= stamp_ns for found in self._detections)
+        known = self._take(stamp_ns)
+        is_own = known is not None and known.stamp_ns == stamp_ns
+        is_final = is_passed or self.is_lost
+        self.num_unanswered += is_final and not is_own
+        return Known(known, is_final)
 
-    def add_detections(self, detections: Detections, now_s: float) -> list[Ready[Item]]:
-        """Take detections and return what is ready.
+    def remember(self, stamp_ns: int, item: Item, now_s: float) -> None:
+        """Have an image that was just added, and is not final, answered later."""
+        self._waiting.append(_Waiting(stamp_ns, item, now_s))
+
+    def add_detections(self, detections: Detections, now_s: float) -> list[Answered[Item]]:
+        """Take detections and return what they answer.
 
         Raises:
             MessageError: They are of a later image than can have been taken by now.
         """
-        if self._newest_ns is not None:
-            lead_s = (detections.stamp_ns - self._newest_ns) / NS_PER_S
+        newest_ns = self._newest_ns
+        if newest_ns is not None:
+            lead_s = (detections.stamp_ns - newest_ns) / NS_PER_S
             if lead_s > now_s - self._image_s + _LEAD_S:
                 raise MessageError(f'detections are {lead_s:.1f} s ahead of the newest image')
         self._asked_s = None
-        self._detections.append(detections)
-        return self.poll(now_s)
+        answered = []
+        while self._waiting and self._waiting[0].stamp_ns <= detections.stamp_ns:
+            waiting = self._waiting.popleft()
+            self.num_unanswered += waiting.stamp_ns != detections.stamp_ns
+            answered.append(Answered(waiting.item, detections))
+        if not answered or newest_ns is None or detections.stamp_ns > newest_ns:
+            self._detections.append(detections)
+        return answered
 
-    def poll(self, now_s: float) -> list[Ready[Item]]:
-        """Return the images that are ready by now."""
-        ready = []
-        while self._images and self._may_go(self._images[0], now_s):
-            waiting = self._images.popleft()
-            if self.config.on_loss == STOP and self.is_lost:
-                continue
-            detections = self._take(waiting.stamp_ns)
-            self.num_unanswered += detections is None or detections.stamp_ns < waiting.stamp_ns
-            ready.append(Ready(waiting.item, detections))
-        return ready
+    def poll(self, now_s: float) -> list[Answered[Item]]:
+        """Return the images that are no longer to wait."""
+        answered: list[Answered[Item]] = []
+        while self._waiting and self._is_over(self._waiting[0], now_s):
+            answered.append(Answered(self._waiting.popleft().item, None))
+        self.num_unanswered += len(answered)
+        return answered
 
-    def _may_go(self, waiting: _Waiting[Item], now_s: float) -> bool:
-        answered = bool(self._detections) and self._detections[-1].stamp_ns >= waiting.stamp_ns
+    def _is_over(self, waiting: _Waiting[Item], now_s: float) -> bool:
         return (
-            answered
-            or self.config.mode == LATEST
-            or now_s - waiting.since_s >= self.config.wait_s
+            now_s - waiting.since_s >= self.config.wait_s
             or self.is_lost
-            or len(self._images) > _QUEUE_LENGTH
+            or len(self._waiting) > _QUEUE_LENGTH
         )
 
     def _take(self, stamp_ns: int) -> Detections | None:

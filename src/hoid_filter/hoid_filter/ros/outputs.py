@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hoid_msgs.msg import DynamicObjectArray
 from hoid_msgs.msg import Features as FeaturesMsg
+from hoid_msgs.msg import FeatureVerdicts as FeatureVerdictsMsg
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import PointCloud2
@@ -12,8 +13,9 @@ from std_msgs.msg import Header
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages, MaskedImages
-from hoid_common.values import CameraModel, FilterResult, RgbdFrame
+from hoid_common.values import CameraModel, DynamicObject, FilterResult, RgbdFrame
 from hoid_filter.drawing import draw_result
+from hoid_filter.feature_filter import FinalWord
 from hoid_filter.masked_images import points_m, static_depth_m
 
 
@@ -24,6 +26,9 @@ class FilterOutputs:
         self._features = node.create_publisher(FeaturesMsg, topics.FEATURES, qos.OUTPUT)
         self._objects = node.create_publisher(
             DynamicObjectArray, topics.DYNAMIC_OBJECTS, qos.OUTPUT
+        )
+        self._verdicts = node.create_publisher(
+            FeatureVerdictsMsg, topics.FEATURE_VERDICTS, qos.OUTPUT
         )
         self._debug_images = DebugImages(node)
         self._masked_images = MaskedImages(node)
@@ -41,7 +46,13 @@ class FilterOutputs:
         return self._masked_images.is_watched or bool(self._watched_clouds())
 
     def publish(
-        self, frame: RgbdFrame, result: FilterResult, header: Header, camera: CameraModel | None
+        self,
+        frame: RgbdFrame,
+        result: FilterResult,
+        header: Header,
+        camera: CameraModel | None,
+        *,
+        provisional: bool,
     ) -> None:
         """Publish features and verdicts, then the pictures and points that are wanted.
 
@@ -50,6 +61,7 @@ class FilterOutputs:
             result: What the filter made of it.
             header: Of the image.
             camera: That took it; without it, or with one of another size, there are no points.
+            provisional: Whether `publish_final` is to follow.
         """
         counts = conversions.FeatureCounts(
             result.num_features_in,
@@ -61,7 +73,7 @@ class FilterOutputs:
         self._features.publish(
             conversions.features_to_msg(result.features, header, size_px, counts)
         )
-        self._objects.publish(conversions.dynamic_objects_to_msg(result.objects, header, size_px))
+        self._publish_objects(result.objects, header, size_px, provisional=provisional)
         if (mask := result.static_mask) is not None:
             self._masked_images.publish(mask, static_depth_m(frame.depth_m, mask), header)
         if result.moving is not None and camera is not None and camera.size_px == size_px:
@@ -71,6 +83,23 @@ class FilterOutputs:
                 publisher.publish(conversions.cloud_to_msg(cloud, header))
         if self.wants_picture:
             self._debug_images.publish(draw_result(frame.image_bgr, result), header)
+
+    def publish_final(self, word: FinalWord, header: Header, size_px: tuple[int, int]) -> None:
+        """Publish the final word on an image of which only a provisional one is known."""
+        self._verdicts.publish(conversions.feature_verdicts_to_msg(word.verdicts, header))
+        self._publish_objects(word.objects, header, size_px, provisional=False)
+
+    def _publish_objects(
+        self,
+        objects: tuple[DynamicObject, ...],
+        header: Header,
+        size_px: tuple[int, int],
+        *,
+        provisional: bool,
+    ) -> None:
+        self._objects.publish(
+            conversions.dynamic_objects_to_msg(objects, header, size_px, provisional=provisional)
+        )
 
     def _watched_clouds(self) -> list[Publisher]:
         clouds = (self._moving_points, self._static_points)

@@ -151,6 +151,11 @@ class Atlas:
         points.version[j] = kf.version[i] = self.version
         points.release(j[points.num_observations[j] == 0], self.version)
 
+    def forbid_seeds(self, i: int, k: IntArray) -> None:
+        """Let no point be made of features `k` of `i` from now on."""
+        self.keyframes.may_seed[i, k] = False
+        self.keyframes.version[i] = self.version
+
     def observations_of(self, j: IntArray, keyframes: IntArray | None = None) -> Observations:
         """Return who sees points `j`, of the given keyframes or all, in order of i and k."""
         kf = self.keyframes

@@ -70,7 +70,7 @@ class KeyframeTable(SoaTable):
         'stamp_ns',
         'num_features',
         'is_loaded',
-        *_FEATURE_COLUMNS[1:],
+        *_FEATURE_COLUMNS[1:-1],
     )
 
     def __init__(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from hoid_common.values import FloatArray
+from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
@@ -37,6 +37,10 @@ class MapperLink(Protocol):
 
     def insert(self, request: KeyframeRequest) -> int | None:
         """Hand a keyframe over; its row when that has been taken in at once."""
+        ...
+
+    def take_back(self, verdicts: FeatureVerdicts) -> None:
+        """Forget what a keyframe saw on what turned out to move."""
         ...
 
     @property
@@ -87,6 +91,10 @@ class InlineMapper:
     def insert(self, request: KeyframeRequest) -> int | None:
         """Take a keyframe in and return its row."""
         return self._mapper.insert(request)
+
+    def take_back(self, verdicts: FeatureVerdicts) -> None:
+        """Forget what a keyframe saw on what turned out to move."""
+        self._mapper.take_back(verdicts)
 
     def load(self, state: MapState, *, keep: bool) -> None:
         """Lay a saved map over the running one, which is kept beside it or gone."""

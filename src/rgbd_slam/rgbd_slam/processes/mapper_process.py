@@ -12,7 +12,7 @@ from typing import NoReturn
 
 from hoid_common.errors import HoidError
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
-from hoid_common.values import FloatArray
+from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest
@@ -95,6 +95,10 @@ class MapperProcess:
         """Hand a keyframe over; it will be in the map after some later `update`."""
         self._hand_over(request)
         return None
+
+    def take_back(self, verdicts: FeatureVerdicts) -> None:
+        """Have what a keyframe saw forgotten by some later `update`, where it moves after all."""
+        self._hand_over(verdicts)
 
     def load(self, state: MapState, *, keep: bool) -> None:
         """Lay a saved map over the running one, which is kept beside it or gone; waits for it."""

@@ -10,7 +10,7 @@ import os
 from multiprocessing.connection import Connection
 from typing import NamedTuple
 
-from hoid_common.values import FloatArray
+from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
@@ -51,7 +51,7 @@ class Load(NamedTuple):
     keep: bool  # the running one, beside it
 
 
-Request = Start | Load | Resume | Settle | KeyframeRequest
+Request = Start | Load | Resume | Settle | KeyframeRequest | FeatureVerdicts
 
 
 class Ready(NamedTuple):
@@ -98,6 +98,8 @@ def _do(mapper: Mapper, request: Request) -> int | None:
     match request:
         case KeyframeRequest():
             return mapper.insert(request)
+        case FeatureVerdicts():
+            mapper.take_back(request)
         case Settle(limit_s):
             mapper.settle(limit_s)
         case Resume(whole, loops):

@@ -14,6 +14,8 @@ from hoid_common.ros.conversions.detections_2d import (
 from hoid_common.ros.conversions.features import (
     FeatureCounts,
     feature_counts_from_msg,
+    feature_verdicts_from_msg,
+    feature_verdicts_to_msg,
     features_from_msg,
     features_to_msg,
 )
@@ -63,6 +65,8 @@ __all__ = [
     'dynamic_objects_from_msg',
     'dynamic_objects_to_msg',
     'feature_counts_from_msg',
+    'feature_verdicts_from_msg',
+    'feature_verdicts_to_msg',
     'features_from_msg',
     'features_to_msg',
     'header_to_msg',

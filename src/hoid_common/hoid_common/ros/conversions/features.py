@@ -1,4 +1,4 @@
-"""hoid_msgs/Features."""
+"""hoid_msgs/Features, and what is said of them later."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 from hoid_msgs.msg import Features as FeaturesMsg
+from hoid_msgs.msg import FeatureVerdicts as FeatureVerdictsMsg
 from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
 from hoid_common.ros.conversions.arrays import byte_array, bytes_field, float_array, floats_field
 from hoid_common.ros.conversions.headers import stamp_from_msg
-from hoid_common.values import DESCRIPTOR_BYTES, Features
+from hoid_common.values import DESCRIPTOR_BYTES, Features, FeatureVerdicts
+
+_MAX_FEATURES = 65_536  # of an image, three times what the filter can be asked for
 
 
 class FeatureCounts(NamedTuple):
@@ -73,6 +76,26 @@ def features_to_msg(
         extract_ms=counts.extract_ms,
         filter_ms=counts.filter_ms,
     )
+
+
+def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
+    """Return the verdicts; an empty message, which says that nothing moves, gives none.
+
+    Raises:
+        MessageError: They are more than an image can have features.
+    """
+    if len(msg.dynamic) > _MAX_FEATURES:
+        raise MessageError(
+            f'feature_verdicts.dynamic has {len(msg.dynamic)} elements, more than {_MAX_FEATURES}'
+        )
+    flags = byte_array(msg.dynamic, 'feature_verdicts.dynamic', len(msg.dynamic))
+    return FeatureVerdicts(stamp_from_msg(msg.header.stamp), flags.astype(np.bool_))
+
+
+def feature_verdicts_to_msg(verdicts: FeatureVerdicts, header: Header) -> FeatureVerdictsMsg:
+    """Return the message; the header is that of the features."""
+    flags = verdicts.is_dynamic if verdicts.is_dynamic.any() else verdicts.is_dynamic[:0]
+    return FeatureVerdictsMsg(header=header, dynamic=bytes_field(flags))
 
 
 def _check_values(features: Features, width_px: int, height_px: int) -> None:

@@ -16,7 +16,11 @@ def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ..
 
 
 def dynamic_objects_to_msg(
-    objects: tuple[DynamicObject, ...], header: Header, image_size_px: tuple[int, int]
+    objects: tuple[DynamicObject, ...],
+    header: Header,
+    image_size_px: tuple[int, int],
+    *,
+    provisional: bool = False,
 ) -> DynamicObjectArray:
     """Return the message; `image_size_px` is width, height of the image of the boxes."""
     return DynamicObjectArray(
@@ -24,6 +28,7 @@ def dynamic_objects_to_msg(
         image_width=image_size_px[0],
         image_height=image_size_px[1],
         objects=[_object_to_msg(obj) for obj in objects],
+        provisional=provisional,
     )
 
 

@@ -44,7 +44,7 @@ from rgbd_slam.scene.view_ledger import ViewLedger
 
 _NICE = 19  # below what the pose waits for
 _SLOP_NS = 20_000_000
-_PATIENCE_NS = 300_000_000  # for the verdict on an image's objects
+_PATIENCE_NS = 1_000_000_000  # for the final verdict on an image's objects
 _CAPACITY = 60  # images that wait for the tracker to say where they were taken: 2 s
 
 
@@ -72,7 +72,7 @@ class SceneNode(Node):
         inputs.depth(self._matched('depth'))
         inputs.color(self._matched('color'))
         inputs.messages(
-            DynamicObjectArray, topics.DYNAMIC_OBJECTS, self._matched('objects'), 'dynamic objects'
+            DynamicObjectArray, topics.DYNAMIC_OBJECTS, self._on_objects, 'dynamic objects'
         )
         # Wall time: what was mapped last is published even when images have stopped.
         self._timer = self.create_timer(
@@ -163,6 +163,11 @@ class SceneNode(Node):
         self._matcher.reset()
         self._report_views()
         self._outputs.clear(self._stamp_ns)
+
+    def _on_objects(self, msg: DynamicObjectArray) -> None:
+        """Take final verdicts only: the room's maps can wait for them."""
+        if not msg.provisional:
+            self._add('objects', conversions.stamp_from_msg(msg.header.stamp), msg)
 
     def _matched(self, name: str) -> Any:
         def on_message(msg: Any) -> None:
