@@ -1,29 +1,30 @@
-"""Say who is near: where people are on the map and where each will be in a second."""
+"""Say how far ahead of a camera, whose frame is named, people are, and on what floor."""
 
-from contextlib import suppress
+import sys
 
 import rclpy
+from nav_msgs.msg import OccupancyGrid
 from people_msgs.msg import People
-from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
+
+from hoid_common.ros import conversions, frame_tree, qos
 
 
-class PeopleConsumer(Node):
-    """Prints a line for each person of the topic `people`."""
+def _tell(msg: People) -> None:
+    at_ns, grid, info = conversions.stamp_from_msg(msg.header.stamp), grids[-1], grids[-1].info
+    camera_map = frames.find(sys.argv[1], msg.header.frame_id, at_ns)  # at the image's stamp
+    grid_map = frames.find(grid.header.frame_id, msg.header.frame_id, at_ns)
+    for p in msg.people if camera_map is not None and grid_map is not None else ():
+        at_m = (p.position.x, p.position.y, p.position.z, 1)
+        x, y = (grid_map @ at_m)[:2] - (info.origin.position.x, info.origin.position.y)
+        row, column = int(y // info.resolution), int(x // info.resolution)
+        inside = 0 <= row < info.height and 0 <= column < info.width
+        value = grid.data[row * info.width + column] if inside else -1  # as Nav2 reads it
+        floor = 'unknown' if value < 0 else 'occupied' if value >= 100 else 'free'
+        print(f'{p.name}: {(camera_map @ at_m)[2]:.2f} m ahead, {floor} floor', flush=True)
 
-    def __init__(self) -> None:
-        super().__init__('people_consumer')
-        self.create_subscription(People, 'people', self._take, 10)
 
-    def _take(self, msg: People) -> None:
-        for person in msg.people:
-            at, v = person.position, person.velocity
-            now = f'({at.x:.2f}, {at.y:.2f}) m in {msg.header.frame_id}'
-            soon = f'({at.x + v.x:.2f}, {at.y + v.y:.2f}) m'
-            print(f'person {person.name} at {now}, in 1 s at {soon}', flush=True)
-
-
-if __name__ == '__main__':
-    rclpy.init()
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(PeopleConsumer())
+rclpy.init()
+frames, grids = frame_tree.FrameListener(node := rclpy.create_node('people')), [OccupancyGrid()]
+node.create_subscription(OccupancyGrid, 'grid_map', grids.append, qos.LATCHED)
+node.create_subscription(People, 'people', _tell, 10)
+rclpy.spin(node)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -10,10 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from geometry_msgs.msg import Point
+from ament_index_python.packages import get_package_share_directory
+from geometry_msgs.msg import Point, Pose
 from hoid_msgs.msg import DynamicObject as ObjectMsg
+from nav_msgs.msg import MapMetaData, OccupancyGrid
 from people_msgs.msg import People, Person
 from sensor_msgs.msg import PointCloud2
+from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import (
     BoundingBox2D,
     Detection2D,
@@ -24,11 +28,12 @@ from vision_msgs.msg import (
     Pose2D,
 )
 
-from hoid_common import topics
-from hoid_common.ros import conversions
-from hoid_common.values import Detections
+from hoid_common import se3, topics
+from hoid_common.ros import conversions, qos
+from hoid_common.values import NS_PER_S, Detections, FloatArray
 from hoid_system_tests.filter_peer import DEPTH_M, HEIGHT, PERSON, WIDTH, FilterRunner, num_inside
 from hoid_system_tests.probe import Probe
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 EXAMPLES = Path(__file__).parents[1] / 'examples'
 # As the packages of Jazzy define them: another order or name is another type.
@@ -63,6 +68,29 @@ FIELDS: dict[Any, list[tuple[str, str]]] = {
 @pytest.mark.parametrize('type_', FIELDS, ids=lambda type_: type_.__name__)
 def test_messages_are_those_of_their_packages(type_: Any) -> None:
     assert list(type_.get_fields_and_field_types().items()) == FIELDS[type_]
+
+
+# Those of TFMessage and OccupancyGridUpdate are as Jazzy's bags and `ros2 topic info -v` tell, the
+# others those of the definitions in vision_msgs 4.1.1 and wg-perception's people_msgs.
+HASHES = {
+    'tf2_msgs/TFMessage': 'e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087',
+    'map_msgs/OccupancyGridUpdate': (
+        'c4095b0be2e4363f8978a1570e0293ee093436f1e1c61d99b48502ac317025e8'
+    ),
+    'vision_msgs/Detection2DArray': (
+        '214274120007f4a683866481336b70310268cfa107aebe9d594a6acf75bda968'
+    ),
+    'people_msgs/People': '9ea98a5e58f833a9532957bca23a6b8006a12885d5a16c8ca41dd901d10c33b6',
+}
+
+
+@pytest.mark.parametrize('name', HASHES)
+def test_types_are_the_same_on_the_wire_as_those_of_their_packages(name: str) -> None:
+    package, _, type_ = name.partition('/')
+    share = Path(get_package_share_directory(package))
+    told = json.loads((share / 'msg' / f'{type_}.json').read_text())['type_hashes']
+    (found,) = [t['hash_string'] for t in told if t['type_name'] == f'{package}/msg/{type_}']
+    assert found == f'RIHS01_{HASHES[name]}'
 
 
 def test_another_detectors_boxes_are_filtered_by(run_filter: FilterRunner, probe: Probe) -> None:
@@ -115,23 +143,65 @@ def test_somebody_who_fills_the_view_is_there_for_planners(
     assert moving[0].width > 0.9 * WIDTH * HEIGHT / 64
 
 
-def test_the_example_hears_of_people(probe: Probe) -> None:
+def test_the_example_hears_of_people_the_frame_tree_and_the_grid(probe: Probe) -> None:
     example = EXAMPLES / 'people_consumer.py'
     assert len(example.read_text().splitlines()) <= 30
-    command = [sys.executable, str(example)]
+    grids = probe.publisher(OccupancyGrid, topics.GRID_MAP, qos.LATCHED, wait=False)
+    info = MapMetaData(resolution=0.5, width=4, height=2, origin=Pose(position=Point(x=-1.0)))
+    grids.publish(OccupancyGrid(
+        header=conversions.header_to_msg(1, 'map_level'), info=info,
+        data=[0, 0, 0, 100, -1, 0, 0, 0],
+    ))  # fmt: skip
+    static = probe.publisher(TFMessage, topics.TF_STATIC, qos.TF_STATIC, wait=False)
+    lower = shifted(0.0, 0.0, -1.0)
+    static.publish(
+        TFMessage(transforms=[conversions.transform_to_msg(lower, 0, 'map', 'map_level')])
+    )
+    command = [sys.executable, str(example), 'camera']
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            people = probe.publisher(People, topics.PEOPLE)
-            person = Person(
-                name='3', position=Point(x=1.0, y=-0.5, z=0.9), velocity=Point(x=0.5, y=0.25)
+            people, tf = (
+                probe.publisher(People, topics.PEOPLE),
+                probe.publisher(TFMessage, topics.TF),
             )
-            header = conversions.header_to_msg(1, 'map')
-            people.publish(People(header=header, people=[person]))
+            for second in (1, 2):  # the camera goes forward by 1 m/s, along its own z
+                edges = [('map', 'odom', shifted(0.5)), ('odom', 'camera', camera_at(second))]
+                tf.publish(TFMessage(transforms=[
+                    conversions.transform_to_msg(T, second * NS_PER_S, parent, child)
+                    for parent, child, T in edges
+                ]))  # fmt: skip
+            probe.spin_for(0.5)
+            at_m = ((4.0, 0.0), (0.6, 0.2), (-0.8, 0.7), (0.2, 0.7))
+            header = conversions.header_to_msg(3 * NS_PER_S // 2, 'map')  # between the two
+            people.publish(People(header=header, people=[
+                Person(name=str(i), position=Point(x=x, y=y, z=0.9))
+                for i, (x, y) in enumerate(at_m)
+            ]))  # fmt: skip
             assert process.stdout is not None
-            line = process.stdout.readline()
+            lines = [process.stdout.readline() for _ in at_m]
         finally:
             process.terminate()
-    assert line == 'person 3 at (1.00, -0.50) m in map, in 1 s at (1.50, -0.25) m\n'
+    assert lines == [
+        '0: 2.00 m ahead, unknown floor\n',  # beyond the grid
+        '1: -1.40 m ahead, occupied floor\n',
+        '2: -2.80 m ahead, unknown floor\n',
+        '3: -1.80 m ahead, free floor\n',
+    ]
+
+
+def shifted(x: float, y: float = 0.0, z: float = 0.0) -> FloatArray:
+    return se3.exp(np.array([0.0, 0, 0, x, y, z]))
+
+
+def camera_at(second: float) -> FloatArray:
+    """Return T_odom_camera of a camera that looks along x."""
+    return np.asarray(shifted(second) @ T_BODY_OPTICAL)
+
+
+def test_the_page_shows_the_example_as_it_is() -> None:
+    page = EXAMPLES.parent / 'docs' / 'howto' / 'nav2.md'
+    code = (EXAMPLES / 'people_consumer.py').read_text()
+    assert f'```python\n{code}```\n' in page.read_text()
 
 
 def test_the_example_for_nav2_marks_and_clears_with_what_is_published() -> None:

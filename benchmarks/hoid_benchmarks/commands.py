@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hoid_benchmarks.faults.campaign import NIGHTLY, SLICE, fault_report
+from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine
 from hoid_benchmarks.jobs.machine import Code
 from hoid_benchmarks.jobs.masks import mask_report
@@ -26,7 +27,7 @@ from hoid_benchmarks.report.runs import RunList
 from hoid_benchmarks.rooms.rooms import room_report
 from hoid_common.errors import HoidError
 
-_MASKS, _ROOMS, _FAULTS = 'masks', 'rooms', 'faults'
+_MASKS, _ROOMS, _FAULTS, _COVARIANCES = 'masks', 'rooms', 'faults', 'covariances'
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
 
@@ -41,6 +42,7 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='WHAT',
         help=f'experiments: full, quick or a YAML file; a stage to time ({", ".join(STAGES)}); '
         f'{_MASKS}: judge the masks corner by corner; {_ROOMS}: dense map, grid and tracks; '
+        f'{_COVARIANCES}: errors against what is published as uncertainty; '
         f'{_FAULTS}: damaged files, kills and messages, each by its seed',
     )
     add('--quick', action='store_true', help='the same as "quick": a few minutes')
@@ -77,6 +79,8 @@ def bench_command(args: argparse.Namespace) -> None:
         sys.stdout.write(time_stage(args.what, store))
     elif args.what == _MASKS and not args.quick:
         sys.stdout.write(mask_report(args.only, store))
+    elif args.what == _COVARIANCES and not args.quick:
+        sys.stdout.write(covariance_report(args.only, store))
     elif args.what == _ROOMS and not args.quick:
         sys.stdout.write(room_report(args.only, store, args.detector))
     else:

@@ -102,11 +102,11 @@ class RgbdSlam:
         mapped_s = time.thread_time()
         stage_ms = {'track': _MS * (tracked_s - start_s), 'map': _MS * (mapped_s - tracked_s)}
         result = self._result(
-            tracking.tracked, tracking.consensus.covariance, tracking.num_matches,
+            tracking.tracked, self.odometry.covariance, tracking.num_matches,
             tracking.num_inliers, stage_ms, is_keyframe=is_keyframe,
         )  # fmt: skip
-        consensus = tracking.consensus
-        return replace(result, image_covariance=consensus.image_covariance, rival=consensus.rival)
+        own, rival = self.odometry.image_covariance, tracking.consensus.rival
+        return replace(result, image_covariance=own, rival=rival)
 
     def _prepare(self, features: Features) -> Frame:
         """Undistort features, give them virtual right columns, and follow their stamps."""
@@ -168,7 +168,7 @@ class RgbdSlam:
     def _advance(self, tracking: TrackerOutput) -> None:
         """Take in what a tracked frame says of motion, points and noise."""
         tracked = tracking.tracked
-        self.odometry.advance(tracked, tracking.consensus.covariance)
+        self.odometry.advance(tracked, tracking.consensus)
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
         self._tracker.use_camera(self._noise.camera)

@@ -61,7 +61,7 @@ CAMERA_TOPICS = {
         'rgb/image_raw', 'stereo/image_raw', 'rgb/camera_info',
     ),
     'openni2': CameraTopics(
-        'openni2_camera 2.2 with registered depth', '/camera',
+        'openni2_camera 2.2, camera_with_cloud.launch.py', '/camera',
         'rgb/image_raw', 'depth_registered/image_raw', 'rgb/camera_info',
     ),
     'tum': CameraTopics(

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from hoid_common import topics
 from hoid_common.errors import MessageError
+from hoid_common.pose_buffer import PoseBuffer
 from hoid_common.ros import qos
-from hoid_common.ros.conversions import transform_from_msg, transform_to_msg
+from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg, transform_to_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.static_frames import StaticFrames
 from hoid_common.values import FloatArray
@@ -51,3 +54,31 @@ class StaticFrameListener:
                 self._diagnostics.report(error, 'static transforms refused')
             else:
                 self.frames.add(edge.header.frame_id, edge.child_frame_id, T)
+
+
+class FrameListener:
+    """Answers where frames are on each other at a time, for who has no tf2."""
+
+    def __init__(self, node: Node) -> None:
+        self._static = StaticFrames()
+        self._moving: dict[tuple[str, str], PoseBuffer] = {}  # by parent and child
+        for topic, profile in ((topics.TF, qos.TF), (topics.TF_STATIC, qos.TF_STATIC)):
+            is_static = topic == topics.TF_STATIC
+            node.create_subscription(
+                TFMessage, topic, partial(self._on_transforms, is_static=is_static), profile
+            )
+
+    def find(self, a: str, b: str, stamp_ns: int) -> FloatArray | None:
+        """Return T_a_b (4, 4) at a time, or None when nothing says where both are then."""
+        poses = ((*edge, buffer.at(stamp_ns)) for edge, buffer in self._moving.items())
+        known = [(parent, child, T) for parent, child, T in poses if T is not None]
+        return self._static.with_edges(known).find(a, b)
+
+    def _on_transforms(self, msg: TFMessage, *, is_static: bool) -> None:
+        for edge in msg.transforms:
+            names = edge.header.frame_id, edge.child_frame_id
+            if is_static:
+                self._static.add(*names, transform_from_msg(edge))
+            else:
+                poses = self._moving.setdefault(names, PoseBuffer())
+                poses.add(stamp_from_msg(edge.header.stamp), transform_from_msg(edge))

@@ -56,15 +56,16 @@ class Consensus(NamedTuple):
 
         With a rival it is that of both poses, weighted by who follows them, around the chosen one.
         """
-        return covariance(self.estimate) + self._ambiguity
+        return covariance(self.estimate) + self.ambiguity
 
     @property
     def image_covariance(self) -> FloatArray:
         """Return (6, 6) of what the image errs by alone, as in the motion between two in a row."""
-        return self.estimate.own_share * covariance(self.estimate) + self._ambiguity
+        return self.estimate.own_share * covariance(self.estimate) + self.ambiguity
 
     @property
-    def _ambiguity(self) -> FloatArray:
+    def ambiguity(self) -> FloatArray:
+        """Return (6, 6) of that between the two poses; 0 without a rival."""
         if self.rival is None:
             return np.zeros((6, 6))
         twist, chosen, other = self.rival

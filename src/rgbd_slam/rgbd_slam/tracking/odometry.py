@@ -13,6 +13,8 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
+from rgbd_slam.optimize.pose_consensus import Consensus
+from rgbd_slam.tracking.jitter import Jitter
 from rgbd_slam.tracking.motion import ConstantVelocity, MotionSource, WheelMotion
 
 # What a camera may have turned and gone while lost, as standard deviations [rad, m]: of poses in
@@ -46,7 +48,10 @@ class Odometry:
         self._wheels = WheelMotion(wheels or (lambda *_: None))
         self._T_odom_last = np.eye(4)
         self._is_bridged = False
-        self._covariance = np.zeros((6, 6))  # of the last frame's pose
+        self._jitter = Jitter()
+        # Of the last frame's pose, (6, 6) of a small motion of the camera, rotation first; and of
+        # it, what images in a row do not share.
+        self.covariance = self.image_covariance = np.zeros((6, 6))
 
     def follow(self, stamp_ns: int) -> None:
         """Hear what the wheels say of the time up to an image."""
@@ -65,23 +70,21 @@ class Odometry:
         both = [own, se3.inverse(T_last_now)]
         return both[::-1] if self._is_bridged else both
 
-    def advance(self, tracked: TrackedFrame, covariance: FloatArray) -> None:
-        """Take the motion since the last frame, both poses by the map as it is now.
-
-        Args:
-            tracked: The frame.
-            covariance: (6, 6) of its pose.
-        """
+    def advance(self, tracked: TrackedFrame, consensus: Consensus) -> None:
+        """Take the motion since the last frame, both poses by the map as it is now."""
         assert self.last is not None
         T_last_camera = se3.inverse(self.last.current_pose(self._atlas)) @ tracked.T_map_camera
         elapsed_ns = tracked.frame.stamp_ns - self.last.frame.stamp_ns
         self._motion.observe(se3.inverse(T_last_camera), elapsed_ns)
         self._wheels.compare(T_last_camera)
+        if self._is_bridged or elapsed_ns <= 0:
+            self._jitter.restart()
         if self._is_bridged:
             self.bridge()  # what was said meanwhile is not taken back
         else:
             self._move(T_last_camera)
-        self._covariance = covariance
+        self._jitter.add(tracked.frame.stamp_ns, self.T_odom_camera)
+        self._judge(consensus)
         self.go_on_from(tracked)
 
     def bridge(self) -> Bridge | None:
@@ -94,7 +97,7 @@ class Odometry:
         A = se3.adjoint(se3.inverse(T_last_now))
         return Bridge(
             self.pose() @ T_last_now,
-            A @ self._covariance @ A.T + self._wheels.covariance,
+            A @ self.covariance @ A.T + self._wheels.covariance,
             self._wheels.image_covariance,
             self._wheels.elapsed_s,
             float(np.linalg.norm(T_last_now[:3, 3])),
@@ -123,6 +126,16 @@ class Odometry:
     def in_map(self, covariance: FloatArray) -> FloatArray:
         """Return how well the last pose is known (6, 6): not where its map lies, unless main."""
         return covariance if self.is_in_main_map else covariance + _UNKNOWN_COVARIANCE
+
+    def _judge(self, consensus: Consensus) -> None:
+        """Tell the covariances: by the jitter seen, or by residuals alone until it is known."""
+        jitter = self._jitter.covariance(consensus.image_covariance)
+        if jitter is None:
+            self.covariance = consensus.covariance
+            self.image_covariance = consensus.image_covariance
+        else:
+            self.covariance = jitter + consensus.image_covariance
+            self.image_covariance = jitter + consensus.ambiguity
 
     def _move(self, T_last_now: FloatArray) -> None:
         self.T_odom_camera = se3.orthonormalized(self._T_odom_last @ T_last_now)

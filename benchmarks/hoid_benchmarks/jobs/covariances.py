@@ -1,0 +1,100 @@
+"""`hoid bench covariances`: whether what is published as uncertainty is that of the errors.
+
+The pose's covariance is held against its motion over a second, the twist's against the mean
+velocity since the last image, each by its normalised squared error per degree of freedom: 1 is
+right, more is too sure. A recorded reference errs as well: the last columns add its own jitter,
+and say by how much its stamps were to be moved for its rotations and its translations to fit best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as List
+from pathlib import Path
+
+import numpy as np
+
+from hoid_bags.sequence import Sequence, open_sequence
+from hoid_benchmarks.plan.sequences import Store
+from hoid_bringup.evaluate.consistency import (
+    Consistency,
+    Estimates,
+    ReferenceNoise,
+    consistency,
+    reference_noise,
+)
+from hoid_bringup.run.offline import OfflinePipeline
+from hoid_bringup.run.run_config import TRUTH, RunConfig
+from hoid_common.errors import InputError
+from rgbd_slam.robot_frames import RobotPose
+
+RECORDINGS = ('fr1_xyz', 'synth-1', 'empty_room', 'crowd', 'group-1', 'moving-robot')
+_YOUNG = 5  # images until the noise is measured
+_HEADER = (
+    '| recording | pose | twist | error over 1 s | claimed | reference jitters | its clocks '
+    '| pose with it | twist with it |\n|' + 9 * '---|'
+)
+
+
+def covariance_report(names: List[str], store: Store) -> str:
+    """Return a table of how errors compare with covariances.
+
+    Args:
+        names: Recordings with ground truth; none for the usual ones.
+        store: Where they are kept, and rendered when missing.
+
+    Raises:
+        InputError: A recording is missing, or has no ground truth.
+    """
+    return '\n'.join(
+        [_HEADER, *(_row(name, store.find(name)) for name in names or RECORDINGS), '']
+    )
+
+
+def _row(name: str, path: Path) -> str:
+    sequence = open_sequence(path)
+    truth = sequence.ground_truth
+    if truth is None:
+        raise InputError(f'{name}: has no ground truth')
+    estimates = tracked(sequence)
+    noise = reference_noise(estimates, truth)
+    alone, both = consistency(estimates, truth), consistency(estimates, truth, noise)
+    exact = sequence.true_detections is not None
+    cells = [name, *_cells(alone), *(4 * ['exact'] if exact else _reference_cells(noise, both))]
+    return f'| {" | ".join(cells)} |'
+
+
+def tracked(sequence: Sequence) -> Estimates:
+    """Return what is published of a recording's images, with exact boxes where it has them."""
+    exact = {'filter.strategy': 'hoid+', 'detector.model': TRUTH}
+    config = exact if sequence.true_detections is not None else {'filter.strategy': 'none'}
+    pipeline = OfflinePipeline(sequence, RunConfig().updated(config))
+    done = [(frame.stamp_ns, pipeline.process(frame).pose) for frame in sequence]
+    poses: list[tuple[int, RobotPose]] = [(at, pose) for at, pose in done if pose is not None]
+    stamps_ns, kept = zip(*poses[_YOUNG:], strict=True)
+    return Estimates(
+        np.array(stamps_ns),
+        np.array([pose.T_odom_base for pose in kept]),
+        np.array([pose.covariance for pose in kept]),
+        np.array([pose.twist for pose in kept]),
+        np.array([pose.twist_covariance for pose in kept]),
+    )
+
+
+def _cells(found: Consistency) -> list[str]:
+    return [
+        f'{found.pose:.2f}',
+        f'{found.twist:.2f}',
+        f'{1e3 * found.error_m:.1f} mm, {found.error_deg:.2f}°',
+        f'{1e3 * found.sigma_m:.1f} mm, {found.sigma_deg:.2f}°',
+    ]
+
+
+def _reference_cells(noise: ReferenceNoise, both: Consistency) -> list[str]:
+    sigma = np.sqrt(np.diag(noise.covariance))
+    way_mm, turn_deg = 1e3 * np.linalg.norm(sigma[3:]), np.degrees(np.linalg.norm(sigma[:3]))
+    return [
+        f'{way_mm:.1f} mm, {turn_deg:.2f}°',
+        f'{1e3 * noise.rotation_clock_s:+.0f}, {1e3 * noise.translation_clock_s:+.0f} ms',
+        f'{both.pose:.2f}',
+        f'{both.twist:.2f}',
+    ]

@@ -1,0 +1,170 @@
+"""Whether covariances are those of the errors: normalised errors squared.
+
+e' P^-1 e over the degrees of freedom averages to 1 where P is the covariance of e (Bar-Shalom,
+Li and Kirubarajan 2001, 5.4). A reference errs as well: how much, its own poses tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.errors import InputError
+from hoid_common.values import NS_PER_S, S_PER_NS, BoolArray, FloatArray, IntArray, Trajectory
+from rgbd_slam.tracking.jitter import WINDOW, middle_errors
+
+INTERVAL_S = 1.0
+_ASSOCIATION_S = 0.02  # by which the interval may be missed
+_LONGEST_GAP_S = 0.05  # of a reference that is interpolated in
+_CLOCKS_S = np.arange(-50, 51, 2) / 1e3  # by which the reference's clock may be off
+_MIN_PAIRS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """Poses and velocities of the camera, each with the covariance that was published."""
+
+    stamps_ns: IntArray  # (N,)
+    T_odom_camera: FloatArray  # (N, 4, 4)
+    covariance: FloatArray  # (N, 6, 6) of a small motion in the camera's frame, rotation first
+    twist: FloatArray  # (N, 6) in the camera's frame: rad/s, then m/s; mean since the last pose
+    twist_covariance: FloatArray  # (N, 6, 6)
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """Normalised squared errors per degree of freedom, and the errors themselves."""
+
+    pose: float  # of the motion over a second
+    twist: float
+    error_m: float  # RMS over a second
+    error_deg: float
+    sigma_m: float  # of that, as claimed
+    sigma_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceNoise:
+    """What the reference itself errs by.
+
+    Where its two clocks differ, no shift of its stamps makes it agree with the camera.
+    """
+
+    covariance: FloatArray  # (6, 6) of one pose, by its jitter
+    rotation_clock_s: float  # by which its stamps are to be moved for its rotations to fit best
+    translation_clock_s: float  # and for its translations
+
+
+def consistency(
+    estimates: Estimates, truth: Trajectory, noise: ReferenceNoise | None = None
+) -> Consistency:
+    """Return how the errors compare with the covariances.
+
+    Args:
+        estimates: What was published.
+        truth: The reference.
+        noise: Of the reference, to be added to the covariances.
+
+    Raises:
+        InputError: The two share less than a second.
+    """
+    own = np.zeros((6, 6)) if noise is None else noise.covariance
+    true, is_known = _at(truth, estimates.stamps_ns, 0.0)
+    first, second = _pairs(estimates.stamps_ns, is_known)
+    pose = _Motion.between(true, first, second)
+    error = pose.error(estimates, first, second)
+    claimed = pose.covariance(estimates.covariance[first], estimates.covariance[second])
+    k = 1 + np.flatnonzero(is_known[1:] & is_known[:-1])
+    elapsed_s = S_PER_NS * np.diff(estimates.stamps_ns)[k - 1]
+    step = _Motion.between(true, k - 1, k)
+    twist_error = estimates.twist[k] - se3.log(step.T) / elapsed_s[:, None]
+    twist_own = step.covariance(own, own) / elapsed_s[:, None, None] ** 2
+    return Consistency(
+        _normalised(error, claimed + pose.covariance(own, own)),
+        _normalised(twist_error, estimates.twist_covariance[k] + twist_own),
+        error_m=_rms(error[:, 3:]),
+        error_deg=float(np.degrees(_rms(error[:, :3]))),
+        sigma_m=_sigma(claimed[:, 3:, 3:]),
+        sigma_deg=float(np.degrees(_sigma(claimed[:, :3, :3]))),
+    )
+
+
+def reference_noise(estimates: Estimates, truth: Trajectory) -> ReferenceNoise:
+    """Return the jitter of a reference, by itself, and how its clock fits the camera's motion.
+
+    Raises:
+        InputError: The two share less than a second.
+    """
+    rows = np.arange(len(truth) - WINDOW + 1)[:, None] + np.arange(WINDOW)
+    jitter = middle_errors(truth.stamps_ns[rows], truth.T_world_camera[rows])
+    apart = []
+    for clock_s in _CLOCKS_S.tolist():
+        true, is_known = _at(truth, estimates.stamps_ns, clock_s)
+        first, second = _pairs(estimates.stamps_ns, is_known)
+        error = _Motion.between(true, first, second).error(estimates, first, second)
+        apart.append((_rms(error[:, :3]), _rms(error[:, 3:])))
+    rotation, translation = np.argmin(apart, axis=0)
+    return ReferenceNoise(
+        jitter.T @ jitter / len(jitter), float(_CLOCKS_S[rotation]), float(_CLOCKS_S[translation])
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """True motions between pairs of times."""
+
+    T: FloatArray  # (M, 4, 4) T_first_second
+
+    @classmethod
+    def between(cls, true: FloatArray, first: IntArray, second: IntArray) -> _Motion:
+        return cls(se3.inverse(true[first]) @ true[second])
+
+    def error(self, estimates: Estimates, first: IntArray, second: IntArray) -> FloatArray:
+        """Return (M, 6) of the estimated motions, in the second frame."""
+        T = estimates.T_odom_camera
+        return se3.log(se3.inverse(self.T) @ se3.inverse(T[first]) @ T[second])
+
+    def covariance(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Return (M, 6, 6) of the motions, for those of the poses that they are between."""
+        A = np.array([se3.adjoint(T) for T in se3.inverse(self.T)])
+        return np.asarray(second + A @ first @ A.transpose(0, 2, 1))
+
+
+def _at(truth: Trajectory, stamps_ns: IntArray, clock_s: float) -> tuple[FloatArray, BoolArray]:
+    """Return (N, 4, 4) poses of the reference at times, and the mask of those that it knows."""
+    at_ns = stamps_ns + round(clock_s * NS_PER_S)
+    known_ns, T = truth.stamps_ns, truth.T_world_camera
+    after = np.clip(np.searchsorted(known_ns, at_ns), 1, len(known_ns) - 1)
+    gap_ns = known_ns[after] - known_ns[after - 1]
+    share = (at_ns - known_ns[after - 1]) / np.maximum(gap_ns, 1)
+    steps = se3.log(se3.inverse(T[after - 1]) @ T[after])
+    is_known = (share >= 0) & (share <= 1) & (gap_ns <= _LONGEST_GAP_S * NS_PER_S)
+    return T[after - 1] @ se3.exp(share[:, None] * steps), is_known
+
+
+def _pairs(stamps_ns: IntArray, is_known: BoolArray) -> tuple[IntArray, IntArray]:
+    """Return (M,) and (M,) poses a second apart at which the reference is known."""
+    target_ns = stamps_ns + round((INTERVAL_S - _ASSOCIATION_S) * NS_PER_S)
+    second = np.searchsorted(stamps_ns, target_ns)
+    found = second < len(stamps_ns)
+    first, second = np.flatnonzero(found), second[found]
+    late_s = S_PER_NS * (stamps_ns[second] - stamps_ns[first]) - INTERVAL_S
+    keep = (np.abs(late_s) <= _ASSOCIATION_S) & is_known[first] & is_known[second]
+    if np.count_nonzero(keep) < _MIN_PAIRS:
+        raise InputError('estimate and ground truth share less than a second')
+    return first[keep], second[keep]
+
+
+def _normalised(error: FloatArray, covariance: FloatArray) -> float:
+    weighed = np.linalg.solve(covariance, error[..., None])[..., 0]
+    return float(np.einsum('ni,ni->n', error, weighed).mean() / error.shape[1])
+
+
+def _rms(vectors: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=-1))))
+
+
+def _sigma(covariance: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
