@@ -48,32 +48,46 @@ def test_values_of_one_image(run_filter: FilterRunner) -> None:
     assert list(person.size_m) == pytest.approx([0.8, 1.6])
 
 
+def test_the_first_image_waits_for_the_first_answer(run_filter: FilterRunner) -> None:
+    peer = run_filter(**{'detections.wait_s': 10.0})
+    peer.send_images(0)
+    peer.probe.spin_for(0.3)
+    assert peer.features == []
+    peer.send_boxes(0, PERSON)
+    features, objects = peer.answer(1)
+    assert not objects.provisional
+    assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
+    assert num_inside(features, PERSON) == 0
+
+
 def test_an_image_goes_at_once_and_a_slow_detector_has_the_final_word(
     run_filter: FilterRunner,
 ) -> None:
     peer = run_filter(**{'detections.wait_s': 10.0})
     verdicts = peer.probe.collect(FeatureVerdicts, 'feature_verdicts')
-    peer.send_images(0)
-    features, objects = peer.answer(1)
+    peer.show(0)
+    peer.answer(1)
+    peer.send_images(1)
+    features, objects = peer.answer(2)
     assert objects.provisional
     assert list(objects.objects) == []
     assert num_inside(features, PERSON) > 50  # nobody has said so far that it is there
     peer.probe.spin_for(0.3)
     assert verdicts == []
-    peer.send_boxes(0, PERSON)
-    _, objects = peer.answer(2, num_features=1)
+    peer.send_boxes(1, PERSON)
+    _, objects = peer.answer(3, num_features=2)
     assert not objects.provisional
-    assert objects.header == peer.header(0)
+    assert objects.header == peer.header(1)
     assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
     peer.probe.spin_until(lambda: bool(verdicts), 'no final word on the features')
-    assert verdicts[0].header == peer.header(0)
+    assert verdicts[0].header == peer.header(1)
     is_dynamic = np.array(verdicts[0].dynamic, np.bool_)
     assert is_dynamic.sum() == pytest.approx(num_inside(features, PERSON), rel=0.2)
     u, v = np.rint(np.array(features.uv_px).reshape(-1, 2)).T
     left, top, right, bottom = PERSON[1]
     inside = (u >= left) & (u < right) & (v >= top) & (v < bottom)
     assert is_dynamic[inside].all()
-    peer.wait_for_count('images filtered', 1)
+    peer.wait_for_count('images filtered', 2)
     assert peer.said()[1]['images without detections'] == '0'
 
 
@@ -108,17 +122,19 @@ def test_the_first_verdict_is_final_when_none_comes_in_time(run_filter: FilterRu
 
 def test_a_skipped_image_is_judged_by_the_boxes_of_the_next(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 10.0})
-    for i in range(3):
+    peer.show(0)
+    for i in range(1, 4):
+        peer.answer(i)
         peer.send_images(i)
-        peer.answer(i + 1)
-    assert all(objects.provisional for objects in peer.objects)
-    peer.send_boxes(1, PERSON)
-    peer.answer(5, num_features=3)
-    assert [o.header for o in peer.objects[3:]] == [peer.header(0), peer.header(1)]
-    reasons = [o.objects[0].reason for o in peer.objects[3:]]
+    peer.answer(4)
+    assert all(objects.provisional for objects in peer.objects[1:])
+    peer.send_boxes(2, PERSON)
+    peer.answer(6, num_features=4)
+    assert [o.header for o in peer.objects[4:]] == [peer.header(1), peer.header(2)]
+    reasons = [o.objects[0].reason for o in peer.objects[4:]]
     assert reasons == [ObjectMsg.PREDICTED, ObjectMsg.PERSON]
-    peer.send_images(3)
-    features, objects = peer.answer(6, num_features=4)
+    peer.send_images(4)
+    features, objects = peer.answer(7, num_features=5)
     assert objects.provisional
     assert [o.reason for o in objects.objects] == [ObjectMsg.PREDICTED]
     assert num_inside(features, PERSON) == 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 from hoid_msgs.msg import DetectionArray
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
-from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 from hoid_common import topics
@@ -19,10 +18,10 @@ from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import RgbdFrame
 from hoid_filter.detections.detection_gate import Known
-from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
+from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.ros.outputs import FilterOutputs
-from hoid_filter.ros.second_looks import SecondLooks
+from hoid_filter.ros.second_looks import FirstLook, SecondLooks
 
 _SILENCE_S = 0.05  # after which images are looked at again that wait for detections
 
@@ -31,7 +30,7 @@ class FilterNode(ManagedNode):
     """Brings images, depth and detections together and publishes what the filter makes of them.
 
     An image is published at once, judged by motion and by boxes predicted to it, and judged again
-    when its own detections are there.
+    when its own detections are there. Only before the detector's first answer does it wait.
     """
 
     def __init__(self) -> None:
@@ -65,7 +64,7 @@ class FilterNode(ManagedNode):
                 type_, topic = Detection2DArray, topics.DETECTIONS_2D
             inputs.messages(type_, topic, self._take_detections, 'detections')
             steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self.create_timer(_SILENCE_S, self._second_looks.poll, clock=steady)
+            self.create_timer(_SILENCE_S, self._poll, clock=steady)
 
     def _take_images(self, match: Match) -> None:
         (header, image_bgr), (_, depth_m) = match.values
@@ -74,11 +73,10 @@ class FilterNode(ManagedNode):
         if frame.size_px != self._size_px:
             self._size_px = frame.size_px
             self._check_camera()
-        known: Known | None = Known(None, is_final=True)
         if self._settings.config.needs_detections:
-            known = self._second_looks.known(frame.stamp_ns)
-        if known is not None:
-            self._process(header, detected, known)
+            self._process(self._second_looks.add_image(header, detected))
+        else:
+            self._process([FirstLook(header, detected, Known(None, is_final=True))])
 
     def _take_detections(self, msg: DetectionArray | Detection2DArray) -> None:
         if isinstance(msg, Detection2DArray):
@@ -88,7 +86,7 @@ class FilterNode(ManagedNode):
             if self._size_px not in (None, said):
                 raise MessageError(f'detections are of {said} px, colour is {self._size_px}')
             detections = conversions.detections_from_msg(msg)
-        self._second_looks.add_detections(detections)
+        self._process(self._second_looks.add_detections(detections))
 
     def _take_camera(self, msg: CameraInfo) -> None:
         self._filter.camera = conversions.camera_from_msg(msg)
@@ -101,21 +99,24 @@ class FilterNode(ManagedNode):
             error = MessageError(f'camera_info is of a {camera.size_px} px image, not {size_px}')
             self.diagnostics.report(error, 'camera infos refused')
 
-    def _process(self, header: Header, detected: DetectedCorners, known: Known) -> None:
-        """Publish what is known of an image."""
-        result = self._filter.select_and_describe(
-            detected,
-            known.detections,
-            for_picture=self._outputs.wants_picture,
-            with_mask=self._outputs.wants_mask,
-        )
-        frame, camera = detected.frame, self._filter.camera
-        self._outputs.publish(frame, result, header, camera, provisional=not known.is_final)
-        if not known.is_final:
-            self._second_looks.remember(header, frame, result)
-        self.diagnostics.count('images filtered')
-        for name, number in self._filter.counters.items():
-            self.diagnostics.set_count(name, number)
+    def _poll(self) -> None:
+        self._process(self._second_looks.poll())
+
+    def _process(self, images: list[FirstLook]) -> None:
+        for header, detected, known in images:
+            result = self._filter.select_and_describe(
+                detected,
+                known.detections,
+                for_picture=self._outputs.wants_picture,
+                with_mask=self._outputs.wants_mask,
+            )
+            frame, camera = detected.frame, self._filter.camera
+            self._outputs.publish(frame, result, header, camera, provisional=not known.is_final)
+            if not known.is_final:
+                self._second_looks.remember(header, frame, result)
+            self.diagnostics.count('images filtered')
+            for name, number in self._filter.counters.items():
+                self.diagnostics.set_count(name, number)
 
     def _reconfigure(self, config: FilterNodeConfig) -> None:
         self._second_looks.reconfigure(config.detections)

@@ -42,6 +42,20 @@ def test_an_image_goes_at_once_and_is_answered_by_its_own_detections() -> None:
     assert add(gate, 20, 'b', 0.06) == (None, False)  # it was said already
 
 
+def test_before_the_first_answer_nothing_is_known_to_predict_from() -> None:
+    gate = make_gate(timeout_s=1.0)
+    add(gate, 10 * S, 'a', 0.0)
+    assert gate.is_blind
+    gate.add_detections(Detections.none(10 * S), 0.05)
+    assert not gate.is_blind
+    assert gate.restart_if_back(1)
+    assert gate.is_blind
+    add(gate, 1, 'b', 1.0)
+    add(gate, 2, 'c', 3.0)
+    assert gate.is_lost
+    assert not gate.is_blind  # who does not answer at all is not waited for
+
+
 def test_detections_that_come_first_are_final() -> None:
     gate = make_gate()
     assert gate.add_detections(Detections.none(10), 0.0) == []

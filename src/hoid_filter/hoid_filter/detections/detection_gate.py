@@ -26,7 +26,7 @@ class GateConfig(Config):
     wait_s: float = param(
         0.5,
         'Longest time that mapping waits for what an image shows by its own detections; tracking '
-        'never waits (s).',
+        'waits only before the first answer of the detector (s).',
         minimum=0.0, maximum=10.0, read_only=False, expert=True,
     )  # fmt: skip
     as_vision_msgs: bool = param(
@@ -80,6 +80,7 @@ class DetectionGate(Generic[Item]):
         self.num_unanswered = 0  # images that had no detections of their own in the end
         self._waiting: deque[_Waiting[Item]] = deque()
         self._detections = _queue()  # that no image has been given
+        self._has_answered = False  # the detector, since the stream began
         self._asked_s: float | None = None  # first image since the last answer
         self._image_s = 0.0  # last image
         self._newest_ns: int | None = None  # its stamp
@@ -93,6 +94,11 @@ class DetectionGate(Generic[Item]):
     def is_lost(self) -> bool:
         """Return whether the detector counts as lost."""
         return self.silent_s > self.config.timeout_s
+
+    @property
+    def is_blind(self) -> bool:
+        """Return whether the detector may be there but has said nothing so far to predict from."""
+        return not self._has_answered and not self.is_lost
 
     @property
     def is_shut(self) -> bool:
@@ -111,6 +117,7 @@ class DetectionGate(Generic[Item]):
         self._detections = _queue(
             found for found in self._detections if found.stamp_ns <= stamp_ns
         )
+        self._has_answered = bool(self._detections)
         return True
 
     def add_image(self, stamp_ns: int, now_s: float) -> Known:
@@ -140,7 +147,7 @@ class DetectionGate(Generic[Item]):
             lead_s = (detections.stamp_ns - newest_ns) / NS_PER_S
             if lead_s > now_s - self._image_s + _LEAD_S:
                 raise MessageError(f'detections are {lead_s:.1f} s ahead of the newest image')
-        self._asked_s = None
+        self._asked_s, self._has_answered = None, True
         answered = []
         while self._waiting and self._waiting[0].stamp_ns <= detections.stamp_ns:
             waiting = self._waiting.popleft()

@@ -1,8 +1,9 @@
-"""Images that went out before their own detections were there, and are judged again with them."""
+"""Images that go out before their own detections are there, and are judged again with them."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from hoid_common.values import (
     RgbdFrame,
 )
 from hoid_filter.detections.detection_gate import Answered, DetectionGate, GateConfig, Known
-from hoid_filter.feature_filter import FeatureFilter, FinalWord
+from hoid_filter.feature_filter import DetectedCorners, FeatureFilter, FinalWord
 from hoid_filter.ros.outputs import FilterOutputs
 
 _LOST = 'detector lost'
@@ -33,8 +34,26 @@ class _Provisional(NamedTuple):
     objects: tuple[DynamicObject, ...]
 
 
+class FirstLook(NamedTuple):
+    """An image that is to be published now, and what is known of it."""
+
+    header: Header
+    detected: DetectedCorners
+    known: Known
+
+
+class _Held(NamedTuple):
+    header: Header
+    detected: DetectedCorners
+    since_s: float
+
+
 class SecondLooks:
-    """Says what is known of an image as it comes, and publishes the final word when it can."""
+    """Says what is known of an image as it comes, and publishes the final word when it can.
+
+    Only the first images wait, until the detector has answered once: there is nothing to predict
+    boxes from, and a map that begins with people has nothing to tell them by.
+    """
 
     def __init__(
         self,
@@ -45,39 +64,61 @@ class SecondLooks:
     ) -> None:
         self._filter, self._outputs, self._diagnostics = feature_filter, outputs, diagnostics
         self._gate: DetectionGate[_Provisional] = DetectionGate(config)
+        self._held: deque[_Held] = deque()
 
     def reconfigure(self, config: GateConfig) -> None:
         """Take over parameters that may change at run time."""
         self._gate.config = config
 
     def forget(self) -> None:
-        """Drop the images that are to be judged again."""
+        """Drop the images that are to be judged, or judged again."""
         self._gate = DetectionGate(self._gate.config)
+        self._held.clear()
 
-    def known(self, stamp_ns: int) -> Known | None:
-        """Take note of an image; None when nothing is to be published without a detector."""
-        if self._gate.restart_if_back(stamp_ns):
+    def add_image(self, header: Header, detected: DetectedCorners) -> list[FirstLook]:
+        """Take an image and return what is to be published now."""
+        if self._gate.restart_if_back(detected.frame.stamp_ns):
             self._filter.reset()
+            self._held.clear()
             error = MessageError('stamps went back by a second or more: all objects are forgotten')
             self._diagnostics.report(error, 'times that stamps went back')
-        known = self._gate.add_image(stamp_ns, time.monotonic())
-        self._say_loss()
-        return None if self._gate.is_shut else known
+        self._held.append(_Held(header, detected, time.monotonic()))
+        return self._due()
 
     def remember(self, header: Header, frame: RgbdFrame, result: FilterResult) -> None:
         """Judge an image again later that has just been published."""
         image = _Provisional(header, frame.depth_m, result.features, result.objects)
         self._gate.remember(frame.stamp_ns, image, time.monotonic())
 
-    def add_detections(self, detections: Detections) -> None:
-        """Judge again what was waiting for them; may raise MessageError."""
+    def add_detections(self, detections: Detections) -> list[FirstLook]:
+        """Judge again what was waiting for them, and return what is to be published now.
+
+        Raises:
+            MessageError: They are of a later image than can have been taken by now.
+        """
         answered = self._gate.add_detections(detections, time.monotonic())
         self._say_loss()
         self._answer(answered)
+        return self._due()
 
-    def poll(self) -> None:
-        """Give up on detections that are too late."""
+    def poll(self) -> list[FirstLook]:
+        """Give up on detections that are too late, and return what is to be published now."""
         self._answer(self._gate.poll(time.monotonic()))
+        return self._due()
+
+    def _due(self) -> list[FirstLook]:
+        due = []
+        while self._held and not self._must_wait(self._held[0]):
+            header, detected, _ = self._held.popleft()
+            known = self._gate.add_image(detected.frame.stamp_ns, time.monotonic())
+            self._say_loss()
+            if not self._gate.is_shut:
+                due.append(FirstLook(header, detected, known))
+        return due
+
+    def _must_wait(self, held: _Held) -> bool:
+        waited_s = time.monotonic() - held.since_s
+        return self._gate.is_blind and waited_s < self._gate.config.wait_s
 
     def _answer(self, answered: list[Answered[_Provisional]]) -> None:
         for image, detections in answered:
