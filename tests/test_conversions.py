@@ -231,8 +231,9 @@ def test_contradicting_features_are_refused(field: str, value: Any, said: str) -
 @pytest.mark.parametrize('reason', Reason)
 def test_dynamic_objects_round_trip(reason: Reason) -> None:
     obj = DynamicObject(
-        'cup', (1.0, 2.0, 3.5, 4.0), 0.5, 7, reason, 0.25, 0.125, (1.0, -2.0, 3.0), (0.5, 0.75)
-    )
+        'cup', (1.0, 2.0, 3.5, 4.0), 0.5, 7, reason, 0.25, 0.125, (1.0, -2.0, 3.0), (0.5, 0.75),
+        (0.25, -0.5, 1.5),
+    )  # fmt: skip
     msg = sent(conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE))
     assert msg.objects[0].dynamic == obj.is_dynamic
     assert conversions.dynamic_objects_from_msg(msg) == (obj,)
@@ -242,7 +243,8 @@ def test_unknown_depths_stay_nan() -> None:
     obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
     msg = sent(conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE))
     (back,) = conversions.dynamic_objects_from_msg(msg)
-    assert np.isnan([back.depth_gap_m, *back.center_camera_m, *back.size_m]).all()
+    unknown = [back.depth_gap_m, *back.center_camera_m, *back.size_m, *back.velocity_camera_mps]
+    assert np.isnan(unknown).all()
 
 
 def test_an_unknown_reason_is_refused() -> None:

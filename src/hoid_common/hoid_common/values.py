@@ -257,6 +257,7 @@ class DynamicObject:
     depth_gap_m: float = NAN  # |object - person| at the sample boxes; NaN when unknown
     center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)  # when depth does not allow
     size_m: tuple[float, float] = (NAN, NAN)  # width, height at that depth
+    velocity_camera_mps: tuple[float, float, float] = (NAN, NAN, NAN)  # against the world
 
     @property
     def is_dynamic(self) -> bool:

@@ -199,6 +199,7 @@ class FeatureFilter:
             verdict.depth_gaps_m.tolist(),
             map(tuple, centers.tolist()),
             map(tuple, sizes.tolist()),
+            map(tuple, verdict.known_velocities_mps().tolist()),
             strict=True,
         )
         return tuple(DynamicObject(*row) for row in rows)

@@ -139,6 +139,7 @@ def test_a_square_that_moves_is_masked_and_told(camera: CameraModel) -> None:
     x_m, y_m, z_m = region.center_camera_m
     assert z_m == pytest.approx(SQUARE_M, abs=0.01)
     assert (x_m, y_m) == pytest.approx((-0.4 + 0.02 * 24 - 0.004 * 24, 0.0), abs=0.05)
+    assert region.velocity_camera_mps == pytest.approx((0.02 * 30, 0.0, 0.0), abs=0.03)
 
 
 @pytest.mark.slow

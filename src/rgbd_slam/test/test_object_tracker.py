@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.values import CameraModel, DynamicObject, FloatArray, Reason
+from hoid_common.values import UNKNOWN, CameraModel, DynamicObject, FloatArray, Reason
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.scene.floor import Floor
@@ -117,6 +117,19 @@ def test_a_carried_object_gets_its_new_place_and_keeps_its_number() -> None:
     assert moved.track_id == rest.track_id
     np.testing.assert_allclose(moved.position_map_m[1:], (-0.7, 0), atol=0.03)
     np.testing.assert_allclose(moved.velocity_map_mps, 0)
+
+
+def test_what_moves_undetected_is_tracked_and_forgotten_where_it_rests() -> None:
+    world = World()
+    for i in range(16):
+        tracks = world.show(Thing(UNKNOWN, 2.0, 0.8 - 0.1 * i, 0, (0.3, 0.5), Reason.MOVING))
+    (track,) = tracks
+    assert (track.class_name, track.state) == (UNKNOWN, ObjectState.MOVING)
+    np.testing.assert_allclose(track.position_map_m[1:], (-0.7, 0), atol=0.05)
+    np.testing.assert_allclose(track.velocity_map_mps, (0, -1, 0), atol=0.2)
+    for _ in range(12):  # nobody says that it moves
+        tracks = world.show()
+    assert tracks == ()
 
 
 def test_an_object_put_down_after_it_was_out_of_sight_is_known_again() -> None:

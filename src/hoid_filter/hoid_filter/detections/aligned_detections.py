@@ -63,6 +63,13 @@ class Verdict(NamedTuple):
     seeds: BoolArray | None = None  # (K,) corners that may become map points; None = all
     fallback_step: int = 0  # how far the mask was relaxed for lack of static features
     moves: BoolArray | None = None  # (h, w) of a small image, what is masked; None: by the boxes
+    velocities_mps: FloatArray | None = None  # (N, 3) of what moves undetected, else NaN
+
+    def known_velocities_mps(self) -> FloatArray:
+        """Return (N, 3) velocities against the world along the camera's axes; NaN = unknown."""
+        if self.velocities_mps is None:
+            return np.full((len(self.class_names), 3), np.nan)
+        return self.velocities_mps
 
 
 def joined(verdict: Verdict, other: Verdict) -> Verdict:
@@ -78,6 +85,9 @@ def joined(verdict: Verdict, other: Verdict) -> Verdict:
         overlap_ratios=np.concatenate([verdict.overlap_ratios, other.overlap_ratios]),
         depths_m=np.concatenate([verdict.depths_m, other.depths_m]),
         depth_gaps_m=np.concatenate([verdict.depth_gaps_m, other.depth_gaps_m]),
+        velocities_mps=np.concatenate(
+            [verdict.known_velocities_mps(), other.known_velocities_mps()]
+        ),
     )
 
 

@@ -19,6 +19,7 @@ from hoid_filter.config import MotionConfig
 from hoid_filter.detections.aligned_detections import Appearance, FilterInput
 from hoid_filter.extraction.pyramid import Int32Array
 from hoid_filter.motion.belief import Belief, MovingArea
+from hoid_filter.motion.course import Course
 from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, Points
 from hoid_filter.motion.past_views import PastViews
 from hoid_filter.motion.point_tracks import PointTracks, expected_px, follow
@@ -78,6 +79,7 @@ class MotionSegmentation:
         self._view: SmallView | None = None
         self._T_world_camera = self._T_camera_world = np.eye(4)
         self._T_before_now = np.eye(4)
+        self.course = Course.none()  # of the points of the last view
 
     def observe(self, view: FilterInput, appearance: Appearance) -> MovingArea:
         """Return what moves in a view; views come in order of time."""
@@ -92,6 +94,7 @@ class MotionSegmentation:
         seen = self._seen(self._follow(view, small, guesses[0]), small)
         self._move(seen, guesses)
         self._believe(seen, small)
+        self.course = self._course(seen, small.stamp_s)
         self._past.remember(small, self._T_world_camera)
         followed = self._renew(seen, small.stamp_s)
         self._add_points(view, appearance, small, followed)
@@ -159,6 +162,16 @@ class MotionSegmentation:
         if self._config.off_course and len(self._tracks):
             evidence += self._off_course(seen, small)
         self._belief.update(small, self._T_before_now, evidence)
+
+    def _course(self, seen: Seen, now_s: float) -> Course:
+        if not len(self._tracks):
+            return Course.none()
+        told = seen.points.has_depth
+        way_m = se3.transform(self._T_world_camera, seen.points.camera_m[told])
+        way_m -= seen.points.world_m[told]
+        along_camera_m = way_m @ self._T_world_camera[:3, :3]
+        since_s = now_s - self._tracks.anchored_s[told]
+        return Course(seen.small_pixel[told], along_camera_m, since_s)
 
     def _off_course(self, seen: Seen, small: SmallView) -> FloatArray:
         """Return the (S,) log-odds of 1/30 s that points of segments do not go as if at rest."""

@@ -19,6 +19,7 @@ class Moving(NamedTuple):
 
     boxes_xyxy_px: Float32Array  # (N, 4) in the full image
     depths_m: FloatArray  # (N,), median
+    velocities_mps: FloatArray  # (N, 3) against the world along the camera's axes; NaN = unknown
     label: ByteArray  # (h, w) of the small image: 0 = rests, else 1 + index of the region
     camera: SmallCamera | None  # None: nothing is known
 
@@ -30,10 +31,16 @@ class Moving(NamedTuple):
 
     def select(self, kept: IntArray) -> Moving:
         """Return some of the regions, by index; the picture of them all stays."""
-        return self._replace(boxes_xyxy_px=self.boxes_xyxy_px[kept], depths_m=self.depths_m[kept])
+        return self._replace(
+            boxes_xyxy_px=self.boxes_xyxy_px[kept],
+            depths_m=self.depths_m[kept],
+            velocities_mps=self.velocities_mps[kept],
+        )
 
 
-NOTHING = Moving(np.empty((0, 4), np.float32), np.empty(0), np.zeros((1, 1), np.uint8), None)
+NOTHING = Moving(
+    np.empty((0, 4), np.float32), np.empty(0), np.empty((0, 3)), np.zeros((1, 1), np.uint8), None
+)
 
 
 class MotionSense:
@@ -61,4 +68,10 @@ def _described(area: MovingArea, segmentation: MotionSegmentation) -> Moving:
         own = area.label == n
         boxes.append(camera.box_px(own))
         depths.append(float(np.median(depth_m[own])))
-    return Moving(np.array(boxes, np.float32), np.array(depths), widened(area.label), camera)
+    return Moving(
+        np.array(boxes, np.float32),
+        np.array(depths),
+        segmentation.course.velocities_mps(area),
+        widened(area.label),
+        camera,
+    )

@@ -45,4 +45,5 @@ def moving_verdict(moving: Moving, masks: Masks) -> Verdict:
         seeds=masks.seeds,
         fallback_step=masks.step,
         moves=masks.moves,
+        velocities_mps=moving.velocities_mps,
     )

@@ -11,7 +11,7 @@ from enum import Enum
 
 import numpy as np
 
-from hoid_common.values import PERSON, S_PER_NS, FloatArray
+from hoid_common.values import PERSON, S_PER_NS, FloatArray, Reason
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.scene.object_sighting import Sighting
 
@@ -27,6 +27,7 @@ class ObjectState(Enum):
     HANDLED = 1
     AT_REST = 2  # where it was first seen
     MOVED = 3  # put down in another place
+    MOVING = 4  # moves, and nobody knows what it is
 
 
 SETTLED = (ObjectState.AT_REST, ObjectState.MOVED)
@@ -57,6 +58,8 @@ class KalmanTrack:
         self.state = ObjectState.AT_REST
         if self.class_name == PERSON:
             self.state = ObjectState.PERSON
+        elif sighting.seen.reason is Reason.MOVING:
+            self.state = ObjectState.MOVING
         elif sighting.seen.is_dynamic:
             self.state = ObjectState.HANDLED
         self.stamp_ns = stamp_ns

@@ -109,8 +109,7 @@ class ObjectTracker:
             match.correct(sighting, stamp_ns)
             return
         seen = sighting.seen
-        is_handled = seen.class_name != PERSON and seen.is_dynamic
-        if is_handled and not self._in_reach(sighting, people_m):
+        if _is_handled(seen) and not self._in_reach(sighting, people_m):
             return  # a box before or behind a person, not in anybody's hands
         taken = self._last_taken(seen.class_name)
         if taken is not None:
@@ -140,7 +139,7 @@ class ObjectTracker:
 
         It was published, and its last place is in view and does not show it any more.
         """
-        if sighting.seen.class_name == PERSON or not sighting.seen.is_dynamic:
+        if not _is_handled(sighting.seen):
             return None
         best, best_m = None, np.inf
         for track in free:  # a handful
@@ -184,6 +183,11 @@ class ObjectTracker:
 def _is_seen(item: DynamicObject) -> bool:
     """Return whether a box was seen; a predicted one says nothing of where an object is."""
     return item.class_name == PERSON or item.reason is not Reason.PREDICTED
+
+
+def _is_handled(item: DynamicObject) -> bool:
+    """Return whether somebody moves it; what moves undetected may do so by itself."""
+    return item.class_name != PERSON and item.is_dynamic and item.reason is not Reason.MOVING
 
 
 def _turn(item: DynamicObject) -> tuple[bool, bool]:

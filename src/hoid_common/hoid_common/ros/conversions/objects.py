@@ -42,6 +42,7 @@ def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
         )
     x, y, z = (float(value) for value in msg.center_camera_m)
     width, height = (float(value) for value in msg.size_m)
+    vx, vy, vz = (float(value) for value in msg.velocity_camera_mps)
     return DynamicObject(
         msg.class_name,
         (msg.x_min, msg.y_min, msg.x_max, msg.y_max),
@@ -52,6 +53,7 @@ def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
         msg.depth_gap_m,
         (x, y, z),
         (width, height),
+        (vx, vy, vz),
     )
 
 
@@ -71,4 +73,5 @@ def _object_to_msg(obj: DynamicObject) -> DynamicObjectMsg:
         depth_gap_m=float(obj.depth_gap_m),
         center_camera_m=[float(value) for value in obj.center_camera_m],
         size_m=[float(value) for value in obj.size_m],
+        velocity_camera_mps=[float(value) for value in obj.velocity_camera_mps],
     )

@@ -26,6 +26,7 @@ _COLORS = {
     ObjectState.HANDLED: ColorRGBA(r=1.0, g=0.6, b=0.1, a=0.7),
     ObjectState.AT_REST: ColorRGBA(r=0.5, g=0.5, b=0.5, a=0.3),
     ObjectState.MOVED: ColorRGBA(r=0.2, g=0.6, b=1.0, a=0.7),
+    ObjectState.MOVING: ColorRGBA(r=0.9, g=0.9, b=0.0, a=0.5),
 }
 
 
