@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -11,11 +12,11 @@ from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 
 POLICIES = Path(__file__).parents[1] / 'src/hoid_bringup/policies/hoid.policy.xml'
-NODES = {
-    'hoid_detector': {'model': 'synthetic'},
-    'hoid_filter': {'strategy': 'hoid+'},
-    'rgbd_slam': {},
-    'rgbd_slam_scene': {},  # its process
+NODES: dict[str, list[dict[str, Any]]] = {  # with all that parameters make of each
+    'hoid_detector': [{'model': 'synthetic'}],
+    'hoid_filter': [{'strategy': 'hoid+'}],
+    'rgbd_slam': [{}, {'frames.publish_odom_to_base': False}],
+    'rgbd_slam_scene': [{}],  # its process
 }
 _LIMIT_S = 60.0
 Uses = dict[str, set[str]]
@@ -57,8 +58,16 @@ def test_a_node_uses_what_its_policy_allows_and_nothing_else(
     start: Start, probe: Probe, node: str
 ) -> None:
     package = node.removesuffix('_scene')
-    start(package, f'{package}_node', NODES[node])
-    probe.spin_until(lambda: node in probe.node.get_node_names(), f'no {node}', _LIMIT_S)
-    probe.spin_until(lambda: 'topics publish' in used(probe, node), f'{node} is silent')
-    probe.spin_for(3.0)
-    assert used(probe, node) == allowed(node)
+    found: Uses = {}
+    for parameters in NODES[node]:
+        running = start(package, f'{package}_node', parameters)
+        probe.spin_until(lambda: node in probe.node.get_node_names(), f'no {node}', _LIMIT_S)
+        probe.spin_until(lambda: 'topics publish' in used(probe, node), f'{node} is silent')
+        probe.spin_for(3.0)
+        now = used(probe, node)
+        found = {use: found.get(use, set()) | now.get(use, set()) for use in found | now}
+        running.stop()
+        probe.spin_until(
+            lambda: node not in probe.node.get_node_names(), f'{node} stays', _LIMIT_S
+        )
+    assert found == allowed(node)
