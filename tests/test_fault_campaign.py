@@ -58,5 +58,5 @@ def test_a_child_that_hangs_crashes_or_speaks_is_told_apart() -> None:
 def test_the_table_names_what_failed() -> None:
     outcomes = [Outcome('bag', 1, ''), Outcome('bag', 2, 'it hung', wall_s=10.0)]
     text = table(outcomes)
-    assert '| bag | 2 | 1 | 0 | 10.0 s | - |' in text
+    assert '| bag | 2 | 1 | 0 | 10.0 s | - | - |' in text
     assert text.endswith('- bag, seed 2: it hung\n')

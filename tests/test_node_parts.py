@@ -16,12 +16,15 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
+from tf2_msgs.msg import TFMessage
 
 from hoid_common.config import Config, param
 from hoid_common.errors import ConfigError, MessageError
 from hoid_common.inputs.input_config import InputConfig
+from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.parameters import Parameters
@@ -275,6 +278,38 @@ def test_a_qos_mismatch_is_said(domain_id: int) -> None:
     bench.close()
 
 
+def test_compressed_images_are_asked_for_reliably_where_that_is_offered(domain_id: int) -> None:
+    bench = Bench(domain_id, '-p', 'input.compressed:=true')
+    topic = '/depth/image/compressedDepth'
+
+    def asked() -> list[str]:
+        found = bench.node.get_subscriptions_info_by_topic(topic)
+        return [info.qos_profile.reliability.name for info in found]
+
+    bench.probe.publisher(CompressedImage, topic)
+    assert asked() == ['RELIABLE']
+    offers_less = qos.input_qos('best_effort', 1)
+    weak = bench.probe.publisher(CompressedImage, topic, offers_less, wait=False)
+    bench.probe.spin_until(lambda: asked() == ['BEST_EFFORT'], 'the other one stays unheard')
+    bench.probe.spin_until(lambda: weak.get_subscription_count() > 0, 'they do not meet')
+    weak.publish(CompressedImage())
+    bench.probe.spin_until(lambda: bench.count('depth images refused') == 1, 'it is not heard')
+    bench.close()
+
+
+def test_what_gets_lost_is_said_until_it_is_over() -> None:
+    watch = InputWatch('depth images', '/depth', 'reliable', since_s=0.0)
+    assert not watch.is_losing(0.0)
+    watch.lost(10.0, 3)
+    watch.lost(12.0, 4)
+    assert watch.loss(13.0).startswith('depth images on /depth get lost on their way for 3.0 s: 7')
+    assert watch.is_losing(16.9)
+    assert not watch.is_losing(17.0)
+    watch.lost(20.0, 1)
+    assert ' for 1.0 s: 1 so far' in watch.loss(21.0)
+    assert watch.num_lost == 8
+
+
 def test_a_missing_clock_is_said(domain_id: int) -> None:
     bench = Bench(domain_id, '-p', 'use_sim_time:=true')
     assert 'no time came on /clock' in bench.status().message
@@ -316,3 +351,19 @@ def test_bytes_that_are_no_message_are_counted_and_their_topic_named(
     said = [line for line in capfd.readouterr().err.splitlines() if 'no sensor_msgs/Image' in line]
     assert len(said) == 1  # in a while
     assert f'/rgb/image: {len(data)} bytes are no sensor_msgs/Image' in said[0]
+
+
+def test_static_transforms_that_are_none_are_counted_too(
+    bench: Bench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    listener = StaticFrameListener(bench.node, bench.node.diagnostics)
+    publisher = bench.probe.publisher(TFMessage, '/tf_static', qos.TF_STATIC)
+    for data in (b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 60, b'\xff'):
+        publisher.publish(data)
+    edge = conversions.transform_to_msg(np.eye(4), 0, 'base', 'camera')
+    publisher.publish(TFMessage(transforms=[edge]))
+    bench.probe.spin_until(lambda: listener.frames.find('base', 'camera') is not None, 'unheard')
+    assert bench.count('static transforms refused') == 3
+    said = [line for line in capfd.readouterr().err.splitlines() if 'TFMessage' in line]
+    assert len(said) == 1
+    assert '/tf_static: 4 bytes are no tf2_msgs/TFMessage' in said[0]

@@ -15,8 +15,8 @@ from hoid_benchmarks.faults.samples import make_samples
 from hoid_common.errors import ConfigError, HoidError
 
 REPORT = 'faults.md'
-FILES, KILLS, MESSAGES = 'files', 'kills', 'messages'
-ROOMS = (FILES, KILLS, MESSAGES)
+FILES, KILLS, MESSAGES, NETWORK = 'files', 'kills', 'messages', 'network'
+ROOMS = (FILES, KILLS, MESSAGES, NETWORK)
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,11 @@ class Size:
     files: int  # of each kind
     kills: int  # of each kind
     messages: int  # of each input
+    network: int  # of each weather
 
 
-NIGHTLY, SLICE = Size(files=500, kills=50, messages=2000), Size(files=8, kills=4, messages=40)
+NIGHTLY = Size(files=500, kills=50, messages=2000, network=5)
+SLICE = Size(files=8, kills=4, messages=40, network=0)
 
 
 def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:
@@ -66,9 +68,11 @@ def _outcomes(seed: int, size: Size, rooms: Sequence[str]) -> Iterator[Outcome]:
         if KILLS in rooms:
             cases = kill_cases(samples, folder / 'kills', range(seed, seed + size.kills))
             yield from progress(cases, size.kills * len((CONVERT, RECORD)), 'kills', show=True)
-        if MESSAGES in rooms:
-            # The last: it starts threads, which those before may not have. It needs ROS.
-            from hoid_benchmarks.faults.live import message_cases  # noqa: PLC0415
+        # The last: they start threads, which those before may not have. They need ROS.
+        from hoid_benchmarks.faults.live.inputs import message_cases  # noqa: PLC0415
+        from hoid_benchmarks.faults.live.network import network_cases  # noqa: PLC0415
 
-            seeds = range(seed, seed + size.messages)
-            yield from message_cases(folder / 'live', seeds)
+        if NETWORK in rooms and size.network:
+            yield from network_cases(folder / 'network', range(seed, seed + size.network))
+        if MESSAGES in rooms:
+            yield from message_cases(folder / 'live', range(seed, seed + size.messages))

@@ -15,6 +15,8 @@ class Outcome(NamedTuple):
     was_refused: bool = False
     wall_s: float = 0.0
     peak_mb: float = 0.0
+    note: str = ''  # a number of its own
+    skipped: str = ''  # why it was not tried; empty when it was
 
 
 def table(outcomes: Iterable[Outcome]) -> str:
@@ -23,8 +25,8 @@ def table(outcomes: Iterable[Outcome]) -> str:
     for outcome in outcomes:
         by_kind.setdefault(outcome.kind, []).append(outcome)
     lines = [
-        '| what was tried | cases | as they must | refused | slowest | most memory |',
-        '|---|--:|--:|--:|--:|--:|',
+        '| what was tried | cases | as they must | refused | slowest | most memory | |',
+        '|---|--:|--:|--:|--:|--:|---|',
         *(_row(kind, found) for kind, found in by_kind.items()),
     ]
     failed = [o for found in by_kind.values() for o in found if o.complaint]
@@ -40,8 +42,13 @@ def totals(outcomes: Iterable[Outcome]) -> Mapping[str, int]:
 
 
 def _row(kind: str, found: list[Outcome]) -> str:
+    skipped = next((o.skipped for o in found if o.skipped), '')
+    if skipped:
+        return f'| {kind} | 0 | - | - | - | - | skipped: {skipped} |'
     good = sum(not o.complaint for o in found)
     refused = sum(o.was_refused for o in found)
     slowest, most = max(o.wall_s for o in found), max(o.peak_mb for o in found)
     memory = f'{most:.0f} MB' if most else '-'
-    return f'| {kind} | {len(found)} | {good} | {refused} | {slowest:.1f} s | {memory} |'
+    note = max(found, key=lambda o: o.wall_s).note or '-'
+    numbers = f'{len(found)} | {good} | {refused} | {slowest:.1f} s | {memory}'
+    return f'| {kind} | {numbers} | {note} |'

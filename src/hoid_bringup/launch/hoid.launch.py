@@ -8,6 +8,8 @@ launch both are the shell's matter:
 export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 share=$(ros2 pkg prefix --share hoid_common)
 export FASTRTPS_DEFAULT_PROFILES_FILE=$share/config/fastdds_profile.xml
+
+With the camera on another computer it is SUBNET and fastdds_network_profile.xml, on both.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from hoid_common.config import Config, param, section
 
 BEST_EFFORT = 'best_effort'
 RELIABLE = 'reliable'
+AUTO = 'auto'
 
 
 @dataclass(frozen=True)
@@ -15,10 +16,12 @@ class InputConfig(Config):
     """How a node listens; the subscriptions themselves are `hoid_common.ros.inputs`' matter."""
 
     reliability: str = param(
-        BEST_EFFORT,
+        AUTO,
         'Reliability that is asked of publishers. With best_effort every publisher is heard; with '
-        'reliable a lost message is sent again, but best-effort publishers stay unheard.',
-        choices=(BEST_EFFORT, RELIABLE),
+        'reliable a lost message is sent again, but best-effort publishers stay unheard. With '
+        'auto it is reliable for compressed images, until a best-effort publisher is there, and '
+        'best_effort otherwise.',
+        choices=(AUTO, BEST_EFFORT, RELIABLE),
         expert=True,
     )
     queue_length: int = param(

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 
 from hoid_common import topics
 from hoid_common.errors import HoidError
@@ -48,22 +47,17 @@ class Diagnostics:
         self._timer = node.create_timer(_PERIOD_S, self._publish, clock=steady)
 
     def watch(
-        self,
-        subscription: Subscription,
-        what: str,
-        reliability: str,
-        *,
-        is_occasional: bool = False,
+        self, topic: str, what: str, reliability: str, *, is_occasional: bool = False
     ) -> InputWatch:
         """Report the input when it is silent; `heard()` of the result is to be called per message.
 
         Args:
+            topic: its full name.
             what: what the messages are, in the plural, such as "depth images".
             reliability: what the subscription asks for.
             is_occasional: Whether it is only counted, as it is silent most of the time.
         """
-        topic, now_s = subscription.topic_name, time.monotonic()
-        watch = InputWatch(what, topic, reliability, now_s, is_occasional)
+        watch = InputWatch(what, topic, reliability, time.monotonic(), is_occasional)
         self._watches.append(watch)
         return watch
 
@@ -107,7 +101,8 @@ class Diagnostics:
         problems = [*self._problems.values(), *input_problems]
         level = max((level for level, _ in problems), default=DiagnosticStatus.OK)
         received = {f'{w.what} received': w.num_received for w in self._watches}
-        counts = received | self._counts  # a copy: other threads count as well
+        lost = {f'{w.what} lost': w.num_lost for w in self._watches}
+        counts = received | lost | self._counts  # a copy: other threads count as well
         texts = self._values | {key: str(number) for key, number in counts.items()}
         return DiagnosticStatus(
             level=level,
@@ -123,6 +118,7 @@ class Diagnostics:
             for watch in self._watches
             if watch.is_missing(now_s)
         ]
+        texts += [watch.loss(now_s) for watch in self._watches if watch.is_losing(now_s)]
         clock = self._node.get_clock()
         if clock.ros_time_is_active and clock.now().nanoseconds == 0:
             texts.append('use_sim_time is set, but no time came on /clock')

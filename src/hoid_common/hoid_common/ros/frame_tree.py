@@ -13,6 +13,7 @@ from hoid_common.pose_buffer import PoseBuffer
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg, transform_to_msg
 from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.inputs import guarded
 from hoid_common.static_frames import StaticFrames
 from hoid_common.values import FloatArray
 
@@ -42,8 +43,13 @@ class StaticFrameListener:
     def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
         self.frames = StaticFrames()
         self._diagnostics = diagnostics
+        topic = node.resolve_topic_name(topics.TF_STATIC)
         self._subscription = node.create_subscription(
-            TFMessage, topics.TF_STATIC, self._on_transforms, qos.TF_STATIC
+            TFMessage,
+            topics.TF_STATIC,
+            guarded(self._on_transforms, TFMessage, topic, 'static transforms', diagnostics),
+            qos.TF_STATIC,
+            raw=True,
         )
 
     def _on_transforms(self, msg: TFMessage) -> None:

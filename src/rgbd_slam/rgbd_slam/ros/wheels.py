@@ -11,6 +11,7 @@ from hoid_common.pose_buffer import PoseBuffer
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.inputs import guarded
 from hoid_common.static_frames import StaticFrames
 from hoid_common.values import FloatArray
 
@@ -32,8 +33,13 @@ class WheelOdometry:
         self._static = static
         self._diagnostics = diagnostics
         self._poses: dict[str, PoseBuffer] = {}  # child frame: T_odom_child
+        topic = node.resolve_topic_name(topics.TF)
         self._subscription = node.create_subscription(
-            TFMessage, topics.TF, self._on_transforms, qos.TF
+            TFMessage,
+            topics.TF,
+            guarded(self._on_transforms, TFMessage, topic, 'transforms', diagnostics),
+            qos.TF,
+            raw=True,
         )
 
     def at(self, stamp_ns: int, base: str) -> FloatArray | None:
@@ -52,7 +58,7 @@ class WheelOdometry:
             try:
                 T = transform_from_msg(edge)
             except MessageError as error:
-                self._diagnostics.report(error, 'transforms of odometry refused')
+                self._diagnostics.report(error, 'transforms refused')
                 continue
             poses = self._poses.setdefault(edge.child_frame_id, PoseBuffer())
             poses.add(stamp_from_msg(edge.header.stamp), T)

@@ -1,0 +1,1 @@
+"""Cases of running nodes: wrong messages, two hosts, bad conditions. All of it needs ROS."""
