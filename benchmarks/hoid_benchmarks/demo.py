@@ -1,8 +1,9 @@
-"""`hoid demo`: people walk together past the camera, with the filter (live) and without."""
+"""`hoid demo`: people who walk past the camera, rendered or real, with the filter and without."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 from pathlib import Path
 
@@ -14,13 +15,16 @@ from hoid_benchmarks.demo_picture import DemoRun, Snapshot, draw_demo, write_ani
 from hoid_benchmarks.plan.plan import load_profile
 from hoid_bringup.commands import say_detections
 from hoid_bringup.evaluate.evaluation import align
+from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_bringup.live.replay_plan import ReplayConfig
+from hoid_bringup.live.ros_domain import VARIABLE
 from hoid_bringup.run import outputs
 from hoid_bringup.run.detection_source import detection_source
+from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, STRATEGY, lacks_model
 from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.run_config import RunConfig
 from hoid_bringup.run.summary import Spread, Summary
-from hoid_common.errors import InputError
+from hoid_common import se3
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.values import ByteArray, FilterResult, Reason, RgbdFrame
 from hoid_detector.model.model_path import SYNTHETIC
@@ -31,7 +35,7 @@ from hoid_synth.config import SceneConfig
 from rgbd_slam.scene.export import read_ply
 
 _WORKERS = 2
-_FRAMES = 300
+_FRAMES, _SECONDS = 300, 20.0
 _SNAPSHOTS = (0.35, 0.6, 0.85)  # of the recording
 _ANIMATED_EVERY = 10
 _ANIMATED_PX = (240, 180)
@@ -50,7 +54,16 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
         '--frames', type=int, default=_FRAMES, metavar='N', help='at 30 Hz (%(default)s)'
     )
     parser.add_argument(
-        '--detector', default=SYNTHETIC, metavar='MODEL', help='default: %(default)s'
+        '--detector', metavar='MODEL', help=f'default: {SYNTHETIC}, or as in run with a camera'
+    )
+    parser.add_argument(
+        '--camera', choices=tuple(CAMERA_TOPICS), help='a driver that runs, not a rendered scene'
+    )
+    parser.add_argument(
+        '--camera-namespace', default='', metavar='NS', help='of the driver (default: its own)'
+    )
+    parser.add_argument(
+        '--seconds', type=float, default=_SECONDS, metavar='S', help='of it (%(default)g)'
     )
 
 
@@ -59,11 +72,14 @@ def demo_command(args: argparse.Namespace) -> None:
     from hoid_bringup.live.replay import replay  # needs ROS
 
     bag_path = args.out / 'scene.bag'
-    print(f'1/3  rendering {args.frames} frames of three people who walk past the camera')
     shutil.rmtree(bag_path, ignore_errors=True)
-    write_bag(_scene(args), bag_path, _WORKERS, show_progress=True)
+    if args.camera:
+        _record(args, bag_path)
+    else:
+        print(f'1/3  rendering {args.frames} frames of three people who walk past the camera')
+        write_bag(_scene(args), bag_path, _WORKERS, show_progress=True)
     bag = BagSequence(bag_path)
-    configs = _configs(args.detector)
+    configs = _configs(args)
     say_detections(configs[_WITH])
     print(f'2/3  every image offline, so that the mapper is never late: {_WITHOUT}')
     summaries = {_WITHOUT: run_offline(bag, configs[_WITHOUT], args.out / _folder(_WITHOUT))}
@@ -81,19 +97,32 @@ def demo_command(args: argparse.Namespace) -> None:
     print(f'\npicture      {picture}\nanimation    {animation}\nall results  {args.out}')
 
 
+def _record(args: argparse.Namespace, bag_path: Path) -> None:
+    """Record a camera; its topics are awaited."""
+    from hoid_bags.live.record import record  # needs ROS
+
+    names = CAMERA_TOPICS[args.camera].topics(args.camera_namespace)
+    print(f'1/3  recording {args.seconds:g} s of {", ".join(names)}: look around')
+    bag_path.parent.mkdir(parents=True, exist_ok=True)
+    record(bag_path, names, duration_s=args.seconds, show_progress=True)
+    os.environ.pop(VARIABLE, None)  # the camera goes on: the replay takes a domain of its own
+
+
 def _scene(args: argparse.Namespace) -> SceneConfig:
     return SceneConfig(
         seed=args.seed, num_frames=args.frames, path='xyz', num_people=3, near_m=1.5, together=True
     )
 
 
-def _configs(detector: str) -> dict[str, RunConfig]:
+def _configs(args: argparse.Namespace) -> dict[str, RunConfig]:
     """Return what is compared, by label."""
-    seed_method = {**load_profile('orb_slam3'), 'filter.strategy': 'none'}
-    return {
-        _WITHOUT: RunConfig().updated(seed_method),
-        _WITH: RunConfig().updated({'detector.model': detector}),
-    }
+    seed_method = {**load_profile('orb_slam3'), STRATEGY: 'none'}
+    model = args.detector or ('' if args.camera else SYNTHETIC)
+    ours = RunConfig().updated({'detector.model': model})
+    if lacks_model(ours, ()):
+        print(NO_DETECTOR)
+        ours = ours.updated({STRATEGY: MOTION})
+    return {_WITHOUT: RunConfig().updated(seed_method), _WITH: ours}
 
 
 def _folder(label: str) -> str:
@@ -123,13 +152,19 @@ def _drawn(frame: RgbdFrame, result: FilterResult) -> ByteArray:
 
 
 def _run(bag: BagSequence, out: Path, label: str) -> DemoRun:
-    truth = bag.ground_truth
-    if truth is None:
-        raise InputError(f'{bag.path}: has no ground truth')
+    """Return path and map of a run, in the truth's frame where there is a truth."""
     folder = out / _folder(label)
+    found = read_tum(folder / outputs.FINAL)
+    points_m = read_ply(folder / outputs.MAP).points_m.astype(np.float64)
+    if bag.ground_truth is None:
+        return DemoRun(found.stamps_ns, found.T_world_camera, points_m)
+    path = align(found, bag.ground_truth)
     return DemoRun(
-        align(read_tum(folder / outputs.FINAL), truth),
-        read_ply(folder / outputs.MAP).points_m.astype(np.float64),
+        path.stamps_ns,
+        path.T_world_camera,
+        se3.transform(path.T_world_map, points_m),
+        path.T_world_camera_true,
+        path.error_m,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,9 +13,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from hoid_bringup.evaluate.evaluation import AlignedTrajectory
-from hoid_common import se3
-from hoid_common.values import NS_PER_S, ByteArray, FloatArray, Reason
+from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray, Reason
 from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, Bgr
 
 _SIZE_IN, _DPI = (12.0, 11.0), 100
@@ -23,7 +21,9 @@ _HEIGHTS = (3.2, 5.0, 2.2)
 _TRUTH, _PATH, _MAP = '#111111', '#d1495b', '#8fa3b8'
 _COLORS = ('#d1495b', '#2563a8')
 _LEAST_SHOWN_CM = 0.05
-_FLOOR_M, _CEILING_M = 0.15, 2.3  # between which map points show in the plan
+_SHOWN_M = (0.15, 2.3)  # heights between which map points show in the plan
+_SHOWN_ABOUT_CAMERA_M = (-1.0, 1.0)  # the same where the first image is the origin
+_PATH_LABEL = 'camera, estimated'
 _ANIMATED_MS = 130
 _PALETTE = 48  # colours of the animation
 
@@ -36,10 +36,13 @@ class Snapshot(NamedTuple):
 
 
 class DemoRun(NamedTuple):
-    """What a replay leaves."""
+    """What a run leaves, in the truth's frame or, without a truth, in the run's own."""
 
-    path: AlignedTrajectory
-    points_map_m: FloatArray  # (N, 3), of the sparse map
+    stamps_ns: IntArray  # (N,)
+    T_world_camera: FloatArray  # (N, 4, 4)
+    points_world_m: FloatArray  # (M, 3), of the sparse map
+    T_world_camera_true: FloatArray | None = None  # (N, 4, 4)
+    error_m: FloatArray | None = None  # (N,), distance to the truth
 
 
 def draw_demo(path: Path, runs: Mapping[str, DemoRun], shown: Sequence[Snapshot]) -> None:
@@ -82,29 +85,48 @@ def _draw_snapshots(figure: SubFigure, shown: Sequence[Snapshot]) -> None:
 
 
 def _draw_plan(axes: Axes, label: str, run: DemoRun) -> None:
-    """Draw map points and path from above, in the frame of the truth."""
-    points_m = se3.transform(run.path.T_world_map, run.points_map_m)
-    height = points_m[:, 2]
-    shown = points_m[(height > _FLOOR_M) & (height < _CEILING_M)]
+    """Draw map points and path from above."""
+    height = run.points_world_m[:, 2]
+    lowest, highest = _SHOWN_M if run.error_m is not None else _SHOWN_ABOUT_CAMERA_M
+    shown = run.points_world_m[(height > lowest) & (height < highest)]
     axes.plot(*shown[:, :2].T, '.', color=_MAP, ms=1.5, label='map points')
-    true_m, found_m = run.path.T_world_camera_true[:, :2, 3], run.path.T_world_camera[:, :2, 3]
-    axes.plot(*found_m.T, color=_PATH, lw=1.8, zorder=4, label='camera, estimated')
-    axes.plot(*true_m.T, color=_TRUTH, lw=3.0, label='camera, truth')
-    rmse_cm = 100 * float(np.sqrt(np.mean(run.path.error_m**2)))
-    axes.set_title(f'{label}: {rmse_cm:.1f} cm RMSE', loc='left', fontsize=11)
-    axes.set(xlabel='x [m]', ylabel='y [m]', aspect='equal', xlim=(-0.5, 7.0), ylim=(-0.5, 6.2))
+    axes.plot(*run.T_world_camera[:, :2, 3].T, color=_PATH, lw=1.8, zorder=4, label=_PATH_LABEL)
+    if run.T_world_camera_true is None or run.error_m is None:
+        axes.set_title(label, loc='left', fontsize=11)
+    else:
+        axes.plot(
+            *run.T_world_camera_true[:, :2, 3].T, color=_TRUTH, lw=3.0, label='camera, truth'
+        )
+        rmse_cm = 100 * float(np.sqrt(np.mean(run.error_m**2)))
+        axes.set_title(f'{label}: {rmse_cm:.1f} cm RMSE', loc='left', fontsize=11)
+        axes.set(
+            xlabel='x [m]', ylabel='y [m]', aspect='equal', xlim=(-0.5, 7.0), ylim=(-0.5, 6.2)
+        )
+    axes.set(xlabel='x [m]', ylabel='y [m]', aspect='equal')
     axes.legend(loc='upper right', fontsize=8, markerscale=5)
 
 
 def _draw_errors(axes: Axes, runs: Mapping[str, DemoRun]) -> None:
-    for color, (label, run) in zip(_COLORS, runs.items(), strict=True):
-        since_s = (run.path.stamps_ns - run.path.stamps_ns[0]) / NS_PER_S
-        axes.plot(since_s, 100 * run.path.error_m, color=color, lw=1.8, label=label)
-    axes.set(xlabel='time [s]', ylabel='error [cm]', yscale='log', ylim=(_LEAST_SHOWN_CM, None))
-    axes.legend(
-        loc='lower left', bbox_to_anchor=(0, 1), ncols=len(runs), fontsize=9, frameon=False
-    )
+    """Draw the errors, or, without a truth, how far the runs are from each other."""
+    for color, (label, stamps_ns, error_m) in zip(_COLORS, _errors(runs), strict=False):
+        since_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
+        axes.plot(since_s, 100 * error_m, color=color, lw=1.8, label=label)
+    what = 'error' if all(run.error_m is not None for run in runs.values()) else 'apart'
+    axes.set(xlabel='time [s]', ylabel=f'{what} [cm]', yscale='log', ylim=(_LEAST_SHOWN_CM, None))
+    axes.legend(loc='lower left', bbox_to_anchor=(0, 1), ncols=len(runs), frameon=False)
     axes.grid(visible=True, color='#e3e5e8', lw=0.7)
+
+
+def _errors(runs: Mapping[str, DemoRun]) -> Iterator[tuple[str, IntArray, FloatArray]]:
+    if all(run.error_m is not None for run in runs.values()):
+        yield from ((label, r.stamps_ns, r.error_m) for label, r in runs.items())  # type: ignore[misc]
+        return
+    one, other = runs.values()
+    stamps_ns, of_one, of_other = np.intersect1d(
+        one.stamps_ns, other.stamps_ns, return_indices=True
+    )
+    apart_m = one.T_world_camera[of_one, :3, 3] - other.T_world_camera[of_other, :3, 3]
+    yield 'distance between the two cameras', stamps_ns, np.linalg.norm(apart_m, axis=1)
 
 
 def _rgb(color: Bgr) -> tuple[float, float, float]:

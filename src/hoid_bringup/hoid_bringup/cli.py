@@ -36,7 +36,7 @@ class Command:
 
 COMMANDS = {
     'demo': Command(
-        'hoid_benchmarks.demo', 'render a scene, replay it live with and without filter'
+        'hoid_benchmarks.demo', 'show a rendered scene or a camera with and without the filter'
     ),
     'convert': Command('hoid_bags.commands', 'turn a TUM folder into an MCAP bag'),
     'synth': Command('hoid_synth.commands', 'render a scene with people into a bag'),

@@ -25,9 +25,11 @@ class CameraTopics(NamedTuple):
         Args:
             namespace: Where the driver runs; empty: where it does by default.
         """
-        return topics.camera_remappings(
-            *(join(namespace or self.namespace, name) for name in self[2:])
-        )
+        return topics.camera_remappings(*self.topics(namespace))
+
+    def topics(self, namespace: str = '') -> tuple[str, ...]:
+        """Return colour, depth and camera info of a driver in that namespace or its own."""
+        return tuple(join(namespace or self.namespace, name) for name in self[2:])
 
 
 def join(namespace: str, name: str) -> str:
