@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import yaml
 
+from hoid_benchmarks.commands import REPORTS
 from hoid_benchmarks.jobs.speed import STAGES
 from hoid_benchmarks.plan.plan import load_plan
 from hoid_bringup.cli import _parser, main
@@ -77,7 +78,7 @@ def test_hoid_accepts_it(shown: Shown) -> None:
         assert program != 'python' or (ROOT / rest[0]).is_file()
     elif words[0] not in ('setup', '--help', '-v', 'view') and words[1:] not in ([], ['--help']):
         args = _parser(words[0]).parse_args(words)
-        if words[0] == 'bench' and args.what not in (*STAGES, 'masks', 'rooms', 'faults'):
+        if words[0] == 'bench' and args.what not in (*STAGES, *REPORTS):
             load_plan('quick' if args.quick else args.what).only(args.only)
 
 

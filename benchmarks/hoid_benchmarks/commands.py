@@ -28,6 +28,8 @@ from hoid_benchmarks.rooms.rooms import room_report
 from hoid_common.errors import HoidError
 
 _MASKS, _ROOMS, _FAULTS, _COVARIANCES = 'masks', 'rooms', 'faults', 'covariances'
+REPORTS = (_MASKS, _ROOMS, _FAULTS, _COVARIANCES)
+"""What else can be asked for beside experiments and stages."""
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
 
