@@ -19,7 +19,7 @@ setup(
         (f'share/{NAME}/launch', glob('launch/*.py')),
         (f'lib/{NAME}', glob('scripts/*')),
     ],
-    install_requires=['gtsam', 'numpy', 'opencv-python-headless', 'scipy'],
+    install_requires=['gtsam', 'numpy', 'opencv-python-headless'],
     # Without pytest here `colcon test` runs no test at all.
     extras_require={'test': ['hypothesis', 'psutil', 'pytest', 'pyyaml']},
     zip_safe=True,

@@ -11,7 +11,6 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from hoid_common import se3
 from hoid_common.io.record import Array, Record, column
@@ -173,11 +172,17 @@ def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
 def shared_points(state: MapState) -> NDArray[np.int32]:
     """Return (K, K) how many points two keyframes share; 0 on the diagonal."""
     seen = state.point != NONE
-    sees = csr_array(
-        (np.ones(np.count_nonzero(seen), np.int32), (state.keyframe[seen], state.point[seen])),
-        shape=(len(state), len(state.position_m)),
-    )
-    shared: NDArray[np.int32] = (sees @ sees.T).toarray()
+    # SciPy's sparse product does the same, and takes a third of a node's start to import.
+    order = np.argsort(state.point[seen], kind='stable')
+    point, keyframe = state.point[seen][order], state.keyframe[seen][order]
+    shared = np.zeros((len(state), len(state)), np.int32)
+    first, apart = np.arange(len(point)), 0
+    while first.size:  # pairs of sightings of one point, by how far apart they stand
+        apart += 1
+        first = first[: np.searchsorted(first, len(point) - apart)]
+        first = first[point[first] == point[first + apart]]
+        np.add.at(shared, (keyframe[first], keyframe[first + apart]), 1)
+    shared += shared.T
     np.fill_diagonal(shared, 0)
     return shared
 
