@@ -28,6 +28,8 @@ def test_points_on_a_person_whom_the_detector_finds_late_are_taken_back(
     peer = run_filter(**{'detections.wait_s': 10.0})  # which sends the camera as well
     slam = SlamPeer(probe)
     slam.begin(conversions.camera_to_msg(CAMERA, peer.header(0)))
+    peer.send_boxes(-1)  # before the detector's first answer images would wait
+    probe.spin_for(0.3)
     depth_m = np.full_like(DEPTH_M, WALL_M)
     depth_m[50:450, 100:300] = PERSON_M
 
