@@ -71,6 +71,32 @@ def test_a_room_process_that_dies_is_replaced_with_its_map(
     assert peer.save('room', 'grid').success
 
 
+def test_the_dense_map_comes_back_with_a_killed_node(
+    start: Start, probe: Probe, tmp_path: Path, messages: list[Messages]
+) -> None:
+    folder = tmp_path / 'maps'
+    parameters = {'map_directory': str(folder), 'dense.publish_period_s': 0.3}
+    parameters |= {'dense.rate_hz': 10.0, 'checkpoint_period_s': 1.0} | RELIABLE
+    node = start('rgbd_slam', 'rgbd_slam_node', parameters)
+    peer = RoomPeer(probe)
+    peer.begin(messages[0].camera)
+    play(peer, messages[:40])
+    peer.probe.spin_for(4.0)  # all is mapped, shown, and written
+    before_m = peer.cloud_m()
+    for pid in node.pids.values():
+        os.kill(pid, signal.SIGKILL)
+    peer.clouds.clear()
+    peer.status.clear()
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
+    began_s = time.monotonic()
+    peer.begin(messages[40].camera)
+    play(peer, messages[40:42])
+    after_m = peer.cloud_m()
+    assert time.monotonic() - began_s < _BACK_S
+    assert len(after_m) > 0.9 * len(before_m)  # two images see a third of it
+    assert np.mean(RoomTruth(SCENE, T_BODY_OPTICAL).distance_m(after_m) < 0.03) >= 0.98
+
+
 def test_all_services_and_outputs_are_on_the_node_itself(peer: RoomPeer) -> None:
     node = peer.probe.node
     services = dict(node.get_service_names_and_types_by_node('rgbd_slam', '/'))

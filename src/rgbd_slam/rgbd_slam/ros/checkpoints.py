@@ -13,10 +13,13 @@ from rclpy.node import Node
 from hoid_common.errors import HoidError, MapFileError
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamState
+from hoid_common.values import IntArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFile
 from rgbd_slam.map_transfer import LoadedMap
 from rgbd_slam.ros.between_messages import BetweenMessages
+from rgbd_slam.scene.dense_mapper import StoredView
+from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.statistics import SlamStats
 
@@ -40,6 +43,7 @@ class Checkpoints:
         config: Its parameters.
         diagnostics: Of the node.
         session: Gives the session, or None while there is none.
+        views: Gives the images of the dense map, their colour at half the resolution of depth.
     """
 
     def __init__(
@@ -48,10 +52,11 @@ class Checkpoints:
         config: SlamNodeConfig,
         diagnostics: Diagnostics,
         session: Callable[[], SlamSession | None],
+        views: Callable[[], list[StoredView]],
     ) -> None:
         self._logger = node.get_logger()
         self._diagnostics = diagnostics
-        self._find_session = session
+        self._find_session, self._find_views = session, views
         self._between = BetweenMessages(node)
         self._period_s = config.checkpoint_period_s
         # Who localises in a given map has nothing to lose.
@@ -71,7 +76,9 @@ class Checkpoints:
             diagnostics.set_value(_VALUE, 'none yet')
             self._thread.start()
 
-    def resume(self, session: SlamSession, stamp_ns: int) -> LoadedMap | None:
+    def resume(
+        self, session: SlamSession, stamp_ns: int
+    ) -> tuple[LoadedMap, DenseState | None] | None:
         """Load what a killed node has left, if the camera may be in it.
 
         Args:
@@ -94,7 +101,7 @@ class Checkpoints:
             f'SLAM ended unasked {away_s:.1f} s ago: looking for the camera in its map of '
             f'{len(stored.content.map)} keyframes'
         )
-        return loaded
+        return loaded, stored.content.dense
 
     def followed(self, session: SlamSession, done: Processed) -> Processed:
         """Go on mapping once the camera is found; return what is to be said of the image."""
@@ -150,21 +157,25 @@ class Checkpoints:
         copied = self._between.call(self._copy)
         if copied is None:
             return 0.0
-        checkpoint, copy_ms = copied
+        checkpoint, uids, copy_ms = copied
         start_s = time.monotonic()
+        if views := self._find_views():
+            dense = DenseState.of_views(views, uids, is_halved=True)
+            checkpoint = checkpoint._replace(content=checkpoint.content._replace(dense=dense))
         with self._lock:
             if self._written is None:
                 return 0.0
             size = self._file.write(checkpoint)
         self._diagnostics.set_value(
             _VALUE,
-            f'{len(checkpoint.content.map)} keyframes, {size / 1e6:.1f} MB, copied in '
-            f'{copy_ms:.1f} ms, written in {time.monotonic() - start_s:.2f} s',
+            f'{len(checkpoint.content.map)} keyframes, {len(views)} images, '
+            f'{size / 1e6:.1f} MB, copied in {copy_ms:.1f} ms, '
+            f'written in {time.monotonic() - start_s:.2f} s',
         )
         self._diagnostics.clear_problem(_FAILED)
         return time.monotonic() - start_s
 
-    def _copy(self) -> tuple[Checkpoint, float] | None:
+    def _copy(self) -> tuple[Checkpoint, IntArray, float] | None:
         """Copy the map between two images, if it has changed."""
         session = self._find_session()
         if session is None or session.map.is_empty or self._found_by_ns is not None:
@@ -174,10 +185,10 @@ class Checkpoints:
             self._file.touch(session.stamp_ns)
             return None
         start_s = time.perf_counter()
-        content = session.saved_map()
+        content, uids = session.saved_map(), session.all_keyframes().uids
         self._written = stats
         copy_ms = _MS * (time.perf_counter() - start_s)
-        return Checkpoint(content, session.stamp_ns), copy_ms
+        return Checkpoint(content, session.stamp_ns), uids, copy_ms
 
     def _failed(self, error: Exception) -> None:
         self._written = None

@@ -57,7 +57,9 @@ class RunningSession:
         self._heard: tuple[CameraModel, Header] | None = None  # the latest camera info
         self._first_map: MapFile | None = None
         self._is_reset = False  # which forgets that map
-        self._checkpoints = Checkpoints(node, config, diagnostics, lambda: self.session)
+        self._checkpoints = Checkpoints(
+            node, config, diagnostics, lambda: self.session, scene.small_views
+        )
 
     def known(self) -> SlamSession:
         """Return the session; raise InputError while there is none."""
@@ -167,7 +169,8 @@ class RunningSession:
         self._scene.start_map(camera)
         resumed = self._checkpoints.resume(session, stamp_from_msg(header.stamp))
         if resumed is not None:
-            self._scene.load(None, resumed, keep=False)
+            loaded, dense = resumed
+            self._scene.load(dense, loaded, keep=False)
         elif self._first_map is not None:
             self._load_first_map(session, self._first_map)
         done = Processed(session.status(), None)

@@ -33,16 +33,19 @@ class DenseState(Record):
         return len(self.keyframe)
 
     @classmethod
-    def of_views(cls, views: Sequence[StoredView], keyframe_uids: IntArray) -> DenseState:
+    def of_views(
+        cls, views: Sequence[StoredView], keyframe_uids: IntArray, *, is_halved: bool = False
+    ) -> DenseState:
         """Return kept images; those that hang on none of the (K,) keyframes are left out.
 
         Args:
             views: The images, at least one.
             keyframe_uids: ascending; a view's keyframe is its place among them.
+            is_halved: Whether colour has half the resolution already.
         """
         kept = [view for view in views if view.keyframe_uid in set(keyframe_uids.tolist())]
         rows, columns = views[0].view.flagged_mm.shape
-        small = [halved(view.view.image_bgr) for view in kept]
+        small = [v.view.image_bgr if is_halved else halved(v.view.image_bgr) for v in kept]
         half = small[0].shape if small else ((rows + 1) // 2, (columns + 1) // 2, 3)
         uids = np.array([view.keyframe_uid for view in kept], np.int64)
         return cls.of(

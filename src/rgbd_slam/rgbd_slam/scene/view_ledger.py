@@ -72,6 +72,10 @@ class ViewCopies:
         """Forget all."""
         self._copies.clear()
 
+    def small(self) -> list[StoredView]:
+        """Return the images, their colour at half the resolution of depth."""
+        return list(self._copies.values())
+
     def views(self) -> list[tuple[int, StoredView]]:
         """Return the images with their numbers, colour at the resolution of depth again."""
         return [(slot, _whole(copy)) for slot, copy in list(self._copies.items())]

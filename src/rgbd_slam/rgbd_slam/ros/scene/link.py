@@ -91,6 +91,14 @@ class SceneLink:
 
         return receive
 
+    def small_views(self) -> list[StoredView]:
+        """Return the images of the dense map, their colour at half the resolution of depth.
+
+        They are as the process reported them last: nothing waits.
+        """
+        is_on = self._process is not None and self._config.dense.enabled
+        return self._process.small_views() if self._process is not None and is_on else []
+
     def save(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> str:
         """Have dense map or grid written, wait for it, and say what was.
 

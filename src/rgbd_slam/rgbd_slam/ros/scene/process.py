@@ -159,6 +159,10 @@ class SceneProcess:
         """Return the images of the dense map as they hung after the last answer."""
         return [view for _, view in self._copies.views()]
 
+    def small_views(self) -> list[StoredView]:
+        """Return the images that were kept last, their colour at half the resolution of depth."""
+        return self._copies.small()
+
     def close(self) -> None:
         """End the process, by force when it does not end by itself."""
         with self._lock:
