@@ -26,6 +26,13 @@ def test_readme_is_two_screens_long() -> None:
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_lines_of_prose_are_short(page: Path) -> None:
+    text = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
+    lines = [line for line in text.splitlines() if not line.startswith('|')]
+    assert [line for line in lines if len(line) > LONGEST_LINE] == []
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     text = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
     for target in re.findall(r'\]\(([^)\s]+)\)', text):
