@@ -99,9 +99,9 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
     """Parameters of the node."""
 
     niceness: int = param(
-        0,
-        'Number by which the process is nicer to others than usual, as of the command nice. Raise '
-        'it when odometry is late because the detector takes the CPU.',
+        10,
+        'Number by which the process is nicer to others than usual, as of the command nice: poses '
+        'do not wait for it. Lower it when it answers too seldom on a busy machine.',
         minimum=0,
         maximum=19,
     )
