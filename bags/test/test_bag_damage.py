@@ -13,6 +13,7 @@ from backports import zstd
 from rosbags.rosbag2 import ReaderError
 
 from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.bag_source import BagMessage
 from hoid_bags.bag.info import summarize
 from hoid_bags.live.playback import PlayConfig, open_plan
 from hoid_bags.mcap.chunks import MAX_CHUNK_BYTES, unpack
@@ -231,3 +232,35 @@ def test_no_bag(tmp_path: Path) -> None:
     (tmp_path / 'x.db3').write_bytes(b'no database')
     with pytest.raises(InputError, match='cannot be read'):
         summarize(tmp_path / 'x.db3')
+
+
+def pack_file(bag: Path, data: bytes) -> None:
+    """Replace a bag's file by a packed one, as `ros2 bag record --compression-mode file` does."""
+    (bag / 'bag.mcap').unlink()
+    (bag / 'bag.mcap.zstd').write_bytes(zstd.compress(data))
+    metadata = bag / 'metadata.yaml'
+    text = metadata.read_text()
+    text = re.sub(r'compression_format: .*', "compression_format: 'zstd'", text)
+    text = re.sub(r'compression_mode: .*', "compression_mode: 'FILE'", text)
+    metadata.write_text(text.replace('bag.mcap', 'bag.mcap.zstd'))
+
+
+def test_a_bag_packed_as_a_file_is_read(bag: Path) -> None:
+    whole = [(m.topic, m.log_ns, m.data) for m in _messages(bag)]
+    pack_file(bag, (bag / 'bag.mcap').read_bytes())
+    assert [(m.topic, m.log_ns, m.data) for m in _messages(bag)] == whole
+
+
+def _messages(bag: Path) -> list[BagMessage]:
+    with BagReader(bag) as reader:
+        return list(reader.messages())
+
+
+def test_a_packed_file_that_unpacks_to_more_than_any_bag_is_refused(bag: Path) -> None:
+    pack_file(bag, bytes(1 << 28))  # 256 MB in 25 kB
+    tracemalloc.start()
+    with pytest.raises(InputError, match='which no bag does'), BagReader(bag):
+        pass
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1 << 25

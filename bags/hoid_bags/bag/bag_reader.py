@@ -9,6 +9,7 @@ from typing import Self
 
 from hoid_bags.bag.bag_source import BagMessage, BagSource, BagTopic, WholeBag
 from hoid_bags.bag.cut_bag import CutBag
+from hoid_bags.bag.packed_files import check_packed
 from hoid_bags.mcap.chunks import DAMAGE, describe_damage, one_line
 from hoid_common.errors import InputError
 from hoid_common.io.yaml_file import parse_yaml, read_yaml
@@ -55,6 +56,8 @@ class BagReader:
         """
         try:
             _check_metadata(self.path / METADATA)
+            if self.path.is_dir():
+                check_packed(self.path)
             self._source: BagSource = WholeBag(self.path)
         except (*DAMAGE, InputError) as error:
             self._source = self._salvage(error)

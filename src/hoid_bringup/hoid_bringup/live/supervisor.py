@@ -30,7 +30,7 @@ _LOG = logging.getLogger(__name__)
 GRACE_S = 4.0
 _POLL_S = 0.02
 _MEMORY_PERIOD_S = 2.0  # a look goes through all processes of the machine
-RESTART_PAUSE_S = 1.0
+RESTART_PAUSE_S = 0.3
 _BYTES_PER_MB = 2**20
 
 

@@ -19,7 +19,7 @@ from launch import LaunchContext, LaunchDescription
 
 _SWITCH = ('true', 'false', 'True', 'False')
 _LOG_LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
-_RESPAWN_DELAY_S = 2.0
+_RESPAWN_DELAY_S = 0.5
 
 
 def switch(name: str, description: str, *, default: bool = False) -> Argument:
