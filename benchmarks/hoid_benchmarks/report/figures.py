@@ -43,7 +43,7 @@ def make_plots(
             _curve_plot(experiment, results, name, label)
             for name, label in _VALUES[experiment.view]
         )
-        return tuple(plot for plot in plots if not _is_all_one(plot))
+        return tuple(plot for plot in plots if not _is_constant(plot))
     if experiment.view == 'comparison':
         return tuple(
             plot
@@ -53,9 +53,9 @@ def make_plots(
     return ()
 
 
-def _is_all_one(plot: Plot) -> bool:
-    """Return whether a plot says nothing but that everything was tracked."""
-    return all(y == 1.0 for trace in plot['data'] for y in trace['y'])
+def _is_constant(plot: Plot) -> bool:
+    """Return whether a plot says nothing but that one value is everywhere the same."""
+    return len({y for trace in plot['data'] for y in trace['y']}) <= 1
 
 
 def _plot(title: str, x: str, y: str, data: list[Plot], **yaxis: Any) -> Plot:
@@ -146,7 +146,8 @@ def _trajectory_plots(sequence: str, runs: Sequence[Result], folder: Path) -> li
         _plot(f'{sequence}: error over time', _TIME, 'error [m]', error, rangemode='tozero'),
     ]
     title = f'{sequence}: features kept over time'
-    return plots + ([_plot(title, _TIME, 'features', kept, rangemode='tozero')] if kept else [])
+    plots.append(_plot(title, _TIME, 'features', kept, rangemode='tozero'))
+    return [plot for plot in plots if not _is_constant(plot)]
 
 
 def _over_time(name: str, since_ns: IntArray, values: NDArray[np.generic]) -> Plot:

@@ -39,7 +39,7 @@ function drawPlots() {
         : { ...trace, line: { color, width: 1.5 }, marker: { color, size: 5 } };
     });
     const layout = { ...figure.layout, title: undefined, font: { color: ink, size: 12, family },
-      paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', margin: { t: 8, r: 12, b: 40, l: 48 }, showlegend: true,
+      paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', margin: { t: 8, r: 36, b: 40, l: 48 }, modebar: { orientation: 'v' }, showlegend: true,
       legend: { orientation: 'h', x: 0, y: 1.02, yanchor: 'bottom' }, hovermode: 'closest',
       xaxis: { ...axis, ...figure.layout.xaxis }, yaxis: { ...axis, ...figure.layout.yaxis } };
     Plotly.react(place, traces, layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ['select2d', 'lasso2d'] });
