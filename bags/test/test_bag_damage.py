@@ -264,3 +264,9 @@ def test_a_packed_file_that_unpacks_to_more_than_any_bag_is_refused(bag: Path) -
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 1 << 25
+
+
+def test_links_in_a_bag_that_lead_nowhere_count_nothing(bag: Path) -> None:
+    size = summarize(bag).size_bytes
+    (bag / 'loop').symlink_to('loop')
+    assert summarize(bag).size_bytes == size

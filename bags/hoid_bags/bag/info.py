@@ -76,7 +76,7 @@ def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
         )
         start_ns, end_ns = reader.span_ns
         files = list(path.iterdir()) if path.is_dir() else [path]
-        size = sum(file.stat().st_size for file in files)
+        size = sum(file.stat().st_size for file in files if file.is_file())
         return BagSummary(path, size, start_ns, end_ns, topics, reader.fault)
 
 

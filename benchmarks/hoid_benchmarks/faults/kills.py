@@ -25,6 +25,8 @@ from hoid_common.values import NS_PER_S
 
 CONVERT, RECORD = 'convert, killed', 'recording, killed'
 _LIMIT_S = 20.0
+# What is said of leftovers of somebody who was killed before a message was written.
+_NOTHING_YET = ('no message can be read', 'not a bag', 'no such bag')
 _MESSAGES_PER_FRAME = 3  # two images and a camera
 _FLUSH_S = 0.5
 _PERIOD_S = 0.005
@@ -68,7 +70,7 @@ def _unrepaired(place: Path) -> str:
         try:
             bag = repair(left)
         except InputError as error:
-            if 'no message can be read' not in str(error) and 'not a bag' not in str(error):
+            if not any(said in str(error) for said in _NOTHING_YET):
                 return f'no repair: {error}'
         else:
             if fault := summarize(bag).fault:
