@@ -35,7 +35,7 @@ struct Scene
   }
 };
 
-// A row of the equations: six coefficients, the right-hand side, and nothing. As vectors, for the
+// A row of the equations: six coefficients, the right-hand side, and nothing. As vectors, as the
 // sums take most of the time.
 using Half = double __attribute__((vector_size(4 * sizeof(double))));
 struct Row
@@ -55,11 +55,11 @@ ALWAYS_INLINE void accumulate(
 {
   for (int r = 0; r < kRows; ++r) {
     const double* d = J[r];
-    const Row row{{d[0], d[1], d[2], d[3]}, {d[4], d[5], e[r], 0}};
+    const Half low = {d[0], d[1], d[2], d[3]}, high = {d[4], d[5], e[r], 0};
     for (int a = 0; a < kPose; ++a) {
       const double scaled = (r < 2 ? weights.pixel : weights.depth) * d[a];
-      sums.rows[a].low += scaled * row.low;
-      sums.rows[a].high += scaled * row.high;
+      sums.rows[a].low += scaled * low;
+      sums.rows[a].high += scaled * high;
     }
   }
 }
