@@ -8,9 +8,11 @@ import signal
 import time
 from collections.abc import Iterator
 from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from threading import Event, Thread, get_ident
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -125,3 +127,25 @@ def test_the_parent_hears_ctrl_c_as_before() -> None:
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
     child.join(60)
     assert child.exitcode == 0
+
+
+def test_an_interrupt_that_another_thread_hears_waits_until_the_child_is_started() -> None:
+    begun, stages = Event(), []
+
+    def interrupt() -> None:
+        begun.wait()
+        signal.pthread_kill(get_ident(), signal.SIGINT)
+
+    thread = Thread(target=interrupt)
+    thread.start()
+
+    class Child:
+        def start(self) -> None:
+            stages.append('has begun')
+            begun.set()
+            thread.join()
+            stages.append('has all it needs')
+
+    with pytest.raises(KeyboardInterrupt):
+        start_child(cast(BaseProcess, Child()))
+    assert stages == ['has begun', 'has all it needs']

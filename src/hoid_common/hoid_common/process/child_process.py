@@ -19,6 +19,7 @@ from threading import Thread
 from typing import Generic, TypeVar
 
 from hoid_common.errors import HoidError
+from hoid_common.process.signals import handlers_deferred
 
 Message = TypeVar('Message')
 Report = TypeVar('Report')
@@ -47,7 +48,8 @@ def start_child(process: BaseProcess) -> None:
     resource_tracker.ensure_running()  # which would unblock the signal if it were started below
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        process.start()
+        with handlers_deferred():
+            process.start()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 

@@ -7,6 +7,7 @@ import signal
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from threading import current_thread, main_thread
 from types import FrameType
 
 ENDING = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
@@ -32,6 +33,29 @@ def uninterrupted() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def handlers_deferred() -> Iterator[None]:
+    """Let Python's handlers of signals to end wait until the block is done, in the main thread.
+
+    Blocking the signals in this thread is not enough: another one, as of a library, takes them,
+    and Python runs the handler here.
+    """
+    came: list[int] = []
+    before = {}
+    if current_thread() is main_thread():  # no other may set handlers, and none interrupts others
+        before = {sign: signal.getsignal(sign) for sign in (signal.SIGINT, *ENDING)}
+        before = {sign: handler for sign, handler in before.items() if callable(handler)}
+    for sign in before:
+        signal.signal(sign, lambda number, _frame: came.append(number))
+    try:
+        yield
+    finally:
+        for sign, handler in before.items():
+            signal.signal(sign, handler)
+        for number in came:
+            signal.raise_signal(number)
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
