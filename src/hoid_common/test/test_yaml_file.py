@@ -33,6 +33,7 @@ def complaint(read: Callable[[], object]) -> str:
     return ''
 
 
+@pytest.mark.slow
 @given(plain)
 @settings(max_examples=60, deadline=None)
 def test_plain_data_come_back_as_they_were_written(value: Any) -> None:

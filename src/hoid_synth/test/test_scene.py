@@ -43,6 +43,7 @@ def test_same_seed_gives_the_same_bytes_in_any_order() -> None:
     assert one.detections.boxes_xyxy_px.tobytes() == two.detections.boxes_xyxy_px.tobytes()
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_room() -> None:
     one, other = renderer().stage, set_stage(SceneConfig(seed=2, num_frames=2, width_px=64))
     assert other.world.class_names != one.world.class_names

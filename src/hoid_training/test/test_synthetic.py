@@ -39,6 +39,7 @@ def test_people_are_found(tally: Tally) -> None:
     assert people.precision >= 0.9
 
 
+@pytest.mark.slow
 def test_objects_are_found(tally: Tally) -> None:
     objects = tally.objects()
     assert objects.asked >= 8 * FRAMES
