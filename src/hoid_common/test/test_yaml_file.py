@@ -40,6 +40,7 @@ def test_plain_data_come_back_as_they_were_written(value: Any) -> None:
     assert parse_yaml(yaml.safe_dump(value), 'x') == value
 
 
+@pytest.mark.slow
 @given(st.text(max_size=60) | st.text('[]{}-:?,&*!|>%@`"\'# \n\ta1.', max_size=60))
 @example('2020-13-45')
 @example('1:99:99')

@@ -61,6 +61,7 @@ def test_other_people_share_the_home_and_begin_elsewhere() -> None:
         assert np.linalg.norm(here.xy_m - there.xy_m, axis=1).max() > 0.1
 
 
+@pytest.mark.slow
 def test_the_image_size_does_not_change_the_scene() -> None:
     small = set_stage(SceneConfig(seed=1, num_frames=240, width_px=64))
     np.testing.assert_array_equal(small.bodies[0].xy_m, renderer().stage.bodies[0].xy_m)
