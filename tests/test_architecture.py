@@ -45,7 +45,7 @@ ROOMS = {
     """,
     'hoid_bringup': """
         evaluate < run < live view < commands cli parameter_reference
-        < command_reference < __main__
+        < command_reference message_reference < __main__
     """,
     'hoid_benchmarks': """
         plan < jobs < rooms faults < report < publish demo_picture < commands demo

@@ -200,8 +200,7 @@ def camera_at(second: float) -> FloatArray:
 
 def test_the_page_shows_the_example_as_it_is() -> None:
     page = EXAMPLES.parent / 'docs' / 'howto' / 'nav2.md'
-    code = (EXAMPLES / 'people_consumer.py').read_text()
-    assert f'```python\n{code}```\n' in page.read_text()
+    assert '```python\n--8<-- "examples/people_consumer.py"\n```\n' in page.read_text()
 
 
 def test_the_example_for_nav2_marks_and_clears_with_what_is_published() -> None:

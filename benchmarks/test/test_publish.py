@@ -7,7 +7,15 @@ import pytest
 
 from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.plan.plan import Job, Plan, load_plan
-from hoid_benchmarks.publish.pages import ROOT, marked_pages, results_path, rewritten, write_pages
+from hoid_benchmarks.publish.pages import (
+    DECISIONS,
+    ROOT,
+    decisions_page,
+    marked_pages,
+    results_path,
+    rewritten,
+    write_pages,
+)
 from hoid_benchmarks.publish.results_file import keep, read_kept
 from hoid_benchmarks.report.views import make_table, with_commits
 from hoid_common.errors import InputError
@@ -55,6 +63,13 @@ def test_every_page_shows_what_the_files_of_results_hold() -> None:
     for page in pages:
         text = page.read_text()
         assert rewritten(text, ROOT) == text, f'{page}: run make reference'
+
+
+def test_the_list_of_decisions_has_every_page() -> None:
+    page = (ROOT / DECISIONS / 'index.md').read_text()
+    assert page == decisions_page(ROOT), 'run make reference'
+    numbers = [line.split('|')[1].strip() for line in page.splitlines()[7:]]
+    assert numbers == [str(k + 1) for k in range(len(numbers))]
 
 
 def test_a_table_names_its_commit_and_machine_once(root: Path, plan: Plan) -> None:

@@ -1,7 +1,8 @@
 """Writes the tables of README and of the pages of results from the files of results.
 
 A table stands between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; in place of the
-experiments, `summary` stands for README's rows. `make reference` writes all of them.
+experiments, `summary` stands for README's rows. `make reference` writes all of them, and the list
+of decisions.
 """
 
 from __future__ import annotations
@@ -17,6 +18,15 @@ from hoid_common.io.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[3]
 RESULTS = Path('docs/results')  # a file for each plan and the pages
+DECISIONS = Path('docs/decisions')  # a page for each, `NNN-what-was-chosen.md`
+_DECISIONS_HEAD = """# Decisions
+
+Context, what was measured, the choice, and what would change it. Numbers are those of the day;
+today's are in [results](../results/index.md). `make reference` writes this list.
+
+| | decision | date |
+|---|---|---|
+"""
 _MARKED = re.compile(r'(<!-- bench (\w+) ([\w ]+) -->\n).*?(<!-- /bench -->)', re.DOTALL)
 _SUMMARY = 'summary'
 _SUMMARY_ROWS = Path(__file__).with_name('summary.yaml')
@@ -55,6 +65,16 @@ def write_pages(root: Path) -> None:
     """Write the marked tables of all pages."""
     for page in marked_pages(root):
         page.write_text(rewritten(page.read_text(encoding='utf-8'), root), encoding='utf-8')
+
+
+def decisions_page(root: Path) -> str:
+    """Return the list of decisions: number, title and date as each page has them."""
+    rows = []
+    for page in sorted((root / DECISIONS).glob('0*.md')):
+        title, _, date, *_ = page.read_text(encoding='utf-8').splitlines()
+        number, words = title.removeprefix('# ').split('. ', 1)
+        rows.append(f'| {number} | [{words}]({page.name}) | {date} |\n')
+    return _DECISIONS_HEAD + ''.join(rows)
 
 
 def _filled(found: re.Match[str], root: Path) -> str:
@@ -139,3 +159,4 @@ def _median(kept: Kept, row: Row) -> str:
 
 if __name__ == '__main__':
     write_pages(ROOT)
+    (ROOT / DECISIONS / 'index.md').write_text(decisions_page(ROOT), encoding='utf-8')

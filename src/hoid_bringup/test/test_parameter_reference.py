@@ -10,6 +10,7 @@ import pytest
 from hoid_bringup.cli import COMMANDS
 from hoid_bringup.command_reference import command_reference
 from hoid_bringup.live.node_specs import NODE_CONFIGS
+from hoid_bringup.message_reference import message_reference
 from hoid_bringup.parameter_reference import parameter_reference
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.config import Param
@@ -35,6 +36,13 @@ def test_the_page_of_commands_is_what_make_reference_writes() -> None:
     page = PAGE.with_name('commands.md').read_text()
     assert page == command_reference(), 'run "make reference"'
     assert re.findall('^## hoid (.*)$', page, re.MULTILINE) == list(COMMANDS)
+
+
+def test_the_page_of_messages_is_what_make_reference_writes() -> None:
+    page = PAGE.with_name('messages.md').read_text()
+    assert page == message_reference(PAGE.parents[2] / 'src/hoid_msgs'), 'run "make reference"'
+    fields = re.findall(r'^\| `(\w+)', page.partition('## SetMode')[2], re.MULTILINE)
+    assert fields == ['MAPPING', 'LOCALIZATION', 'mode', 'success', 'message']
 
 
 def test_the_page_names_every_parameter_of_every_node() -> None:

@@ -1,0 +1,66 @@
+"""The page of all message and service fields, which `make reference` writes from their files."""
+
+from __future__ import annotations
+
+import re
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+_HEAD = """# Messages and services, field by field
+
+Written by `make reference` from the files of `src/hoid_msgs`.
+"""
+_WIDTH = 110
+_FIELD = re.compile(r'(?P<type>\S+)\s+(?P<name>\w+)(?:=(?P<value>\S+))?\s*(?:#\s*(?P<said>.*))?$')
+
+
+def message_reference(package: Path) -> str:
+    """Return the page, in Markdown: a section for each message and service of a source package."""
+    parts = [_HEAD]
+    for path in sorted(package.glob('*/*.[ms][sr][gv]')):
+        about, *tables = _read(path.read_text(encoding='utf-8'))
+        parts.append(f'## {path.stem}\n\n{about}\n')
+        for title, table in zip(('field', 'answer'), tables, strict=False):
+            parts.append(f'| {title} | type | what it is |\n|---|---|---|\n{table}\n')
+    return '\n'.join(parts)
+
+
+def _read(text: str) -> Iterator[str]:
+    """Yield what an interface is for, and the rows of each of its parts."""
+    about, _, rest = text.partition('\n\n')
+    yield textwrap.fill(' '.join(line.lstrip('# ') for line in about.splitlines()), _WIDTH)
+    for part in rest.split('\n---\n'):
+        yield '\n'.join(_rows(part.strip().splitlines()))
+
+
+def _rows(lines: list[str]) -> Iterator[str]:
+    cells: list[str] = []
+    for line in filter(None, lines):
+        if line.startswith('#') or not cells:  # on the fields that follow
+            yield from _row(cells)
+            cells = ['', '', line.lstrip('# ')] if line.startswith('#') else _cells(line)
+        elif line.lstrip().startswith('#'):  # goes on
+            cells[-1] += f' {line.lstrip(" #")}'
+        else:
+            yield from _row(cells)
+            cells = _cells(line)
+    yield from _row(cells)
+
+
+def _cells(line: str) -> list[str]:
+    found = _FIELD.match(line)
+    if found is None:
+        raise ValueError(f'no field of a message: {line}')
+    value = f' = {found["value"]}' if found['value'] else ''
+    return [f'`{found["name"]}{value}`', f'`{found["type"]}`', found['said'] or '']
+
+
+def _row(cells: list[str]) -> Iterator[str]:
+    if cells:
+        yield f'| {" | ".join(cell.replace("|", chr(92) + "|") for cell in cells)} |'
+
+
+if __name__ == '__main__':
+    sys.stdout.write(message_reference(Path(sys.argv[1])))
