@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
+from hoid_bringup.run.summary import Summary
+
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / 'README.md', *ROOT.glob('docs/**/*.md'), *ROOT.glob('src/*/README.md')])
-MOST_CHARACTERS, MOST_RESULTS, MOST_PROSE_LINES, LONGEST_LINE = 6000, 6, 3, 170
+MOST_CHARACTERS, MOST_RESULTS, MOST_PROSE_LINES, LONGEST_LINE, MOST_WORDS = 6000, 6, 3, 170, 11500
+GENERATED = ('reference/parameters', 'reference/commands', 'reference/messages', 'decisions/index')
 
 
 def test_readme_is_two_screens_long() -> None:
@@ -38,3 +42,17 @@ def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r'\]\(([^)\s]+)\)', text):
         if not target.startswith(('http://', 'https://', '#')):
             assert (page.parent / target.partition('#')[0]).exists(), target
+
+
+def test_all_that_is_written_by_hand_is_short() -> None:
+    words = 0
+    for page in (ROOT / 'README.md', *ROOT.glob('docs/**/*.md')):
+        if not str(page.with_suffix('')).endswith(GENERATED):
+            text = re.sub(r'<!-- bench.*?<!-- /bench -->', '', page.read_text(), flags=re.DOTALL)
+            words += len(text.split())
+    assert 5000 < words <= MOST_WORDS
+
+
+def test_every_number_of_a_run_is_explained() -> None:
+    page = (ROOT / 'docs/reference/files.md').read_text()
+    assert [field.name for field in fields(Summary) if f'`{field.name}`' not in page] == []
