@@ -11,12 +11,13 @@ from hoid_bags.progress import progress
 from hoid_benchmarks.faults.cases import Outcome, table, totals
 from hoid_benchmarks.faults.files import KINDS, file_cases
 from hoid_benchmarks.faults.kills import CONVERT, RECORD, kill_cases
-from hoid_benchmarks.faults.samples import make_samples
+from hoid_benchmarks.faults.samples import Samples, make_samples
 from hoid_common.errors import ConfigError, HoidError
 
 REPORT = 'faults.md'
-FILES, KILLS, MESSAGES, NETWORK = 'files', 'kills', 'messages', 'network'
-ROOMS = (FILES, KILLS, MESSAGES, NETWORK)
+FILES, KILLS, NETWORK, MESSAGES = 'files', 'kills', 'network', 'messages'
+CONDITIONS, CAMERAS, DEATHS = 'conditions', 'cameras', 'deaths'
+ROOMS = (FILES, KILLS, NETWORK, MESSAGES, CONDITIONS, CAMERAS, DEATHS)
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,17 @@ class Size:
 
     files: int  # of each kind
     kills: int  # of each kind
-    messages: int  # of each input
     network: int  # of each weather
+    messages: int  # of each input
+    conditions: int  # of clocks, of loads and of disks
+    cameras: int  # of each camera
+    deaths: int  # of each process
 
 
-NIGHTLY = Size(files=500, kills=50, messages=2000, network=5)
-SLICE = Size(files=8, kills=4, messages=40, network=0)
+NIGHTLY = Size(
+    files=500, kills=50, network=5, messages=2000, conditions=10, cameras=1, deaths=50
+)  # fmt: skip
+SLICE = Size(files=8, kills=4, network=0, messages=20, conditions=1, cameras=0, deaths=0)
 
 
 def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:
@@ -59,20 +65,37 @@ def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:
 
 
 def _outcomes(seed: int, size: Size, rooms: Sequence[str]) -> Iterator[Outcome]:
+    seeds = {
+        room: range(seed, seed + number)
+        for room, number in vars(size).items()
+        if room in rooms and number
+    }
     with tempfile.TemporaryDirectory(prefix='hoid faults ') as scratch:
         folder = Path(scratch)
         samples = make_samples(folder / 'samples')
-        if FILES in rooms:
-            cases = file_cases(samples, folder / 'files', range(seed, seed + size.files))
-            yield from progress(cases, size.files * len(KINDS), 'files', show=True)
-        if KILLS in rooms:
-            cases = kill_cases(samples, folder / 'kills', range(seed, seed + size.kills))
-            yield from progress(cases, size.kills * len((CONVERT, RECORD)), 'kills', show=True)
-        # The last: they start threads, which those before may not have. They need ROS.
-        from hoid_benchmarks.faults.live.inputs import message_cases  # noqa: PLC0415
-        from hoid_benchmarks.faults.live.network import network_cases  # noqa: PLC0415
+        if found := seeds.get(FILES):
+            cases = file_cases(samples, folder / FILES, found)
+            yield from progress(cases, len(found) * len(KINDS), FILES, show=True)
+        if found := seeds.get(KILLS):
+            cases = kill_cases(samples, folder / KILLS, found)
+            yield from progress(cases, len(found) * len((CONVERT, RECORD)), KILLS, show=True)
+        yield from _live_outcomes(samples, folder, seeds)
 
-        if NETWORK in rooms and size.network:
-            yield from network_cases(folder / 'network', range(seed, seed + size.network))
-        if MESSAGES in rooms:
-            yield from message_cases(folder / 'live', range(seed, seed + size.messages))
+
+def _live_outcomes(samples: Samples, folder: Path, seeds: dict[str, range]) -> Iterator[Outcome]:
+    """Yield those of running nodes, the last: they start threads, which others may not have."""
+    # They need ROS.
+    from hoid_benchmarks.faults.live.cameras import camera_cases  # noqa: PLC0415
+    from hoid_benchmarks.faults.live.deaths import death_cases  # noqa: PLC0415
+    from hoid_benchmarks.faults.live.standing import standing_cases  # noqa: PLC0415
+    from hoid_benchmarks.faults.live.two_hosts.network import network_cases  # noqa: PLC0415
+
+    if found := seeds.get(NETWORK):
+        yield from network_cases(folder / NETWORK, found)
+    messages, conditions = (seeds.get(room, range(0)) for room in (MESSAGES, CONDITIONS))
+    if messages or conditions:
+        yield from standing_cases(samples, folder, messages, conditions)
+    if found := seeds.get(CAMERAS):
+        yield from camera_cases(folder / CAMERAS, found)
+    if found := seeds.get(DEATHS):
+        yield from death_cases(folder / DEATHS, found)

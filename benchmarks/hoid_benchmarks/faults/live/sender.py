@@ -1,18 +1,18 @@
-"""Sends a still scene as a camera would, and hears what the nodes make of it."""
+"""Sends what a camera would see of a wall, and hears what the nodes make of it."""
 
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from hoid_msgs.msg import Detection, DetectionArray, Features, FeatureVerdicts, SlamStatus
+from hoid_msgs.msg import Detection, DetectionArray, Features, SlamStatus, TrackedObjectArray
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CompressedImage, Image
 
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
@@ -21,55 +21,161 @@ from hoid_common.values import CameraModel
 
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 FRAME = 'camera_color_optical_frame'
-INPUTS = (
-    topics.RGB_IMAGE, topics.DEPTH_IMAGE, topics.DETECTIONS, topics.CAMERA_INFO, topics.FEATURES,
-    topics.FEATURE_VERDICTS,
-)  # fmt: skip
-_PERIOD_S = 1 / 15
+OWN_DETECTIONS = 'own_detections'  # of the detector, beside those that are sent
+RATE_HZ = 15.0
+WALL_M, _TRAVEL_M = 2.0, 0.3
+_BLOCKS = 80  # of the wall's picture, in the width of an image
+_QUALITY = 90
+_SLOW_IMAGES = 8
+
+
+class Scene:
+    """A still picture that leans back; or a flat one, along which the camera slides to and fro."""
+
+    def __init__(self, camera: CameraModel = CAMERA, step_px: int = 0) -> None:
+        self.camera, self._step_px = camera, step_px
+        width_px, height_px = camera.size_px
+        slope = np.linspace(1.5, 3.0, width_px, dtype=np.float32).round(3)  # as packing keeps
+        self._depth_m = np.tile(slope, (height_px, 1))
+        self._num_steps = 0
+        if step_px:
+            self._depth_m[:] = WALL_M
+            self._num_steps = round(_TRAVEL_M * camera.fx_px / WALL_M) // step_px
+        wall_px = width_px + self._num_steps * step_px, height_px
+        blocks = [side * _BLOCKS // width_px for side in wall_px]
+        coarse = np.random.default_rng(3).integers(0, 256, (*blocks[::-1], 3), dtype=np.uint8)
+        self._wall = cv2.resize(coarse, wall_px, interpolation=cv2.INTER_CUBIC)
+
+    def view(self, i: int) -> tuple[Any, Any, float]:
+        """Return colour (H, W, 3) uint8, depth (H, W) float32 in m and the camera's place in m."""
+        steps = self._num_steps - abs(self._num_steps - i % max(2 * self._num_steps, 1))
+        first_px = steps * self._step_px
+        image_bgr = self._wall[:, first_px : first_px + self.camera.width_px]
+        place_m = first_px * WALL_M / self.camera.fx_px
+        return np.ascontiguousarray(image_bgr), self._depth_m, place_m
+
+
+class Heard(NamedTuple):
+    """Odometry that came."""
+
+    when_s: float  # monotonic
+    stamp_ns: int
+    position_m: tuple[float, float, float]
 
 
 class Sender:
-    """Sends a still scene again and again, and hears what the nodes make of it."""
+    """Sends a scene again and again, and hears what the nodes make of it.
 
-    def __init__(self, node: Node) -> None:
+    Args:
+        node: Sends and listens.
+        scene: What is seen.
+        rate_hz: Of its images.
+        is_compressed: Whether they are.
+    """
+
+    def __init__(
+        self, node: Node, scene: Scene, rate_hz: float = RATE_HZ, *, is_compressed: bool = False
+    ) -> None:
+        self.node, self.scene, self.period_s = node, scene, 1 / rate_hz
         self._executor = SteadyExecutor()
         self._executor.add_node(node)
-        kinds = (Image, Image, DetectionArray, CameraInfo, Features, FeatureVerdicts)
-        self.publishers: dict[str, Publisher] = {
-            topic: node.create_publisher(kind, topic, qos.OUTPUT)
-            for topic, kind in zip(INPUTS, kinds, strict=True)
-        }
-        self.odometry: list[Odometry] = []
+        self._make = _compressed if is_compressed else _raw
+        self._publishers: dict[str, Publisher] = {}
+        self.sent: dict[int, float] = {}  # places by stamp
+        self.heard: list[Heard] = []
+        self.newest_ns: dict[str, int] = {}  # stamp of the last of each output
         self.status: SlamStatus | None = None
         self.features: Features | None = None  # the first that came
-        node.create_subscription(Odometry, topics.ODOM, self.odometry.append, qos.OUTPUT)
+        self.ahead_ns = 0  # stamps, of the clock
+        self.is_detector_slow = False  # boxes of one image in eight, half a second late
+        self._waiting: list[DetectionArray] = []
+        node.create_subscription(Odometry, topics.ODOM, self._on_odometry, qos.OUTPUT)
         node.create_subscription(SlamStatus, topics.SLAM_STATUS, self._on_status, qos.OUTPUT)
+        for type_, topic in (
+            (DetectionArray, OWN_DETECTIONS),
+            (TrackedObjectArray, topics.TRACKED_OBJECTS),
+        ):
+            node.create_subscription(type_, topic, self._noting(topic), qos.OUTPUT)
         # Raw, as wrong ones come back here, of which the middleware writes to the terminal.
         node.create_subscription(
             Features, topics.FEATURES, self._on_features, qos.OUTPUT, raw=True
         )
-        self._scene = still_scene()
         self._due_s = 0.0
 
     def send(self) -> dict[str, Any]:
         """Send one good instant, at its time, and return its messages."""
-        while (left_s := self._due_s - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=left_s)
-        self._due_s = max(self._due_s, time.monotonic()) + _PERIOD_S
-        messages = _messages(*self._scene, time.time_ns())
+        self.spin_until(self._due_s)
+        self._due_s = max(self._due_s, time.monotonic()) + self.period_s
+        image_bgr, depth_m, place_m = self.scene.view(len(self.sent))
+        stamp_ns = self.now_ns()
+        self.sent[stamp_ns] = place_m
+        header = conversions.header_to_msg(stamp_ns, FRAME)
+        messages = {
+            topics.CAMERA_INFO: conversions.camera_to_msg(self.scene.camera, header),
+            **self._make(image_bgr, depth_m, header),
+            topics.DETECTIONS: _boxes(self.scene.camera, header),
+        }
+        if self.is_detector_slow:
+            self._waiting.append(messages.pop(topics.DETECTIONS))
+            if len(self._waiting) == _SLOW_IMAGES:
+                messages[topics.DETECTIONS] = self._waiting[0]
+                self._waiting.clear()
         for topic, msg in messages.items():
-            self.publishers[topic].publish(msg)
+            self.publish(topic, msg)
         return messages
 
-    def is_tracking_within(self, limit_s: float) -> bool:
-        """Send until odometry comes of what is sent from now on; return whether it does."""
-        end_s, since_ns = time.monotonic() + limit_s, time.time_ns()
+    def publish(self, topic: str, msg: Any, type_: type[Any] | None = None) -> None:
+        """Send a message, or its bytes and their type."""
+        if topic not in self._publishers:
+            profile = qos.TF_STATIC if topic == topics.TF_STATIC else qos.OUTPUT
+            self._publishers[topic] = self.node.create_publisher(
+                type_ or type(msg), topic, profile
+            )
+        self._publishers[topic].publish(msg)
+
+    def now_ns(self) -> int:
+        """Return the stamp of an image that is taken now."""
+        return time.time_ns() + self.ahead_ns
+
+    def spin_until(self, end_s: float) -> None:
+        """Listen until a monotonic time."""
+        while (left_s := end_s - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left_s)
+
+    def send_for(self, duration_s: float) -> float:
+        """Send for a while; return the share of these images that odometry came of."""
+        before = len(self.sent)
+        end_s = time.monotonic() + duration_s
         while time.monotonic() < end_s:
             self.send()
-            if any(conversions.stamp_from_msg(m.header.stamp) >= since_ns for m in self.odometry):
-                self.odometry.clear()
-                return True
-        return False
+        self.spin_until(time.monotonic() + 0.5)
+        sent = list(self.sent)[before:]
+        return len(set(sent) & {heard.stamp_ns for heard in self.heard}) / len(sent)
+
+    def silent_within(self, limit_s: float, outputs: tuple[str, ...]) -> tuple[str, ...]:
+        """Send until all outputs come of what is sent from now on; return those that do not."""
+        end_s, since_ns = time.monotonic() + limit_s, self.now_ns()
+        self.newest_ns.clear()
+        while time.monotonic() < end_s:
+            self.send()
+            now_ns = self.now_ns()
+            if not (left := tuple(o for o in outputs if not self._came(o, since_ns, now_ns))):
+                break
+        return left
+
+    def _came(self, output: str, since_ns: int, now_ns: int) -> bool:
+        return since_ns <= self.newest_ns.get(output, 0) <= now_ns
+
+    def _noting(self, topic: str) -> Any:
+        def on_message(msg: Any) -> None:
+            self.newest_ns[topic] = conversions.stamp_from_msg(msg.header.stamp)
+
+        return on_message
+
+    def _on_odometry(self, msg: Odometry) -> None:
+        stamp_ns, place = conversions.stamp_from_msg(msg.header.stamp), msg.pose.pose.position
+        self.newest_ns[topics.ODOM] = stamp_ns
+        self.heard.append(Heard(time.monotonic(), stamp_ns, (place.x, place.y, place.z)))
 
     def _on_status(self, msg: SlamStatus) -> None:
         self.status = msg
@@ -79,23 +185,24 @@ class Sender:
             self.features = deserialize_message(data, Features)
 
 
-def still_scene() -> tuple[Any, Any]:
-    """Return colour (H, W, 3) uint8 and depth (H, W) float32, in m, rich in corners."""
-    rng = np.random.default_rng(3)
-    coarse = rng.integers(0, 256, (60, 80, 3), dtype=np.uint8)
-    image = cv2.resize(coarse, CAMERA.size_px, interpolation=cv2.INTER_CUBIC)
-    slope = np.linspace(1.5, 3.0, CAMERA.width_px, dtype=np.float32)
-    return image, np.tile(slope, (CAMERA.height_px, 1))
-
-
-def _messages(image_bgr: Any, depth_m: Any, stamp_ns: int) -> dict[str, Any]:
-    header = conversions.header_to_msg(stamp_ns, FRAME)
-    cup = Detection(class_name='cup', score=0.9, x_min=50.0, y_min=50.0, x_max=90.0, y_max=90.0)
-    width, height = CAMERA.size_px
-    boxes = DetectionArray(header=header, image_width=width, image_height=height, detections=[cup])
+def _raw(image_bgr: Any, depth_m: Any, header: Any) -> dict[str, Image]:
     return {
-        topics.CAMERA_INFO: conversions.camera_to_msg(CAMERA, header),
         topics.DEPTH_IMAGE: conversions.depth_to_msg(depth_m, header),
         topics.RGB_IMAGE: conversions.color_to_msg(image_bgr, header),
-        topics.DETECTIONS: boxes,
     }
+
+
+def _compressed(image_bgr: Any, depth_m: Any, header: Any) -> dict[str, CompressedImage]:
+    depth, color = topics.compressed_depth(topics.DEPTH_IMAGE), topics.compressed(topics.RGB_IMAGE)
+    return {
+        depth: conversions.compressed_depth_to_msg(depth_m, header),
+        color: conversions.compressed_color_to_msg(image_bgr, header, _QUALITY),
+    }
+
+
+def _boxes(camera: CameraModel, header: Any) -> DetectionArray:
+    width_px, height_px = camera.size_px
+    cup = Detection(class_name='cup', score=0.9, x_min=50.0, y_min=50.0, x_max=90.0, y_max=90.0)
+    return DetectionArray(
+        header=header, image_width=width_px, image_height=height_px, detections=[cup]
+    )

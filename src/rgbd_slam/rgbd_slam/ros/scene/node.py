@@ -42,7 +42,7 @@ from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.view_ledger import ViewLedger
 
-_NICE = 19  # below what the pose waits for
+NICE = 19  # below what the pose waits for
 _SLOP_NS = 20_000_000
 _PATIENCE_NS = 1_000_000_000  # for the final verdict on an image's objects
 _CAPACITY = 60  # images that wait for the tracker to say where they were taken: 2 s
@@ -218,5 +218,5 @@ class SceneNode(Node):
 
 def run_scene_node(messages: Connection, reports: Connection, setup: SceneSetup) -> None:
     """Map until the pipe ends; the main function of the process."""
-    os.nice(_NICE)
+    os.nice(NICE)
     run_node(lambda: SceneNode(messages, reports, setup))

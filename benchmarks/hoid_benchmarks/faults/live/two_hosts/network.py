@@ -9,15 +9,20 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_benchmarks.faults.cases import Outcome
-from hoid_benchmarks.faults.live.ends import COMPLAINT, ODOMETRY, SENT, camera, robot
-from hoid_benchmarks.faults.live.hosts import CAMERA_HOST, ROBOT_HOST, NoHostsError, TwoHosts
+from hoid_benchmarks.faults.live.two_hosts.ends import COMPLAINT, ODOMETRY, SENT, camera, robot
+from hoid_benchmarks.faults.live.two_hosts.hosts import (
+    CAMERA_HOST,
+    ROBOT_HOST,
+    NoHostsError,
+    TwoHosts,
+)
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import ProcessSpec, Supervisor
 from hoid_common.values import NS_PER_S
 
 _KIND = 'two hosts'
 _PROFILE = (
-    Path(__file__).resolve().parents[4] / 'src/hoid_common/config/fastdds_network_profile.xml'
+    Path(__file__).resolve().parents[5] / 'src/hoid_common/config/fastdds_network_profile.xml'
 )
 _START_S, _PHASE_S, _LATE_S = 60.0, 10.0, 1.0
 _BACK_S = 3.0  # after which all must be as with a clean link
@@ -57,7 +62,7 @@ def _cases(hosts: TwoHosts, folder: Path, seeds: range) -> Iterator[Outcome]:
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
         'FASTRTPS_DEFAULT_PROFILES_FILE': str(_PROFILE),
     }
-    module = (sys.executable, '-m', 'hoid_benchmarks.faults.live.ends')
+    module = (sys.executable, '-m', 'hoid_benchmarks.faults.live.two_hosts.ends')
     specs = [
         ProcessSpec(role, (*hosts.on(host), *module, role, str(folder)), environment)
         for role, host in ((camera.__name__, CAMERA_HOST), (robot.__name__, ROBOT_HOST))

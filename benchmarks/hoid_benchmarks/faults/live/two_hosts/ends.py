@@ -20,7 +20,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
-from hoid_benchmarks.faults.live.sender import CAMERA, FRAME, still_scene
+from hoid_benchmarks.faults.live.sender import CAMERA, FRAME, Scene
 from hoid_bringup.live.node_specs import FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_common import topics
@@ -42,7 +42,7 @@ def camera(say: Callable[[str], None]) -> None:
     colors = node.create_publisher(CompressedImage, color, qos.OUTPUT)
     depths = node.create_publisher(CompressedImage, depth, qos.OUTPUT)
     infos = node.create_publisher(CameraInfo, topics.CAMERA_INFO, qos.OUTPUT)
-    image_bgr, depth_m = still_scene()
+    image_bgr, depth_m, _ = Scene().view(0)
     noise_m = np.random.default_rng(0).normal(0.0, _NOISE_M, depth_m.shape)
     depth_m = np.round(depth_m + noise_m, 3).astype(np.float32)
     due_s = time.monotonic()

@@ -1,0 +1,131 @@
+"""Processes that are killed while they run: who goes on, and how soon they are there again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+from hoid_msgs.msg import SlamStatus
+from sensor_msgs.msg import PointCloud2
+
+from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS
+from hoid_benchmarks.faults.live.stage import Setup, Stage, staged
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM
+from hoid_common import topics
+from hoid_common.ros import conversions, qos
+from rgbd_slam.ros.scene.node import NICE
+
+MAPPER, ROOM = 'mapper', 'room'
+VICTIMS = (DETECTOR, MAPPER, ROOM, FILTER, SLAM)
+_GAP_S = 0.2  # of odometry, when one dies that no pose waits for
+_SAME_MAP_S, _ROOM_S, _LIMIT_S = 5.0, 10.0, 30.0
+_QUIET_S = 2.0
+_LIVED_S = 21.0  # sooner after its start, a room is taken for one that cannot live
+
+
+def death_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
+    """Yield the outcome of a SIGKILL of each process, for each seed."""
+    with staged(folder, Setup(restart=True)) as stage:
+        deaths = _Deaths(stage)
+        for seed in seeds:
+            rng = np.random.default_rng(seed)
+            for victim in VICTIMS:
+                deaths.go_on_for(_QUIET_S + rng.random())
+                yield deaths.outcome(victim, seed)
+
+
+class _Deaths:
+    def __init__(self, stage: Stage) -> None:
+        self._stage, self._sender = stage, stage.sender
+        stage.sender.node.create_subscription(
+            PointCloud2, topics.CLOUD_MAP, self._on_cloud, qos.LATCHED
+        )
+        self._cloud_s = 0.0
+        self._room_since_s = time.monotonic()
+
+    def go_on_for(self, duration_s: float) -> None:
+        """Send while nothing is wrong."""
+        self._until(lambda: False, duration_s)
+
+    def outcome(self, victim: str, seed: int) -> Outcome:
+        """Kill one, and wait until all is as before."""
+        if victim == ROOM:
+            self.go_on_for(self._room_since_s + _LIVED_S - time.monotonic())
+        killed_s = self._kill(victim)
+        if victim in (ROOM, SLAM):
+            self._room_since_s = killed_s
+        is_back, limit_s = self._signs(victim, killed_s)
+        self._until(is_back, _LIMIT_S)
+        back_s = time.monotonic() - killed_s
+        gap_s = self._gap_s(killed_s)
+        complaint = ''
+        if not is_back():
+            complaint = f'not back in {_LIMIT_S:g} s'
+        elif back_s > limit_s:
+            complaint = f'back after {back_s:.1f} s'
+        elif victim not in (FILTER, SLAM) and gap_s > _GAP_S:
+            complaint = f'no odometry for {gap_s:.2f} s'
+        elif self._num_maps() > 1:
+            complaint = f'{self._num_maps()} maps'
+        note = f'longest gap of odometry {gap_s:.2f} s'
+        return Outcome(f'{victim} killed', seed, complaint, wall_s=back_s, note=note)
+
+    def _kill(self, victim: str) -> float:
+        self._stage.nodes.poll()
+        pids = self._stage.nodes.pids
+        pid = pids[victim] if victim in pids else _child(pids[SLAM], is_room=victim == ROOM)
+        self._sender.newest_ns.clear()
+        os.kill(pid, signal.SIGKILL)
+        return time.monotonic()
+
+    def _signs(self, victim: str, killed_s: float) -> tuple[Callable[[], bool], float]:
+        """Return what tells that all is as before, and how long that may take."""
+        if victim == DETECTOR:
+            return (lambda: OWN_DETECTIONS in self._sender.newest_ns), _SAME_MAP_S
+        if victim == ROOM:
+            return (lambda: self._cloud_s > killed_s), _ROOM_S
+        since_ns = self._sender.now_ns()
+
+        def is_tracked() -> bool:
+            status = self._sender.status
+            return (
+                status is not None
+                and conversions.stamp_from_msg(status.header.stamp) > since_ns
+                and status.state == SlamStatus.TRACKING
+                and self._sender.newest_ns.get(topics.ODOM, 0) > since_ns
+            )
+
+        return is_tracked, _SAME_MAP_S
+
+    def _until(self, is_done: Callable[[], bool], limit_s: float) -> None:
+        end_s = time.monotonic() + limit_s
+        while time.monotonic() < end_s and not is_done():
+            self._sender.send()
+            self._stage.nodes.poll()
+
+    def _gap_s(self, since_s: float) -> float:
+        self.go_on_for(1.0)
+        times_s = [heard.when_s for heard in self._sender.heard]
+        before = [t for t in times_s if t <= since_s][-1:]
+        return float(np.max(np.diff([*before, *(t for t in times_s if t > since_s)]), initial=0.0))
+
+    def _num_maps(self) -> int:
+        return self._sender.status.maps if self._sender.status else 0
+
+    def _on_cloud(self, msg: PointCloud2) -> None:
+        if msg.width * msg.height:
+            self._cloud_s = time.monotonic()
+
+
+def _child(pid: int, *, is_room: bool) -> int:
+    """Return the process of the room, which is the nicest, or of the mapper."""
+    workers = [
+        p for p in psutil.Process(pid).children() if '--multiprocessing-fork' in p.cmdline()
+    ]
+    return int(next(p.pid for p in workers if (p.nice() == NICE) == is_room))

@@ -1,0 +1,184 @@
+"""A disk that is full or read-only while maps, trajectories, checkpoints and bags are written."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from hoid_msgs.srv import SaveMap, SaveTrajectory
+from std_srvs.srv import Trigger
+
+from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.stage import Seen, Stage
+from hoid_bringup.live.node_specs import SLAM
+from hoid_common import topics
+from hoid_common.io.files import leftovers
+from hoid_common.ros import qos
+
+FULL, READ_ONLY, SLOW = KINDS = ('disk full', 'disk read-only', 'disk slow')
+_DISK_MB = 64
+_ANSWER_S, _CHECKPOINT_S = 20.0, 15.0
+_REFILL_S, _PAUSE_S = 0.001, 0.3
+_FAILED = 'checkpoints that failed'
+_SERVICES = (
+    (SaveMap, topics.SAVE_MAP, 'kept.hoidmap'),
+    (SaveTrajectory, topics.SAVE_TRAJECTORY, 'kept.txt'),
+    (SaveMap, topics.SAVE_CLOUD, 'kept.ply'),
+)
+
+Spoilt = Callable[[Path], AbstractContextManager[None]]
+
+
+def disk_cases(
+    stage: Stage, bag_of: Callable[[Path], tuple[str, ...]], seeds: range
+) -> Iterator[Outcome]:
+    """Yield the outcomes of disks that refuse to be written, one of each kind for each seed.
+
+    Args:
+        stage: Its nodes write into their folder of maps.
+        bag_of: Returns a command of ours that writes a bag.
+        seeds: Of the cases.
+    """
+    if refused := _run('mount', '-t', 'tmpfs', '-o', f'size={_DISK_MB}m', 'tmpfs', stage.maps):
+        yield from (Outcome(kind, seeds.start, '', skipped=refused) for kind in KINDS)
+        return
+    try:
+        saves = _Saves(stage)
+        if complaint := saves.complaint(are_done=True):
+            yield Outcome(FULL, seeds.start, f'on a good disk: {complaint}')
+            return
+        for seed in seeds:
+            for kind, spoilt in ((FULL, _filled), (READ_ONLY, _read_only)):
+
+                def trouble(spoilt: Spoilt = spoilt) -> Seen:
+                    with spoilt(stage.maps):
+                        complaint = saves.complaint(are_done=False) or _bag_complaint(
+                            stage, bag_of(stage.maps / 'bag')
+                        )
+                    return Seen(complaint or saves.complaint(are_done=True))
+
+                yield stage.outcome(kind, seed, trouble)
+    finally:
+        _run('umount', '--lazy', stage.maps)
+    yield Outcome(SLOW, seeds.start, '', skipped='no device here can be slowed down')
+
+
+@contextmanager
+def _filled(folder: Path) -> Iterator[None]:
+    """Leave no room, not even where somebody removes a file."""
+    filler, is_ended = folder / 'filler', Event()
+
+    def fill() -> None:
+        with filler.open('wb', buffering=0) as file:
+            while not is_ended.wait(_REFILL_S):
+                with suppress(OSError):
+                    while True:
+                        file.write(bytes(1 << 16))
+
+    thread = Thread(target=fill)
+    thread.start()
+    time.sleep(_PAUSE_S)
+    try:
+        yield
+    finally:
+        is_ended.set()
+        thread.join()
+        filler.unlink()
+
+
+@contextmanager
+def _read_only(folder: Path) -> Iterator[None]:
+    end_s = time.monotonic() + _ANSWER_S
+    while _run('mount', '-o', 'remount,ro', folder) and time.monotonic() < end_s:
+        time.sleep(_PAUSE_S)  # a file is being written
+    try:
+        yield
+    finally:
+        _run('mount', '-o', 'remount,rw', folder)
+
+
+class _Saves:
+    """Asks for all files, and knows what they were."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._sender, self._maps = stage.sender, stage.maps
+        node = stage.sender.node
+        self._clients = {
+            name: (type_, node.create_client(type_, service.replace('~', SLAM)))
+            for type_, service, name in _SERVICES
+        }
+        self._reset = node.create_client(Trigger, topics.RESET.replace('~', SLAM))
+        self._failed = 0  # checkpoints, by diagnostics
+        node.create_subscription(
+            DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, qos.OUTPUT
+        )
+
+    def complaint(self, *, are_done: bool) -> str:
+        """Return what is wrong with the answers to all requests, and with the files."""
+        failed = self._failed
+        for name, (type_, client) in self._clients.items():
+            before = _identity(self._maps / name)
+            answer = self._answer(client, type_.Request(name=name))
+            if answer is None:
+                return f'{client.srv_name} gives no answer'
+            is_new = _identity(self._maps / name) != before
+            # Whoever removes a file makes room for a small one.
+            is_right = answer.success == is_new and (is_new or not are_done)
+            if not is_right or not answer.message or '\n' in answer.message:
+                return f'{client.srv_name} answers {answer.success}: {answer.message}'
+        if left := leftovers(self._maps):
+            return f'{left[0].name} was left'
+        if are_done:
+            return ''
+        # A new map is written soon, one that stays as it was is not.
+        if self._answer(self._reset, Trigger.Request()) is None:
+            return 'no answer to reset'
+        end_s = time.monotonic() + _CHECKPOINT_S
+        while self._failed == failed and time.monotonic() < end_s:
+            self._sender.send()
+        return '' if self._failed > failed else 'diagnostics count no checkpoint that failed'
+
+    def _answer(self, client: Any, request: Any) -> Any:
+        future = client.call_async(request)
+        end_s = time.monotonic() + _ANSWER_S
+        while not future.done() and time.monotonic() < end_s:
+            self._sender.send()
+        return future.result() if future.done() else None
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for value in (v for status in msg.status for v in status.values if v.key == _FAILED):
+            self._failed = int(value.value)
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return what tells a file from the one that was there before."""
+    found = path.stat() if path.exists() else None
+    return (found.st_ino, found.st_mtime_ns) if found else None
+
+
+def _bag_complaint(stage: Stage, command: tuple[str, ...]) -> str:
+    """Return what is wrong with how a command ends that cannot write its bag."""
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while child.poll() is None:
+        stage.sender.send()
+    said = child.communicate()[1]
+    lines = [line for line in said.splitlines() if line.startswith('hoid ')]
+    if child.returncode != 1 or len(lines) != 1 or 'Traceback' in said:
+        return f'{" ".join(command[2:])} ends with {child.returncode}: {said[-300:]}'
+    left = [*leftovers(stage.maps), *stage.maps.glob('bag*')]
+    return f'{left[0].name} was left' if left else ''
+
+
+def _run(*command: str | Path) -> str:
+    """Run a command and return why it fails, or nothing."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return f'there is no {command[0]}'
+    return ' '.join(done.stderr.split()) if done.returncode else ''

@@ -1,0 +1,176 @@
+"""The nodes on a stage: who sends to them, and what every case asks of them afterwards."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import psutil
+import rclpy
+from rclpy.parameter import Parameter
+
+from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS, RATE_HZ, Scene, Sender
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
+from hoid_bringup.live.ros_domain import own_domain
+from hoid_bringup.live.supervisor import Supervisor
+from hoid_common import topics
+from hoid_common.errors import HoidError
+from hoid_detector.model.model_path import SYNTHETIC
+
+START_S, BACK_S = 60.0, 5.0
+_WARM_IMAGES = 30
+_MEMORY_FACTOR, _MEMORY_MB = 1.3, 60.0
+MAPS = 'maps'
+ALL_OUTPUTS = (topics.ODOM, OWN_DETECTIONS, topics.TRACKED_OBJECTS)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What runs and what it is sent."""
+
+    nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM)
+    has_room: bool = True  # dense map and object tracks
+    scene: Scene | None = None  # None: the still one
+    rate_hz: float = RATE_HZ
+    is_compressed: bool = False
+    restart: bool = False  # what has died
+    sim_time: bool = False
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Return what comes of every image, or of every few."""
+        is_made = (True, DETECTOR in self.nodes, self.has_room)
+        return tuple(o for o, made in zip(ALL_OUTPUTS, is_made, strict=True) if made)
+
+    def options(self, maps: Path) -> Iterator[NodeOptions]:
+        """Yield what the nodes are started with; the detector keeps its boxes to itself."""
+        image = {'input.compressed': self.is_compressed}
+        parameters: dict[str, dict[str, Any]] = {
+            DETECTOR: {'model': SYNTHETIC, **image},
+            FILTER: {'strategy': 'hoid2d', 'detections.wait_s': 0.1, **image},
+            SLAM: {
+                'map_directory': str(maps), 'checkpoint_period_s': 1.0,
+                'dense.enabled': self.has_room, 'objects.enabled': self.has_room, **image,
+            },
+        }  # fmt: skip
+        for node in self.nodes:
+            away = ((topics.DETECTIONS, OWN_DETECTIONS),) if node == DETECTOR else ()
+            yield NodeOptions(
+                (node,), parameters=parameters, remappings=away, use_sim_time=self.sim_time
+            )
+
+
+class Seen(NamedTuple):
+    """What a case saw while it made trouble."""
+
+    complaint: str = ''
+    note: str = ''
+
+
+class _State(NamedTuple):
+    pids: Mapping[str, int]
+    memory_mb: Mapping[str, float]
+    maps: int
+
+
+class Stage:
+    """The nodes that run, and who sends to them."""
+
+    def __init__(self, setup: Setup, folder: Path, nodes: Supervisor, sender: Sender) -> None:
+        self.setup, self.folder, self.nodes, self.sender = setup, folder, nodes, sender
+        self.maps = folder / MAPS
+
+    def outcome(
+        self, kind: str, seed: int, trouble: Callable[[], Seen], back_s: float = BACK_S
+    ) -> Outcome:
+        """Make trouble, and judge what is there afterwards.
+
+        All nodes must be alive, all outputs come again within `back_s` in the same number of
+        maps, and their memory must be as before.
+        """
+        self.nodes.poll()
+        before, start_s = self._state(), time.monotonic()
+        complaint, note = trouble()
+        complaint = complaint or self._complaint(before, back_s)
+        wall_s, peak_mb = time.monotonic() - start_s, max(self._memory_mb().values(), default=0.0)
+        return Outcome(kind, seed, complaint, wall_s=wall_s, peak_mb=peak_mb, note=note)
+
+    def _complaint(self, before: _State, back_s: float) -> str:
+        if exits := self.nodes.poll():
+            return '; '.join(map(str, exits))
+        if self.nodes.pids != before.pids:
+            return 'a node was started anew'
+        if silent := self.sender.silent_within(back_s, self.setup.outputs):
+            return f'no {", ".join(silent)} for {back_s:g} s of good messages'
+        if (maps := self._state().maps) > before.maps:
+            return f'{maps} maps where there were {before.maps}'
+        return self._grown(before.memory_mb) or self._tracebacks()
+
+    def _state(self) -> _State:
+        status = self.sender.status
+        return _State(self.nodes.pids, self._memory_mb(), status.maps if status else 0)
+
+    def _grown(self, before_mb: Mapping[str, float]) -> str:
+        for name, now_mb in self._memory_mb().items():
+            if now_mb > _MEMORY_FACTOR * before_mb[name] + _MEMORY_MB:
+                return f'{name} has {now_mb:.0f} MB where it had {before_mb[name]:.0f}'
+        return ''
+
+    def _memory_mb(self) -> dict[str, float]:
+        return {name: family_mb(pid) for name, pid in self.nodes.pids.items()}
+
+    def _tracebacks(self) -> str:
+        for log in self.folder.glob('*.log'):
+            if 'Traceback' in log.read_text(errors='replace'):
+                return f'a traceback of {log.stem}'
+        return ''
+
+
+def shared(share: float, least: float) -> Seen:
+    """Return what was seen when odometry came of a share of the images."""
+    complaint = '' if share >= least else f'odometry of {share:.2f} of the images'
+    return Seen(complaint, f'odometry {share:.2f}')
+
+
+def family_mb(pid: int) -> float:
+    """Return the resident memory of a process and of all that it has started."""
+    total = 0
+    with suppress(psutil.NoSuchProcess):
+        process = psutil.Process(pid)
+        for member in (process, *process.children(recursive=True)):
+            with suppress(psutil.NoSuchProcess):
+                total += member.memory_info().rss
+    return total / 2**20
+
+
+@contextmanager
+def staged(folder: Path, setup: Setup) -> Iterator[Stage]:
+    """Run the nodes, and go on once all their outputs have come.
+
+    Raises:
+        HoidError: They do not come.
+    """
+    maps = folder / MAPS
+    maps.mkdir(parents=True)
+    specs = [spec for options in setup.options(maps) for spec in node_specs(options, folder)]
+    with own_domain(), Supervisor(specs, restart=setup.restart, log_dir=folder) as nodes:
+        rclpy.init()
+        use_sim_time = Parameter('use_sim_time', value=False)
+        node = rclpy.create_node('faults', parameter_overrides=[use_sim_time])
+        try:
+            sender = Sender(
+                node, setup.scene or Scene(), setup.rate_hz, is_compressed=setup.is_compressed
+            )
+            if silent := sender.silent_within(START_S, setup.outputs):
+                raise HoidError(f'no {", ".join(silent)} of good messages in {START_S:g} s')
+            for _ in range(_WARM_IMAGES):
+                sender.send()
+            yield Stage(setup, folder, nodes, sender)
+        finally:
+            node.destroy_node()
+            rclpy.try_shutdown()

@@ -1,0 +1,37 @@
+"""Cases that share nodes: to start them takes longer than most of these cases."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.conditions import clock_cases, load_cases, sim_time_cases
+from hoid_benchmarks.faults.live.disk import disk_cases
+from hoid_benchmarks.faults.live.inputs import message_cases
+from hoid_benchmarks.faults.live.stage import Setup, staged
+from hoid_benchmarks.faults.samples import Samples
+
+
+def standing_cases(
+    samples: Samples, folder: Path, messages: range, conditions: range
+) -> Iterator[Outcome]:
+    """Yield the outcomes of wrong messages and of bad conditions."""
+    with staged(folder / 'raw', Setup()) as stage:
+        yield from message_cases(stage, messages)
+        yield from clock_cases(stage, conditions)
+        yield from load_cases(stage, conditions)
+        if conditions:
+            yield from disk_cases(stage, lambda path: _convert(samples, path), conditions)
+    if messages:
+        with staged(folder / 'packed', Setup(is_compressed=True)) as stage:
+            yield from message_cases(stage, messages)
+    if len(conditions) > 1:
+        yield from sim_time_cases(folder / 'sim time', conditions)
+
+
+def _convert(samples: Samples, bag: Path) -> tuple[str, ...]:
+    """Return the command that writes a bag."""
+    command = ('convert', str(samples.tum), str(bag), '--camera', str(samples.camera))
+    return (sys.executable, '-m', 'hoid_bringup', *command)
