@@ -44,7 +44,8 @@ def run_filter(probe: Probe, start: Start) -> FilterRunner:
 
     def run(**params: Any) -> Peer:
         start('hoid_filter', 'hoid_filter_node', {'strategy': 'hoid2d', **params})
-        return Peer(probe, as_vision_msgs=params.get('detections.as_vision_msgs', False))
+        is_deaf = params.get('strategy') == 'motion' or params.get('detections.as_vision_msgs')
+        return Peer(probe, hears_boxes=not is_deaf)
 
     return run
 

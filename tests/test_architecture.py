@@ -28,7 +28,7 @@ ROOMS = {
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
     'hoid_filter': """
-        config drawing < extraction < detections < node_config motion < rules masked_images
+        config drawing < extraction < motion < detections < node_config < rules masked_images
         < feature_filter < ros < node
     """,
     'rgbd_slam': """

@@ -140,6 +140,44 @@ def test_a_skipped_image_is_judged_by_the_boxes_of_the_next(run_filter: FilterRu
     assert num_inside(features, PERSON) == 0
 
 
+@pytest.mark.parametrize('strategy', ['motion', 'hoid+'])
+def test_features_go_out_before_motion_is_looked_for(
+    run_filter: FilterRunner, strategy: str
+) -> None:
+    peer = run_filter(strategy=strategy)
+    verdicts = peer.probe.collect(FeatureVerdicts, 'feature_verdicts')
+    masks = peer.probe.collect(Image, 'hoid_filter/mask')
+    peer.probe.spin_for(0.3)
+    num = 12
+    for i in range(num):
+        image_bgr, depth_m = IMAGE.copy(), np.full_like(DEPTH_M, 3.0)
+        left = 100 + 14 * i
+        box = (float(left), 120.0, left + 200.0, 320.0)
+        image_bgr[120:320, left : left + 200] = IMAGE[0:200, 0:200]
+        depth_m[120:320, left : left + 200] = 1.5  # it passes before a wall
+        if strategy == 'hoid+':  # nobody is detected
+            peer.send_boxes(i)
+            peer.probe.spin_for(0.1)
+        peer.send_images(i, depth_m, image_bgr)
+        _, final = peer.answer(2 * i + 2, num_features=i + 1)
+    assert [objects.provisional for objects in peer.objects] == [True, False] * num
+    headers = [peer.header(i) for i in range(num)]
+    assert [objects.header for objects in peer.objects[::2]] == headers
+    (seen,) = final.objects
+    assert (seen.class_name, seen.reason) == ('unknown', ObjectMsg.MOVING)
+    assert (seen.x_min, seen.y_min, seen.x_max, seen.y_max) == pytest.approx(box, abs=16)
+    before = peer.objects[-2].objects[0]  # what is said at once is of the image before
+    assert before.x_max == pytest.approx(box[2] - 14, abs=16)
+    peer.probe.spin_until(lambda: len(verdicts) == len(masks) == num, 'no final words')
+    assert [v.header for v in verdicts] == headers
+    assert any(any(v.dynamic) for v in verdicts[1:])  # of what had not moved before
+    # What came into the last image is dropped by its verdict, and masked.
+    new = ('', (box[2] - 10, 140.0, box[2], 300.0))
+    assert num_inside(peer.features[-1], ('', box)) < 0.2 * num_inside(peer.features[0], ('', box))
+    mask = np.frombuffer(masks[-1].data, np.uint8).reshape(HEIGHT, WIDTH)
+    assert not mask[140:300, int(new[1][0]) : int(new[1][2])].any()
+
+
 @pytest.mark.parametrize('on_loss', ['unfiltered', 'stop'])
 def test_loss_of_the_detector_is_said_and_lived_with(
     run_filter: FilterRunner, on_loss: str

@@ -40,14 +40,14 @@ DEPTH_M = np.full((HEIGHT, WIDTH), 2.0, np.float32)
 class Peer:
     """Sends what the node needs and keeps what it says."""
 
-    def __init__(self, probe: Probe, *, as_vision_msgs: bool = False) -> None:
+    def __init__(self, probe: Probe, *, hears_boxes: bool = True) -> None:
         self.probe = probe
         self.features = probe.collect(FeaturesMsg, 'features', wait=False)
         self.objects = probe.collect(DynamicObjectArray, 'dynamic_objects', wait=False)
         self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
         self.color = probe.publisher(Image, 'rgb/image')
         self.depth = probe.publisher(Image, 'depth/image')
-        self.boxes = probe.publisher(DetectionArray, 'detections', wait=not as_vision_msgs)
+        self.boxes = probe.publisher(DetectionArray, 'detections', wait=hears_boxes)
         self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')
         self.camera.publish(conversions.camera_to_msg(CAMERA, self.header(0)))
         probe.spin_for(0.2)
@@ -56,9 +56,9 @@ class Peer:
         """Return the header of frame i."""
         return conversions.header_to_msg(START_NS + i * PERIOD_NS, FRAME)
 
-    def send_images(self, i: int, depth_m: Any = DEPTH_M) -> None:
+    def send_images(self, i: int, depth_m: Any = DEPTH_M, image_bgr: Any = IMAGE) -> None:
         """Publish the images of frame i."""
-        self.color.publish(conversions.color_to_msg(IMAGE, self.header(i)))
+        self.color.publish(conversions.color_to_msg(image_bgr, self.header(i)))
         self.depth.publish(conversions.depth_to_msg(depth_m, self.header(i)))
 
     def send_boxes(self, i: int, *rows: Row, **fields: Any) -> None:

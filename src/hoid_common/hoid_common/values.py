@@ -275,9 +275,6 @@ class FilterResult:
     num_features_in: int
     num_removed: int
     stage_ms: dict[str, float] = field(default_factory=dict)  # 'extract', 'filter'
-    # Where they were wanted: (H, W), 255 = static, 0 = moving, of which less may be masked than
-    static_mask: ByteArray | None = None
-    moving: BoolArray | None = None  # moves: (H, W), the same whatever features that leaves
 
 
 @dataclass(frozen=True, eq=False)

@@ -198,6 +198,11 @@ class FilterConfig(Config):
         """Return whether the strategy looks at boxes at all."""
         return self.strategy not in WITHOUT_DETECTOR
 
+    @property
+    def senses_motion(self) -> bool:
+        """Return whether what moves is looked for beside what is detected."""
+        return self.strategy == 'motion' or (self.strategy == 'hoid+' and self.motion.enabled)
+
     def may_be_handled(self, class_name: str) -> bool:
         """Return whether a thing of the class moves when a person handles it."""
         return class_name in self._handled or (not self._handled and class_name != PERSON)

@@ -19,15 +19,17 @@ from hoid_common.values import (
     FeatureVerdicts,
     FilterResult,
     Float32Array,
+    IntArray,
     Reason,
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import Appearance, FilterInput, Verdict
+from hoid_filter.detections.aligned_detections import FilterInput, Verdict
 from hoid_filter.detections.sanitize import sanitize
 from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.extraction.pyramid import Corners
-from hoid_filter.masked_images import moving_mask, static_mask
+from hoid_filter.motion.moving_regions import NOTHING, MotionSense
+from hoid_filter.motion.small_view import MotionView
 from hoid_filter.rules.registry import make_strategy
 
 
@@ -44,17 +46,23 @@ class FinalWord(NamedTuple):
 
     objects: tuple[DynamicObject, ...]
     verdicts: FeatureVerdicts
+    verdict: Verdict  # by which pixels are masked
 
 
 class FeatureFilter:
-    """Finds corners, judges objects, masks the dynamic ones, spreads and describes the rest."""
+    """Finds corners, judges objects, masks the dynamic ones, spreads and describes the rest.
+
+    What moves without being detected takes longest to find. `process` looks for it first; who has
+    no time calls the verbs one by one: the features of `select_and_describe` then go by what moved
+    before, and `judge_again` tells after `sense_motion` which of them move.
+    """
 
     def __init__(self, config: FilterConfig, camera: CameraModel | None = None) -> None:
         """Take the camera, if known, for the 3-D centres of objects in images of its size."""
         self._config = config
         self.camera = camera
         self._extractor = OrbExtractor(config.extraction)
-        self._strategy = make_strategy(config)
+        self.reset()
         self.counters: Counter[str] = Counter()
 
     def reconfigure(self, config: FilterConfig) -> None:
@@ -65,6 +73,7 @@ class FeatureFilter:
     def reset(self) -> None:
         """Forget what was remembered of earlier images, as when their stamps start anew."""
         self._strategy = make_strategy(self._config)
+        self._motion = MotionSense(self._config.motion) if self._config.senses_motion else None
 
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
@@ -77,9 +86,13 @@ class FeatureFilter:
                 said nothing (which is not the same as seeing nothing).
             for_picture: also report where the features were that the verdict removed.
         """
-        return self.select_and_describe(
-            self.detect_corners(frame), detections, for_picture=for_picture
-        )
+        detected = self.detect_corners(frame)
+        start = time.thread_time()
+        self.sense_motion(detected)
+        sensed_ms = (time.thread_time() - start) * 1e3
+        result = self.select_and_describe(detected, detections, for_picture=for_picture)
+        result.stage_ms['filter'] += sensed_ms
+        return result
 
     def detect_corners(self, frame: RgbdFrame) -> DetectedCorners:
         """Find the corners of an image; raises MessageError when its two images differ in size."""
@@ -89,20 +102,39 @@ class FeatureFilter:
         corners = self._extractor.detect(np.asarray(gray, np.uint8))
         return DetectedCorners(frame, corners, time.thread_time() - start)
 
+    def sense_motion(self, detected: DetectedCorners) -> None:
+        """Find what moves in an image without being detected; images come in order of time."""
+        frame, corners, _ = detected
+        if self.camera is None or self.camera.size_px != frame.size_px:
+            self.counters['images without their camera'] += 1
+            return
+        if self._motion is None:
+            return
+        view = MotionView(
+            frame.stamp_ns,
+            self.camera,
+            corners.pyramid.levels[0],
+            frame.depth_m,
+            corners.pixel,
+            corners.score,
+        )
+        self._motion.sense(view)
+
+    def is_motion_known(self, stamp_ns: int) -> bool:
+        """Return whether motion has been looked for in an image, if it ever is."""
+        return self._motion is None or self._motion.has_sensed(stamp_ns)
+
     def select_and_describe(
         self,
         detected: DetectedCorners,
         detections: Detections | None,
         *,
         for_picture: bool = False,
-        with_mask: bool = False,
     ) -> FilterResult:
-        """Return what `process` does, of images in order of time, with a mask where wanted."""
+        """Return what `process` does, by what is known by now to move."""
         frame, corners, detected_s = detected
         found = time.thread_time()
-        appearance = self._appearance(corners, frame.size_px)
-        view = FilterInput(frame.stamp_ns, detections, frame.depth_m, corners.pixel, appearance)
-        verdict = self._judge(view)
+        verdict = self._judge(frame.stamp_ns, detections, frame.depth_m, corners.pixel)
         self.counters['frames with too few static features'] += verdict.fallback_step > 0
         judged = time.thread_time()
         chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)
@@ -117,8 +149,6 @@ class FeatureFilter:
             features=features,
             objects=self._objects(verdict, frame.size_px),
             removed_uv_px=self._removed(corners, verdict, for_picture),
-            static_mask=static_mask(verdict, frame.size_px) if with_mask else None,
-            moving=moving_mask(verdict, frame.size_px) if with_mask else None,
             num_features_in=len(corners),
             num_removed=0 if verdict.kept is None else len(corners) - len(verdict.kept),
             stage_ms={
@@ -128,45 +158,51 @@ class FeatureFilter:
         )
 
     def judge_again(
-        self, features: Features, depth_m: Float32Array, detections: Detections
+        self,
+        features: Features,
+        depth_m: Float32Array,
+        detections: Detections | None,
     ) -> FinalWord:
-        """Return what detections that came late say of an image and its features.
-
-        What moves in it without being detected is known already, and stays.
+        """Return what is known by now of an image and its features.
 
         Args:
             features: Of the image, one of the last second, as `select_and_describe` gave them.
             depth_m: (H, W) of the image.
-            detections: Of the image, or of a later one that the detector took instead.
+            detections: Of the image, or of a later one that the detector took instead; None when
+                there are no more than were given with the image.
         """
         height, width = depth_m.shape
         u, v = np.rint(features.uv_px).astype(np.int64).T
         pixels = np.clip(v, 0, height - 1) * width + np.clip(u, 0, width - 1)
-        view = FilterInput(features.stamp_ns, detections, depth_m, pixels, is_second=True)
-        verdict = self._judge(view)
+        verdict = self._judge(features.stamp_ns, detections, depth_m, pixels)
         is_dynamic = np.zeros(len(features), np.bool_)
         if verdict.kept is not None:
             is_dynamic[:] = True
             is_dynamic[verdict.kept] = False
         if verdict.seeds is not None:
             is_dynamic |= ~verdict.seeds
-        objects = self._objects(verdict, (width, height))
-        return FinalWord(objects, FeatureVerdicts(features.stamp_ns, is_dynamic))
+        return FinalWord(
+            self._objects(verdict, (width, height)),
+            FeatureVerdicts(features.stamp_ns, is_dynamic),
+            verdict,
+        )
 
-    def _judge(self, view: FilterInput) -> Verdict:
-        height, width = view.depth_m.shape
-        if view.detections is not None:
-            fit = sanitize(view.detections, width, height, self._config.max_detections)
+    def _judge(
+        self,
+        stamp_ns: int,
+        detections: Detections | None,
+        depth_m: Float32Array,
+        corner_pixels: IntArray,
+    ) -> Verdict:
+        height, width = depth_m.shape
+        if detections is not None:
+            fit = sanitize(detections, width, height, self._config.max_detections)
             self.counters['boxes refused'] += fit.num_refused
             self.counters['boxes clipped'] += fit.num_clipped
-            view = view._replace(detections=fit.detections)
+            detections = fit.detections
+        moving = NOTHING if self._motion is None else self._motion.at(stamp_ns)
+        view = FilterInput(stamp_ns, detections, depth_m, corner_pixels, moving)
         return self._strategy.judge(view)
-
-    def _appearance(self, corners: Corners, size_px: tuple[int, int]) -> Appearance | None:
-        if self.camera is None or self.camera.size_px != size_px:
-            self.counters['images without their camera'] += 1
-            return None
-        return Appearance(self.camera, corners.pyramid.levels[0], corners.score)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
         """Return where the features were that would have been chosen had nothing been masked."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
@@ -12,26 +14,22 @@ STATIC, MOVING = 255, 0
 _POINT_STRIDE_PX = 8  # 1.5 cm at 1 m in a picture 640 px wide, finer than cells of a costmap
 
 
-def static_mask(verdict: Verdict, size_px: tuple[int, int]) -> ByteArray:
-    """Return an (H, W) mask, in OpenCV's sense: features may lie where it is not 0.
+class PixelMasks(NamedTuple):
+    """Which pixels of an image move."""
 
-    Args:
-        verdict: On the image.
-        size_px: Width and height of the image.
-    """
-    width, height = size_px
+    static: ByteArray  # (H, W), in OpenCV's sense: features may lie where it is not 0
+    moving: BoolArray  # (H, W), however little else that leaves
+
+
+def pixel_masks(verdict: Verdict, size_px: tuple[int, int]) -> PixelMasks:
+    """Return the masks of an image of a width and height, by the verdict on it."""
+    moving = _moving_mask(verdict, size_px)
     if verdict.kept is None:  # nothing moves, or too little else is left
-        return np.full((height, width), STATIC, np.uint8)
-    return np.where(moving_mask(verdict, size_px), MOVING, STATIC).astype(np.uint8)
+        return PixelMasks(np.full(moving.shape, STATIC, np.uint8), moving)
+    return PixelMasks(np.where(moving, MOVING, STATIC).astype(np.uint8), moving)
 
 
-def moving_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
-    """Return where something moves, (H, W), however little else that leaves.
-
-    Args:
-        verdict: On the image.
-        size_px: Width and height of the image.
-    """
+def _moving_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
     if verdict.moves is not None:
         moves = verdict.moves.astype(np.uint8)
         return cv2.resize(moves, size_px, interpolation=cv2.INTER_NEAREST) > 0

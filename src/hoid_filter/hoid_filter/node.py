@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from hoid_msgs.msg import DetectionArray
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
@@ -16,7 +18,7 @@ from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
-from hoid_common.values import RgbdFrame
+from hoid_common.values import Features, RgbdFrame
 from hoid_filter.detections.detection_gate import Known
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.node_config import FilterNodeConfig
@@ -26,11 +28,18 @@ from hoid_filter.ros.second_looks import FirstLook, SecondLooks
 _SILENCE_S = 0.05  # after which images are looked at again that wait for detections
 
 
+class _Published(NamedTuple):
+    look: FirstLook
+    features: Features
+    is_final: bool
+
+
 class FilterNode(ManagedNode):
     """Brings images, depth and detections together and publishes what the filter makes of them.
 
-    An image is published at once, judged by motion and by boxes predicted to it, and judged again
-    when its own detections are there. Only before the detector's first answer does it wait.
+    An image is published at once, judged by what moved before and by boxes predicted to it. It is
+    judged again when motion has been looked for in it and its own detections are there. Only
+    before the detector's first answer does it wait.
     """
 
     def __init__(self) -> None:
@@ -74,9 +83,12 @@ class FilterNode(ManagedNode):
             self._size_px = frame.size_px
             self._check_camera()
         if self._settings.config.needs_detections:
-            self._process(self._second_looks.add_image(header, detected))
+            looks = self._second_looks.add_image(header, detected)
         else:
-            self._process([FirstLook(header, detected, Known(None, is_final=True))])
+            looks = [FirstLook(header, detected, Known(None, is_final=True))]
+        published = self._publish(looks)
+        self._filter.sense_motion(detected)  # last: nothing waits for it
+        self._follow_up(published)
 
     def _take_detections(self, msg: DetectionArray | Detection2DArray) -> None:
         if isinstance(msg, Detection2DArray):
@@ -86,7 +98,7 @@ class FilterNode(ManagedNode):
             if self._size_px not in (None, said):
                 raise MessageError(f'detections are of {said} px, colour is {self._size_px}')
             detections = conversions.detections_from_msg(msg)
-        self._process(self._second_looks.add_detections(detections))
+        self._follow_up(self._publish(self._second_looks.add_detections(detections)))
 
     def _take_camera(self, msg: CameraInfo) -> None:
         self._filter.camera = conversions.camera_from_msg(msg)
@@ -100,20 +112,30 @@ class FilterNode(ManagedNode):
             self.diagnostics.report(error, 'camera infos refused')
 
     def _poll(self) -> None:
-        self._process(self._second_looks.poll())
+        self._follow_up(self._publish(self._second_looks.poll()))
 
-    def _process(self, images: list[FirstLook]) -> None:
-        for header, detected, known in images:
+    def _publish(self, looks: list[FirstLook]) -> list[_Published]:
+        """Publish features by what is known by now."""
+        published = []
+        for look in looks:
+            frame = look.detected.frame
             result = self._filter.select_and_describe(
-                detected,
-                known.detections,
-                for_picture=self._outputs.wants_picture,
-                with_mask=self._outputs.wants_mask,
+                look.detected, look.known.detections, for_picture=self._outputs.wants_picture
             )
-            frame, camera = detected.frame, self._filter.camera
-            self._outputs.publish(frame, result, header, camera, provisional=not known.is_final)
-            if not known.is_final:
-                self._second_looks.remember(header, frame, result)
+            is_final = look.known.is_final and self._filter.is_motion_known(frame.stamp_ns)
+            self._outputs.publish(frame, result, look.header, provisional=not is_final)
+            published.append(_Published(look, result.features, is_final))
+        return published
+
+    def _follow_up(self, published: list[_Published]) -> None:
+        """Publish masks where they are wanted, and have images judged again that are to be."""
+        for look, features, is_final in published:
+            if self._outputs.wants_masks:
+                depth_m = look.detected.frame.depth_m
+                word = self._filter.judge_again(features, depth_m, None)
+                self._outputs.publish_masks(word, depth_m, look.header, self._filter.camera)
+            if not is_final:
+                self._second_looks.remember(look, features)
             self.diagnostics.count('images filtered')
             for name, number in self._filter.counters.items():
                 self.diagnostics.set_count(name, number)

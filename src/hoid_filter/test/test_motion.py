@@ -15,6 +15,7 @@ from hoid_common.values import (
     ByteArray,
     CameraModel,
     Detections,
+    DynamicObject,
     Float32Array,
     FloatArray,
     Reason,
@@ -156,6 +157,31 @@ def test_where_nothing_moves_nothing_is_masked(step_m: float, turn_rad: float) -
         assert result.objects == ()
         unfiltered = none.process(frame, None).features
         np.testing.assert_array_equal(result.features.uv_px, unfiltered.uv_px)
+
+
+def test_features_may_be_chosen_before_motion_is_looked_for() -> None:
+    quick, patient = make_filter(), make_filter()
+    objects: tuple[DynamicObject, ...] = ()  # by the last final word
+    taken_back = 0
+    for i in range(20):
+        frame, square = passing(i)
+        detected = quick.detect_corners(frame)
+        first = quick.select_and_describe(detected, None)
+        assert not quick.is_motion_known(frame.stamp_ns)
+        quick.sense_motion(detected)
+        assert quick.is_motion_known(frame.stamp_ns)
+        word = quick.judge_again(first.features, frame.depth_m, None)
+        boxes = [seen.box_xyxy_px for seen in first.objects]
+        assert boxes == [seen.box_xyxy_px for seen in objects]  # as in the image before
+        objects = word.objects
+        at = np.rint(first.features.uv_px).astype(int)
+        on_square = square[at[:, 1], at[:, 0]]
+        taken_back += int(word.verdicts.is_dynamic[on_square].sum())
+        wanted = patient.process(frame, None)
+        assert list(map(repr, word.objects)) == list(map(repr, wanted.objects))
+    assert len(objects) == 1
+    assert taken_back > 50  # where it had not been known to move
+    assert on_square.mean() < 0.01
 
 
 @pytest.mark.slow

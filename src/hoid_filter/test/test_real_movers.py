@@ -18,6 +18,7 @@ import pytest
 from hoid_common.values import NS_PER_S, BoolArray, CameraModel, RgbdFrame
 from hoid_filter.config import FilterConfig
 from hoid_filter.feature_filter import FeatureFilter
+from hoid_filter.masked_images import pixel_masks
 
 PAIRS = Path(__file__).parents[4] / 'shared' / 'data' / 'movers'
 OUTLINES = json.loads((Path(__file__).parent / 'data' / 'movers.json').read_text())
@@ -58,12 +59,11 @@ def measured(name: str) -> Shares:
     motion = FeatureFilter(FilterConfig(strategy='motion'), CAMERA)
     for n in (0, 1):
         seen = frame(name, n)
-        result = motion.select_and_describe(motion.detect_corners(seen), None, with_mask=True)
-    assert result.moving is not None
+        result = motion.process(seen, None)
+    word = motion.judge_again(result.features, seen.depth_m, None)
+    moving = pixel_masks(word.verdict, CAMERA.size_px).moving
     known, moves = seen.depth_m > 0, outlined(name)
-    return Shares(
-        float(result.moving[known & moves].mean()), float(result.moving[known & ~moves].mean())
-    )
+    return Shares(float(moving[known & moves].mean()), float(moving[known & ~moves].mean()))
 
 
 @pytest.mark.parametrize(

@@ -8,22 +8,13 @@ import numpy as np
 
 from hoid_common.values import (
     BoolArray,
-    ByteArray,
-    CameraModel,
     Detections,
     Float32Array,
     FloatArray,
     IntArray,
     Reason,
 )
-
-
-class Appearance(NamedTuple):
-    """What an image shows beside its depth, for those who follow it over time."""
-
-    camera: CameraModel
-    image_gray: ByteArray  # (H, W)
-    corner_scores: ByteArray  # (K,), higher is stronger
+from hoid_filter.motion.moving_regions import NOTHING, Moving
 
 
 class FilterInput(NamedTuple):
@@ -33,8 +24,7 @@ class FilterInput(NamedTuple):
     detections: Detections | None  # clipped; of this image or an older one; None: nothing was said
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
-    appearance: Appearance | None = None  # None: the camera is not known
-    is_second: bool = False  # it was judged before, and later ones may have been since
+    moving: Moving = NOTHING  # what is known to move in it, detected or not
 
 
 class AlignedDetections(NamedTuple):
@@ -97,6 +87,6 @@ class Strategy(Protocol):
     def judge(self, view: FilterInput) -> Verdict:
         """Return the verdict on one image.
 
-        Images come in order of time, each once. One may come a second time when its detections do,
-        with the corners that matter: then boxes alone are judged anew.
+        Images come in order of time. One may come again when more is known of it, with the corners
+        that matter.
         """

@@ -16,7 +16,6 @@ from hoid_common.values import (
     IntArray,
 )
 from hoid_filter.config import MotionConfig
-from hoid_filter.detections.aligned_detections import Appearance, FilterInput
 from hoid_filter.extraction.pyramid import Int32Array
 from hoid_filter.motion.belief import Belief, MovingArea
 from hoid_filter.motion.course import Course
@@ -24,7 +23,7 @@ from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, Points
 from hoid_filter.motion.past_views import PastViews
 from hoid_filter.motion.point_tracks import PointTracks, expected_px, follow
 from hoid_filter.motion.small_camera import SmallCamera
-from hoid_filter.motion.small_view import SmallView, small_view
+from hoid_filter.motion.small_view import MotionView, SmallView, small_view
 from hoid_native import strongest_in_cells
 
 _LONGEST_GAP_S = 0.7  # between images, beyond which all starts anew
@@ -81,9 +80,9 @@ class MotionSegmentation:
         self._T_before_now = np.eye(4)
         self.course = Course.none()  # of the points of the last view
 
-    def observe(self, view: FilterInput, appearance: Appearance) -> MovingArea:
+    def observe(self, view: MotionView) -> MovingArea:
         """Return what moves in a view; views come in order of time."""
-        small = small_view(view, appearance.image_gray, self.camera)
+        small = small_view(view, self.camera)
         if self._view is not None and not 0 < small.stamp_s - self._view.stamp_s < _LONGEST_GAP_S:
             self._restart()
         # Where the camera is if it goes on as before, and if it stands.
@@ -97,7 +96,7 @@ class MotionSegmentation:
         self.course = self._course(seen, small.stamp_s)
         self._past.remember(small, self._T_world_camera)
         followed = self._renew(seen, small.stamp_s)
-        self._add_points(view, appearance, small, followed)
+        self._add_points(view, small, followed)
         self._view = small
         return self._belief.moving()
 
@@ -107,7 +106,7 @@ class MotionSegmentation:
         assert self._view is not None
         return self._view.depth_m
 
-    def _follow(self, view: FilterInput, small: SmallView, T_next_world: FloatArray) -> Found:
+    def _follow(self, view: MotionView, small: SmallView, T_next_world: FloatArray) -> Found:
         """Find the points again; one that has slipped onto another surface is lost."""
         if self._view is None:
             return Found(np.empty(0, np.int64), np.empty(0))
@@ -201,11 +200,9 @@ class MotionSegmentation:
         self._tracks = anchored.select(kept)
         return seen.small_pixel[kept]
 
-    def _add_points(
-        self, view: FilterInput, appearance: Appearance, small: SmallView, followed: IntArray
-    ) -> None:
+    def _add_points(self, view: MotionView, small: SmallView, followed: IntArray) -> None:
         """Take up corners with depth where no point is; (N,) small pixels of those followed."""
-        pixels = self._free_corners(view, appearance, small)
+        pixels = self._free_corners(view, small)
         depth_m = _readings(view.depth_m, pixels)
         width = view.depth_m.shape[1]
         full_px = np.stack([pixels % width, pixels // width], axis=1).astype(np.float32)
@@ -224,9 +221,7 @@ class MotionSegmentation:
         at = np.concatenate([followed, self.camera.small_pixels(pixels)])
         self._rests = self._belief.probability_at(at)
 
-    def _free_corners(
-        self, view: FilterInput, appearance: Appearance, small: SmallView
-    ) -> IntArray:
+    def _free_corners(self, view: MotionView, small: SmallView) -> IntArray:
         """Return flat pixels of the best corner of each cell that has no point.
 
         Depth there is smooth: on an edge it may be of either side.
@@ -242,7 +237,7 @@ class MotionSegmentation:
         taken[row, column] = 1
         best = strongest_in_cells(
             view.corner_pixels,
-            appearance.corner_scores,
+            view.corner_scores,
             view.depth_m,
             self.camera.small_of_pixel,
             small.segments.label,

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
 from hoid_filter.config import MotionConfig
-from hoid_filter.detections.aligned_detections import FilterInput
 from hoid_filter.motion.belief import MovingArea, widened
 from hoid_filter.motion.motion_segmentation import MotionSegmentation
 from hoid_filter.motion.small_camera import SmallCamera
+from hoid_filter.motion.small_view import MotionView
+
+_REMEMBERED = 60  # views that may be asked for
 
 
 class Moving(NamedTuple):
@@ -44,21 +47,29 @@ NOTHING = Moving(
 
 
 class MotionSense:
-    """Tells what moves in views of one camera, and begins anew with another."""
+    """Finds what moves in views of one camera, and remembers it for a while."""
 
     def __init__(self, config: MotionConfig) -> None:
         self._config = config
         self._segmentation: MotionSegmentation | None = None
+        self._sensed: deque[tuple[int, Moving]] = deque(maxlen=_REMEMBERED)
 
-    def sense(self, view: FilterInput) -> Moving:
-        """Return what moves; nothing while the camera is not known."""
-        if view.appearance is None:
-            return NOTHING
-        camera = view.appearance.camera
-        if self._segmentation is None or self._segmentation.camera.camera != camera:
-            self._segmentation = MotionSegmentation(self._config, camera)
-        area = self._segmentation.observe(view, view.appearance)
-        return _described(area, self._segmentation) if area.num_regions else NOTHING
+    def sense(self, view: MotionView) -> None:
+        """Find what moves in a view; views come in order of time, and another camera anew."""
+        if self._segmentation is None or self._segmentation.camera.camera != view.camera:
+            self._segmentation = MotionSegmentation(self._config, view.camera)
+        area = self._segmentation.observe(view)
+        moving = _described(area, self._segmentation) if area.num_regions else NOTHING
+        self._sensed.append((view.stamp_ns, moving))
+
+    def has_sensed(self, stamp_ns: int) -> bool:
+        """Return whether a view of the stamp was among the last."""
+        return any(sensed_ns == stamp_ns for sensed_ns, _ in self._sensed)
+
+    def at(self, stamp_ns: int) -> Moving:
+        """Return what moves at a stamp, by the last view until then."""
+        past = (moving for sensed_ns, moving in reversed(self._sensed) if sensed_ns <= stamp_ns)
+        return next(past, NOTHING)
 
 
 def _described(area: MovingArea, segmentation: MotionSegmentation) -> Moving:

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from hoid_common.values import S_PER_NS, ByteArray, Float32Array
-from hoid_filter.detections.aligned_detections import FilterInput
+from hoid_common.values import S_PER_NS, ByteArray, CameraModel, Float32Array, IntArray
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_native import depth_segments
 from hoid_native.results import Segments
 
 _CELL_PX = 20  # what rests and touches what moves is lost with it, no further than this
+
+
+class MotionView(NamedTuple):
+    """One image as motion is looked for in it."""
+
+    stamp_ns: int
+    camera: CameraModel
+    image_gray: ByteArray  # (H, W)
+    depth_m: Float32Array  # (H, W); 0 = no reading
+    corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
+    corner_scores: ByteArray  # (K,), higher is stronger
 
 
 class SmallView(NamedTuple):
@@ -22,8 +32,8 @@ class SmallView(NamedTuple):
     segments: Segments
 
 
-def small_view(view: FilterInput, gray: ByteArray, camera: SmallCamera) -> SmallView:
-    """Return the small images of a view and its (H, W) grey image."""
+def small_view(view: MotionView, camera: SmallCamera) -> SmallView:
+    """Return the small images of a view."""
     depth_m = camera.depth(view.depth_m)
     segments = depth_segments(depth_m, _CELL_PX)
-    return SmallView(view.stamp_ns * S_PER_NS, camera.gray(gray), depth_m, segments)
+    return SmallView(view.stamp_ns * S_PER_NS, camera.gray(view.image_gray), depth_m, segments)

@@ -13,10 +13,10 @@ from std_msgs.msg import Header
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages, MaskedImages
-from hoid_common.values import CameraModel, DynamicObject, FilterResult, RgbdFrame
+from hoid_common.values import CameraModel, DynamicObject, FilterResult, Float32Array, RgbdFrame
 from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import FinalWord
-from hoid_filter.masked_images import points_m, static_depth_m
+from hoid_filter.masked_images import pixel_masks, points_m, static_depth_m
 
 
 class FilterOutputs:
@@ -41,7 +41,7 @@ class FilterOutputs:
         return self._debug_images.is_watched
 
     @property
-    def wants_mask(self) -> bool:
+    def wants_masks(self) -> bool:
         """Return whether someone listens to the masked images or the points."""
         return self._masked_images.is_watched or bool(self._watched_clouds())
 
@@ -50,17 +50,15 @@ class FilterOutputs:
         frame: RgbdFrame,
         result: FilterResult,
         header: Header,
-        camera: CameraModel | None,
         *,
         provisional: bool,
     ) -> None:
-        """Publish features and verdicts, then the pictures and points that are wanted.
+        """Publish features and verdicts, then the picture if it is wanted.
 
         Args:
             frame: The image.
             result: What the filter made of it.
             header: Of the image.
-            camera: That took it; without it, or with one of another size, there are no points.
             provisional: Whether `publish_final` is to follow.
         """
         counts = conversions.FeatureCounts(
@@ -74,15 +72,28 @@ class FilterOutputs:
             conversions.features_to_msg(result.features, header, size_px, counts)
         )
         self._publish_objects(result.objects, header, size_px, provisional=provisional)
-        if (mask := result.static_mask) is not None:
-            self._masked_images.publish(mask, static_depth_m(frame.depth_m, mask), header)
-        if result.moving is not None and camera is not None and camera.size_px == size_px:
-            for publisher in self._watched_clouds():
-                wanted = result.moving if publisher is self._moving_points else ~result.moving
-                cloud = conversions.Cloud(points_m(frame.depth_m, wanted, camera))
-                publisher.publish(conversions.cloud_to_msg(cloud, header))
         if self.wants_picture:
             self._debug_images.publish(draw_result(frame.image_bgr, result), header)
+
+    def publish_masks(
+        self, word: FinalWord, depth_m: Float32Array, header: Header, camera: CameraModel | None
+    ) -> None:
+        """Publish the masked images and the points that are wanted.
+
+        Args:
+            word: What is known of the image by now.
+            depth_m: (H, W) of the image.
+            header: Of the image.
+            camera: That took it; without it, or with one of another size, there are no points.
+        """
+        masks = pixel_masks(word.verdict, depth_m.shape[::-1])
+        self._masked_images.publish(masks.static, static_depth_m(depth_m, masks.static), header)
+        if camera is None or camera.size_px != depth_m.shape[::-1]:
+            return
+        for publisher in self._watched_clouds():
+            wanted = masks.moving if publisher is self._moving_points else ~masks.moving
+            cloud = conversions.Cloud(points_m(depth_m, wanted, camera))
+            publisher.publish(conversions.cloud_to_msg(cloud, header))
 
     def publish_final(self, word: FinalWord, header: Header, size_px: tuple[int, int]) -> None:
         """Publish the final word on an image of which only a provisional one is known."""

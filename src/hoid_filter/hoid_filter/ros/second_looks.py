@@ -1,4 +1,4 @@
-"""Images that go out before their own detections are there, and are judged again with them."""
+"""Images that go out before all is known of them, and are judged again when it is."""
 
 from __future__ import annotations
 
@@ -6,22 +6,17 @@ import time
 from collections import deque
 from typing import NamedTuple
 
-import numpy as np
 from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.values import (
     Detections,
-    DynamicObject,
     Features,
-    FeatureVerdicts,
-    FilterResult,
     Float32Array,
-    RgbdFrame,
 )
 from hoid_filter.detections.detection_gate import Answered, DetectionGate, GateConfig, Known
-from hoid_filter.feature_filter import DetectedCorners, FeatureFilter, FinalWord
+from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
 from hoid_filter.ros.outputs import FilterOutputs
 
 _LOST = 'detector lost'
@@ -31,7 +26,6 @@ class _Provisional(NamedTuple):
     header: Header
     depth_m: Float32Array
     features: Features
-    objects: tuple[DynamicObject, ...]
 
 
 class FirstLook(NamedTuple):
@@ -85,10 +79,13 @@ class SecondLooks:
         self._held.append(_Held(header, detected, time.monotonic()))
         return self._due()
 
-    def remember(self, header: Header, frame: RgbdFrame, result: FilterResult) -> None:
-        """Judge an image again later that has just been published."""
-        image = _Provisional(header, frame.depth_m, result.features, result.objects)
-        self._gate.remember(frame.stamp_ns, image, time.monotonic())
+    def remember(self, look: FirstLook, features: Features) -> None:
+        """Judge an image again that was published, now or when its detections are there."""
+        image = _Provisional(look.header, look.detected.frame.depth_m, features)
+        if look.known.is_final:
+            self._answer([Answered(image, look.known.detections)])
+        else:
+            self._gate.remember(features.stamp_ns, image, time.monotonic())
 
     def add_detections(self, detections: Detections) -> list[FirstLook]:
         """Judge again what was waiting for them, and return what is to be published now.
@@ -122,12 +119,7 @@ class SecondLooks:
 
     def _answer(self, answered: list[Answered[_Provisional]]) -> None:
         for image, detections in answered:
-            if detections is None:  # what was said at first holds
-                nothing = np.zeros(len(image.features), np.bool_)
-                verdicts = FeatureVerdicts(image.features.stamp_ns, nothing)
-                word = FinalWord(image.objects, verdicts)
-            else:
-                word = self._filter.judge_again(image.features, image.depth_m, detections)
+            word = self._filter.judge_again(image.features, image.depth_m, detections)
             height, width = image.depth_m.shape
             self._outputs.publish_final(word, image.header, (width, height))
         self._diagnostics.set_count('images without detections', self._gate.num_unanswered)

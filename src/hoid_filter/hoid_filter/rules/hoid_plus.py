@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 
 from hoid_common.values import PERSON, BoolArray, ByteArray, Detections, Float32Array, Reason
@@ -11,7 +9,7 @@ from hoid_filter.config import FilterConfig
 from hoid_filter.detections.aligned_detections import FilterInput, Verdict, joined
 from hoid_filter.detections.overlap import areas_px2
 from hoid_filter.detections.tracks import BoxTracker, Patience
-from hoid_filter.motion.moving_regions import NOTHING, MotionSense, Moving
+from hoid_filter.motion.moving_regions import Moving
 from hoid_filter.rules.depth_regions import SHRINK, shrink, small_pixels
 from hoid_filter.rules.dynamic_mask import (
     Masks,
@@ -23,7 +21,6 @@ from hoid_filter.rules.interaction import Interactions, TrackSnapshot, judge_int
 from hoid_filter.rules.motion_only import moving_verdict
 from hoid_native import sample_depths_m, torso_depths_m
 
-_REMEMBERED = 60  # images that may be judged a second time
 _KNOWN_SHARE = 0.5  # of what moves that is on something detected: it has been told already
 
 
@@ -37,8 +34,6 @@ class HoidPlus:
         self._tracker = BoxTracker(
             Patience(config.prediction_limit_s, coast_s, plus.rest_s, plus.doubt_detections)
         )
-        self._sense = MotionSense(config.motion)
-        self._sensed: deque[tuple[int, Moving]] = deque(maxlen=_REMEMBERED)
 
     def judge(self, view: FilterInput) -> Verdict:
         """Return the verdict on what is detected, and on what is predicted to move (last)."""
@@ -58,22 +53,12 @@ class HoidPlus:
 
         A region mostly on what is known to move is a part of it and stands not for itself.
         """
-        moving = self._moving(view)
+        moving = view.moving
         label = moving.label_at(small_pixels(view.depth_m.shape))
         area = np.bincount(label.ravel(), minlength=len(moving.depths_m) + 1)[1:]
         known = np.bincount(label[confidence > 0], minlength=len(area) + 1)[1:]
         np.maximum(confidence, moving_confidence(label), out=confidence)
         return moving.select(np.flatnonzero(known < _KNOWN_SHARE * area))
-
-    def _moving(self, view: FilterInput) -> Moving:
-        """Return what moves in a view, found when the view came first."""
-        if not self._config.motion.enabled:
-            return NOTHING
-        if view.is_second:
-            return next((m for stamp_ns, m in self._sensed if stamp_ns == view.stamp_ns), NOTHING)
-        moving = self._sense.sense(view)
-        self._sensed.append((view.stamp_ns, moving))
-        return moving
 
     def _observe(self, view: FilterInput) -> None:
         if view.detections is not None:

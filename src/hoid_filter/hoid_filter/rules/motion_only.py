@@ -7,7 +7,7 @@ import numpy as np
 from hoid_common.values import UNKNOWN, Reason
 from hoid_filter.config import FilterConfig
 from hoid_filter.detections.aligned_detections import FilterInput, Verdict
-from hoid_filter.motion.moving_regions import MotionSense, Moving
+from hoid_filter.motion.moving_regions import Moving
 from hoid_filter.rules.depth_regions import small_pixels
 from hoid_filter.rules.dynamic_mask import Masks, make_masks, moving_confidence
 
@@ -17,11 +17,10 @@ class MotionOnly:
 
     def __init__(self, config: FilterConfig) -> None:
         self._config = config
-        self._sense = MotionSense(config.motion)
 
     def judge(self, view: FilterInput) -> Verdict:
         """Return the regions that move."""
-        moving = self._sense.sense(view)
+        moving = view.moving
         plus = self._config.plus
         confidence = moving_confidence(moving.label_at(small_pixels(view.depth_m.shape)))
         enough = plus.min_static_share * self._config.extraction.num_features
