@@ -27,8 +27,9 @@ VALUES = (0.2, 0.1, 10.0)
 def content() -> Content:
     cells = [(Cell(f'row {i}'), Cell(f'{v}', v, (JOBS[i],))) for i, v in enumerate(VALUES)]
     table = Table('numbers', 'Numbers', ('name', 'ATE [m]'), tuple(cells))
+    names = ['b</script>', *(f'fr1_xyz_people hoid+ yolox_nano {k}' for k in range(7))]
     plot = {
-        'data': [{'type': 'scatter', 'name': 'b</script>', 'x': [0, 1, 2], 'y': [1, 3, 2]}],
+        'data': [{'type': 'scatter', 'name': n, 'x': [0, 1, 2], 'y': [1, 3, 2]} for n in names],
         'layout': {
             'title': {'text': 'A curve'},
             'xaxis': {'title': {'text': 'x'}},
@@ -90,8 +91,25 @@ def test_columns_sort_by_value_and_turn_round(page: Page) -> None:
 def test_plots_are_drawn_in_both_themes(page: Page) -> None:
     for theme in ('light', 'dark', 'light'):
         page.emulate_media(color_scheme=theme)
-        assert page.locator('.plot .scatterlayer .trace path.js-line').count() == 2
+        assert page.locator('.plot .scatterlayer .trace path.js-line').count() == 2 * 8
         page.wait_for_function(_INK_IS_THE_TEXT_COLOR)  # plots are redrawn a moment later
+
+
+def test_a_legend_is_beside_the_curves_and_hides_them(page: Page) -> None:
+    legend = page.locator('.legend').first
+    assert legend.locator('button').count() == 8
+    names, plot = legend.bounding_box(), page.locator('.plot').first.bounding_box()
+    assert names is not None
+    assert plot is not None
+    assert names['y'] + names['height'] <= plot['y']
+    lines = page.locator('.plot').first.locator('.scatterlayer .trace path.js-line')
+    for left in (7, 8):
+        legend.locator('button').nth(1).click()
+        page.wait_for_function(
+            'n => document.querySelector(".plot").querySelectorAll(".js-line").length === n',
+            arg=left,
+        )
+        assert lines.count() == left
 
 
 def test_a_number_leads_to_its_run_and_opens_it(page: Page) -> None:

@@ -24,9 +24,23 @@ function sortTable(header) {
   table.tBodies[0].append(...rows);
 }
 
+// Plotly's own legend covers the curves where the names are many and the page is narrow.
+function drawLegend(place, traces) {
+  place.previousElementSibling.replaceChildren(...traces.map((trace, k) => {
+    const name = document.createElement('button');
+    name.textContent = trace.name;
+    name.style.setProperty('--trace', trace.line.color);
+    name.addEventListener('click', () => {
+      const hidden = name.toggleAttribute('data-hidden');
+      Plotly.restyle(place, { visible: !hidden }, k);
+    });
+    return name;
+  }));
+}
+
 function drawPlots() {
   const style = getComputedStyle(document.documentElement);
-  const ink = style.getPropertyValue('--ink'), line = style.getPropertyValue('--line');
+  const [ink, quiet, line] = ['--ink', '--quiet', '--line'].map((name) => style.getPropertyValue(name));
   const family = getComputedStyle(document.body).fontFamily;
   const axis = { gridcolor: line, zerolinecolor: line, linecolor: line, automargin: true };
   for (const place of document.querySelectorAll('.plot')) {
@@ -39,9 +53,9 @@ function drawPlots() {
         : { ...trace, line: { color, width: 1.5 }, marker: { color, size: 5 } };
     });
     const layout = { ...figure.layout, title: undefined, font: { color: ink, size: 12, family },
-      paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', margin: { t: 8, r: 36, b: 40, l: 48 }, modebar: { orientation: 'v' }, showlegend: true,
-      legend: { orientation: 'h', x: 0, y: 1.02, yanchor: 'bottom' }, hovermode: 'closest',
+      paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', margin: { t: 8, r: 36, b: 40, l: 48 }, modebar: { orientation: 'v', bgcolor: 'rgba(0,0,0,0)', color: quiet, activecolor: ink }, showlegend: false, hovermode: 'closest',
       xaxis: { ...axis, ...figure.layout.xaxis }, yaxis: { ...axis, ...figure.layout.yaxis } };
+    drawLegend(place, traces);
     Plotly.react(place, traces, layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ['select2d', 'lasso2d'] });
   }
 }

@@ -148,8 +148,9 @@ def _section(section: Section, run_of: Mapping[Job, int]) -> str:
         else '',
     ]
     plots = ''.join(
-        f'<figure><figcaption>{_e(p["layout"]["title"]["text"])}</figcaption><div class="plot">'
-        f'</div><script type="application/json">{_json(p)}</script></figure>'
+        f'<figure><figcaption>{_e(p["layout"]["title"]["text"])}</figcaption>'
+        '<div class="legend"></div><div class="plot"></div>'
+        f'<script type="application/json">{_json(p)}</script></figure>'
         for p in section.plots
     )
     pictures = ''.join(
