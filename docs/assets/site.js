@@ -1,10 +1,18 @@
-// Tables of numbers sort by the column that is clicked, by its first number where it has one.
+// In tables short names and numbers do not break, long names do after a slash or a bar. Tables of numbers sort by the column
+// that is clicked, by its first number where it has one.
 {
   const value = cell => { const found = cell.textContent.match(/-?\d+(\.\d+)?/); return found ? Number(found[0]) : NaN }
   const compare = (a, b) => {
     const [x, y] = [value(a), value(b)]
     if (/^[-\d.]/.test(a.textContent + b.textContent) && !(isNaN(x) && isNaN(y))) return isNaN(x) - isNaN(y) || x - y
     return a.textContent.localeCompare(b.textContent)
+  }
+  for (const code of document.querySelectorAll('.md-typeset td code')) if (code.textContent.length < 28) code.dataset.short = ''
+  for (const cell of document.querySelectorAll('.md-typeset td')) {
+    if (cell.textContent.length < 13) cell.dataset.short = ''
+    const texts = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT)
+    for (let text = texts.nextNode(); text; text = texts.nextNode())
+      for (let at; (at = text.data.search(/[/|]./)) >= 0; text = texts.nextNode()) text.splitText(at + 1).before(document.createElement('wbr'))
   }
   for (const table of document.querySelectorAll('.md-typeset table')) {
     const rows = [...table.tBodies[0].rows], heads = [...table.tHead.rows[0].cells]

@@ -33,8 +33,12 @@ def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
     for action in parser._actions:  # noqa: SLF001 - argparse has no other list of them
         if action.help != argparse.SUPPRESS:
             said = (action.help or '') % {**vars(action), 'prog': parser.prog}
-            usage, said = (text.replace('|', '\\|') for text in (_usage(action), said))
-            yield f'| `{usage}` | {said} |'
+            yield f'| {_code(_usage(action))} | {said.replace("|", chr(92) + "|")} |'
+
+
+def _code(text: str) -> str:
+    """Return text as code in a table, where some readers take every bar for a border."""
+    return f'<code>{text.replace("|", "&#124;")}</code>' if '|' in text else f'`{text}`'
 
 
 def _usage(action: argparse.Action) -> str:
