@@ -11,6 +11,10 @@ import pytest
 
 from hoid_benchmarks.faults.cases import Outcome, table
 from hoid_benchmarks.faults.damage import damaged
+from hoid_benchmarks.faults.models import ConstantModel
+from hoid_common.errors import ModelError
+from hoid_detector.config import DetectorConfig
+from hoid_detector.onnx_detector import OnnxDetector
 
 pytestmark = pytest.mark.alone
 
@@ -29,7 +33,7 @@ def test_a_slice_of_the_campaign(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr + (tmp_path / 'out/faults/faults.md').read_text()
     rows = [line for line in done.stdout.splitlines() if line.startswith('| ')]
-    assert len(rows) == 1 + 8 + 2 + 11 + 6  # the head; kinds of files, of kills; inputs; conditions
+    assert len(rows) == 1 + 10 + 2 + 11 + 6  # head; files, kills; inputs, conditions
 
 
 def test_damage_repeats_by_its_seed_and_changes_something() -> None:
@@ -53,6 +57,14 @@ def test_a_child_that_hangs_crashes_or_speaks_is_told_apart() -> None:
         'assert (said.status, said.said) == (3, "hello"), said\n'
     )
     subprocess.run([sys.executable, '-c', code], check=True, timeout=60)
+
+
+@pytest.mark.parametrize('model', [ConstantModel(output='\udcff'), ConstantModel(names='\udcff')])
+def test_a_model_whose_text_is_no_utf8_is_refused(tmp_path: Path, model: ConstantModel) -> None:
+    path = tmp_path / 'model.onnx'
+    path.write_bytes(model.data())
+    with pytest.raises(ModelError, match='is no usable ONNX model'):
+        OnnxDetector(path, DetectorConfig())
 
 
 def test_the_table_names_what_failed() -> None:

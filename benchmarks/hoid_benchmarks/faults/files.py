@@ -16,6 +16,7 @@ from hoid_bags.sequence import open_sequence
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.damage import Rng, damaged
 from hoid_benchmarks.faults.guarded import Ended, run_guarded
+from hoid_benchmarks.faults.models import damaged_model, hostile_model
 from hoid_benchmarks.faults.samples import CAMERA, Samples
 from hoid_bringup import cli
 from hoid_common.errors import HoidError
@@ -180,6 +181,15 @@ def _name(samples: Samples, place: Path, rng: Rng | None) -> Work:
     return lambda: cli.main(argv)
 
 
+def _damaged_model(_samples: Samples, place: Path, rng: Rng | None) -> Work:
+    """The detector's own model; what is found by whatever is left of it must be sound."""
+    return damaged_model(place, rng)
+
+
+def _hostile_model(_samples: Samples, place: Path, rng: Rng | None) -> Work:
+    return hostile_model(place, rng)
+
+
 def _made(folder: Path) -> Path:
     folder.mkdir(parents=True)
     return folder
@@ -203,4 +213,6 @@ KINDS: dict[str, Callable[[Samples, Path, Rng | None], Work]] = {
     'trajectory': _trajectory,
     'pipes, devices, loops': _no_file,
     'names': _name,
+    'ONNX model: bytes': _damaged_model,
+    'ONNX model: hostile': _hostile_model,
 }

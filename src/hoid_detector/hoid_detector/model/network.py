@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ _ORT_ERRORS = (
     ort_errors.NoSuchFile,
     ort_errors.NotImplemented,
     ort_errors.RuntimeException,
+    UnicodeDecodeError,  # of a damaged name, or of what is said of it
 )
 
 
@@ -55,14 +57,16 @@ class Network:
         asked = _provider_order(providers)
         installed = ort.get_available_providers()
         usable = [name for name in asked if name in installed]
-        self._session = _open(path, list(dict.fromkeys([*usable, _PROVIDERS['cpu']])), threads)
+        order = list(dict.fromkeys([*usable, _PROVIDERS['cpu']]))
+        with _refusing(f'{path} is no usable ONNX model'):
+            self._session = _open(path, order, threads)
+            self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
+            self.output_names = tuple(output.name for output in self._session.get_outputs())
+            self._image, self._size_input = _inputs(path, self._session.get_inputs())
         running = self._session.get_providers()[0]
         self.provider = _NAMES.get(running, running)
         wanted = asked[0] if providers else (usable or asked[-1:])[0]
         self.provider_warning = _provider_warning(wanted, running, installed)
-        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
-        self.output_names = tuple(output.name for output in self._session.get_outputs())
-        self._image, self._size_input = _inputs(path, self._session.get_inputs())
         self.dtype = _DTYPES[self._image.type]
         height, width = self._image.shape[2:]
         fixed = isinstance(height, int) and isinstance(width, int) and min(height, width) > 0
@@ -70,16 +74,14 @@ class Network:
 
     def run(self, blob: NDArray[np.floating[Any]]) -> list[NDArray[Any]]:
         """Return the outputs for an input (1, 3, H, W); raises ModelError where it fails."""
-        feeds: dict[str, NDArray[Any]] = {self._image.name: blob}
-        if self._size_input is not None:
-            size_wh = np.array([blob.shape[:1:-1]])
-            kind = np.int64 if 'int64' in self._size_input.type else np.int32
-            feeds[self._size_input.name] = size_wh.astype(kind)
-        try:
+        size = 'x'.join(map(str, blob.shape))
+        with _refusing(f'{self.path}: fails on input {size}'):
+            feeds: dict[str, NDArray[Any]] = {self._image.name: blob}
+            if self._size_input is not None:
+                size_wh = np.array([blob.shape[:1:-1]])
+                kind = np.int64 if 'int64' in self._size_input.type else np.int32
+                feeds[self._size_input.name] = size_wh.astype(kind)
             outputs: list[NDArray[Any]] = self._session.run(None, feeds)
-        except _ORT_ERRORS as error:
-            size = 'x'.join(map(str, blob.shape))
-            raise ModelError(f'{self.path}: fails on input {size}: {_one_line(error)}') from error
         return outputs
 
 
@@ -108,10 +110,7 @@ def _open(path: Path, providers: list[str], threads: int) -> ort.InferenceSessio
     options.log_severity_level = 3
     # Spinning threads would take the cores from the tracker while the network waits for an image.
     options.add_session_config_entry('session.intra_op.allow_spinning', '0')
-    try:
-        return ort.InferenceSession(str(path), options, providers=providers)
-    except _ORT_ERRORS as error:
-        raise ModelError(f'{path} is no usable ONNX model: {_one_line(error)}') from error
+    return ort.InferenceSession(str(path), options, providers=providers)
 
 
 def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort.NodeArg | None]:
@@ -128,5 +127,10 @@ def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort
     return images[0], sizes[0] if sizes else None
 
 
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())[:300]
+@contextmanager
+def _refusing(what: str) -> Iterator[None]:
+    """Raise ModelError, which begins with `what`, for what onnxruntime refuses."""
+    try:
+        yield
+    except _ORT_ERRORS as error:
+        raise ModelError(f'{what}: {" ".join(str(error).split())[:300]}') from error
