@@ -6,16 +6,26 @@ import os
 import re
 import tracemalloc
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 from backports import zstd
-from rosbags.rosbag2 import ReaderError
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    Reader,
+    ReaderError,
+    StoragePlugin,
+    Writer,
+)
 
+from hoid_bags.bag import bag_types
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_source import BagMessage
 from hoid_bags.bag.info import summarize
 from hoid_bags.live.playback import PlayConfig, open_plan
+from hoid_bags.mcap import chunks
 from hoid_bags.mcap.chunks import MAX_CHUNK_BYTES, unpack
 from hoid_bags.sequence import open_sequence
 from hoid_common.errors import InputError
@@ -249,6 +259,36 @@ def test_a_bag_packed_as_a_file_is_read(bag: Path) -> None:
     whole = [(m.topic, m.log_ns, m.data) for m in _messages(bag)]
     pack_file(bag, (bag / 'bag.mcap').read_bytes())
     assert [(m.topic, m.log_ns, m.data) for m in _messages(bag)] == whole
+
+
+def pack_messages(bag: Path, packed: Path, extra: bytes = b'') -> None:
+    """Copy a bag as `ros2 bag record --compression-mode message` writes it."""
+    unopened = Writer(packed, version=9, storage_plugin=StoragePlugin.MCAP)
+    unopened.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with Reader(bag) as reader, unopened as writer:
+        copies = {
+            c.id: writer.add_connection(c.topic, c.msgtype, typestore=bag_types.shared_typestore())
+            for c in reader.connections
+        }
+        for connection, log_ns, data in reader.messages():
+            writer.write(copies[connection.id], log_ns, data + extra)
+
+
+def test_a_bag_packed_by_messages_is_read(bag: Path, tmp_path: Path) -> None:
+    pack_messages(bag, tmp_path / 'packed')
+    assert _messages(tmp_path / 'packed') == _messages(bag)
+
+
+def test_a_message_that_unpacks_to_more_than_any_is_refused(bag: Path, tmp_path: Path) -> None:
+    pack_messages(bag, tmp_path / 'packed', bytes(1 << 24))
+    with mock.patch.object(chunks, 'MAX_CHUNK_BYTES', 1 << 22):
+        tracemalloc.start()
+        with BagReader(tmp_path / 'packed') as reader:
+            assert list(reader.messages()) == []
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert 'unpacks to over 4194304 bytes' in (reader.fault or '')
+    assert peak < 1 << 24
 
 
 def _messages(bag: Path) -> list[BagMessage]:

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
-from hoid_bags.mcap.chunks import DAMAGE, Damage, messages, one_line, unpack
+from hoid_bags.mcap.chunks import DAMAGE, Damage, messages, one_line, unpack, unpack_message
 from hoid_common.io.untrusted import open_regular
 
 _HEAD = struct.Struct('<BQQQQII')  # opcode, size; first and last time, size, checksum; length
@@ -105,12 +105,26 @@ class _FolderReader(DirectoryReader):
     def open(self) -> None:
         """Open all files; raises ReaderError where one has a topic that metadata.yaml has not."""
         super().open()
+        self._has_packed_messages = self.metadata.compression_mode == 'message'
+        # Its own way to unpack them has no limit.
+        self.metadata = self.metadata._replace(compression_mode=None)
         told = [(c.topic, c.msgtype, c.ext) for c in self.connections]
         for storage in self.storages:
             for found in storage.connections:
                 if found.msgcount and (found.topic, found.msgtype, found.ext) not in told:
                     self.close()
                     raise ReaderError(f'metadata.yaml says otherwise of {found.topic}')
+
+    def messages(
+        self,
+        connections: Collection[Connection],
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Yield messages of these connections as `TolerantMcapReader` does."""
+        for connection, log_ns, data in super().messages(connections, start, stop):
+            is_packed = self._has_packed_messages
+            yield connection, log_ns, unpack_message(data) if is_packed else data
 
 
 class TolerantReader(Reader):

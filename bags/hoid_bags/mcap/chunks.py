@@ -83,6 +83,15 @@ def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
     return records
 
 
+def unpack_message(data: bytes) -> bytes:
+    """Return a message that was packed by itself; raises ReaderError for more than any."""
+    unpacker = ZstdDecompressor()
+    message = unpacker.decompress(data, MAX_CHUNK_BYTES)
+    if not unpacker.eof:
+        raise ReaderError(f'a message is cut off, or unpacks to over {MAX_CHUNK_BYTES} bytes')
+    return message
+
+
 def walk(records: bytes) -> Iterator[Record]:
     """Yield where the records of a chunk lie; raises ReaderError where one goes beyond it."""
     at = 0
