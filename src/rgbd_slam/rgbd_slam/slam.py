@@ -25,6 +25,7 @@ from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
 from rgbd_slam.tracking.motion import MotionSource
 from rgbd_slam.tracking.odometry import Odometry
 from rgbd_slam.tracking.relocalization import Relocalizer
+from rgbd_slam.tracking.rolling_shutter import RollingShutter
 from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
 
@@ -65,6 +66,7 @@ class RgbdSlam:
         self.map = MapControl(atlas, self._camera, config, followers, background=background)
         self._clock = ImageClock()
         self._noise = OnlineNoise(self._camera)
+        self._shutter = RollingShutter(camera.height_px)
         self._tracker = Tracker(self._camera, atlas, config.tracking, config.seed)
         self._relocalizer = Relocalizer(atlas, self._camera, self._tracker, config)
         close_px = self._camera.baseline_px_m / config.camera.close_limit_m
@@ -115,7 +117,7 @@ class RgbdSlam:
         if self._clock.add(frame.stamp_ns):
             self.odometry.stop()
             self._policy.restart()
-        return frame
+        return self._shutter.straightened(frame, self._camera, self.odometry.twist)
 
     def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map at a pose; the first one, or a new one after a loss."""
@@ -171,6 +173,7 @@ class RgbdSlam:
         self.odometry.advance(tracked, tracking.consensus)
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
+        self._shutter.add(tracked, self._atlas, self._noise.camera, self.odometry.twist)
         self._tracker.use_camera(self._noise.camera)
         self._clock.recognised()
         self.trajectory.add(tracked)

@@ -26,19 +26,19 @@ class ConstantVelocity:
 
     def forget(self) -> None:
         """Expect no motion, until one is observed."""
-        self._twist_per_s: FloatArray = np.zeros(6)
+        self.twist: FloatArray = np.zeros(6)  # of points in the camera's frame: rad/s, then m/s
 
     def observe(self, T_camera_last: FloatArray, elapsed_ns: int) -> None:
         """Take the motion (4, 4) between two images; stamps that stand still say no speed."""
         if elapsed_ns > 0:
-            self._twist_per_s = se3.log(T_camera_last) / (S_PER_NS * elapsed_ns)
+            self.twist = se3.log(T_camera_last) / (S_PER_NS * elapsed_ns)
         else:
             self.forget()
 
     def predict(self, elapsed_ns: int) -> FloatArray:
         """Return T_camera_last (4, 4), the motion expected in a time."""
         elapsed_s = min(max(S_PER_NS * elapsed_ns, 0.0), _HORIZON_S)
-        return se3.exp(elapsed_s * self._twist_per_s)
+        return se3.exp(elapsed_s * self.twist)
 
 
 class WheelMotion:

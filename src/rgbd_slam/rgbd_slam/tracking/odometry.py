@@ -141,6 +141,11 @@ class Odometry:
         self.T_odom_camera = se3.orthonormalized(self._T_odom_last @ T_last_now)
 
     @property
+    def twist(self) -> FloatArray:
+        """Return (6,) of points in the camera's frame, as last observed: rad/s, then m/s."""
+        return self._motion.twist
+
+    @property
     def is_in_main_map(self) -> bool:
         """Return whether the last frame is in the map that most keyframes are in."""
         keyframes = self._atlas.keyframes

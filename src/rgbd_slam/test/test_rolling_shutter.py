@@ -1,0 +1,123 @@
+"""A rolling shutter is measured by what tracking leaves over, and taken out of the images."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import S_PER_NS, Features, FloatArray
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.tracked_frame import tracked_frame
+from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking.rolling_shutter import RollingShutter
+
+from .world import CAMERA as MODEL
+from .world import PERIOD_NS, World, position_errors_m
+
+CAMERA = StereoCamera.from_model(MODEL, SlamConfig().camera)
+READOUT_S = 0.025
+TWIST = np.array([0.3, -0.4, 0.2, 0.3, -0.2, 0.25])
+SWING = se3.exp(np.outer(1 - np.cos(np.linspace(0, 2 * np.pi, 90)), TWIST / 6))  # from rest
+
+
+def rolled(features: Features, twist: FloatArray, readout_s: float) -> Features:
+    """Return features as a camera that moves so sees them, whose rows follow each other."""
+    uv, z = features.uv_px.astype(np.float64), features.depth_m.astype(np.float64)
+    z = np.where(z > 0, z, 6.0)
+    x = CAMERA.back_project(uv, z)
+    for _ in range(5):  # a row's time is that of where the point is then
+        late_s = readout_s * (uv[:, 1] / MODEL.height_px - 0.5)
+        moved = x + late_s[:, None] * (np.cross(twist[:3], x) + twist[3:])
+        uv = MODEL.project_px(moved)
+    depth_m = np.where(features.depth_m > 0, moved[:, 2], 0)
+    return replace(features, uv_px=uv.astype(np.float32), depth_m=depth_m.astype(np.float32))
+
+
+def swayed(readout_s: float, known_s: float = 0.0, swings: int = 1) -> RgbdSlam:
+    """Return what has tracked a camera with such a shutter, of which something may be known."""
+    world, slam = World(), RgbdSlam(MODEL, SlamConfig())
+    slam._shutter.readout_s = known_s
+    poses = np.concatenate([SWING] * swings)
+    for n, pose in enumerate(poses):
+        after = poses[min(n + 1, len(poses) - 1)]
+        twist = se3.log(se3.inverse(after) @ pose) / (S_PER_NS * PERIOD_NS)
+        slam.process(rolled(world.features(n * PERIOD_NS, pose), twist, readout_s))
+    return slam
+
+
+class Images:
+    """Images of points that the map knows exactly, from known poses of a camera that shakes."""
+
+    def __init__(self, readout_s: float) -> None:
+        self._world, self._readout_s = World(), readout_s
+        self._rng = np.random.default_rng(0)
+        self.atlas = Atlas(1.2, 8)
+        seen = Frame.from_features(self._world.features(0, np.eye(4), noise_px=0), MODEL, CAMERA)
+        i = self.atlas.add_keyframe(seen, np.eye(4), 0)
+        k = np.arange(len(seen))
+        x = CAMERA.back_project(seen.measurement_px[:, :2], seen.depth_m)
+        self._points = self.atlas.add_points(i, k, x)
+
+    def show(self, shutter: RollingShutter, count: int, speed: float = 1.0) -> None:
+        """Let a shutter see images, each moved with another speed."""
+        for _ in range(count):
+            twist = speed * self._rng.normal(0, 0.3, 6)
+            seen = rolled(self._world.features(0, np.eye(4)), twist, self._readout_s)
+            frame = Frame.from_features(seen, MODEL, CAMERA)
+            straight = shutter.straightened(frame, CAMERA, twist)
+            tracked = tracked_frame(straight, np.eye(4), self._points, self.atlas, 0)
+            shutter.add(tracked, self.atlas, CAMERA, twist)
+
+
+@pytest.mark.parametrize('readout_s', [READOUT_S, -READOUT_S])
+def test_images_become_those_of_a_global_shutter(readout_s: float) -> None:
+    seen = World().features(0, np.eye(4), noise_px=0)
+    frame = Frame.from_features(rolled(seen, TWIST, readout_s), MODEL, CAMERA)
+    expected = Frame.from_features(seen, MODEL, CAMERA)
+    shutter = RollingShutter(MODEL.height_px)
+    shutter.readout_s = readout_s
+    straight = shutter.straightened(frame, CAMERA, TWIST)
+    before = np.abs(frame.measurement_px - expected.measurement_px)
+    left = np.abs(straight.measurement_px - expected.measurement_px)
+    assert np.nanmax(before) > 3
+    assert np.nanmax(left) < 0.2
+    assert np.abs(straight.depth_m - expected.depth_m).max() < 1e-3
+    np.testing.assert_array_equal(straight.has_depth, expected.has_depth)
+
+
+@pytest.mark.parametrize('readout_s', [READOUT_S, -READOUT_S, 0.01])
+def test_a_rolling_shutter_is_measured(readout_s: float) -> None:
+    images, shutter = Images(readout_s), RollingShutter(MODEL.height_px)
+    images.show(shutter, 39)
+    assert shutter.readout_s == 0
+    images.show(shutter, 81)
+    assert shutter.readout_s == pytest.approx(readout_s, rel=0.08)
+
+
+@pytest.mark.parametrize(('readout_s', 'speed'), [(0.0, 1.0), (0.002, 1.0), (READOUT_S, 1e-3)])
+def test_a_global_shutter_and_a_camera_at_rest_are_left_alone(
+    readout_s: float, speed: float
+) -> None:
+    images, shutter = Images(readout_s), RollingShutter(MODEL.height_px)
+    images.show(shutter, 120, speed)
+    assert shutter.readout_s == 0
+
+
+def test_it_is_measured_in_a_map_of_such_images() -> None:
+    assert 0.5 * READOUT_S < swayed(READOUT_S, swings=2)._shutter.readout_s < READOUT_S
+
+
+def test_poses_are_better_for_it() -> None:
+    known, unknown = (swayed(READOUT_S, s).trajectory.online() for s in (READOUT_S, 0.0))
+    error_m = np.mean(position_errors_m(known, SWING))
+    assert error_m < 0.4 * np.mean(position_errors_m(unknown, SWING))
+
+
+def test_nothing_is_moved_before_it_is_sure() -> None:
+    frame = Frame.from_features(World().features(0, np.eye(4)), MODEL, CAMERA)
+    assert RollingShutter(MODEL.height_px).straightened(frame, CAMERA, TWIST) is frame
