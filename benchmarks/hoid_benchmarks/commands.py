@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from hoid_benchmarks.faults.campaign import NIGHTLY, SLICE, fault_report
+from hoid_benchmarks.faults.campaign import NIGHTLY, ROOMS, SLICE, fault_report
 from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine
 from hoid_benchmarks.jobs.machine import Code
@@ -45,11 +45,12 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'experiments: full, quick or a YAML file; a stage to time ({", ".join(STAGES)}); '
         f'{_MASKS}: judge the masks corner by corner; {_ROOMS}: dense map, grid and tracks; '
         f'{_COVARIANCES}: errors against what is published as uncertainty; '
-        f'{_FAULTS}: damaged files, kills and messages, each by its seed',
+        f'{_FAULTS}: {", ".join(ROOMS)}',
     )
     add('--quick', action='store_true', help='the same as "quick": a few minutes')
     add('--only', action='append', default=[], metavar='ID', help='run just this; repeatable')
     add('--seed', type=int, default=0, metavar='N', help='of the faults (default: %(default)s)')
+    add('--minutes', type=int, metavar='N', help=f'of the soak of the faults ({NIGHTLY.soak})')
     add('--job', metavar='KEY', help='run this one again, as its page says')
     add('--report', action='store_true', help='run nothing: write the report of what has run')
     add('--detector', metavar='MODEL', help='instead of every detector of the plan')
@@ -73,6 +74,8 @@ def bench_command(args: argparse.Namespace) -> None:
     """
     if args.what == _FAULTS:
         size = SLICE if args.quick else NIGHTLY
+        if args.minutes is not None:
+            size = replace(size, soak=args.minutes)
         sys.stdout.write(fault_report(args.seed, size, args.only, args.out / _FAULTS))
         return
     store = Store(_ROOT.parent / 'shared', args.out.absolute() / 'sequences', args.data)

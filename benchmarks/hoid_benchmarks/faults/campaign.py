@@ -16,8 +16,8 @@ from hoid_common.errors import ConfigError, HoidError
 
 REPORT = 'faults.md'
 FILES, KILLS, NETWORK, MESSAGES = 'files', 'kills', 'network', 'messages'
-CONDITIONS, CAMERAS, DEATHS = 'conditions', 'cameras', 'deaths'
-ROOMS = (FILES, KILLS, NETWORK, MESSAGES, CONDITIONS, CAMERAS, DEATHS)
+CONDITIONS, CAMERAS, DEATHS, SOAK = 'conditions', 'cameras', 'deaths', 'soak'
+ROOMS = (FILES, KILLS, NETWORK, MESSAGES, CONDITIONS, CAMERAS, DEATHS, SOAK)
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,13 @@ class Size:
     conditions: int  # of clocks, of loads and of disks
     cameras: int  # of each camera
     deaths: int  # of each process
+    soak: int  # minutes, live and offline
 
 
 NIGHTLY = Size(
-    files=500, kills=50, network=5, messages=2000, conditions=10, cameras=1, deaths=50
+    files=500, kills=50, network=5, messages=2000, conditions=10, cameras=1, deaths=50, soak=60
 )  # fmt: skip
-SLICE = Size(files=8, kills=4, network=0, messages=20, conditions=1, cameras=0, deaths=0)
+SLICE = Size(files=8, kills=4, network=0, messages=20, conditions=1, cameras=0, deaths=0, soak=0)
 
 
 def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:
@@ -87,6 +88,7 @@ def _live_outcomes(samples: Samples, folder: Path, seeds: dict[str, range]) -> I
     # They need ROS.
     from hoid_benchmarks.faults.live.cameras import camera_cases  # noqa: PLC0415
     from hoid_benchmarks.faults.live.deaths import death_cases  # noqa: PLC0415
+    from hoid_benchmarks.faults.live.soak import soak_cases  # noqa: PLC0415
     from hoid_benchmarks.faults.live.standing import standing_cases  # noqa: PLC0415
     from hoid_benchmarks.faults.live.two_hosts.network import network_cases  # noqa: PLC0415
 
@@ -99,3 +101,5 @@ def _live_outcomes(samples: Samples, folder: Path, seeds: dict[str, range]) -> I
         yield from camera_cases(folder / CAMERAS, found)
     if found := seeds.get(DEATHS):
         yield from death_cases(folder / DEATHS, found)
+    if found := seeds.get(SOAK):
+        yield from soak_cases(folder / SOAK, len(found))

@@ -32,7 +32,7 @@ def make_samples(folder: Path) -> Samples:
     """Write one file or folder of each kind."""
     samples = Samples(*(folder / name for name in ('tum', 'camera.yaml', 'bag', 'path.txt')))
     _write_tum_folder(samples.tum)
-    samples.camera.write_text(_camera_yaml())
+    samples.camera.write_text(camera_yaml(CAMERA))
     convert(samples.tum, samples.bag, None, CAMERA)
     stamps_ns = START_NS + PERIOD_NS * np.arange(NUM_FRAMES)
     twists = 0.01 * np.random.default_rng(0).standard_normal((NUM_FRAMES, 6)).cumsum(axis=0)
@@ -60,11 +60,12 @@ def _write_tum_folder(folder: Path) -> None:
         (folder / f'{kind}.txt').write_text('\n'.join(rows) + '\n')
 
 
-def _camera_yaml() -> str:
-    matrix = {'rows': 3, 'cols': 3, 'data': CAMERA.matrix.ravel().tolist()}
+def camera_yaml(camera: CameraModel) -> str:
+    """Return the text of a camera file."""
+    matrix = {'rows': 3, 'cols': 3, 'data': camera.matrix.ravel().tolist()}
     content = {
-        'image_width': CAMERA.width_px,
-        'image_height': CAMERA.height_px,
+        'image_width': camera.width_px,
+        'image_height': camera.height_px,
         'camera_matrix': matrix,
         'distortion_model': 'plumb_bob',
         'distortion_coefficients': {'rows': 1, 'cols': 5, 'data': [0.0] * 5},

@@ -9,19 +9,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-import psutil
 from hoid_msgs.msg import SlamStatus
 from sensor_msgs.msg import PointCloud2
 
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS
-from hoid_benchmarks.faults.live.stage import Setup, Stage, staged
+from hoid_benchmarks.faults.live.stage import MAPPER, ROOM, Setup, Stage, member_pids, staged
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
-from rgbd_slam.ros.scene.node import NICE
 
-MAPPER, ROOM = 'mapper', 'room'
 VICTIMS = (DETECTOR, MAPPER, ROOM, FILTER, SLAM)
 _GAP_S = 0.2  # of odometry, when one dies that no pose waits for
 _SAME_MAP_S, _ROOM_S, _LIMIT_S = 5.0, 10.0, 30.0
@@ -78,19 +75,17 @@ class _Deaths:
 
     def _kill(self, victim: str) -> float:
         self._stage.nodes.poll()
-        pids = self._stage.nodes.pids
-        pid = pids[victim] if victim in pids else _child(pids[SLAM], is_room=victim == ROOM)
-        self._sender.newest_ns.clear()
+        pid = member_pids(self._stage.nodes.pids)[victim]
         os.kill(pid, signal.SIGKILL)
         return time.monotonic()
 
     def _signs(self, victim: str, killed_s: float) -> tuple[Callable[[], bool], float]:
         """Return what tells that all is as before, and how long that may take."""
+        since_ns, newest_ns = self._sender.now_ns(), self._sender.newest_ns
         if victim == DETECTOR:
-            return (lambda: OWN_DETECTIONS in self._sender.newest_ns), _SAME_MAP_S
+            return (lambda: newest_ns.get(OWN_DETECTIONS, 0) > since_ns), _SAME_MAP_S
         if victim == ROOM:
             return (lambda: self._cloud_s > killed_s), _ROOM_S
-        since_ns = self._sender.now_ns()
 
         def is_tracked() -> bool:
             status = self._sender.status
@@ -98,7 +93,7 @@ class _Deaths:
                 status is not None
                 and conversions.stamp_from_msg(status.header.stamp) > since_ns
                 and status.state == SlamStatus.TRACKING
-                and self._sender.newest_ns.get(topics.ODOM, 0) > since_ns
+                and newest_ns.get(topics.ODOM, 0) > since_ns
             )
 
         return is_tracked, _SAME_MAP_S
@@ -121,11 +116,3 @@ class _Deaths:
     def _on_cloud(self, msg: PointCloud2) -> None:
         if msg.width * msg.height:
             self._cloud_s = time.monotonic()
-
-
-def _child(pid: int, *, is_room: bool) -> int:
-    """Return the process of the room, which is the nicest, or of the mapper."""
-    workers = [
-        p for p in psutil.Process(pid).children() if '--multiprocessing-fork' in p.cmdline()
-    ]
-    return int(next(p.pid for p in workers if (p.nice() == NICE) == is_room))

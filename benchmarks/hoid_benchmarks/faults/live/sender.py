@@ -82,6 +82,7 @@ class Sender:
         self._make = _compressed if is_compressed else _raw
         self._publishers: dict[str, Publisher] = {}
         self.sent: dict[int, float] = {}  # places by stamp
+        self.sent_s: dict[int, float] = {}  # and when, monotonic
         self.heard: list[Heard] = []
         self.newest_ns: dict[str, int] = {}  # stamp of the last of each output
         self.status: SlamStatus | None = None
@@ -108,7 +109,7 @@ class Sender:
         self._due_s = max(self._due_s, time.monotonic()) + self.period_s
         image_bgr, depth_m, place_m = self.scene.view(len(self.sent))
         stamp_ns = self.now_ns()
-        self.sent[stamp_ns] = place_m
+        self.sent[stamp_ns], self.sent_s[stamp_ns] = place_m, time.monotonic()
         header = conversions.header_to_msg(stamp_ns, FRAME)
         messages = {
             topics.CAMERA_INFO: conversions.camera_to_msg(self.scene.camera, header),

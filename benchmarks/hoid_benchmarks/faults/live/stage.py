@@ -21,11 +21,13 @@ from hoid_bringup.live.supervisor import Supervisor
 from hoid_common import topics
 from hoid_common.errors import HoidError
 from hoid_detector.model.model_path import SYNTHETIC
+from rgbd_slam.ros.scene.node import NICE
 
 START_S, BACK_S = 60.0, 5.0
 _WARM_IMAGES = 30
 _MEMORY_FACTOR, _MEMORY_MB = 1.3, 60.0
 MAPS = 'maps'
+MAPPER, ROOM = 'mapper', 'room'
 ALL_OUTPUTS = (topics.ODOM, OWN_DETECTIONS, topics.TRACKED_OBJECTS)
 
 
@@ -135,6 +137,14 @@ def shared(share: float, least: float) -> Seen:
     """Return what was seen when odometry came of a share of the images."""
     complaint = '' if share >= least else f'odometry of {share:.2f} of the images'
     return Seen(complaint, f'odometry {share:.2f}')
+
+
+def member_pids(pids: Mapping[str, int]) -> dict[str, int]:
+    """Return the nodes' processes, and those that SLAM has started."""
+    children = psutil.Process(pids[SLAM]).children()
+    workers = [p for p in children if '--multiprocessing-fork' in p.cmdline()]
+    names = {ROOM if p.nice() == NICE else MAPPER: p.pid for p in workers}
+    return {**pids, **names}
 
 
 def family_mb(pid: int) -> float:
