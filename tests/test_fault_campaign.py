@@ -70,5 +70,5 @@ def test_a_model_whose_text_is_no_utf8_is_refused(tmp_path: Path, model: Constan
 def test_the_table_names_what_failed() -> None:
     outcomes = [Outcome('bag', 1, ''), Outcome('bag', 2, 'it hung', wall_s=10.0)]
     text = table(outcomes)
-    assert '| bag | 2 | 1 | 0 | 10.0 s | - | - |' in text
+    assert '| bag | 2 | 1 | 0 | 5.0 s | 10.0 s | - | - |' in text
     assert text.endswith('- bag, seed 2: it hung\n')

@@ -7,10 +7,10 @@ import os
 import shlex
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
-from hoid_benchmarks.faults.campaign import NIGHTLY, ROOMS, SLICE, fault_report
+from hoid_benchmarks.faults.campaign import NIGHTLY, ROOMS, SLICE, Size, fault_report
 from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine
 from hoid_benchmarks.jobs.machine import Code
@@ -50,7 +50,7 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     add('--quick', action='store_true', help='the same as "quick": a few minutes')
     add('--only', action='append', default=[], metavar='ID', help='run just this; repeatable')
     add('--seed', type=int, default=0, metavar='N', help='of the faults (default: %(default)s)')
-    add('--minutes', type=int, metavar='N', help=f'of the soak of the faults ({NIGHTLY.soak})')
+    add('--cases', type=int, metavar='N', help='of each kind of fault; minutes of the soak')
     add('--job', metavar='KEY', help='run this one again, as its page says')
     add('--report', action='store_true', help='run nothing: write the report of what has run')
     add('--detector', metavar='MODEL', help='instead of every detector of the plan')
@@ -74,8 +74,8 @@ def bench_command(args: argparse.Namespace) -> None:
     """
     if args.what == _FAULTS:
         size = SLICE if args.quick else NIGHTLY
-        if args.minutes is not None:
-            size = replace(size, soak=args.minutes)
+        if args.cases is not None:
+            size = Size(*[args.cases] * len(fields(Size)))
         sys.stdout.write(fault_report(args.seed, size, args.only, args.out / _FAULTS))
         return
     store = Store(_ROOT.parent / 'shared', args.out.absolute() / 'sequences', args.data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from statistics import median
 from typing import NamedTuple
 
 
@@ -25,8 +26,8 @@ def table(outcomes: Iterable[Outcome]) -> str:
     for outcome in outcomes:
         by_kind.setdefault(outcome.kind, []).append(outcome)
     lines = [
-        '| what was tried | cases | as they must | refused | slowest | most memory | |',
-        '|---|--:|--:|--:|--:|--:|---|',
+        '| what was tried | cases | as they must | refused | median | slowest | most memory | |',
+        '|---|--:|--:|--:|--:|--:|--:|---|',
         *(_row(kind, found) for kind, found in by_kind.items()),
     ]
     failed = [o for found in by_kind.values() for o in found if o.complaint]
@@ -44,11 +45,12 @@ def totals(outcomes: Iterable[Outcome]) -> Mapping[str, int]:
 def _row(kind: str, found: list[Outcome]) -> str:
     skipped = next((o.skipped for o in found if o.skipped), '')
     if skipped:
-        return f'| {kind} | 0 | - | - | - | - | skipped: {skipped} |'
+        return f'| {kind} | 0 | - | - | - | - | - | skipped: {skipped} |'
     good = sum(not o.complaint for o in found)
     refused = sum(o.was_refused for o in found)
-    slowest, most = max(o.wall_s for o in found), max(o.peak_mb for o in found)
+    times_s, most = [o.wall_s for o in found], max(o.peak_mb for o in found)
     memory = f'{most:.0f} MB' if most else '-'
     note = max(found, key=lambda o: o.wall_s).note or '-'
-    numbers = f'{len(found)} | {good} | {refused} | {slowest:.1f} s | {memory}'
+    times = f'{median(times_s):.1f} s | {max(times_s):.1f} s'
+    numbers = f'{len(found)} | {good} | {refused} | {times} | {memory}'
     return f'| {kind} | {numbers} | {note} |'
