@@ -12,8 +12,14 @@ from hoid_bringup.run.summary import Summary
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / 'README.md', *ROOT.glob('docs/**/*.md'), *ROOT.glob('src/*/README.md')])
-MOST_CHARACTERS, MOST_RESULTS, MOST_PROSE_LINES, LONGEST_LINE, MOST_WORDS = 6000, 6, 3, 170, 11500
-GENERATED = ('reference/parameters', 'reference/commands', 'reference/messages', 'decisions/index')
+MOST_CHARACTERS, MOST_RESULTS, MOST_PROSE_LINES, LONGEST_LINE, MOST_WORDS = 6000, 6, 3, 170, 11300
+GENERATED = (
+    'reference/parameters',
+    'reference/commands',
+    'reference/messages',
+    'decisions/index',
+    'results/literature',
+)
 
 
 def test_readme_is_two_screens_long() -> None:

@@ -1,8 +1,8 @@
 """Writes the tables of README and of the pages of results from the files of results.
 
 A table stands between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; in place of the
-experiments, `summary` stands for README's rows. `make reference` writes all of them, and the list
-of decisions.
+experiments, `summary` stands for README's rows. `make reference` writes all of them, the list of
+decisions and the page of published values.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from hoid_benchmarks.publish.literature_page import literature_page
 from hoid_benchmarks.publish.results_file import Kept, Row, read_kept
 from hoid_common.errors import InputError
 from hoid_common.io.yaml_file import read_yaml
@@ -21,7 +22,7 @@ RESULTS = Path('docs/results')  # a file for each plan and the pages
 DECISIONS = Path('docs/decisions')  # a page for each, `NNN-what-was-chosen.md`
 _DECISIONS_HEAD = """# Decisions
 
-Context, what was measured, the choice, and what would change it. Numbers are those of the day;
+Context, what was measured, the choice, and what would reopen it. Numbers are those of the day;
 today's are in [results](../results/index.md). `make reference` writes this list.
 
 | | decision | date |
@@ -61,13 +62,22 @@ def marked_pages(root: Path) -> list[Path]:
     return [page for page in pages if _MARKED.search(page.read_text(encoding='utf-8'))]
 
 
+def written_pages(root: Path) -> dict[Path, str]:
+    """Return the pages that are written as a whole: the list of decisions, published values."""
+    kept = read_kept(results_path(root, 'readme'))
+    return {
+        root / DECISIONS / 'index.md': _decisions(root),
+        root / RESULTS / 'literature.md': literature_page(kept),
+    }
+
+
 def write_pages(root: Path) -> None:
     """Write the marked tables of all pages."""
     for page in marked_pages(root):
         page.write_text(rewritten(page.read_text(encoding='utf-8'), root), encoding='utf-8')
 
 
-def decisions_page(root: Path) -> str:
+def _decisions(root: Path) -> str:
     """Return the list of decisions: number, title and date as each page has them."""
     rows = []
     for page in sorted((root / DECISIONS).glob('0*.md')):
@@ -159,4 +169,5 @@ def _median(kept: Kept, row: Row) -> str:
 
 if __name__ == '__main__':
     write_pages(ROOT)
-    (ROOT / DECISIONS / 'index.md').write_text(decisions_page(ROOT), encoding='utf-8')
+    for path, text in written_pages(ROOT).items():
+        path.write_text(text, encoding='utf-8')

@@ -1,0 +1,40 @@
+"""The page of published values, with ours beside them where the sequence was at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from hoid_benchmarks.publish.results_file import Kept
+from hoid_benchmarks.report.literature import published
+from hoid_benchmarks.report.tables import text
+
+_ATE, _SEQUENCE, _FILTER = 'RMSE [m]', 'sequence', 'filter'
+_HEAD = """# Published values
+
+ATE RMSE in metres as the papers have it; nothing of it was run here. `./hoid bench full --data
+DATA` puts ours beside all of them, which needs the recordings
+([how](../howto/official_sequences.md)). `make reference` writes this page.
+"""
+
+
+def literature_page(kept: Mapping[str, Kept]) -> str:
+    """Return the page, in Markdown: a section for each table."""
+    parts = [_HEAD]
+    for table in published():
+        ours = [_without_filter(kept, sequence) for sequence in table.columns[1:]]
+        row = tuple(map(text, ('this project, no filter', *ours[:-1], 'run here, median')))
+        rows = (*table.rows, row) if any(cell != '-' for cell in ours) else table.rows
+        parts.append(f'## {table.title}\n\n{replace(table, rows=rows).markdown()}')
+    return '\n'.join(parts)
+
+
+def _without_filter(kept: Mapping[str, Kept], sequence: str) -> str:
+    """Return the median of the unfiltered runs of a sequence, or a dash."""
+    for one in kept.values():
+        if {_ATE, _SEQUENCE, _FILTER} <= {*one.columns}:
+            at = one.columns.index
+            for row in one.rows:
+                if (row.cells[at(_SEQUENCE)], row.cells[at(_FILTER)]) == (sequence, 'none'):
+                    return row.cells[at(_ATE)].split()[0]
+    return '-'
