@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoid_benchmarks.faults.cases import Outcome, table
+from hoid_benchmarks.faults.cases import Outcome, merged, table
 from hoid_benchmarks.faults.damage import damaged
 from hoid_benchmarks.faults.models import ConstantModel
 from hoid_common.errors import ModelError
@@ -72,3 +72,12 @@ def test_the_table_names_what_failed() -> None:
     text = table(outcomes)
     assert '| bag | 2 | 1 | 0 | 5.0 s | 10.0 s | - | - |' in text
     assert text.endswith('- bag, seed 2: it hung\n')
+
+
+def test_a_later_table_replaces_rows_of_its_kinds() -> None:
+    before = table([Outcome('bag', 1, ''), Outcome('names', 1, '')])
+    after = table([Outcome('bag', 2, '', number=40), Outcome('disk', 2, '')])
+    lines = merged(before, after).splitlines()
+    assert [line.split()[1] for line in lines[2:]] == ['bag', 'names', 'disk']
+    assert '| bag | 40 | 40 |' in lines[2]
+    assert merged('', after) == after

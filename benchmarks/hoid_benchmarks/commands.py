@@ -19,7 +19,7 @@ from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.jobs.speed import STAGES, time_stage
 from hoid_benchmarks.plan.plan import Job, Plan, load_plan
 from hoid_benchmarks.plan.sequences import Store
-from hoid_benchmarks.publish.pages import results_path, write_pages
+from hoid_benchmarks.publish.pages import publish_faults, results_path, write_pages
 from hoid_benchmarks.publish.results_file import keep
 from hoid_benchmarks.report.check import check
 from hoid_benchmarks.report.report import Report
@@ -76,7 +76,10 @@ def bench_command(args: argparse.Namespace) -> None:
         size = SLICE if args.quick else NIGHTLY
         if args.cases is not None:
             size = Size(*[args.cases] * len(fields(Size)))
-        sys.stdout.write(fault_report(args.seed, size, args.only, args.out / _FAULTS))
+        text = fault_report(args.seed, size, args.only, args.out / _FAULTS)
+        sys.stdout.write(text)
+        if args.publish:
+            publish_faults(_ROOT, text)
         return
     store = Store(_ROOT.parent / 'shared', args.out.absolute() / 'sequences', args.data)
     store.made.mkdir(parents=True, exist_ok=True)

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from statistics import median
 from typing import NamedTuple
 
+_HEAD_LINES = 2
+
 
 class Outcome(NamedTuple):
     """What became of one case."""
@@ -17,6 +19,7 @@ class Outcome(NamedTuple):
     wall_s: float = 0.0
     peak_mb: float = 0.0
     note: str = ''  # a number of its own
+    number: int = 1  # of faults that were judged together
     skipped: str = ''  # why it was not tried; empty when it was
 
 
@@ -36,6 +39,18 @@ def table(outcomes: Iterable[Outcome]) -> str:
     return '\n'.join(lines) + '\n'
 
 
+def merged(before: str, after: str) -> str:
+    """Return a table with the rows of a later one in place of those of the same kind."""
+    head: list[str] = []
+    rows: dict[str, str] = {}
+    for line in (*before.splitlines(), *after.splitlines()):
+        if line.startswith('| ') and not line.startswith('| what'):
+            rows[line.split('|')[1]] = line
+        elif line.startswith('|') and len(head) < _HEAD_LINES:
+            head.append(line)
+    return '\n'.join((*head, *rows.values())) + '\n'
+
+
 def totals(outcomes: Iterable[Outcome]) -> Mapping[str, int]:
     """Return the numbers of cases and of those that failed."""
     every = list(outcomes)
@@ -46,11 +61,11 @@ def _row(kind: str, found: list[Outcome]) -> str:
     skipped = next((o.skipped for o in found if o.skipped), '')
     if skipped:
         return f'| {kind} | 0 | - | - | - | - | - | skipped: {skipped} |'
-    good = sum(not o.complaint for o in found)
+    tried, good = sum(o.number for o in found), sum(o.number * (not o.complaint) for o in found)
     refused = sum(o.was_refused for o in found)
     times_s, most = [o.wall_s for o in found], max(o.peak_mb for o in found)
     memory = f'{most:.0f} MB' if most else '-'
     note = max(found, key=lambda o: o.wall_s).note or '-'
     times = f'{median(times_s):.1f} s | {max(times_s):.1f} s'
-    numbers = f'{len(found)} | {good} | {refused} | {times} | {memory}'
+    numbers = f'{tried} | {good} | {refused} | {times} | {memory}'
     return f'| {kind} | {numbers} | {note} |'

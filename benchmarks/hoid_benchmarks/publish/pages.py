@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from hoid_benchmarks.faults.cases import merged
 from hoid_benchmarks.publish.literature_page import literature_page
 from hoid_benchmarks.publish.results_file import Kept, Row, read_kept
 from hoid_common.errors import InputError
@@ -29,6 +30,7 @@ today's are in [results](../results/index.md). `make reference` writes this list
 |---|---|---|
 """
 _MARKED = re.compile(r'(<!-- bench (\w+) ([\w ]+) -->\n).*?(<!-- /bench -->)', re.DOTALL)
+_FAULTS = re.compile(r'(<!-- faults -->\n)(.*?)(<!-- /faults -->)', re.DOTALL)
 _SUMMARY = 'summary'
 _SUMMARY_ROWS = Path(__file__).with_name('summary.yaml')
 _NAMES = ('sequence', 'filter', 'detector')
@@ -75,6 +77,16 @@ def write_pages(root: Path) -> None:
     """Write the marked tables of all pages."""
     for page in marked_pages(root):
         page.write_text(rewritten(page.read_text(encoding='utf-8'), root), encoding='utf-8')
+
+
+def publish_faults(root: Path, table: str) -> None:
+    """Write the rows of a fault campaign into its page; what was not tried stays."""
+    page = root / RESULTS / 'faults.md'
+    text = page.read_text(encoding='utf-8')
+    page.write_text(
+        _FAULTS.sub(lambda found: f'{found[1]}{merged(found[2], table)}{found[3]}', text),
+        encoding='utf-8',
+    )
 
 
 def _decisions(root: Path) -> str:

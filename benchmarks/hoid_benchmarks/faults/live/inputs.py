@@ -40,7 +40,8 @@ def message_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
             _send_wrong(stage.sender, topic, np.random.default_rng(seeds.start), len(seeds))
             return Seen()
 
-        yield stage.outcome(f'{len(seeds)} messages on {topic}', seeds.start, send)
+        outcome = stage.outcome(f'messages on `{topic.lstrip("/")}`', seeds.start, send)
+        yield outcome._replace(number=len(seeds))
 
 
 def _send_wrong(sender: Sender, topic: str, rng: Rng, number: int) -> None:
