@@ -173,7 +173,8 @@ class RgbdSlam:
         self.odometry.advance(tracked, tracking.consensus)
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
-        self._shutter.add(tracked, self._atlas, self._noise.camera, self.odometry.twist)
+        if self._config.camera.rolling_shutter:
+            self._shutter.add(tracked, self._atlas, self._noise.camera, self.odometry.twist)
         self._tracker.use_camera(self._noise.camera)
         self._clock.recognised()
         self.trajectory.add(tracked)

@@ -38,9 +38,11 @@ def rolled(features: Features, twist: FloatArray, readout_s: float) -> Features:
     return replace(features, uv_px=uv.astype(np.float32), depth_m=depth_m.astype(np.float32))
 
 
-def swayed(readout_s: float, known_s: float = 0.0, swings: int = 1) -> RgbdSlam:
+def swayed(
+    readout_s: float, known_s: float = 0.0, swings: int = 1, config: SlamConfig | None = None
+) -> RgbdSlam:
     """Return what has tracked a camera with such a shutter, of which something may be known."""
-    world, slam = World(), RgbdSlam(MODEL, SlamConfig())
+    world, slam = World(), RgbdSlam(MODEL, config or SlamConfig())
     slam._shutter.readout_s = known_s
     poses = np.concatenate([SWING] * swings)
     for n, pose in enumerate(poses):
@@ -110,6 +112,12 @@ def test_a_global_shutter_and_a_camera_at_rest_are_left_alone(
 
 def test_it_is_measured_in_a_map_of_such_images() -> None:
     assert 0.5 * READOUT_S < swayed(READOUT_S, swings=2)._shutter.readout_s < READOUT_S
+
+
+def test_a_camera_that_is_known_to_have_none_is_not_measured() -> None:
+    camera = replace(SlamConfig().camera, rolling_shutter=False)
+    slam = swayed(READOUT_S, swings=2, config=replace(SlamConfig(), camera=camera))
+    assert slam._shutter.readout_s == 0
 
 
 def test_poses_are_better_for_it() -> None:

@@ -31,6 +31,11 @@ class CameraConfig(Config):
         description='Takes u_right to be as noisy as u and v, with one robust kernel over the '
         'three, as ORB-SLAM3 does; otherwise depth has a noise and a kernel of its own.',
     )
+    rolling_shutter: bool = param(
+        default=True,
+        description='Measures how long the rows of an image take, and takes it out of what is '
+        'tracked; false leaves images as they are, as ORB-SLAM3 does.',
+    )
     close_baselines: float = param(
         40.0, 'Number of baselines up to which depth is trusted to make points.',
         minimum=1.0, maximum=1000.0,
