@@ -110,3 +110,14 @@ def test_a_folder_for_logs_that_cannot_be_made_is_said(tmp_path: Path) -> None:
     supervisor = Supervisor([python('any', '')], log_dir=tmp_path / 'file' / 'logs')
     with pytest.raises(InputError, match='file/logs: cannot be written'), supervisor:
         pytest.fail('it started')
+
+
+def test_processor_time_is_told_by_child(tmp_path: Path) -> None:
+    busy, idle = python('busy', 'while True: pass'), python('idle', 'import time; time.sleep(60)')
+    with Supervisor([busy, idle], log_dir=tmp_path) as group:
+        end_s = time.monotonic() + 20
+        while group.cpu_s().get('busy', 0.0) < 0.5 and time.monotonic() < end_s:
+            time.sleep(0.05)
+        times = group.cpu_s()
+    assert 0.5 <= times['busy'] < 20
+    assert times['idle'] < times['busy']

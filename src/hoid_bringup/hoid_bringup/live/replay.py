@@ -71,6 +71,7 @@ class _LiveRun:
         shutil.rmtree(log_dir, ignore_errors=True)
         self._nodes = node_specs(node_options(bag, config, folder), folder)
         self._player = player_spec(bag, config)
+        self._cpu_share: dict[str, float] = {}  # of a core, by process, while the bag is played
 
     def run(self, noted: Mapping[str, Any], *, show_progress: bool) -> RunResult:
         """Start everything, listen until the bag is over, and ask for the results."""
@@ -105,15 +106,20 @@ class _LiveRun:
     ) -> None:
         """Record until the bag is over and the nodes have nothing left to do."""
         metrics = recorder.metrics
+        start_s, idle_s = time.monotonic(), nodes.cpu_s()
         with progress(None, len(self._bag), 'frames', show=show_progress) as bar:
             while player.pids:
                 recorder.spin(_TICK_S)
                 self._stop_on(nodes.poll())
                 # The player of a damaged bag ends with an error after all that can be read.
+                spent_s = {**nodes.cpu_s(), **player.cpu_s()}
                 ended = player.poll()
                 self._stop_on([e for e in ended if e.status != 0 and self._bag.fault is None])
                 bar.set_postfix_str(recorder.state_text(), refresh=False)
                 bar.update(metrics.num_processed - bar.n)
+            for name, cpu_s in spent_s.items():
+                share = (cpu_s - idle_s.get(name, 0.0)) / (time.monotonic() - start_s)
+                self._cpu_share[name] = share
             seen = -1
             while seen != metrics.num_processed:
                 seen = metrics.num_processed
@@ -158,6 +164,7 @@ class _LiveRun:
             stage_ms=metrics.stage_ms(),
             peak_rss_mb=sum(nodes.peak_rss_mb().values()),
             rss_by_node_mb=nodes.peak_rss_mb(),
+            cpu_share_by_node=self._cpu_share,
             latency_ms=metrics.latency_ms(),
         )
 

@@ -115,6 +115,15 @@ class Supervisor:
         """Return the highest resident memory that `poll` saw of each child and its children."""
         return {name: size / _BYTES_PER_MB for name, size in self._peak_rss_bytes.items()}
 
+    def cpu_s(self) -> dict[str, float]:
+        """Return the processor time that each child that runs has taken, with its children."""
+        times = {}
+        for name, process in self._running.items():
+            with contextlib.suppress(psutil.Error):
+                spent = [member.cpu_times() for member in _family(process.pid)]
+                times[name] = sum(each.user + each.system for each in spent)
+        return times
+
     def poll(self) -> list[ProcessExit]:
         """Return the children that ended since the last call; restart them if so told."""
         now_s = time.monotonic()
@@ -176,9 +185,7 @@ class Supervisor:
 
     def _note_memory(self, name: str, pid: int) -> None:
         with contextlib.suppress(psutil.Error):
-            process = psutil.Process(pid)
-            family = [process, *process.children(recursive=True)]
-            total = sum(member.memory_info().rss for member in family)
+            total = sum(member.memory_info().rss for member in _family(pid))
             self._peak_rss_bytes[name] = max(self._peak_rss_bytes.get(name, 0), total)
 
     def _signal_all(self, sign: signal.Signals) -> None:
@@ -193,6 +200,11 @@ class Supervisor:
                 if process.poll() is not None:
                     del self._running[name]
             time.sleep(_POLL_S)
+
+
+def _family(pid: int) -> list[psutil.Process]:
+    process = psutil.Process(pid)
+    return [process, *process.children(recursive=True)]
 
 
 def _ending_with_parent() -> tuple[str, ...]:

@@ -81,6 +81,7 @@ class RunResult:
     peak_rss_mb: float
     latency_ms: Sequence[float] = ()  # image stamp to odometry, live only
     rss_by_node_mb: Mapping[str, float] = field(default_factory=dict)  # with helpers; live only
+    cpu_share_by_node: Mapping[str, float] = field(default_factory=dict)  # of a core; live only
     cloud: ColoredCloud | None = None  # dense map, in the map frame
     grid: Grid | None = None
     recording: Path | None = None  # where it lay
@@ -111,6 +112,7 @@ class Summary:
     latency_ms: Spread | None
     peak_rss_mb: float
     peak_rss_by_node_mb: Mapping[str, float]
+    cpu_share_by_node: Mapping[str, float]
     filter: FilterCounts
     options: Mapping[str, Any]
     versions: Mapping[str, str]
@@ -145,6 +147,7 @@ def summarize(result: RunResult) -> Summary:
         latency_ms=Spread.of(result.latency_ms),
         peak_rss_mb=round(result.peak_rss_mb, 1),
         peak_rss_by_node_mb={n: round(mb, 1) for n, mb in result.rss_by_node_mb.items()},
+        cpu_share_by_node={n: round(c, 3) for n, c in result.cpu_share_by_node.items()},
         filter=result.filter_counts,
         options=dict(result.options),
         versions=versions(),
