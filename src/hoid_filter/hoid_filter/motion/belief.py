@@ -26,7 +26,12 @@ class MovingArea(NamedTuple):
     """Where the small image moves, and which connected part is which."""
 
     label: IntArray  # (h, w), 0 = rests, else 1 + index of the region
-    num_regions: int
+    boxes_xywh_px: IntArray  # (R, 4) of the regions in the small image
+
+    @property
+    def num_regions(self) -> int:
+        """Return how many parts move."""
+        return len(self.boxes_xywh_px)
 
 
 class Belief:
@@ -81,17 +86,18 @@ class Belief:
         """Return what moves: connected parts, some pixel of which is believed to for sure."""
         surely = self.log_odds > _SURELY_MOVES
         if not surely.any():
-            return MovingArea(np.zeros(surely.shape, np.int64), 0)
+            return MovingArea(np.zeros(surely.shape, np.int64), np.empty((0, 4), np.int64))
         moves = self.log_odds > _MOVES
-        count, label, stats, _ = cv2.connectedComponentsWithStats(
+        count, label, found, _ = cv2.connectedComponentsWithStats(
             moves.view(np.uint8), connectivity=8
         )
         sure = np.zeros(count, np.bool_)
         sure[label[surely]] = True
+        stats = np.asarray(found, np.int64)
         sure &= stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA * moves.size
         sure[0] = False
         number = np.where(sure, np.cumsum(sure), 0)
-        return MovingArea(number[label], int(np.count_nonzero(sure)))
+        return MovingArea(number[label], stats[sure, : cv2.CC_STAT_AREA])
 
 
 def widened(label: IntArray) -> ByteArray:

@@ -10,6 +10,7 @@ import numpy as np
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
 from hoid_filter.config import MotionConfig
 from hoid_filter.motion.belief import MovingArea, widened
+from hoid_filter.motion.course import median
 from hoid_filter.motion.motion_segmentation import MotionSegmentation
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import MotionView
@@ -73,16 +74,12 @@ class MotionSense:
 
 
 def _described(area: MovingArea, segmentation: MotionSegmentation) -> Moving:
-    boxes, depths = [], []
-    camera, depth_m = segmentation.camera, segmentation.depth_m
-    for n in range(1, area.num_regions + 1):
-        own = area.label == n
-        boxes.append(camera.box_px(own))
-        depths.append(float(np.median(depth_m[own])))
+    depth_m = segmentation.depth_m
+    depths_m = [median(depth_m[area.label == n + 1]) for n in range(area.num_regions)]
     return Moving(
-        np.array(boxes, np.float32),
-        np.array(depths),
+        segmentation.camera.boxes_px(area.boxes_xywh_px).astype(np.float32),
+        np.array(depths_m, np.float64),
         segmentation.course.velocities_mps(area),
         widened(area.label),
-        camera,
+        segmentation.camera,
     )

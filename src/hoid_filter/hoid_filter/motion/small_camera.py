@@ -19,6 +19,8 @@ from hoid_native import Pinhole
 
 DEPTH_WIDTH_PX = 160
 GRAY_WIDTH_PX = 320
+# Corners of a box, and what lies halfway: a lens bends its edges.
+_AROUND = np.stack(np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0]), axis=-1).reshape(-1, 2)
 _BASELINE_M = 0.075  # of the virtual right camera: depth as a disparity, like a depth camera's own
 
 
@@ -76,16 +78,15 @@ class SmallCamera:
         rays = _rays(self.gray_pinhole, measured_px[:, 0], measured_px[:, 1])
         return rays * depth_m[:, None]
 
-    def box_px(self, mask: BoolArray) -> tuple[float, float, float, float]:
-        """Return the box in the full image around what an (h, w) mask shows."""
-        x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
-        columns = np.array([x, x + width / 2, x + width]) - 0.5
-        rows = np.array([y, y + height / 2, y + height]) - 0.5
-        u, v = (part.ravel() for part in np.meshgrid(columns, rows))
-        imaged_px = self.camera.project_px(_rays(self.depth_pinhole, u, v)) + 0.5
-        last = np.array(self.camera.size_px)
-        first, end = (np.clip(edge, 0, last) for edge in (imaged_px.min(0), imaged_px.max(0)))
-        return float(first[0]), float(first[1]), float(end[0]), float(end[1])
+    def boxes_px(self, boxes_xywh_px: IntArray) -> FloatArray:
+        """Return the (N, 4) boxes in the full image around (N, 4) of the small depth image."""
+        left_top, size = boxes_xywh_px[:, None, :2], boxes_xywh_px[:, None, 2:]
+        at_px = left_top + size * _AROUND - 0.5  # (N, 9, 2)
+        rays = _rays(self.depth_pinhole, at_px[..., 0].ravel(), at_px[..., 1].ravel())
+        imaged_px = self.camera.project_px(rays).reshape(at_px.shape) + 0.5
+        edges_px = np.concatenate([imaged_px.min(axis=1), imaged_px.max(axis=1)], axis=1)
+        boxes_px: FloatArray = np.clip(edges_px, 0, (*self.camera.size_px, *self.camera.size_px))
+        return boxes_px
 
     def _samples(self) -> _Samples:
         height, width = self.shape_hw

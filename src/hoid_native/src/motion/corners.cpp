@@ -6,15 +6,34 @@
 
 namespace hoid::motion {
 
+namespace {
+
+// The cell in which each of so many pixels in a row lies.
+std::vector<int> cells_of(int count, double cell_px)
+{
+  const double per_px = 1 / cell_px;
+  std::vector<int> cells(count);
+  for (int n = 0; n < count; ++n) {
+    cells[n] = static_cast<int>(n * per_px);
+  }
+  return cells;
+}
+
+}  // namespace
+
 std::vector<int64_t> strongest_in_cells(const CornersOnDepth& seen, const CellGrid& grid)
 {
   std::vector<int64_t> best(grid.count, -1);
-  const double per_px = 1 / grid.cell_px;
+  // The cells of rows and columns: a table is quicker than two multiplications a corner.
+  const auto width = static_cast<uint32_t>(seen.depth_m.width);
+  const std::vector<int> cell_of_column = cells_of(seen.depth_m.width, grid.cell_px),
+                         cell_of_row = cells_of(seen.depth_m.height, grid.cell_px);
   for (int k = 0; k < seen.count; ++k) {
     const int64_t pixel = seen.pixel[k];
-    const int64_t row = pixel / seen.depth_m.width, column = pixel - row * seen.depth_m.width;
-    const auto cell = static_cast<int64_t>(static_cast<double>(row) * per_px) * grid.columns +
-                      static_cast<int64_t>(static_cast<double>(column) * per_px);
+    // In 32 bits, as a division in 64 takes three times as long.
+    const uint32_t row = static_cast<uint32_t>(pixel) / width;
+    const uint32_t column = static_cast<uint32_t>(pixel) - row * width;
+    const int cell = cell_of_row[row] * grid.columns + cell_of_column[column];
     if (grid.taken[cell] || (best[cell] >= 0 && seen.score[k] <= seen.score[best[cell]])) {
       continue;
     }
