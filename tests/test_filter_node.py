@@ -178,6 +178,22 @@ def test_features_go_out_before_motion_is_looked_for(
     assert not mask[140:300, int(new[1][0]) : int(new[1][2])].any()
 
 
+def test_an_image_that_the_next_overtakes_goes_without_a_look_for_motion(
+    run_filter: FilterRunner,
+) -> None:
+    peer = run_filter(strategy='motion', **{'input.reliability': 'reliable'})
+    peer.send_images(0)
+    peer.answer(2, num_features=1)
+    num = 6
+    for i in range(1, num):  # faster than they can be worked on
+        peer.send_images(i)
+    peer.answer(2 * num, num_features=num)
+    final = [objects.header for objects in peer.objects if not objects.provisional]
+    assert final == [peer.header(i) for i in range(num)]
+    peer.wait_for_count('images without a look for motion', 1)
+    assert int(peer.said()[1]['images without a look for motion']) < num - 1
+
+
 @pytest.mark.parametrize('on_loss', ['unfiltered', 'stop'])
 def test_loss_of_the_detector_is_said_and_lived_with(
     run_filter: FilterRunner, on_loss: str

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from hoid_msgs.msg import DetectionArray
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
@@ -18,28 +16,24 @@ from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
-from hoid_common.values import Features, RgbdFrame
+from hoid_common.values import RgbdFrame
 from hoid_filter.detections.detection_gate import Known
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.node_config import FilterNodeConfig
+from hoid_filter.ros.looks import Looks
 from hoid_filter.ros.outputs import FilterOutputs
 from hoid_filter.ros.second_looks import FirstLook, SecondLooks
 
 _SILENCE_S = 0.05  # after which images are looked at again that wait for detections
 
 
-class _Published(NamedTuple):
-    look: FirstLook
-    features: Features
-    is_final: bool
-
-
 class FilterNode(ManagedNode):
     """Brings images, depth and detections together and publishes what the filter makes of them.
 
     An image is published at once, judged by what moved before and by boxes predicted to it. It is
-    judged again when motion has been looked for in it and its own detections are there. Only
-    before the detector's first answer does it wait.
+    judged again when motion has been looked for in it and its own detections are there. Motion is
+    looked for when no message waits; an image that the next one overtakes goes without. Only
+    before the detector's first answer does an image wait.
     """
 
     def __init__(self) -> None:
@@ -52,6 +46,8 @@ class FilterNode(ManagedNode):
         self._second_looks = SecondLooks(
             config.detections, self._filter, self._outputs, self.diagnostics
         )
+        self._looks = Looks(self._filter, self._outputs, self._second_looks, self.diagnostics)
+        self._idle = self.create_guard_condition(self._looks.look_for_motion)  # messages go first
         self._subscribe(config)
         self.begin(autostart=config.autostart)
 
@@ -59,6 +55,7 @@ class FilterNode(ManagedNode):
         """Forget objects, and images that are to be judged again."""
         self._filter.reset()
         self._second_looks.forget()
+        self._looks.forget()
 
     def _subscribe(self, config: FilterNodeConfig) -> None:
         inputs = Inputs(self, config.input, self.diagnostics)
@@ -76,6 +73,10 @@ class FilterNode(ManagedNode):
             self.create_timer(_SILENCE_S, self._poll, clock=steady)
 
     def _take_images(self, match: Match) -> None:
+        if self._looks.is_motion_pending:
+            self._looks.do_without_motion()
+        else:
+            self._idle.trigger()
         (header, image_bgr), (_, depth_m) = match.values
         frame = RgbdFrame(match.stamp_ns, image_bgr, depth_m)
         detected = self._filter.detect_corners(frame)
@@ -86,11 +87,10 @@ class FilterNode(ManagedNode):
             looks = self._second_looks.add_image(header, detected)
         else:
             looks = [FirstLook(header, detected, Known(None, is_final=True))]
-        published = self._publish(looks)
-        self._filter.sense_motion(detected)  # last: nothing waits for it
-        self._follow_up(published)
+        self._looks.take(looks, detected)
 
     def _take_detections(self, msg: DetectionArray | Detection2DArray) -> None:
+        self._looks.look_for_motion()  # first: they may have the final word
         if isinstance(msg, Detection2DArray):
             detections = conversions.detections_2d_from_msg(msg)
         else:
@@ -98,7 +98,7 @@ class FilterNode(ManagedNode):
             if self._size_px not in (None, said):
                 raise MessageError(f'detections are of {said} px, colour is {self._size_px}')
             detections = conversions.detections_from_msg(msg)
-        self._follow_up(self._publish(self._second_looks.add_detections(detections)))
+        self._looks.take(self._second_looks.add_detections(detections))
 
     def _take_camera(self, msg: CameraInfo) -> None:
         self._filter.camera = conversions.camera_from_msg(msg)
@@ -112,33 +112,7 @@ class FilterNode(ManagedNode):
             self.diagnostics.report(error, 'camera infos refused')
 
     def _poll(self) -> None:
-        self._follow_up(self._publish(self._second_looks.poll()))
-
-    def _publish(self, looks: list[FirstLook]) -> list[_Published]:
-        """Publish features by what is known by now."""
-        published = []
-        for look in looks:
-            frame = look.detected.frame
-            result = self._filter.select_and_describe(
-                look.detected, look.known.detections, for_picture=self._outputs.wants_picture
-            )
-            is_final = look.known.is_final and self._filter.is_motion_known(frame.stamp_ns)
-            self._outputs.publish(frame, result, look.header, provisional=not is_final)
-            published.append(_Published(look, result.features, is_final))
-        return published
-
-    def _follow_up(self, published: list[_Published]) -> None:
-        """Publish masks where they are wanted, and have images judged again that are to be."""
-        for look, features, is_final in published:
-            if self._outputs.wants_masks:
-                depth_m = look.detected.frame.depth_m
-                word = self._filter.judge_again(features, depth_m, None)
-                self._outputs.publish_masks(word, depth_m, look.header, self._filter.camera)
-            if not is_final:
-                self._second_looks.remember(look, features)
-            self.diagnostics.count('images filtered')
-            for name, number in self._filter.counters.items():
-                self.diagnostics.set_count(name, number)
+        self._looks.take(self._second_looks.poll())
 
     def _reconfigure(self, config: FilterNodeConfig) -> None:
         self._second_looks.reconfigure(config.detections)

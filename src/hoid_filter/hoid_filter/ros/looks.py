@@ -1,0 +1,93 @@
+"""What is published of an image, and in which order: features, then what takes longer to know."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.values import Features
+from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
+from hoid_filter.ros.outputs import FilterOutputs
+from hoid_filter.ros.second_looks import FirstLook, SecondLooks
+
+
+class _Published(NamedTuple):
+    look: FirstLook
+    features: Features
+    is_final: bool
+
+
+class _Pending(NamedTuple):
+    """An image in which motion is to be looked for, and what was published when it came."""
+
+    detected: DetectedCorners
+    published: list[_Published]
+
+
+class Looks:
+    """Publishes what is known of images as they come, and the rest when motion is known, too."""
+
+    def __init__(
+        self,
+        feature_filter: FeatureFilter,
+        outputs: FilterOutputs,
+        second_looks: SecondLooks,
+        diagnostics: Diagnostics,
+    ) -> None:
+        self._filter, self._outputs = feature_filter, outputs
+        self._second_looks, self._diagnostics = second_looks, diagnostics
+        self._pending: _Pending | None = None
+
+    @property
+    def is_motion_pending(self) -> bool:
+        """Return whether motion is to be looked for in an image."""
+        return self._pending is not None
+
+    def forget(self) -> None:
+        """Drop the image in which motion is to be looked for."""
+        self._pending = None
+
+    def take(self, looks: list[FirstLook], detected: DetectedCorners | None = None) -> None:
+        """Publish what is to be published now; motion is to be looked for in a new image later."""
+        published = [self._publish(look) for look in looks]
+        if detected is None:
+            self._follow_up(published)
+        else:
+            self._pending = _Pending(detected, published)
+
+    def look_for_motion(self) -> None:
+        """Look for motion in the image that came last, unless that has been done."""
+        if self._pending is not None:
+            (detected, published), self._pending = self._pending, None
+            self._filter.sense_motion(detected)
+            self._follow_up(published)
+
+    def do_without_motion(self) -> None:
+        """Say the rest of the last image without a look for motion, as the next is there."""
+        if self._pending is not None:
+            published, self._pending = self._pending.published, None
+            self._follow_up(published)
+            self._diagnostics.count('images without a look for motion')
+
+    def _publish(self, look: FirstLook) -> _Published:
+        """Publish features by what is known by now."""
+        frame = look.detected.frame
+        result = self._filter.select_and_describe(
+            look.detected, look.known.detections, for_picture=self._outputs.wants_picture
+        )
+        is_final = look.known.is_final and self._filter.is_motion_known(frame.stamp_ns)
+        self._outputs.publish(frame, result, look.header, provisional=not is_final)
+        return _Published(look, result.features, is_final)
+
+    def _follow_up(self, published: list[_Published]) -> None:
+        """Publish masks where they are wanted, and have images judged again that are to be."""
+        for look, features, is_final in published:
+            if self._outputs.wants_masks:
+                depth_m = look.detected.frame.depth_m
+                word = self._filter.judge_again(features, depth_m, None)
+                self._outputs.publish_masks(word, depth_m, look.header, self._filter.camera)
+            if not is_final:
+                self._second_looks.remember(look, features)
+            self._diagnostics.count('images filtered')
+            for name, number in self._filter.counters.items():
+                self._diagnostics.set_count(name, number)
