@@ -12,7 +12,7 @@
     if (cell.textContent.length < 13) cell.dataset.short = ''
     const texts = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT)
     for (let text = texts.nextNode(); text; text = texts.nextNode())
-      for (let at; (at = text.data.search(/[/|]./)) >= 0; text = texts.nextNode()) text.splitText(at + 1).before(document.createElement('wbr'))
+      for (let at; (at = text.data.search(/[/|]\S/)) >= 0; text = texts.nextNode()) text.splitText(at + 1).before(document.createElement('wbr'))
   }
   for (const table of document.querySelectorAll('.md-typeset table')) {
     const rows = [...table.tBodies[0].rows], heads = [...table.tHead.rows[0].cells]
