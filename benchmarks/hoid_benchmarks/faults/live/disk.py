@@ -23,7 +23,8 @@ from hoid_common.ros import qos
 
 FULL, READ_ONLY, SLOW = KINDS = ('disk full', 'disk read-only', 'disk slow')
 _DISK_MB = 64
-_ANSWER_S, _CHECKPOINT_S = 20.0, 15.0
+_ANSWER_S = 20.0
+_CHECKPOINT_S = 60.0  # one that took long is followed by a pause twenty times as long
 _REFILL_S, _PAUSE_S = 0.001, 0.3
 _FAILED = 'checkpoints that failed'
 _SERVICES = (

@@ -23,7 +23,7 @@ from hoid_common.errors import HoidError
 from hoid_detector.model.model_path import SYNTHETIC
 from rgbd_slam.ros.scene.node import NICE
 
-START_S, BACK_S = 60.0, 5.0
+START_S, BACK_S, _ALL_S = 60.0, 5.0, 10.0
 _WARM_IMAGES = 30
 _MEMORY_FACTOR, _MEMORY_MB = 1.3, 60.0
 MAPS = 'maps'
@@ -107,8 +107,10 @@ class Stage:
             return '; '.join(map(str, exits))
         if self.nodes.pids != before.pids:
             return 'a node was started anew'
-        if silent := self.sender.silent_within(back_s, self.setup.outputs):
-            return f'no {", ".join(silent)} for {back_s:g} s of good messages'
+        # What no pose waits for may come later.
+        for outputs, limit_s in ((self.setup.outputs[:1], back_s), (self.setup.outputs, _ALL_S)):
+            if silent := self.sender.silent_within(limit_s, outputs):
+                return f'no {", ".join(silent)} for {limit_s:g} s of good messages'
         if (maps := self._state().maps) > before.maps:
             return f'{maps} maps where there were {before.maps}'
         return self._grown(before.memory_mb) or self._tracebacks()
