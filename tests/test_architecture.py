@@ -23,7 +23,7 @@ PACKAGES = """
 # and the rooms of a package, with the modules at its root.
 ROOMS = {
     'hoid_common': """
-        errors throttle sync topics slam_status < config values < se3 process
+        errors median throttle sync topics slam_status < config values < se3 process
         < inputs pose_buffer io static_frames < ros
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',

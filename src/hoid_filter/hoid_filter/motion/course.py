@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hoid_common.median import median
 from hoid_common.values import FloatArray, IntArray
 from hoid_filter.motion.belief import MovingArea
 
 _LEAST_S = 0.1  # in which a point that moves outdoes the noise of its depth
 _LEAST_POINTS = 3  # that tell how a region goes
-
-
-Scalar = TypeVar('Scalar', np.float32, np.float64)
 
 
 class Course(NamedTuple):
@@ -43,11 +40,3 @@ class Course(NamedTuple):
             if len(own_mps) >= _LEAST_POINTS:
                 found[n] = median(own_mps)
         return found
-
-
-def median(values: NDArray[Scalar]) -> NDArray[Scalar]:
-    """Return what `np.median` does along the first axis, in a third of the time."""
-    low, high = (len(values) - 1) // 2, len(values) // 2
-    parts = np.partition(values, (low, high), axis=0)
-    middle: NDArray[Scalar] = (parts[low] + parts[high]) / 2
-    return middle

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoid_common.median import median
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
 from hoid_filter.config import MotionConfig
 from hoid_filter.motion.belief import MovingArea, widened
-from hoid_filter.motion.course import median
 from hoid_filter.motion.motion_segmentation import MotionSegmentation
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import MotionView

@@ -15,6 +15,7 @@ import numpy as np
 
 import hoid_native
 from hoid_common import se3
+from hoid_common.median import median
 from hoid_common.values import BoolArray, FloatArray
 from hoid_native.results import MatchJudgement
 from rgbd_slam.config.consensus_config import ConsensusConfig
@@ -139,7 +140,7 @@ class PoseConsensus:
         if len(core) < 2 * _MIN_HALF:
             return []
         depth_m = core.points_m @ best.T_camera_map[2, :3]
-        is_far = depth_m >= np.median(depth_m)
+        is_far = depth_m >= median(depth_m)
         found = (self._objection(core, half, best) for half in (is_far, ~is_far))
         return [hypothesis for hypothesis in found if hypothesis is not None]
 
@@ -218,8 +219,8 @@ def _noise_scale(cost: FloatArray) -> float:
     A new map's noise is not measured yet. At one assumed too large what moves would fit a pose
     halfway, and few that do count more than many that rest.
     """
-    median = float(np.median(cost)) if len(cost) else np.inf
-    return min(max(median / _MEDIAN_COST, _MIN_SCALE), 1.0)
+    middle = float(median(cost)) if len(cost) else np.inf
+    return min(max(middle / _MEDIAN_COST, _MIN_SCALE), 1.0)
 
 
 def _compared(best: _Hypothesis, other: _Hypothesis | None) -> Rival | None:
