@@ -1,3 +1,5 @@
+import runpy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -103,3 +105,13 @@ def test_nothing_detected_keeps_everything() -> None:
         assert verdict.kept is None
         assert verdict.static_area_px == HEIGHT * WIDTH
         assert verdict.reasons == ()
+
+
+@pytest.mark.parametrize(('cup_m', 'reason'), [(2.1, H), (2.3, S)])
+def test_the_example_of_an_own_strategy_judges(cup_m: float, reason: Reason) -> None:
+    example = runpy.run_path(str(Path(__file__).parents[3] / 'examples' / 'own_strategy.py'))
+    depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
+    depth_m[30:70, 38:80] = cup_m
+    seen = view(detections(('person', PERSON_BOX), ('cup', (38.0, 40.0, 80.0, 60.0))), depth_m)
+    assert make_strategy(FilterConfig(strategy='hoid3d')).judge(seen).reasons == (P, S)
+    assert example['Touching'](FilterConfig()).judge(seen).reasons == (P, reason)
