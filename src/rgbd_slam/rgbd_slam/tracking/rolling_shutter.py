@@ -17,7 +17,7 @@ from hoid_common.values import Float32Array, FloatArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.projection import to_camera
+from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame
 
 _IMAGES = 10  # in a row that tell one time; where the motion goes on, so do errors of the map
@@ -58,18 +58,16 @@ class RollingShutter:
         """
         if self.readout_s == 0 or not frame.has_depth.any() or not twist.any():
             return frame
-        depth_m = np.where(
-            frame.has_depth, frame.depth_m, np.median(frame.depth_m[frame.has_depth])
-        )
+        has_depth = frame.has_depth
+        depth_m = np.where(has_depth, frame.depth_m, np.median(frame.depth_m[has_depth]))
         x = camera.back_project(frame.measurement_px[:, :2], depth_m).T
-        off_s = self.readout_s * self._rows(frame.measurement_px[:, 1])
-        off = off_s * np.tensordot(twist, _rates(camera, x), 1)
-        disparity = camera.baseline_px_m / depth_m - off[2]
-        measurement_px = frame.measurement_px.copy()
-        measurement_px[:, :2] -= off[:2].T
-        measurement_px[:, 2] -= off[0] - off[2]
-        straight_m = np.where(frame.has_depth, camera.baseline_px_m / disparity, 0)
-        return replace(frame, measurement_px=measurement_px, depth_m=straight_m.astype(np.float32))
+        late_s = self.readout_s * self._rows(frame.measurement_px[:, 1])
+        x -= late_s * (se3.hat(twist[:3]) @ x + twist[3:, None])
+        np.maximum(x[2], MIN_DEPTH_M, out=x[2])
+        measurement_px = camera.project_rows(x).T.astype(np.float32, order='C')
+        measurement_px[~has_depth, 2] = np.nan
+        straight_m = np.where(has_depth, x[2], 0).astype(np.float32)
+        return replace(frame, measurement_px=measurement_px, depth_m=straight_m)
 
     def add(
         self, tracked: TrackedFrame, atlas: Atlas, camera: StereoCamera, twist: FloatArray
