@@ -24,7 +24,7 @@ from hoid_filter.feature_filter import FeatureFilter
 _RECORDINGS = ('fr1_xyz', 'synth-1')  # the first that is there
 _FRAMES = 300
 _BOXES = 20
-_STRATEGIES = ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor', 'hoid+')
+_STRATEGIES = ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor', 'motion', 'hoid+')
 
 
 def time_stage(stage: str, store: Store) -> str:
