@@ -4,7 +4,7 @@ The pose's covariance is held against its motion over a second, the twist's agai
 velocity since the last image, each by its normalised squared error per degree of freedom: 1 is
 right, more is too sure. A recorded reference errs as well: the last columns add its own jitter,
 and say by how much its stamps were to be moved for its rotations and its translations to fit best;
-the very last adds what is given for motion capture instead, 1 mm and 0.5 degrees over a motion.
+the very last supposes instead that motion capture errs by 1 mm and 0.5 degrees over a motion.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from rgbd_slam.robot_frames import RobotPose
 
 RECORDINGS = ('fr1_xyz', 'synth-1', 'empty_room', 'crowd', 'group-1', 'moving-robot')
 _YOUNG = 5  # images until the noise is measured
-# Of each axis of a pose, where a motion between two errs by so much in all (Sturm et al. 2012).
+# Of each axis of a pose, where a motion between two errs by so much in all.
 _CAPTURED = np.diag(np.square([np.radians(0.5)] * 3 + [1e-3] * 3)) / 6
 _HEADER = (
     '| recording | pose | twist | error over 1 s | claimed | reference jitters | its clocks '
