@@ -67,7 +67,9 @@ def _offline(scene: Scene, folder: Path, minutes: int) -> list[_Sample]:
     command = (sys.executable, '-c', _OFFLINE, str(recording), '--out', str(folder / 'out'))
     options = ('--camera', str(recording / 'camera.yaml'), '--filter', 'none')
     samples = []
-    with subprocess.Popen((*command, *options), stdout=subprocess.DEVNULL) as child:
+    with subprocess.Popen(
+        (*command, *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as child:
         end_s = time.monotonic() + 60 * minutes
         while time.monotonic() < end_s and child.poll() is None:
             samples.append(_sample(child.pid))
@@ -132,5 +134,6 @@ def _slope(when_s: FloatArray, values: FloatArray) -> tuple[float, float]:
 
 def _sample(pid: int) -> _Sample:
     process = psutil.Process(pid)
-    memory_mb = process.memory_info().rss / 2**20
-    return _Sample(time.monotonic(), memory_mb, process.num_fds())
+    memory = process.memory_info()
+    own_mb = (memory.rss - memory.shared) / 2**20  # images are received in what is shared
+    return _Sample(time.monotonic(), own_mb, process.num_fds())
