@@ -20,6 +20,7 @@ GENERATED = (
     'reference/messages',
     'decisions/index',
     'results/literature',
+    'results/faults',
 )
 
 
