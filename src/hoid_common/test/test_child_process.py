@@ -129,6 +129,15 @@ def test_the_parent_hears_ctrl_c_as_before() -> None:
     assert child.exitcode == 0
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """A shell that starts us in the background has us ignore interrupts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures('interruptible')
 def test_an_interrupt_that_another_thread_hears_waits_until_the_child_is_started() -> None:
     begun, stages = Event(), []
 
