@@ -255,6 +255,23 @@ def test_an_unknown_reason_is_refused() -> None:
         conversions.dynamic_objects_from_msg(msg)
 
 
+@pytest.mark.parametrize('field', ['x_min', 'y_min', 'x_max', 'y_max', 'score'])
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 3e38, -3e38])
+def test_objects_that_can_be_nowhere_in_an_image_are_refused(field: str, value: float) -> None:
+    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
+    msg = conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE)
+    setattr(msg.objects[0], field, value)
+    with pytest.raises(MessageError, match='none of an image'):
+        conversions.dynamic_objects_from_msg(msg)
+
+
+def test_more_objects_than_any_filter_tells_are_refused() -> None:
+    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
+    msg = conversions.dynamic_objects_to_msg((obj,) * 1001, HEADER, SIZE)
+    with pytest.raises(MessageError, match='more than 1000'):
+        conversions.dynamic_objects_from_msg(msg)
+
+
 @pytest.mark.parametrize('n', [0, 1, 100])
 @pytest.mark.parametrize('colored', [False, True])
 def test_cloud_round_trip(n: int, colored: bool) -> None:

@@ -7,11 +7,23 @@ from hoid_msgs.msg import DynamicObjectArray
 from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
+from hoid_common.ros.conversions.detections import MAX_DETECTIONS
 from hoid_common.values import MAX_NAME_LENGTH, DynamicObject, Reason
+
+_MOST_PX = 1e5  # beyond any image
 
 
 def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ...]:
-    """Return the filter's verdicts; an unknown reason raises MessageError."""
+    """Return the filter's verdicts.
+
+    Raises:
+        MessageError: There are more than MAX_DETECTIONS, a reason is unknown, a name too long, or
+            a box or score is none.
+    """
+    if len(msg.objects) > MAX_DETECTIONS:
+        raise MessageError(
+            f'dynamic_objects has {len(msg.objects)} elements, more than {MAX_DETECTIONS}'
+        )
     return tuple(_object_from_msg(obj) for obj in msg.objects)
 
 
@@ -40,12 +52,17 @@ def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
             f'dynamic_objects: a class name has {len(msg.class_name)} characters, '
             f'more than {MAX_NAME_LENGTH}'
         )
+    box_xyxy_px = (msg.x_min, msg.y_min, msg.x_max, msg.y_max)
+    if not all(abs(edge) <= _MOST_PX for edge in box_xyxy_px) or not 0 <= msg.score <= 1:
+        raise MessageError(
+            f'dynamic_objects: box {box_xyxy_px} px with score {msg.score} is none of an image'
+        )
     x, y, z = (float(value) for value in msg.center_camera_m)
     width, height = (float(value) for value in msg.size_m)
     vx, vy, vz = (float(value) for value in msg.velocity_camera_mps)
     return DynamicObject(
         msg.class_name,
-        (msg.x_min, msg.y_min, msg.x_max, msg.y_max),
+        box_xyxy_px,
         msg.score,
         msg.track_id,
         Reason(msg.reason),
