@@ -130,8 +130,10 @@ class Stage:
 
     def _tracebacks(self) -> str:
         for log in self.folder.glob('*.log'):
-            if 'Traceback' in log.read_text(errors='replace'):
-                return f'a traceback of {log.stem}'
+            _, found, rest = log.read_text(errors='replace').partition('Traceback')
+            if found:
+                said = next((line for line in rest.splitlines()[1:] if line[:1] > ' '), '')
+                return f'a traceback of {log.stem}: {said}'
         return ''
 
 
