@@ -110,16 +110,19 @@ def test_a_global_shutter_and_a_camera_at_rest_are_left_alone(
     assert shutter.readout_s == 0
 
 
+@pytest.mark.slow
 def test_it_is_measured_in_a_map_of_such_images() -> None:
     assert 0.5 * READOUT_S < swayed(READOUT_S, swings=2)._shutter.readout_s < READOUT_S
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_known_to_have_none_is_not_measured() -> None:
     camera = replace(SlamConfig().camera, rolling_shutter=False)
     slam = swayed(READOUT_S, swings=2, config=replace(SlamConfig(), camera=camera))
     assert slam._shutter.readout_s == 0
 
 
+@pytest.mark.slow
 def test_poses_are_better_for_it() -> None:
     known, unknown = (swayed(READOUT_S, s).trajectory.online() for s in (READOUT_S, 0.0))
     error_m = np.mean(position_errors_m(known, SWING))
