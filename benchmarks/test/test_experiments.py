@@ -55,7 +55,7 @@ def result(job: Job, ate: float) -> Result:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['quick', 'full', 'readme'])
+@pytest.mark.parametrize('name', ['quick', 'full', 'readme', 'ablation'])
 def test_shipped_plans_load_and_their_parameters_exist(name: str) -> None:
     jobs = load_plan(name).jobs()
     assert jobs
@@ -102,6 +102,24 @@ def test_every_shipped_accuracy_has_five_seeds_at_least(name: str) -> None:
         one_is_enough = all(job.mode in _ONE_SEED for job in experiment.jobs)
         expected = {0} if one_is_enough else set(range(max(5, len(seeds))))
         assert seeds == expected, experiment.id
+
+
+def test_an_ablation_does_not_mix_filters(tmp_path: Path) -> None:
+    path = tmp_path / 'plan.yaml'
+    path.write_text(
+        'experiments: [{id: a, title: A, view: ablation, sequences: [s], filters: [none, motion],'
+        ' seeds: [0, 1], variants: [{slam.tracking.consensus.enabled: false}]}]'
+    )
+    (experiment,) = load_plan(str(path)).experiments
+    results = [result(job, 0.5 if job.filter == 'none' else 0.1) for job in experiment.jobs]
+    rows = make_table(experiment, results).rows
+    off = 'slam.tracking.consensus.enabled=False'
+    assert [tuple(cell.text for cell in row[:5]) for row in rows] == [
+        ('default', 's', 'none', '-', '0.5000 [0.5000-0.5000]'),
+        (off, 's', 'none', '-', '0.5000 [0.5000-0.5000]'),
+        ('default', 's', 'motion', '-', '0.1000 [0.1000-0.1000]'),
+        (off, 's', 'motion', '-', '0.1000 [0.1000-0.1000]'),
+    ]
 
 
 def test_unknown_plans_views_and_experiments_are_refused(plan: Plan, tmp_path: Path) -> None:
@@ -275,7 +293,8 @@ def test_missing_sequences_say_where_to_get_them(tmp_path: Path) -> None:
 
 def test_every_named_plan_file_is_shipped() -> None:
     folder = Path(__file__).parents[1] / 'hoid_benchmarks' / 'plan' / 'experiments'
-    assert {p.stem for p in folder.glob('*.yaml')} == {'quick', 'full', 'readme', 'scenes'}
+    names = {'quick', 'full', 'readme', 'ablation', 'scenes'}
+    assert {p.stem for p in folder.glob('*.yaml')} == names
 
 
 def test_missing_sequences_are_named_once_and_not_filled_in(plan: Plan) -> None:

@@ -113,7 +113,7 @@ def _curve(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Ro
 
 def _ablation(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
     def key(job: Job) -> Group:
-        return (job.variant or 'default', job.sequence, job.detector)
+        return (job.variant or 'default', *by_method(job))
 
     rows = [
         (
@@ -124,8 +124,7 @@ def _ablation(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
         )
         for names, group in grouped(results, key).items()
     ]
-    columns = ('variant', 'sequence', 'detector', 'ATE RMSE [m]', 'coverage', 'features removed')
-    return columns, rows
+    return ('variant', *_METHOD, 'ATE RMSE [m]', 'coverage', 'features removed'), rows
 
 
 def _accuracy(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
