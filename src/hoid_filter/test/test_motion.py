@@ -259,6 +259,19 @@ def test_what_is_detected_is_not_told_twice() -> None:
     assert [item.reason for item in result.objects] == [Reason.PERSON]
 
 
+def test_each_pixel_belongs_to_the_small_pixel_where_an_ideal_camera_sees_it() -> None:
+    lens = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
+    camera = CameraModel(640, 480, 517.3, 516.5, 318.6, 255.3, lens)
+    pixels = np.arange(640 * 480)
+    uv_px = np.stack([pixels % 640, pixels // 640], axis=1).astype(np.float32)
+    small_px = (camera.undistort_px(uv_px) + 0.5) / 4 - 0.5
+    nearest_px = np.clip(np.rint(small_px), 0, (159, 119))
+    row, column = np.divmod(SmallCamera(camera).small_pixels(pixels), 160)
+    off_px = np.abs(np.stack([column, row], axis=1) - nearest_px).max(axis=1)
+    assert off_px.max() <= 1  # where it lies between two
+    assert np.mean(off_px > 0) < 0.01
+
+
 def test_belief_never_comes_from_pixels_without_depth() -> None:
     camera = SmallCamera(CAMERA)
     belief = Belief(camera, 1.0)

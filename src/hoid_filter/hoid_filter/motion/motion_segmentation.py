@@ -22,7 +22,7 @@ from hoid_filter.motion.course import Course
 from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, Points
 from hoid_filter.motion.past_views import PastViews
 from hoid_filter.motion.point_tracks import PointTracks, expected_px, follow
-from hoid_filter.motion.small_camera import SmallCamera
+from hoid_filter.motion.small_camera import SmallCamera, nearest_pixels
 from hoid_filter.motion.small_view import MotionView, SmallView, small_view
 from hoid_native import strongest_in_cells
 
@@ -112,7 +112,7 @@ class MotionSegmentation:
             return Found(np.empty(0, np.int64), np.empty(0))
         guess_px = expected_px(self._tracks, self._T_camera_world, T_next_world, self.camera)
         tracks, kept = follow(self._view.gray, small.gray, self._tracks, guess_px)
-        pixel = _flat(self.camera.full_px(tracks.uv_px), view.depth_m.shape)
+        pixel = nearest_pixels(self.camera.full_px(tracks.uv_px), view.depth_m.shape)
         depth_m = _readings(view.depth_m, pixel)
         limit_m = _SAME_SHARE * tracks.depth_m
         limit_m += _FASTEST_M_S * (small.stamp_s - self._view.stamp_s)
@@ -245,14 +245,6 @@ class MotionSegmentation:
             taken,
         )[: max(missing, 0)]
         return view.corner_pixels[best]
-
-
-def _flat(full_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
-    """Return the flat indices of the pixels nearest to (N, 2) positions."""
-    height, width = shape_hw
-    nearest = np.clip(np.rint(full_px), 0, (width - 1, height - 1)).astype(np.int64)
-    flat: IntArray = nearest[:, 1] * width + nearest[:, 0]
-    return flat
 
 
 def _readings(depth_m: Float32Array, pixels: IntArray) -> FloatArray:
