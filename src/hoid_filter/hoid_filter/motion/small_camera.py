@@ -99,15 +99,15 @@ class SmallCamera:
         return _Samples(np.where(outside, 0, row * full_width + column), outside)
 
     def _small_pixels(self) -> IntArray:
-        """Undistort every fourth pixel or so: all take longer than the next image needs to come."""
+        """Undistort every fourth pixel: for all there is no time until the next image."""
         height, width = self.shape_hw
-        v, u = np.mgrid[0:height, 0:width].astype(np.float32)
+        v, u = np.mgrid[0:height, 0:width]
         scale = DEPTH_WIDTH_PX / self.camera.width_px
         imaged_px = (np.stack([u.ravel(), v.ravel()], axis=1) + 0.5) / scale - 0.5
-        small_px = (self.camera.undistort_px(imaged_px) + 0.5) * scale - 0.5
-        field_px = small_px.reshape(height, width, 2)
+        ideal_px = self.camera.undistort_px(imaged_px.astype(np.float32))
+        field_px = ((ideal_px + 0.5) * scale - 0.5).reshape(height, width, 2)
         all_px = cv2.resize(field_px, self.camera.size_px, interpolation=cv2.INTER_LINEAR)
-        return nearest_pixels(all_px.reshape(-1, 2), self.shape_hw)
+        return nearest_pixels(np.asarray(all_px, np.float32).reshape(-1, 2), self.shape_hw)
 
 
 class _Samples(NamedTuple):
