@@ -1,12 +1,7 @@
-// In tables short names and numbers do not break, long names do after a slash or a bar. Tables of numbers sort by the column
-// that is clicked, by its first number where it has one.
-{
-  const value = cell => { const found = cell.textContent.match(/-?\d+(\.\d+)?/); return found ? Number(found[0]) : NaN }
-  const compare = (a, b) => {
-    const [x, y] = [value(a), value(b)]
-    if (/^[-\d.]/.test(a.textContent + b.textContent) && !(isNaN(x) && isNaN(y))) return isNaN(x) - isNaN(y) || x - y
-    return a.textContent.localeCompare(b.textContent)
-  }
+// In tables short names and numbers do not break, long names do after a slash or a bar. Tables with a column of numbers sort
+// by the header that is pressed; a column of numbers by its first number, and what has none stays at the end.
+document$.subscribe(() => {
+  const number = cell => Number(cell.textContent.match(/^\s*(-?\d+(\.\d+)?)/)?.[1] ?? NaN)
   for (const code of document.querySelectorAll('.md-typeset td code')) if (code.textContent.length < 28) code.dataset.short = ''
   for (const cell of document.querySelectorAll('.md-typeset td')) {
     if (cell.textContent.length < 13) cell.dataset.short = ''
@@ -14,16 +9,27 @@
     for (let text = texts.nextNode(); text; text = texts.nextNode())
       for (let at; (at = text.data.search(/[/|]\S/)) >= 0; text = texts.nextNode()) text.splitText(at + 1).before(document.createElement('wbr'))
   }
-  for (const table of document.querySelectorAll('.md-typeset table')) {
+  for (const table of document.querySelectorAll('.md-typeset table:not([data-sorts])')) {
     const rows = [...table.tBodies[0].rows], heads = [...table.tHead.rows[0].cells]
-    if (heads.length < 5 || !rows.some(row => [...row.cells].filter(cell => /^[-\d.]+\s?[\d.%[]*/.test(cell.textContent)).length > 1)) continue
-    table.dataset.numbers = ''
-    heads.forEach((head, k) => head.addEventListener('click', () => {
-      const up = head.getAttribute('aria-sort') !== 'ascending'
-      heads.forEach(other => other.removeAttribute('aria-sort'))
-      head.setAttribute('aria-sort', up ? 'ascending' : 'descending')
-      rows.sort((a, b) => (up ? 1 : -1) * compare(a.cells[k], b.cells[k]))
-      table.tBodies[0].append(...rows)
-    }))
+    const ofNumbers = heads.map((_, k) => rows.filter(row => !isNaN(number(row.cells[k]))).length > rows.length / 2)
+    if (rows.length < 3 || !ofNumbers.includes(true)) continue
+    table.dataset.sorts = ''
+    if (ofNumbers.filter(is => is).length > 2) table.dataset.numbers = ''
+    heads.forEach((head, k) => {
+      const button = document.createElement('button')
+      button.append(...head.childNodes)
+      head.append(button)
+      button.addEventListener('click', () => {
+        const sign = head.ariaSort === 'ascending' ? -1 : 1
+        heads.forEach(other => { other.ariaSort = null })
+        head.ariaSort = sign > 0 ? 'ascending' : 'descending'
+        rows.sort((a, b) => {
+          const [x, y] = [a, b].map(row => ofNumbers[k] ? number(row.cells[k]) : 0)
+          const asText = a.cells[k].textContent.localeCompare(b.cells[k].textContent, 'en', {numeric: true})
+          return isNaN(x) - isNaN(y) || sign * (x - y || asText)
+        })
+        table.tBodies[0].append(...rows)
+      })
+    })
   }
-}
+})

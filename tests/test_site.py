@@ -1,0 +1,47 @@
+"""The documents as a site, in a real browser: its tables of results sort."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from playwright.sync_api import Page
+
+from hoid_system_tests.browser import headless_browser
+from hoid_system_tests.documented import ROOT
+
+_TABLE = 'table[data-sorts]'
+
+
+def first_numbers(page: Page, column: int) -> list[float]:
+    """Return the first number of each cell of a column that begins with one, top down."""
+    cells = (
+        page.locator(_TABLE).first.locator(f'tbody tr td:nth-child({column})').all_inner_texts()
+    )
+    return [float(cell.split()[0]) for cell in cells if cell != '-']
+
+
+def test_tables_of_results_sort_by_mouse_and_by_key(tmp_path: Path) -> None:
+    build = [sys.executable, '-m', 'mkdocs', 'build', '--quiet', '--site-dir', str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    with headless_browser() as browser:
+        page = browser.new_page()
+        page.goto((tmp_path / 'results/strategies/index.html').as_uri())
+        table = page.locator(_TABLE).first
+        before = first_numbers(page, 5)
+        table.get_by_role('button', name='better', exact=True).click()
+        assert first_numbers(page, 5) == sorted(before) != before
+        rows = table.locator('tbody tr')
+        assert rows.last.locator('td').nth(4).inner_text() == '-'  # what has no number
+        heads = table.locator('th[aria-sort]')
+        assert heads.evaluate_all('all => all.map(h => h.ariaSort)') == ['ascending']
+        page.keyboard.press('Enter')
+        assert first_numbers(page, 5) == sorted(before, reverse=True)
+        assert rows.last.locator('td').nth(4).inner_text() == '-'
+        assert heads.evaluate_all('all => all.map(h => h.ariaSort)') == ['descending']
+        page.keyboard.press('Tab')
+        page.keyboard.press('Space')
+        assert heads.inner_text() == 'online RMSE [m]'
+        online = first_numbers(page, 6)
+        assert online == sorted(online)
