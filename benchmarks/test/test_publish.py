@@ -7,17 +7,19 @@ import pytest
 
 from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.plan.plan import Job, Plan, load_plan
+from hoid_benchmarks.publish.figures import ATE, TIME, WORTH, digest, figures
 from hoid_benchmarks.publish.pages import (
     DECISIONS,
     RESULTS,
     ROOT,
+    drawn_figures,
     marked_pages,
     results_path,
     rewritten,
     write_pages,
     written_pages,
 )
-from hoid_benchmarks.publish.results_file import keep, read_kept
+from hoid_benchmarks.publish.results_file import Kept, Row, keep, read_kept
 from hoid_benchmarks.report.views import make_table, with_commits
 from hoid_common.errors import InputError
 
@@ -69,6 +71,45 @@ def test_every_page_shows_what_the_files_of_results_hold() -> None:
 def test_pages_written_as_a_whole_are_current() -> None:
     for path, text in written_pages(ROOT).items():
         assert path.read_text() == text, f'{path}: run make reference'
+
+
+def test_figures_are_of_the_results_and_name_what_they_show() -> None:
+    drawn = drawn_figures(ROOT)
+    assert {ATE, TIME} <= set(drawn)
+    for name, marks in drawn.items():
+        page = (ROOT / RESULTS / name).read_text()
+        assert digest(marks) in page, f'{name}: run make reference'
+        for words in {mark.row for mark in marks} | {mark.group for mark in marks}:
+            assert f'>{words}</text>' in page
+
+
+def test_a_figure_draws_medians_and_ranges_in_units_of_its_axis() -> None:
+    compared = Kept(
+        ('sequence', 'filter', 'detector', 'RMSE [m]', 'frame [ms]: median / p95'),
+        (
+            Row(('a', 'none', '-', '0.0080 [0.0070-0.0100]', '7.0 / 8.0'), 'c', 'M'),
+            Row(('a', 'hoid2d', 'truth', '0.0010', '9.0 / 9.5'), 'c', 'M'),
+            Row(('a', 'hoid2d', 'own', '0.0020 [0.0010-0.0040]', '7.5 / 9.0'), 'c', 'M'),
+        ),
+    )
+    parts = Kept(
+        ('variant', 'sequence', 'filter', 'detector', 'ATE RMSE [m]'),
+        (
+            Row(('default', 'a', 'hoid+', 'own', '0.0020 [0.0010-0.0030]'), 'c', 'M'),
+            Row(('p.x=False', 'a', 'hoid+', 'own', '0.0040 [0.0020-0.0060]'), 'c', 'M'),
+        ),
+    )
+    drawn = figures({'one': compared, 'seed_method': compared}, {'parts': parts})
+    assert [mark[:2] for mark in drawn[ATE]] == [('a', 'none'), ('a', 'hoid2d')]
+    assert [mark[2:] for mark in drawn[ATE]] == [
+        pytest.approx((7.0, 8.0, 10.0)),
+        pytest.approx((1.0, 2.0, 4.0)),
+    ]
+    assert [mark[1:] for mark in drawn[TIME]] == [
+        ('none', 7.0, 7.0, 8.0),
+        ('hoid2d', 8.25, 8.25, 9.5),
+    ]
+    assert drawn[WORTH] == [('p.x', 'hoid+, a', *map(pytest.approx, (1.0, 2.0, 3.0)))]
 
 
 def test_the_list_of_decisions_has_every_page() -> None:

@@ -1,8 +1,8 @@
 """Writes the tables of README and of the pages of results from the files of results.
 
 A table stands between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; in place of the
-experiments, `summary` stands for README's rows. `make reference` writes all of them, the list of
-decisions and the page of published values.
+experiments, `summary` stands for README's rows. `make reference` writes all of them, the figures,
+the list of decisions and the page of published values.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hoid_benchmarks.faults.cases import merged
+from hoid_benchmarks.publish.figures import Mark, figures, save_figures
 from hoid_benchmarks.publish.literature_page import literature_page
 from hoid_benchmarks.publish.results_file import Kept, Row, read_kept
 from hoid_common.errors import InputError
@@ -74,9 +75,15 @@ def written_pages(root: Path) -> dict[Path, str]:
 
 
 def write_pages(root: Path) -> None:
-    """Write the marked tables of all pages."""
+    """Write the marked tables of all pages, and the figures."""
     for page in marked_pages(root):
         page.write_text(rewritten(page.read_text(encoding='utf-8'), root), encoding='utf-8')
+    save_figures(root / RESULTS, drawn_figures(root))
+
+
+def drawn_figures(root: Path) -> dict[str, list[Mark]]:
+    """Return what the figures of results show, by the file's name."""
+    return figures(*(read_kept(results_path(root, plan)) for plan in ('readme', 'ablation')))
 
 
 def publish_faults(root: Path, table: str) -> None:

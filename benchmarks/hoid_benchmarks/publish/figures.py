@@ -1,0 +1,170 @@
+"""Figures of the pages of results, drawn from the rows that their tables show."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import matplotlib as mpl
+
+mpl.use('Agg')
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from hoid_benchmarks.publish.results_file import Kept
+
+ATE, TIME, WORTH = 'ate.svg', 'time.svg', 'worth.svg'
+_STYLES = {
+    'none': ('#7f7f7f', 'o'), 'person': ('#e69f00', 'v'), 'hoid2d': ('#56b4e9', 's'),
+    'hoid3d': ('#0072b2', 'D'), 'descriptor': ('#cc79a7', '^'), 'motion': ('#009e73', 'P'),
+    'hoid+': ('#d55e00', '*'),
+}  # fmt: skip
+_NOT_DRAWN = 'truth'  # exact boxes say nothing of a run that somebody could have
+_OTHER_RULES = 'seed_method'  # these runs are of ORB-SLAM3's
+_NUMBER = re.compile(r'\d+(?:\.\d+)?')
+_DEFAULT = 'default'
+_MM = 1e3
+_WIDTH_INCH, _ROW_INCH, _REST_INCH = 7.2, 0.24, 1.1
+
+
+class Mark(NamedTuple):
+    """One median with its range: `group` chooses colour and row, `row` the line it stands on."""
+
+    row: str
+    group: str
+    low: float
+    middle: float
+    high: float
+
+
+def figures(readme: Mapping[str, Kept], ablation: Mapping[str, Kept]) -> dict[str, list[Mark]]:
+    """Return what each figure shows, by its file's name; nothing where no row is kept."""
+    compared = [
+        one
+        for name, one in readme.items()
+        if 'RMSE [m]' in one.columns and not name.startswith(_OTHER_RULES)
+    ]
+    drawn = {ATE: _errors(compared), TIME: _times(compared), WORTH: _worths(ablation.values())}
+    return {name: marks for name, marks in drawn.items() if marks}
+
+
+def save_figures(folder: Path, drawn: Mapping[str, Sequence[Mark]]) -> None:
+    """Write the figures as SVG."""
+    labels = {
+        ATE: 'ATE RMSE [mm], median and range of five feature budgets',
+        TIME: 'CPU time of extraction, filter and tracking per frame [ms], median to largest p95',
+        WORTH: 'ATE without the part / ATE with all parts',
+    }
+    for name, marks in drawn.items():
+        _save(folder / name, marks, labels[name], logarithmic=name != TIME)
+
+
+def digest(marks: Sequence[Mark]) -> str:
+    """Return what a figure is signed with, so that one of other rows is told."""
+    return sha256(repr([*map(tuple, marks)]).encode()).hexdigest()
+
+
+def _errors(compared: Sequence[Kept]) -> list[Mark]:
+    """Return ATE by sequence and filter; of several detectors, the first one is shown."""
+    found: dict[tuple[str, str], Mark] = {}
+    for sequence, strategy, detector, cell in _cells(compared, 'RMSE [m]'):
+        if detector != _NOT_DRAWN:
+            middle, *ends = (_MM * value for value in _numbers(cell))
+            low, high = ends or (middle, middle)
+            mark = Mark(sequence, strategy, low, middle, high)
+            found.setdefault((sequence, strategy), mark)
+    return list(found.values())
+
+
+def _times(compared: Sequence[Kept]) -> list[Mark]:
+    """Return the time of a frame by filter: over sequences, the median, and the largest p95."""
+    times: dict[str, list[list[float]]] = {}
+    for _, strategy, _, cell in _cells(compared, 'frame [ms]: median / p95'):
+        if numbers := _numbers(cell):
+            times.setdefault(strategy, []).append(numbers)
+    marks = []
+    for strategy in sorted(times, key=list(_STYLES).index):
+        medians, p95s = zip(*times[strategy], strict=True)
+        middle = median(medians)
+        marks.append(Mark(strategy, strategy, middle, middle, max(p95s)))
+    return marks
+
+
+def _worths(experiments: Iterable[Kept]) -> list[Mark]:
+    """Return by what the error grows without a part, by part and sequence."""
+    marks = []
+    for one in experiments:
+        if 'ATE RMSE [m]' not in one.columns:
+            continue
+        rows = [dict(zip(one.columns, row.cells, strict=True)) for row in one.rows]
+        whole = {
+            (r['sequence'], r['filter']): _numbers(r['ATE RMSE [m]'])[0]
+            for r in rows
+            if r['variant'] == _DEFAULT
+        }
+        for r in rows:
+            before = whole.get((r['sequence'], r['filter']))
+            if before and r['variant'] != _DEFAULT:
+                middle, low, high = (v / before for v in _numbers(r['ATE RMSE [m]']))
+                part = r['variant'].removesuffix('=False')
+                marks.append(Mark(part, f'{r["filter"]}, {r["sequence"]}', low, middle, high))
+    return marks
+
+
+def _cells(compared: Sequence[Kept], column: str) -> Iterator[tuple[str, str, str, str]]:
+    """Yield sequence, filter, detector and a cell of each row."""
+    for one in compared:
+        at = one.columns.index(column)
+        for row in one.rows:
+            sequence, strategy, detector = row.cells[:3]
+            yield sequence, strategy, detector, row.cells[at]
+
+
+def _numbers(cell: str) -> list[float]:
+    return [float(number) for number in _NUMBER.findall(cell)]
+
+
+def _save(path: Path, marks: Sequence[Mark], label: str, *, logarithmic: bool) -> None:
+    rows = list(dict.fromkeys(mark.row for mark in marks))
+    size = _WIDTH_INCH, _REST_INCH + _ROW_INCH * len(rows)
+    # Text stays text, and equal rows make equal files.
+    with plt.rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'hoid', 'font.size': 9}):
+        figure, axes = plt.subplots(figsize=size, layout='constrained')
+        if logarithmic:
+            axes.set_xscale('log')
+            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.xaxis.set_minor_formatter(NullFormatter())
+        _draw(axes, marks, rows)
+        if not logarithmic:
+            axes.set_xlim(left=0)
+        axes.set_xlabel(label)
+        figure.savefig(path, metadata={'Date': None, 'Description': digest(marks)})
+        plt.close(figure)
+
+
+def _draw(axes: Axes, marks: Sequence[Mark], rows: Sequence[str]) -> None:
+    named = dict.fromkeys(mark.group for mark in marks)
+    groups = [n for n in _STYLES if n in named] + [n for n in named if n not in _STYLES]
+    spare = iter([style for name, style in _STYLES.items() if name not in groups])
+    styles = {name: _STYLES.get(name) or next(spare) for name in groups}
+    for k, name in enumerate(groups):
+        mine = [mark for mark in marks if mark.group == name]
+        color, marker = styles[name]
+        aside = 0.6 * ((k + 0.5) / len(groups) - 0.5) if groups != list(rows) else 0
+        axes.errorbar(
+            [mark.middle for mark in mine],
+            [rows.index(mark.row) + aside for mark in mine],
+            xerr=[[m.middle - m.low for m in mine], [m.high - m.middle for m in mine]],
+            fmt=marker, color=color, markersize=5, lw=1, label=name,
+        )  # fmt: skip
+    axes.set_yticks(range(len(rows)), rows)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.xaxis.set_major_formatter('{x:g}')
+    axes.grid(alpha=0.3)
+    axes.spines[['top', 'right']].set_visible(False)
+    axes.legend(frameon=False, ncols=4, loc='lower center', bbox_to_anchor=(0.5, 1))
