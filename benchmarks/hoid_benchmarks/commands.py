@@ -19,7 +19,7 @@ from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.jobs.speed import STAGES, time_stage
 from hoid_benchmarks.plan.plan import Job, Plan, load_plan
 from hoid_benchmarks.plan.sequences import Store
-from hoid_benchmarks.publish.pages import publish_faults, results_path, write_pages
+from hoid_benchmarks.publish.pages import publish_faults, publish_rooms, results_path, write_pages
 from hoid_benchmarks.publish.results_file import keep
 from hoid_benchmarks.report.check import check
 from hoid_benchmarks.report.report import Report
@@ -90,7 +90,10 @@ def bench_command(args: argparse.Namespace) -> None:
     elif args.what == _COVARIANCES and not args.quick:
         sys.stdout.write(covariance_report(args.only, store))
     elif args.what == _ROOMS and not args.quick:
-        sys.stdout.write(room_report(args.only, store, args.detector))
+        text = room_report(args.only, store, args.detector)
+        sys.stdout.write(text)
+        if args.publish:
+            publish_rooms(_ROOT, text)
     else:
         _experiments(args, store)
 

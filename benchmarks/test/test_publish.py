@@ -14,6 +14,8 @@ from hoid_benchmarks.publish.pages import (
     ROOT,
     drawn_figures,
     marked_pages,
+    publish_faults,
+    publish_rooms,
     results_path,
     rewritten,
     write_pages,
@@ -179,6 +181,16 @@ def test_runs_of_two_commits_are_not_compared(plan: Plan) -> None:
         ('-', 'c1'),
         ('-', 'c2'),
     ]
+
+
+def test_reports_stand_between_the_marks_of_their_pages(root: Path) -> None:
+    pages = {name: root / RESULTS / f'{name}.md' for name in ('faults', 'rooms')}
+    for page in pages.values():
+        page.write_text('# P\n\n<!-- printed -->\n| a | 1 |\n<!-- /printed -->\n\nEnd.\n')
+    publish_rooms(root, '| b | 2 |\n')
+    publish_faults(root, '| c | 3 |\n')
+    assert '-->\n\n| b | 2 |\n\n<!-- /printed -->\n\nEnd.' in pages['rooms'].read_text()
+    assert '| a | 1 |\n| c | 3 |\n<!-- /printed -->' in pages['faults'].read_text()
 
 
 def test_a_damaged_file_of_results_is_named(root: Path) -> None:

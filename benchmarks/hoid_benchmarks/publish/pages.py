@@ -1,14 +1,15 @@
 """Writes the tables of README and of the pages of results from the files of results.
 
 A table stands between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; in place of the
-experiments, `summary` stands for README's rows. `make reference` writes all of them, the figures,
+experiments, `summary` stands for README's rows. What `hoid bench faults` and `rooms` print stands
+between `<!-- printed -->` and `<!-- /printed -->` of their pages. `make reference` writes all of them, the figures,
 the list of decisions and the page of published values.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ today's are in [results](../results/index.md). `make reference` writes this list
 |---|---|---|
 """
 _MARKED = re.compile(r'(<!-- bench (\w+) ([\w ]+) -->\n).*?(<!-- /bench -->)', re.DOTALL)
-_FAULTS = re.compile(r'(<!-- faults -->\n)(.*?)(<!-- /faults -->)', re.DOTALL)
+_PRINTED = re.compile(r'(<!-- printed -->\n)(.*?)(<!-- /printed -->)', re.DOTALL)
 _SUMMARY = 'summary'
 _SUMMARY_ROWS = Path(__file__).with_name('summary.yaml')
 _NAMES = ('sequence', 'filter', 'detector')
@@ -88,11 +89,20 @@ def drawn_figures(root: Path) -> dict[str, list[Mark]]:
 
 def publish_faults(root: Path, table: str) -> None:
     """Write the rows of a fault campaign into its page; what was not tried stays."""
-    page = root / RESULTS / 'faults.md'
+    _print(root, 'faults', lambda before: merged(before, table))
+
+
+def publish_rooms(root: Path, report: str) -> None:
+    """Write the report of mapped rooms into its page."""
+    _print(root, 'rooms', lambda _: f'\n{report}\n')
+
+
+def _print(root: Path, name: str, new: Callable[[str], str]) -> None:
+    """Replace what a page of results has between its marks."""
+    page = root / RESULTS / f'{name}.md'
     text = page.read_text(encoding='utf-8')
     page.write_text(
-        _FAULTS.sub(lambda found: f'{found[1]}{merged(found[2], table)}{found[3]}', text),
-        encoding='utf-8',
+        _PRINTED.sub(lambda found: f'{found[1]}{new(found[2])}{found[3]}', text), encoding='utf-8'
     )
 
 

@@ -7,11 +7,12 @@ detector is named.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_benchmarks.jobs.machine import machine
+from hoid_benchmarks.jobs.machine import Code, machine
 from hoid_benchmarks.plan.sequences import Store
 from hoid_benchmarks.rooms.room_ghost import Ghost
 from hoid_benchmarks.rooms.room_run import map_room
@@ -25,9 +26,10 @@ from rgbd_slam.robot_frames import T_BODY_OPTICAL
 ROOMS = ('synth-1', 'synth-2')
 _STRATEGIES = ('hoid+', 'hoid2d', 'none')
 _GHOST_FRAMES = 180
+_ROOT = Path(__file__).parents[3]
 _HEADER = (
-    'room', 'filter', 'points', 'within 3 cm', 'on paths', 'grid right', 'people',
-    'carried objects', 'ghost',
+    'room', 'filter', 'points', 'within 3 cm', 'where people walked', 'grid cells right', 'people',
+    'carried objects', 'undetected',
 )  # fmt: skip
 _WANTED = (
     'wanted', '', '', '>= 99 %', '< 0.1 %', '>= 97 %', '< 20 cm', '< 10 cm, same id', '-> 0',
@@ -45,11 +47,12 @@ def room_report(names: Sequence[str], store: Store, detector: str | None = None)
     Raises:
         InputError: A name is of no rendered recording.
     """
-    rows: list[tuple[str, ...]] = [_HEADER, _WANTED]
+    rows: list[tuple[str, ...]] = [_HEADER, ('---',) * len(_HEADER), _WANTED]
     for name in names or ROOMS:
         rows += _rows(name, store, detector or TRUTH)
-    boxes = detector or 'exact boxes'
-    return f'{boxes}, {machine()}\n{_table(rows)}\n'
+    table = ''.join(f'| {" | ".join(row)} |\n' for row in rows)
+    made = f'Made at commit {Code.of(_ROOT).commit}, on {machine()}'
+    return f'{table}\n{made}, with {detector or "exact boxes"}.\n'
 
 
 def _rows(name: str, store: Store, model: str) -> Iterable[tuple[str, ...]]:
@@ -62,7 +65,7 @@ def _rows(name: str, store: Store, model: str) -> Iterable[tuple[str, ...]]:
     for strategy in _STRATEGIES:
         config = RunConfig().updated({'filter.strategy': strategy, 'detector.model': model})
         scores = score(map_room(sequence, config), truth, sequence)
-        yield name, strategy, *_cells(scores), ghost
+        yield f'`{name}`', f'`{strategy}`', *_cells(scores), ghost
 
 
 def _ghost(name: str, seed: int, store: Store) -> str:
@@ -91,9 +94,3 @@ def _carried_text(carried: Carried) -> str:
         return f'{carried.class_name} lost'
     same = {True: 'same id', False: 'new id', None: 'not known before'}[carried.keeps_id]
     return f'{carried.class_name} {100 * carried.error_m:.0f} cm, {same}'
-
-
-def _table(rows: Sequence[tuple[str, ...]]) -> str:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = ['  '.join(f'{cell:{w}}' for cell, w in zip(row, widths, strict=True)) for row in rows]
-    return '\n'.join(line.rstrip() for line in lines)
