@@ -56,6 +56,27 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
         help='something that people carry past the camera, or that moves by itself',
     )
     parser.add_argument(
+        '--speed',
+        type=float,
+        default=default.speed_mps,
+        metavar='M/S',
+        help='of what passes in an event, then in view all the time (default: the usual one)',
+    )
+    parser.add_argument(
+        '--played',
+        type=float,
+        default=default.played_s,
+        metavar='S',
+        help='people and the event have gone on for so long when the recording begins, s',
+    )
+    parser.add_argument(
+        '--rest',
+        type=float,
+        default=default.rest_s,
+        metavar='S',
+        help='they stand still so long at first, s',
+    )
+    parser.add_argument(
         '--people-seed',
         type=int,
         default=default.people_seed,
@@ -97,6 +118,9 @@ def scene_config(args: argparse.Namespace) -> SceneConfig:
         near_m=args.near,
         together=args.together,
         event=args.event,
+        speed_mps=args.speed,
+        played_s=args.played,
+        rest_s=args.rest,
         people_seed=args.people_seed,
         start_s=args.start,
     )

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from hoid_common.config import Config, param
 from hoid_common.errors import ConfigError
-from hoid_common.values import CameraModel
+from hoid_common.values import CameraModel, IntArray
 
 EPOCH_NS = 1_700_000_000_000_000_000
 """Stamp of frame 0: recordings of one seed are equal to the byte."""
@@ -15,8 +17,13 @@ PATHS = ('room', 'loop', 'xyz', 'rpy', 'static')
 LAYOUTS = ('home', 'repeated')
 CARRIED = ('carry_box', 'carry_chair', 'carry_screen', 'pull_door', 'push_trolley')
 """Events in which people handle something large, near, and rich in corners."""
-EVENTS = (*CARRIED, 'door', 'trolley', 'robot', 'followed', 'ball', 'cat', 'picture')
+EVENTS = (*CARRIED, 'door', 'trolley', 'robot', 'followed', 'ball', 'cat', 'picture', 'panel')
 """All events; the last ones move by themselves, and no detector knows them."""
+PASSING_MPS = {
+    'carry_box': 0.7, 'carry_chair': 0.7, 'carry_screen': 0.7, 'push_trolley': 0.7,
+    'trolley': 0.6, 'robot': 0.6, 'ball': 1.1, 'cat': 0.45,
+}  # fmt: skip
+"""Usual speeds of what passes the camera, to and fro."""
 MOST_NEAR_TOGETHER_M = 1.8  # beyond it stands furniture
 _VGA_WIDTH_PX = 640
 _VGA_FOCAL_PX = 525.0
@@ -41,6 +48,16 @@ class SceneConfig(Config):
     event: str = param(
         '', 'what else moves: carried past the camera, or by itself', choices=('', *EVENTS)
     )
+    speed_mps: float = param(
+        0.0,
+        'of what passes, then near the middle all the time; 0: the usual one',
+        minimum=0.0,
+        maximum=2.0,
+    )
+    played_s: float = param(
+        0.0, 'people and the event have gone on for so long', minimum=0.0, maximum=1e4
+    )
+    rest_s: float = param(0.0, 'they rest so long before they go on', minimum=0.0, maximum=1e4)
     people_seed: int = param(
         0, 'other people, who do other things in the same home; 0: those of the seed', minimum=0
     )
@@ -64,6 +81,13 @@ class SceneConfig(Config):
 
         if self.event and (self.together or self.path == 'loop'):
             raise ConfigError('SceneConfig.event needs one room, and people who are no group')
+        if self.speed_mps and self.event not in PASSING_MPS:
+            raise ConfigError(
+                f'SceneConfig.speed_mps is of what passes: event must be one of '
+                f'{", ".join(PASSING_MPS)}, got "{self.event}"'
+            )
+        if self.rest_s and self.event == 'followed':
+            raise ConfigError('SceneConfig.rest_s: what the camera follows cannot rest')
 
     @property
     def carriers(self) -> int:
@@ -75,6 +99,17 @@ class SceneConfig(Config):
         """Return the number of frames rendered."""
         default = _LOOP_FRAMES if self.path == 'loop' else _DEFAULT_FRAMES
         return self.num_frames or default
+
+    @property
+    def play_frames(self) -> IntArray:
+        """Return (N + 1,) which frame of the play of people and the event is shown when."""
+        begun, rest = (round(s * FRAME_RATE_HZ) for s in (self.played_s, self.rest_s))
+        return np.asarray(begun + np.maximum(np.arange(self.frames + 1) - rest, 0), np.int64)
+
+    @property
+    def play_length(self) -> int:
+        """Return how many frames of the play there are, shown or not."""
+        return int(self.play_frames[-1]) + 1
 
     @property
     def height_px(self) -> int:

@@ -1,3 +1,6 @@
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -50,3 +53,46 @@ def test_an_event_leaves_the_room_as_it_is() -> None:
 def test_an_event_beside_a_group_is_refused() -> None:
     with pytest.raises(ConfigError, match='event'):
         SceneConfig(event='door', together=True, near_m=1.5)
+
+
+GROUP = SceneConfig(
+    seed=1, path='xyz', num_people=3, near_m=1.5, together=True, num_frames=90, width_px=64
+)
+
+
+def test_a_play_may_have_begun_and_may_rest_at_first() -> None:
+    plain = set_stage(replace(GROUP, num_frames=60))
+    shown = set_stage(replace(GROUP, played_s=1.0, rest_s=2.0))  # 30 and 60 frames
+    np.testing.assert_array_equal(shown.T_world_camera[:61], plain.T_world_camera)
+    for one, other in zip(shown.bodies, plain.bodies, strict=True):
+        np.testing.assert_allclose(one.xy_m[:61], np.tile(other.xy_m[30], (61, 1)))
+        np.testing.assert_allclose(one.xy_m[60:], other.xy_m[30:61], atol=1e-9)
+        assert one.stride[:55].max() == 0
+        assert one.stride[66:] == pytest.approx(other.stride[36:61])
+    held = [t.T_world_object for t in shown.objects if t.handled.any()]
+    assert held
+    assert all(np.ptp(T[:61], axis=0).max() == 0 < np.ptp(T[60:], axis=0).max() for T in held)
+
+
+def test_what_passes_slowly_is_in_view_all_the_time() -> None:
+    usual = set_stage(config('trolley')).T_world_mover
+    slow = set_stage(replace(config('trolley'), speed_mps=0.16)).T_world_mover
+    assert usual is not None
+    assert slow is not None
+    fastest_mps = [
+        30 * np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1).max() for T in (usual, slow)
+    ]
+    assert 0.55 < fastest_mps[0] < 0.8
+    assert 0.15 < fastest_mps[1] < 0.21
+    assert np.abs(slow[:, 0, 3] - 3.2).max() < 0.25 < np.abs(usual[:, 0, 3] - 3.2).max()
+
+
+@pytest.mark.parametrize(
+    ('event', 'changes', 'says'),
+    [('door', {'speed_mps': 0.1}, 'speed_mps'), ('followed', {'rest_s': 1.0}, 'rest_s')],
+)
+def test_what_an_event_cannot_do_is_refused(
+    event: str, changes: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(ConfigError, match=says):
+        replace(config(event), **changes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -26,6 +26,10 @@ class ObjectTrack:
     T_world_object: FloatArray  # (N, 4, 4)
     handled: BoolArray  # (N,), from the hand's grip to its release
     holder: IntArray  # (N,), person, -1 when nobody
+
+    def at(self, frames: IntArray) -> ObjectTrack:
+        """Return the track with these of its frames, (M,)."""
+        return ObjectTrack(*(getattr(self, f.name)[frames] for f in fields(self)))
 
 
 @dataclass(eq=False)
@@ -55,6 +59,14 @@ class BodyTrack:
             self.hands_m[i],
             self.reach[i],
         )
+
+    def at(self, frames: IntArray) -> BodyTrack:
+        """Return the track with these of its frames, (M,); who is in one for long stands."""
+        track = BodyTrack(*(getattr(self, f.name)[frames] for f in fields(self)))
+        moves = np.diff(frames, append=frames[-1] + 1) > 0
+        if not moves.all():
+            track.stride = track.stride * _smoothed(moves.astype(float), 9)
+        return track
 
 
 def body_track(part: Part, count: int, rng: Rng) -> BodyTrack:

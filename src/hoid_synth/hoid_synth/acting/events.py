@@ -8,22 +8,22 @@ from hoid_common.values import FloatArray
 from hoid_synth.acting.camera_path import FRONT_Y_M
 from hoid_synth.acting.group import walk_to_and_fro
 from hoid_synth.acting.script import Part
-from hoid_synth.config import FRAME_RATE_HZ, SceneConfig
+from hoid_synth.config import FRAME_RATE_HZ, PASSING_MPS, SceneConfig
 from hoid_synth.noise import Rng
 from hoid_synth.room.layout import WIDTHS_M
 from hoid_synth.room.rooms import DEPTH_M
 
 _MIDDLE_X_M = WIDTHS_M[0] / 2
 _HALF_WAY_M = 1.9  # of what passes the camera, from the middle of the room
-_CARRY_SPEED_MPS = 0.7
 _DOOR_PERIOD_S = 5.0
 _FLOOR_SEEN_M = 0.9  # beyond the nearest things, where the camera sees the floor
 _GRAVITY_MPS2 = 9.81
+_SLIDE_M, _SLIDE_PERIOD_S = 0.25, 5.0
 
 
 def write_carriers(config: SceneConfig) -> list[Part]:
     """Return the parts of the people who carry, pull or push something past the camera."""
-    count, y = config.frames + 1, FRONT_Y_M + config.near_m
+    count, y = config.play_length, FRONT_Y_M + config.near_m
     if config.event == 'pull_door':
         angle = _door_angle(count)
         hinge = _hinge(config)
@@ -31,7 +31,7 @@ def write_carriers(config: SceneConfig) -> list[Part]:
         behind = 0.2 * np.stack([-np.sin(angle), np.cos(angle)], -1)
         return [Part(hand + behind, angle - np.pi / 2)]
     ends = np.array([[_MIDDLE_X_M - _HALF_WAY_M, y], [_MIDDLE_X_M + _HALF_WAY_M, y]])
-    xy, heading = walk_to_and_fro(ends, _CARRY_SPEED_MPS, count)
+    xy, heading = _pass(config, ends)
     if config.event == 'carry_screen':  # one at each end of it
         aside = np.array([0.8, 0.0])
         return [Part(xy + side * aside, heading.copy()) for side in (-1, 1)]
@@ -42,7 +42,7 @@ def mover_poses(
     config: SceneConfig, parts: list[Part], T_world_camera: FloatArray, rng: Rng
 ) -> FloatArray:
     """Return T_world_mover (N, 4, 4) of the thing that an event moves."""
-    count = config.frames + 1
+    count = config.play_length
     if config.event.startswith('carry_'):
         middle = np.mean([part.xy_m[:count] for part in parts], axis=0)
         height = 0.25 if config.event == 'carry_chair' else 0.8
@@ -55,7 +55,7 @@ def mover_poses(
         return _upright(xy, np.zeros(count), part.heading_rad[:count])
     make = {
         'pull_door': _door, 'door': _door, 'robot': _drive, 'trolley': _drive, 'ball': _roll,
-        'cat': _stroll, 'followed': _lead, 'picture': _fall,
+        'cat': _stroll, 'followed': _lead, 'picture': _fall, 'panel': _slide,
     }[config.event]  # fmt: skip
     return make(config, T_world_camera, rng)
 
@@ -66,6 +66,17 @@ def _upright(xy_m: FloatArray, z_m: FloatArray, yaw_rad: FloatArray) -> FloatArr
     T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
     T[:, :2, 3], T[:, 2, 3] = xy_m, z_m
     return T
+
+
+def _pass(config: SceneConfig, ends_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return positions and headings on a way, on the middle of it where a speed is asked for."""
+    speed_mps = config.speed_mps or PASSING_MPS[config.event]
+    if config.speed_mps:
+        way = ends_m[1] - ends_m[0]
+        walked_m = speed_mps * config.play_length / FRAME_RATE_HZ
+        share = min(1.0, walked_m / float(np.linalg.norm(way)))
+        ends_m = ends_m.mean(axis=0) + share * np.array([[-0.5], [0.5]]) * way
+    return walk_to_and_fro(ends_m, speed_mps, config.play_length)
 
 
 def _hinge(config: SceneConfig) -> FloatArray:
@@ -79,38 +90,38 @@ def _door_angle(count: int) -> FloatArray:
 
 
 def _door(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
-    count = config.frames + 1
+    count = config.play_length
     xy = np.tile(_hinge(config), (count, 1))
     return _upright(xy, np.zeros(count), _door_angle(count))
 
 
 def _drive(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
     """Return poses of a thing that comes into view, passes, turns and comes back."""
-    count, y = config.frames + 1, FRONT_Y_M + config.near_m
+    count, y = config.play_length, FRONT_Y_M + config.near_m
     ends = np.array([[0.6, y], [2 * _MIDDLE_X_M - 0.6, y]])
-    xy, heading = walk_to_and_fro(ends, 0.6, count)
+    xy, heading = _pass(config, ends)
     return _upright(xy[:count], np.zeros(count), heading[:count])
 
 
 def _roll(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
-    count, y = config.frames + 1, FRONT_Y_M + config.near_m
+    count, y = config.play_length, FRONT_Y_M + config.near_m
     ends = np.array([[0.8, y], [2 * _MIDDLE_X_M - 0.8, y + 0.3]])
-    xy, heading = walk_to_and_fro(ends, 1.1, count)
+    xy, heading = _pass(config, ends)
     t = np.arange(count) / FRAME_RATE_HZ
     bounce = 0.16 + 0.5 * np.abs(np.sin(2 * np.pi * t / 1.6))
     return _upright(xy[:count], bounce, heading[:count])
 
 
 def _stroll(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
-    count, y = config.frames + 1, FRONT_Y_M + config.near_m + _FLOOR_SEEN_M
+    count, y = config.play_length, FRONT_Y_M + config.near_m + _FLOOR_SEEN_M
     ends = np.array([[_MIDDLE_X_M - 1.4, y], [_MIDDLE_X_M + 1.4, y]])
-    xy, heading = walk_to_and_fro(ends, 0.45, count)
+    xy, heading = _pass(config, ends)
     return _upright(xy[:count], np.zeros(count), heading[:count])
 
 
 def _lead(config: SceneConfig, T_world_camera: FloatArray, _rng: Rng) -> FloatArray:
     """Return poses of a thing that drives ahead of the camera as the camera moves."""
-    count = config.frames + 1
+    count = config.play_length
     kernel = np.hanning(31) / np.hanning(31).sum()
     padded = np.pad(T_world_camera[:count, :2, 3], ((15, 15), (0, 0)), 'edge')
     xy = np.stack([np.convolve(column, kernel, 'valid') for column in padded.T], -1)
@@ -121,10 +132,18 @@ def _lead(config: SceneConfig, T_world_camera: FloatArray, _rng: Rng) -> FloatAr
 
 def _fall(config: SceneConfig, _camera: FloatArray, rng: Rng) -> FloatArray:
     """Return poses of a picture that hangs on the far wall, falls, and stays on the floor."""
-    count = config.frames + 1
+    count = config.play_length
     t = np.arange(count) / FRAME_RATE_HZ
     since_s = np.maximum(t - count / FRAME_RATE_HZ / 3, 0)
     z = np.maximum(1.25 - 0.5 * _GRAVITY_MPS2 * since_s**2, 0.0)
     x = _MIDDLE_X_M + float(rng.uniform(-0.3, 0.3))
     xy = np.tile([x, DEPTH_M - 0.6], (count, 1))
     return _upright(xy, z, np.zeros(count))
+
+
+def _slide(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
+    """Return poses of a panel that hangs from the ceiling and slides across the view."""
+    t = np.arange(config.play_length) / FRAME_RATE_HZ
+    x = _MIDDLE_X_M + _SLIDE_M * np.sin(2 * np.pi * t / _SLIDE_PERIOD_S)
+    xy = np.stack([x, np.full(len(x), FRONT_Y_M + config.near_m)], -1)
+    return _upright(xy, np.zeros(len(x)), np.zeros(len(x)))

@@ -25,7 +25,7 @@ _CARRYING = 0.5  # share of the people
 
 def write_group(world: World, config: SceneConfig, rng: Rng) -> list[Part]:
     """Return the parts of people who all walk with one velocity, some with an object in hand."""
-    num, count = config.num_people, config.frames + 1
+    num, count = config.num_people, config.play_length
     margin_m = _WALL_CLEARANCE_M + _JITTER_M
     x1, x2 = world.rooms[0][0] + margin_m, world.rooms[0][2] - margin_m
     most_m = (x2 - x1 - _LEAST_WAY_M) / max(num - 1, 1)

@@ -72,22 +72,24 @@ class Stage:
 
 def set_stage(config: SceneConfig) -> Stage:
     """Build the world and write the play of a configuration."""
-    count = config.frames + 1
     world = build_world(config)
-    T_world_camera = camera_poses(config, config.start_s + np.arange(count) / FRAME_RATE_HZ)
+    times_s = config.start_s + np.arange(config.frames + 1) / FRAME_RATE_HZ
+    T_world_camera = camera_poses(config, times_s)
     rng = np.random.default_rng([config.seed, 4, *config.people_stream])
-    parts = _write_parts(config, world, T_world_camera, rng)
+    shown, count = config.play_frames, config.play_length
+    T_play_camera = T_world_camera[np.searchsorted(shown, np.arange(count))]
+    parts = _write_parts(config, world, T_play_camera, rng)
     bodies = [body_track(part, count, rng) for part in parts]
     objects = object_tracks(world, parts, bodies, count)
-    T_world_mover = mover_poses(config, parts, T_world_camera, rng) if config.event else None
+    T_play_mover = mover_poses(config, parts, T_play_camera, rng) if config.event else None
     return Stage(
         config,
         world,
         T_world_camera,
         tuple(parts),
-        tuple(bodies),
-        tuple(objects),
-        T_world_mover,
+        tuple(body.at(shown) for body in bodies),
+        tuple(track.at(shown) for track in objects),
+        None if T_play_mover is None else T_play_mover[shown],
     )
 
 

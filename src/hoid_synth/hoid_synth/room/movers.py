@@ -91,6 +91,16 @@ def _wall_picture(studio: Studio, p: Palette) -> Mover:
     return Mover('', box((-0.55, -0.015, 0), (0.55, 0.015, 0.8), p.dark_wood, face))
 
 
+def _panel(studio: Studio, p: Palette) -> Mover:
+    """Return two large pictures that hang from the ceiling, side by side."""
+    low, high = 0.95, 2.45  # over tables and desks
+    sheets = [
+        box((x, -0.015, low), (x + 1, 0.015, high), p.white, {'front': picture(studio, 1, 1.5)})
+        for x in (-1, 0)
+    ]
+    return Mover('', merged(sheets))
+
+
 MAKERS: dict[str, Callable[[Studio, Palette], Mover]] = {
     'carry_box': _carton,
     'carry_chair': _chair,
@@ -104,6 +114,7 @@ MAKERS: dict[str, Callable[[Studio, Palette], Mover]] = {
     'ball': _ball,
     'cat': _cat,
     'picture': _wall_picture,
+    'panel': _panel,
 }
 
 
