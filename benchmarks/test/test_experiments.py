@@ -291,6 +291,21 @@ def test_missing_sequences_say_where_to_get_them(tmp_path: Path) -> None:
     assert replace(store, official=tmp_path / 'tum').find('fr1_xyz') == official
 
 
+def test_a_scene_is_rendered_anew_when_any_module_of_the_renderer_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'room').mkdir()
+    (tmp_path / '__init__.py').touch()
+    module = tmp_path / 'room' / 'rooms.py'
+    monkeypatch.setattr('hoid_synth.__file__', str(tmp_path / '__init__.py'))
+    store = Store(tmp_path, tmp_path)
+    paths = []
+    for text in ('a = 1', 'a = 2', 'a = 1'):
+        module.write_text(text)
+        paths.append(store.locate('crowd'))
+    assert paths[0] == paths[2] != paths[1]
+
+
 def test_every_named_plan_file_is_shipped() -> None:
     folder = Path(__file__).parents[1] / 'hoid_benchmarks' / 'plan' / 'experiments'
     names = {'quick', 'full', 'readme', 'ablation', 'scenes'}

@@ -97,7 +97,7 @@ class Store:
         """Return a bag's path: another one when the scene or what renders it has changed."""
         made_by = Path(hoid_synth.__file__).parent
         text = ' '.join(options).encode() + b''.join(
-            p.read_bytes() for p in sorted(made_by.glob('*.py'))
+            p.read_bytes() for p in sorted(made_by.rglob('*.py'))
         )
         return self.made / f'{name}-{hashlib.sha256(text).hexdigest()[:8]}'
 
