@@ -60,7 +60,7 @@ def test_shipped_plans_load_and_their_parameters_exist(name: str) -> None:
     jobs = load_plan(name).jobs()
     assert jobs
     for job in jobs:
-        RunConfig().updated({'filter.strategy': job.filter, **dict(job.parameters)})
+        RunConfig().updated({'filter.strategy': job.strategy, **dict(job.parameters)})
 
 
 def test_a_profile_sets_what_an_experiment_does_not(tmp_path: Path) -> None:

@@ -138,6 +138,23 @@ def test_missed_detections_are_empty_and_late_ones_none() -> None:
     assert sum(run) == 0  # the first run comes after 3 s
 
 
+def test_people_are_missed_and_things_are_not() -> None:
+    boxes = np.tile(np.array([[1, 1, 9, 9]], np.float32), (3, 1))
+    seen = Detections(0, boxes, ('person', 'cup', 'person'), np.ones(3, np.float32))
+    frame = next(iter(Recording()))
+    for share in (0.6, 1.0):
+        source = perturb_detections(lambda _: seen, Perturbation(missed_people=share), 0)
+        found = [names for _ in range(200) if (names := source(frame)) is not None]
+        assert all(one.class_names.count('cup') == 1 for one in found)
+        people = sum(one.class_names.count('person') for one in found)
+        assert people / 400 == pytest.approx(1 - share, abs=0.08)
+
+
+def test_a_detector_that_dies_says_nothing_more() -> None:
+    said = [d is not None for d in outcomes(Perturbation(detector_dead_s=1.0))]
+    assert said == [True] * 31 + [False] * 59  # frame 30 is a nanosecond too early
+
+
 def test_what_the_cover_hides_is_not_detected() -> None:
     frame = RgbdFrame(0, np.zeros((48, 64, 3), np.uint8), np.ones((48, 64), np.float32))
     left, right = cover_columns(64, 0.5, 0)

@@ -6,19 +6,17 @@ of the background is left; here they are counted.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Sequence as Many
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, replace
 
 import numpy as np
 
-from hoid_benchmarks.plan.sequences import scene_options
+from hoid_benchmarks.plan.sequences import scene_of
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, DynamicObject
 from hoid_synth.acting.stage import Stage, set_stage
-from hoid_synth.commands import add_synth_arguments, scene_config
 from hoid_synth.truth import TrueObjectState, object_states
 
 _Point = tuple[float, float]
@@ -76,13 +74,11 @@ class Verdicts:
 
 
 def _stage(name: str) -> Stage:
-    options = scene_options(name)
-    if not options:
+    scene = scene_of(name)
+    if scene is None:
         raise InputError(f'{name}: only rendered scenes know who handles what')
-    parser = argparse.ArgumentParser()
-    add_synth_arguments(parser)
     # Fine textures take seconds, and are not looked at.
-    return set_stage(scene_config(parser.parse_args(['-', *options, '--width', '64'])))
+    return set_stage(replace(scene, width_px=64))
 
 
 def _project(state: TrueObjectState, stage: Stage, i: int, camera: CameraModel) -> _Point | None:

@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from hoid_bags.sequence import open_sequence
+from hoid_benchmarks.jobs.exact import ExactFilter
 from hoid_benchmarks.jobs.machine import machine as this_machine
 from hoid_benchmarks.jobs.masks import mask_rows
 from hoid_benchmarks.jobs.verdicts import Verdicts
 from hoid_benchmarks.plan.detections import kept_detections
 from hoid_benchmarks.plan.detectors import judge_detector
 from hoid_benchmarks.plan.perturb import PerturbedSequence, perturb_detections
-from hoid_benchmarks.plan.plan import Job
+from hoid_benchmarks.plan.plan import EXACT, Job
 from hoid_benchmarks.plan.reference import reference_ms
 from hoid_benchmarks.plan.sequences import Store
 from hoid_bringup.evaluate.evaluation import evaluate
@@ -112,8 +113,8 @@ def _more_errors(out: Path) -> dict[str, float | None]:
 
 
 def _config(job: Job) -> RunConfig:
-    named = {'detector.model': job.detector, 'filter.strategy': job.filter, 'slam.seed': job.seed}
-    return RunConfig().updated(named | job.settings())
+    named = {'detector.model': job.detector, 'filter.strategy': job.strategy}
+    return RunConfig().updated({**named, 'slam.seed': job.seed, **job.settings()})
 
 
 def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
@@ -126,7 +127,11 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
         known or detection_source(base, config), job.perturbation, job.seed
     )
     sequence = PerturbedSequence(base, job.perturbation, job.seed)
-    pipeline = OfflinePipeline(sequence, config, detect)
+    find_features = None
+    if job.filter == EXACT:
+        masks = store.made / 'masks' / f'{path.name}.npy'
+        find_features = ExactFilter(job.sequence, masks, config.filter.extraction).process
+    pipeline = OfflinePipeline(sequence, config, detect, find_features=find_features)
     verdicts = Verdicts(job.sequence, base.camera) if job.mode == 'verdicts' else None
     lines = ['stamp_ns,features kept']
     for i, frame in enumerate(sequence):

@@ -131,6 +131,8 @@ def perturb_detections(
     state = _Clock(np.random.default_rng(seed + 1))
 
     def perturbed(frame: RgbdFrame) -> Detections | None:
+        if state.is_dead(frame.stamp_ns, perturbation.detector_dead_s):
+            return None
         if not state.is_due(frame.stamp_ns, perturbation.detector_hz):
             return None
         if state.is_missed(frame.stamp_ns, perturbation):
@@ -138,6 +140,8 @@ def perturb_detections(
         found = detect(frame)
         if found is None:
             return None
+        if perturbation.missed_people:
+            found = _without_people(found, perturbation.missed_people, state.rng)
         if perturbation.extra_boxes:
             found = _with_extra(found, perturbation.extra_boxes, frame.depth_m.shape)
         if perturbation.covered_share:
@@ -153,10 +157,17 @@ class _Clock:
     """Decides which frames a made-worse detector sees."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
+        self.rng = rng
         self._last_ns = -_MISSED_EVERY_NS
         self._first_ns: int | None = None
         self.num_asked = 0
+
+    def is_dead(self, stamp_ns: int, after_s: float) -> bool:
+        return 0 < after_s <= self._since_ns(stamp_ns) * S_PER_NS
+
+    def _since_ns(self, stamp_ns: int) -> int:
+        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
+        return stamp_ns - self._first_ns
 
     def is_due(self, stamp_ns: int, rate_hz: float) -> bool:
         due = rate_hz <= 0 or (stamp_ns - self._last_ns) * S_PER_NS > 0.999 / rate_hz
@@ -165,14 +176,25 @@ class _Clock:
         return due
 
     def is_missed(self, stamp_ns: int, perturbation: Perturbation) -> bool:
-        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
-        since_ns = stamp_ns - self._first_ns
+        since_ns = self._since_ns(stamp_ns)
         in_run = since_ns % _MISSED_EVERY_NS < perturbation.missed_run * _FRAME_NS
-        lost = self._rng.random() < perturbation.missed_share
+        lost = self.rng.random() < perturbation.missed_share
         self.num_asked += 1
         if perturbation.missed_every > 0:
             lost |= self.num_asked % perturbation.missed_every == 0
         return bool(lost or (in_run and since_ns >= _MISSED_EVERY_NS))
+
+
+def _without_people(found: Detections, share: float, rng: np.random.Generator) -> Detections:
+    missed = rng.random(len(found)) < share
+    is_person = np.array(found.class_names) == PERSON
+    seen = np.flatnonzero(~(missed & is_person))
+    return _among(found, found.boxes_xyxy_px, seen)
+
+
+def _among(found: Detections, boxes_xyxy_px: Float32Array, seen: IntArray) -> Detections:
+    names = tuple(found.class_names[n] for n in seen)
+    return Detections(found.stamp_ns, boxes_xyxy_px[seen], names, found.scores[seen])
 
 
 def _with_cover(found: Detections, share: float, shape_hw: tuple[int, ...]) -> Detections:
@@ -189,8 +211,7 @@ def _not_hidden(found: Detections, left: int, right: int) -> Detections:
     boxes = found.boxes_xyxy_px.copy()
     boxes[:, 0], boxes[:, 2] = (np.choose(side, ends) for ends in (first, last))
     seen = np.flatnonzero(boxes[:, 2] - boxes[:, 0] >= 0.5 * (x2 - x1))
-    names = tuple(found.class_names[n] for n in seen)
-    return Detections(found.stamp_ns, boxes[seen], names, found.scores[seen])
+    return _among(found, boxes, seen)
 
 
 def _with_false_person(found: Detections, shape_hw: tuple[int, ...]) -> Detections:

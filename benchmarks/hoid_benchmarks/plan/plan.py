@@ -27,6 +27,9 @@ _VIEWS = (
 )  # fmt: skip
 _MODES = ('offline', 'timed', 'live', 'detect', 'verdicts', 'pictures', 'masks')
 _OFFICIAL = 'official'  # as a sequence: every one that --data holds
+EXACT = 'exact'
+"""As a filter: no feature on what moves, by the word of what rendered it."""
+_WITHOUT_DETECTOR = ('none', 'motion', EXACT)
 _BUDGET = 'filter.extraction.num_features'
 _BUDGET_STEP = 0.01
 
@@ -38,6 +41,8 @@ class Perturbation:
     missed_share: float = 0.0  # of the frames whose detections are lost, at random
     missed_every: int = 0  # 3: the detections of every third frame are lost
     missed_run: int = 0  # frames lost in a row, once every 3 s
+    missed_people: float = 0.0  # share of the people who are not seen, at random
+    detector_dead_s: float = 0.0  # after so long it says nothing any more; 0 = it lives on
     detector_hz: float = 0.0  # detections only so often; 0 = every frame
     depth_noise: float = 0.0  # added sigma (m) at 1 m, growing with depth squared
     depth_missing_share: float = 0.0  # of the pixels without a reading
@@ -77,6 +82,11 @@ class Job:
         """Return a short description for progress and error rows."""
         words = [self.sequence, self.filter, self.detector, self.variant, f'seed {self.seed}']
         return ' '.join(w for w in ([] if self.mode == 'offline' else [self.mode]) + words if w)
+
+    @property
+    def strategy(self) -> str:
+        """Return the strategy that the system runs with."""
+        return 'none' if self.filter == EXACT else self.filter
 
     @property
     def variant(self) -> str:
@@ -235,8 +245,8 @@ def _expand(entry: Mapping[str, Any], varied: Mapping[str, list[Any]]) -> Iterat
         entry.get('detectors', ['']),
         entry['seeds'],
     ):
-        # Without a filter no detector runs: one job, whatever detectors are listed.
-        used = '' if method == 'none' and mode != 'detect' else detector
+        # Where no detector runs there is one job, whatever detectors are listed.
+        used = '' if method in _WITHOUT_DETECTOR and mode != 'detect' else detector
         yield _job(sequence, method, used, seed, mode, setting)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import re
 import shutil
@@ -13,6 +14,8 @@ from pathlib import Path
 import hoid_synth
 from hoid_common.errors import InputError
 from hoid_common.io.yaml_file import read_yaml
+from hoid_synth.commands import add_synth_arguments, scene_config
+from hoid_synth.config import SceneConfig
 
 # Short names of experiments, and the official ones of TUM RGB-D and Bonn RGB-D Dynamic.
 _OFFICIAL = ((r'fr([123])_(\w+)', r'rgbd_dataset_freiburg\1_\2'), (r'bonn_(\w+)', r'rgbd_bonn_\1'))
@@ -130,6 +133,16 @@ def scene_options(name: str) -> list[str]:
         return []
     _, seed, *options = name.split('-', 2)
     return ['--seed', seed, *(f'--{o}' for text in options for o in text.split('+'))]
+
+
+def scene_of(name: str) -> SceneConfig | None:
+    """Return what is rendered under a name; None for a recording."""
+    options = scene_options(name)
+    if not options:
+        return None
+    parser = argparse.ArgumentParser()
+    add_synth_arguments(parser)
+    return scene_config(parser.parse_args(['-', *options]))
 
 
 def _renamed(name: str, rules: tuple[tuple[str, str], ...]) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hoid_benchmarks.jobs.results import Result, key_value
 from hoid_benchmarks.jobs.worker import command_of
-from hoid_benchmarks.plan.plan import Job, Perturbation, Plan
+from hoid_benchmarks.plan.plan import EXACT, Job, Perturbation, Plan
 from hoid_benchmarks.plan.sequences import Store
 from hoid_benchmarks.report.page import RunGroup
 
@@ -51,6 +51,7 @@ class RunList:
         lines = [self._hoid(recipe)] if recipe else []
         if (
             job.perturbation != Perturbation()
+            or job.filter == EXACT
             or job.mode in ('detect', 'verdicts', 'masks')
             or path is None
         ):

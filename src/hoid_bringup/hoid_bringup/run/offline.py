@@ -6,7 +6,7 @@ import logging
 import resource
 import time
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Summary
 from hoid_common.io.files import check_writable
 from hoid_common.slam_status import SlamMode
-from hoid_common.values import DynamicObject, FilterResult, RgbdFrame
+from hoid_common.values import Detections, DynamicObject, FilterResult, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.fusion_scheduler import FusionScheduler
@@ -37,6 +37,7 @@ class OfflinePipeline:
     """Detector, filter and SLAM, one call a frame.
 
     Args:
+        find_features: In place of the filter that the configuration asks for.
         dense: Whether to make the dense map and the grid too.
     """
 
@@ -46,10 +47,13 @@ class OfflinePipeline:
         config: RunConfig,
         detect: DetectionSource | None = None,
         *,
+        find_features: Callable[[RgbdFrame, Detections | None], FilterResult] | None = None,
         dense: bool = False,
     ) -> None:
         self._detect = detect or detection_source(sequence, config)
-        self._filter = FeatureFilter(config.filter, sequence.camera)
+        self._find_features = (
+            find_features or FeatureFilter(config.filter, sequence.camera).process
+        )
         self._session = SlamSession(
             sequence.camera,
             config.slam,
@@ -81,7 +85,7 @@ class OfflinePipeline:
         start_s = time.perf_counter()  # the network has threads of its own: wall clock
         detections = self._detect(frame)
         detect_ms = _MS * (time.perf_counter() - start_s)
-        filtered = self._filter.process(frame, detections)
+        filtered = self._find_features(frame, detections)
         start_s = time.thread_time()
         done = self._session.process(filtered.features)
         track_ms = _MS * (time.thread_time() - start_s)
