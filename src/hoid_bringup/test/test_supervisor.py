@@ -61,7 +61,7 @@ def test_an_early_end_is_reported_with_its_status() -> None:
 
 def test_a_dead_child_is_restarted(tmp_path: Path) -> None:
     spec = python('phoenix', 'import os; print(os.getpid(), flush=True); os._exit(1)')
-    with Supervisor([spec], restart=True, restart_pause_s=0.05, log_dir=tmp_path) as group:
+    with Supervisor([spec], restart=True, restart_period_s=0.0, log_dir=tmp_path) as group:
         deadline_s = time.monotonic() + 60
         while len((tmp_path / 'phoenix.log').read_text().split()) < 2:
             group.poll()
@@ -69,9 +69,24 @@ def test_a_dead_child_is_restarted(tmp_path: Path) -> None:
             time.sleep(0.01)
 
 
+def test_a_child_is_started_again_at_once_unless_it_has_just_been_started() -> None:
+    with Supervisor([python('once', 'input()')], restart=True, restart_period_s=60.0) as group:
+        while not group.poll():
+            time.sleep(0.01)
+        assert group.poll() == []
+        assert group.pids == {}  # it is not due yet
+    with Supervisor([python('lasting', STUBBORN)], restart=True, restart_period_s=0.1) as group:
+        pid = group.pids['lasting']
+        time.sleep(0.1)
+        os.kill(pid, signal.SIGKILL)
+        while not group.poll():
+            time.sleep(0.01)
+        assert group.pids['lasting'] != pid
+
+
 def test_a_child_that_refuses_to_start_is_not_restarted(tmp_path: Path) -> None:
     spec = python('proud', f'print("no", flush=True); raise SystemExit({REFUSED})')
-    with Supervisor([spec], restart=True, restart_pause_s=0.0, log_dir=tmp_path) as group:
+    with Supervisor([spec], restart=True, restart_period_s=0.0, log_dir=tmp_path) as group:
         exits: list[ProcessExit] = []
         while not exits:
             exits += group.poll()

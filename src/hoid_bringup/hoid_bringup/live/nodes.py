@@ -23,7 +23,7 @@ from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
 from hoid_common.topics import NAMESPACED_TF
 
-_TICK_S = 0.2
+_TICK_S = 0.05
 _NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
 _ALL = (DETECTOR, FILTER, SLAM)
 

@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -30,7 +30,7 @@ _LOG = logging.getLogger(__name__)
 GRACE_S = 4.0
 _POLL_S = 0.02
 _MEMORY_PERIOD_S = 2.0  # a look goes through all processes of the machine
-RESTART_PAUSE_S = 0.3
+RESTART_PERIOD_S = 1.0
 _BYTES_PER_MB = 2**20
 
 
@@ -68,7 +68,7 @@ class Supervisor:
     Args:
         specs: What to start.
         restart: Start a dead child anew instead of leaving it dead, unless it refused to start.
-        restart_pause_s: How long after its end.
+        restart_period_s: The least time from one start of a child to the next.
         log_dir: Folder that gets one file of output per child; None lets them write here.
     """
 
@@ -77,16 +77,17 @@ class Supervisor:
         specs: Sequence[ProcessSpec],
         *,
         restart: bool = False,
-        restart_pause_s: float = RESTART_PAUSE_S,
+        restart_period_s: float = RESTART_PERIOD_S,
         log_dir: Path | None = None,
     ) -> None:
         self._specs = {spec.name: spec for spec in specs}
         self._restart = restart
-        self._restart_pause_s = restart_pause_s
+        self._restart_period_s = restart_period_s
         self._log_dir = log_dir
         self._running: dict[str, subprocess.Popen[bytes]] = {}
-        self._due_s: dict[str, float] = {}  # monotonic time at which a dead child starts anew
-        self._peak_rss_bytes: dict[str, int] = {}
+        self._started_s: dict[str, float] = {}  # monotonic
+        self._due_s: dict[str, float] = {}  # when a dead child starts anew
+        self._peak_rss_mb: dict[str, float] = {}
         self._next_look_s = 0.0  # when to look at the memory next
 
     def __enter__(self) -> Self:
@@ -113,16 +114,13 @@ class Supervisor:
 
     def peak_rss_mb(self) -> dict[str, float]:
         """Return the highest resident memory that `poll` saw of each child and its children."""
-        return {name: size / _BYTES_PER_MB for name, size in self._peak_rss_bytes.items()}
+        return dict(self._peak_rss_mb)
 
     def cpu_s(self) -> dict[str, float]:
         """Return the processor time that each child that runs has taken, with its children."""
-        times = {}
-        for name, process in self._running.items():
-            with contextlib.suppress(psutil.Error):
-                spent = [member.cpu_times() for member in _family(process.pid)]
-                times[name] = sum(each.user + each.system for each in spent)
-        return times
+        return {
+            name: sum(_of_family(process.pid, _busy_s)) for name, process in self._running.items()
+        }
 
     def poll(self) -> list[ProcessExit]:
         """Return the children that ended since the last call; restart them if so told."""
@@ -130,7 +128,8 @@ class Supervisor:
         if now_s >= self._next_look_s:
             self._next_look_s = now_s + _MEMORY_PERIOD_S
             for name, process in self._running.items():
-                self._note_memory(name, process.pid)
+                seen_mb = family_mb(process.pid)
+                self._peak_rss_mb[name] = max(self._peak_rss_mb.get(name, 0.0), seen_mb)
         exits = []
         for name, process in list(self._running.items()):
             status = process.poll()
@@ -139,7 +138,7 @@ class Supervisor:
             del self._running[name]
             exits.append(ProcessExit(name, status))
             if self._restart and not exits[-1].was_refusal:
-                self._due_s[name] = now_s + self._restart_pause_s
+                self._due_s[name] = self._started_s[name] + self._restart_period_s
         for name, due_s in list(self._due_s.items()):
             if now_s >= due_s:
                 del self._due_s[name]
@@ -172,6 +171,7 @@ class Supervisor:
         with contextlib.ExitStack() as stack:
             if output is not None:
                 stack.enter_context(output)  # the child keeps its own copy of the descriptor
+            self._started_s[spec.name] = time.monotonic()
             self._running[spec.name] = subprocess.Popen(
                 (*_ending_with_parent(), *spec.argv),
                 env={**os.environ, **spec.env},
@@ -182,11 +182,6 @@ class Supervisor:
                 # Linux weighs niceness within one only (sched(7), autogroup).
                 process_group=0,
             )
-
-    def _note_memory(self, name: str, pid: int) -> None:
-        with contextlib.suppress(psutil.Error):
-            total = sum(member.memory_info().rss for member in _family(pid))
-            self._peak_rss_bytes[name] = max(self._peak_rss_bytes.get(name, 0), total)
 
     def _signal_all(self, sign: signal.Signals) -> None:
         for process in self._running.values():
@@ -202,9 +197,27 @@ class Supervisor:
             time.sleep(_POLL_S)
 
 
-def _family(pid: int) -> list[psutil.Process]:
-    process = psutil.Process(pid)
-    return [process, *process.children(recursive=True)]
+def family_mb(pid: int) -> float:
+    """Return the resident memory of a process and of all that it has started, in MB."""
+    return sum(_of_family(pid, _memory_mb))
+
+
+def _memory_mb(process: psutil.Process) -> float:
+    return float(process.memory_info().rss / _BYTES_PER_MB)
+
+
+def _busy_s(process: psutil.Process) -> float:
+    times = process.cpu_times()
+    return float(times.user + times.system)
+
+
+def _of_family(pid: int, measure: Callable[[psutil.Process], float]) -> Iterator[float]:
+    """Yield a measure of a process and of all that it has started, but for those that ended."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        process = psutil.Process(pid)
+        for member in (process, *process.children(recursive=True)):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                yield measure(member)
 
 
 def _ending_with_parent() -> tuple[str, ...]:
