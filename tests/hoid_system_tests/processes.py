@@ -53,11 +53,11 @@ def with_switch(package: str, params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def mapper_of(node: Supervisor) -> psutil.Process:
-    """Return the mapper of a SLAM node without a room: the one process that it has spawned."""
+    """Return the mapper of a SLAM node without a room: all that its server has forked."""
     (process,) = (
-        child
+        worker
         for pid in node.pids.values()
-        for child in psutil.Process(pid).children()
-        if 'spawn_main' in ' '.join(child.cmdline())
+        for server in psutil.Process(pid).children()
+        for worker in server.children()
     )
     return process

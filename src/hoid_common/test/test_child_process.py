@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from multiprocessing import get_context
@@ -27,6 +29,11 @@ _LIMIT_S = 60.0  # for a process to start on a busy machine
 _TARGETS = """
 import os, time
 from contextlib import suppress
+
+LOADED_BY = os.getpid()
+
+def tell_who_loaded(messages, reports):
+    reports.send((LOADED_BY, os.getpid(), os.getppid()))
 
 def multiply(messages, reports, factor):
     reports.send('ready')
@@ -108,6 +115,48 @@ def test_a_process_that_does_not_listen_is_ended_by_force(targets: ModuleType) -
     before_s = time.monotonic()
     assert worker.close(patience_s=0.1) == 'signal 9'
     assert time.monotonic() - before_s < 5.0
+
+
+_PRELOADING = """
+import os, signal, child_targets
+from hoid_common.process.child_process import ChildWorker, preload
+
+def told(worker):
+    loader, own, parent = worker.receive(60)
+    how = worker.close()
+    assert how == 'exit code 0', how
+    return loader, own, parent
+
+preload('child_targets')
+before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+workers = [ChildWorker('teller', child_targets.tell_who_loaded) for _ in range(2)]
+(me, first, server), (_, second, same) = map(told, workers)
+assert me == os.getpid(), 'a child has imported by itself'
+assert server == same
+assert len({me, first, second, server}) == 4
+assert signal.SIGINT not in before
+
+os.kill(server, signal.SIGKILL)
+os.waitid(os.P_PID, server, os.WEXITED | os.WNOWAIT)
+workers[0].restart()
+loader, own, other = told(workers[0])
+assert loader == other != server, 'no other server has loaded it'
+print(other)
+"""
+
+
+def test_children_are_forks_of_one_that_has_loaded_their_modules(targets: ModuleType) -> None:
+    paths = (str(Path(str(targets.__file__)).parent), *sys.path)
+    done = subprocess.run(
+        [sys.executable, '-c', _PRELOADING], check=False, timeout=60, capture_output=True,
+        text=True, env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    end_s = time.monotonic() + 5.0
+    while Path(f'/proc/{done.stdout.strip()}').exists():  # the server ends with the process
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
 
 
 def test_a_child_outlives_ctrl_c_also_while_it_starts() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS, RATE_HZ, Scene, Sender
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.ros_domain import own_domain
-from hoid_bringup.live.supervisor import Supervisor
+from hoid_bringup.live.supervisor import Supervisor, family_mb
 from hoid_common import topics
 from hoid_common.errors import HoidError
 from hoid_detector.model.model_path import SYNTHETIC
@@ -145,21 +145,10 @@ def shared(share: float, least: float) -> Seen:
 
 def member_pids(pids: Mapping[str, int]) -> dict[str, int]:
     """Return the nodes' processes, and those that SLAM has started."""
-    children = psutil.Process(pids[SLAM]).children()
-    workers = [p for p in children if '--multiprocessing-fork' in p.cmdline()]
+    servers = psutil.Process(pids[SLAM]).children()
+    workers = [worker for server in servers for worker in server.children()]
     names = {ROOM if p.nice() == NICE else MAPPER: p.pid for p in workers}
     return {**pids, **names}
-
-
-def family_mb(pid: int) -> float:
-    """Return the resident memory of a process and of all that it has started."""
-    total = 0
-    with suppress(psutil.NoSuchProcess):
-        process = psutil.Process(pid)
-        for member in (process, *process.children(recursive=True)):
-            with suppress(psutil.NoSuchProcess):
-                total += member.memory_info().rss
-    return total / 2**20
 
 
 @contextmanager

@@ -2,19 +2,28 @@
 
 A `ChildWorker` runs a function in a process of its own. Messages go to it and reports come back
 through two pipes, moved by two threads, so that neither side ever waits for the other.
+
+A new interpreter that imports what a child needs takes a second of two busy cores. The children of
+a process that has called `preload` need none: they are forks of a copy of it.
 """
 
 from __future__ import annotations
 
 import atexit
+import os
+import shutil
 import signal
-from collections.abc import Callable
-from contextlib import suppress
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from enum import Enum
-from multiprocessing import get_context, resource_tracker
+from importlib import import_module
+from multiprocessing import forkserver, get_context, resource_tracker
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from queue import Empty, SimpleQueue
+from tempfile import mkdtemp
 from threading import Thread
 from typing import Generic, TypeVar
 
@@ -39,17 +48,64 @@ class ChildTimeoutError(HoidError):
     """The process is there but does not answer."""
 
 
+class Method:
+    """How this process starts its children; those of a child are rare and start by themselves."""
+
+    context: SpawnContext | ForkServerContext = get_context('spawn')
+
+
+def preload(*modules: str) -> None:
+    """Import modules, and have all later children of this process be forks of what it is now.
+
+    A copy of it waits to be forked, and ends with the last of them and this one. To be called
+    before there is anything that a fork must not have, such as threads of Python.
+    """
+    for module in modules:
+        import_module(module)
+    forkserver.set_forkserver_preload(list(modules))  # for another server, if this one is killed
+    with _deaf_to_ctrl_c():
+        _fork_server()
+    Method.context = get_context('forkserver')
+
+
+def _fork_server() -> None:
+    """Do as `forkserver.ensure_running`, without the new interpreter that imports all again."""
+    folder = mkdtemp(prefix='hoid-children-')  # for this user alone
+    address = f'{folder}/children'
+    alive, alive_while_open = os.pipe()
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(address)
+        listener.listen()
+        server = os.fork()
+        if server == 0:
+            os.close(alive_while_open)
+            try:
+                forkserver.main(listener.detach(), alive, ())
+            finally:
+                shutil.rmtree(folder, ignore_errors=True)
+                os._exit(0)
+    os.close(alive)
+    vars(forkserver._forkserver).update(  # noqa: SLF001 - it has no other way in
+        _forkserver_address=address, _forkserver_alive_fd=alive_while_open, _forkserver_pid=server
+    )
+
+
 def start_child(process: BaseProcess) -> None:
     """Start a process that never hears SIGINT, not even while it still imports.
 
     Ctrl-C reaches all processes of a terminal, but who started this one ends it, in its own time.
-    The signal is blocked rather than ignored, as a process inherits that.
     """
+    with _deaf_to_ctrl_c(), handlers_deferred():
+        process.start()
+
+
+@contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """Block SIGINT rather than ignore it, as a process that is started inherits that."""
     resource_tracker.ensure_running()  # which would unblock the signal if it were started below
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        with handlers_deferred():
-            process.start()
+        yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -147,10 +203,10 @@ class ChildWorker(Generic[Message, Report]):
     def _start(self) -> None:
         self._to_send: SimpleQueue[Message | _Mark] = SimpleQueue()
         self._received: SimpleQueue[Report | _Mark] = SimpleQueue()
-        context = get_context('spawn')
+        context = Method.context
         message_reader, messages = context.Pipe(duplex=False)
         reports, report_writer = context.Pipe(duplex=False)
-        self._process = context.Process(
+        self._process: BaseProcess = context.Process(
             target=self._target, args=(message_reader, report_writer, *self._args), name=self._name
         )
         start_child(self._process)
