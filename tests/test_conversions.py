@@ -148,6 +148,22 @@ def test_a_turned_box_gives_the_upright_one_around_it_and_its_likeliest_class() 
     np.testing.assert_allclose(back.boxes_xyxy_px, [[10, -10, 30, 30]], atol=1e-5)
 
 
+@pytest.mark.parametrize('number', [np.inf, -np.inf, np.nan, 1e300])
+@pytest.mark.parametrize('field', ['theta', 'size_x', 'score'])
+@pytest.mark.filterwarnings('error')
+def test_numbers_no_box_can_have_become_none_or_infinite(field: str, number: float) -> None:
+    one = Detections(0, np.array([[0, 0, 40, 20]], np.float32), ('cup',), np.array([0.25], 'f4'))
+    msg = conversions.detections_2d_to_msg(one, HEADER)
+    found = msg.detections[0]
+    owner = {'theta': found.bbox.center, 'size_x': found.bbox}.get(
+        field, found.results[0].hypothesis
+    )
+    setattr(owner, field, number)
+    back = conversions.detections_2d_from_msg(msg)
+    is_turned = field == 'theta' and number == 1e300  # an angle like any other
+    assert np.isfinite([*back.boxes_xyxy_px[0], *back.scores]).all() == is_turned
+
+
 @pytest.mark.parametrize(
     ('detections', 'said'),
     [([Detection2D()], 'results is empty'), ([Detection2D()] * 1001, '1001 elements')],

@@ -9,20 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.time_source import TimeSource
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage, Image
 from tf2_msgs.msg import TFMessage
 
+from hoid_common import topics
 from hoid_common.config import Config, param
 from hoid_common.errors import ConfigError, MessageError
 from hoid_common.inputs.input_config import InputConfig
 from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.ros import conversions, qos
+from hoid_common.ros.clocks import refuse_times_before_1970
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.ros.inputs import Inputs
@@ -314,6 +319,24 @@ def test_a_missing_clock_is_said(domain_id: int) -> None:
     bench = Bench(domain_id, '-p', 'use_sim_time:=true')
     assert 'no time came on /clock' in bench.status().message
     bench.close()
+
+
+def test_times_that_cannot_be_are_left_out(
+    domain_id: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(TimeSource, 'clock_callback', TimeSource.clock_callback)
+    refuse_times_before_1970()
+    probe = Probe(domain_id)
+    probe.node.set_parameters([Parameter('use_sim_time', value=True)])
+    clock = probe.publisher(Clock, topics.CLOCK)
+    for sec in (-1, -1, 5):
+        clock.publish(Clock(clock=Time(sec=sec)))
+        probe.spin_for(0.1)
+    probe.spin_until(lambda: probe.node.get_clock().now().nanoseconds == 5 * 10**9, 'no 5 s')
+    probe.close()
+    assert [r.message for r in caplog.records if 'clock' in r.message] == [
+        '/clock says -1 s, which no time can be: left out (0 times before)'
+    ]
 
 
 def test_problems_stand_until_they_are_taken_back(bench: Bench) -> None:

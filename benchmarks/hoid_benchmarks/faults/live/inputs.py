@@ -25,6 +25,8 @@ _OTHERS = (
     topics.CAMERA_INFO, topics.DETECTIONS, topics.FEATURES, topics.FEATURE_VERDICTS,
     topics.DYNAMIC_OBJECTS, topics.INITIAL_POSE, topics.TF_STATIC,
 )  # fmt: skip
+_CLOCK_BYTES = 12
+_FOREIGN = (topics.CLOCK, topics.TF, topics.DETECTIONS_2D)
 
 
 def message_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
@@ -34,7 +36,9 @@ def message_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
     """
     if not seeds:
         return
-    for topic in _PACKED if stage.setup.is_compressed else (*_IMAGES, *_OTHERS):
+    setup = stage.setup
+    sent = _FOREIGN if setup.is_foreign else (*_IMAGES, *_OTHERS)
+    for topic in _PACKED if setup.is_compressed else sent:
 
         def send(topic: str = topic) -> Seen:
             _send_wrong(stage.sender, topic, np.random.default_rng(seeds.start), len(seeds))
@@ -50,7 +54,10 @@ def _send_wrong(sender: Sender, topic: str, rng: Rng, number: int) -> None:
         msg = good.get(topic)
         if msg is None:
             msg = _sample(sender, topic, good[topics.CAMERA_INFO].header)
-        sender.publish(topic, mutated(msg, rng), type(msg))
+        wrong = mutated(msg, rng)
+        if topic == topics.CLOCK:  # of a fixed size; the middleware sends no more than that
+            wrong = wrong[:_CLOCK_BYTES]
+        sender.publish(topic, wrong, type(msg))
 
 
 def _sample(sender: Sender, topic: str, header: Header) -> Any:

@@ -7,17 +7,20 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from geometry_msgs.msg import TransformStamped
 from hoid_msgs.msg import Detection, DetectionArray, Features, SlamStatus, TrackedObjectArray
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage, Image
+from tf2_msgs.msg import TFMessage
 
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.execution.executor import SteadyExecutor
-from hoid_common.values import CameraModel
+from hoid_common.values import CameraModel, Detections
 
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 FRAME = 'camera_color_optical_frame'
@@ -71,15 +74,18 @@ class Sender:
         scene: What is seen.
         rate_hz: Of its images.
         is_compressed: Whether they are.
+        is_foreign: Boxes are sent as vision_msgs, and where the wheels are and the time as well.
     """
 
     def __init__(
-        self, node: Node, scene: Scene, rate_hz: float = RATE_HZ, *, is_compressed: bool = False
-    ) -> None:
+        self, node: Node, scene: Scene, rate_hz: float = RATE_HZ, *, is_compressed: bool = False,
+        is_foreign: bool = False,
+    ) -> None:  # fmt: skip
         self.node, self.scene, self.period_s = node, scene, 1 / rate_hz
         self._executor = SteadyExecutor()
         self._executor.add_node(node)
         self._make = _compressed if is_compressed else _raw
+        self._is_foreign = is_foreign
         self._publishers: dict[str, Publisher] = {}
         self.sent: dict[int, float] = {}  # places by stamp
         self.sent_s: dict[int, float] = {}  # and when, monotonic
@@ -121,6 +127,8 @@ class Sender:
             if len(self._waiting) == _SLOW_IMAGES:
                 messages[topics.DETECTIONS] = self._waiting[0]
                 self._waiting.clear()
+        if self._is_foreign:
+            messages = _foreign(header) | messages
         for topic, msg in messages.items():
             self.publish(topic, msg)
         return messages
@@ -198,6 +206,20 @@ def _compressed(image_bgr: Any, depth_m: Any, header: Any) -> dict[str, Compress
     return {
         depth: conversions.compressed_depth_to_msg(depth_m, header),
         color: conversions.compressed_color_to_msg(image_bgr, header, _QUALITY),
+    }
+
+
+def _foreign(header: Any) -> dict[str, Any]:
+    stamp_ns = conversions.stamp_from_msg(header.stamp)
+    wheels = TransformStamped(
+        header=conversions.header_to_msg(stamp_ns, 'odom'), child_frame_id=FRAME
+    )
+    box = np.array([[50.0, 50.0, 90.0, 90.0]], np.float32)
+    boxes = Detections(stamp_ns, box, ('cup',), np.array([0.9], np.float32))
+    return {
+        topics.CLOCK: Clock(clock=header.stamp),
+        topics.TF: TFMessage(transforms=[wheels]),
+        topics.DETECTIONS_2D: conversions.detections_2d_to_msg(boxes, header),
     }
 
 

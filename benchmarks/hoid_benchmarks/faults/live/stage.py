@@ -28,6 +28,10 @@ _WARM_IMAGES = 30
 _MEMORY_FACTOR, _MEMORY_MB = 1.3, 60.0
 MAPS = 'maps'
 MAPPER, ROOM = 'mapper', 'room'
+_NAMES = {
+    DETECTOR: ((topics.DETECTIONS, OWN_DETECTIONS),),
+    SLAM: ((topics.VISUAL_ODOM, topics.ODOM),),
+}
 ALL_OUTPUTS = (topics.ODOM, OWN_DETECTIONS, topics.TRACKED_OBJECTS)
 
 
@@ -42,6 +46,7 @@ class Setup:
     is_compressed: bool = False
     restart: bool = False  # what has died
     sim_time: bool = False
+    is_foreign: bool = False  # boxes as vision_msgs, odometry of wheels on /tf
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -54,17 +59,21 @@ class Setup:
         image = {'input.compressed': self.is_compressed}
         parameters: dict[str, dict[str, Any]] = {
             DETECTOR: {'model': SYNTHETIC, **image},
-            FILTER: {'strategy': 'hoid2d', 'detections.wait_s': 0.1, **image},
+            FILTER: {
+                'strategy': 'hoid2d', 'detections.wait_s': 0.1,
+                'detections.as_vision_msgs': self.is_foreign, **image,
+            },
             SLAM: {
                 'map_directory': str(maps), 'checkpoint_period_s': 1.0,
-                'dense.enabled': self.has_room, 'objects.enabled': self.has_room, **image,
+                'dense.enabled': self.has_room, 'objects.enabled': self.has_room,
+                'frames.publish_odom_to_base': not self.is_foreign, **image,
             },
         }  # fmt: skip
         for node in self.nodes:
-            away = ((topics.DETECTIONS, OWN_DETECTIONS),) if node == DETECTOR else ()
             yield NodeOptions(
-                (node,), parameters=parameters, remappings=away, use_sim_time=self.sim_time
-            )
+                (node,), parameters=parameters, remappings=_NAMES.get(node, ()),
+                use_sim_time=self.sim_time,
+            )  # fmt: skip
 
 
 class Seen(NamedTuple):
@@ -167,8 +176,9 @@ def staged(folder: Path, setup: Setup) -> Iterator[Stage]:
         node = rclpy.create_node('faults', parameter_overrides=[use_sim_time])
         try:
             sender = Sender(
-                node, setup.scene or Scene(), setup.rate_hz, is_compressed=setup.is_compressed
-            )
+                node, setup.scene or Scene(), setup.rate_hz,
+                is_compressed=setup.is_compressed, is_foreign=setup.is_foreign,
+            )  # fmt: skip
             if silent := sender.silent_within(START_S, setup.outputs):
                 raise HoidError(f'no {", ".join(silent)} of good messages in {START_S:g} s')
             for _ in range(_WARM_IMAGES):

@@ -12,6 +12,7 @@ from hoid_benchmarks.faults.live.disk import disk_cases
 from hoid_benchmarks.faults.live.inputs import message_cases
 from hoid_benchmarks.faults.live.stage import Setup, staged
 from hoid_benchmarks.faults.samples import Samples
+from hoid_bringup.live.node_specs import FILTER, SLAM
 
 
 def standing_cases(
@@ -25,8 +26,10 @@ def standing_cases(
         if conditions:
             yield from disk_cases(stage, lambda path: _convert(samples, path), conditions)
     if messages:
-        with staged(folder / 'packed', Setup(is_compressed=True)) as stage:
-            yield from message_cases(stage, messages)
+        foreign = Setup((FILTER, SLAM), has_room=False, sim_time=True, is_foreign=True)
+        for name, setup in (('packed', Setup(is_compressed=True)), ('foreign', foreign)):
+            with staged(folder / name, setup) as stage:
+                yield from message_cases(stage, messages)
     if len(conditions) > 1:
         yield from sim_time_cases(folder / 'sim time', conditions)
 

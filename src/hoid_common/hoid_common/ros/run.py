@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from hoid_common.errors import ConfigError, HoidError
 from hoid_common.process.entry import INTERRUPTED, REFUSED
 from hoid_common.process.signals import ENDING
+from hoid_common.ros.clocks import refuse_times_before_1970
 from hoid_common.ros.execution.executor import SteadyExecutor
 
 _EXIT_LIMIT_S = 10
@@ -36,6 +37,7 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
     said in one line, with status REFUSED.
     """
     _take_no_more_than_needed()
+    refuse_times_before_1970()
     interrupt = _Interrupt()
     try:
         _init(args)

@@ -25,17 +25,21 @@ Row = tuple[float, float, float, float]
 def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
     """Return the upright boxes around those of the message, each with its likeliest class.
 
-    Boxes without a class, and more than MAX_DETECTIONS, raise MessageError.
+    What is no number, or too large for one, is none or infinite then. Boxes without a class, and
+    more than MAX_DETECTIONS, raise MessageError.
     """
     found = msg.detections
     if len(found) > MAX_DETECTIONS:
         raise MessageError(f'detections_2d has {len(found)} elements, more than {MAX_DETECTIONS}')
     best = [_likeliest(detection) for detection in found]
+    with np.errstate(over='ignore'):
+        boxes_xyxy_px = np.array([_box_from_msg(each.bbox) for each in found], np.float32)
+        scores = np.array([hypothesis.score for hypothesis in best], np.float32)
     return Detections(
         stamp_from_msg(msg.header.stamp),
-        np.array([_box_from_msg(each.bbox) for each in found], np.float32).reshape(-1, 4),
+        boxes_xyxy_px.reshape(-1, 4),
         tuple(hypothesis.class_id for hypothesis in best),
-        np.array([hypothesis.score for hypothesis in best], np.float32),
+        scores,
     )
 
 
@@ -60,7 +64,8 @@ def _likeliest(detection: Detection2D) -> ObjectHypothesis:
 
 def _box_from_msg(box: BoundingBox2D) -> Row:
     x, y = box.center.position.x, box.center.position.y
-    cos, sin = abs(math.cos(box.center.theta)), abs(math.sin(box.center.theta))
+    theta_rad = box.center.theta if math.isfinite(box.center.theta) else math.nan
+    cos, sin = abs(math.cos(theta_rad)), abs(math.sin(theta_rad))
     half_x = (cos * box.size_x + sin * box.size_y) / 2
     half_y = (sin * box.size_x + cos * box.size_y) / 2
     return x - half_x, y - half_y, x + half_x, y + half_y
