@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
+from itertools import cycle
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
@@ -150,7 +151,7 @@ def _save(path: Path, marks: Sequence[Mark], label: str, *, logarithmic: bool) -
 def _draw(axes: Axes, marks: Sequence[Mark], rows: Sequence[str]) -> None:
     named = dict.fromkeys(mark.group for mark in marks)
     groups = [n for n in _STYLES if n in named] + [n for n in named if n not in _STYLES]
-    spare = iter([style for name, style in _STYLES.items() if name not in groups])
+    spare = cycle(style for name, style in _STYLES.items() if name not in groups)
     styles = {name: _STYLES.get(name) or next(spare) for name in groups}
     for k, name in enumerate(groups):
         mine = [mark for mark in marks if mark.group == name]
