@@ -30,6 +30,7 @@ _OTHER_RULES = 'seed_method'  # these runs are of ORB-SLAM3's
 _NUMBER = re.compile(r'\d+(?:\.\d+)?')
 _DEFAULT = 'default'
 _MM = 1e3
+_LEGEND_LETTERS = 70  # of names that fit beside each other
 _WIDTH_INCH, _ROW_INCH, _REST_INCH = 7.2, 0.24, 1.1
 
 
@@ -144,6 +145,8 @@ def _save(path: Path, marks: Sequence[Mark], label: str, *, logarithmic: bool) -
         if not logarithmic:
             axes.set_xlim(left=0)
         axes.set_xlabel(label)
+        columns = _LEGEND_LETTERS // max(len(mark.group) for mark in marks)
+        figure.legend(frameon=False, ncols=min(columns, 4), loc='outside upper center')
         figure.savefig(path, metadata={'Date': None, 'Description': digest(marks)})
         plt.close(figure)
 
@@ -168,4 +171,3 @@ def _draw(axes: Axes, marks: Sequence[Mark], rows: Sequence[str]) -> None:
     axes.xaxis.set_major_formatter('{x:g}')
     axes.grid(alpha=0.3)
     axes.spines[['top', 'right']].set_visible(False)
-    axes.legend(frameon=False, ncols=4, loc='lower center', bbox_to_anchor=(0.5, 1))

@@ -2,8 +2,8 @@
 
 A table stands between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; in place of the
 experiments, `summary` stands for README's rows. What `hoid bench faults` and `rooms` print stands
-between `<!-- printed -->` and `<!-- /printed -->` of their pages. `make reference` writes all of them, the figures,
-the list of decisions and the page of published values.
+between `<!-- printed -->` and `<!-- /printed -->` of their pages. `make reference` writes all
+tables, the figures, the list of decisions and the page of published values.
 """
 
 from __future__ import annotations
