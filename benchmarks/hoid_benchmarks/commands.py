@@ -15,6 +15,7 @@ from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine
 from hoid_benchmarks.jobs.machine import Code
 from hoid_benchmarks.jobs.masks import mask_report
+from hoid_benchmarks.jobs.pairs import pair_report
 from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.jobs.speed import STAGES, time_stage
 from hoid_benchmarks.plan.plan import Job, Plan, load_plan
@@ -27,8 +28,9 @@ from hoid_benchmarks.report.runs import RunList
 from hoid_benchmarks.rooms.rooms import room_report
 from hoid_common.errors import HoidError
 
-_MASKS, _ROOMS, _FAULTS, _COVARIANCES = 'masks', 'rooms', 'faults', 'covariances'
-REPORTS = (_MASKS, _ROOMS, _FAULTS, _COVARIANCES)
+_MASKS, _PAIRS, _ROOMS = 'masks', 'pairs', 'rooms'
+_FAULTS, _COVARIANCES = 'faults', 'covariances'
+REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES)
 """What else can be asked for beside experiments and stages."""
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
@@ -43,7 +45,8 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         default='full',
         metavar='WHAT',
         help=f'experiments: full, quick or a YAML file; a stage to time ({", ".join(STAGES)}); '
-        f'{_MASKS}: judge the masks corner by corner; {_ROOMS}: dense map, grid and tracks; '
+        f'{_MASKS}: judge the masks corner by corner; {_PAIRS}: of two real images each; '
+        f'{_ROOMS}: dense map, grid and tracks; '
         f'{_COVARIANCES}: errors against what is published as uncertainty; '
         f'{_FAULTS}: {", ".join(ROOMS)}',
     )
@@ -87,6 +90,8 @@ def bench_command(args: argparse.Namespace) -> None:
         sys.stdout.write(time_stage(args.what, store))
     elif args.what == _MASKS and not args.quick:
         sys.stdout.write(mask_report(args.only, store))
+    elif args.what == _PAIRS and not args.quick:
+        sys.stdout.write(pair_report(args.only, store))
     elif args.what == _COVARIANCES and not args.quick:
         sys.stdout.write(covariance_report(args.only, store))
     elif args.what == _ROOMS and not args.quick:

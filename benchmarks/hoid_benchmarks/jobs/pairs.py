@@ -1,0 +1,99 @@
+"""How much of what moves shows in two real images of a scene, and what else is taken for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from hoid_bags.images import decode_color, decode_depth, depth_m_from_units, read_image_bytes
+from hoid_benchmarks.plan.sequences import Store
+from hoid_common.errors import InputError
+from hoid_common.io.yaml_file import read_yaml
+from hoid_common.values import BoolArray, CameraModel
+from hoid_filter.config import ExtractionConfig, MotionConfig
+from hoid_filter.extraction.extractor import OrbExtractor
+from hoid_filter.motion.moving_regions import MotionSense
+from hoid_filter.motion.small_view import MotionView
+
+_OUTLINES = Path(__file__).with_name('pairs.yaml')
+_CAMERA = CameraModel(640, 480, 527.0, 533.0, 319.5, 239.5)
+_DEPTH_UNITS_PER_M = 5000.0
+_EDGE_PX = 4  # outlines are rough: so near to them nothing counts
+
+
+class Played(NamedTuple):
+    """A way to show a pair: which of its images comes when."""
+
+    words: str
+    order: tuple[int, ...]
+    period_s: float
+
+
+PLAYED = (
+    Played('once, 33 ms apart', (0, 1), 1 / 30),
+    Played('once, 100 ms apart', (0, 1), 0.1),
+    Played('to and fro, 10 images at 30 Hz', (0, 1) * 5, 1 / 30),
+)
+
+
+def pair_report(only: Sequence[str], store: Store) -> str:
+    """Return a table of the shares found and lost, of every pair or of those named.
+
+    Raises:
+        InputError: A pair is unknown or missing.
+    """
+    outlines = read_yaml(_OUTLINES)
+    if unknown := set(only) - set(outlines):
+        raise InputError(f'no pair {min(unknown)}: {", ".join(outlines)}')
+    heads = ' | '.join(f'{played.words}: found / lost' for played in PLAYED)
+    lines = [f'| pair | {heads} |', '|---' * (len(PLAYED) + 1) + '|']
+    for name in only or outlines:
+        folder = store.shared / 'data' / 'movers' / name
+        shares = [judge_pair(folder, outlines[name], played) for played in PLAYED]
+        cells = ' | '.join(f'{found:.2f} / {lost:.2f}' for found, lost in shares)
+        lines.append(f'| {name.replace("_", " ")} | {cells} |')
+    return '\n'.join([*lines, ''])
+
+
+def judge_pair(
+    folder: Path, outlines: Sequence[Sequence[int]], played: Played
+) -> tuple[float, float]:
+    """Return the share of pixels with depth on what moves that is found, and of others lost.
+
+    Args:
+        folder: Of `color0.png`, `depth0.png` and the same of the second image.
+        outlines: Of what moves in the second image, x and y in px in turn.
+        played: How they are shown; the second image comes last.
+    """
+    views = [_view(folder, k) for k in (0, 1)]
+    sense = MotionSense(MotionConfig())
+    for i, k in enumerate(played.order):
+        sense.sense(views[k]._replace(stamp_ns=round(i * played.period_s * 1e9)))
+    last = views[1].depth_m
+    everywhere = np.arange(last.size)
+    found = sense.at(round(len(played.order) * 1e9)).label_at(everywhere).reshape(last.shape) > 0
+    moving, resting = (part & (last > 0) for part in _parts(outlines))
+    return float(found[moving].mean()), float(found[resting].mean())
+
+
+def _view(folder: Path, k: int) -> MotionView:
+    color, depth = folder / f'color{k}.png', folder / f'depth{k}.png'
+    image_bgr = decode_color(read_image_bytes(color), color)
+    gray = np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
+    units = decode_depth(read_image_bytes(depth), depth)
+    corners = OrbExtractor(ExtractionConfig()).detect(gray)
+    depth_m = depth_m_from_units(units, _DEPTH_UNITS_PER_M)
+    return MotionView(0, _CAMERA, gray, depth_m, corners.pixel, corners.score)
+
+
+def _parts(outlines: Sequence[Sequence[int]]) -> tuple[BoolArray, BoolArray]:
+    """Return (H, W) what is surely inside an outline, and what is surely outside of all."""
+    inside = np.zeros((_CAMERA.height_px, _CAMERA.width_px), np.uint8)
+    for outline in outlines:
+        cv2.fillPoly(inside, [np.reshape(outline, (-1, 2)).astype(np.int32)], [1])
+    kernel = np.ones((2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1), np.uint8)
+    return cv2.erode(inside, kernel) > 0, cv2.dilate(inside, kernel) == 0
