@@ -20,6 +20,7 @@ from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.online_noise import OnlineNoise
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.statistics import SlamStats, slam_stats
+from rgbd_slam.tracking.first_frames import FirstFrames
 from rgbd_slam.tracking.image_clock import ImageClock
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
 from rgbd_slam.tracking.motion import MotionSource
@@ -61,6 +62,7 @@ class RgbdSlam:
         self._camera = StereoCamera.from_model(camera, config.camera)
         atlas = self._atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
         self.trajectory = TrajectoryRecorder(atlas.keyframes)
+        self._first_frames = FirstFrames(atlas, self.trajectory, config.tracking)
         self.odometry = Odometry(atlas, wheels)
         followers = self.trajectory.redirect, self.odometry.redirect
         self.map = MapControl(atlas, self._camera, config, followers, background=background)
@@ -131,6 +133,7 @@ class RgbdSlam:
         self.odometry.go_on_from(tracked)
         self._clock.recognised()
         self.trajectory.add(tracked)
+        self._first_frames.begin(frame.stamp_ns)
         return self._result(
             tracked, np.zeros((6, 6)), len(frame), len(frame), {}, is_keyframe=True
         )
@@ -178,6 +181,8 @@ class RgbdSlam:
         self._tracker.use_camera(self._noise.camera)
         self._clock.recognised()
         self.trajectory.add(tracked)
+        self._first_frames.add(tracked)
+        self._first_frames.revise_next(self._noise.camera)
 
     def _insert_keyframe(self, tracking: TrackerOutput) -> None:
         """Hand the frame to the mapper, and go on from the keyframe that it makes of it."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import KeyframeTable
 from rgbd_slam.model.tracked_frame import TrackedFrame
@@ -61,3 +63,26 @@ def test_a_frame_takes_hardly_more_than_its_numbers() -> None:
     tracemalloc.stop()
     assert len(recorder) == MANY
     assert size < 250 * MANY  # bytes: a stamp, a uid and two poses of 12 numbers are 208
+
+
+def test_a_revised_frame_is_elsewhere_now_and_was_where_it_was_said() -> None:
+    atlas = Atlas(1.2, 8)
+    first, moved = se3.exp(np.array([[0.1, 0, 0, 0.5, 0, 0], [0, 0.2, 0, 0, 1.0, 0]]))
+    i = atlas.add_keyframe(tracked(0, first).frame, first, map_id=0)
+    recorder, T = TrajectoryRecorder(atlas.keyframes), se3.exp(np.full(6, 0.1))
+    uid = int(atlas.keyframes.uid[i])
+    for n in range(1030):  # more than are stored together
+        recorder.add(replace(tracked(n, first @ T, uid), T_reference_camera=T))
+    recorder.revise(1026, moved)
+    final, online = recorder.final().T_world_camera, recorder.online().T_world_camera
+    np.testing.assert_allclose(final[1026], moved, atol=1e-12)
+    np.testing.assert_allclose(np.delete(final, 1026, 0), online[:-1], atol=1e-12)
+    np.testing.assert_array_equal(online[1026], first @ T)
+    atlas.set_poses(np.array([i]), moved[None])  # with which it goes from now on
+    now = recorder.pose(1026)
+    assert now is not None
+    np.testing.assert_allclose(now, moved @ se3.inverse(first) @ moved, atol=1e-12)
+
+
+def test_a_frame_whose_map_is_gone_is_nowhere() -> None:
+    assert recorded(3, KeyframeTable()).pose(1) is None

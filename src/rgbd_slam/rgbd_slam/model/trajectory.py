@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray, Trajectory
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframe_poses import KeyframePoses
@@ -55,6 +56,18 @@ class TrajectoryRecorder:
         )
         self._count += 1
 
+    def pose(self, n: int) -> FloatArray | None:
+        """Return T_map_camera (4, 4) of frame `n` as the map says now; None once that is gone."""
+        frame = self._frame(n)
+        (row,), (T_map_reference,) = self._placed(frame['reference_uid'][None])
+        return None if row < 0 else T_map_reference @ _whole(frame['T_reference_camera'][None])[0]
+
+    def revise(self, n: int, T_map_camera: FloatArray) -> None:
+        """Say anew where frame `n` was; what was known at the time stays as it was said."""
+        frame = self._frame(n)
+        _, (T_map_reference,) = self._placed(frame['reference_uid'][None])
+        frame['T_reference_camera'] = (se3.inverse(T_map_reference) @ T_map_camera)[:3]
+
     def redirect(self, redirects: Iterable[Redirect]) -> None:
         """Hang frames of removed keyframes on those that took their place."""
         self._removed.update((redirect.uid, redirect) for redirect in redirects)
@@ -84,6 +97,10 @@ class TrajectoryRecorder:
         rows = rows[(keyframes.map_id[rows] == main_map(keyframes)) & ~keyframes.is_loaded[rows]]
         rows = rows[np.argsort(keyframes.stamp_ns[rows], kind='stable')]
         return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
+
+    def _frame(self, n: int) -> NDArray[np.void]:
+        """Return the record of a frame, () and to be written to."""
+        return self._blocks[1 + n // _BLOCK][n % _BLOCK, ...]
 
     def _frames(self) -> NDArray[np.void]:
         return np.concatenate(self._blocks)[: self._count]
