@@ -21,7 +21,7 @@ from hoid_common import topics
 from hoid_common.io.files import leftovers
 from hoid_common.ros import qos
 
-FULL, READ_ONLY, SLOW = KINDS = ('disk full', 'disk read-only', 'disk slow')
+FULL, READ_ONLY, SLOW = 'disk full', 'disk read-only', 'disk slow'
 _DISK_MB = 64
 _ANSWER_S = 20.0
 _CHECKPOINT_S = 60.0  # one that took long is followed by a pause twenty times as long
@@ -37,21 +37,23 @@ Spoilt = Callable[[Path], AbstractContextManager[None]]
 
 
 def disk_cases(
-    stage: Stage, bag_of: Callable[[Path], tuple[str, ...]], seeds: range
+    stage: Stage, bags_of: Callable[[Path], tuple[tuple[str, ...], ...]], seeds: range
 ) -> Iterator[Outcome]:
     """Yield the outcomes of disks that refuse to be written, one of each kind for each seed.
 
     Args:
         stage: Its nodes write into their folder of maps.
-        bag_of: Returns a command of ours that writes a bag.
+        bags_of: Returns commands of ours that write a bag.
         seeds: Of the cases.
     """
-    if refused := _run('mount', '-t', 'tmpfs', '-o', f'size={_DISK_MB}m', 'tmpfs', stage.maps):
-        yield from (Outcome(kind, seeds.start, '', skipped=refused) for kind in KINDS)
+    if refused := run_command(
+        'mount', '-t', 'tmpfs', '-o', f'size={_DISK_MB}m', 'tmpfs', stage.maps
+    ):
+        yield from (Outcome(kind, seeds.start, '', skipped=refused) for kind in (FULL, READ_ONLY))
         return
     try:
-        saves = _Saves(stage)
-        if complaint := saves.complaint(are_done=True):
+        saves = Saves(stage)
+        if complaint := saves.first_complaint():
             yield Outcome(FULL, seeds.start, f'on a good disk: {complaint}')
             return
         for seed in seeds:
@@ -59,15 +61,14 @@ def disk_cases(
 
                 def trouble(spoilt: Spoilt = spoilt) -> Seen:
                     with spoilt(stage.maps):
-                        complaint = saves.complaint(are_done=False) or _bag_complaint(
-                            stage, bag_of(stage.maps / 'bag')
-                        )
+                        complaint = saves.complaint(are_done=False)
+                        for command in bags_of(stage.maps / 'bag'):
+                            complaint = complaint or _bag_complaint(stage, command)
                     return Seen(complaint or saves.complaint(are_done=True))
 
                 yield stage.outcome(kind, seed, trouble)
     finally:
-        _run('umount', '--lazy', stage.maps)
-    yield Outcome(SLOW, seeds.start, '', skipped='no device here can be slowed down')
+        run_command('umount', '--lazy', stage.maps)
 
 
 @contextmanager
@@ -96,15 +97,15 @@ def _filled(folder: Path) -> Iterator[None]:
 @contextmanager
 def _read_only(folder: Path) -> Iterator[None]:
     end_s = time.monotonic() + _ANSWER_S
-    while _run('mount', '-o', 'remount,ro', folder) and time.monotonic() < end_s:
+    while run_command('mount', '-o', 'remount,ro', folder) and time.monotonic() < end_s:
         time.sleep(_PAUSE_S)  # a file is being written
     try:
         yield
     finally:
-        _run('mount', '-o', 'remount,rw', folder)
+        run_command('mount', '-o', 'remount,rw', folder)
 
 
-class _Saves:
+class Saves:
     """Asks for all files, and knows what they were."""
 
     def __init__(self, stage: Stage) -> None:
@@ -119,6 +120,13 @@ class _Saves:
         node.create_subscription(
             DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, qos.OUTPUT
         )
+
+    def first_complaint(self) -> str:
+        """Return the same once there is something of everything to be written."""
+        end_s = time.monotonic() + _CHECKPOINT_S
+        while (complaint := self.complaint(are_done=True)) and time.monotonic() < end_s:
+            self._sender.send()
+        return complaint
 
     def complaint(self, *, are_done: bool) -> str:
         """Return what is wrong with the answers to all requests, and with the files."""
@@ -176,7 +184,7 @@ def _bag_complaint(stage: Stage, command: tuple[str, ...]) -> str:
     return f'{left[0].name} was left' if left else ''
 
 
-def _run(*command: str | Path) -> str:
+def run_command(*command: str | Path) -> str:
     """Run a command and return why it fails, or nothing."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -157,8 +157,12 @@ class Sender:
         end_s = time.monotonic() + duration_s
         while time.monotonic() < end_s:
             self.send()
+        return self.share_since(before)
+
+    def share_since(self, first: int) -> float:
+        """Return the share of the images from this number on that odometry came of."""
         self.spin_until(time.monotonic() + 0.5)
-        sent = list(self.sent)[before:]
+        sent = list(self.sent)[first:]
         return len(set(sent) & {heard.stamp_ns for heard in self.heard}) / len(sent)
 
     def silent_within(self, limit_s: float, outputs: tuple[str, ...]) -> tuple[str, ...]:

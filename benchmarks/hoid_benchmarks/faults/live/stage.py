@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,6 +47,7 @@ class Setup:
     restart: bool = False  # what has died
     sim_time: bool = False
     is_foreign: bool = False  # boxes as vision_msgs, odometry of wheels on /tf
+    environment: Mapping[str, str] = field(default_factory=dict)  # of the nodes
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -169,7 +170,11 @@ def staged(folder: Path, setup: Setup) -> Iterator[Stage]:
     """
     maps = folder / MAPS
     maps.mkdir(parents=True)
-    specs = [spec for options in setup.options(maps) for spec in node_specs(options, folder)]
+    specs = [
+        replace(spec, env=setup.environment)
+        for options in setup.options(maps)
+        for spec in node_specs(options, folder)
+    ]
     with own_domain(), Supervisor(specs, restart=setup.restart, log_dir=folder) as nodes:
         rclpy.init()
         use_sim_time = Parameter('use_sim_time', value=False)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.conditions import clock_cases, load_cases, sim_time_cases
 from hoid_benchmarks.faults.live.disk import disk_cases
 from hoid_benchmarks.faults.live.inputs import message_cases
+from hoid_benchmarks.faults.live.slow_disk import slow_disk_cases
 from hoid_benchmarks.faults.live.stage import Setup, staged
 from hoid_benchmarks.faults.samples import Samples
 from hoid_bringup.live.node_specs import FILTER, SLAM
@@ -24,7 +26,9 @@ def standing_cases(
         yield from clock_cases(stage, conditions)
         yield from load_cases(stage, conditions)
         if conditions:
-            yield from disk_cases(stage, lambda path: _convert(samples, path), conditions)
+            yield from disk_cases(stage, partial(_writers, samples), conditions)
+    if conditions:
+        yield from slow_disk_cases(folder / 'slow disk', conditions)
     if messages:
         foreign = Setup((FILTER, SLAM), has_room=False, sim_time=True, is_foreign=True)
         for name, setup in (('packed', Setup(is_compressed=True)), ('foreign', foreign)):
@@ -34,7 +38,8 @@ def standing_cases(
         yield from sim_time_cases(folder / 'sim time', conditions)
 
 
-def _convert(samples: Samples, bag: Path) -> tuple[str, ...]:
-    """Return the command that writes a bag."""
-    command = ('convert', str(samples.tum), str(bag), '--camera', str(samples.camera))
-    return (sys.executable, '-m', 'hoid_bringup', *command)
+def _writers(samples: Samples, bag: Path) -> tuple[tuple[str, ...], ...]:
+    """Return the commands that write a bag."""
+    hoid = (sys.executable, '-m', 'hoid_bringup')
+    convert = ('convert', str(samples.tum), str(bag), '--camera', str(samples.camera))
+    return (*hoid, *convert), (*hoid, 'record', str(bag))
