@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hoid_bringup.live.supervisor import GRACE_S, ProcessExit, ProcessSpec, Supervisor
+from hoid_bringup.live.supervisor import ProcessExit, ProcessSpec, Supervisor
 from hoid_common.errors import InputError
 from hoid_common.process.entry import REFUSED
 
@@ -46,7 +46,7 @@ def test_a_child_that_ignores_signals_is_killed_in_time(tmp_path: Path) -> None:
         start_s = time.monotonic()
         supervisor.stop(grace_s=0.2)
     assert not is_alive(pid)
-    assert time.monotonic() - start_s < GRACE_S
+    assert time.monotonic() - start_s < 4.0
 
 
 def test_an_early_end_is_reported_with_its_status() -> None:

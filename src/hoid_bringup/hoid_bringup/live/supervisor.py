@@ -27,7 +27,7 @@ from hoid_common.process.entry import REFUSED
 
 _LOG = logging.getLogger(__name__)
 
-GRACE_S = 4.0
+_GRACE_S = 10.0  # a node ends itself after that, and `ros2 launch` waits as long before it kills
 _POLL_S = 0.02
 _MEMORY_PERIOD_S = 2.0  # a look goes through all processes of the machine
 RESTART_PERIOD_S = 1.0
@@ -145,7 +145,7 @@ class Supervisor:
                 self._start(self._specs[name])
         return exits
 
-    def stop(self, grace_s: float = GRACE_S) -> None:
+    def stop(self, grace_s: float = _GRACE_S) -> None:
         """End all children, politely first, and return when all are gone."""
         self._due_s.clear()
         for sign, wait_s in (
