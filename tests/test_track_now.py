@@ -25,8 +25,8 @@ def test_points_on_a_person_whom_the_detector_finds_late_are_taken_back(
     start('rgbd_slam', 'rgbd_slam_node', parameters | NO_ROOM)
     odometry = probe.collect(Odometry, 'odom', wait=False)
     clouds = probe.collect(PointCloud2, 'map_points', qos.LATCHED, wait=False)
-    peer = run_filter(**{'detections.wait_s': 10.0})  # which sends the camera as well
-    slam = SlamPeer(probe)
+    slam = SlamPeer(probe)  # before the camera, of which the filter's peer tells the node as well
+    peer = run_filter(**{'detections.wait_s': 10.0})
     slam.begin(conversions.camera_to_msg(CAMERA, peer.header(0)))
     peer.send_boxes(-1)  # before the detector's first answer images would wait
     probe.spin_for(0.3)
