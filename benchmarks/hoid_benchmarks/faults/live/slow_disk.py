@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,7 +22,8 @@ def slow_disk_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
         yield Outcome(SLOW, seeds.start, '', skipped=refused)
         return
     environment = {
-        'LD_PRELOAD': str(library),
+        'LD_PRELOAD': library.name,  # a path must not have spaces there; found by the next line
+        'LD_LIBRARY_PATH': f'{folder}:{os.environ.get("LD_LIBRARY_PATH", "")}',
         'HOID_SLOW_DISK': str(nodes / MAPS),
         'HOID_SLOW_WHILE': str(sign),
     }
