@@ -20,10 +20,11 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from hoid_benchmarks.publish.results_file import Kept
 
 ATE, TIME, WORTH = 'ate.svg', 'time.svg', 'worth.svg'
+_EXACT = 'exact'  # what the renderer knows is looked up, which takes no time that says anything
 _STYLES = {
     'none': ('#7f7f7f', 'o'), 'person': ('#e69f00', 'v'), 'hoid2d': ('#56b4e9', 's'),
     'hoid3d': ('#0072b2', 'D'), 'descriptor': ('#cc79a7', '^'), 'motion': ('#009e73', 'P'),
-    'hoid+': ('#d55e00', '*'),
+    'hoid+': ('#d55e00', '*'), _EXACT: ('#000000', 'x'),
 }  # fmt: skip
 _NOT_DRAWN = 'truth'  # exact boxes say nothing of a run that somebody could have
 _OTHER_RULES = 'seed_method'  # these runs are of ORB-SLAM3's
@@ -87,7 +88,7 @@ def _times(compared: Sequence[Kept]) -> list[Mark]:
     """Return the time of a frame by filter: over sequences, the median, and the largest p95."""
     times: dict[str, list[list[float]]] = {}
     for _, strategy, _, cell in _cells(compared, 'frame [ms]: median / p95'):
-        if numbers := _numbers(cell):
+        if strategy != _EXACT and (numbers := _numbers(cell)):
             times.setdefault(strategy, []).append(numbers)
     marks = []
     for strategy in sorted(times, key=list(_STYLES).index):
