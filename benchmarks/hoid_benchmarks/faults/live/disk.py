@@ -1,4 +1,4 @@
-"""A disk that is full or read-only while maps, trajectories, checkpoints and bags are written."""
+"""A disk that is full or read-only while files are written; `slow_disk` has one that is slow."""
 
 from __future__ import annotations
 
