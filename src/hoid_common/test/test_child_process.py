@@ -118,7 +118,7 @@ def test_a_process_that_does_not_listen_is_ended_by_force(targets: ModuleType) -
 
 
 _PRELOADING = """
-import os, signal, child_targets
+import os, signal, tempfile, child_targets
 from hoid_common.process.child_process import ChildWorker, preload
 
 def told(worker):
@@ -128,6 +128,7 @@ def told(worker):
     return loader, own, parent
 
 preload('child_targets')
+assert not os.listdir(tempfile.gettempdir()), 'a kill would leave this behind'
 before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
 workers = [ChildWorker('teller', child_targets.tell_who_loaded) for _ in range(2)]
 (me, first, server), (_, second, same) = map(told, workers)
@@ -145,11 +146,15 @@ print(other)
 """
 
 
-def test_children_are_forks_of_one_that_has_loaded_their_modules(targets: ModuleType) -> None:
+def test_children_are_forks_of_one_that_has_loaded_their_modules(
+    targets: ModuleType, tmp_path: Path
+) -> None:
+    (scratch := tmp_path / 'scratch').mkdir()
     paths = (str(Path(str(targets.__file__)).parent), *sys.path)
     done = subprocess.run(
         [sys.executable, '-c', _PRELOADING], check=False, timeout=60, capture_output=True,
-        text=True, env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)},
+        text=True,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths), 'TMPDIR': str(scratch)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert not done.stderr

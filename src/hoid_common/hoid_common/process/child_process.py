@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import atexit
 import os
-import shutil
 import signal
 import socket
 from collections.abc import Callable, Iterator
@@ -20,11 +19,10 @@ from enum import Enum
 from importlib import import_module
 from multiprocessing import forkserver, get_context, resource_tracker
 from multiprocessing.connection import Connection
-from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from queue import Empty, SimpleQueue
-from tempfile import mkdtemp
-from threading import Thread
+from tempfile import TemporaryDirectory
+from threading import Event, Thread
 from typing import Generic, TypeVar
 
 from hoid_common.errors import HoidError
@@ -48,10 +46,7 @@ class ChildTimeoutError(HoidError):
     """The process is there but does not answer."""
 
 
-class Method:
-    """How this process starts its children; those of a child are rare and start by themselves."""
-
-    context: SpawnContext | ForkServerContext = get_context('spawn')
+_has_server = Event()  # of this process; the children of a child are rare and start by themselves
 
 
 def preload(*modules: str) -> None:
@@ -65,16 +60,17 @@ def preload(*modules: str) -> None:
     forkserver.set_forkserver_preload(list(modules))  # for another server, if this one is killed
     with _deaf_to_ctrl_c():
         _fork_server()
-    Method.context = get_context('forkserver')
+    _has_server.set()
 
 
 def _fork_server() -> None:
     """Do as `forkserver.ensure_running`, without the new interpreter that imports all again."""
-    folder = mkdtemp(prefix='hoid-children-')  # for this user alone
-    address = f'{folder}/children'
     alive, alive_while_open = os.pipe()
     with socket.socket(socket.AF_UNIX) as listener:
-        listener.bind(address)
+        with TemporaryDirectory(prefix='hoid-children-') as folder:  # for this user alone
+            listener.bind(path := f'{folder}/children')
+            # Goes on to name the socket when the folder is gone: no kill leaves anything behind.
+            server_fd = os.open(path, os.O_PATH)
         listener.listen()
         server = os.fork()
         if server == 0:
@@ -82,12 +78,12 @@ def _fork_server() -> None:
             try:
                 forkserver.main(listener.detach(), alive, ())
             finally:
-                shutil.rmtree(folder, ignore_errors=True)
                 os._exit(0)
     os.close(alive)
     vars(forkserver._forkserver).update(  # noqa: SLF001 - it has no other way in
-        _forkserver_address=address, _forkserver_alive_fd=alive_while_open, _forkserver_pid=server
-    )
+        _forkserver_address=f'/proc/self/fd/{server_fd}', _forkserver_alive_fd=alive_while_open,
+        _forkserver_pid=server,
+    )  # fmt: skip
 
 
 def start_child(process: BaseProcess) -> None:
@@ -203,7 +199,7 @@ class ChildWorker(Generic[Message, Report]):
     def _start(self) -> None:
         self._to_send: SimpleQueue[Message | _Mark] = SimpleQueue()
         self._received: SimpleQueue[Report | _Mark] = SimpleQueue()
-        context = Method.context
+        context = get_context('forkserver') if _has_server.is_set() else get_context('spawn')
         message_reader, messages = context.Pipe(duplex=False)
         reports, report_writer = context.Pipe(duplex=False)
         self._process: BaseProcess = context.Process(
