@@ -33,8 +33,10 @@ from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.sync import Synchronizer
+from hoid_common.static_frames import StaticFrames
 from hoid_common.sync import Match, StampMatcher
 from hoid_system_tests.probe import Probe
+from rgbd_slam.ros.wheels import WheelOdometry
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 MS = 1_000_000
@@ -391,3 +393,20 @@ def test_static_transforms_that_are_none_are_counted_too(
     said = [line for line in capfd.readouterr().err.splitlines() if 'TFMessage' in line]
     assert len(said) == 1
     assert '/tf_static: 4 bytes are no tf2_msgs/TFMessage' in said[0]
+
+
+def test_children_of_odom_whose_names_never_end_are_refused(
+    bench: Bench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    static = StaticFrames()
+    wheels = WheelOdometry(bench.node, 'odom', static, bench.node.diagnostics)
+    publisher = bench.probe.publisher(TFMessage, '/tf', qos.TF)
+    for n in range(20):
+        edge = conversions.transform_to_msg(np.eye(4), MS, 'odom', f'base_{n}')
+        publisher.publish(TFMessage(transforms=[edge]))
+    bench.probe.spin_until(lambda: bench.count('transforms refused') == 4, 'not counted')
+    assert wheels.at(MS, 'base_15') is not None
+    assert wheels.at(MS, 'base_16') is None
+    said = [line for line in capfd.readouterr().err.splitlines() if 'children of odom' in line]
+    assert len(said) == 1
+    assert 'children of odom: "base_16" is one more than 16; does its name change?' in said[0]

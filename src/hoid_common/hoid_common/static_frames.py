@@ -7,9 +7,17 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.errors import MessageError
 from hoid_common.values import FloatArray
 
 _MAX_DEPTH = 64  # a longer chain is a loop
+_MAX_FRAMES = 1000  # who names more of them makes names up
+
+
+def check_number(what: str, name: str, number: int, limit: int) -> None:
+    """Raise MessageError when a limited number of frames has no place for one more."""
+    if number >= limit:
+        raise MessageError(f'{what}: "{name}" is one more than {limit}; does its name change?')
 
 
 class StaticFrames:
@@ -19,7 +27,13 @@ class StaticFrames:
         self._edges: dict[str, tuple[str, FloatArray]] = {}  # child: parent, T_parent_child
 
     def add(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Take an edge in; the latest for a child counts."""
+        """Take an edge in; the latest for a child counts.
+
+        Raises:
+            MessageError: It is one more than a robot has.
+        """
+        if child not in self._edges:
+            check_number('static frames', child, len(self._edges), _MAX_FRAMES)
         self._edges[child] = parent, T_parent_child
 
     def with_edges(self, edges: Iterable[tuple[str, str, FloatArray]]) -> StaticFrames:

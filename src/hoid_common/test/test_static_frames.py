@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from hoid_common import se3
+from hoid_common.errors import MessageError
 from hoid_common.static_frames import StaticFrames
 from hoid_common.values import FloatArray
 
@@ -57,3 +59,16 @@ def test_edges_that_hold_now_are_a_tree_of_their_own() -> None:
     assert found is not None
     np.testing.assert_allclose(found, shift(1, 2), atol=1e-12)
     assert frames.find('map', 'camera') is None
+
+
+def test_names_that_never_end_are_refused_and_known_ones_go_on() -> None:
+    frames = StaticFrames()
+    for n in range(1000):
+        frames.add('base', f'camera_{n}', shift(n, 0))
+    with pytest.raises(MessageError, match='static frames: "more" is one more than 1000; does'):
+        frames.add('base', 'more', shift(0, 0))
+    frames.add('base', 'camera_7', shift(3, 0))
+    found = frames.find('base', 'camera_7')
+    assert found is not None
+    assert found[0, 3] == 3
+    assert frames.find('base', 'more') is None

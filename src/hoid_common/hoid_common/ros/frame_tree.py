@@ -56,10 +56,9 @@ class StaticFrameListener:
         for edge in msg.transforms:
             try:
                 T = transform_from_msg(edge)
+                self.frames.add(edge.header.frame_id, edge.child_frame_id, T)
             except MessageError as error:
                 self._diagnostics.report(error, 'static transforms refused')
-            else:
-                self.frames.add(edge.header.frame_id, edge.child_frame_id, T)
 
 
 class FrameListener:

@@ -12,8 +12,10 @@ from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import guarded
-from hoid_common.static_frames import StaticFrames
+from hoid_common.static_frames import StaticFrames, check_number
 from hoid_common.values import FloatArray
+
+_MAX_CHILDREN = 16  # of the odometry frame; each has poses of ten seconds
 
 
 class WheelOdometry:
@@ -57,8 +59,14 @@ class WheelOdometry:
                 continue
             try:
                 T = transform_from_msg(edge)
+                poses = self._poses_of(edge.child_frame_id)
             except MessageError as error:
                 self._diagnostics.report(error, 'transforms refused')
-                continue
-            poses = self._poses.setdefault(edge.child_frame_id, PoseBuffer())
-            poses.add(stamp_from_msg(edge.header.stamp), T)
+            else:
+                poses.add(stamp_from_msg(edge.header.stamp), T)
+
+    def _poses_of(self, child: str) -> PoseBuffer:
+        if child not in self._poses:
+            check_number(f'children of {self._odom}', child, len(self._poses), _MAX_CHILDREN)
+            self._poses[child] = PoseBuffer()
+        return self._poses[child]
