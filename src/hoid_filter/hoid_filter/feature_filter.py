@@ -12,6 +12,7 @@ import numpy as np
 
 from hoid_common.errors import MessageError
 from hoid_common.values import (
+    BoolArray,
     CameraModel,
     Detections,
     DynamicObject,
@@ -74,6 +75,7 @@ class FeatureFilter:
         """Forget what was remembered of earlier images, as when their stamps start anew."""
         self._strategy = make_strategy(self._config)
         self._motion = MotionSense(self._config.motion) if self._config.senses_motion else None
+        self._detected: BoolArray | None = None  # in the last image
 
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
@@ -117,6 +119,7 @@ class FeatureFilter:
             frame.depth_m,
             corners.pixel,
             corners.score,
+            self._detected,
         )
         self._motion.sense(view)
 
@@ -135,6 +138,7 @@ class FeatureFilter:
         frame, corners, detected_s = detected
         found = time.thread_time()
         verdict = self._judge(frame.stamp_ns, detections, frame.depth_m, corners.pixel)
+        self._detected = verdict.detected
         self.counters['frames with too few static features'] += verdict.fallback_step > 0
         judged = time.thread_time()
         chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)

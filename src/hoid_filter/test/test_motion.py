@@ -56,14 +56,18 @@ class Scene:
         self._rays = np.stack([x, y, np.ones(len(x))], axis=1)
 
     def frame(
-        self, i: int, T_world_camera: FloatArray, square_x_m: float | None
+        self,
+        i: int,
+        T_world_camera: FloatArray,
+        square_x_m: float | None,
+        side_m: float = SIDE_M,
     ) -> tuple[RgbdFrame, BoolArray]:
         """Return an image, and which of its pixels show the square."""
         gray, depth_m = self._surface(T_world_camera, WALL_M, WALL)
         shape = self.camera.height_px, self.camera.width_px
         on_square = np.zeros(len(gray), np.bool_)
         if square_x_m is not None:
-            on_square = self._is_square(T_world_camera, square_x_m)
+            on_square = self._is_square(T_world_camera, square_x_m, side_m)
             moved = T_world_camera.copy()
             moved[0, 3] -= square_x_m  # its texture goes with it
             near_gray, near_m = self._surface(moved, SQUARE_M, SQUARE)
@@ -90,10 +94,12 @@ class Scene:
         shown = cv2.remap(painted, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
         return np.asarray(shown.ravel(), np.float64), depth_m
 
-    def _is_square(self, T_world_camera: FloatArray, square_x_m: float) -> BoolArray:
+    def _is_square(
+        self, T_world_camera: FloatArray, square_x_m: float, side_m: float
+    ) -> BoolArray:
         points_m, _ = self._at(T_world_camera, SQUARE_M)
         off_m = np.abs(points_m[:, :2] - (square_x_m, 0.0)).max(axis=1)
-        return np.asarray(off_m < SIDE_M / 2, np.bool_)
+        return np.asarray(off_m < side_m / 2, np.bool_)
 
 
 def moved(x_m: float = 0.0, turned_rad: float = 0.0) -> FloatArray:
@@ -109,6 +115,14 @@ def scene_of(camera: CameraModel) -> Scene:
 def passing(i: int, camera: CameraModel = CAMERA) -> tuple[RgbdFrame, BoolArray]:
     """Return image i of a square that passes a camera which moves, too."""
     return scene_of(camera).frame(i, moved(0.004 * i), -0.4 + 0.02 * i)
+
+
+def seen_person(stamp_ns: int, square: BoolArray) -> Detections:
+    """Return what a detector says that takes the square for a person."""
+    rows, columns = np.nonzero(square)
+    box = [[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]]
+    score = np.array([0.9], np.float32)
+    return Detections(stamp_ns, np.array(box, np.float32), ('person',), score)
 
 
 def make_filter(camera: CameraModel | None = CAMERA, strategy: str = 'motion') -> FeatureFilter:
@@ -250,13 +264,21 @@ def test_what_is_detected_is_not_told_twice() -> None:
     both = make_filter(strategy='hoid+')
     for i in range(20):
         frame, square = passing(i)
-        rows, columns = np.nonzero(square)
-        box = [[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]]
-        found = Detections(
-            frame.stamp_ns, np.array(box, np.float32), ('person',), np.array([0.9], np.float32)
-        )
-        result = both.process(frame, found)
+        result = both.process(frame, seen_person(frame.stamp_ns, square))
     assert [item.reason for item in result.objects] == [Reason.PERSON]
+
+
+def test_who_is_detected_over_most_of_the_view_does_not_pass_for_the_world() -> None:
+    both = make_filter(strategy='hoid+')
+    for i in range(15):
+        x_m = -0.3 + 0.02 * i
+        frame, square = scene_of(CAMERA).frame(i, moved(0.004 * i), x_m, side_m=1.6)
+        result = both.process(frame, seen_person(frame.stamp_ns, square))
+    assert square.mean() > 0.6
+    assert [item.reason for item in result.objects] == [Reason.PERSON]
+    at = np.rint(result.features.uv_px).astype(int)
+    assert not square[at[:, 1], at[:, 0]].any()
+    assert len(at) > 100
 
 
 def test_each_pixel_belongs_to_the_small_pixel_where_an_ideal_camera_sees_it() -> None:

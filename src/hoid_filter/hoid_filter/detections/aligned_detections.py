@@ -54,6 +54,7 @@ class Verdict(NamedTuple):
     fallback_step: int = 0  # how far the mask was relaxed for lack of static features
     moves: BoolArray | None = None  # (h, w) of a small image, what is masked; None: by the boxes
     velocities_mps: FloatArray | None = None  # (N, 3) of what moves undetected, else NaN
+    detected: BoolArray | None = None  # (h, w) of a small image, on what is detected and dynamic
 
     def known_velocities_mps(self) -> FloatArray:
         """Return (N, 3) velocities against the world along the camera's axes; NaN = unknown."""

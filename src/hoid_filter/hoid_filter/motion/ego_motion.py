@@ -37,6 +37,18 @@ class Points(NamedTuple):
     rests: FloatArray  # (N,) probability
     weights: FloatArray  # (N, 2) the area that each stands for: as far as it rests, and all
 
+    def select(self, keep: BoolArray) -> Points:
+        """Return the points at a (N,) mask."""
+        return Points(
+            world_m=self.world_m[keep],
+            measured_px=self.measured_px[keep],
+            camera_m=self.camera_m[keep],
+            has_depth=self.has_depth[keep],
+            region=self.region[keep],
+            rests=self.rests[keep],
+            weights=self.weights[keep],
+        )
+
 
 class Motion(NamedTuple):
     """A pose, and how much speaks for it."""

@@ -90,8 +90,9 @@ class MotionSegmentation:
             se3.inverse(self._T_world_camera @ self._T_before_now),
             self._T_camera_world,
         ]
-        seen = self._seen(self._follow(view, small, guesses[0]), small)
-        self._move(seen, guesses)
+        found = self._follow(view, small, guesses[0])
+        seen = self._seen(found, small)
+        self._move(seen, ~view.is_detected(found.pixel), guesses)
         self._believe(seen, small)
         self.course = self._course(seen, small.stamp_s)
         self._past.remember(small, self._T_world_camera)
@@ -140,14 +141,21 @@ class MotionSegmentation:
         )
         return Seen(points, segment, small_pixel)
 
-    def _move(self, seen: Seen, guesses: list[FloatArray]) -> None:
-        """Find the camera's motion; without enough points, all starts anew."""
+    def _move(self, seen: Seen, may_rest: BoolArray, guesses: list[FloatArray]) -> None:
+        """Find the camera's motion; without enough points, all starts anew.
+
+        People who are detected may cover more than the world does; they are asked only when little
+        else is left.
+        """
         if self._view is None:
             return
         if len(self._tracks) < MIN_POINTS:
             self._restart()
             return
-        motion = self._ego.estimate(seen.points, guesses)
+        points = seen.points
+        if np.count_nonzero(may_rest) >= MIN_POINTS:
+            points = points.select(may_rest)
+        motion = self._ego.estimate(points, guesses)
         if motion.doubted:
             self._belief.forget()
         T_now = se3.inverse(motion.T_camera_world)

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from hoid_common.values import S_PER_NS, ByteArray, CameraModel, Float32Array, IntArray
+import numpy as np
+
+from hoid_common.values import (
+    S_PER_NS,
+    BoolArray,
+    ByteArray,
+    CameraModel,
+    Float32Array,
+    IntArray,
+)
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_native import depth_segments
 from hoid_native.results import Segments
@@ -21,6 +30,17 @@ class MotionView(NamedTuple):
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) of the corners found, as indices in the flat image
     corner_scores: ByteArray  # (K,), higher is stronger
+    detected: BoolArray | None = None  # (h, w) of a small image, on what is known not to rest
+
+    def is_detected(self, pixels: IntArray) -> BoolArray:
+        """Return whether each of (N,) flat pixels of the image is on what is known not to rest."""
+        if self.detected is None:
+            return np.zeros(len(pixels), np.bool_)
+        (height, width), (small_height, small_width) = self.depth_m.shape, self.detected.shape
+        rows = pixels // width * small_height // height
+        columns = pixels % width * small_width // width
+        on_it: BoolArray = self.detected[rows, columns]
+        return on_it
 
 
 class SmallView(NamedTuple):

@@ -43,10 +43,12 @@ class HoidPlus:
         snapshot = self._snapshot(view, small_depth_m)
         found = judge_interactions(snapshot, self._config)
         confidence = dynamic_confidence_mask(snapshot, found.reasons, small_depth_m, plus)
+        detected = confidence > 0
         moving = self._undetected(view, confidence)
         enough = plus.min_static_share * self._config.extraction.num_features
         masks = make_masks(confidence, view, plus, enough)
-        return joined(_verdict(snapshot, found, masks), moving_verdict(moving, masks))
+        verdict = _verdict(snapshot, found, masks)._replace(detected=detected)
+        return joined(verdict, moving_verdict(moving, masks))
 
     def _undetected(self, view: FilterInput, confidence: ByteArray) -> Moving:
         """Return what moves and was not detected; what moves is added to the confidence (h, w).
