@@ -1,4 +1,4 @@
-"""Any text, as a list of images or a camera file: read, or refused by an InputError."""
+"""Any text as a list of images, a trajectory or a camera file: read, or refused by an InputError."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from hoid_bags.tum.cameras import read_camera_yaml
 from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_common.errors import InputError
+from hoid_common.io.trajectory_io import read_tum
 
 pytestmark = pytest.mark.slow
 
@@ -45,6 +46,24 @@ def test_a_list_of_images_is_read_or_refused(color: list[str], depth: list[str])
             (folder / f'{kind}.txt').write_text('\n'.join(lines), encoding='utf-8')
         with suppress(InputError):
             open_tum_folder(folder)
+
+
+NUMBERS = st.sampled_from(['0', '1', '-0.6', '0.8', '3.5', '1e400', '-1', 'nan', '', 'x', '#'])
+POSES = st.lists(st.lists(NUMBERS, min_size=7, max_size=9).map(' '.join), max_size=5)
+
+
+@settings(max_examples=60)
+@given(POSES | st.text())
+def test_a_trajectory_is_read_or_refused(lines: list[str] | str) -> None:
+    with TemporaryDirectory() as name:
+        path = Path(name) / 'trajectory.txt'
+        path.write_text(lines if isinstance(lines, str) else '\n'.join(lines), encoding='utf-8')
+        with suppress(InputError):
+            read = read_tum(path)
+            assert (np.diff(read.stamps_ns) > 0).all()
+            turned = read.T_world_camera[:, :3, :3]
+            same = np.broadcast_to(np.eye(3), turned.shape)
+            np.testing.assert_allclose(turned @ turned.transpose(0, 2, 1), same, atol=1e-9)
 
 
 @settings(max_examples=60)

@@ -88,7 +88,8 @@ class OnnxDetector:
         size_wh = _input_size(self.network, image_bgr.shape[1::-1], config)
         blob, place = self._letterbox(image_bgr, size_wh)
         outputs = self._infer(blob)
-        found = self.layout.decode(outputs, size_wh, config.score_threshold)
+        with np.errstate(over='ignore', invalid='ignore'):  # what is not finite is dropped
+            found = self.layout.decode(outputs, size_wh, config.score_threshold)
         finite = _is_finite(found)
         self._note_numbers(outputs, is_sound=bool(finite.any()))
         found = _in_image(found.select(finite & self._is_reported(found)), place)

@@ -101,7 +101,7 @@ class SplitDecoder:
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold."""
-        count = None if self.count is None else int(outputs[self.count].reshape(-1)[0])
+        count = None if self.count is None else _count(outputs[self.count])
         found = Candidates(
             _float32(outputs[self.boxes]).reshape(-1, 4)[:count],
             _float32(outputs[self.scores]).reshape(-1)[:count],
@@ -136,13 +136,18 @@ def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Flo
     return np.concatenate(grids, axis=1).astype(np.float32), strides.astype(np.float32)
 
 
+def _count(output: NDArray[Any]) -> int:
+    """Return the number that an output of one element gives; 0 when it is none."""
+    number = float(output.reshape(-1)[0])
+    return max(int(number), 0) if np.isfinite(number) else 0
+
+
 def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array) -> Float32Array:
     """Return (4, N) cx, cy, w, h in pixels from centre offsets and log sizes in cells.
 
     Ge et al., YOLOX: Exceeding YOLO Series in 2021.
     """
-    with np.errstate(over='ignore'):  # infinite sizes are dropped with all that is not finite
-        return np.concatenate([boxes[:2] + cell, np.exp(boxes[2:])]) * stride_px
+    return np.concatenate([boxes[:2] + cell, np.exp(boxes[2:])]) * stride_px
 
 
 def _best_class(

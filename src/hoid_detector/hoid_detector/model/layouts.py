@@ -73,7 +73,8 @@ def recognize(probe: Probe, config: DetectorConfig) -> Layout:
     preprocessing = _preprocessing(config, 'stretch')
     if config.layout in (AUTO, 'detr') and boxes is not None and logits is not None:
         num_classes = probe.outputs[logits].shape[-1]
-        _require(num_classes == (probe.num_classes or num_classes), probe)
+        _require(0 < num_classes == (probe.num_classes or num_classes), probe)
+        _require(probe.outputs[boxes].shape[:-1] == probe.outputs[logits].shape[:-1], probe)
         decode = LogitsDecoder(boxes, logits)
         return Layout('detr', preprocessing, decode, num_classes, needs_nms=False)
     if (
@@ -83,6 +84,8 @@ def recognize(probe: Probe, config: DetectorConfig) -> Layout:
         or scores is None
     ):
         raise _unknown(probe)
+    rows = probe.outputs[boxes].size // 4
+    _require(probe.outputs[labels].size == rows == probe.outputs[scores].size, probe)
     normalized = _normalized(probe.outputs[boxes], config)
     split = SplitDecoder(boxes, labels, scores, _find(probe, _is_count), normalized)
     return Layout('end_to_end', preprocessing, split, None, needs_nms=False)
