@@ -1,4 +1,4 @@
-"""Any text as a list of images, a trajectory or a camera file: read, or refused by an InputError."""
+"""Any text as a list of images, a trajectory or a camera file: read, or an InputError."""
 
 from __future__ import annotations
 

@@ -83,8 +83,7 @@ def test_an_answer_is_decoded_or_refused(
     probe = Probe(SIZE_WH, *answer, metadata={}, num_classes=num_classes)
     try:
         layout = recognize(probe, DetectorConfig(layout=kind))
-    except ModelError as error:
-        assert '\n' not in str(error)
+    except ModelError:
         return
     event(layout.name)
     with np.errstate(over='ignore', invalid='ignore'):  # as the detector does
