@@ -44,6 +44,18 @@ def play(peer: RoomPeer, images: list[Messages]) -> None:
     assert {status.state for status in peer.play(images)} == {SlamStatus.TRACKING}
 
 
+def test_the_middleware_of_the_room_answers_in_time(peer: RoomPeer) -> None:
+    """Others take it for dead, and join it anew, if it is as patient as the room's own thread."""
+    pid = int(peer.diagnosis(ROOM)[1]['process'])
+    niceness = {
+        (task / 'comm').read_text().strip(): os.getpriority(os.PRIO_PROCESS, int(task.name))
+        for task in Path(f'/proc/{pid}/task').iterdir()
+    }
+    receiving = {nice for name, nice in niceness.items() if name.startswith('dds.')}
+    assert receiving == {os.getpriority(os.PRIO_PROCESS, 0)}
+    assert os.getpriority(os.PRIO_PROCESS, pid) == 19
+
+
 def test_a_room_process_that_dies_is_replaced_with_its_map(
     peer: RoomPeer, messages: list[Messages]
 ) -> None:

@@ -54,6 +54,9 @@ class SceneNode(Node):
     def __init__(self, messages: Connection, reports: Connection, setup: SceneSetup) -> None:
         # A node name on the command line is that of the SLAM node.
         super().__init__(setup.name, cli_args=['--ros-args', '-r', f'__node:={setup.name}'])
+        # Of this thread and those that it starts from now on, not of the middleware's: whose they
+        # are that do not answer in time is taken for dead by all others.
+        os.nice(NICE)
         bridge_logging(self)
         self._setup = setup
         self._reports = reports
@@ -218,5 +221,4 @@ class SceneNode(Node):
 
 def run_scene_node(messages: Connection, reports: Connection, setup: SceneSetup) -> None:
     """Map until the pipe ends; the main function of the process."""
-    os.nice(NICE)
     run_node(lambda: SceneNode(messages, reports, setup))
