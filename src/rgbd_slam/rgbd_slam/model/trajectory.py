@@ -25,6 +25,7 @@ _FRAME = np.dtype(
         ('T_reference_camera', np.float64, (3, 4)),
     ]
 )
+FRAME_BYTES = _FRAME.itemsize
 
 
 class TrajectoryRecorder:
