@@ -26,6 +26,7 @@ class ConsensusConfig(Config):
     min_established: ClassVar[int] = 40
     # Far or near points object to a pose that costs them more than their own by this share.
     objection: ClassVar[float] = 0.15
-    # Cost that is never held against a pose. That of all matches gets no share beside: noise costs
-    # those that decide as much however many they are, a pose that follows what moves does not.
-    margin: ClassVar[float] = 25.0
+    # The pose of all matches is taken if it costs those that decide no more than this share above
+    # their own.
+    tolerance: ClassVar[float] = 0.05
+    margin: ClassVar[float] = 25.0  # cost that is never held against a pose

@@ -164,7 +164,7 @@ class PoseConsensus:
         self, problem: PoseProblem, is_core: BoolArray, best: _Hypothesis, usual: PoseEstimate
     ) -> PoseEstimate:
         """Return the pose of all matches, or of those that fit, if the core can live with it."""
-        if self._suits(problem, is_core, best, usual, 0.0):
+        if self._suits(problem, is_core, best, usual, self._config.tolerance):
             return usual
         judged = self._judge(problem, best.T_camera_map)
         fits = judged.inliers & (judged.cost <= CHI2_STEREO * _noise_scale(best.cost))
