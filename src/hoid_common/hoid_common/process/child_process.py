@@ -68,9 +68,12 @@ def _fork_server() -> None:
     alive, alive_while_open = os.pipe()
     with socket.socket(socket.AF_UNIX) as listener:
         with TemporaryDirectory(prefix='hoid-children-') as folder:  # for this user alone
-            listener.bind(path := f'{folder}/children')
+            folder_fd = os.open(folder, os.O_PATH)
+            # By its descriptor: a socket's path ends after 107 characters, maybe in its folder's.
+            listener.bind(path := f'/proc/self/fd/{folder_fd}/children')
             # Goes on to name the socket when the folder is gone: no kill leaves anything behind.
             server_fd = os.open(path, os.O_PATH)
+            os.close(folder_fd)
         listener.listen()
         server = os.fork()
         if server == 0:
