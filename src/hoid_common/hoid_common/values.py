@@ -8,6 +8,7 @@ feature.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -286,3 +287,10 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
+
+    @staticmethod
+    def joined(parts: Iterable[Trajectory]) -> Trajectory:
+        """Return parts as one, in their order."""
+        each = [Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4))), *parts]
+        stamps_ns = np.concatenate([part.stamps_ns for part in each])
+        return Trajectory(stamps_ns, np.concatenate([part.T_world_camera for part in each]))

@@ -91,6 +91,7 @@ class RgbdSlamNode(ManagedNode):
         self.diagnostics.set_count('images processed', done.status.frames_processed)
         self.diagnostics.set_count('images missing', done.status.frames_dropped)
         self.diagnostics.set_count('mapping processes that died', session.map.num_restarts)
+        self.diagnostics.set_count('old poses that no file takes', session.num_unwritten)
 
     def _on_verdicts(self, msg: FeatureVerdicts) -> None:
         session = self._running.session

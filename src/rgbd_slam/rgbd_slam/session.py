@@ -7,6 +7,7 @@ picked.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -35,8 +36,6 @@ from rgbd_slam.statistics import SlamStats, status_message
 from rgbd_slam.tracking.motion import MotionSource
 from rgbd_slam.tracking.stream_gaps import StreamGaps
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
-
-TRAJECTORY_KINDS = ('final', 'online', 'keyframes')
 
 
 class Processed(NamedTuple):
@@ -203,14 +202,17 @@ class SlamSession:
         Raises:
             ConfigError: Another kind.
         """
-        if kind == 'final':
-            self._map_changed = True  # settling moves it without a trace in the counts
-            return self._frames.cameras(self._slam.trajectory.final())
-        if kind == 'online':
-            return self._frames.cameras(self._slam.trajectory.online())
-        if kind == 'keyframes':
-            return self._frames.cameras(self._slam.trajectory.keyframes())
-        raise ConfigError(f'no trajectory "{kind}"; use one of {", ".join(TRAJECTORY_KINDS)}')
+        return Trajectory.joined(self.trajectory_parts(kind))
+
+    def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
+        """Return the same as `trajectory` bit by bit, for any thread."""
+        self._map_changed |= kind == 'final'  # settling moves it without a trace in the counts
+        return map(self._frames.cameras, self._slam.trajectory.parts(kind))
+
+    @property
+    def num_unwritten(self) -> int:
+        """Return how many old poses are in memory because no file takes them."""
+        return self._slam.trajectory.num_unwritten
 
     def path(self) -> Trajectory:
         """Return the base's poses at the keyframes, as the map says now."""

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray
+from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import KeyframeTable
+from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import TrajectoryRecorder
 
@@ -55,14 +55,32 @@ def test_nothing_recorded_is_an_empty_trajectory() -> None:
         assert len(trajectory) == 0
 
 
-def test_a_frame_takes_hardly_more_than_its_numbers() -> None:
-    keyframes = KeyframeTable()
-    tracemalloc.start()
-    recorder = recorded(MANY, keyframes)
-    size = tracemalloc.get_traced_memory()[0]
-    tracemalloc.stop()
-    assert len(recorder) == MANY
-    assert size < 250 * MANY  # bytes: a stamp, a uid and two poses of 12 numbers are 208
+def test_the_parts_are_the_whole() -> None:
+    recorder = recorded(MANY, KeyframeTable())
+    parts, whole = list(recorder.parts('online')), recorder.online()
+    assert len(parts) > 2
+    np.testing.assert_array_equal(
+        np.concatenate([part.T_world_camera for part in parts]), whole.T_world_camera
+    )
+
+
+def test_frames_hang_on_what_took_the_place_of_many_removed_keyframes() -> None:
+    atlas = Atlas(1.2, 8)
+    there, step = se3.exp(np.array([[0.1, 0, 0, 0.5, 0, 0], [0, 0, 0, 1e-3, 0, 0]]))
+    i = atlas.add_keyframe(tracked(0, there).frame, there, map_id=0)
+    recorder, uid = TrajectoryRecorder(atlas.keyframes), int(atlas.keyframes.uid[i])
+    for n in range(MANY):  # each of another keyframe that is removed, the one hung on the next
+        recorder.add(replace(tracked(n, there, uid + MANY - n), T_reference_camera=step))
+    recorder.redirect(Redirect(uid + n, uid + n - 1, step) for n in range(MANY, 0, -1))
+    final = recorder.parts('final')
+    atlas.set_poses(np.array([i]), np.eye(4)[None])  # which is later than the question
+    poses = Trajectory.joined(final).T_world_camera
+    np.testing.assert_allclose(
+        poses[:, 0, 3], there[0, 3] + 1e-3 * np.arange(MANY + 1, 1, -1), atol=1e-9
+    )
+    now = recorder.pose(MANY - 1)
+    assert now is not None
+    np.testing.assert_allclose(now, step @ step, atol=1e-12)
 
 
 def test_a_revised_frame_is_elsewhere_now_and_was_where_it_was_said() -> None:

@@ -18,14 +18,11 @@ from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.sender import CAMERA, RATE_HZ, Scene, Sender
 from hoid_benchmarks.faults.live.stage import Setup, Stage, member_pids, staged
 from hoid_benchmarks.faults.samples import camera_yaml
-from hoid_bringup.live.node_specs import SLAM
 from hoid_common.values import FloatArray
-from rgbd_slam.model.trajectory import FRAME_BYTES
 
 _STEP_PX, _PERIOD_S, _S_PER_H = 4, 2.0, 3600.0
 _WARM_UP = 1 / 3  # of the time
 _MAX_MB_PER_H, _MAX_DESCRIPTORS, _MAX_DRIFT_MS = 2.0, 2, 10.0
-_TRAJECTORY_MB_PER_H = FRAME_BYTES * RATE_HZ * _S_PER_H / 2**20  # nothing recorded is lost
 _NUM_BURSTS, _BURST = 5, 8  # images at once, more than a queue holds
 _NUM_OFFLINE = 150  # images of the recording that is run again and again
 _OFFLINE = (
@@ -49,7 +46,7 @@ def soak_cases(folder: Path, minutes: int) -> Iterator[Outcome]:
         _fill_queues(stage.sender)
         series = _live(stage, minutes)
         yield _delays(stage.sender, minutes)
-    yield from _judged('soak, live', series, minutes, {SLAM: _TRAJECTORY_MB_PER_H})
+    yield from _judged('soak, live', series, minutes)
     yield from _judged('soak, offline', {'run': _offline(scene, folder, minutes)}, minutes)
 
 
@@ -115,26 +112,19 @@ def _recorded(scene: Scene, folder: Path) -> Path:
     return folder
 
 
-def _judged(
-    what: str,
-    series: Mapping[str, list[_Sample]],
-    minutes: int,
-    recorded: Mapping[str, float] | None = None,
-) -> Iterator[Outcome]:
-    """Yield whether processes grow, but for what they are to record, in MB an hour by name."""
+def _judged(what: str, series: Mapping[str, list[_Sample]], minutes: int) -> Iterator[Outcome]:
+    """Yield whether processes grow."""
     for name, samples in series.items():
         when_s, memory_mb, descriptors = np.array(samples).T
         is_warm = when_s > when_s[0] + 60 * minutes * _WARM_UP
         slope, error = _slope(when_s[is_warm], memory_mb[is_warm])
         more = int(descriptors[is_warm][-1] - descriptors[is_warm][0])
-        complaint, kept = '', (recorded or {}).get(name, 0.0)
-        if slope - kept - 2 * error > _MAX_MB_PER_H:
+        complaint = ''
+        if slope - 2 * error > _MAX_MB_PER_H:
             complaint = f'{slope:.1f} MB more an hour'
         elif more > _MAX_DESCRIPTORS:
             complaint = f'{more} more descriptors'
         note = f'{slope:+.1f} ± {error:.1f} MB/h, {more:+d} descriptors'
-        if kept:
-            note += f', {kept:.1f} MB/h of it the trajectory'
         peak_mb = float(memory_mb.max())
         yield Outcome(
             f'{what}: {name}', 0, complaint, wall_s=60.0 * minutes, peak_mb=peak_mb, note=note

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -34,10 +35,22 @@ def read_tum(path: Path) -> Trajectory:
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
     """Write a trajectory; stamps are exact, numbers have nine decimals."""
+    write_tum_parts(path, [trajectory])
+
+
+def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> int:
+    """Write parts of a trajectory one after the other, and return the number of poses."""
+    num_poses = 0
+    with path.open('w', encoding='utf-8') as file:
+        file.write('# timestamp tx ty tz qx qy qz qw\n')
+        for part in parts:
+            file.writelines(_lines(part))
+            num_poses += len(part)
+    return num_poses
+
+
+def _lines(trajectory: Trajectory) -> Iterator[str]:
     quats_xyzw = se3.quat_xyzw_from_rotation(trajectory.T_world_camera[:, :3, :3])
     rows = np.hstack([trajectory.T_world_camera[:, :3, 3], quats_xyzw])
-    lines = [
-        f'{format_stamp_s(stamp_ns)} {" ".join(f"{value:.9f}" for value in row)}\n'
-        for stamp_ns, row in zip(trajectory.stamps_ns.tolist(), rows.tolist(), strict=True)
-    ]
-    path.write_text('# timestamp tx ty tz qx qy qz qw\n' + ''.join(lines), encoding='utf-8')
+    for stamp_ns, row in zip(trajectory.stamps_ns.tolist(), rows.tolist(), strict=True):
+        yield f'{format_stamp_s(stamp_ns)} {" ".join(f"{value:.9f}" for value in row)}\n'

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, unwritable
 from rgbd_slam.map_io.map_file import SUFFIX
+
+T = TypeVar('T')
 
 _MAX_BYTES = 200  # of a name: a file system takes 255, and what is written aside is called longer
 _MAX_SHOWN = 40  # characters of a name that is refused
@@ -60,8 +62,10 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
     return path
 
 
-def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+def write_whole(path: Path, write: Callable[[Path], T]) -> T:
     """Have files written into a folder aside, and move them beside `path` when all are there.
+
+    Returns what `write` does.
 
     Args:
         path: Of the file that matters; the others go where it goes.
@@ -72,11 +76,12 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     """
     try:
         with scratch_folder(path.parent, 'partial') as aside:
-            write(aside / path.name)
+            done = write(aside / path.name)
             for file in sorted(aside.iterdir()):
                 file.replace(path.parent / file.name)
     except OSError as error:
         raise unwritable(path, error) from error
+    return done
 
 
 def _check_name(name: str, directory: str) -> None:

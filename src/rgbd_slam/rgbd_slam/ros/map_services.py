@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from hoid_common import topics
 from hoid_common.errors import InputError
-from hoid_common.io.trajectory_io import write_tum
+from hoid_common.io.trajectory_io import write_tum_parts
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
@@ -117,9 +117,9 @@ class MapServices:
         path, note = self._path(request.name, TRAJECTORY), ''
         if kind == SaveTrajectory.Request.FINAL and not self._settle():
             note = '; the map was still being adjusted'
-        trajectory = self._between.call(lambda: self._session().trajectory(kind))
-        write_whole(path, lambda aside: write_tum(aside, trajectory))
-        return f'{len(trajectory)} poses written to {path}{note}'
+        parts = self._between.call(lambda: self._session().trajectory_parts(kind))
+        num_poses = write_whole(path, lambda aside: write_tum_parts(aside, parts))
+        return f'{num_poses} poses written to {path}{note}'
 
     def _settle(self) -> bool:
         """Have the map adjusted as a whole, once what runs has ended; return whether it is."""
