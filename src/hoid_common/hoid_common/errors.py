@@ -1,8 +1,19 @@
 """The suite's errors: one line each, naming what is at fault and what to do about it."""
 
+_HEAD, _TAIL = 600, 300  # characters of a longer one
+
 
 class HoidError(Exception):
-    """Base of all errors that a user can cause and mend."""
+    """Base of all errors that a user can cause and mend.
+
+    Whatever files or messages it repeats, it is a line that a terminal can show.
+    """
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        if len(text) > _HEAD + _TAIL:
+            text = f'{text[:_HEAD]} ... {text[-_TAIL:]}'
+        return ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 class InputError(HoidError):
