@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import InputError
-from hoid_common.io.image_size import image_size_px
+from hoid_common.io.image_size import image_size_px, is_sound
+from hoid_common.io.images import AS_TAKEN
 from hoid_common.io.untrusted import read_bytes
 from hoid_common.values import MAX_PIXELS, ByteArray, CameraModel, Float32Array
 
@@ -60,7 +61,7 @@ def decode_color(data: bytes, name: object) -> ByteArray:
     Raises:
         InputError: truncated, or no image.
     """
-    return cast('ByteArray', _decode(data, cv2.IMREAD_COLOR, name))
+    return cast('ByteArray', _decode(data, AS_TAKEN, name))
 
 
 def decode_depth(data: bytes, name: object) -> DepthUnits:
@@ -102,7 +103,8 @@ def _decode(data: bytes, flags: int, name: object) -> NDArray[Any]:
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise InputError(f'{name}: says to be {size[0]}x{size[1]} px, more than any camera gives')
     try:
-        image = None if size is None else cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        readable = size is not None and is_sound(data)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if readable else None
     except cv2.error:
         image = None
     if image is None:

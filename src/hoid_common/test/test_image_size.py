@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_common.errors import MessageError
-from hoid_common.io.image_size import check_image_size, image_size_px
+from hoid_common.io.image_size import check_image_size, image_size_px, is_sound
 from hoid_common.io.images import decode_compressed_color, decode_compressed_depth
 from hoid_common.values import MAX_PIXELS
 
@@ -75,3 +75,53 @@ def test_a_bomb_is_refused_before_it_is_unpacked() -> None:
 def test_an_image_of_the_largest_size_passes() -> None:
     check_image_size(b'\x89PNG\r\n\x1a\n\0\0\0\rIHDR' + struct.pack('>II', 7680, 4320), 'image')
     assert MAX_PIXELS == 7680 * 4320
+
+
+def chunk(name: bytes, content: bytes, says: int | None = None) -> bytes:
+    """Return a chunk of a PNG, which may say to be of another length."""
+    checksum = struct.pack('>I', zlib.crc32(name + content))
+    return struct.pack('>I', len(content) if says is None else says) + name + content + checksum
+
+
+def after_header(png: bytes, more: bytes) -> bytes:
+    """Return a PNG with more chunks behind its header."""
+    return png[:33] + more + png[33:]
+
+
+def test_what_encoders_write_is_sound() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
+    options = [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]
+    assert is_sound(cv2.imencode('.jpg', noise)[1].tobytes())
+    assert is_sound(cv2.imencode('.jpg', noise, options)[1].tobytes())
+    png = cv2.imencode('.png', noise)[1].tobytes()
+    assert is_sound(png)
+    assert is_sound(after_header(png, chunk(b'iCCP', b'a profile')))
+
+
+@pytest.mark.parametrize('says', [1_000_000, 2**31 - 1, 2**32 - 1])
+def test_a_chunk_that_says_to_be_long_gets_no_memory(says: int) -> None:
+    png = after_header(encoded('.png', 64, 48), chunk(b'IDAT', b'', says))
+    with pytest.raises(MessageError, match='is not a readable JPEG or PNG'):
+        decode_compressed_color(png)
+
+
+def test_packed_text_is_not_unpacked() -> None:
+    bomb = chunk(b'zTXt', b'x\0\0' + zlib.compress(bytes(1_000_000))) * 20
+    assert not is_sound(after_header(encoded('.png', 64, 48), bomb))
+
+
+def test_a_jpeg_of_many_scans_is_refused() -> None:
+    jpeg = encoded('.jpg', 64, 48)
+    scan = jpeg.index(b'\xff\xda')
+    with pytest.raises(MessageError, match='is not a readable JPEG or PNG'):
+        decode_compressed_color(jpeg[:scan] + jpeg[scan:-2] * 200 + jpeg[-2:])
+
+
+@pytest.mark.parametrize('turned', range(1, 9))
+def test_colour_does_not_turn_with_what_its_file_says(turned: int) -> None:
+    jpeg = encoded('.jpg', 64, 48)
+    exif = b'Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01' + struct.pack(
+        '>HHI', turned, 0, 0
+    )
+    said = b'\xff\xe1' + struct.pack('>H', len(exif) + 2) + exif
+    assert decode_compressed_color(jpeg[:2] + said + jpeg[2:]).shape == (48, 64, 3)

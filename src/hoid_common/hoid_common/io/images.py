@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import MessageError
-from hoid_common.io.image_size import check_image_size
-from hoid_common.values import ByteArray, Float32Array
+from hoid_common.io.image_size import check_image_size, is_sound
+from hoid_common.values import MAX_PIXELS, ByteArray, Float32Array
 
 Buffer: TypeAlias = 'bytes | bytearray | memoryview | array[int] | ByteArray'
 Pixels: TypeAlias = NDArray[Any]
@@ -25,6 +25,8 @@ MM_PER_M = 1000.0
 COMPRESSED_DEPTH_FORMAT = '16UC1; compressedDepth png'
 JPEG_FORMAT = 'bgr8; jpeg compressed bgr8'
 PNG_FORMAT = 'bgr8; png compressed bgr8'
+AS_TAKEN = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+"""To decode colour: depth does not turn with an orientation that its file says."""
 
 # Format, and two quantisation terms of inverse depth.
 _COMPRESSED_DEPTH_HEADER = struct.Struct('<iff')
@@ -93,7 +95,7 @@ def decode_depth(image: RawImage) -> Float32Array:
 
 def decode_compressed_color(data: Buffer) -> ByteArray:
     """Return the (H, W, 3) BGR picture of a JPEG or PNG; raises MessageError where it is none."""
-    return cast('ByteArray', _imdecode(data, cv2.IMREAD_COLOR, 'compressed colour image'))
+    return cast('ByteArray', _imdecode(data, AS_TAKEN, 'compressed colour image'))
 
 
 def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
@@ -167,6 +169,11 @@ def _pixels(image: RawImage, dtype: np.dtype[Any], channels: int) -> NDArray[Any
     row_bytes = width * channels * dtype.itemsize
     if height <= 0 or width <= 0:
         raise MessageError(f'{image.encoding} image is empty: {width}x{height} px')
+    if width * height > MAX_PIXELS:
+        raise MessageError(
+            f'{image.encoding} image is {width}x{height} px, '
+            f'more than {MAX_PIXELS / 1e6:.0f} megapixels'
+        )
     if step < row_bytes:
         raise MessageError(
             f'{image.encoding} image has step {step}, but {width} px take {row_bytes}'
@@ -198,7 +205,7 @@ def _imdecode(data: Buffer, flags: int, what: str) -> NDArray[Any]:
     raw = np.frombuffer(data, np.uint8)
     check_image_size(raw.data, what)
     try:
-        pixels = cv2.imdecode(raw, flags)
+        pixels = cv2.imdecode(raw, flags) if is_sound(raw.data) else None
     except cv2.error as error:  # such as of more pixels than OpenCV takes
         reason = ' '.join(error.err.split())
         raise MessageError(f'{what} of {len(raw)} bytes cannot be decoded: {reason}') from error
