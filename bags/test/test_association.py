@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_bags.tum.association import associate
+from hoid_common.errors import InputError
 
 STAMPS = st.lists(st.integers(0, 60), max_size=12, unique=True).map(sorted)
 
@@ -38,3 +40,9 @@ def test_closest_first_and_the_limit_is_exclusive() -> None:
     first = np.array([0, 10, 40])
     second = np.array([8, 11, 60])
     assert associate(first, second, 20).tolist() == [[0, 0], [1, 1]]
+
+
+def test_stamps_that_no_camera_gives_are_refused_before_they_fill_memory() -> None:
+    stamps_ns = np.arange(100_000)
+    with pytest.raises(InputError, match='x: stamps lie too close to each other'):
+        associate(stamps_ns, stamps_ns, source='x')

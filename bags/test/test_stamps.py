@@ -26,7 +26,10 @@ def test_known_stamps(text: str, stamp_ns: int) -> None:
     assert parse_stamp_ns(text) == stamp_ns
 
 
-@pytest.mark.parametrize('text', ['', 'abc', 'nan', 'inf', '-1', '1e12', '1.2.3'])
+@pytest.mark.parametrize(
+    'text',
+    ['', 'abc', 'nan', 'inf', '-1', '1e12', '1.2.3', 'sNaN', '1e999999', '9e999980', '9' * 5000],
+)
 def test_what_is_no_stamp(text: str) -> None:
     with pytest.raises(ValueError, match=r'seconds|ROS stamp'):
         parse_stamp_ns(text)

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from hoid_common.errors import InputError
 from hoid_common.values import IntArray
 
 MAX_PAIR_GAP_NS = 20_000_000
 """The TUM benchmark's own limit: well under the 33 ms between images of one stream."""
+_MAX_NEAR = 20  # partners to choose from, on average
 
 
 def associate(
-    first_ns: IntArray, second_ns: IntArray, max_gap_ns: int = MAX_PAIR_GAP_NS
+    first_ns: IntArray,
+    second_ns: IntArray,
+    max_gap_ns: int = MAX_PAIR_GAP_NS,
+    *,
+    source: object = 'images',
 ) -> IntArray:
     """Return the pairs (N, 2) of indices whose stamps lie less than `max_gap_ns` apart.
 
@@ -21,10 +27,17 @@ def associate(
     Args:
         first_ns: (A,) in order of time.
         second_ns: (B,) in order of time.
+        max_gap_ns: Pairs lie less far apart.
+        source: Whose stamps they are, which an error begins with.
+
+    Raises:
+        InputError: So many lie so near each other that no camera can have taken them.
     """
     low = np.searchsorted(second_ns, first_ns - max_gap_ns, side='right')
     high = np.searchsorted(second_ns, first_ns + max_gap_ns, side='left')
     counts = high - low
+    if counts.sum() > _MAX_NEAR * len(first_ns):
+        raise InputError(f'{source}: stamps lie too close to each other; are they in seconds?')
     i = np.repeat(np.arange(len(first_ns)), counts)
     j = np.arange(len(i)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(low, counts)
     order = np.lexsort((j, i, np.abs(first_ns[i] - second_ns[j])))

@@ -28,6 +28,7 @@ from hoid_common.io.tum_text import (
     read_rows,
     without_repeats,
 )
+from hoid_common.io.untrusted import check_name
 from hoid_common.values import CameraModel, RgbdFrame, Trajectory
 
 COLOR_LIST = 'rgb.txt'
@@ -88,7 +89,8 @@ class TumFolder:
             for images in (self.color, self.depth)
         ]
         return tuple(
-            (self.color[i], self.depth[j]) for i, j in associate(stamps[0], stamps[1]).tolist()
+            (self.color[i], self.depth[j])
+            for i, j in associate(stamps[0], stamps[1], source=self.path).tolist()
         )
 
     def __len__(self) -> int:
@@ -141,6 +143,7 @@ def _read_list(folder: Path, name: str) -> tuple[ListedImage, ...]:
     rows = without_repeats(rows)
     check_increasing(path, rows)
     for row in rows:
+        check_name(str(folder / row.text), f'{path}: line {row.line}')
         if not row.text or not (folder / row.text).is_file():
             raise InputError(f'{path}: line {row.line}: names "{row.text}", which is not there')
     return tuple(ListedImage(row.stamp_ns, folder / row.text) for row in rows)

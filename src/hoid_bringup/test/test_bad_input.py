@@ -45,6 +45,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_lists(place / 'fr3_cut', 'rgb', 'depth')
     listed = place / 'fr3_cut' / 'rgb.txt'
     listed.write_text(listed.read_text()[:-7])
+    for name, text in (('fr3_long', 'x' * 300), ('fr3_steering', '\x1b[2J')):
+        write_lists(place / name, 'rgb', 'depth')
+        (place / name / 'rgb.txt').write_text(f'1.0 {text}')
     (place / 'empty').mkdir()
     write_lists(place / 'fr3_pipe', 'rgb', 'depth')
     (place / 'fr3_pipe' / 'rgb.txt').unlink()
@@ -71,6 +74,8 @@ CASES = {
     ('run', 'text', *OUT): 'text: neither a TUM folder',
     ('run', 'fr3_colour_only', *OUT): 'fr3_colour_only/depth.txt: no such file',
     ('run', 'fr3_cut', *OUT): 'fr3_cut/rgb.txt: line 3: names "rgb/1", which is not there',
+    ('run', 'fr3_long', *OUT): 'no file can be called that',
+    ('run', 'fr3_steering', *OUT): 'fr3_steering/rgb.txt: line 1: names "\\x1b[2J", which is not',
     ('run', 'void_bag', *OUT): 'void_bag: cannot be read: ',
     ('run', 'imu_bag', *OUT): 'imu_bag: has no colour images',
     ('replay', 'imu_bag', *OUT): 'imu_bag: has no colour images',

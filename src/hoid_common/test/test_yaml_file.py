@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hoid_common.errors import InputError
-from hoid_common.io.yaml_file import MAX_BYTES, MAX_DEPTH, parse_yaml, read_yaml
+from hoid_common.io.yaml_file import MAX_BYTES, MAX_DEPTH, MAX_NODES, parse_yaml, read_yaml
 
 plain = st.recursive(
     st.none()
@@ -109,6 +109,7 @@ def test_what_a_scalar_means(text: str, value: object) -> None:
         ('!!python/object/apply:os.system [ls]', 'the tag tag:yaml.org,2002:python/object/apply'),
         ('[' * 5000, f'nested deeper than {MAX_DEPTH}'),
         ('- ' * 5000 + '1', f'nested deeper than {MAX_DEPTH}'),
+        ('[' + 'a,' * MAX_NODES + ']', f'more than {MAX_NODES} values'),
         ('1' * 400, 'line 1: a number of 400 characters'),
         ('1' * 400 + '.5', 'line 1: a number of 402 characters'),
         ('9223372036854775808', 'which is beyond 64 bits'),
@@ -147,7 +148,7 @@ def test_a_hostile_text_costs_no_more_than_its_size(unit: str) -> None:
     text = (unit * MAX_BYTES)[:MAX_BYTES]
     began_s = time.thread_time()
     complaint(lambda: parse_yaml(text, 'x'))
-    assert time.thread_time() - began_s < 10.0
+    assert time.thread_time() - began_s < 5.0
 
 
 def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:

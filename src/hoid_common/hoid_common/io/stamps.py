@@ -6,6 +6,7 @@ from decimal import Decimal, InvalidOperation
 
 from hoid_common.values import NS_PER_S
 
+_MAX_EXPONENT = 9  # of seconds; the digits of a larger one would fill memory
 _MAX_STAMP_NS = 2**31 * NS_PER_S  # builtin_interfaces/Time has int32 seconds
 
 
@@ -18,8 +19,10 @@ def parse_stamp_ns(text: str) -> int:
         ValueError: not a number, negative, or beyond what a ROS stamp holds.
     """
     try:
-        stamp_ns = int((Decimal(text) * NS_PER_S).to_integral_value())
-    except (InvalidOperation, OverflowError, ValueError) as error:
+        stamp_s = Decimal(text)
+        is_near = stamp_s.is_finite() and stamp_s.adjusted() <= _MAX_EXPONENT
+        stamp_ns = int((stamp_s * NS_PER_S).to_integral_value()) if is_near else -1
+    except InvalidOperation as error:
         raise ValueError(f'"{text}" is not a time in seconds') from error
     if not 0 <= stamp_ns < _MAX_STAMP_NS:
         raise ValueError(f'"{text}" s is outside what a ROS stamp holds (0 to 2^31 s)')

@@ -18,6 +18,7 @@ from hoid_common.io.untrusted import read_text
 
 MAX_BYTES = 500_000
 MAX_DEPTH = 20
+MAX_NODES = 30_000
 _MAX_DIGITS = 40
 _INT64 = range(-(2**63), 2**63)
 _SHOWN = 60  # characters of a complaint about a value
@@ -67,7 +68,7 @@ class _PlainLoader(yaml.SafeLoader):
 
     def __init__(self, stream: str) -> None:
         super().__init__(stream)
-        self._depth = 0
+        self._depth = self._num_nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event = self.peek_event()
@@ -77,6 +78,9 @@ class _PlainLoader(yaml.SafeLoader):
             raise _refusal(f'the tag {_cut(event.tag)}; write the plain value', event.start_mark)
         if self._depth > MAX_DEPTH:
             raise _refusal(f'nested deeper than {MAX_DEPTH}', event.start_mark)
+        self._num_nodes += 1
+        if self._num_nodes > MAX_NODES:
+            raise _refusal(f'more than {MAX_NODES} values', event.start_mark)
         self._depth += 1
         try:
             return cast('yaml.Node | None', super().compose_node(parent, index))
