@@ -249,7 +249,10 @@ def test_summary_in_numbers(bag: Path) -> None:
     assert '/rgb/image' in describe(summary)
 
 
-@pytest.mark.parametrize('name', ['no_msgs/msg/No', 'sensor_msgs/msg/No', 'nonsense', ''])
+@pytest.mark.parametrize(
+    'name',
+    ['no_msgs/msg/No', 'sensor_msgs/msg/No', 'nonsense', '', '../msg/x', 'x' * 300 + '/msg/X'],
+)
 def test_unknown_types(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match='not known here'):
         ensure_type(name)
@@ -258,3 +261,40 @@ def test_unknown_types(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError), BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic('t', name)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('key', ['color', 'depth', 'info', 'truth'])
+@pytest.mark.parametrize('kept', [0, 1, 8, 12, 20])
+def test_a_message_that_is_none(tmp_path: Path, camera: CameraModel, key: str, kept: int) -> None:
+    names = {
+        'color': '/rgb/image', 'depth': '/depth/image', 'info': '/rgb/camera_info',
+        'truth': '/ground_truth',
+    }  # fmt: skip
+    kinds = [bag_types.IMAGE, bag_types.IMAGE, bag_types.CAMERA_INFO, bag_types.POSE_STAMPED]
+    with BagWriter(tmp_path / 'bag') as writer:
+        for name, kind in zip(names.values(), kinds, strict=True):
+            writer.add_topic(name, kind)
+        for other, name in names.items():
+            if other == 'truth':
+                message = bag_messages.pose_stamped(10**9, np.eye(4))
+            else:
+                message = frame_message(other, 10**9, camera)
+            kind = kinds[list(names).index(other)]
+            data = bytes(serialize(message, kind))
+            writer.write_serialized(name, 10**9, data[:kept] if other == key else data)
+    with pytest.raises(InputError, match=f'{names[key]}.*bytes (are no|has no)'):
+        list(open_sequence(tmp_path / 'bag'))
+
+
+def test_truth_that_is_no_pose(tmp_path: Path, camera: CameraModel) -> None:
+    def pose(writer: BagWriter, t_ns: int) -> None:
+        message = bag_messages.pose_stamped(t_ns, np.eye(4))
+        message.pose.orientation.w = 0.0
+        if t_ns == 10**9:
+            writer.add_topic('ground_truth', bag_types.POSE_STAMPED)
+        writer.write('ground_truth', t_ns, message)
+
+    names = {'color': '/rgb/image', 'depth': '/depth/image', 'info': '/rgb/camera_info'}
+    path = write_frames(tmp_path / 'bag', names, camera, extra=pose)
+    with pytest.raises(InputError, match=r'/ground_truth: .* is no pose'):
+        open_sequence(path)

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from hoid_bags.bag import bag_types as types
 from hoid_bags.bag.bag_types import Message, new_message
 from hoid_common import se3
+from hoid_common.errors import MessageError
 from hoid_common.values import NS_PER_S, CameraModel, Detections, FloatArray
 
 CAMERA_FRAME = 'camera_color_optical_frame'
 """Frame of both images: depth is registered to colour."""
 IMU_FRAME = 'camera_imu_frame'
+_MIN_QUATERNION_NORM = 0.5
 WORLD_FRAME = 'world'
 """Fixed frame of the ground truth."""
 
@@ -97,9 +99,16 @@ def pose_stamped(stamp_ns: int, T_world_camera: FloatArray) -> Message:
 
 
 def pose_from_message(message: Message) -> FloatArray:
-    """Return the (4, 4) pose of a geometry_msgs/PoseStamped."""
+    """Return the (4, 4) pose of a geometry_msgs/PoseStamped.
+
+    Raises:
+        MessageError: It holds numbers that make no pose.
+    """
     p, q = message.pose.position, message.pose.orientation
-    return se3.from_quat_translation(np.array([q.x, q.y, q.z, q.w]), np.array([p.x, p.y, p.z]))
+    quat, place = np.array([q.x, q.y, q.z, q.w]), np.array([p.x, p.y, p.z])
+    if not (np.isfinite([*quat, *place]).all() and np.linalg.norm(quat) > _MIN_QUATERNION_NORM):
+        raise MessageError(f'({p.x} {p.y} {p.z}), ({q.x} {q.y} {q.z} {q.w}) is no pose')
+    return se3.from_quat_translation(quat, place)
 
 
 def imu(stamp_ns: int, acceleration_mps2: FloatArray) -> Message:

@@ -34,7 +34,13 @@ _CDR_HEADER_BYTES = 4
 
 
 def header_stamp_ns(data: bytes) -> int:
-    """Return the stamp of a serialised message that begins with a header, without the rest."""
+    """Return the stamp of a serialised message that begins with a header, without the rest.
+
+    Raises:
+        MessageError: It is shorter than a stamp.
+    """
+    if len(data) < _CDR_HEADER_BYTES + _LITTLE.size:
+        raise MessageError(f'a message of {len(data)} bytes has no header')
     layout = _LITTLE if data[1] else _BIG
     sec, nanosec = layout.unpack_from(data, _CDR_HEADER_BYTES)
     return int(sec) * NS_PER_S + int(nanosec)
@@ -65,7 +71,7 @@ class BagSequence:
         self.camera = camera
         self.ground_truth = index.ground_truth
         self.true_detections: Mapping[int, Detections] | None = index.true_detections
-        pairs = associate(index.color_ns, index.depth_ns)
+        pairs = associate(index.color_ns, index.depth_ns, source=path)
         self.depth_of_color = {
             int(index.color_ns[i]): int(index.depth_ns[j]) for i, j in pairs.tolist()
         }
@@ -129,35 +135,37 @@ class _Index:
 
     def __init__(self, reader: BagReader, found: RecordedTopics) -> None:
         self.camera: CameraModel | None = None
-        stamps: dict[str, list[int]] = {found.color.name: [], found.depth.name: []}
-        poses: dict[int, FloatArray] = {}
-        detections: dict[int, Detections] = {}
+        self._found = found
+        self._stamps_ns: dict[str, list[int]] = {found.color.name: [], found.depth.name: []}
+        self._poses: dict[int, FloatArray] = {}
+        self._detections: dict[int, Detections] = {}
         by_name = {topic.name: topic for topic in found if topic is not None}
-        for topic_name, _, data in reader.messages(list(by_name)):
-            topic = by_name[topic_name]
-            if topic_name in stamps:
-                stamps[topic_name].append(header_stamp_ns(data))
-            elif topic == found.camera_info:
-                self.camera = self.camera or _camera(data, topic, reader.path)
-            elif topic == found.ground_truth:
-                pose = bag_types.deserialize(data, topic.type_name)
-                poses[bag_messages.stamp_ns(pose)] = bag_messages.pose_from_message(pose)
-            else:
-                boxes = bag_messages.detections_from_message(
-                    bag_types.deserialize(data, topic.type_name)
-                )
-                detections[boxes.stamp_ns] = boxes
-        self.color_ns = _increasing(reader.path, found.color.name, stamps[found.color.name])
-        self.depth_ns = _increasing(reader.path, found.depth.name, stamps[found.depth.name])
-        self.true_detections = detections if found.true_detections else None
-        self.ground_truth = _trajectory(poses) if found.ground_truth else None
+        for topic, _, data in reader.messages(list(by_name)):
+            try:
+                self._take(by_name[topic], data)
+            except MessageError as error:
+                raise InputError(f'{reader.path}: {topic}: {error}') from error
+        self.color_ns, self.depth_ns = (
+            _increasing(reader.path, topic, stamps_ns)
+            for topic, stamps_ns in self._stamps_ns.items()
+        )
+        self.true_detections = self._detections if found.true_detections else None
+        self.ground_truth = _trajectory(self._poses) if found.ground_truth else None
 
-
-def _camera(data: bytes, topic: BagTopic, path: Path) -> CameraModel:
-    try:
-        return camera_from_info(bag_types.deserialize(data, topic.type_name))
-    except MessageError as error:
-        raise InputError(f'{path}: {topic.name}: {error}') from error
+    def _take(self, topic: BagTopic, data: bytes) -> None:
+        if topic.name in self._stamps_ns:
+            self._stamps_ns[topic.name].append(header_stamp_ns(data))
+            return
+        if topic == self._found.camera_info and self.camera is not None:
+            return
+        message = bag_types.deserialize(data, topic.type_name)
+        if topic == self._found.camera_info:
+            self.camera = camera_from_info(message)
+        elif topic == self._found.ground_truth:
+            self._poses[bag_messages.stamp_ns(message)] = bag_messages.pose_from_message(message)
+        else:
+            boxes = bag_messages.detections_from_message(message)
+            self._detections[boxes.stamp_ns] = boxes
 
 
 def _increasing(path: Path, topic: str, stamps_ns: list[int]) -> IntArray:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from hoid_bags.bag import bag_types as types
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_source import BagMessage, BagTopic
 from hoid_common import topics
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, MessageError
 from hoid_common.io.images import DEPTH_ENCODINGS
 
 _COLOR_WORDS = ('rgb', 'color', 'colour')
@@ -37,7 +38,10 @@ def find_topics(reader: BagReader) -> RecordedTopics:
     filled = [topic for topic in reader.topics if topic.num_messages]
     firsts = {t: next(reader.messages([t.name]), None) for t in filled if t.type_name in _IMAGES}
     images = [topic for topic, first in firsts.items() if first is not None]
-    is_depth = {t.name: first is not None and _is_depth(first, t) for t, first in firsts.items()}
+    is_depth = {
+        t.name: first is not None and _is_depth(first, t, reader.path)
+        for t, first in firsts.items()
+    }
     color = _choose(
         reader,
         'colour',
@@ -68,8 +72,11 @@ def base_name(topic: str) -> str:
     return topic
 
 
-def _is_depth(first: BagMessage, topic: BagTopic) -> bool:
-    message = types.deserialize(first.data, topic.type_name)
+def _is_depth(first: BagMessage, topic: BagTopic, path: Path) -> bool:
+    try:
+        message = types.deserialize(first.data, topic.type_name)
+    except MessageError as error:
+        raise InputError(f'{path}: {topic.name}: {error}') from error
     if topic.type_name == types.IMAGE:
         return message.encoding in DEPTH_ENCODINGS
     return 'compressedDepth' in message.format

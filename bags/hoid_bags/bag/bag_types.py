@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from functools import lru_cache
 from importlib import import_module
@@ -10,11 +11,12 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from rosbags.interfaces import Nodetype
+from rosbags.serde.errors import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, MessageError
 
 Message: TypeAlias = Any
 """A message object of the type store; its class is generated at run time."""
@@ -26,6 +28,7 @@ IMU = 'sensor_msgs/msg/Imu'
 POSE_STAMPED = 'geometry_msgs/msg/PoseStamped'
 DETECTION_ARRAY = 'hoid_msgs/msg/DetectionArray'
 
+_NAME = re.compile(r'[A-Za-z]\w{0,99}', re.ASCII)  # of a package or message
 _WORKSPACE_SOURCES = Path(__file__).resolve().parents[3] / 'src'
 
 
@@ -66,9 +69,16 @@ def serialize(message: Message, type_name: str) -> memoryview:
 
 
 def deserialize(data: bytes | memoryview, type_name: str) -> Message:
-    """Return the message of CDR bytes; arrays are numpy views of them."""
+    """Return the message of CDR bytes; arrays are numpy views of them.
+
+    Raises:
+        MessageError: They are no such message.
+    """
     ensure_type(type_name)
-    return shared_typestore().deserialize_cdr(data, type_name)
+    try:
+        return shared_typestore().deserialize_cdr(data, type_name)
+    except SerdeError as error:
+        raise MessageError(f'{len(data)} bytes are no {type_name}') from error
 
 
 def message_class(topic: str, type_name: str) -> Any:
@@ -93,7 +103,8 @@ def _find_definition(type_name: str) -> Path:
     shares = [Path(prefix) / 'share' for prefix in (*prefixes, sys.prefix)]
     for folder in (*shares, _WORKSPACE_SOURCES):
         path = folder / package / 'msg' / f'{name}.msg'
-        if package and name and path.is_file():
+        # Other names might lead out of the folder.
+        if _NAME.fullmatch(package) and _NAME.fullmatch(name) and path.is_file():
             return path
     raise InputError(
         f'message type "{type_name}" is not known here; build and source its package, or leave'
