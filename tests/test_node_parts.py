@@ -379,6 +379,17 @@ def test_bytes_that_are_no_message_are_counted_and_their_topic_named(
     assert f'/rgb/image: {len(data)} bytes are no sensor_msgs/Image' in said[0]
 
 
+def test_a_message_larger_than_any_is_not_taken_apart(
+    bench: Bench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    listener = StaticFrameListener(bench.node, bench.node.diagnostics)
+    publisher = bench.probe.publisher(TFMessage, '/tf_static', qos.TF_STATIC)
+    publisher.publish(b'\x00\x01\x00\x00' + bytes(2_000_000))
+    bench.probe.spin_until(lambda: bench.count('static transforms refused') == 1, 'not counted')
+    assert '/tf_static: 2000004 bytes are more than any' in capfd.readouterr().err
+    assert listener.frames.find('base', 'camera') is None
+
+
 def test_static_transforms_that_are_none_are_counted_too(
     bench: Bench, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -23,6 +23,9 @@ __all__ = ['InputConfig', 'Inputs', 'guarded']
 
 Callback = Callable[[Any], None]
 
+_IMAGES = (Image, CompressedImage)
+_MAX_BYTES = 2_000_000  # of any other message: to take one apart takes a second
+
 
 class Inputs:
     """Makes the subscriptions of a node; a managed one takes messages only while it is active.
@@ -147,6 +150,8 @@ def guarded(
 
 def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
     """Return the message of serialised bytes; raise MessageError where they are none."""
+    if len(data) > _MAX_BYTES and type_ not in _IMAGES:
+        raise MessageError(f'{topic}: {len(data)} bytes are more than any message has')
     try:
         return deserialize_message(data, type_)
     except (RuntimeError, ValueError, MemoryError) as error:  # rclpy's RMWError; no UTF-8; lengths
