@@ -70,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for line in _leftovers(args):
             sys.stderr.write(f'hoid: {line}\n')
         getattr(_module(chosen), f'{chosen}_command')(args)
+        print(end='', flush=True)  # what has not gone out yet may fail to
     except HoidError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)
         sys.stderr.write(f'hoid {chosen}: {error}\n')
@@ -78,9 +79,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.write(f'hoid {chosen}: interrupted\n')
         return _INTERRUPTED
     except BrokenPipeError:  # `hoid info BAG | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _say_no_more()
         return _OK
+    except OSError as error:  # a full disk behind stdout, a working folder that is gone
+        logging.getLogger(__name__).debug('failed', exc_info=True)
+        sys.stderr.write(f'hoid {chosen}: {InputError(error)}\n')
+        _say_no_more()
+        return _FAILED
     return _OK
+
+
+def _say_no_more() -> None:
+    """Let nothing that still waits for stdout fail at the end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def _check_names(args: argparse.Namespace) -> None:

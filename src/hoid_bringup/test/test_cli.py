@@ -120,3 +120,23 @@ def test_an_interrupt_while_importing_gives_no_traceback() -> None:
             os.killpg(process.pid, signal.SIGINT)
             _, said = process.communicate(timeout=30)
         assert said in ('', 'hoid info: interrupted\n', 'hoid info: nothing: no such bag\n')
+
+
+@pytest.mark.slow
+def test_a_full_disk_behind_stdout_is_said_in_a_line(tmp_path: Path) -> None:
+    path = write_line(tmp_path / 'path.txt')
+    command = [sys.executable, '-m', 'hoid_bringup', 'evaluate', str(path), str(path)]
+    with Path('/dev/full').open('w') as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == 'hoid evaluate: [Errno 28] No space left on device\n'
+
+
+@pytest.mark.slow
+def test_a_working_folder_that_is_gone_is_said_in_a_line(tmp_path: Path) -> None:
+    command = f'"{sys.executable}" -m hoid_bringup'
+    argv = ['sh', '-c', f'rmdir ../gone && {command} convert recording bag']
+    (tmp_path / 'gone').mkdir()
+    done = subprocess.run(argv, cwd=tmp_path / 'gone', capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == 'hoid convert: [Errno 2] No such file or directory\n'
