@@ -66,6 +66,11 @@ class EgoMotion:
         self._random = np.random.default_rng(0)
         self._noise_px = _MOST_PX
 
+    @property
+    def noise_px(self) -> float:
+        """Return the standard deviation of where points at rest are found, in the grey image."""
+        return self._noise_px
+
     def learn_noise(self, residuals_px: FloatArray) -> None:
         """Take note of how far (N,) points that rest, for the most part, were off."""
         if len(residuals_px) < MIN_POINTS:
