@@ -34,6 +34,8 @@ class KeyframeRequest:
     point_uids: IntArray  # (N,)
     counts: PointCounts  # of the frames since the last keyframe
     measured_camera: StereoCamera  # with the noise measured so far
+    moved: IntArray  # (M,) points that turned out to be on what moves
+    moved_uids: IntArray  # (M,)
 
 
 class Mapper:
@@ -133,6 +135,8 @@ class Mapper:
         if reference is None:
             return None
         self.map.count_sightings(request.counts)
+        is_there = points.uid[request.moved] == request.moved_uids
+        self.map.remove_points(np.unique(request.moved[is_there]))
         T_map_camera = keyframes.T_map_camera[reference] @ T_reference_camera
         i = self.map.add_keyframe(
             request.frame, se3.orthonormalized(T_map_camera), int(keyframes.map_id[reference]),

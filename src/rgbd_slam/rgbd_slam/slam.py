@@ -190,10 +190,12 @@ class RgbdSlam:
         keep_outliers = self._config.keyframes.keep_outliers
         points = tracking.matched if keep_outliers else tracked.points
         self._policy.inserted(tracked.frame.stamp_ns)
+        uid = self._atlas.points.uid
         i = self.map.insert(
             KeyframeRequest(
                 tracked.frame, tracked.T_reference_camera, tracked.reference_uid, points,
-                self._atlas.points.uid[points], self._tallies.take(), self._noise.camera,
+                uid[points], self._tallies.take(), self._noise.camera, tracking.moved,
+                uid[tracking.moved],
             )
         )  # fmt: skip
         if i is not None:  # not in the background

@@ -70,7 +70,9 @@ def tracking(
     tracked = tracked_frame(seen, T, points, atlas, 0)
     estimate = PoseEstimate(se3.inverse(T), np.ones(num_inliers, np.bool_), np.eye(6))
     tally = PointTally(np.empty(0, np.int64), np.empty(0, np.int64))
-    return TrackerOutput(tracked, Consensus(estimate), points, num_inliers, tally, expected_px)
+    return TrackerOutput(
+        tracked, Consensus(estimate), points, num_inliers, tally, expected_px, tally.found
+    )
 
 
 def test_a_frame_becomes_a_keyframe_when_it_shows_less_of_the_reference() -> None:

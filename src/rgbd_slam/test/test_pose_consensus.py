@@ -35,18 +35,20 @@ class Group(NamedTuple):
     depth_m: tuple[float, float]
     is_established: bool
     moves: bool = False
+    within_px: tuple[tuple[int, int], tuple[int, int]] = ((20, 20), (620, 460))  # corners
 
 
-def seen(*groups: Group) -> tuple[PoseProblem, BoolArray]:
+def seen(*groups: Group, step_m: FloatArray = STEP_M) -> tuple[PoseProblem, BoolArray]:
     """Return what an image at `TRUTH` shows of the groups, and which the map has established."""
     rng = np.random.default_rng(0)
     count = sum(group.num for group in groups)
     low, high = np.concatenate([np.tile(group.depth_m, (group.num, 1)) for group in groups]).T
-    uv_px = rng.uniform([20, 20], [620, 460], (count, 2))
+    corners_px = np.concatenate([np.tile(group.within_px, (group.num, 1, 1)) for group in groups])
+    uv_px = rng.uniform(corners_px[:, 0], corners_px[:, 1])
     camera_m = CAMERA.back_project(uv_px, rng.uniform(low, high))
     points_m = se3.transform(se3.inverse(TRUTH), camera_m)
     moves = np.repeat([group.moves for group in groups], [group.num for group in groups])
-    points_m[moves] -= STEP_M
+    points_m[moves] -= step_m
     measured_px = CAMERA.project(camera_m) + rng.normal(0, NOISE_PX, (count, 3))
     established = [group.is_established for group in groups]
     is_established = np.repeat(established, [group.num for group in groups])
@@ -92,6 +94,28 @@ def test_what_moves_does_not_capture_the_pose(groups: tuple[Group, ...]) -> None
     assert np.mean(consensus.estimate.inliers[~is_mover]) > 0.95
 
 
+def test_what_has_just_begun_to_move_does_not_drag_the_pose() -> None:
+    """By so little that it fits the pose of all; things that rest are as near."""
+    corner_px = (60, 300), (220, 460)
+    groups = (
+        Group(350, (1.3, 4.5), is_established=True),
+        Group(40, (1.1, 1.3), is_established=True, moves=True, within_px=corner_px),
+        Group(40, (1.1, 1.3), is_established=False, moves=True, within_px=corner_px),
+    )
+    problem, is_established = seen(*groups, step_m=np.array([0.008, 0.0, 0.0]))
+    dragged = CONSENSUS.solve(problem, is_established, np.eye(4), is_first=True)
+    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
+    assert error_m(dragged.estimate.T_camera_map) > 0.005
+    assert error_m(consensus.estimate.T_camera_map) < 0.001
+    assert consensus.dragging is not None
+    camera_m = se3.transform(TRUTH, problem.points_m)
+    inside = consensus.dragging.region.holds(
+        CAMERA, problem.measured_px.astype(np.float32), camera_m[:, 2].astype(np.float32)
+    )
+    assert np.mean(inside[moved(groups)]) > 0.9
+    assert np.mean(inside[~moved(groups)]) < 0.1
+
+
 def test_without_a_consensus_near_movers_take_the_pose_with_them() -> None:
     """What these scenes would prove nothing without."""
     off = PoseConsensus(CAMERA, ConsensusConfig(enabled=False))
@@ -111,6 +135,7 @@ def test_where_nothing_moves_all_matches_have_their_say() -> None:
     np.testing.assert_array_equal(consensus.estimate.T_camera_map, usual.T_camera_map)
     np.testing.assert_array_equal(consensus.estimate.information, usual.information)
     assert consensus.rival is None
+    assert consensus.dragging is None
 
 
 def test_the_other_motion_is_named_with_its_share() -> None:

@@ -26,7 +26,6 @@ class ConsensusConfig(Config):
     min_established: ClassVar[int] = 40
     # Far or near points object to a pose that costs them more than their own by this share.
     objection: ClassVar[float] = 0.15
-    # The pose of all matches is taken if it costs those that decide no more than this share above
-    # their own.
-    tolerance: ClassVar[float] = 0.05
+    # The rest of the map objects to a part of it that costs the rest more than this share.
+    drag: ClassVar[float] = 0.025
     margin: ClassVar[float] = 25.0  # cost that is never held against a pose

@@ -44,6 +44,7 @@ def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: Mappin
     chi2 = error2[0] + error2[1] + np.where(stereo, error2[2], 0.0)
     chi2 /= atlas.octave_scale[frame.octave[matches.k]] ** 2
     fits = chi2 < np.where(stereo, CHI2_STEREO, CHI2_MONO)
+    fits &= keyframes.may_seed[i, matches.k] | (own[matches.k] != NO_POINT)
     _join(atlas, i, matches.k[fits], view.points[matches.q[fits]])
 
 

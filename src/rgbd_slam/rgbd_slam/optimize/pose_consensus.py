@@ -4,7 +4,8 @@ Counting inliers cannot tell that a tracker follows what moves: near points domi
 far ones give way by a turn, and each keyframe makes new points on what moves. Here the points that
 several keyframes have seen decide, by their truncated cost at the measured noise (MSAC, Torr and
 Zisserman, CVIU 2000): between the pose that fits them all, and those that suit their far or their
-near half where that objects. All that is matched has its say where these have no objection.
+near half where that objects. A part of them that drags the pose of the rest is left out. All that
+is matched has its say where these have no objection.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from hoid_common.values import BoolArray, FloatArray
 from hoid_native.results import MatchJudgement
 from rgbd_slam.config.consensus_config import ConsensusConfig
 from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.optimize.moving_part import Region, heaviest_part
 from rgbd_slam.optimize.pose_optimizer import (
     CHI2_STEREO,
     GATES,
@@ -34,6 +36,8 @@ _MAX_COST = 9.832  # pixel and disparity at their gates
 _MIN_SCALE = 0.01
 _MIN_HALF = 10  # matches that make a hypothesis
 _CHI2_APART = 16.812  # 99 % of six degrees of freedom
+_LIKELY = 0.4  # of the limit, to first order: a part that may drag the pose
+_PREFERRED = 1.0  # less cost by which a match prefers a motion
 _ROUNDS = 2  # in which a hypothesis gathers what fits it
 
 
@@ -45,11 +49,19 @@ class Rival(NamedTuple):
     rival_share: float  # and those that fit the rival better
 
 
+class Dragging(NamedTuple):
+    """What moves by itself and would drag the pose along."""
+
+    region: Region
+    moves: BoolArray  # (N,) matches that fit its motion better, wherever they are
+
+
 class Consensus(NamedTuple):
     """A pose, and whether another one suits part of the map better."""
 
     estimate: PoseEstimate
     rival: Rival | None = None
+    dragging: Dragging | None = None
 
     @property
     def covariance(self) -> FloatArray:
@@ -100,7 +112,12 @@ class PoseConsensus:
         self._config = config
 
     def solve(
-        self, problem: PoseProblem, is_established: BoolArray, T_camera_map: FloatArray
+        self,
+        problem: PoseProblem,
+        is_established: BoolArray,
+        T_camera_map: FloatArray,
+        *,
+        is_first: bool = False,
     ) -> Consensus:
         """Return the pose that explains the matches best, from an initial one.
 
@@ -109,6 +126,7 @@ class PoseConsensus:
             is_established: (N,) mask of those whose points several keyframes have seen. Where they
                 are few, as in a new map, all matches decide.
             T_camera_map: (4, 4) about where the camera is.
+            is_first: Whether more is matched by what this gives: parts may drag it a little.
         """
         usual = optimize_pose(self._camera, problem, T_camera_map)
         if not self._config.enabled:
@@ -124,8 +142,18 @@ class PoseConsensus:
                 best, other = other, best  # noqa: PLW2901
             if rival is None or _is_better(other, rival):
                 rival = other
-        estimate = self._widened(problem, is_core, best, usual)
-        return Consensus(estimate, _compared(best, rival))
+        freed = None if is_first else self._freed(core, best)
+        if freed is None:
+            estimate = self._widened(problem, is_core, best, usual)
+            return Consensus(estimate, _compared(best, rival))
+        rest, region = freed
+        estimate = self._widened(problem, is_core, rest, usual)
+        dragged, cost = _rescaled(
+            self._judge(problem, best.T_camera_map)[0],
+            self._judge(problem, estimate.T_camera_map)[0],
+        )
+        dragging = Dragging(region, cost > dragged + _PREFERRED)
+        return Consensus(estimate, _compared(rest, best if rival is None else rival), dragging)
 
     def _hypothesis(
         self, core: PoseProblem, fitted: PoseProblem, T_camera_map: FloatArray
@@ -160,11 +188,25 @@ class PoseConsensus:
             found = self._hypothesis(core, core.select(found.fitting), found.T_camera_map)
         return found
 
+    def _freed(self, core: PoseProblem, dragged: _Hypothesis) -> tuple[_Hypothesis, Region] | None:
+        """Return the pose of the core without a part that drags it, and where that is."""
+        if len(core) < self._config.min_established:
+            return None
+        part = heaviest_part(self._camera, core, dragged.T_camera_map, _noise_scale(dragged.cost))
+        rest = ~part.mask
+        cost, _ = _rescaled(dragged.cost[rest], dragged.cost[rest])
+        if part.gain < _LIKELY * (self._config.margin + self._config.drag * cost.sum()):
+            return None
+        found = self._hypothesis(core, core.select(rest), dragged.T_camera_map)
+        if self._agree(dragged.cost[rest], found.cost[rest], self._config.drag):
+            return None
+        return found._replace(inliers=found.inliers & rest), part.region
+
     def _widened(
         self, problem: PoseProblem, is_core: BoolArray, best: _Hypothesis, usual: PoseEstimate
     ) -> PoseEstimate:
         """Return the pose of all matches, or of those that fit, if the core can live with it."""
-        if self._suits(problem, is_core, best, usual, self._config.tolerance):
+        if self._suits(problem, is_core, best, usual, 0.0):
             return usual
         judged = self._judge(problem, best.T_camera_map)
         fits = judged.inliers & (judged.cost <= CHI2_STEREO * _noise_scale(best.cost))

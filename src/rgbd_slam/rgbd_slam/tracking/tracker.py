@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +46,7 @@ class TrackerOutput:
     num_inliers: int  # of them
     tally: PointTally
     expected_px: FloatArray  # (3, V) where the local map has more points than the last frame saw
+    moved: IntArray  # (M,) points of the map that turn out to be on what moves
 
     @property
     def num_matches(self) -> int:
@@ -137,7 +138,8 @@ class Tracker:
         """
         k = np.flatnonzero(points != NO_POINT)
         seen = Sightings(k, points[k], self._atlas.points.position_m[points[k]])
-        return self._refine(frame, self._optimize(frame, seen, T_camera_map), reference)
+        first = self._optimize(frame, seen, T_camera_map, is_first=True)
+        return self._refine(frame, first, reference)
 
     def _first_poses(
         self,
@@ -236,7 +238,7 @@ class Tracker:
         self, frame: Frame, landmarks: Landmarks, matches: Matches, T_camera_map: FloatArray
     ) -> _First | None:
         seen = Sightings(matches.k, landmarks.point[matches.q], landmarks.position_m[matches.q])
-        first = self._optimize(frame, seen, T_camera_map)
+        first = self._optimize(frame, seen, T_camera_map, is_first=True)
         return first if len(first.seen.k) >= _MIN_FIRST_INLIERS else None
 
     def _refine(self, frame: Frame, first: _First, reference: int) -> TrackerOutput | None:
@@ -265,15 +267,25 @@ class Tracker:
             return None
         matched, points = np.full((2, len(frame)), NO_POINT, np.int64)
         matched[seen.k] = seen.point
+        moved = np.empty(0, np.int64)
+        if consensus.dragging is not None:
+            region, moves = consensus.dragging
+            drags = region.holds(self._camera, frame.measurement_px, frame.depth_m)
+            moved = seen.point[moves & drags[seen.k]]
+            moved = moved[moved != NO_POINT]
+            fitting = fitting.select(~drags[fitting.k])
+            frame = replace(frame, may_seed=frame.may_seed & ~drags)
         points[fitting.k] = fitting.point
         T_map_camera = se3.inverse(consensus.estimate.T_camera_map)
         tracked = tracked_frame(frame, T_map_camera, points, self._atlas, around.reference)
         found = fitting.points
         tally = PointTally(np.concatenate([known, view.points]), found)
         expected_px = view.queries.projection_px
-        return TrackerOutput(tracked, consensus, matched, len(found), tally, expected_px)
+        return TrackerOutput(tracked, consensus, matched, len(found), tally, expected_px, moved)
 
-    def _optimize(self, frame: Frame, seen: Sightings, T_camera_map: FloatArray) -> _First:
+    def _optimize(
+        self, frame: Frame, seen: Sightings, T_camera_map: FloatArray, *, is_first: bool = False
+    ) -> _First:
         """Return the pose that the sightings give, and those that fit it."""
         problem = PoseProblem(
             seen.position_m,
@@ -284,6 +296,6 @@ class Tracker:
         num_observations = self._atlas.points.num_observations[seen.point]
         is_established = (seen.point != NO_POINT) & (num_observations >= config.min_observations)
         consensus = PoseConsensus(self._camera, config).solve(
-            problem, is_established, T_camera_map
+            problem, is_established, T_camera_map, is_first=is_first
         )
         return _First(consensus, seen.select(consensus.estimate.inliers))
