@@ -11,9 +11,13 @@ class HoidError(Exception):
 
     def __str__(self) -> str:
         text = super().__str__()
-        if len(text) > _HEAD + _TAIL:
-            text = f'{text[:_HEAD]} ... {text[-_TAIL:]}'
-        return ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+        if len(text) <= _HEAD + _TAIL:
+            return _printable(text)
+        return f'{_printable(text[:_HEAD])[:_HEAD]} ... {_printable(text[-_TAIL:])[-_TAIL:]}'
+
+
+def _printable(text: str) -> str:
+    return ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 class InputError(HoidError):

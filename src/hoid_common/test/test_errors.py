@@ -19,10 +19,11 @@ def test_a_terminal_is_not_steered_by_what_a_file_says() -> None:
 
 
 def test_a_long_one_keeps_its_beginning_and_its_end() -> None:
-    said = str(ConfigError(f'file: "{"x" * 10**6}" is not one of a, b'))
-    assert len(said) < 1000
-    assert said.startswith('file: "xxx')
-    assert said.endswith('x" is not one of a, b')
+    for part in ('x' * 10**6, '\x1b[2J' * 1000):
+        said = str(ConfigError(f'file: "{part}" is not one of a, b'))
+        assert len(said) < 1000
+        assert said.startswith('file: "')
+        assert said.endswith('" is not one of a, b')
 
 
 def test_it_wraps_other_errors() -> None:
