@@ -26,7 +26,7 @@ from hoid_bags.bag.bag_source import BagMessage
 from hoid_bags.bag.info import summarize
 from hoid_bags.live.playback import PlayConfig, open_plan
 from hoid_bags.mcap import chunks
-from hoid_bags.mcap.chunks import MAX_CHUNK_BYTES, unpack
+from hoid_bags.mcap.chunks import MAX_CHUNK_BYTES, unpack, walk
 from hoid_bags.sequence import open_sequence
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
@@ -190,6 +190,21 @@ def test_a_cut_bag_with_a_damaged_chunk_gives_the_rest(bag: Path) -> None:
         fault = reader.fault or ''
     assert num_read == (6 - 1) * 24  # messages of a chunk
     assert re.search(r'cut off after 120 .*; damaged: 1 chunk .* 8 of /depth/image, ', fault)
+
+
+def test_zeros_after_a_power_cut_are_not_counted(bag: Path) -> None:
+    file = bag / 'bag.mcap'
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 2])
+    cut = summarize(bag)
+    with file.open('ab') as more:
+        more.truncate(10_000_000_000)
+    assert summarize(bag).topics == cut.topics
+
+
+def test_a_chunk_of_zeros_is_refused() -> None:
+    with pytest.raises(ReaderError, match='zeros where a record should be'):
+        list(walk(bytes(MAX_CHUNK_BYTES)))
 
 
 def test_a_chunk_that_unpacks_to_more_than_any_is_refused() -> None:

@@ -85,3 +85,14 @@ def test_what_is_still_recorded_is_left_alone(tmp_path: Path) -> None:
         with pytest.raises(InputError, match='is still being recorded'):
             repair(folder)
     assert summarize(tmp_path / 'bag').num_messages == 1
+
+
+@pytest.mark.parametrize('name', ['.', '..'])
+def test_a_folder_named_as_if_it_led_elsewhere_is_no_scratch_folder(
+    tmp_path: Path, name: str
+) -> None:
+    folder = tmp_path / f'.{name}.partial-ab'
+    folder.mkdir()
+    with pytest.raises(InputError, match='not a bag'):
+        repair(folder)
+    assert folder.exists()

@@ -12,10 +12,20 @@ from mcap.data_stream import ReadDataStream
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, MessageIndex, Schema
 from mcap.stream_reader import StreamReader
 from rosbags.interfaces import Qos
+from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
 
 from hoid_bags.bag.bag_source import BagMessage, BagTopic
-from hoid_bags.mcap.chunks import DAMAGE, MAX_CHUNK_BYTES, Damage, messages, one_line, unpack, walk
+from hoid_bags.mcap.chunks import (
+    DAMAGE,
+    MAX_CHUNK_BYTES,
+    NO_RECORD,
+    Damage,
+    messages,
+    one_line,
+    unpack,
+    walk,
+)
 from hoid_common.io.untrusted import open_regular
 
 _SCHEMA, _CHANNEL = 0x03, 0x04
@@ -87,6 +97,15 @@ class CutBag:
             self._types |= file.types
 
 
+class _Records(StreamReader):
+    """Records of a file, up to where there are none; `StreamReader` would count zeros."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode == NO_RECORD:
+            raise ReaderError('zeros where a record should be')
+        return super()._read_record(opcode, length)
+
+
 class _CutFile:
     """One pass over one file."""
 
@@ -102,7 +121,7 @@ class _CutFile:
     def messages(self) -> Iterator[BagMessage]:
         """Yield what can be read, up to where the file itself makes no sense any more."""
         with open_regular(self._path) as file:
-            reader = StreamReader(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES)
+            reader = _Records(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES)
             try:
                 for record in reader.records:
                     yield from self._of_record(record, file)

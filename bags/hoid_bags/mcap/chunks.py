@@ -24,6 +24,8 @@ DAMAGE = (
 )  # fmt: skip
 """What reading bytes that make no sense ends in."""
 
+NO_RECORD: Final = 0
+"""Opcode of none: what a power cut leaves of a file may end in zeros."""
 _MESSAGE: Final = 0x05
 _RECORD = struct.Struct('<BQ')  # opcode, bytes that follow
 _MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
@@ -93,11 +95,13 @@ def unpack_message(data: bytes) -> bytes:
 
 
 def walk(records: bytes) -> Iterator[Record]:
-    """Yield where the records of a chunk lie; raises ReaderError where one goes beyond it."""
+    """Yield where the records of a chunk lie; raises ReaderError where there is none."""
     at = 0
     while at < len(records):
         opcode, size = _RECORD.unpack_from(records, at)
         at += _RECORD.size
+        if opcode == NO_RECORD:
+            raise ReaderError('zeros where a record should be')
         if size > len(records) - at:
             raise ReaderError(f'a record of {size} bytes goes beyond its chunk')
         yield Record(opcode, at, at + size)
