@@ -121,6 +121,11 @@ def test_unreadable_model_is_refused(content: bytes | None, message: str, tmp_pa
     assert '\n' not in str(error.value)
 
 
+def test_a_model_for_huge_images_is_refused(make_model: Any) -> None:
+    with pytest.raises(ModelError, match='takes images of 100000x64 px, more than 4096 a side'):
+        OnnxDetector(make_model(table(*ROWS), size_wh=(100_000, 64)), DetectorConfig())
+
+
 def test_wrong_image_is_refused(make_model: Any) -> None:
     detector = OnnxDetector(make_model(table(*ROWS)), DetectorConfig())
     with pytest.raises(MessageError, match=r'got \(4, 4\)'):

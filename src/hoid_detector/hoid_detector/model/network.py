@@ -14,6 +14,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from hoid_common.errors import ConfigError, ModelError
 
+_MAX_SIDE_PX = 4096  # of the input; larger ones take seconds and gigabytes
 _PROVIDERS = {  # in the order in which they are tried when none is asked for
     'tensorrt': 'TensorrtExecutionProvider',
     'cuda': 'CUDAExecutionProvider',
@@ -70,6 +71,10 @@ class Network:
         self.dtype = _DTYPES[self._image.type]
         height, width = self._image.shape[2:]
         fixed = isinstance(height, int) and isinstance(width, int) and min(height, width) > 0
+        if fixed and max(height, width) > _MAX_SIDE_PX:
+            raise ModelError(
+                f'{path}: takes images of {width}x{height} px, more than {_MAX_SIDE_PX} a side'
+            )
         self.size_wh: tuple[int, int] | None = (width, height) if fixed else None  # None: any size
 
     def run(self, blob: NDArray[np.floating[Any]]) -> list[NDArray[Any]]:
