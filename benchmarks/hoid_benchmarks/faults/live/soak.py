@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -23,6 +25,7 @@ from hoid_common.values import FloatArray
 _STEP_PX, _PERIOD_S, _S_PER_H = 4, 2.0, 3600.0
 _WARM_UP = 1 / 3  # of the time
 _MAX_MB_PER_H, _MAX_DESCRIPTORS, _MAX_DRIFT_MS = 2.0, 2, 10.0
+_PAUSE_S, _LATE_S = 2.0, 5.0  # longer than any image is kept for its pose
 _NUM_BURSTS, _BURST = 5, 8  # images at once, more than a queue holds
 _NUM_OFFLINE = 150  # images of the recording that is run again and again
 _OFFLINE = (
@@ -43,25 +46,31 @@ def soak_cases(folder: Path, minutes: int) -> Iterator[Outcome]:
     """Yield an outcome for each process of a live run, and of offline runs in one process."""
     scene = Scene(step_px=_STEP_PX)
     with staged(folder / 'live', Setup(scene=scene)) as stage:
-        _fill_queues(stage.sender)
+        _fill_queues(stage)
         series = _live(stage, minutes)
         yield _delays(stage.sender, minutes)
     yield from _judged('soak, live', series, minutes)
     yield from _judged('soak, offline', {'run': _offline(scene, folder, minutes)}, minutes)
 
 
-def _fill_queues(sender: Sender) -> None:
-    """Send more at once than the nodes' queues hold: what is kept for late messages then is all.
+def _fill_queues(stage: Stage) -> None:
+    """Send more than the nodes' queues hold: what is kept for late messages then is all.
 
-    Without, one delay after the other lets them fill in the course of an hour.
+    Much comes at once, and then one process after the other answers late. Without, one delay after
+    the other lets the queues fill in the course of an hour.
     """
-    period_s = sender.period_s
+    sender, period_s = stage.sender, stage.sender.period_s
     for _ in range(_NUM_BURSTS):
         sender.period_s = 0.0
         for _ in range(_BURST):
             sender.send()
         sender.period_s = period_s
-        sender.send_for(2.0)
+        sender.send_for(_PAUSE_S)
+    for pid in member_pids(stage.nodes.pids).values():
+        os.kill(pid, signal.SIGSTOP)
+        sender.send_for(_LATE_S)
+        os.kill(pid, signal.SIGCONT)
+        sender.send_for(_PAUSE_S)
 
 
 def _live(stage: Stage, minutes: int) -> Mapping[str, list[_Sample]]:
