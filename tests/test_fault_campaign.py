@@ -33,7 +33,7 @@ def test_a_slice_of_the_campaign(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr + (tmp_path / 'out/faults/faults.md').read_text()
     rows = [line for line in done.stdout.splitlines() if line.startswith('| ')]
-    assert len(rows) == 1 + 10 + 2 + 14 + 6  # head; files, kills; inputs, conditions
+    assert len(rows) == 1 + 12 + 2 + 14 + 6  # head; files, kills; inputs, conditions
 
 
 def test_damage_repeats_by_its_seed_and_changes_something() -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.sequence import open_sequence
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.damage import Rng, damaged
@@ -25,6 +26,19 @@ from hoid_common.io.files import leftovers
 LIMIT_S = 10.0
 _MEMORY_FACTOR, _MEMORY_MB = 1.3, 50.0  # over that of the same command on good files
 _SILENT = 98
+_HEAD_BYTES = 100  # of a message: its header, and what an image says of itself
+_STAMPS = ('nan', 'sNaN', '-inf', '1e999999', '9e999980', '9' * 5000, '1_0', '-1', '\u0661', '1:2')
+_PATHS = (
+    'x' * 300,
+    'a/' * 3000,
+    'a\0b',
+    '\x1b[2J',
+    '\u202e',
+    '/dev/zero',
+    '..',
+    '/etc/passwd',
+    '',
+)
 _REFUSED = 1
 
 Work = Callable[[], int]
@@ -61,8 +75,8 @@ def _complaint(ended: Ended, clean_mb: float) -> str:
         return 'wrong data were read without a word'
     if 'Traceback' in ended.said or ended.status not in (0, 1, 2):
         return f'status {ended.status}: {" ".join(ended.said.split())[-300:]}'
-    if ended.status == _REFUSED and len(lines) != 1:
-        return f'{len(lines)} lines said: {ended.said[:300]}'
+    if ended.status == _REFUSED and (len(lines) != 1 or not lines[0].isprintable()):
+        return f'{len(lines)} lines said: {ended.said[:300]!a}'
     if ended.peak_mb > _MEMORY_FACTOR * clean_mb + _MEMORY_MB:
         return f'{ended.peak_mb:.0f} MB where good files take {clean_mb:.0f}'
     return ''
@@ -87,6 +101,23 @@ def _metadata(samples: Samples, place: Path, rng: Rng | None) -> Work:
     bag = shutil.copytree(samples.bag, place / 'bag')
     _damage(bag / 'metadata.yaml', rng)
     return lambda: _read_bag(bag, _digests(samples.bag))
+
+
+def _bag_message(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    """A bag that is whole, of which one message is none."""
+    bag = place / 'bag'
+    with BagReader(samples.bag) as reader, BagWriter(bag) as writer:
+        for topic in reader.topics:
+            writer.add_topic(topic.name, topic.type_name)
+        messages = list(reader.messages())
+        if rng is not None:
+            i = int(rng.integers(len(messages)))
+            data = messages[i].data  # most bytes are pixels, which may be anything
+            said = damaged(data[:_HEAD_BYTES], rng) + data[_HEAD_BYTES:]
+            messages[i] = messages[i]._replace(data=said)
+        for topic_name, log_ns, data in messages:
+            writer.write_serialized(topic_name, log_ns, data)
+    return lambda: _read_bag(bag, _digests(bag))
 
 
 def _read_bag(bag: Path, good: list[str]) -> int:
@@ -125,6 +156,19 @@ def _tum_file(samples: Samples, place: Path, rng: Rng | None) -> Work:
 def _tum_list(samples: Samples, place: Path, rng: Rng | None) -> Work:
     tum = shutil.copytree(samples.tum, place / 'tum')
     _damage(tum / 'rgb.txt', rng)
+    return _converted(tum, samples.camera, place)
+
+
+def _tum_row(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    """A list with one row that nobody wrote in earnest."""
+    tum = shutil.copytree(samples.tum, place / 'tum')
+    if rng is not None:
+        rows = (tum / 'rgb.txt').read_text().splitlines()
+        i = int(rng.integers(len(rows)))
+        stamp, name = rows[i].split()
+        strange = [f'{other} {name}' for other in _STAMPS] + [f'{stamp} {o}' for o in _PATHS]
+        rows[i] = strange[int(rng.integers(len(strange)))]
+        (tum / 'rgb.txt').write_text('\n'.join(rows), encoding='utf-8')
     return _converted(tum, samples.camera, place)
 
 
@@ -207,8 +251,10 @@ def _one_of(paths: list[Path], rng: Rng) -> Path:
 KINDS: dict[str, Callable[[Samples, Path, Rng | None], Work]] = {
     'bag: bytes': _bag_bytes,
     'bag: metadata.yaml': _metadata,
+    'bag: a message': _bag_message,
     'TUM folder: a file': _tum_file,
     'TUM folder: a list': _tum_list,
+    'TUM folder: a row': _tum_row,
     'camera YAML': _camera,
     'trajectory': _trajectory,
     'pipes, devices, loops': _no_file,

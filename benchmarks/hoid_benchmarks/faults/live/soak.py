@@ -28,10 +28,10 @@ _MAX_MB_PER_H, _MAX_DESCRIPTORS, _MAX_DRIFT_MS = 2.0, 2, 10.0
 _PAUSE_S, _LATE_S = 2.0, 5.0  # longer than any image is kept for its pose
 _NUM_BURSTS, _BURST = 5, 8  # images at once, more than a queue holds
 _NUM_OFFLINE = 150  # images of the recording that is run again and again
-_OFFLINE = (
-    'import sys\n'
+_OFFLINE = (  # what a collection frees does not stay
+    'import gc, sys\n'
     'from hoid_bringup.cli import main\n'
-    'while main(["run", *sys.argv[1:]]) == 0: pass\n'
+    'while main(["run", *sys.argv[1:]]) == 0: gc.collect()\n'
     'sys.exit(1)\n'
 )
 
