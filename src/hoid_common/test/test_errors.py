@@ -7,7 +7,7 @@ import pytest
 from hoid_common.errors import ConfigError, HoidError, InputError
 
 
-@pytest.mark.parametrize('text', ['a: b "caf\u00e9"', '', 'x' * 900])
+@pytest.mark.parametrize('text', ['a: b "\u00e9t\u00e9"', '', 'x' * 900])
 def test_what_can_be_shown_is_said_as_it_is(text: str) -> None:
     assert str(InputError(text)) == text
 
