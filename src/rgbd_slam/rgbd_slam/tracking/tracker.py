@@ -271,8 +271,7 @@ class Tracker:
         if consensus.dragging is not None:
             region, moves = consensus.dragging
             drags = region.holds(self._camera, frame.measurement_px, frame.depth_m)
-            moved = seen.point[moves & drags[seen.k]]
-            moved = moved[moved != NO_POINT]
+            moved = seen.point[moves & drags[seen.k] & (seen.point != NO_POINT)]
             fitting = fitting.select(~drags[fitting.k])
             frame = replace(frame, may_seed=frame.may_seed & ~drags)
         points[fitting.k] = fitting.point
