@@ -27,7 +27,8 @@ from hoid_filter.motion.small_view import MotionView, SmallView, small_view
 from hoid_native import strongest_in_cells
 
 _LONGEST_GAP_S = 0.7  # between images, beyond which all starts anew
-_OUTLIER = 4.0  # standard deviations: a point so far from where it should be moves
+# A point so far from where it should be moves: standard deviations, and px of the grey image.
+_OUTLIER, _SURE_PX = 6.0, 3.0
 _POINT_EVIDENCE = 0.6  # log-odds of 1/30 s that a point gives its segment ...
 _MOST_POINT_EVIDENCE = 1.0  # ... and that all its points do
 _RIPE_S = 0.2  # points anchored for less long say little about rest
@@ -185,7 +186,7 @@ class MotionSegmentation:
         off_px = self._ego.residuals_px(seen.points, self._T_camera_world)
         self._ego.learn_noise(off_px[seen.points.rests > 0.5])
         ripe = np.minimum((small.stamp_s - self._tracks.anchored_s) / _RIPE_S, 1.0)
-        is_outlier = off_px > _OUTLIER * self._ego.noise_px
+        is_outlier = off_px > min(_OUTLIER * self._ego.noise_px, _SURE_PX)
         odds = _POINT_EVIDENCE * np.where(is_outlier, 1.0, -ripe)
         inside = seen.segment >= 0
         num = len(small.segments.region)
