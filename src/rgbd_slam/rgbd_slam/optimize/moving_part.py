@@ -85,7 +85,7 @@ def heaviest_part(
 
 
 def _cells(place: FloatArray) -> tuple[IntArray, BoolArray]:
-    """Return (C, M) rows of (N, 3) places, halved by their widest extent, siblings in a row.
+    """Return (C, M) rows of (N, 3) places, halved where they vary most, siblings in a row.
 
     Some come again where N is no multiple of C; the (C, M) mask tells where they come first.
     """
@@ -94,9 +94,9 @@ def _cells(place: FloatArray) -> tuple[IntArray, BoolArray]:
     place = np.resize(place, (cells.size, 3)).T.copy()
     for _ in range(_LEVELS):
         at = place[:, cells]
-        widest = at.var(2).argmax(0)
+        axis = at.var(2).argmax(0)
         c = np.arange(len(cells))
-        order = at[widest, c].argsort(1, kind='stable')
+        order = at[axis, c].argsort(1, kind='stable')
         cells = cells[c[:, None], order].reshape(2 * len(cells), -1)
     return cells % count, cells < count
 
