@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hoid_msgs.msg import DynamicObject as ObjectMsg
@@ -58,6 +60,21 @@ def test_the_first_image_waits_for_the_first_answer(run_filter: FilterRunner) ->
     assert not objects.provisional
     assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
     assert num_inside(features, PERSON) == 0
+
+
+def test_images_that_waited_go_one_by_one(run_filter: FilterRunner) -> None:
+    """SLAM keeps no more features than its queue holds: a burst would cost it its first images."""
+    peer = run_filter(**{'detections.wait_s': 10.0})
+    for i in range(8):
+        peer.send_images(i)
+        peer.probe.spin_for(0.1)
+    assert peer.features == []
+    peer.send_boxes(0, PERSON)
+    peer.answer(1)
+    first_s = time.monotonic()
+    features, _ = peer.answer(8)
+    assert features.header == peer.header(7)
+    assert time.monotonic() - first_s > 0.2  # nothing but the filter's clock sends them on
 
 
 def test_an_image_goes_at_once_and_a_slow_detector_has_the_final_word(

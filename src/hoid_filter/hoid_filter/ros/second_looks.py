@@ -104,14 +104,13 @@ class SecondLooks:
         return self._due()
 
     def _due(self) -> list[FirstLook]:
-        due = []
-        while self._held and not self._must_wait(self._held[0]):
-            header, detected, _ = self._held.popleft()
-            known = self._gate.add_image(detected.frame.stamp_ns, time.monotonic())
-            self._say_loss()
-            if not self._gate.is_shut:
-                due.append(FirstLook(header, detected, known))
-        return due
+        """Return the next image once it need not wait: one at a time, as SLAM's queue is short."""
+        if not self._held or self._must_wait(self._held[0]):
+            return []
+        header, detected, _ = self._held.popleft()
+        known = self._gate.add_image(detected.frame.stamp_ns, time.monotonic())
+        self._say_loss()
+        return [] if self._gate.is_shut else [FirstLook(header, detected, known)]
 
     def _must_wait(self, held: _Held) -> bool:
         waited_s = time.monotonic() - held.since_s
