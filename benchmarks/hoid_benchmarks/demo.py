@@ -35,7 +35,7 @@ from hoid_synth.config import SceneConfig
 from rgbd_slam.scene.export import read_ply
 
 _WORKERS = 2
-_FRAMES, _SECONDS = 300, 20.0
+_FRAMES, _SECONDS = 210, 20.0
 _SNAPSHOTS = (0.35, 0.6, 0.85)  # of the recording
 _ANIMATED_EVERY = 10
 _ANIMATED_PX = (240, 180)

@@ -107,6 +107,9 @@ def test_what_has_just_begun_to_move_does_not_drag_the_pose() -> None:
     consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
     assert error_m(dragged.estimate.T_camera_map) > 0.005
     assert error_m(consensus.estimate.T_camera_map) < 0.001
+    off = PoseConsensus(CAMERA, ConsensusConfig(leave_out_parts=False))
+    with_parts = off.solve(problem, is_established, np.eye(4))
+    np.testing.assert_array_equal(with_parts.estimate.T_camera_map, dragged.estimate.T_camera_map)
     assert consensus.dragging is not None
     camera_m = se3.transform(TRUTH, problem.points_m)
     inside = consensus.dragging.region.holds(

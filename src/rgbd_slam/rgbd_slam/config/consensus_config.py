@@ -20,6 +20,11 @@ class ConsensusConfig(Config):
         description='Lets what the map has established decide, so that nothing that moves '
         'captures the pose.',
     )
+    leave_out_parts: bool = param(
+        default=True,
+        description='Leaves out the part of the map that drags the pose, so that what moves '
+        'slowly does not take the camera along.',
+    )
 
     # Keyframes that establish a point, and matches of such points below which all decide.
     min_observations: ClassVar[int] = 3

@@ -190,15 +190,16 @@ class PoseConsensus:
 
     def _freed(self, core: PoseProblem, dragged: _Hypothesis) -> tuple[_Hypothesis, Region] | None:
         """Return the pose of the core without a part that drags it, and where that is."""
-        if len(core) < self._config.min_established:
+        config = self._config
+        if not config.leave_out_parts or len(core) < config.min_established:
             return None
         part = heaviest_part(self._camera, core, dragged.T_camera_map, _noise_scale(dragged.cost))
         rest = ~part.mask
         cost, _ = _rescaled(dragged.cost[rest], dragged.cost[rest])
-        if part.gain < _LIKELY * (self._config.margin + self._config.drag * cost.sum()):
+        if part.gain < _LIKELY * (config.margin + config.drag * cost.sum()):
             return None
         found = self._hypothesis(core, core.select(rest), dragged.T_camera_map)
-        if self._agree(dragged.cost[rest], found.cost[rest], self._config.drag):
+        if self._agree(dragged.cost[rest], found.cost[rest], config.drag):
             return None
         return found._replace(inliers=found.inliers & rest), part.region
 
