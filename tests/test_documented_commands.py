@@ -30,7 +30,7 @@ from hoid_common.values import Trajectory
 from hoid_synth.config import SceneConfig
 from hoid_synth.scene import render
 from hoid_system_tests import launch_stand_in
-from hoid_system_tests.documented import PAGES, ROOT, Shown, shown_commands
+from hoid_system_tests.documented import PAGES, ROOT, Shown, shape, shown_commands
 
 ALL = [shown for page in PAGES for shown in shown_commands(page)]
 OFFLINE = ('run', 'convert', 'info', 'evaluate')  # these are cheap on a second of images
@@ -200,8 +200,3 @@ def test_it_runs_and_prints_what_is_shown(
         assert status == 0, f'{shown.command}: {errors}'
         if shown.output:
             assert shape(printed.splitlines()) == shape(shown.output)
-
-
-def shape(lines: list[str] | tuple[str, ...]) -> list[str]:
-    """Return lines with a mark for every number, and for paths."""
-    return [re.sub(r'\S*/\S+|-?\d[\d.]*', '#', line).rstrip() for line in lines if line.strip()]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,6 +37,12 @@ def shown_commands(page: Path) -> Iterator[Shown]:
     for command in _INLINE.findall(_BLOCK.sub('', text)):
         for part in command.split(';'):
             yield Shown(name, ' '.join(part.split()))
+
+
+def shape(lines: Iterable[str]) -> list[str]:
+    """Return lines with a mark for every number and path, and without their columns."""
+    marked = (re.sub(r'\S*/\S+|-?\d[\d.]*', '#', line) for line in lines)
+    return [' '.join(line.split()) for line in marked if line.strip()]
 
 
 def _of_block(page: str, block: str) -> Iterator[Shown]:

@@ -1,4 +1,4 @@
-"""The frames of a map's first second, whose poses are told again once it is known what rests.
+"""The frames of a map's first second, whose poses are re-estimated once it is known what rests.
 
 A new map has established nothing: what moves near the camera has its say in the poses until
 keyframes disown it. Points that are still seen a second later rest.
@@ -32,7 +32,7 @@ class FirstFrames:
     Args:
         atlas: The map.
         trajectory: Where the frames are recorded.
-        config: Parameters; without a consensus nothing is told again.
+        config: Parameters; without a consensus none is re-estimated.
     """
 
     def __init__(

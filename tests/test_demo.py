@@ -1,4 +1,4 @@
-"""`hoid demo --camera`, with a played bag in place of the camera."""
+"""`hoid demo`: of a rendered scene, and of a camera in whose place a bag is played."""
 
 from __future__ import annotations
 
@@ -12,10 +12,28 @@ import pytest
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
+from hoid_system_tests.documented import ROOT, shape, shown_commands
 
 pytestmark = pytest.mark.alone
 SECONDS, LIMIT_S = 2, 300
 HOID = (sys.executable, '-m', 'hoid_bringup')
+
+
+@pytest.mark.usefixtures('domain_id')
+def test_it_prints_what_readme_shows(tmp_path: Path) -> None:
+    (expected,) = (
+        shape(shown.output)
+        for shown in shown_commands(ROOT / 'README.md')
+        if shown.command == 'make demo'
+    )
+    done = subprocess.run(
+        [*HOID, 'demo', '--frames', '30'],
+        cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert len(expected) > 5
+    assert shape(done.stdout.splitlines())[-len(expected) :] == expected
+    assert cv2.imread(str(tmp_path / 'out/demo/demo.png')) is not None
 
 
 @pytest.mark.usefixtures('domain_id')
