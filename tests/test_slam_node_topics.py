@@ -161,6 +161,12 @@ def test_the_map_is_published_and_kept_for_those_who_come_late(peer: Peer) -> No
     assert len(peer.markers[-1].markers[0].points) == 16 * len(stamps_ns)
 
 
+def test_the_status_before_the_first_image_is_kept_for_those_who_come_late(peer: Peer) -> None:
+    late = peer.probe.collect(SlamStatus, 'slam_status', qos.latched(1))
+    peer.probe.spin_until(lambda: bool(late), 'nothing was kept')
+    assert late == peer.status[-1:]
+
+
 def test_pause_resume_and_reset(peer: Peer) -> None:
     peer.send(8)
     assert 'paused' in peer.call('pause')

@@ -53,11 +53,14 @@ class LiveRecorder:
         self._cameras = node.create_publisher(CameraInfo, camera_info, qos.OUTPUT)
         self._listen(CameraInfo, camera_info, self._on_camera, reliable=False)
         self._listen(Odometry, topics.ODOM, self._on_odometry)
-        self._listen(SlamStatus, topics.SLAM_STATUS, self._on_status)
         self._listen(Features, topics.FEATURES, self._on_features)
         self._listen(DetectionArray, topics.DETECTIONS, self._on_detections)
         self._listen(DynamicObjectArray, topics.DYNAMIC_OBJECTS, self._on_objects)
         node.create_subscription(PointCloud2, topics.MAP_POINTS, self._on_cloud, qos.LATCHED)
+        # What it says before its first image is said once, maybe before it knows of this node.
+        node.create_subscription(
+            SlamStatus, topics.SLAM_STATUS, self._on_status, qos.latched(_QUEUE)
+        )
 
     def _listen(
         self, kind: type[Any], topic: str, callback: Callable[..., None], *, reliable: bool = True
@@ -71,23 +74,23 @@ class LiveRecorder:
         while (left_s := end_s - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left_s)
 
-    def is_chain_joined(self) -> bool:
-        """Return whether features find the SLAM node, and it is there with its services."""
-        return bool(
-            self._node.count_subscribers(topics.FEATURES) > 1  # this recorder is one
-            and self._node.count_publishers(topics.FEATURES) > 0
-            and self._node.count_publishers(topics.ODOM) > 0
-            and self._save.service_is_ready()
-        )
+    def awaited(self, camera_info: bytes) -> str:
+        """Return what the nodes still lack to take images, or nothing when they can.
 
-    def introduce_camera(self, message: bytes) -> bool:
-        """Publish a serialised camera info; return whether the SLAM node says that it is ready.
-
-        The node then starts its mapping process, for which the first images need not wait.
+        The SLAM node is told of the camera, with a serialised message: it then starts its mapping
+        process, for which the first images need not wait.
         """
-        if self.last_status is None and self._cameras.get_subscription_count() > 1:
-            self._cameras.publish(message)
-        return self.last_status is not None
+        count_publishers, heard_by = self._node.count_publishers, self._node.count_subscribers
+        if not count_publishers(topics.FEATURES) or not count_publishers(topics.ODOM):
+            return f'nobody publishes {topics.FEATURES} and {topics.ODOM}'
+        if heard_by(topics.FEATURES) <= 1 or self._cameras.get_subscription_count() <= 1:
+            return f'nobody else listens to {topics.FEATURES} and {self._cameras.topic_name}'
+        if not self._save.service_is_ready():
+            return f'nobody offers {self._save.srv_name}'
+        if self.last_status is None:
+            self._cameras.publish(camera_info)
+            return f'{SLAM} does not begin with the camera of {self._cameras.topic_name}'
+        return ''
 
     def state_text(self) -> str:
         """Return the state of the SLAM node in a word."""

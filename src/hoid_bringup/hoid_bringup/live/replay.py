@@ -88,12 +88,12 @@ class _LiveRun:
         topic = f'/{BagNames.of(self._bag).camera_info}'
         with BagReader(self._bag.path) as reader:
             camera_info = next(reader.messages([topic])).data
-        while not (recorder.is_chain_joined() and recorder.introduce_camera(camera_info)):
+        while awaited := recorder.awaited(camera_info):
             recorder.spin(_TICK_S)
             self._stop_on(nodes.poll())
             if time.monotonic() > end_s:
                 raise InputError(
-                    f'the nodes were not ready after {_READY_LIMIT_S:g} s; see {self._log_dir}'
+                    f'not ready after {_READY_LIMIT_S:g} s: {awaited}; see {self._log_dir}'
                 )
 
     def _listen(

@@ -38,7 +38,7 @@ class SlamOutputs:
         self._transforms = TransformPublisher(node)
         own = topics.ODOM if frames.publish_odom_to_base else topics.VISUAL_ODOM
         self._odom = node.create_publisher(Odometry, own, qos.OUTPUT)
-        self._status = node.create_publisher(SlamStatus, topics.SLAM_STATUS, qos.OUTPUT)
+        self._status = node.create_publisher(SlamStatus, topics.SLAM_STATUS, qos.STATE)
         self._path = node.create_publisher(Path, topics.PATH, qos.LATCHED)
         self._points = node.create_publisher(PointCloud2, topics.MAP_POINTS, qos.LATCHED)
         self._keyframes = node.create_publisher(MarkerArray, topics.KEYFRAMES, qos.LATCHED)
