@@ -8,22 +8,23 @@ from hoid_benchmarks.plan.detections import KeptDetections
 from hoid_common.values import Detections, RgbdFrame
 
 
-def frame(stamp_ns: int) -> RgbdFrame:
-    return RgbdFrame(stamp_ns, np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4), np.float32))
+def frame(shown: int, stamp_ns: int | None = None) -> RgbdFrame:
+    stamp_ns = shown if stamp_ns is None else stamp_ns
+    return RgbdFrame(stamp_ns, np.full((4, 4, 3), shown, np.uint8), np.zeros((4, 4), np.float32))
 
 
 class Detector:
-    """Sees as many people as the stamp says, each somewhere else."""
+    """Sees as many people as the image is bright, each somewhere else."""
 
     def __init__(self) -> None:
         self.asked: list[int] = []
 
     def __call__(self, seen: RgbdFrame) -> Detections:
-        n = seen.stamp_ns
+        n = int(seen.image_bgr[0, 0, 0])
         self.asked.append(n)
         boxes = np.arange(4 * n, dtype=np.float32).reshape(n, 4)
         names = tuple(f'person {k}' for k in range(n))
-        return Detections(n, boxes, names, np.linspace(0, 1, n, dtype=np.float32))
+        return Detections(seen.stamp_ns, boxes, names, np.linspace(0, 1, n, dtype=np.float32))
 
 
 def test_a_detector_is_asked_once_about_each_image(tmp_path: Path) -> None:
@@ -47,3 +48,13 @@ def test_a_detector_is_asked_once_about_each_image(tmp_path: Path) -> None:
     KeptDetections(path, detector)(frame(2))
     assert detector.asked == [3, 0, 1, 2]
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_an_image_made_harder_is_asked_about_though_its_stamp_is_known(tmp_path: Path) -> None:
+    detector = Detector()
+    kept = KeptDetections(tmp_path / 'kept.npz', detector)
+    assert [len(kept(frame(n, stamp_ns=7)) or ()) for n in (3, 2)] == [3, 2]
+    later = kept(frame(3, stamp_ns=9))
+    assert later is not None
+    assert (later.stamp_ns, len(later)) == (9, 3)
+    assert detector.asked == [3, 2]

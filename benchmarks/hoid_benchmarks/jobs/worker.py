@@ -121,7 +121,7 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     """Run every frame, and note beside the usual outputs what the experiments need."""
     config = _config(job)
     base = open_sequence(path)
-    kept = store.made / 'detections'
+    kept = store.made / 'detections_of_images'
     known = kept_detections(base, config, kept) if job.mode != 'timed' else None
     detect = perturb_detections(
         known or detection_source(base, config), job.perturbation, job.seed

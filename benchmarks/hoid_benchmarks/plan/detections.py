@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,14 @@ from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.values import Detections, RgbdFrame
 from hoid_detector.model.model_path import find_model
 
+_DIGEST_BYTES = 16
+
 
 class KeptDetections:
-    """A detector that is asked once about each image of a recording."""
+    """A detector that is asked once about each image of a recording, and of what it is made into.
+
+    Images are told apart by what they show: made harder, one has the stamp of another.
+    """
 
     def __init__(self, path: Path, detect: DetectionSource) -> None:
         self._path = path
@@ -29,12 +35,13 @@ class KeptDetections:
 
     def __call__(self, frame: RgbdFrame) -> Detections | None:
         """Return what was seen in the image, at its first or an earlier time."""
-        if frame.stamp_ns not in self._known:
+        image = _digest(frame)
+        if image not in self._known:
             found = self._detect(frame)
             if found is None:
                 return None
-            self._known[frame.stamp_ns] = found
-        return self._known[frame.stamp_ns]
+            self._known[image] = found
+        return replace(self._known[image], stamp_ns=frame.stamp_ns)
 
     def save(self) -> None:
         """Keep what is new; of two runs that do so at a time, the last one wins."""
@@ -42,7 +49,7 @@ class KeptDetections:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         unfinished = self._path.with_suffix(f'.{os.getpid()}.npz')
-        _write(unfinished, list(self._known.values()))
+        _write(unfinished, self._known)
         unfinished.replace(self._path)
 
 
@@ -60,10 +67,15 @@ def kept_detections(sequence: Sequence, config: RunConfig, folder: Path) -> Kept
     return KeptDetections(folder / name, detection_source(sequence, config))
 
 
-def _write(path: Path, found: list[Detections]) -> None:
+def _digest(frame: RgbdFrame) -> bytes:
+    return hashlib.blake2b(frame.image_bgr.tobytes(), digest_size=_DIGEST_BYTES).digest()
+
+
+def _write(path: Path, known: dict[bytes, Detections]) -> None:
+    found = list(known.values())
     np.savez(
         path,
-        stamps_ns=np.array([d.stamp_ns for d in found], np.int64),
+        images=np.frombuffer(b''.join(known), np.uint8).reshape(-1, _DIGEST_BYTES),
         counts=np.array([len(d) for d in found], np.int64),
         boxes_xyxy_px=np.concatenate([d.boxes_xyxy_px for d in found]),
         scores=np.concatenate([d.scores for d in found]),
@@ -71,14 +83,14 @@ def _write(path: Path, found: list[Detections]) -> None:
     )
 
 
-def _read(path: Path) -> dict[int, Detections]:
+def _read(path: Path) -> dict[bytes, Detections]:
     with np.load(path) as saved:
         ends = np.cumsum(saved['counts'])[:-1]
         boxes, scores, names = (
             np.split(saved[k], ends) for k in ('boxes_xyxy_px', 'scores', 'names')
         )
-        stamps_ns = saved['stamps_ns'].tolist()
+        images = [image.tobytes() for image in saved['images']]
     return {
-        stamp_ns: Detections(stamp_ns, boxes[i], tuple(names[i].tolist()), scores[i])
-        for i, stamp_ns in enumerate(stamps_ns)
+        image: Detections(0, boxes[i], tuple(names[i].tolist()), scores[i])
+        for i, image in enumerate(images)
     }
