@@ -84,10 +84,10 @@ class FilterNode(ManagedNode):
             self._size_px = frame.size_px
             self._check_camera()
         if self._settings.config.needs_detections:
-            looks = self._second_looks.add_image(header, detected)
+            look = self._second_looks.add_image(header, detected)
         else:
-            looks = [FirstLook(header, detected, Known(None, is_final=True))]
-        self._looks.take(looks, detected)
+            look = FirstLook(header, detected, Known(None, is_final=True))
+        self._looks.take(look, detected)
 
     def _take_detections(self, msg: DetectionArray | Detection2DArray) -> None:
         self._looks.look_for_motion()  # first: they may have the final word

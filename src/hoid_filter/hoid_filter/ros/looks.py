@@ -21,7 +21,7 @@ class _Pending(NamedTuple):
     """An image in which motion is to be looked for, and what was published when it came."""
 
     detected: DetectedCorners
-    published: list[_Published]
+    published: _Published | None
 
 
 class Looks:
@@ -47,9 +47,9 @@ class Looks:
         """Drop the image in which motion is to be looked for."""
         self._pending = None
 
-    def take(self, looks: list[FirstLook], detected: DetectedCorners | None = None) -> None:
-        """Publish what is to be published now; motion is to be looked for in a new image later."""
-        published = [self._publish(look) for look in looks]
+    def take(self, look: FirstLook | None, detected: DetectedCorners | None = None) -> None:
+        """Publish an image, and look for motion in a new one later."""
+        published = None if look is None else self._publish(look)
         if detected is None:
             self._follow_up(published)
         else:
@@ -79,15 +79,17 @@ class Looks:
         self._outputs.publish(frame, result, look.header, provisional=not is_final)
         return _Published(look, result.features, is_final)
 
-    def _follow_up(self, published: list[_Published]) -> None:
-        """Publish masks where they are wanted, and have images judged again that are to be."""
-        for look, features, is_final in published:
-            if self._outputs.wants_masks:
-                depth_m = look.detected.frame.depth_m
-                word = self._filter.judge_again(features, depth_m, None)
-                self._outputs.publish_masks(word, depth_m, look.header, self._filter.camera)
-            if not is_final:
-                self._second_looks.remember(look, features)
-            self._diagnostics.count('images filtered')
-            for name, number in self._filter.counters.items():
-                self._diagnostics.set_count(name, number)
+    def _follow_up(self, published: _Published | None) -> None:
+        """Publish masks where they are wanted, and have an image judged again that is to be."""
+        if published is None:
+            return
+        look, features, is_final = published
+        if self._outputs.wants_masks:
+            depth_m = look.detected.frame.depth_m
+            word = self._filter.judge_again(features, depth_m, None)
+            self._outputs.publish_masks(word, depth_m, look.header, self._filter.camera)
+        if not is_final:
+            self._second_looks.remember(look, features)
+        self._diagnostics.count('images filtered')
+        for name, number in self._filter.counters.items():
+            self._diagnostics.set_count(name, number)

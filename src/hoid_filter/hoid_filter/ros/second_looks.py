@@ -69,8 +69,8 @@ class SecondLooks:
         self._gate = DetectionGate(self._gate.config)
         self._held.clear()
 
-    def add_image(self, header: Header, detected: DetectedCorners) -> list[FirstLook]:
-        """Take an image and return what is to be published now."""
+    def add_image(self, header: Header, detected: DetectedCorners) -> FirstLook | None:
+        """Take an image and return the image to be published now."""
         if self._gate.restart_if_back(detected.frame.stamp_ns):
             self._filter.reset()
             self._held.clear()
@@ -87,8 +87,8 @@ class SecondLooks:
         else:
             self._gate.remember(features.stamp_ns, image, time.monotonic())
 
-    def add_detections(self, detections: Detections) -> list[FirstLook]:
-        """Judge again what was waiting for them, and return what is to be published now.
+    def add_detections(self, detections: Detections) -> FirstLook | None:
+        """Judge again what was waiting for them, and return the image to be published now.
 
         Raises:
             MessageError: They are of a later image than can have been taken by now.
@@ -98,19 +98,19 @@ class SecondLooks:
         self._answer(answered)
         return self._due()
 
-    def poll(self) -> list[FirstLook]:
-        """Give up on detections that are too late, and return what is to be published now."""
+    def poll(self) -> FirstLook | None:
+        """Give up on detections that are too late, and return the image to be published now."""
         self._answer(self._gate.poll(time.monotonic()))
         return self._due()
 
-    def _due(self) -> list[FirstLook]:
-        """Return the next image once it need not wait: one at a time, as SLAM's queue is short."""
+    def _due(self) -> FirstLook | None:
+        """Return the next image if it need not wait: one at a time, as SLAM's queue is short."""
         if not self._held or self._must_wait(self._held[0]):
-            return []
+            return None
         header, detected, _ = self._held.popleft()
         known = self._gate.add_image(detected.frame.stamp_ns, time.monotonic())
         self._say_loss()
-        return [] if self._gate.is_shut else [FirstLook(header, detected, known)]
+        return None if self._gate.is_shut else FirstLook(header, detected, known)
 
     def _must_wait(self, held: _Held) -> bool:
         waited_s = time.monotonic() - held.since_s
