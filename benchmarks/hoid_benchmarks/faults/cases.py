@@ -65,7 +65,7 @@ def _row(kind: str, found: list[Outcome]) -> str:
     refused = sum(o.was_refused for o in found)
     times_s, most = [o.wall_s for o in found], max(o.peak_mb for o in found)
     memory = f'{most:.0f} MB' if most else '-'
-    note = max(found, key=lambda o: o.wall_s).note or '-'
+    note = max(found, key=lambda o: (bool(o.complaint), o.wall_s)).note or '-'  # of the worst
     times = f'{median(times_s):.1f} s | {max(times_s):.1f} s'
     numbers = f'{tried} | {good} | {refused} | {times} | {memory}'
     return f'| {kind} | {numbers} | {note} |'
