@@ -26,6 +26,7 @@ _STYLES = {
     'hoid3d': ('#0072b2', 'D'), 'descriptor': ('#cc79a7', '^'), 'motion': ('#009e73', 'P'),
     'hoid+': ('#d55e00', '*'), _EXACT: ('#000000', 'x'),
 }  # fmt: skip
+_SPARE_STYLES = (('#8c564b', 'p'), ('#bcbd22', 'h'), ('#17becf', '<'), ('#9467bd', '>'))
 _NOT_DRAWN = 'truth'  # exact boxes say nothing of a run that somebody could have
 _OTHER_RULES = 'seed_method'  # these runs are of ORB-SLAM3's
 _NUMBER = re.compile(r'\d+(?:\.\d+)?')
@@ -155,7 +156,8 @@ def _save(path: Path, marks: Sequence[Mark], label: str, *, logarithmic: bool) -
 def _draw(axes: Axes, marks: Sequence[Mark], rows: Sequence[str]) -> None:
     named = dict.fromkeys(mark.group for mark in marks)
     groups = [n for n in _STYLES if n in named] + [n for n in named if n not in _STYLES]
-    spare = cycle(style for name, style in _STYLES.items() if name not in groups)
+    free = [style for name, style in _STYLES.items() if name not in groups]
+    spare = cycle((*free, *_SPARE_STYLES))
     styles = {name: _STYLES.get(name) or next(spare) for name in groups}
     for k, name in enumerate(groups):
         mine = [mark for mark in marks if mark.group == name]
