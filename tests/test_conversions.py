@@ -4,6 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, RegionOfInterest
 from vision_msgs.msg import (
     Detection2D,
@@ -41,6 +44,36 @@ def test_color_round_trip() -> None:
     assert (msg.encoding, msg.width, msg.height, msg.step) == ('bgr8', 64, 48, 192)
     assert msg.header == HEADER
     np.testing.assert_array_equal(conversions.color_from_msg(msg), image)
+
+
+@pytest.mark.parametrize(
+    'frame_id', ['', 'camera', 'farbe \N{LATIN SMALL LETTER U WITH DIAERESIS}']
+)
+def test_an_image_read_from_its_bytes_says_what_the_message_says(frame_id: str) -> None:
+    image = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
+    msg = conversions.color_to_msg(image, conversions.header_to_msg(7_000_000_008, frame_id))
+    received = conversions.image_from_cdr(serialize_message(msg))
+    for name in received._fields[:-1]:
+        assert getattr(received, name) == getattr(msg, name)
+    assert received.data.tobytes() == msg.data.tobytes()
+    np.testing.assert_array_equal(conversions.color_from_msg(received), image)
+
+
+@given(cut=st.integers(0, 200), place=st.integers(0, 99), byte=st.integers(0, 255))
+def test_bytes_that_are_no_image_are_refused(cut: int, place: int, byte: int) -> None:
+    whole = bytearray(
+        serialize_message(conversions.color_to_msg(np.zeros((4, 5, 3), 'u1'), HEADER))
+    )
+    whole[place] = byte
+    data = bytes(whole[:cut])
+    try:
+        received = conversions.image_from_cdr(data)
+    except MessageError as error:
+        reason = str(error)
+    else:
+        reason = ''
+        assert received.data.size < len(data)
+    assert reason in ('', f'{len(data)} bytes are no sensor_msgs/Image')
 
 
 def test_compressed_color_round_trip() -> None:

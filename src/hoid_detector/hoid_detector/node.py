@@ -6,7 +6,7 @@ import os
 from typing import NamedTuple
 
 from hoid_msgs.msg import DetectionArray
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 from vision_msgs.msg import Detection2DArray
@@ -72,11 +72,11 @@ class DetectorNode(ManagedNode):
         """Leave the image that waits."""
         self._worker.clear()
 
-    def _take(self, msg: Image | CompressedImage) -> None:
+    def _take(self, msg: conversions.ReceivedImage | CompressedImage) -> None:
         if self._enabled:
             self._worker.offer(msg)
 
-    def _detect(self, msg: Image | CompressedImage) -> _Seen:
+    def _detect(self, msg: conversions.ReceivedImage | CompressedImage) -> _Seen:
         assert self._detector is not None
         image_bgr = conversions.color_from_msg(msg)
         detections = self._detector.detect(image_bgr, conversions.stamp_from_msg(msg.header.stamp))

@@ -44,10 +44,12 @@ from hoid_common.ros.conversions.images import (
     mask_to_msg,
 )
 from hoid_common.ros.conversions.objects import dynamic_objects_from_msg, dynamic_objects_to_msg
+from hoid_common.ros.conversions.received_images import ReceivedImage, image_from_cdr
 
 __all__ = [
     'Cloud',
     'FeatureCounts',
+    'ReceivedImage',
     'camera_from_msg',
     'camera_to_msg',
     'cloud_from_msg',
@@ -70,6 +72,7 @@ __all__ = [
     'features_from_msg',
     'features_to_msg',
     'header_to_msg',
+    'image_from_cdr',
     'mask_to_msg',
     'odometry_from_msg',
     'odometry_to_msg',

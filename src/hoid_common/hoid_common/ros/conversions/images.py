@@ -11,7 +11,7 @@ from hoid_common.ros.conversions.arrays import bytes_field
 from hoid_common.values import ByteArray, Float32Array
 
 
-def color_from_msg(msg: Image | CompressedImage) -> ByteArray:
+def color_from_msg(msg: images.RawImage | CompressedImage) -> ByteArray:
     """Return the (H, W, 3) BGR picture; see `images.decode_color` for the encodings."""
     if isinstance(msg, CompressedImage):
         return images.decode_compressed_color(msg.data)
@@ -34,7 +34,7 @@ def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) 
     return CompressedImage(header=header, format=images.JPEG_FORMAT, data=bytes_field(jpeg))
 
 
-def depth_from_msg(msg: Image | CompressedImage) -> Float32Array:
+def depth_from_msg(msg: images.RawImage | CompressedImage) -> Float32Array:
     """Return (H, W) metres; 0 = no reading. See `images.decode_depth` for the encodings."""
     if isinstance(msg, CompressedImage):
         return images.decode_compressed_depth(msg.format, msg.data)

@@ -9,7 +9,6 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import Any
 
-import numpy as np
 from hoid_msgs.msg import DynamicObjectArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -211,7 +210,7 @@ class SceneNode(Node):
                 f'depth image is {depth_m.shape[1]}x{depth_m.shape[0]}, but the camera is '
                 f'{size[1]}x{size[0]}: register depth to colour'
             )
-        return np.nan_to_num(depth_m, copy=False)
+        return depth_m
 
     def _publish(self) -> None:
         if self._scene is not None and not self._is_shown:
