@@ -98,7 +98,7 @@ class FeatureFilter:
 
     def detect_corners(self, frame: RgbdFrame) -> DetectedCorners:
         """Find the corners of an image; raises MessageError when its two images differ in size."""
-        _check_sizes(frame)
+        check_sizes(frame)
         start = time.thread_time()
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
         corners = self._extractor.detect(np.asarray(gray, np.uint8))
@@ -245,7 +245,7 @@ class FeatureFilter:
         return tuple(DynamicObject(*row) for row in rows)
 
 
-def _check_sizes(frame: RgbdFrame) -> None:
+def check_sizes(frame: RgbdFrame) -> None:
     """Raise MessageError when colour and depth are not of one size."""
     if frame.image_bgr.shape[:2] != frame.depth_m.shape:
         raise MessageError(

@@ -18,7 +18,7 @@ from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import RgbdFrame
 from hoid_filter.detections.detection_gate import Known
-from hoid_filter.feature_filter import FeatureFilter
+from hoid_filter.feature_filter import FeatureFilter, check_sizes
 from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.ros.looks import Looks
 from hoid_filter.ros.outputs import FilterOutputs
@@ -47,7 +47,8 @@ class FilterNode(ManagedNode):
             config.detections, self._filter, self._outputs, self.diagnostics
         )
         self._looks = Looks(self._filter, self._outputs, self._second_looks, self.diagnostics)
-        self._idle = self.create_guard_condition(self._looks.look_for_motion)  # messages go first
+        self._has_published = False  # since the last turn in which nothing else was to be done
+        self._idle = self.create_guard_condition(self._go_on)
         self._subscribe(config)
         self.begin(autostart=config.autostart)
 
@@ -73,21 +74,30 @@ class FilterNode(ManagedNode):
             self.create_timer(_SILENCE_S, self._poll, clock=steady)
 
     def _take_images(self, match: Match) -> None:
-        if self._looks.is_motion_pending:
-            self._looks.do_without_motion()
-        else:
-            self._idle.trigger()
         (header, image_bgr), (_, depth_m) = match.values
         frame = RgbdFrame(match.stamp_ns, image_bgr, depth_m)
-        detected = self._filter.detect_corners(frame)
+        check_sizes(frame)  # now, as it may be worked on much later
         if frame.size_px != self._size_px:
             self._size_px = frame.size_px
             self._check_camera()
         if self._settings.config.needs_detections:
-            look = self._second_looks.add_image(header, detected)
+            self._publish(self._second_looks.add_image(header, frame))
         else:
-            look = FirstLook(header, detected, Known(None, is_final=True))
-        self._looks.take(look, detected)
+            self._publish(FirstLook(header, frame, Known(None, is_final=True)))
+
+    def _publish(self, look: FirstLook | None) -> None:
+        if look is not None:
+            self._has_published = True
+            self._idle.trigger()
+            self._looks.take(look)
+
+    def _go_on(self) -> None:
+        """Look for motion when all messages that had come have been served."""
+        if self._has_published:  # in this turn: the next images may be there by now
+            self._has_published = False
+            self._idle.trigger()
+        else:
+            self._looks.look_for_motion()
 
     def _take_detections(self, msg: DetectionArray | Detection2DArray) -> None:
         self._looks.look_for_motion()  # first: they may have the final word
@@ -98,7 +108,7 @@ class FilterNode(ManagedNode):
             if self._size_px not in (None, said):
                 raise MessageError(f'detections are of {said} px, colour is {self._size_px}')
             detections = conversions.detections_from_msg(msg)
-        self._looks.take(self._second_looks.add_detections(detections))
+        self._publish(self._second_looks.add_detections(detections))
 
     def _take_camera(self, msg: CameraInfo) -> None:
         self._filter.camera = conversions.camera_from_msg(msg)
@@ -112,7 +122,7 @@ class FilterNode(ManagedNode):
             self.diagnostics.report(error, 'camera infos refused')
 
     def _poll(self) -> None:
-        self._looks.take(self._second_looks.poll())
+        self._publish(self._second_looks.poll())
 
     def _reconfigure(self, config: FilterNodeConfig) -> None:
         self._second_looks.reconfigure(config.detections)

@@ -10,6 +10,8 @@ from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
 from hoid_filter.ros.outputs import FilterOutputs
 from hoid_filter.ros.second_looks import FirstLook, SecondLooks
 
+_MAX_UNSENSED = 3  # images in a row: of 30 a second, motion is still looked for in 7
+
 
 class _Published(NamedTuple):
     look: FirstLook
@@ -21,7 +23,7 @@ class _Pending(NamedTuple):
     """An image in which motion is to be looked for, and what was published when it came."""
 
     detected: DetectedCorners
-    published: _Published | None
+    published: _Published
 
 
 class Looks:
@@ -37,55 +39,50 @@ class Looks:
         self._filter, self._outputs = feature_filter, outputs
         self._second_looks, self._diagnostics = second_looks, diagnostics
         self._pending: _Pending | None = None
-
-    @property
-    def is_motion_pending(self) -> bool:
-        """Return whether motion is to be looked for in an image."""
-        return self._pending is not None
+        self._num_unsensed = 0  # images since the last look for motion
 
     def forget(self) -> None:
         """Drop the image in which motion is to be looked for."""
         self._pending = None
 
-    def take(self, look: FirstLook | None, detected: DetectedCorners | None = None) -> None:
-        """Publish an image, and look for motion in a new one later."""
-        published = None if look is None else self._publish(look)
-        if detected is None:
-            self._follow_up(published)
-        else:
-            self._pending = _Pending(detected, published)
+    def take(self, look: FirstLook) -> None:
+        """Publish an image; motion is looked for in it later."""
+        self._be_overtaken()
+        detected = self._filter.detect_corners(look.frame)
+        self._pending = _Pending(detected, self._publish(look, detected))
 
     def look_for_motion(self) -> None:
         """Look for motion in the image that came last, unless that has been done."""
         if self._pending is not None:
             (detected, published), self._pending = self._pending, None
+            self._num_unsensed = 0
             self._filter.sense_motion(detected)
             self._follow_up(published)
 
-    def do_without_motion(self) -> None:
-        """Say the rest of the last image without a look for motion, as the next is there."""
-        if self._pending is not None:
+    def _be_overtaken(self) -> None:
+        """Say the rest of the last image: without a look for motion, mostly."""
+        if self._num_unsensed == _MAX_UNSENSED:
+            self.look_for_motion()
+        elif self._pending is not None:
+            self._num_unsensed += 1
             published, self._pending = self._pending.published, None
             self._follow_up(published)
             self._diagnostics.count('images without a look for motion')
 
-    def _publish(self, look: FirstLook) -> _Published:
+    def _publish(self, look: FirstLook, detected: DetectedCorners) -> _Published:
         """Publish features by what is known by now."""
-        frame = look.detected.frame
         result = self._filter.select_and_describe(
-            look.detected, look.known.detections, for_picture=self._outputs.wants_picture
+            detected, look.known.detections, for_picture=self._outputs.wants_picture
         )
-        is_final = look.known.is_final and self._filter.is_motion_known(frame.stamp_ns)
-        self._outputs.publish(frame, result, look.header, provisional=not is_final)
+        is_final = look.known.is_final and self._filter.is_motion_known(look.frame.stamp_ns)
+        self._outputs.publish(look.frame, result, look.header, provisional=not is_final)
         return _Published(look, result.features, is_final)
 
-    def _follow_up(self, published: _Published | None) -> None:
+    def _follow_up(self, published: _Published) -> None:
         """Publish masks where they are wanted, and have an image judged again that is to be."""
-        if published is None:
-            return
         look, features, is_final = published
         if self._outputs.wants_masks:
-            depth_m = look.detected.frame.depth_m
+            depth_m = look.frame.depth_m
             word = self._filter.judge_again(features, depth_m, None)
             self._outputs.publish_masks(word, depth_m, look.header, self._filter.camera)
         if not is_final:

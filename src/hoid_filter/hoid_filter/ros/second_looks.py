@@ -14,9 +14,10 @@ from hoid_common.values import (
     Detections,
     Features,
     Float32Array,
+    RgbdFrame,
 )
 from hoid_filter.detections.detection_gate import Answered, DetectionGate, GateConfig, Known
-from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
+from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.ros.outputs import FilterOutputs
 
 _LOST = 'detector lost'
@@ -32,13 +33,13 @@ class FirstLook(NamedTuple):
     """An image that is to be published now, and what is known of it."""
 
     header: Header
-    detected: DetectedCorners
+    frame: RgbdFrame
     known: Known
 
 
 class _Held(NamedTuple):
     header: Header
-    detected: DetectedCorners
+    frame: RgbdFrame
     since_s: float
 
 
@@ -46,7 +47,8 @@ class SecondLooks:
     """Says what is known of an image as it comes, and publishes the final word when it can.
 
     Only the first images wait, until the detector has answered once: there is nothing to predict
-    boxes from, and a map that begins with people has nothing to tell them by.
+    boxes from, and a map that begins with people has nothing to tell them by. Nothing is done with
+    them until then, so that the detector has the processor.
     """
 
     def __init__(
@@ -69,19 +71,19 @@ class SecondLooks:
         self._gate = DetectionGate(self._gate.config)
         self._held.clear()
 
-    def add_image(self, header: Header, detected: DetectedCorners) -> FirstLook | None:
+    def add_image(self, header: Header, frame: RgbdFrame) -> FirstLook | None:
         """Take an image and return the image to be published now."""
-        if self._gate.restart_if_back(detected.frame.stamp_ns):
+        if self._gate.restart_if_back(frame.stamp_ns):
             self._filter.reset()
             self._held.clear()
             error = MessageError('stamps went back by a second or more: all objects are forgotten')
             self._diagnostics.report(error, 'times that stamps went back')
-        self._held.append(_Held(header, detected, time.monotonic()))
+        self._held.append(_Held(header, frame, time.monotonic()))
         return self._due()
 
     def remember(self, look: FirstLook, features: Features) -> None:
         """Judge an image again that was published, now or when its detections are there."""
-        image = _Provisional(look.header, look.detected.frame.depth_m, features)
+        image = _Provisional(look.header, look.frame.depth_m, features)
         if look.known.is_final:
             self._answer([Answered(image, look.known.detections)])
         else:
@@ -107,10 +109,10 @@ class SecondLooks:
         """Return the next image if it need not wait: one at a time, as SLAM's queue is short."""
         if not self._held or self._must_wait(self._held[0]):
             return None
-        header, detected, _ = self._held.popleft()
-        known = self._gate.add_image(detected.frame.stamp_ns, time.monotonic())
+        header, frame, _ = self._held.popleft()
+        known = self._gate.add_image(frame.stamp_ns, time.monotonic())
         self._say_loss()
-        return None if self._gate.is_shut else FirstLook(header, detected, known)
+        return None if self._gate.is_shut else FirstLook(header, frame, known)
 
     def _must_wait(self, held: _Held) -> bool:
         waited_s = time.monotonic() - held.since_s
