@@ -14,7 +14,11 @@ _LIMIT_BYTES = 64 * 2**20  # about one second of raw VGA colour and depth
 
 
 class ReadAhead:
-    """Iterate over cues that a thread has read in advance; a context manager that ends it."""
+    """Iterate over cues that a thread has read in advance; a context manager that ends it.
+
+    It begins with all that it may hold: filling it meanwhile would take a third of a core from
+    who listens.
+    """
 
     def __init__(self, cues: Iterator[ScheduledMessage], limit_bytes: int = _LIMIT_BYTES) -> None:
         self._cues, self._limit_bytes = cues, limit_bytes
@@ -27,6 +31,8 @@ class ReadAhead:
 
     def __enter__(self) -> Self:
         self._thread.start()
+        with self._changed:
+            self._changed.wait_for(lambda: self._is_done or not self._has_room)
         return self
 
     def __exit__(
@@ -53,6 +59,10 @@ class ReadAhead:
         if self._error is not None:
             raise self._error
 
+    @property
+    def _has_room(self) -> bool:
+        return self._waiting_bytes < self._limit_bytes
+
     def _read(self) -> None:
         try:
             for cue in self._cues:
@@ -67,9 +77,7 @@ class ReadAhead:
     def _put(self, cue: ScheduledMessage) -> bool:
         """Append a cue once there is room; return whether anybody still wants it."""
         with self._changed:
-            self._changed.wait_for(
-                lambda: self._is_done or self._waiting_bytes < self._limit_bytes
-            )
+            self._changed.wait_for(lambda: self._is_done or self._has_room)
             if self._is_done:
                 return False
             self._waiting.append(cue)
