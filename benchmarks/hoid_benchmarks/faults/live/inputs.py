@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -26,13 +27,14 @@ _OTHERS = (
     topics.DYNAMIC_OBJECTS, topics.INITIAL_POSE, topics.TF_STATIC,
 )  # fmt: skip
 _CLOCK_BYTES = 12
+_BETWEEN = 4  # wrong messages between two good ones
 _FOREIGN = (topics.CLOCK, topics.TF, topics.DETECTIONS_2D)
 
 
 def message_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
     """Yield one outcome for each input: all its seeds are sent to the same nodes.
 
-    Every wrong message lies between good ones.
+    A few wrong messages lie between two good ones, fewer than an input's queue holds.
     """
     if not seeds:
         return
@@ -49,15 +51,18 @@ def message_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
 
 
 def _send_wrong(sender: Sender, topic: str, rng: Rng, number: int) -> None:
-    for _ in range(number):
-        good = sender.send()
-        msg = good.get(topic)
-        if msg is None:
-            msg = _sample(sender, topic, good[topics.CAMERA_INFO].header)
+    pause_s = sender.period_s / (_BETWEEN + 1)
+    for i in range(number):
+        if i % _BETWEEN == 0:
+            good = sender.send()
+            msg = good.get(topic)
+            if msg is None:
+                msg = _sample(sender, topic, good[topics.CAMERA_INFO].header)
         wrong = mutated(msg, rng)
         if topic == topics.CLOCK:  # of a fixed size; the middleware sends no more than that
             wrong = wrong[:_CLOCK_BYTES]
         sender.publish(topic, wrong, type(msg))
+        sender.spin_until(time.monotonic() + pause_s)
 
 
 def _sample(sender: Sender, topic: str, header: Header) -> Any:
