@@ -47,6 +47,11 @@ class Looks:
 
     def take(self, look: FirstLook) -> None:
         """Publish an image; motion is looked for in it later."""
+        if (
+            self._pending is not None
+            and self._pending.detected.frame.stamp_ns > look.frame.stamp_ns
+        ):
+            self.forget()  # stamps went back
         self._be_overtaken()
         detected = self._filter.detect_corners(look.frame)
         self._pending = _Pending(detected, self._publish(look, detected))
