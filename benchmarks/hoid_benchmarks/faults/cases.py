@@ -19,6 +19,7 @@ class Outcome(NamedTuple):
     wall_s: float = 0.0
     peak_mb: float = 0.0
     note: str = ''  # a number of its own
+    note_rank: float | None = None  # its kind's row has the note of the highest; None: wall_s
     number: int = 1  # of faults that were judged together
     skipped: str = ''  # why it was not tried; empty when it was
 
@@ -65,7 +66,12 @@ def _row(kind: str, found: list[Outcome]) -> str:
     refused = sum(o.was_refused for o in found)
     times_s, most = [o.wall_s for o in found], max(o.peak_mb for o in found)
     memory = f'{most:.0f} MB' if most else '-'
-    note = max(found, key=lambda o: (bool(o.complaint), o.wall_s)).note or '-'  # of the worst
+    note = max(found, key=_badness).note or '-'
     times = f'{median(times_s):.1f} s | {max(times_s):.1f} s'
     numbers = f'{tried} | {good} | {refused} | {times} | {memory}'
     return f'| {kind} | {numbers} | {note} |'
+
+
+def _badness(outcome: Outcome) -> tuple[bool, float]:
+    rank = outcome.note_rank
+    return bool(outcome.complaint), outcome.wall_s if rank is None else rank

@@ -71,7 +71,9 @@ class _Deaths:
         elif self._num_maps() > 1:
             complaint = f'{self._num_maps()} maps'
         note = f'longest gap of odometry {gap_s:.2f} s'
-        return Outcome(f'{victim} killed', seed, complaint, wall_s=back_s, note=note)
+        return Outcome(
+            f'{victim} killed', seed, complaint, wall_s=back_s, note=note, note_rank=gap_s
+        )
 
     def _kill(self, victim: str) -> float:
         self._stage.nodes.poll()
