@@ -46,6 +46,8 @@ NAMESPACED_TF = ((TF, 'tf'), (TF_STATIC, 'tf_static'))
 CLOCK = '/clock'
 DIAGNOSTICS = '/diagnostics'
 
+ENABLE = '~/enable'  # service of hoid_detector
+
 # Services of rgbd_slam
 RESET = '~/reset'
 PAUSE = '~/pause'

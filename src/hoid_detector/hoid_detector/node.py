@@ -51,7 +51,7 @@ class DetectorNode(ManagedNode):
             Detection2DArray, topics.OWN_DETECTIONS_2D, qos.OUTPUT
         )
         self._debug_images = DebugImages(self)
-        self.create_service(SetBool, '~/enable', self._enable)
+        self.create_service(SetBool, topics.ENABLE, self._enable)
         Inputs(self, self._settings.config.input, self.diagnostics).color(self._take)
         self.begin(autostart=self._settings.config.autostart)
 
@@ -119,7 +119,7 @@ class DetectorNode(ManagedNode):
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
         response.success, response.message = True, 'detecting' if request.data else 'stopped'
-        self.diagnostics.set_value('asked for by ~/enable', response.message)
+        self.diagnostics.set_value(f'asked for by {topics.ENABLE}', response.message)
         return response
 
     def _approve(self, config: DetectorNodeConfig) -> None:

@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from hoid_msgs.srv import SaveMap, SaveTrajectory
 from std_srvs.srv import Trigger
 
 from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.services import ANSWER_S
 from hoid_benchmarks.faults.live.stage import Seen, Stage
 from hoid_bringup.live.node_specs import SLAM
 from hoid_common import topics
@@ -23,7 +23,6 @@ from hoid_common.ros import qos
 
 FULL, READ_ONLY, SLOW = 'disk full', 'disk read-only', 'disk slow'
 _DISK_MB = 64
-_ANSWER_S = 20.0
 _CHECKPOINT_S = 60.0  # one that took long is followed by a pause twenty times as long
 _REFILL_S, _PAUSE_S = 0.001, 0.3
 _FAILED = 'checkpoints that failed'
@@ -96,7 +95,7 @@ def _filled(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _read_only(folder: Path) -> Iterator[None]:
-    end_s = time.monotonic() + _ANSWER_S
+    end_s = time.monotonic() + ANSWER_S
     while run_command('mount', '-o', 'remount,ro', folder) and time.monotonic() < end_s:
         time.sleep(_PAUSE_S)  # a file is being written
     try:
@@ -110,14 +109,14 @@ class Saves:
 
     def __init__(self, stage: Stage) -> None:
         self._sender, self._maps = stage.sender, stage.maps
-        node = stage.sender.node
+        self._services = stage.services
         self._clients = {
-            name: (type_, node.create_client(type_, service.replace('~', SLAM)))
+            name: (type_, self._services.client(type_, SLAM, service))
             for type_, service, name in _SERVICES
         }
-        self._reset = node.create_client(Trigger, topics.RESET.replace('~', SLAM))
+        self._reset = self._services.client(Trigger, SLAM, topics.RESET)
         self._failed = 0  # checkpoints, by diagnostics
-        node.create_subscription(
+        stage.sender.node.create_subscription(
             DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, qos.OUTPUT
         )
 
@@ -133,7 +132,7 @@ class Saves:
         failed = self._failed
         for name, (type_, client) in self._clients.items():
             before = _identity(self._maps / name)
-            answer = self._answer(client, type_.Request(name=name))
+            answer = self._services.answer(client, type_.Request(name=name))
             if answer is None:
                 return f'{client.srv_name} gives no answer'
             is_new = _identity(self._maps / name) != before
@@ -146,19 +145,12 @@ class Saves:
         if are_done:
             return ''
         # A new map is written soon, one that stays as it was is not.
-        if self._answer(self._reset, Trigger.Request()) is None:
+        if self._services.answer(self._reset, Trigger.Request()) is None:
             return 'no answer to reset'
         end_s = time.monotonic() + _CHECKPOINT_S
         while self._failed == failed and time.monotonic() < end_s:
             self._sender.send()
         return '' if self._failed > failed else 'diagnostics count no checkpoint that failed'
-
-    def _answer(self, client: Any, request: Any) -> Any:
-        future = client.call_async(request)
-        end_s = time.monotonic() + _ANSWER_S
-        while not future.done() and time.monotonic() < end_s:
-            self._sender.send()
-        return future.result() if future.done() else None
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for value in (v for status in msg.status for v in status.values if v.key == _FAILED):

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS, RATE_HZ, Scene, Sender
+from hoid_benchmarks.faults.live.services import Services
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import Supervisor, family_mb
@@ -96,6 +97,7 @@ class Stage:
     def __init__(self, setup: Setup, folder: Path, nodes: Supervisor, sender: Sender) -> None:
         self.setup, self.folder, self.nodes, self.sender = setup, folder, nodes, sender
         self.maps = folder / MAPS
+        self.services = Services(sender, setup.nodes)
 
     def outcome(
         self, kind: str, seed: int, trouble: Callable[[], Seen], back_s: float = BACK_S
@@ -103,7 +105,7 @@ class Stage:
         """Make trouble, and judge what is there afterwards.
 
         All nodes must be alive, all outputs come again within `back_s` in the same number of
-        maps, and their memory must be as before.
+        maps, all services answer, and their memory must be as before.
         """
         self.nodes.poll()
         before, start_s = self._state(), time.monotonic()
@@ -123,6 +125,8 @@ class Stage:
                 return f'no {", ".join(silent)} for {limit_s:g} s of good messages'
         if (maps := self._state().maps) > before.maps:
             return f'{maps} maps where there were {before.maps}'
+        if unanswered := self.services.silent(_ALL_S):
+            return f'no answer of {", ".join(unanswered)} in {_ALL_S:g} s'
         return self._grown(before.memory_mb) or self._tracebacks()
 
     def _state(self) -> _State:
@@ -188,7 +192,11 @@ def staged(folder: Path, setup: Setup) -> Iterator[Stage]:
                 raise HoidError(f'no {", ".join(silent)} of good messages in {START_S:g} s')
             for _ in range(_WARM_IMAGES):
                 sender.send()
-            yield Stage(setup, folder, nodes, sender)
+            stage = Stage(setup, folder, nodes, sender)
+            # Asked before the first case, what answers take once is no growth of it.
+            if unanswered := stage.services.silent(START_S):
+                raise HoidError(f'no answer of {", ".join(unanswered)} in {START_S:g} s')
+            yield stage
         finally:
             node.destroy_node()
             rclpy.try_shutdown()

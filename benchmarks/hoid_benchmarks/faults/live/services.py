@@ -1,0 +1,64 @@
+"""What the nodes are asked for after each case: every service must answer."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
+from std_srvs.srv import SetBool, Trigger
+
+from hoid_benchmarks.faults.live.sender import Sender
+from hoid_bringup.live.node_specs import DETECTOR, SLAM
+from hoid_common import topics
+
+ANSWER_S = 20.0
+_NAME = 'asked'
+# All but those that change what the next case begins with: reset and pause.
+_REQUESTS: tuple[tuple[str, str, type[Any], dict[str, Any]], ...] = (
+    (SLAM, topics.SAVE_MAP, SaveMap, {'name': _NAME}),
+    (SLAM, topics.SAVE_TRAJECTORY, SaveTrajectory, {'name': _NAME}),
+    (SLAM, topics.SAVE_CLOUD, SaveMap, {'name': _NAME}),
+    (SLAM, topics.SAVE_GRID, SaveMap, {'name': _NAME}),
+    (SLAM, topics.LOAD_MAP, LoadMap, {'name': 'not there'}),
+    (SLAM, topics.SET_MODE, SetMode, {'mode': SetMode.Request.MAPPING}),
+    (SLAM, topics.RESUME, Trigger, {}),
+    (DETECTOR, topics.ENABLE, SetBool, {'data': True}),
+)
+
+
+class Services:
+    """The services of the nodes that run.
+
+    Args:
+        sender: Sends images while an answer is waited for.
+        nodes: Names of those that run.
+    """
+
+    def __init__(self, sender: Sender, nodes: tuple[str, ...]) -> None:
+        self._sender = sender
+        self._asked = [
+            (self.client(type_, node, service), type_.Request(**fields))
+            for node, service, type_, fields in _REQUESTS
+            if node in nodes
+        ]
+
+    def client(self, type_: type[Any], node: str, service: str) -> Any:
+        """Return a client of a node's private service."""
+        return self._sender.node.create_client(type_, service.replace('~', node))
+
+    def answer(self, client: Any, request: Any, limit_s: float = ANSWER_S) -> Any:
+        """Return the answer to a request; None when there is none in time."""
+        future = client.call_async(request)
+        end_s = time.monotonic() + limit_s
+        while not future.done() and time.monotonic() < end_s:
+            self._sender.send()
+        return future.result() if future.done() else None
+
+    def silent(self, limit_s: float) -> tuple[str, ...]:
+        """Return the services that do not answer in time."""
+        return tuple(
+            client.srv_name
+            for client, request in self._asked
+            if self.answer(client, request, limit_s) is None
+        )
