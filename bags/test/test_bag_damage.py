@@ -114,6 +114,24 @@ def test_metadata_that_contradicts_the_file_is_not_believed(
     assert 'metadata.yaml says otherwise of /' in (sequence.fault or '')
 
 
+@pytest.mark.parametrize(
+    ('name', 'added'), [('nanoseconds_since_epoch', 2 * 10**18), ('nanoseconds', 2 * 10**9)]
+)
+def test_metadata_with_other_times_are_not_believed(bag: Path, name: str, added: int) -> None:
+    whole = summarize(bag)
+    metadata = bag / 'metadata.yaml'
+    text, num_changed = re.subn(
+        rf'\b{name}: (\d+)', lambda m: f'{name}: {int(m[1]) + added}', metadata.read_text()
+    )
+    assert num_changed
+    metadata.write_text(text)
+    sequence = open_sequence(bag)
+    assert len(list(sequence)) == 60
+    assert 'metadata.yaml says otherwise of when messages came' in (sequence.fault or '')
+    found = summarize(bag)
+    assert (found.start_ns, found.end_ns) == (whole.start_ns, whole.end_ns)
+
+
 def damage(bag: Path) -> None:
     """Overwrite a whole chunk; the index stays."""
     file = bag / 'bag.mcap'

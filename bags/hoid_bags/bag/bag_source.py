@@ -104,10 +104,10 @@ class WholeBag:
         """Return the log times of a topic's first and last message; the index finds both."""
         connections = self._connections([topic])
         first_ns = next((log_ns for _, log_ns, _ in self._reader.messages(connections)), 0)
-        start_ns, end_ns = self.span_ns
+        _, end_ns = self.span_ns  # as the metadata say, which may be wrong
         window_ns = _FIRST_WINDOW_NS
         while first_ns:
-            tail = self._reader.messages(connections, start=max(end_ns - window_ns, start_ns))
+            tail = self._reader.messages(connections, start=max(end_ns - window_ns, first_ns))
             last_ns = max((log_ns for _, log_ns, _ in tail), default=None)
             if last_ns is not None:
                 return first_ns, last_ns

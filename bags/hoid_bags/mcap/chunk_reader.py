@@ -17,9 +17,11 @@ from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
 from hoid_bags.mcap.chunks import DAMAGE, Damage, messages, one_line, unpack, unpack_message
 from hoid_common.io.untrusted import open_regular
+from hoid_common.values import NS_PER_S
 
 _HEAD = struct.Struct('<BQQQQII')  # opcode, size; first and last time, size, checksum; length
 _MAX_TIME_NS = 2**63
+_MOST_OFF_NS = NS_PER_S  # recorders may count a little otherwise
 
 
 class _Item(NamedTuple):
@@ -103,7 +105,7 @@ class _FolderReader(DirectoryReader):
     )
 
     def open(self) -> None:
-        """Open all files; raises ReaderError where one has a topic that metadata.yaml has not."""
+        """Open all files; raises ReaderError where metadata.yaml contradicts topics or times."""
         super().open()
         self._has_packed_messages = self.metadata.compression_mode == 'message'
         # Its own way to unpack them has no limit.
@@ -114,6 +116,25 @@ class _FolderReader(DirectoryReader):
                 if found.msgcount and (found.topic, found.msgtype, found.ext) not in told:
                     self.close()
                     raise ReaderError(f'metadata.yaml says otherwise of {found.topic}')
+        self._check_times()
+
+    def _check_times(self) -> None:
+        chunks = [
+            chunk
+            for storage in self.storages
+            if isinstance(storage, TolerantMcapReader)
+            for chunk in storage.chunks
+            if any(chunk.channel_count.values())
+        ]
+        if not chunks:
+            return
+        first_ns = min(chunk.message_start_time for chunk in chunks)
+        last_ns = max(chunk.message_end_time for chunk in chunks)
+        told = self.metadata
+        off_ns = max(abs(told.start_time - first_ns), abs(told.end_time - last_ns))
+        if off_ns > _MOST_OFF_NS:
+            self.close()
+            raise ReaderError('metadata.yaml says otherwise of when messages came')
 
     def messages(
         self,
