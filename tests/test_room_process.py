@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import signal
 import time
@@ -54,6 +55,21 @@ def test_the_middleware_of_the_room_answers_in_time(peer: RoomPeer) -> None:
     receiving = {nice for name, nice in niceness.items() if name.startswith('dds.')}
     assert receiving == {os.getpriority(os.PRIO_PROCESS, 0)}
     assert os.getpriority(os.PRIO_PROCESS, pid) == 19
+
+
+def test_a_colour_image_of_another_size_is_refused_and_counted(
+    peer: RoomPeer, messages: list[Messages]
+) -> None:
+    play(peer, messages[:10])
+    pid = peer.diagnosis(ROOM)[1]['process']
+    for image in messages[10:16]:  # some of these are fused
+        narrow = copy.deepcopy(image.color)
+        narrow.width = 1
+        play(peer, [image._replace(color=narrow)])
+    peer.probe.spin_for(1.0)
+    assert int(peer.diagnosis(ROOM)[1]['images refused']) > 0
+    play(peer, messages[16:20])
+    assert peer.diagnosis(ROOM)[1]['process'] == pid
 
 
 def test_a_room_process_that_dies_is_replaced_with_its_map(

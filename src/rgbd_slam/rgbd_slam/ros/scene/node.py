@@ -10,7 +10,9 @@ from threading import Thread
 from typing import Any
 
 from hoid_msgs.msg import DynamicObjectArray
+from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
 from hoid_common import topics
@@ -21,7 +23,7 @@ from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.run import run_node
 from hoid_common.sync import Match, StampMatcher
-from hoid_common.values import CameraModel, Float32Array
+from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.ros.periods import set_period
@@ -92,7 +94,7 @@ class SceneNode(Node):
             while True:
                 self._received.put(messages.recv())
                 self._wake.trigger()
-        except (EOFError, OSError):
+        except (EOFError, OSError, InvalidHandle):  # the last: this node is being destroyed
             self.context.try_shutdown()
 
     def _take_received(self) -> None:
@@ -190,27 +192,29 @@ class SceneNode(Node):
         pose, depth, color, objects_msg = match.values
         if self._scene is None:
             return
-        depth_m = self._checked(conversions.depth_from_msg(depth))
+        depth_m = conversions.depth_from_msg(depth)
+        self._check_size(depth_m, 'depth')
         objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
         if self._setup.objects.enabled and pose.track_objects:
             tracks = self._scene.track_objects(pose, depth_m, objects)
             self._outputs.publish_objects(tracks, pose.stamp_ns)
         if pose.keyframes is not None:
-            self._scene.fuse(pose, depth_m, conversions.color_from_msg(color), objects)
+            image_bgr = conversions.color_from_msg(color)
+            self._check_size(image_bgr, 'colour')
+            self._scene.fuse(pose, depth_m, image_bgr, objects)
             self._stamp_ns, self._is_shown = pose.stamp_ns, False
             self._report_views()
             self._diagnostics.count('images fused')
             self._diagnostics.set_count('voxels', self._scene.num_voxels)
 
-    def _checked(self, depth_m: Float32Array) -> Float32Array:
+    def _check_size(self, image: NDArray[Any], what: str) -> None:
         assert self._camera is not None
         size = self._camera.height_px, self._camera.width_px
-        if depth_m.shape != size:
+        if image.shape[:2] != size:
             raise MessageError(
-                f'depth image is {depth_m.shape[1]}x{depth_m.shape[0]}, but the camera is '
+                f'{what} image is {image.shape[1]}x{image.shape[0]}, but the camera is '
                 f'{size[1]}x{size[0]}: register depth to colour'
             )
-        return depth_m
 
     def _publish(self) -> None:
         if self._scene is not None and not self._is_shown:
