@@ -27,7 +27,7 @@ _OTHERS = (
     topics.DYNAMIC_OBJECTS, topics.INITIAL_POSE, topics.TF_STATIC,
 )  # fmt: skip
 _CLOCK_BYTES = 12
-_BETWEEN = 4  # wrong messages between two good ones
+_BETWEEN = 8  # wrong messages between two good ones
 _FOREIGN = (topics.CLOCK, topics.TF, topics.DETECTIONS_2D)
 
 
