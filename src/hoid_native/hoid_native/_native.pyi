@@ -321,6 +321,33 @@ def judge_matches(
         ValueError: Lengths differ.
     """
 
+def heaviest_part(
+    camera: StereoParams,
+    gates: Gates,
+    points_m: numpy.typing.NDArray[Any],
+    measured_px: numpy.typing.NDArray[Any],
+    inv_sigma2: numpy.typing.NDArray[Any],
+    T_camera_map: numpy.typing.NDArray[Any],
+    noise_scale: float,
+) -> hoid_native.results.MovingPart:
+    """
+    Return the part of the matches without which the rest would fit best.
+
+    Parts are of a sixteenth to a quarter of the matches, near each other in direction and depth.
+
+    Args:
+        camera: Of the image, with its measured noise.
+        gates: Of outliers, which tell nothing; pixels and disparities have gates of their own.
+        points_m: (N, 3) in the map's frame, finite.
+        measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+        inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+        T_camera_map: (4, 4) that fits them, finite.
+        noise_scale: Variances in units of those of the camera.
+
+    Raises:
+        ValueError: Lengths differ, or points or pose are not finite.
+    """
+
 def adjust_bundle(
     lens: StereoParams,
     gates: Gates,

@@ -39,6 +39,15 @@ class MatchJudgement(NamedTuple):
     inliers: NDArray[np.bool_]  # (N,)
 
 
+class MovingPart(NamedTuple):
+    """Matches in one place, and what it would mean to leave them out."""
+
+    mask: NDArray[np.bool_]  # (N,)
+    low: NDArray[np.float64]  # (3,) the least x / z, y / z and log z of them in the camera
+    high: NDArray[np.float64]  # (3,) and the largest
+    gain: float  # by how much the cost of the rest would fall, to first order
+
+
 class BundleFit(NamedTuple):
     """Adjusted poses and points."""
 

@@ -98,6 +98,9 @@ def poses() -> dict[str, Any]:
         'judge_matches': kernels.judge_matches(
             camera, gates, points, measured[:200], weight[:200], moved[0]
         ),
+        'heaviest_part': kernels.heaviest_part(
+            camera, gates, points, measured[:200], weight[:200], T[0], 0.5
+        ),
         'adjust_bundle': kernels.adjust_bundle(
             camera, gates, moved, 5, points, camera_index, point_index, measured, weight, 2, 6
         ),

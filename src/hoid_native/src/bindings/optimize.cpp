@@ -21,6 +21,7 @@ using optimize::StereoParams;
 HOID_RESULT(PoseFit);
 HOID_RESULT(BundleFit);
 HOID_RESULT(MatchJudgement);
+HOID_RESULT(MovingPart);
 
 template <typename Values>
 std::vector<double> copy(const Values& values)
@@ -82,6 +83,23 @@ MatchJudgement judge_matches(
   const std::array<std::size_t, 1> length{judged.inliers.size()};
   return make<MatchJudgement>(
     give(std::move(judged.cost)), give<uint8_t, bool>(std::move(judged.inliers), length));
+}
+
+MovingPart heaviest_part(
+  const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
+  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2,
+  const RealArray<4, 4>& T_camera_map, double noise_scale)
+{
+  const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
+  const auto pose = pose_array(T_camera_map);
+  require_finite("points_m", points_m);  // which are sorted
+  require_finite("T_camera_map", T_camera_map);
+  auto part = unlocked(
+    [&] { return optimize::heaviest_part(camera, gates, problem, pose, noise_scale); });
+  const std::array<std::size_t, 1> length{part.mask.size()};
+  return make<MovingPart>(
+    give<uint8_t, bool>(std::move(part.mask), length), give(copy(part.low)),
+    give(copy(part.high)), part.gain);
 }
 
 BundleFit adjust_bundle(
@@ -189,6 +207,24 @@ Args:
 
 Raises:
     ValueError: Lengths differ.)");
+  module.def(
+    "heaviest_part", &heaviest_part, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
+    "inv_sigma2"_a, "T_camera_map"_a, "noise_scale"_a, R"(
+Return the part of the matches without which the rest would fit best.
+
+Parts are of a sixteenth to a quarter of the matches, near each other in direction and depth.
+
+Args:
+    camera: Of the image, with its measured noise.
+    gates: Of outliers, which tell nothing; pixels and disparities have gates of their own.
+    points_m: (N, 3) in the map's frame, finite.
+    measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+    inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+    T_camera_map: (4, 4) that fits them, finite.
+    noise_scale: Variances in units of those of the camera.
+
+Raises:
+    ValueError: Lengths differ, or points or pose are not finite.)");
   module.def(
     "adjust_bundle", &adjust_bundle, "lens"_a, "gates"_a, "T_camera_map"_a, "num_free"_a,
     "points_m"_a, "camera"_a, "point"_a, "measured_px"_a, "inv_sigma2"_a, "rounds"_a,

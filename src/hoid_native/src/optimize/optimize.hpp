@@ -60,6 +60,20 @@ MatchJudgement judge_matches(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
   const PoseArray& T_camera_map);
 
+// Matches in one place, and what it would mean to leave them out.
+struct MovingPart
+{
+  std::vector<uint8_t> mask;
+  std::array<double, 3> low, high;  // of x / z, y / z and log z in the camera
+  double gain;                      // by how much the cost of the rest would fall, to first order
+};
+
+// Return the part without which the rest would fit best; variances are `noise_scale` times those
+// of the camera.
+MovingPart heaviest_part(
+  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
+  const PoseArray& T_camera_map, double noise_scale);
+
 // Observations are in any order; one of a point by a camera at most.
 struct BundleProblem
 {
