@@ -10,6 +10,7 @@ import numpy as np
 from hoid_common.values import FloatArray
 
 _SMALL_ANGLE_RAD = 1e-4  # series of two terms are exact below
+_NO_ANGLE_RAD = 1e-12  # below, an axis counts as turned by this: quotients stay finite
 _XYZ = np.arange(3)
 
 
@@ -42,29 +43,23 @@ def exp(twist: FloatArray) -> FloatArray:
 def log(T: FloatArray) -> FloatArray:
     """Return the twists (..., 6) of transforms (..., 4, 4); the rotation angle is in [0, pi]."""
     quat = quat_xyzw_from_rotation(T[..., :3, :3])
-    quat = quat * np.where(quat[..., 3:] < 0, -1.0, 1.0)
-    sine = np.linalg.norm(quat[..., :3], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(sine, quat[..., 3:])
-    small = sine < _SMALL_ANGLE_RAD
-    w = quat[..., :3] * np.where(small, 2.0 + sine**2 / 3, angle / np.where(small, 1.0, sine))
-    half = np.where(small, 1.0, 0.5 * angle)[..., None]
-    k = np.where(
-        small[..., None],
-        1 / 12,
-        (1 - half / np.tan(np.where(small[..., None], 1.0, half)))
-        / np.where(small, 1.0, angle)[..., None] ** 2,
-    )
+    quat *= np.copysign(1.0, quat[..., 3:])
+    axis, cosine = quat[..., :3], quat[..., 3:]
+    sine = np.maximum(np.sqrt(np.vecdot(axis, axis)), _NO_ANGLE_RAD)[..., None]
+    half = np.arctan2(sine, cosine)
+    w = 2 * half / sine * axis
+    k = (1 - half * cosine / sine) / (2 * half) ** 2  # its error does not matter: W @ W is small
     W = hat(w)
-    V_inv = np.eye(3) - 0.5 * W + k * (W @ W)
-    return np.concatenate([w, (V_inv @ T[..., :3, 3, None])[..., 0]], axis=-1)
+    V_inv = np.eye(3) - 0.5 * W + k[..., None] * (W @ W)
+    return np.concatenate([w, (V_inv @ T[..., :3, 3:])[..., 0]], axis=-1)
 
 
 def inverse(T: FloatArray) -> FloatArray:
     """Return the inverse transforms of (..., 4, 4)."""
-    out = np.zeros_like(T)
-    R_t = np.swapaxes(T[..., :3, :3], -1, -2)
+    out = np.zeros(T.shape)
+    R_t = T[..., :3, :3].swapaxes(-1, -2)
     out[..., :3, :3] = R_t
-    out[..., :3, 3] = -(R_t @ T[..., :3, 3, None])[..., 0]
+    out[..., :3, 3:] = -(R_t @ T[..., :3, 3:])
     out[..., 3, 3] = 1.0
     return out
 
@@ -93,8 +88,8 @@ def orthonormalized(T: FloatArray) -> FloatArray:
 
 def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
     """Return unit quaternions (..., 4), x y z w, of rotations (..., 3, 3) (Shepperd's method)."""
-    transposed = np.swapaxes(R, -1, -2)
-    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
+    transposed = R.swapaxes(-1, -2)
+    diagonal = R[..., _XYZ, _XYZ]
     trace = diagonal.sum(-1, keepdims=True)
     # Row i is the quaternion times four times its component i; the largest one divides best.
     rows = np.empty((*R.shape[:-2], 4, 4))
@@ -102,9 +97,9 @@ def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
     rows[..., _XYZ, _XYZ] = 1 + 2 * diagonal - trace
     rows[..., :3, 3] = rows[..., 3, :3] = (R - transposed)[..., [2, 0, 1], [1, 2, 0]]
     rows[..., 3, 3] = 1 + trace[..., 0]
-    largest = np.argmax(np.concatenate([diagonal, trace], axis=-1), axis=-1)
+    largest = rows.diagonal(axis1=-2, axis2=-1).argmax(-1)
     quat = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
-    return np.asarray(quat / np.linalg.norm(quat, axis=-1, keepdims=True))
+    return np.asarray(quat / np.sqrt(np.vecdot(quat, quat))[..., None])
 
 
 def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
