@@ -41,7 +41,7 @@ def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> Sla
     return SlamStats(
         int(np.count_nonzero(ids == main)),
         int(np.count_nonzero(points.alive & (points.map_id == main))),
-        len(np.unique(ids)),
+        int(np.count_nonzero(np.bincount(ids))),
         loops.closed,
         loops.merged,
         num_relocalizations,

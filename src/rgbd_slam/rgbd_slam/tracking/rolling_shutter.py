@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.median import median
 from hoid_common.values import Float32Array, FloatArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -59,7 +60,7 @@ class RollingShutter:
         if self.readout_s == 0 or not frame.has_depth.any() or not twist.any():
             return frame
         has_depth = frame.has_depth
-        depth_m = np.where(has_depth, frame.depth_m, np.median(frame.depth_m[has_depth]))
+        depth_m = np.where(has_depth, frame.depth_m, median(frame.depth_m[has_depth]))
         x = camera.back_project(frame.measurement_px[:, :2], depth_m).T
         late_s = self.readout_s * self._rows(frame.measurement_px[:, 1])
         x -= late_s * (se3.hat(twist[:3]) @ x + twist[3:, None])
@@ -93,7 +94,7 @@ class RollingShutter:
         sigma[2] = camera.disparity_sigma_px(measured[0] - measured[2])
         residual = _with_disparity(measured - camera.project_rows(x)) / sigma
         by_pose = _rates(camera, x) / sigma
-        by_time = self._rows(measured[1]) * np.tensordot(twist, by_pose, 1)
+        by_time = self._rows(measured[1]) * (twist @ by_pose.reshape(6, -1)).reshape(3, -1)
         told = _apart_from(by_pose, by_time, residual)
         self._information += told[0]
         self._weighed_s += told[1] + self.readout_s * told[0]
