@@ -150,7 +150,7 @@ MovingPart heaviest_part(
   for (int k = 0; k < problem.count; ++k) {
     double* x = camera_m[k].data();
     to_camera(T_camera_map.data(), problem.points_m + 3 * static_cast<std::ptrdiff_t>(k), x);
-    x[2] = std::fmax(x[2], kMinDepthM);
+    x[2] = at_least(x[2], kMinDepthM);
     places.push_back({x[0] / x[2], x[1] / x[2], std::log(x[2])});
   }
   for (int n = 0; places.size() % kCells != 0; ++n) {
@@ -167,8 +167,8 @@ MovingPart heaviest_part(
     const int k = order[heaviest.first * in_cell + n];
     out.mask[k % problem.count] = 1;
     for (int a = 0; a < kAxes; ++a) {
-      out.low[a] = std::fmin(out.low[a], places[k][a]);
-      out.high[a] = std::fmax(out.high[a], places[k][a]);
+      out.low[a] = std::min(out.low[a], places[k][a]);
+      out.high[a] = std::max(out.high[a], places[k][a]);
     }
   }
   return out;

@@ -43,13 +43,22 @@ struct Row
   Half low, high;
 };
 
-// The equations as they are summed up; only the upper triangle is of use.
+// The equations as they are summed up; of the coefficients only the upper triangle.
 struct Sums
 {
   Row rows[kPose];
 };
 
+// Whether a row of the derivatives is 0 for a part of the twist: u does not go with a step along y,
+// v not with one along x, and disparity with neither, nor with a turn about z.
+template <bool kJoint>
+constexpr bool is_none(int row, int a)
+{
+  return row == 0 ? a == 4 : row == 1 ? a == 3 : kJoint ? a == 4 : a >= 2 && a <= 4;
+}
+
 // Add the rows of one observation.
+template <bool kJoint>
 ALWAYS_INLINE void accumulate(
   const double J[kRows][kPose], const double* e, const Weights& weights, Sums& sums)
 {
@@ -57,8 +66,13 @@ ALWAYS_INLINE void accumulate(
     const double* d = J[r];
     const Half low = {d[0], d[1], d[2], d[3]}, high = {d[4], d[5], e[r], 0};
     for (int a = 0; a < kPose; ++a) {
+      if (is_none<kJoint>(r, a)) {
+        continue;
+      }
       const double scaled = (r < 2 ? weights.pixel : weights.depth) * d[a];
-      sums.rows[a].low += scaled * low;
+      if (a < 4) {
+        sums.rows[a].low += scaled * low;
+      }
       sums.rows[a].high += scaled * high;
     }
   }
@@ -83,7 +97,7 @@ ALWAYS_INLINE void sum_equations(
     const Weights weights = weights_of<kJoint>(scene.camera, scene.gates, seen, e);
     point_jacobian<kJoint>(scene.camera, x, J_point);
     pose_jacobian(x, J_point, J);
-    accumulate(J, e, weights, sums);
+    accumulate<kJoint>(J, e, weights, sums);
   }
   out = sums;
 }

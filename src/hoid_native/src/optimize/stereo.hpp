@@ -28,6 +28,18 @@ using Matrix6 = Eigen::Matrix<double, kPose, kPose, Eigen::RowMajor>;
 // Row-major 4x4, T_camera_map.
 using Pose = double*;
 
+// The limit in place of NaN, as std::fmax and std::fmin have it: these are calls of functions, for
+// which all sums leave their registers.
+ALWAYS_INLINE double at_least(double value, double limit)
+{
+  return value > limit ? value : limit;
+}
+
+ALWAYS_INLINE double at_most(double value, double limit)
+{
+  return value < limit ? value : limit;
+}
+
 // What an observation says: NaN u_right is no depth. `weight` is 1 / variance.
 struct Observation
 {
@@ -59,7 +71,7 @@ template <bool kJoint>
 ALWAYS_INLINE void residual(
   const StereoParams& camera, const double* x, const Observation& seen, double* out)
 {
-  const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
+  const double inv_z = 1.0 / at_least(x[2], kMinDepthM);
   out[0] = seen.measured[0] - (camera.fx_px * x[0] * inv_z + camera.cx_px);
   out[1] = seen.measured[1] - (camera.fy_px * x[1] * inv_z + camera.cy_px);
   const double disparity = seen.disparity() - camera.disparity_px_m * inv_z;
@@ -125,16 +137,16 @@ ALWAYS_INLINE double truncated_cost(
   const double unit = camera.pixel_noise * camera.pixel_noise;
   if constexpr (kJoint) {
     const double gate = gate_of(gates, seen);
-    return e == nullptr ? gate : std::fmin(chi2<kJoint>(seen, e) / unit, gate);
+    return e == nullptr ? gate : at_most(chi2<kJoint>(seen, e) / unit, gate);
   }
   if (e == nullptr) {
     return gates.mono + (seen.has_depth() ? kGateDisparity : 0.0);
   }
-  double cost = std::fmin(seen.weight * (e[0] * e[0] + e[1] * e[1]) / unit, gates.mono);
+  double cost = at_most(seen.weight * (e[0] * e[0] + e[1] * e[1]) / unit, gates.mono);
   if (seen.has_depth()) {
     const double part = camera.relative_noise * seen.disparity();
     const double variance = camera.disparity_noise_px * camera.disparity_noise_px + part * part;
-    cost += std::fmin(e[2] * e[2] / variance, kGateDisparity);
+    cost += at_most(e[2] * e[2] / variance, kGateDisparity);
   }
   return cost;
 }
@@ -144,7 +156,7 @@ template <bool kJoint>
 ALWAYS_INLINE void point_jacobian(
   const StereoParams& camera, const double* x, double J[kRows][kPoint])
 {
-  const double inv_z = 1.0 / std::fmax(x[2], kMinDepthM);
+  const double inv_z = 1.0 / at_least(x[2], kMinDepthM);
   const double fx = camera.fx_px * inv_z, fy = camera.fy_px * inv_z;
   J[0][0] = fx;
   J[0][1] = 0.0;
