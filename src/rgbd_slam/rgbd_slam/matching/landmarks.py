@@ -54,7 +54,8 @@ class Sightings(NamedTuple):
 
     def select(self, keep: BoolArray) -> Sightings:
         """Return those of an (M,) mask."""
-        return Sightings(self.k[keep], self.point[keep], self.position_m[keep])
+        n = np.flatnonzero(keep)
+        return Sightings(self.k[n], self.point[n], self.position_m.take(n, 0))
 
     def joined(self, other: Sightings) -> Sightings:
         """Return these and others."""
@@ -77,8 +78,9 @@ def seen_by_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
     frame, table = last.frame, atlas.points
     j = points[k]
     return Landmarks(
-        j, table.position_m[j], frame.octave[k], frame.angle_deg[k], table.descriptors[j]
-    )
+        j, table.position_m.take(j, 0), frame.octave[k], frame.angle_deg[k],
+        table.descriptors.take(j, 0),
+    )  # fmt: skip
 
 
 def seen_by_keyframe(atlas: Atlas, i: int) -> Landmarks:

@@ -33,7 +33,7 @@ def point_statistics(
     """
     order = np.argsort(seen.j, kind='stable')
     i, k, of = seen.i[order], seen.k[order], seen.j[order]
-    ray = points.position_m[of] - keyframes.T_map_camera[i, :3, 3]
+    ray = points.position_m.take(of, 0) - keyframes.T_map_camera[i, :3, 3]
     distance = np.linalg.norm(ray, axis=1)
     ray /= distance[:, None]
     starts = np.flatnonzero(np.r_[True, of[1:] != of[:-1]])

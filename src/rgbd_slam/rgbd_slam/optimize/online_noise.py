@@ -55,10 +55,10 @@ class OnlineNoise:
     def _factors(self, tracked: TrackedFrame, atlas: Atlas) -> FloatArray:
         """Return (2,) standard deviations of pixels and disparities; NaN where too few tell it."""
         k = np.flatnonzero(tracked.points != NO_POINT)
-        position_m = atlas.points.position_m[tracked.points[k]]
+        position_m = atlas.points.position_m.take(tracked.points[k], 0)
         x = to_camera(se3.inverse(tracked.T_map_camera), position_m.T)
         expected = self._configured.project_rows(x)
-        measured = tracked.frame.measurement_px[k].T
+        measured = tracked.frame.measurement_px.take(k, 0).T
         residual = measured - expected
         pixel = residual[:2] / atlas.octave_scale[tracked.frame.octave[k]]
         sigma_px = self._configured.disparity_sigma_px(measured[0] - measured[2])

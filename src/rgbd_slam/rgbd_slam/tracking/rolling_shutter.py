@@ -85,10 +85,9 @@ class RollingShutter:
         k = k[:: 1 + len(k) // _MOST_MATCHES]
         if len(k) == 0:
             return
-        x = to_camera(
-            se3.inverse(tracked.T_map_camera), atlas.points.position_m[tracked.points[k]].T
-        )
-        measured = tracked.frame.measurement_px[k].T.astype(np.float64)
+        position_m = atlas.points.position_m.take(tracked.points[k], 0)
+        x = to_camera(se3.inverse(tracked.T_map_camera), position_m.T)
+        measured = tracked.frame.measurement_px.take(k, 0).T.astype(np.float64)
         sigma = np.empty((3, len(k)))
         sigma[:2] = camera.pixel_noise * atlas.octave_scale[tracked.frame.octave[k]]
         sigma[2] = camera.disparity_sigma_px(measured[0] - measured[2])

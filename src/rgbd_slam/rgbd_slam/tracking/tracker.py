@@ -261,7 +261,7 @@ class Tracker:
             view.queries, frame, self._config.max_hamming, self._config.local_map_ratio, free
         )
         j = view.points[matches.q]
-        seen = first.seen.joined(Sightings(matches.k, j, self._atlas.points.position_m[j]))
+        seen = first.seen.joined(Sightings(matches.k, j, self._atlas.points.position_m.take(j, 0)))
         consensus, fitting = self._optimize(frame, seen, first.consensus.estimate.T_camera_map)
         if len(fitting.k) < self._config.min_inliers:
             return None
@@ -288,7 +288,7 @@ class Tracker:
         """Return the pose that the sightings give, and those that fit it."""
         problem = PoseProblem(
             seen.position_m,
-            frame.measurement_px[seen.k].astype(np.float64),
+            frame.measurement_px.take(seen.k, 0).astype(np.float64),
             self._inv_sigma2[frame.octave[seen.k]],
         )
         config = self._config.consensus
