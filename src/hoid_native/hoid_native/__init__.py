@@ -36,6 +36,7 @@ from hoid_native._native import (
     score_poses,
     strongest_in_cells,
     torso_depths_m,
+    typical_descriptors,
     values_at,
     widen,
 )
@@ -71,6 +72,7 @@ __all__ = [
     'score_poses',
     'strongest_in_cells',
     'torso_depths_m',
+    'typical_descriptors',
     'values_at',
     'widen',
 ]

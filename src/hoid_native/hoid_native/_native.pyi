@@ -192,6 +192,21 @@ def match_along_segments(
         ValueError: Lengths differ, or an octave is not below L.
     """
 
+def typical_descriptors(
+    descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, 32), writable=False)],
+    starts: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the (G,) row of each group's descriptor with the least median distance to the others.
+
+    Args:
+        descriptors: (M, 32), grouped; only the last eight of a larger group are compared.
+        starts: (G,) int64 first row of each group, ascending.
+
+    Raises:
+        ValueError: A group starts beyond the descriptors, or where another one does.
+    """
+
 class StereoParams:
     """
     A pinhole camera with a virtual right column: u_right = u - disparity_px_m / depth_m.

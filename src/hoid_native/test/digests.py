@@ -67,6 +67,7 @@ def features_and_matches() -> dict[str, Any]:
         'match_by_projection': kernels.match_by_projection(
             near, radius_px, queries, features, threshold
         ),
+        'typical_descriptors': kernels.typical_descriptors(descriptors, np.arange(0, len(x), 5)),
         'match_along_segments': kernels.match_along_segments(
             segments, np.arange(2.0, 6.0), queries, features, threshold
         ),

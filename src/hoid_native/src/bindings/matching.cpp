@@ -2,6 +2,8 @@
 
 #include <nanobind/stl/optional.h>
 
+#include <algorithm>
+#include <functional>
 #include <optional>
 
 #include "bindings/arrays.hpp"
@@ -110,6 +112,19 @@ Pairs match_along_segments(
   }));
 }
 
+nb::ndarray<nb::numpy, int64_t, nb::ndim<1>> typical_descriptors(
+  const Array<uint8_t, -1, kDescriptorBytes>& descriptors, const Vector<int64_t>& starts)
+{
+  require_range("starts", starts, 0, descriptors.size());
+  const int64_t *first = starts.data(), *last = first + starts.size();
+  require(
+    std::adjacent_find(first, last, std::greater_equal<>()) == last, "starts: must ascend");
+  return give(unlocked([&] {
+    return matching::typical_descriptors(
+      descriptors.data(), descriptors.size(), first, starts.size());
+  }));
+}
+
 }  // namespace
 
 void bind_matching(nb::module_& module)
@@ -182,6 +197,16 @@ Args:
 
 Raises:
     ValueError: Lengths differ, or an octave is not below L.)");
+  module.def(
+    "typical_descriptors", &typical_descriptors, "descriptors"_a, "starts"_a, R"(
+Return the (G,) row of each group's descriptor with the least median distance to the others.
+
+Args:
+    descriptors: (M, 32), grouped; only the last eight of a larger group are compared.
+    starts: (G,) int64 first row of each group, ascending.
+
+Raises:
+    ValueError: A group starts beyond the descriptors, or where another one does.)");
 }
 
 }  // namespace hoid::bindings

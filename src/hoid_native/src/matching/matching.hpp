@@ -63,4 +63,9 @@ Pairs match_along_segments(
   const Segments& segments, const QueryConstraints& wanted, const Candidates& candidates,
   const MatchThreshold& threshold);
 
+// Return the row of each group's descriptor with the least median distance to the others; only a
+// group's last rows are compared when it is large. Groups have a row or more, in order.
+std::vector<int64_t> typical_descriptors(
+  const uint8_t* descriptors, int64_t count, const int64_t* starts, int num_groups);
+
 }  // namespace hoid::matching

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
+from hoid_native import typical_descriptors
 from rgbd_slam.model.keyframes import KeyframeTable, Observations
 from rgbd_slam.model.points import PointTable
-
-_MAX_COMPARED = 8  # observations whose descriptors are compared; more change the median little
 
 
 class PointStatistics(NamedTuple):
@@ -45,12 +44,13 @@ def point_statistics(
     reference = starts + _first_true(is_reference, starts)
     octave = keyframes.octave[i[reference], k[reference]]
     scale = octave_scale[np.minimum(octave, len(octave_scale) - 1)]
+    descriptors = keyframes.descriptors[i, k]
     return PointStatistics(
         rows,
         view_direction,
         keyframes.uid[i[reference]],
         (distance[reference] * scale).astype(np.float32),
-        typical_descriptors(keyframes.descriptors[i, k], starts),
+        descriptors.take(typical_descriptors(descriptors, starts), 0),
     )
 
 
@@ -61,28 +61,3 @@ def _first_true(flags: np.ndarray[tuple[int], np.dtype[np.bool_]], starts: IntAr
     candidate = np.where(flags, offset, len(flags))
     first = np.minimum.reduceat(candidate, starts)
     return np.asarray(np.where(first == len(flags), 0, first))
-
-
-def typical_descriptors(descriptors: ByteArray, starts: IntArray) -> ByteArray:
-    """Return per group the (32,) descriptor with the least median Hamming distance to the others.
-
-    Args:
-        descriptors: (M, 32), grouped.
-        starts: (G,) first row of each group, ascending; only a group's last rows are compared when
-            it is large.
-    """
-    ends = np.r_[starts[1:], len(descriptors)]
-    out: ByteArray = descriptors[ends - 1].copy()
-    size = np.minimum(ends - starts, _MAX_COMPARED)
-    words = np.ascontiguousarray(descriptors).view(np.uint64)
-    for n in range(3, _MAX_COMPARED + 1):  # with two, both are as typical: the newest is kept
-        groups = np.flatnonzero(size == n)
-        if len(groups) == 0:
-            continue
-        rows = ends[groups, None] - n + np.arange(n)
-        block = words[rows]
-        apart = np.bitwise_count(block[:, :, None] ^ block[:, None]).sum(-1, dtype=np.uint16)
-        apart.sort(axis=2)
-        best = np.argmin(apart[..., (n - 1) // 2] + apart[..., n // 2], axis=1)  # two medians
-        out[groups] = descriptors[rows[np.arange(len(groups)), best]]
-    return out
