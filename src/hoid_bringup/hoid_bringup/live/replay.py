@@ -25,6 +25,7 @@ from hoid_common.io.files import scratch_folder
 
 _READY_LIMIT_S = 90.0
 _TICK_S = 0.25
+_LOOK_S = 2.0  # a look at processor times goes through all processes of the machine
 _QUIET_S = 2.0  # so long without a result, the nodes have nothing left to do
 
 
@@ -107,19 +108,21 @@ class _LiveRun:
         """Record until the bag is over and the nodes have nothing left to do."""
         metrics = recorder.metrics
         start_s, idle_s = time.monotonic(), nodes.cpu_s()
+        looked_s, spent_s = start_s - _LOOK_S, idle_s
         with progress(None, len(self._bag), 'frames', show=show_progress) as bar:
             while player.pids:
                 recorder.spin(_TICK_S)
                 self._stop_on(nodes.poll())
+                if time.monotonic() >= looked_s + _LOOK_S:
+                    looked_s, spent_s = time.monotonic(), {**nodes.cpu_s(), **player.cpu_s()}
                 # The player of a damaged bag ends with an error after all that can be read.
-                spent_s = {**nodes.cpu_s(), **player.cpu_s()}
                 ended = player.poll()
                 self._stop_on([e for e in ended if e.status != 0 and self._bag.fault is None])
                 bar.set_postfix_str(recorder.state_text(), refresh=False)
                 bar.update(metrics.num_processed - bar.n)
             for name, cpu_s in spent_s.items():
-                share = (cpu_s - idle_s.get(name, 0.0)) / (time.monotonic() - start_s)
-                self._cpu_share[name] = share
+                spent_here_s = cpu_s - idle_s.get(name, 0.0)
+                self._cpu_share[name] = spent_here_s / (looked_s - start_s)
             seen = -1
             while seen != metrics.num_processed:
                 seen = metrics.num_processed
