@@ -348,19 +348,20 @@ def heaviest_part(
     """
     Return the part of the matches without which the rest would fit best.
 
-    Parts are of a sixteenth to a quarter of the matches, near each other in direction and depth.
+    Parts are of a sixteenth to a quarter of the matches, near each other in direction and depth. There
+    is none, with a gain of 0, where a point or the pose is not finite.
 
     Args:
         camera: Of the image, with its measured noise.
         gates: Of outliers, which tell nothing; pixels and disparities have gates of their own.
-        points_m: (N, 3) in the map's frame, finite.
+        points_m: (N, 3) in the map's frame.
         measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-        T_camera_map: (4, 4) that fits them, finite.
+        T_camera_map: (4, 4) that fits them.
         noise_scale: Variances in units of those of the camera.
 
     Raises:
-        ValueError: Lengths differ, or points or pose are not finite.
+        ValueError: Lengths differ.
     """
 
 def adjust_bundle(

@@ -106,10 +106,15 @@ def test_few_matches_are_parts_of_their_own(count: int) -> None:
     assert part.gain >= 0
 
 
-def test_what_cannot_be_sorted_is_refused() -> None:
+def test_what_has_no_order_has_no_parts() -> None:
+    points, measured, weights = scene(20)
+    points[3, 1] = np.nan
+    part = part_of(points, measured, weights)
+    assert part.gain == 0
+    assert not part.mask.any()
+
+
+def test_lengths_that_differ_are_refused() -> None:
     points, measured, weights = scene(20)
     with pytest.raises(ValueError, match='measured_px: expected 20 rows, not 19'):
         part_of(points, measured[1:], weights)
-    points[3, 1] = np.nan
-    with pytest.raises(ValueError, match='points_m: not all are finite'):
-        part_of(points, measured, weights)

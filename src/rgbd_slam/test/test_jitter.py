@@ -79,3 +79,12 @@ def test_what_residuals_tell_counts_to_begin_with() -> None:
     assert shares[:4] == [None] * 4
     assert shares[4] == pytest.approx(5 / 6, rel=1e-3)
     assert shares[-1] == pytest.approx(5 / 65, rel=1e-3)
+
+
+def test_images_at_nearly_the_same_time_tell_something_finite() -> None:
+    jitter = Jitter()
+    for stamp_ns, T_odom_camera in zip((0, 1, 2, 3, 200_000_000), smooth(5), strict=True):
+        jitter.add(stamp_ns, T_odom_camera)
+    covariance = jitter.covariance(np.eye(6))
+    assert covariance is not None
+    assert np.isfinite(covariance).all()

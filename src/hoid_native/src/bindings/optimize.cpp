@@ -92,8 +92,6 @@ MovingPart heaviest_part(
 {
   const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
   const auto pose = pose_array(T_camera_map);
-  require_finite("points_m", points_m);  // which are sorted
-  require_finite("T_camera_map", T_camera_map);
   auto part = unlocked(
     [&] { return optimize::heaviest_part(camera, gates, problem, pose, noise_scale); });
   const std::array<std::size_t, 1> length{part.mask.size()};
@@ -212,19 +210,20 @@ Raises:
     "inv_sigma2"_a, "T_camera_map"_a, "noise_scale"_a, R"(
 Return the part of the matches without which the rest would fit best.
 
-Parts are of a sixteenth to a quarter of the matches, near each other in direction and depth.
+Parts are of a sixteenth to a quarter of the matches, near each other in direction and depth. There
+is none, with a gain of 0, where a point or the pose is not finite.
 
 Args:
     camera: Of the image, with its measured noise.
     gates: Of outliers, which tell nothing; pixels and disparities have gates of their own.
-    points_m: (N, 3) in the map's frame, finite.
+    points_m: (N, 3) in the map's frame.
     measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-    T_camera_map: (4, 4) that fits them, finite.
+    T_camera_map: (4, 4) that fits them.
     noise_scale: Variances in units of those of the camera.
 
 Raises:
-    ValueError: Lengths differ, or points or pose are not finite.)");
+    ValueError: Lengths differ.)");
   module.def(
     "adjust_bundle", &adjust_bundle, "lens"_a, "gates"_a, "T_camera_map"_a, "num_free"_a,
     "points_m"_a, "camera"_a, "point"_a, "measured_px"_a, "inv_sigma2"_a, "rounds"_a,

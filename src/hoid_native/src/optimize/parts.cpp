@@ -152,6 +152,9 @@ MovingPart heaviest_part(
     to_camera(T_camera_map.data(), problem.points_m + 3 * static_cast<std::ptrdiff_t>(k), x);
     x[2] = at_least(x[2], kMinDepthM);
     places.push_back({x[0] / x[2], x[1] / x[2], std::log(x[2])});
+    if (!std::isfinite(places.back()[0] + places.back()[1] + places.back()[2])) {
+      return {std::vector<uint8_t>(problem.count), {}, {}, 0.0};  // it has no order
+    }
   }
   for (int n = 0; places.size() % kCells != 0; ++n) {
     places.push_back(Place(places[n]));  // some come again, so that all cells are as large

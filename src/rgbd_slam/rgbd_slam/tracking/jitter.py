@@ -67,12 +67,9 @@ def middle_errors(stamps_ns: IntArray, T_odom_camera: FloatArray) -> FloatArray:
         T_odom_camera: (N, WINDOW, 4, 4).
     """
     others = np.arange(WINDOW) != _REACH
-    elapsed_ns = stamps_ns[:, -1:] - stamps_ns[:, :1]
-    times = (stamps_ns[:, others] - stamps_ns[:, _REACH, None]) / elapsed_ns
-    powers = times[..., None] ** np.arange(_DEGREE + 1)
-    transposed = powers.swapaxes(1, 2)
-    # Of the others' poses, for that at time 0: the first row of the pseudo-inverse.
-    weights = np.linalg.solve(transposed @ powers, transposed)[:, 0]
+    times_s = S_PER_NS * (stamps_ns[:, others] - stamps_ns[:, _REACH, None])
+    powers = times_s[..., None] ** np.arange(_DEGREE + 1)
+    weights = np.linalg.pinv(powers)[:, 0]  # of the others' poses, for that at time 0
     T_middle_others = se3.inverse(T_odom_camera[:, _REACH, None]) @ T_odom_camera[:, others]
     off = (weights[:, None] @ se3.log(T_middle_others))[:, 0]
     return np.asarray(off / np.sqrt(1 + np.square(weights).sum(1, keepdims=True)))
