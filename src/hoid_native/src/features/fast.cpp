@@ -3,6 +3,7 @@
 // The score is the largest threshold at which a pixel still is a corner.
 
 #include <algorithm>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -15,7 +16,7 @@ namespace hoid::features {
 
 namespace {
 
-constexpr int kLanes = 32;
+constexpr int kLanes = 32, kWordLanes = 8;
 
 // One byte for each of the pixels of a block.
 using Lanes = uint8_t __attribute__((vector_size(kLanes)));
@@ -28,89 +29,95 @@ ALWAYS_INLINE Lanes load(const uint8_t* at)
   return lanes;
 }
 
+ALWAYS_INLINE bool any(Lanes lanes)
+{
+  const Words words = reinterpret_cast<Words>(lanes);
+  return (words[0] | words[1] | words[2] | words[3]) != 0;
+}
+
 // a - b, not below 0.
 ALWAYS_INLINE Lanes excess(Lanes a, Lanes b)
 {
   return larger(a, b) - b;
 }
 
-ALWAYS_INLINE bool any_above(Lanes lanes, uint8_t threshold)
+ALWAYS_INLINE Lanes contrast(Lanes center, Lanes brightest, Lanes darkest)
 {
-  const Words over = reinterpret_cast<Words>(excess(lanes, Lanes{} + threshold));
-  return (over[0] | over[1] | over[2] | over[3]) != 0;
+  return larger(excess(brightest, center), excess(center, darkest));
 }
 
-// Of any 9 contiguous circle pixels at least two neighbouring compass points are members.
-ALWAYS_INLINE Lanes bound(const Lanes* gain)
+// Call `visit` for each lane that is not 0, all of whose bits are set.
+template <typename Visit>
+ALWAYS_INLINE void for_each_lane(Lanes lanes, Visit visit)
 {
-  const Lanes vertical = larger(gain[0], gain[8]), horizontal = larger(gain[4], gain[12]);
-  return smaller(vertical, horizontal);
-}
-
-// For each pixel of a block, the largest threshold at which it is a corner, plus one; pixels of a
-// block without any corner at `threshold` may all be 0.
-ALWAYS_INLINE Lanes scores_of(const uint8_t* at, const int* offset, uint8_t threshold)
-{
-  const Lanes center = load(at);
-  Lanes brighter[kCircle], darker[kCircle];
-  for (int k = 0; k < kCircle; k += 4) {
-    const Lanes ring = load(at + offset[k]);
-    brighter[k] = excess(ring, center);
-    darker[k] = excess(center, ring);
-  }
-  if (!any_above(larger(bound(brighter), bound(darker)), threshold)) {
-    return Lanes{};
-  }
-  for (int k = 0; k < kCircle; ++k) {
-    if (k % 4 != 0) {
-      const Lanes ring = load(at + offset[k]);
-      brighter[k] = excess(ring, center);
-      darker[k] = excess(center, ring);
+  const Words words = reinterpret_cast<Words>(lanes);
+  for (int word = 0; word < kLanes / kWordLanes; ++word) {
+    for (uint64_t rest = words[word]; rest != 0;) {
+      const int lane = std::countr_zero(rest) / 8;
+      rest &= ~(uint64_t{0xff} << (8 * lane));
+      visit(kWordLanes * word + lane);
     }
   }
-  return larger(best_arc(brighter), best_arc(darker));
 }
 
-struct Row
+// The scores, plus one, of the pixels of a block that are corners at a threshold; 0 of others.
+ALWAYS_INLINE Lanes scores_of(const uint8_t* at, const int* offset, Lanes threshold)
 {
-  std::vector<uint8_t> score;
-  std::vector<int> columns;
-};
-
-void clear(Row& row)
-{
-  for (const int x : row.columns) {
-    row.score[x] = 0;
+  const Lanes center = load(at);
+  const Lanes above = load(at + offset[0]), right = load(at + offset[4]),
+              below = load(at + offset[8]), left = load(at + offset[12]);
+  // Of any 9 contiguous circle pixels at least two neighbouring compass points are members.
+  const Lanes bound = contrast(
+    center, smaller(larger(above, below), larger(left, right)),
+    larger(smaller(above, below), smaller(left, right)));
+  if (!any(excess(bound, threshold))) {
+    return Lanes{};
   }
-  row.columns.clear();
+  Lanes ring[kCircle];
+  for (int k = 0; k < kCircle; ++k) {
+    ring[k] = load(at + offset[k]);
+  }
+  const Lanes score = contrast(center, best_arc<true>(ring), best_arc<false>(ring));
+  return score > threshold ? score : Lanes{};
 }
 
-bool is_peak(const Row& above, const Row& row, const Row& below, int x)
-{
-  const uint8_t mine = row.score[x];
-  const uint8_t* a = above.score.data() + x;
-  const uint8_t* b = below.score.data() + x;
-  return mine > row.score[x - 1] && mine > row.score[x + 1] && mine > a[-1] && mine > a[0] &&
-         mine > a[1] && mine > b[-1] && mine > b[0] && mine > b[1];
-}
-
-// Write the scores of the corners of a line into an empty row.
+// Write the scores of a line within a margin.
 ALWAYS_INLINE void score_line(
-  const uint8_t* line, int width, int margin, const int* offset, uint8_t threshold, Row& row)
+  const uint8_t* line, int width, int margin, const int* offset, Lanes threshold, uint8_t* out)
 {
   const int last = width - margin - kLanes;
   for (int x = margin; x < width - margin; x += kLanes) {
-    const int start = std::max(std::min(x, last), 0);  // the last block overlaps its neighbour
+    const int start = std::min(x, last);  // the last block overlaps its neighbour
     const Lanes score = scores_of(line + start, offset, threshold);
-    if (!any_above(score, threshold)) {
+    std::memcpy(out + start, &score, kLanes);
+  }
+}
+
+// Add the pixels of a line that score higher than all around them.
+ALWAYS_INLINE void add_peaks(
+  const uint8_t* above, const uint8_t* line, const uint8_t* below, int width, int margin, int y,
+  Corners& out)
+{
+  const int last = width - margin - kLanes;
+  for (int x = margin; x < width - margin; x += kLanes) {
+    const int start = std::min(x, last);
+    const Lanes mine = load(line + start);
+    if (!any(mine)) {
       continue;
     }
-    for (int lane = x - start; lane < kLanes; ++lane) {
-      if (score[lane] > threshold) {
-        row.score[start + lane] = score[lane];
-        row.columns.push_back(start + lane);
+    const uint8_t *a = above + start, *m = line + start, *b = below + start;
+    const Lanes beside = larger(load(m - 1), load(m + 1));
+    const Lanes over = larger(larger(load(a - 1), load(a)), load(a + 1));
+    const Lanes under = larger(larger(load(b - 1), load(b)), load(b + 1));
+    const Lanes peaks = mine > larger(beside, larger(over, under));
+    for_each_lane(peaks, [&](int lane) {
+      const int at = start + lane;
+      if (at >= x) {
+        out.x.push_back(at);
+        out.y.push_back(y);
+        out.score.push_back(static_cast<uint8_t>(line[at] - 1));
       }
-    }
+    });
   }
 }
 
@@ -128,27 +135,20 @@ Corners detect_fast(const Image<uint8_t>& image, int threshold, int border)
   for (int k = 0; k < kCircle; ++k) {
     offset[k] = kOffsetY[k] * image.width + kOffsetX[k];
   }
-  Row rows[3];
-  for (Row& row : rows) {
-    row.score.assign(image.width, 0);
-    row.columns.reserve(image.width);
-  }
-  // Non-maximum suppression runs one row behind detection; scores one pixel beyond the border
-  // are not known there, as a corner outside the border does not compete.
+  // Suppression runs one row behind detection; a corner outside the border does not compete.
+  std::vector<uint8_t> scores(3 * static_cast<std::size_t>(image.width));
+  const auto row = [&](int y) {
+    return scores.data() + static_cast<std::ptrdiff_t>(y % 3) * image.width;
+  };
+  const Lanes over = Lanes{} + static_cast<uint8_t>(threshold);
   for (int y = margin; y <= image.height - margin; ++y) {
-    Row& row = rows[y % 3];
-    clear(row);
     if (y < image.height - margin) {
-      score_line(image.row(y), image.width, margin, offset, static_cast<uint8_t>(threshold), row);
+      score_line(image.row(y), image.width, margin, offset, over, row(y));
+    } else {
+      std::fill_n(row(y), image.width, 0);
     }
-    const Row& middle = rows[(y + 2) % 3];
-    const Row& above = rows[(y + 1) % 3];
-    for (const int x : middle.columns) {
-      if (y > margin && is_peak(above, middle, row, x)) {
-        corners.x.push_back(x);
-        corners.y.push_back(y - 1);
-        corners.score.push_back(static_cast<uint8_t>(middle.score[x] - 1));
-      }
+    if (y > margin) {
+      add_peaks(row(y + 1), row(y + 2), row(y), image.width, margin, y - 1, corners);
     }
   }
   return corners;

@@ -25,23 +25,32 @@ ALWAYS_INLINE Lanes larger(Lanes a, Lanes b)
   return a > b ? a : b;
 }
 
-// For each pixel, the most by which all of some 9 contiguous circle pixels exceed it; `gain` holds
-// by how much each of the circle does.
-template <typename Lanes>
-ALWAYS_INLINE Lanes best_arc(const Lanes* gain)
+// The lesser of two where kBright, else the greater.
+template <bool kBright, typename Lanes>
+ALWAYS_INLINE Lanes weaker(Lanes a, Lanes b)
 {
-  Lanes two[kCircle], four[kCircle];
-  for (int k = 0; k < kCircle; ++k) {
-    two[k] = smaller(gain[k], gain[(k + 1) % kCircle]);
+  return kBright ? smaller(a, b) : larger(a, b);
+}
+
+// For each pixel, the darkest of its brightest arc of 9 contiguous circle pixels or, where not
+// kBright, the brightest of its darkest arc; `ring` holds the circle.
+template <bool kBright, typename Lanes>
+ALWAYS_INLINE Lanes best_arc(const Lanes* ring)
+{
+  constexpr int kPairs = kCircle / 2;  // of arcs, which have 8 pixels in common
+  Lanes two[kPairs], four[kPairs];
+  for (int k = 0; k < kPairs; ++k) {
+    two[k] = weaker<kBright>(ring[2 * k + 1], ring[(2 * k + 2) % kCircle]);
   }
-  for (int k = 0; k < kCircle; ++k) {
-    four[k] = smaller(two[k], two[(k + 2) % kCircle]);
+  for (int k = 0; k < kPairs; ++k) {
+    four[k] = weaker<kBright>(two[k], two[(k + 1) % kPairs]);
   }
   Lanes best{};
-  for (int k = 0; k < kCircle; ++k) {
-    const Lanes eight = smaller(four[k], four[(k + 4) % kCircle]);
-    const Lanes nine = smaller(eight, gain[(k + 8) % kCircle]);
-    best = k == 0 ? nine : larger(best, nine);
+  for (int k = 0; k < kPairs; ++k) {
+    const Lanes eight = weaker<kBright>(four[k], four[(k + 2) % kPairs]);
+    const Lanes ninth = weaker<!kBright>(ring[2 * k], ring[(2 * k + 9) % kCircle]);
+    const Lanes nine = weaker<kBright>(eight, ninth);
+    best = k == 0 ? nine : weaker<!kBright>(best, nine);
   }
   return best;
 }

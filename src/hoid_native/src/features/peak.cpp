@@ -35,12 +35,11 @@ ALWAYS_INLINE Cells around(const uint8_t* at, std::ptrdiff_t stride)
 ALWAYS_INLINE Cells scores(const uint8_t* at, std::ptrdiff_t stride)
 {
   const Cells center = around(at, stride);
-  Cells brighter[kCircle], darker[kCircle];
+  Cells ring[kCircle];
   for (int k = 0; k < kCircle; ++k) {
-    brighter[k] = around(at + kOffsetY[k] * stride + kOffsetX[k], stride) - center;
-    darker[k] = -brighter[k];
+    ring[k] = around(at + kOffsetY[k] * stride + kOffsetX[k], stride);
   }
-  return larger(best_arc(brighter), best_arc(darker));
+  return larger<Cells>(best_arc<true>(ring) - center, center - best_arc<false>(ring));
 }
 
 // The peak of the quadratic a + b x + c y + d x^2 + e x y + f y^2 through nine values, as far as
