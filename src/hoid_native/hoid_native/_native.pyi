@@ -27,6 +27,33 @@ def fast_corners(
         ValueError: The threshold or the border is out of range.
     """
 
+def spread_evenly(
+    uv_px: numpy.typing.NDArray[Any],
+    octave: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
+    score: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
+    budgets: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    area_px: float,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the indices (ascending) of the corners to keep, at most `budgets.sum()` of N.
+
+    Each octave lays a grid of about as many cells as its budget over the area to fill. The strongest
+    corner of every cell goes first, then the second of every cell, and so on until the octave's budget
+    is spent; of equals, the first. What octaves with few corners leave over goes to the others.
+
+    Args:
+        uv_px: (N, 2) level-0 pixels, not negative.
+        octave: (N,) uint8.
+        score: (N,) uint8, higher is stronger.
+        budgets: (L,) int64 corners of each octave.
+        area_px: image area, in level-0 pixels, that the budget is to fill; no cell is smaller than a
+            pixel.
+
+    Raises:
+        ValueError: Lengths differ, an octave has no budget, a budget or a position is negative, or the
+            area is not positive.
+    """
+
 def corner_peaks_px(
     image_gray: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
     x: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],

@@ -61,6 +61,9 @@ def features_and_matches() -> dict[str, Any]:
     radius_px = np.full(len(x), 15.0)
     return {
         'fast_corners': corners,
+        'spread_evenly': kernels.spread_evenly(
+            measured[:, :2], octave.astype(np.uint8), corners.score, np.array([9, 7, 5, 3]), 1e4
+        ),
         'corner_peaks_px': kernels.corner_peaks_px(image, x, y),
         'orientations_deg': angle_deg,
         'orb_descriptors': descriptors,

@@ -17,8 +17,14 @@ from hoid_common.values import (
 )
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.extraction.pyramid import Corners, Int32Array, build_pyramid, find_corners
-from hoid_filter.extraction.spread import octave_budgets, spread_evenly
-from hoid_native import corner_peaks_px, depths_off_edges_m, orb_descriptors, orientations_deg
+from hoid_filter.extraction.spread import octave_budgets
+from hoid_native import (
+    corner_peaks_px,
+    depths_off_edges_m,
+    orb_descriptors,
+    orientations_deg,
+    spread_evenly,
+)
 
 _NO_BOXES: Float32Array = np.empty((0, 4), np.float32)
 _SMOOTHING = cv2.getGaussianKernel(7, 2.0)  # of what descriptors compare, as in OpenCV

@@ -1,5 +1,8 @@
 #include "features/features.hpp"
 
+#include <algorithm>
+#include <limits>
+
 #include "bindings/arrays.hpp"
 #include "bindings/checks.hpp"
 #include "bindings/module.hpp"
@@ -72,6 +75,25 @@ auto orb_descriptors(
   return give(std::move(bits), std::array{count, std::size_t{features::kDescriptorBytes}});
 }
 
+constexpr double kMostPx = 1 << 16;  // no image is larger
+
+auto spread_evenly(
+  const RealArray<-1, 2>& uv_px, const Vector<uint8_t>& octave, const Vector<uint8_t>& score,
+  const Vector<int64_t>& budgets, double area_px)
+{
+  require_length("octave", octave, uv_px.size());
+  require_length("score", score, uv_px.size());
+  require_range("octave", octave, 0, budgets.size());
+  require_range("budgets", budgets, 0, std::numeric_limits<int32_t>::max());
+  require(area_px > 0, "area_px: must be positive");
+  const double *first = uv_px.data(), *last = first + uv_px.array.size();
+  const auto is_fit = [](double at_px) { return at_px >= 0 && at_px < kMostPx; };
+  require(std::all_of(first, last, is_fit), "uv_px: must be in an image");
+  const features::ScoredCorners corners{uv_px.data(), octave.data(), score.data(), uv_px.size()};
+  return give(unlocked(
+    [&] { return features::spread_evenly(corners, budgets.data(), budgets.size(), area_px); }));
+}
+
 }  // namespace
 
 void bind_features(nb::module_& module)
@@ -88,6 +110,26 @@ Args:
 
 Raises:
     ValueError: The threshold or the border is out of range.)");
+  module.def(
+    "spread_evenly", &spread_evenly, "uv_px"_a, "octave"_a, "score"_a, "budgets"_a, "area_px"_a,
+    R"(
+Return the indices (ascending) of the corners to keep, at most `budgets.sum()` of N.
+
+Each octave lays a grid of about as many cells as its budget over the area to fill. The strongest
+corner of every cell goes first, then the second of every cell, and so on until the octave's budget
+is spent; of equals, the first. What octaves with few corners leave over goes to the others.
+
+Args:
+    uv_px: (N, 2) level-0 pixels, not negative.
+    octave: (N,) uint8.
+    score: (N,) uint8, higher is stronger.
+    budgets: (L,) int64 corners of each octave.
+    area_px: image area, in level-0 pixels, that the budget is to fill; no cell is smaller than a
+        pixel.
+
+Raises:
+    ValueError: Lengths differ, an octave has no budget, a budget or a position is negative, or the
+        area is not positive.)");
   module.def("corner_peaks_px", &corner_peaks_px, "image_gray"_a, "x"_a, "y"_a, R"(
 Return the (N, 2) offsets from FAST corners to where their score peaks between the pixels.
 

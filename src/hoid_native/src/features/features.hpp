@@ -1,4 +1,4 @@
-// ORB features of one pyramid level: FAST corners, where between the pixels they peak, which way
+// ORB features: FAST corners, which of them to take, where between the pixels they peak, which way
 // they point, and what they look like.
 #pragma once
 
@@ -41,5 +41,18 @@ void orientations(const Image<uint8_t>& image, const Pixels& corners, float* ang
 // Write the descriptor of each corner of a smoothed image.
 void orb_descriptors(
   const Image<uint8_t>& image, const Pixels& corners, const float* angle_deg, uint8_t* out);
+
+// Corners of several octaves, by their place on the finest.
+struct ScoredCorners
+{
+  const double* uv_px;  // (count, 2), not negative
+  const uint8_t *octave, *score;
+  int count;
+};
+
+// Return the indices, ascending, of as many corners as the budgets of octaves, which are not
+// negative, add up to, spread over an area.
+std::vector<int64_t> spread_evenly(
+  const ScoredCorners& corners, const int64_t* budgets, int num_octaves, double area_px);
 
 }  // namespace hoid::features
