@@ -214,8 +214,7 @@ class FeatureFilter:
             return np.empty((0, 2), np.float32)
         chosen = self._extractor.choose(corners, None, corners.pyramid.levels[0].size)
         removed = np.setdiff1d(chosen, verdict.kept, assume_unique=True)
-        removed_uv_px: Float32Array = corners.uv_px[removed]
-        return removed_uv_px
+        return corners.uv_px[removed].astype(np.float32)
 
     def _objects(self, verdict: Verdict, size_px: tuple[int, int]) -> tuple[DynamicObject, ...]:
         boxes = verdict.boxes_xyxy_px.astype(np.float64)

@@ -1,5 +1,6 @@
 """The kernels; import them from hoid_native."""
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy
@@ -9,22 +10,24 @@ from numpy.typing import NDArray
 import hoid_native.results
 
 def fast_corners(
-    image_gray: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+    levels: Sequence[Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)]],
+    steps_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), writable=False)],
     threshold: int,
     border_px: int,
 ) -> hoid_native.results.Corners:
     """
-    Return the FAST-9/16 corners of an (H, W) image after 3x3 non-maximum suppression.
+    Return the FAST-9/16 corners of a pyramid's levels after 3x3 non-maximum suppression.
 
     Source: Rosten and Drummond, ECCV 2006; the same corners and scores as OpenCV's.
 
     Args:
-        image_gray: (H, W) uint8.
+        levels: L of (H_l, W_l) uint8, the finest first.
+        steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
         threshold: grey levels, from 1 to 254.
-        border_px: how far corners are from the edge, at least; 3 where it is less.
+        border_px: how far corners are from the edge of their level, at least; 3 where it is less.
 
     Raises:
-        ValueError: The threshold or the border is out of range.
+        ValueError: The threshold or the border is out of range, or not every level has its steps.
     """
 
 def spread_evenly(

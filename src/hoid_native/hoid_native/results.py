@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 
 class Corners(NamedTuple):
-    """FAST corners of one image, in raster order."""
+    """FAST corners of a pyramid's levels, level by level in raster order."""
 
-    x: NDArray[np.int32]  # (N,)
-    y: NDArray[np.int32]  # (N,)
+    xy_px: NDArray[np.int32]  # (N, 2) pixels of their own level
+    uv_px: NDArray[np.float64]  # (N, 2) level-0 pixels
+    pixel: NDArray[np.int64]  # (N,) indices of the nearest level-0 pixels in the flat image
+    octave: NDArray[np.uint8]  # (N,)
     score: NDArray[np.uint8]  # (N,): the largest threshold at which each is a corner
 
 

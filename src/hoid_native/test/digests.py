@@ -46,8 +46,8 @@ def features_and_matches() -> dict[str, Any]:
     rng = np.random.default_rng(0)
     image = np.kron(rng.integers(0, 256, (40, 50)), np.ones((6, 7))).astype(np.uint8)
     image += rng.integers(0, 9, image.shape).astype(np.uint8)
-    corners = kernels.fast_corners(image, 12, 20)
-    x, y = corners.x, corners.y
+    corners = kernels.fast_corners([image], np.full((1, 2), 1.5, np.float32), 12, 20)
+    x, y = corners.xy_px.T.copy()
     angle_deg = kernels.orientations_deg(image, x, y)
     descriptors = kernels.orb_descriptors(image, x, y, angle_deg)
     octave = rng.integers(0, 4, len(x))

@@ -29,6 +29,7 @@ from hoid_native import (
 
 DEPTH_M = np.ones((20, 30), np.float32)
 IMAGE = np.zeros((60, 80), np.uint8)
+ONE_STEP = np.ones((1, 2), np.float32)
 BOX = np.array([[2.0, 2.0, 9.0, 9.0]])
 THING = np.array([1.0]), np.array([0.5]), np.array([3], np.uint8), np.array([True])
 NO_DESCRIPTORS = np.zeros((0, 32), np.uint8)
@@ -38,7 +39,7 @@ def test_another_dtype_or_shape_is_a_type_error() -> None:
     wrong: Any
     for wrong in (IMAGE.astype(np.int16), IMAGE.ravel(), IMAGE.astype(np.float64)):
         with pytest.raises(TypeError, match='fast_corners'):
-            fast_corners(wrong, 7, 3)
+            fast_corners([wrong], ONE_STEP, 7, 3)
     with pytest.raises(TypeError, match='sample_depths_m'):
         sample_depths_m(DEPTH_M.astype(np.uint16), BOX, 3)
     with pytest.raises(TypeError, match='sample_depths_m'):
@@ -118,7 +119,7 @@ def describe(angle_deg: float) -> object:
         (lambda: sample_depths_m(DEPTH_M[:0], BOX, 3), 'empty'),
         (lambda: torso_depths_m(DEPTH_M, BOX * np.nan, np.ones(1)), 'boxes_xyxy_px'),
         (lambda: torso_depths_m(DEPTH_M, BOX, np.ones(2)), 'known_m: expected 1 rows, not 2'),
-        (lambda: fast_corners(IMAGE, 255, 3), 'threshold'),
+        (lambda: fast_corners([IMAGE], ONE_STEP, 255, 3), 'threshold'),
         (lambda: Candidates(np.zeros((2, 3), np.float32), np.zeros(2, np.uint8), NO_DESCRIPTORS),
          'descriptors: expected 2 rows, not 0'),
         (lambda: QueryConstraints(np.zeros(1, np.int8), np.zeros(0, np.int8), NO_DESCRIPTORS),

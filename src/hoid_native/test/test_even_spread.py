@@ -64,7 +64,8 @@ def by_definition(
         range(len(octave)), key=lambda k: (int(octave[k]), int(rank[k]), -int(score[k]), k)
     )
     left = budgets.copy()
-    kept, spare = [], []
+    kept: list[tuple[int, int]] = []
+    spare: list[tuple[int, int]] = []
     for k in order:
         left[octave[k]] -= 1
         (kept if left[octave[k]] >= 0 else spare).append((max(-int(left[octave[k]]), 0), k))

@@ -17,6 +17,7 @@ from hoid_native import (
     orb_descriptors,
     orientations_deg,
 )
+from hoid_native.results import Corners
 
 ByteArray = NDArray[np.uint8]
 
@@ -24,6 +25,10 @@ ByteArray = NDArray[np.uint8]
 def textured(seed: int, height: int = 97, width: int = 131) -> ByteArray:
     noise = np.random.default_rng(seed).integers(0, 256, (height, width)).astype(np.uint8)
     return np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.2), np.uint8)
+
+
+def corners_of(image: ByteArray, threshold: int, border_px: int) -> Corners:
+    return fast_corners([image], np.ones((1, 2), np.float32), threshold, border_px)
 
 
 def opencv_corners(image: ByteArray, threshold: int, border: int) -> dict[tuple[int, int], int]:
@@ -40,14 +45,8 @@ def opencv_corners(image: ByteArray, threshold: int, border: int) -> dict[tuple[
 @pytest.mark.parametrize('size', [(97, 131), (64, 40), (120, 321)])
 def test_corners_and_scores_are_those_of_opencv(threshold: int, size: tuple[int, int]) -> None:
     image = textured(threshold, *size)
-    corners = fast_corners(image, threshold, 3)
-    mine = dict(
-        zip(
-            zip(corners.x.tolist(), corners.y.tolist(), strict=True),
-            corners.score.tolist(),
-            strict=True,
-        )
-    )
+    corners = corners_of(image, threshold, 3)
+    mine = dict(zip(map(tuple, corners.xy_px.tolist()), corners.score.tolist(), strict=True))
     assert mine == opencv_corners(image, threshold, 3)
     assert mine or threshold > 20
 
@@ -55,19 +54,38 @@ def test_corners_and_scores_are_those_of_opencv(threshold: int, size: tuple[int,
 def test_a_strided_view_is_read_as_it_is() -> None:
     image = textured(5)
     view = image[5:90, 7:120]
-    corners = fast_corners(view, 7, 3)
-    copied = fast_corners(view.copy(), 7, 3)
-    assert corners.x.tolist() == copied.x.tolist()
-    assert corners.y.tolist() == copied.y.tolist()
+    corners = corners_of(view, 7, 3)
+    copied = corners_of(view.copy(), 7, 3)
+    assert corners.xy_px.tolist() == copied.xy_px.tolist()
+
+
+def test_corners_of_all_levels_have_a_place_on_the_finest() -> None:
+    levels = [textured(1, 120, 160), textured(2, 20, 20), textured(3, 60, 81)]
+    steps_px = np.array([[1, 1], [8, 6], [160 / 81, 2]], np.float32)
+    found = fast_corners(levels, steps_px, 20, 5)
+    each = [corners_of(level, 20, 5) for level in levels]
+    assert found.octave.tolist() == [0] * len(each[0].score) + [2] * len(each[2].score)
+    assert found.xy_px.tolist() == [xy for one in each for xy in one.xy_px.tolist()]
+    assert found.score.tolist() == [score for one in each for score in one.score.tolist()]
+    expected_px = (found.xy_px + 0.5) * steps_px[found.octave] - 0.5
+    np.testing.assert_array_equal(found.uv_px, expected_px)
+    column, row = np.rint(found.uv_px).astype(int).T
+    assert found.pixel.tolist() == (row * 160 + column).tolist()
+    none = fast_corners([], steps_px[:0], 20, 5)
+    assert (none.xy_px.shape, none.uv_px.shape, len(none.pixel)) == ((0, 2), (0, 2), 0)
+    with pytest.raises(ValueError, match='levels'):
+        fast_corners(levels[1:2] * 257, steps_px, 20, 5)
+    with pytest.raises(ValueError, match='steps_px'):
+        fast_corners(levels, steps_px[:2], 20, 5)
 
 
 def test_too_small_an_image_has_no_corners() -> None:
-    assert len(fast_corners(textured(1, 20, 20), 7, 3).x) == 0
+    assert len(corners_of(textured(1, 20, 20), 7, 3).score) == 0
 
 
 def test_white_and_black_images_saturate_without_corners() -> None:
     for value in (0, 255):
-        assert len(fast_corners(np.full((80, 80), value, np.uint8), 7, 3).x) == 0
+        assert len(corners_of(np.full((80, 80), value, np.uint8), 7, 3).score) == 0
 
 
 def spots(shift_px: tuple[float, float]) -> ByteArray:
@@ -80,8 +98,8 @@ def spots(shift_px: tuple[float, float]) -> ByteArray:
 @pytest.mark.parametrize('shift_px', [(0.0, 0.0), (0.3, 0.0), (-0.2, 0.4), (0.4, -0.4)])
 def test_peaks_tell_where_a_spot_is_between_pixels(shift_px: tuple[float, float]) -> None:
     image = spots(shift_px)
-    x, y, _ = fast_corners(image, 7, 10)
-    peak_px = np.stack([x, y], axis=1) + corner_peaks_px(image, x, y)
+    xy_px = corners_of(image, 7, 10).xy_px
+    peak_px = xy_px + corner_peaks_px(image, *xy_px.T.copy())
     error_px = (peak_px - shift_px + 10) % 20 - 10
     assert len(error_px) == 7 * 5
     assert np.abs(error_px).max() < 0.1
@@ -99,14 +117,15 @@ def signed_score(image: ByteArray, x: int, y: int) -> int:
 
 def test_peaks_are_those_of_the_quadratic_that_fits_nine_scores_best() -> None:
     image = textured(4)
-    x, y, score = fast_corners(image, 7, 4)
+    corners = corners_of(image, 7, 4)
+    x, y = corners.xy_px.T.copy()
     found = corner_peaks_px(image, x, y)
     around = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
     design = np.array([[1, dx, dy, dx * dx / 2, dx * dy, dy * dy / 2] for dx, dy in around])
     num_peaks = 0
     for n, (u, v) in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
         scores = [signed_score(image, u + dx, v + dy) for dx, dy in around]
-        assert scores[4] == score[n] + 1
+        assert scores[4] == corners.score[n] + 1
         _, b, c, d, e, f = np.linalg.lstsq(design, np.array(scores, float))[0]
         curvature = np.array([[d, e], [e, f]])
         if np.linalg.eigvalsh(curvature).max() < -1e-9:

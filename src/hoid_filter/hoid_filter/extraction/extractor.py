@@ -13,6 +13,7 @@ from hoid_common.values import (
     ByteArray,
     Features,
     Float32Array,
+    FloatArray,
     IntArray,
 )
 from hoid_filter.config import ExtractionConfig
@@ -149,7 +150,7 @@ def _measure(
     return angle_deg, offset_px, descriptors
 
 
-def _inside(uv_px: Float32Array, boxes_xyxy_px: Float32Array) -> BoolArray:
+def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
     """Return (K, N): whether the centre of each position's pixel is in each box."""
     centers_px = np.rint(uv_px)[:, None]
     first, end = boxes_xyxy_px[:, :2], boxes_xyxy_px[:, 2:]

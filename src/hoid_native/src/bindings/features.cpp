@@ -1,5 +1,7 @@
 #include "features/features.hpp"
 
+#include <nanobind/stl/vector.h>
+
 #include <algorithm>
 #include <limits>
 
@@ -15,13 +17,25 @@ using namespace nb::literals;
 
 HOID_RESULT(Corners);
 
-Corners fast_corners(const ImageArray<uint8_t>& image, int threshold, int border_px)
+constexpr std::size_t kMostLevels = 256;
+
+Corners fast_corners(
+  const std::vector<ImageArray<uint8_t>>& levels, const Array<float, -1, 2>& steps_px,
+  int threshold, int border_px)
 {
+  require(levels.size() <= kMostLevels, "levels: there are too many");
   require(threshold >= 1 && threshold <= 254, "threshold: must be from 1 to 254");
   require(border_px >= 0, "border_px: must not be negative");
-  auto found = unlocked([&] { return features::detect_fast(view(image), threshold, border_px); });
+  require_length("steps_px", steps_px, static_cast<int>(levels.size()));
+  features::Pyramid pyramid{{}, steps_px.data()};
+  for (const auto& level : levels) {
+    pyramid.levels.push_back(view(level));
+  }
+  auto found = unlocked([&] { return features::detect_fast(pyramid, threshold, border_px); });
+  const std::array<std::size_t, 2> pairs{found.score.size(), 2};
   return make<Corners>(
-    give(std::move(found.x)), give(std::move(found.y)), give(std::move(found.score)));
+    give(std::move(found.xy_px), pairs), give(std::move(found.uv_px), pairs),
+    give(std::move(found.pixel)), give(std::move(found.octave)), give(std::move(found.score)));
 }
 
 // Pixels (x, y) that are far enough from the edge of an image.
@@ -98,18 +112,20 @@ auto spread_evenly(
 
 void bind_features(nb::module_& module)
 {
-  module.def("fast_corners", &fast_corners, "image_gray"_a, "threshold"_a, "border_px"_a, R"(
-Return the FAST-9/16 corners of an (H, W) image after 3x3 non-maximum suppression.
+  module.def(
+    "fast_corners", &fast_corners, "levels"_a, "steps_px"_a, "threshold"_a, "border_px"_a, R"(
+Return the FAST-9/16 corners of a pyramid's levels after 3x3 non-maximum suppression.
 
 Source: Rosten and Drummond, ECCV 2006; the same corners and scores as OpenCV's.
 
 Args:
-    image_gray: (H, W) uint8.
+    levels: L of (H_l, W_l) uint8, the finest first.
+    steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
     threshold: grey levels, from 1 to 254.
-    border_px: how far corners are from the edge, at least; 3 where it is less.
+    border_px: how far corners are from the edge of their level, at least; 3 where it is less.
 
 Raises:
-    ValueError: The threshold or the border is out of range.)");
+    ValueError: The threshold or the border is out of range, or not every level has its steps.)");
   module.def(
     "spread_evenly", &spread_evenly, "uv_px"_a, "octave"_a, "score"_a, "budgets"_a, "area_px"_a,
     R"(

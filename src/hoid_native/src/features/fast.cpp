@@ -1,9 +1,10 @@
-// FAST-9/16 corners with their score and 3x3 non-maximum suppression, on one pyramid level.
+// FAST-9/16 corners with their score and 3x3 non-maximum suppression, on each pyramid level.
 //
 // The score is the largest threshold at which a pixel still is a corner.
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -113,23 +114,20 @@ ALWAYS_INLINE void add_peaks(
     for_each_lane(peaks, [&](int lane) {
       const int at = start + lane;
       if (at >= x) {
-        out.x.push_back(at);
-        out.y.push_back(y);
+        out.xy_px.insert(out.xy_px.end(), {at, y});
         out.score.push_back(static_cast<uint8_t>(line[at] - 1));
       }
     });
   }
 }
 
-}  // namespace
-
+// Add the corners of one level.
 MULTIVERSION("avx2")
-Corners detect_fast(const Image<uint8_t>& image, int threshold, int border)
+void add_corners(const Image<uint8_t>& image, int threshold, int border, Corners& corners)
 {
-  Corners corners;
   const int margin = std::max(border, kRadius);
   if (std::min(image.width, image.height) < 2 * static_cast<int64_t>(margin) + kLanes) {
-    return corners;
+    return;
   }
   int offset[kCircle];
   for (int k = 0; k < kCircle; ++k) {
@@ -150,6 +148,31 @@ Corners detect_fast(const Image<uint8_t>& image, int threshold, int border)
     if (y > margin) {
       add_peaks(row(y + 1), row(y + 2), row(y), image.width, margin, y - 1, corners);
     }
+  }
+}
+
+// Say where the corners that were added last are on level 0.
+void place(double step_x_px, double step_y_px, int width, Corners& corners)
+{
+  for (std::size_t k = corners.pixel.size(); k < corners.score.size(); ++k) {
+    // Pixel centres, not corners, are whole numbers: a level's pixel (0, 0) lies at (s - 1) / 2.
+    const double u = (corners.xy_px[2 * k] + 0.5) * step_x_px - 0.5,
+                 v = (corners.xy_px[2 * k + 1] + 0.5) * step_y_px - 0.5;
+    corners.uv_px.insert(corners.uv_px.end(), {u, v});
+    corners.pixel.push_back(std::lrint(v) * width + std::lrint(u));
+  }
+}
+
+}  // namespace
+
+Corners detect_fast(const Pyramid& pyramid, int threshold, int border)
+{
+  Corners corners;
+  for (std::size_t octave = 0; octave < pyramid.levels.size(); ++octave) {
+    const float* step_px = pyramid.steps_px + 2 * octave;
+    add_corners(pyramid.levels[octave], threshold, border, corners);
+    place(step_px[0], step_px[1], pyramid.levels[0].width, corners);
+    corners.octave.resize(corners.score.size(), static_cast<uint8_t>(octave));
   }
   return corners;
 }

@@ -14,12 +14,20 @@ constexpr int kOrientationBorderPx = 15;
 constexpr int kDescriptorBorderPx = 19;
 constexpr int kDescriptorBytes = 32;
 
-// FAST corners in raster order; a score is the largest threshold at which a pixel still is a
-// corner.
+struct Pyramid
+{
+  std::vector<Image<uint8_t>> levels;
+  const float* steps_px;  // (levels, 2) level-0 pixels per pixel of each level, in x and y
+};
+
+// FAST corners of the levels of a pyramid, level by level in raster order; a score is the largest
+// threshold at which a pixel still is a corner.
 struct Corners
 {
-  std::vector<int32_t> x, y;
-  std::vector<uint8_t> score;
+  std::vector<int32_t> xy_px;  // (count, 2) pixels of their own level
+  std::vector<double> uv_px;   // (count, 2) pixels of level 0
+  std::vector<int64_t> pixel;  // nearest in the flat level 0
+  std::vector<uint8_t> octave, score;
 };
 
 // Pixels of an image, far enough from its edge.
@@ -29,8 +37,8 @@ struct Pixels
   int count;
 };
 
-// The corners of an image that are at least `border` (>= 3) pixels from its edge.
-Corners detect_fast(const Image<uint8_t>& image, int threshold, int border);
+// The corners that are at least `border` (>= 3) pixels from the edge of their level.
+Corners detect_fast(const Pyramid& pyramid, int threshold, int border);
 
 // Write the offset (x, y) from each corner to the peak of its score.
 void corner_peaks(const Image<uint8_t>& image, const Pixels& corners, float* offset_out);
