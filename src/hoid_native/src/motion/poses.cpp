@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <vector>
 
 #include "common/multiversion.hpp"
 #include "motion/motion.hpp"
@@ -14,6 +15,53 @@ namespace {
 constexpr double kNearestM = 0.1;      // a point nearer to the camera fits no pose
 constexpr double kLeastAreaM2 = 1e-9;  // of three points, else they lie on a line
 
+// The columns of an (N, 3) array one by one, as loops of vectors read them.
+struct Columns
+{
+  std::vector<double> x, y, z;
+
+  Columns(const double* rows, int count) : x(count), y(count), z(count)
+  {
+    for (int k = 0; k < count; ++k) {
+      x[k] = rows[3 * static_cast<std::ptrdiff_t>(k)];
+      y[k] = rows[3 * static_cast<std::ptrdiff_t>(k) + 1];
+      z[k] = rows[3 * static_cast<std::ptrdiff_t>(k) + 2];
+    }
+  }
+};
+
+// What a residual counts.
+struct Noise
+{
+  double per_limit2, per_disparity2;
+};
+
+// Write how well each point fits a pose, from 0 to 1.
+ALWAYS_INLINE void write_fits(
+  const optimize::StereoParams camera, const Noise noise, const double* pose,
+  const Columns& points_m, const Columns& measured_px, double* __restrict fit_out)
+{
+  double T[12];  // a copy: a loop of vectors must not fear that it writes what it reads
+  std::copy_n(pose, 12, T);
+  const auto count = static_cast<int>(points_m.x.size());
+  const double *__restrict x = points_m.x.data(), *__restrict y = points_m.y.data(),
+               *__restrict z = points_m.z.data(), *__restrict u = measured_px.x.data(),
+               *__restrict v = measured_px.y.data(), *__restrict u_right = measured_px.z.data();
+  for (int k = 0; k < count; ++k) {
+    const double ahead = T[8] * x[k] + T[9] * y[k] + T[10] * z[k] + T[11];
+    const double scale = 1 / (ahead > kNearestM ? ahead : kNearestM);
+    const double du = (T[0] * x[k] + T[1] * y[k] + T[2] * z[k] + T[3]) * scale * camera.fx_px +
+                      camera.cx_px - u[k];
+    const double dv = (T[4] * x[k] + T[5] * y[k] + T[6] * z[k] + T[7]) * scale * camera.fy_px +
+                      camera.cy_px - v[k];
+    const double off = camera.disparity_px_m * scale - (u[k] - u_right[k]);
+    const double d = u_right[k] == u_right[k] ? off : 0.0;
+    const double fit =
+      1 - (du * du + dv * dv + d * d * noise.per_disparity2) * noise.per_limit2;
+    fit_out[k] = (ahead > kNearestM) & (fit > 0) ? fit : 0.0;
+  }
+}
+
 }  // namespace
 
 MULTIVERSION("avx2")
@@ -21,26 +69,19 @@ void score_poses(
   const optimize::StereoParams& camera, double pixel_px, double limit,
   const double* T_camera_world, int num_poses, const Points& points, double* score_out)
 {
-  const double per_limit2 = 1 / (pixel_px * pixel_px * limit * limit);
-  const double per_disparity2 = 1 / (camera.disparity_noise_px * camera.disparity_noise_px);
+  const Noise noise{
+    1 / (pixel_px * pixel_px * limit * limit),
+    1 / (camera.disparity_noise_px * camera.disparity_noise_px)};
+  const Columns points_m(points.points_m, points.count),
+    measured_px(points.measured_px, points.count);
+  std::vector<double> fit(points.count);
   for (int m = 0; m < num_poses; ++m) {
     const double* T = T_camera_world + static_cast<std::ptrdiff_t>(16) * m;
+    write_fits(camera, noise, T, points_m, measured_px, fit.data());
     double score[2] = {0, 0};
     for (int k = 0; k < points.count; ++k) {
-      const double *X = points.points_m + static_cast<std::ptrdiff_t>(3) * k,
-                   *seen = points.measured_px + static_cast<std::ptrdiff_t>(3) * k;
-      const double z = T[8] * X[0] + T[9] * X[1] + T[10] * X[2] + T[11];
-      const double scale = 1 / std::max(z, kNearestM);
-      const double u = (T[0] * X[0] + T[1] * X[1] + T[2] * X[2] + T[3]) * scale * camera.fx_px +
-                       camera.cx_px - seen[0];
-      const double v = (T[4] * X[0] + T[5] * X[1] + T[6] * X[2] + T[7]) * scale * camera.fy_px +
-                       camera.cy_px - seen[1];
-      const double d =
-        std::isnan(seen[2]) ? 0.0 : camera.disparity_px_m * scale - (seen[0] - seen[2]);
-      const double share = 1 - (u * u + v * v + d * d * per_disparity2) * per_limit2;
-      const double counted = z > kNearestM ? std::max(0.0, share) : 0.0;
-      score[0] += counted * points.weights[2 * k];
-      score[1] += counted * points.weights[2 * k + 1];
+      score[0] += fit[k] * points.weights[2 * k];
+      score[1] += fit[k] * points.weights[2 * k + 1];
     }
     score_out[2 * m] = score[0];
     score_out[2 * m + 1] = score[1];
