@@ -650,6 +650,16 @@ def depth_segments(
         ValueError: The side is less than 1.
     """
 
+def depths_around(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+) -> hoid_native.results.Surroundings:
+    """
+    Return the least and the most depth in the 3x3 pixels around each.
+
+    Args:
+        depth_m: (H, W) float32; 0 = no reading.
+    """
+
 def count_in_front(
     camera: Pinhole,
     T_earlier_now: numpy.typing.NDArray[Any],
@@ -683,22 +693,32 @@ def carry_over(
     T_before_now: numpy.typing.NDArray[Any],
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     before_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    values: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    log_odds: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     margin: tuple[float, float, float],
+    fade: float,
+    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
+    evidence: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+    limit: float,
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
     """
-    Return the (H, W) values that pixels had before; 0 where another depth was seen in their place.
+    Return the (H, W) log-odds of pixels by those they had before and the evidence of now.
+
+    Before, they had none where another depth was seen in their place. Without depth they have none.
 
     Args:
         camera: of both images.
         T_before_now: (4, 4).
         depth_m: (H, W) float32 now; 0 = no reading.
         before_m: (H, W) float32 depth of the image before.
-        values: (H, W) float32 of its pixels.
+        log_odds: (H, W) float32 of its pixels.
         margin: a constant [m], and shares of the depth and of its square, by which depths may differ.
+        fade: what is left of them.
+        label: (H, W) int32 segment of each pixel; -1 = none.
+        evidence: (S,) float32 log-odds that are added to segments.
+        limit: of the log-odds, either way.
 
     Raises:
-        ValueError: Images differ in size.
+        ValueError: Images differ in size, a label is not one of S, or the limit is negative.
     """
 
 def score_poses(

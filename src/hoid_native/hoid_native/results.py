@@ -76,6 +76,14 @@ class Segments(NamedTuple):
 
     label: NDArray[np.int32]  # (H, W) of each pixel; -1: on a jump of depth, or no reading
     region: NDArray[np.int32]  # (S,) the smooth region that each is a piece of
+    area_px: NDArray[np.int32]  # (S,)
+
+
+class Surroundings(NamedTuple):
+    """The depths around each pixel that has depth; 0 around others."""
+
+    nearest_m: NDArray[np.float32]  # (H, W)
+    farthest_m: NDArray[np.float32]  # (H, W)
 
 
 class FrontCounts(NamedTuple):

@@ -165,7 +165,19 @@ def motion() -> dict[str, Any]:
         'count_in_front': kernels.count_in_front(
             camera, T, depth_m, found.label, len(found.region), before_m, before_m, margin
         ),
-        'carry_over': kernels.carry_over(camera, T, depth_m, before_m, before_m, margin),
+        'depths_around': kernels.depths_around(depth_m),
+        'carry_over': kernels.carry_over(
+            camera,
+            T,
+            depth_m,
+            before_m,
+            before_m,
+            margin,
+            0.9,
+            found.label,
+            rng.normal(0, 2, len(found.region)).astype(np.float32),
+            3.5,
+        ),
         'score_poses': kernels.score_poses(
             stereo, 1.0, 3.0, poses, points, measured, rng.random((200, 2))
         ),

@@ -12,6 +12,7 @@ from hoid_native import (
     carry_over,
     count_in_front,
     depth_segments,
+    depths_around,
     score_poses,
     strongest_in_cells,
 )
@@ -40,6 +41,7 @@ def test_segments_end_at_jumps_and_at_cells() -> None:
     assert found.label[15, 25] != found.label[22, 25]  # another cell ...
     assert found.region[found.label[15, 25]] == found.region[found.label[22, 25]]  # ... one region
     assert found.label.max() + 1 == len(found.region)
+    assert found.area_px.tolist() == np.bincount(found.label.ravel() + 1)[1:].tolist()
 
 
 def test_no_reading_is_of_no_segment() -> None:
@@ -82,17 +84,61 @@ def test_a_camera_that_moves_puts_a_resting_wall_in_front_of_nothing() -> None:
     assert still.in_front[0] == still.looked_at[0]
 
 
-def test_values_move_with_the_pixels_where_depth_agrees() -> None:
-    values = np.arange(48 * 64, dtype=np.float32).reshape(SHAPE)
+def carried(
+    T_before_now: np.ndarray, depth_m: np.ndarray, before_m: np.ndarray, log_odds: np.ndarray
+) -> np.ndarray:
+    """Return log-odds as they are carried over, without evidence."""
+    label, none = np.full(SHAPE, -1, np.int32), np.empty(0, np.float32)
+    return carry_over(
+        CAMERA, T_before_now, depth_m, before_m, log_odds, MARGIN, 1.0, label, none, 1e9
+    )
+
+
+def test_log_odds_move_with_the_pixels_where_depth_agrees() -> None:
+    odds = np.arange(48 * 64, dtype=np.float32).reshape(SHAPE)
     T_before_now = np.eye(4)
     T_before_now[0, 3] = 0.12  # 2 px at 3 m
-    carried = carry_over(CAMERA, T_before_now, plane(3.0), plane(3.0), values, MARGIN)
-    np.testing.assert_array_equal(carried[:, :-2], values[:, 2:])
-    assert (carried[:, -2:] == 0).all()
-    assert not carry_over(CAMERA, REST, plane(3.0), plane(2.0), values, MARGIN).any()
-    assert not carry_over(CAMERA, REST, plane(0.0), plane(3.0), values, MARGIN).any()
+    moved = carried(T_before_now, plane(3.0), plane(3.0), odds)
+    np.testing.assert_array_equal(moved[:, :-2], odds[:, 2:])
+    assert (moved[:, -2:] == 0).all()
+    assert not carried(REST, plane(3.0), plane(2.0), odds).any()
+    assert not carried(REST, plane(0.0), plane(3.0), odds).any()
     with pytest.raises(ValueError, match='before_m'):
-        carry_over(CAMERA, REST, plane(3.0), plane(3.0)[:-1], values, MARGIN)
+        carried(REST, plane(3.0), plane(3.0)[:-1], odds)
+
+
+def test_log_odds_fade_and_grow_with_evidence_up_to_a_limit() -> None:
+    rng = np.random.default_rng(1)
+    odds = rng.uniform(-3, 3, SHAPE).astype(np.float32)
+    depth_m = plane(2.0)
+    depth_m[5] = 0.0
+    label = rng.integers(-1, 3, SHAPE).astype(np.int32)
+    evidence = np.array([-2.0, 0.5, 2.0], np.float32)
+    fade, limit = np.float32(0.7), 3.0
+    found = carry_over(
+        CAMERA, REST, depth_m, plane(2.0), odds, MARGIN, float(fade), label, evidence, limit
+    )
+    added = np.where(label >= 0, evidence[label], np.float32(0))
+    expected = np.where(depth_m > 0, np.clip(odds * fade + added, -limit, limit), 0)
+    np.testing.assert_array_equal(found, expected)
+    for wrong in (np.int32(1), np.int32(-1)):
+        with pytest.raises(ValueError, match='label'):
+            carry_over(
+                CAMERA, REST, depth_m, depth_m, odds, MARGIN, 1.0, label + wrong, evidence, limit
+            )
+
+
+def test_depths_around_a_pixel_are_those_of_three_by_three() -> None:
+    rng = np.random.default_rng(2)
+    depth_m = rng.uniform(1, 4, (30, 37)).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) < 0.6] = 0.0
+    found = depths_around(depth_m)
+    for v, u in np.ndindex(depth_m.shape):
+        near = depth_m[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2]
+        expected = (near[near > 0].min(), near.max()) if depth_m[v, u] > 0 else (0, 0)
+        assert (found.nearest_m[v, u], found.farthest_m[v, u]) == expected
+    assert depths_around(depth_m[:0]).nearest_m.shape == (0, 37)
+    assert depths_around(depth_m[:1, :1]).farthest_m.tolist() == depth_m[:1, :1].tolist()
 
 
 def test_scores_are_the_weights_of_what_fits() -> None:

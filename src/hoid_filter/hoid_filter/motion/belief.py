@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
+from hoid_common.values import ByteArray, FloatArray, IntArray
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import SmallView
 from hoid_native import carry_over
@@ -60,27 +60,21 @@ class Belief:
             T_before_now: (4, 4) of the camera, since the last update.
             evidence: log-odds of `EVIDENCE_S` that each segment moves.
         """
-        carried, since_s = self._carried(view, T_before_now)
-        carried *= np.float32(math.exp(-since_s / self._fade_s))
-        steps = min(since_s / EVIDENCE_S, _MOST_STEPS)
-        of_segment = np.append(evidence * steps, 0.0).astype(np.float32)  # the last: no segment
-        odds = np.clip(carried + of_segment[view.segments.label], -_LIMIT, _LIMIT)
-        odds[view.depth_m <= 0] = 0.0
-        self.log_odds, self._before = odds, view
-
-    def _carried(self, view: SmallView, T_before_now: FloatArray) -> tuple[Float32Array, float]:
-        before = self._before
-        if before is None:
-            return np.zeros_like(self.log_odds), EVIDENCE_S
-        carried = carry_over(
+        before = view if self._before is None else self._before
+        since_s = EVIDENCE_S if self._before is None else view.stamp_s - before.stamp_s
+        self.log_odds = carry_over(
             self._camera.depth_pinhole,
             T_before_now,
             view.depth_m,
             before.depth_m,
             self.log_odds,
             _SAME_MARGIN,
+            math.exp(-since_s / self._fade_s),
+            view.segments.label,
+            (evidence * min(since_s / EVIDENCE_S, _MOST_STEPS)).astype(np.float32),
+            _LIMIT,
         )
-        return carried, view.stamp_s - before.stamp_s
+        self._before = view
 
     def moving(self) -> MovingArea:
         """Return what moves: connected parts, some pixel of which is believed to for sure."""

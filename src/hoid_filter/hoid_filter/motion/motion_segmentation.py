@@ -130,7 +130,7 @@ class MotionSegmentation:
         label = small.segments.label.ravel()
         small_pixel = self.camera.small_pixels(found.pixel)
         segment = label[small_pixel]
-        area = _areas(label, segment) * np.maximum(depth_m, _NEAREST_M)
+        area = _areas(small.segments.area_px, segment) * np.maximum(depth_m, _NEAREST_M)
         points = Points(
             world_m=self._tracks.anchor_m,
             measured_px=measured_px,
@@ -263,9 +263,8 @@ def _readings(depth_m: Float32Array, pixels: IntArray) -> FloatArray:
     return np.where(np.isfinite(found), found, 0.0)
 
 
-def _areas(label: Int32Array, segment: Int32Array) -> FloatArray:
-    """Return the (N,) areas in pixels that points in segments stand for."""
-    area_px = np.bincount(label + 1, minlength=1).astype(np.float64)
-    points = np.bincount(segment + 1, minlength=len(area_px))
-    share = area_px / np.maximum(points, 1)
-    return np.where(segment >= 0, share[segment + 1], _UNSTABLE_AREA_PX)
+def _areas(area_px: Int32Array, segment: Int32Array) -> FloatArray:
+    """Return the (N,) areas in pixels that points in segments, (S,) in area, stand for."""
+    points = np.bincount(segment + 1, minlength=len(area_px) + 1)[1:]
+    share = np.append(area_px / np.maximum(points, 1), _UNSTABLE_AREA_PX)
+    return share[segment]

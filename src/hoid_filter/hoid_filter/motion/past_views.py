@@ -5,21 +5,19 @@ from __future__ import annotations
 from bisect import bisect_left
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import Float32Array, FloatArray
+from hoid_common.values import FloatArray
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import SmallView
-from hoid_native import count_in_front
+from hoid_native import count_in_front, depths_around
+from hoid_native.results import Surroundings
 
 _STEP_S = 1 / 40  # views nearer in time than this are one
 _SLACK = 0.3  # share of a baseline by which it may be missed
 _LEAST_SLACK_S = 0.1
 _MARGIN = 0.03, 0.015, 0.008  # m, and shares of the depth and its square
-_FAR_M = np.float32(1e3)
-_KERNEL = np.ones((3, 3), np.uint8)
 _FRONT = 1.5  # log-odds of a segment that is all in front, by 1/30 s
 _LEAST_FRONT = 0.1  # share of a segment that is more than its edges
 _MIXED = 0.25  # with more of it in front, what agrees says nothing for the segment
@@ -45,8 +43,7 @@ class _Past(NamedTuple):
 
     stamp_s: float
     T_camera_world: FloatArray
-    nearest_m: Float32Array  # (h, w) around each pixel; 0 = no reading
-    farthest_m: Float32Array  # (h, w)
+    around: Surroundings
 
 
 class PastViews:
@@ -60,19 +57,8 @@ class PastViews:
         """Keep a view as long as one will want to look back to it."""
         if self._views and view.stamp_s - self._views[-1].stamp_s < _STEP_S:
             return
-        depth_m = view.depth_m
-        known = depth_m > 0
-        nearest = cv2.erode(np.where(known, depth_m, _FAR_M), _KERNEL)
-        farthest = cv2.dilate(depth_m, _KERNEL)
-        nearest_m = np.asarray(np.where(known, nearest, 0), np.float32)
-        self._views.append(
-            _Past(
-                view.stamp_s,
-                se3.inverse(T_world_camera),
-                nearest_m,
-                np.asarray(farthest, np.float32),
-            )
-        )
+        around = depths_around(view.depth_m)
+        self._views.append(_Past(view.stamp_s, se3.inverse(T_world_camera), around))
         oldest_s = view.stamp_s - _BASELINES[-1].ago_s * (1 + _SLACK)
         while self._views[0].stamp_s < oldest_s:
             del self._views[0]
@@ -95,8 +81,7 @@ class PastViews:
                 view.depth_m,
                 view.segments.label,
                 num,
-                past.nearest_m,
-                past.farthest_m,
+                *past.around,
                 _MARGIN,
             )
             looked_at = np.maximum(counts.looked_at, 1)

@@ -16,6 +16,7 @@ using namespace nb::literals;
 using motion::Pinhole;
 
 HOID_RESULT(Segments);
+HOID_RESULT(Surroundings);
 HOID_RESULT(FrontCounts);
 
 using MarginTuple = std::tuple<float, float, float>;
@@ -38,7 +39,18 @@ Segments depth_segments(const ImageArray<float>& depth_m, int cell_px)
   require(cell_px >= 1, "cell_px: must be at least 1");
   auto found = unlocked([&] { return motion::depth_segments(view(depth_m), cell_px); });
   const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
-  return make<Segments>(give(std::move(found.label), shape), give(std::move(found.region)));
+  return make<Segments>(
+    give(std::move(found.label), shape), give(std::move(found.region)),
+    give(std::move(found.area_px)));
+}
+
+Surroundings depths_around(const ImageArray<float>& depth_m)
+{
+  std::vector<float> nearest_m(depth_m.array.size()), farthest_m(depth_m.array.size());
+  unlocked(
+    [&] { motion::depths_around(view(depth_m), nearest_m.data(), farthest_m.data()); });
+  const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
+  return make<Surroundings>(give(std::move(nearest_m), shape), give(std::move(farthest_m), shape));
 }
 
 FrontCounts count_in_front(
@@ -63,15 +75,20 @@ FrontCounts count_in_front(
 
 auto carry_over(
   const Pinhole& camera, const RealArray<4, 4>& T_before_now, const ImageArray<float>& depth_m,
-  const ImageArray<float>& before_m, const ImageArray<float>& values, const MarginTuple& margin)
+  const ImageArray<float>& before_m, const ImageArray<float>& log_odds, const MarginTuple& margin,
+  float fade, const ImageArray<int32_t>& label, const Vector<float>& evidence, float limit)
 {
   require_shape("before_m", before_m, depth_m);
-  require_shape("values", values, depth_m);
+  require_shape("log_odds", log_odds, depth_m);
+  require_shape("label", label, depth_m);
+  require_range("label", label, -1, evidence.size());
+  require(limit >= 0, "limit: must not be negative");
   std::vector<float> carried(depth_m.array.size());
   unlocked([&] {
     motion::carry_over(
-      {camera, T_before_now.data(), view(depth_m)}, before_m.data(), values.data(),
-      margin_of(margin), carried.data());
+      {camera, T_before_now.data(), view(depth_m)}, before_m.data(), log_odds.data(),
+      margin_of(margin), fade, {label.data(), evidence.data(), evidence.size(), limit},
+      carried.data());
   });
   const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
   return give(std::move(carried), shape);
@@ -144,6 +161,11 @@ Args:
 
 Raises:
     ValueError: The side is less than 1.)");
+  module.def("depths_around", &depths_around, "depth_m"_a, R"(
+Return the least and the most depth in the 3x3 pixels around each.
+
+Args:
+    depth_m: (H, W) float32; 0 = no reading.)");
   module.def(
     "count_in_front", &count_in_front, "camera"_a, "T_earlier_now"_a, "depth_m"_a, "label"_a,
     "num_segments"_a, "nearest_m"_a, "farthest_m"_a, "margin"_a, R"(
@@ -163,20 +185,26 @@ Args:
 Raises:
     ValueError: Images differ in size, or a label is not one of S.)");
   module.def(
-    "carry_over", &carry_over, "camera"_a, "T_before_now"_a, "depth_m"_a, "before_m"_a, "values"_a,
-    "margin"_a, R"(
-Return the (H, W) values that pixels had before; 0 where another depth was seen in their place.
+    "carry_over", &carry_over, "camera"_a, "T_before_now"_a, "depth_m"_a, "before_m"_a,
+    "log_odds"_a, "margin"_a, "fade"_a, "label"_a, "evidence"_a, "limit"_a, R"(
+Return the (H, W) log-odds of pixels by those they had before and the evidence of now.
+
+Before, they had none where another depth was seen in their place. Without depth they have none.
 
 Args:
     camera: of both images.
     T_before_now: (4, 4).
     depth_m: (H, W) float32 now; 0 = no reading.
     before_m: (H, W) float32 depth of the image before.
-    values: (H, W) float32 of its pixels.
+    log_odds: (H, W) float32 of its pixels.
     margin: a constant [m], and shares of the depth and of its square, by which depths may differ.
+    fade: what is left of them.
+    label: (H, W) int32 segment of each pixel; -1 = none.
+    evidence: (S,) float32 log-odds that are added to segments.
+    limit: of the log-odds, either way.
 
 Raises:
-    ValueError: Images differ in size.)");
+    ValueError: Images differ in size, a label is not one of S, or the limit is negative.)");
 }
 
 void bind_corners(nb::module_& module)

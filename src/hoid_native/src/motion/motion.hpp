@@ -29,6 +29,7 @@ struct Segments
 {
   std::vector<int32_t> label;   // of each pixel; -1: on a jump of depth, or no reading
   std::vector<int32_t> region;  // of each segment
+  std::vector<int32_t> area_px;
 };
 
 // The pixels of each of a number of segments, in every other row.
@@ -58,11 +59,23 @@ FrontCounts count_in_front(
   const Views& views, const int32_t* label, int num_segments, const float* nearest_m,
   const float* farthest_m, const Margin& margin);
 
-// Write the values that pixels had in the view before, 0 where that showed something else in their
-// place.
+// What speaks for or against segments.
+struct Evidence
+{
+  const int32_t* label;     // of each pixel; -1: nothing
+  const float* of_segment;  // log-odds
+  int num_segments;
+  float limit;  // of the log-odds of pixels
+};
+
+// Write log-odds of pixels: what they had in the view before, unless that showed something else in
+// their place, times `fade`, and the evidence; 0 without depth.
 void carry_over(
-  const Views& views, const float* before_m, const float* values, const Margin& margin,
-  float* value_out);
+  const Views& views, const float* before_m, const float* odds, const Margin& margin, float fade,
+  const Evidence& evidence, float* odds_out);
+
+// Write the least and the most depth in the 3x3 pixels around each that has depth; 0 around others.
+void depths_around(const Image<float>& depth_m, float* nearest_m, float* farthest_m);
 
 // Points as an image shows them.
 struct Points

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cstddef>
+#include <limits>
 
 #include "common/multiversion.hpp"
 #include "masks/regions.hpp"
@@ -27,7 +28,9 @@ MULTIVERSION("avx2") void label_cells(const Image<float>& depth_m, int cell_px, 
         if (segment < 0) {
           segment = static_cast<int32_t>(out.region.size());
           out.region.push_back(run->region);
+          out.area_px.push_back(0);
         }
+        out.area_px[segment] += last - first;
         std::fill(row + first, row + last, segment);
       }
     }
@@ -35,6 +38,36 @@ MULTIVERSION("avx2") void label_cells(const Image<float>& depth_m, int cell_px, 
 }
 
 }  // namespace
+
+MULTIVERSION("avx2")
+void depths_around(
+  const Image<float>& depth_m, float* __restrict nearest_m, float* __restrict farthest_m)
+{
+  constexpr float kNone = std::numeric_limits<float>::infinity();
+  const int width = depth_m.width, last = depth_m.height - 1;
+  // Of a column of three each, with one more at either end.
+  std::vector<float> least(width + 2, kNone), most(width + 2, 0.0F);
+  for (int v = 0; v <= last; ++v) {
+    const float *__restrict over = depth_m.row(std::max(v - 1, 0)),
+                *__restrict row = depth_m.row(v),
+                *__restrict under = depth_m.row(std::min(v + 1, last));
+    for (int u = 0; u < width; ++u) {
+      const float a = over[u], b = row[u], c = under[u];
+      least[u + 1] =
+        std::min(std::min(a > 0 ? a : kNone, b > 0 ? b : kNone), c > 0 ? c : kNone);
+      most[u + 1] = std::max(std::max(a, b), c);
+    }
+    for (int u = 0; u < width; ++u) {
+      const float depth = row[u];
+      const float nearest = std::min(std::min(least[u], least[u + 1]), least[u + 2]);
+      const float farthest = std::max(std::max(most[u], most[u + 1]), most[u + 2]);
+      nearest_m[u] = depth > 0 ? nearest : 0.0F;
+      farthest_m[u] = depth > 0 ? farthest : 0.0F;
+    }
+    nearest_m += width;
+    farthest_m += width;
+  }
+}
 
 Segments depth_segments(const Image<float>& depth_m, int cell_px)
 {

@@ -108,19 +108,32 @@ void add_runs(const int32_t* label, const int32_t* found, int width, FrontCounts
   }
 }
 
-// Write the values that the pixels of a row had.
+// Write the log-odds that the pixels of a row had, faded.
 ALWAYS_INLINE void carry_row(
   const Warp& warp, const float* __restrict depth_m, const float* __restrict before_m,
-  const float* __restrict values, const Margin margin, int width, float* __restrict value_out)
+  const float* __restrict odds, const Margin margin, float fade, int width,
+  float* __restrict odds_out)
 {
   const int32_t* __restrict index = warp.index.data();
   const float* __restrict there_m = warp.there_m.data();
   for (int u = 0; u < width; ++u) {
     const int at = index[u] < 0 ? 0 : index[u];
-    const float seen_m = before_m[at], value = values[at];
+    const float seen_m = before_m[at], carried = odds[at] * fade;
     const bool same = (index[u] >= 0) & (seen_m > 0) &
                       (std::abs(seen_m - there_m[u]) < margin.at(depth_m[u]));
-    value_out[u] = same ? value : 0.0F;
+    odds_out[u] = same ? carried : 0.0F;
+  }
+}
+
+// Add what speaks for the labels, from -1 on, of the pixels of a row.
+ALWAYS_INLINE void add_row(
+  const float* __restrict depth_m, const int32_t* __restrict label,
+  const float* __restrict of_label, float limit, int width, float* __restrict odds)
+{
+  for (int u = 0; u < width; ++u) {
+    const float sum = odds[u] + of_label[label[u] + 1];
+    const float limited = std::max(std::min(sum, limit), -limit);
+    odds[u] = depth_m[u] > 0 ? limited : 0.0F;
   }
 }
 
@@ -149,15 +162,19 @@ FrontCounts count_in_front(
 
 MULTIVERSION("avx2")
 void carry_over(
-  const Views& views, const float* before_m, const float* values, const Margin& margin,
-  float* value_out)
+  const Views& views, const float* before_m, const float* odds, const Margin& margin, float fade,
+  const Evidence& evidence, float* odds_out)
 {
   Warp warp(views);
-  for (int v = 0; v < views.depth_m.height; ++v) {
+  const int width = views.depth_m.width;
+  const int32_t* label = evidence.label;
+  std::vector<float> of_label(evidence.num_segments + 1, 0.0F);
+  std::copy_n(evidence.of_segment, evidence.num_segments, of_label.begin() + 1);
+  for (int v = 0; v < views.depth_m.height; ++v, odds_out += width, label += width) {
     const float* depths = views.depth_m.row(v);
     warp.look_up(v, depths);
-    carry_row(warp, depths, before_m, values, margin, views.depth_m.width, value_out);
-    value_out += views.depth_m.width;
+    carry_row(warp, depths, before_m, odds, margin, fade, width, odds_out);
+    add_row(depths, label, of_label.data(), evidence.limit, width, odds_out);
   }
 }
 
