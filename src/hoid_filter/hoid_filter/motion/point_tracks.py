@@ -21,6 +21,8 @@ _WINDOW_PX = 9
 _LEVELS = 2
 _BACK_LEVELS = 1  # it is known about where to
 _STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 8, 0.03)
+# The eigenvalues are there anyway; the differences of pixels, which nobody asks for, are not.
+_FLAGS = cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
 _MARGIN_PX = 3.0  # from the edge of the image
 _RETURN_PX = 0.5  # a point followed back is this near to where it was: else it slipped
 _MAX_STEP_PX = 40.0  # that is expected from one image to the next
@@ -114,6 +116,6 @@ def _flow(
         winSize=(_WINDOW_PX, _WINDOW_PX),
         maxLevel=levels,
         criteria=_STEPS,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        flags=_FLAGS,
     )
     return np.asarray(uv_px, np.float32), found.ravel() > 0
