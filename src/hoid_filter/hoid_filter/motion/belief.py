@@ -82,8 +82,9 @@ class Belief:
         if not surely.any():
             return MovingArea(np.zeros(surely.shape, np.int64), np.empty((0, 4), np.int64))
         moves = self.log_odds > _MOVES
+        # Labels of 16 bits take a third of the time of others.
         count, label, found, _ = cv2.connectedComponentsWithStats(
-            moves.view(np.uint8), connectivity=8
+            moves.view(np.uint8), connectivity=8, ltype=cv2.CV_16U
         )
         sure = np.zeros(count, np.bool_)
         sure[label[surely]] = True
@@ -91,7 +92,9 @@ class Belief:
         sure &= stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA * moves.size
         sure[0] = False
         number = np.where(sure, np.cumsum(sure), 0)
-        return MovingArea(number[label], stats[sure, : cv2.CC_STAT_AREA])
+        return MovingArea(
+            number.take(np.asarray(label, np.int64)), stats[sure, : cv2.CC_STAT_AREA]
+        )
 
 
 def widened(label: IntArray) -> ByteArray:
