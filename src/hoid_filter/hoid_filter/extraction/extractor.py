@@ -73,21 +73,14 @@ class OrbExtractor:
             kept: indices, ascending, of the corners there; None for all.
             static_area_px: of the image.
         """
+        uv_px, octave, score = corners.uv_px, corners.octave, corners.score
         if kept is not None and self._config.refill:
-            return self._spread(corners, kept, static_area_px)
-        everything, size_px = np.arange(len(corners)), corners.pyramid.levels[0].size
-        chosen = self._spread(corners, everything, size_px)
+            uv_px = uv_px.take(kept, axis=0)  # 40 times as fast as an index
+            octave, score = octave[kept], score[kept]
+            return kept[spread_evenly(uv_px, octave, score, self._budgets, static_area_px)]
+        size_px = corners.pyramid.levels[0].size
+        chosen = spread_evenly(uv_px, octave, score, self._budgets, size_px)
         return chosen if kept is None else np.intersect1d(chosen, kept, assume_unique=True)
-
-    def _spread(self, corners: Corners, among: IntArray, area_px: int) -> IntArray:
-        kept = spread_evenly(
-            corners.uv_px.take(among, axis=0),  # 40 times as fast as an index
-            corners.octave[among],
-            corners.score[among],
-            self._budgets,
-            float(area_px),
-        )
-        return among[kept]
 
     def describe(
         self,

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <cstring>
 
+#include "common/multiversion.hpp"
 #include "features/features.hpp"
 
 namespace hoid::features {
@@ -37,6 +38,7 @@ struct Weights
 
 }  // namespace
 
+MULTIVERSION("avx2")
 void orientations(const Image<uint8_t>& image, const Pixels& corners, float* angle_deg_out)
 {
   static const Weights weights;
