@@ -145,6 +145,8 @@ def _measure(
 
 def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
     """Return (K, N): whether the centre of each position's pixel is in each box."""
-    centers_px = np.rint(uv_px)[:, None]
-    first, end = boxes_xyxy_px[:, :2], boxes_xyxy_px[:, 2:]
-    return np.logical_and((centers_px >= first).all(2), (centers_px < end).all(2))
+    # A coordinate at a time: `all` over an axis of two takes ten times as long.
+    u, v = np.rint(uv_px).T[:, :, None]
+    left, top, right, bottom = boxes_xyxy_px.T
+    inside: BoolArray = (u >= left) & (u < right) & (v >= top) & (v < bottom)
+    return inside
