@@ -41,6 +41,13 @@ def test_no_feature_in_a_dynamic_box_and_the_budget_refilled(frame: RgbdFrame) -
     assert ((x >= 100) & (x < 300) & (y >= 50) & (y < 450)).all()
 
 
+@pytest.mark.parametrize(('strategy', 'left'), [('person', 0), ('hoid+', 1000)])
+def test_a_person_over_the_whole_image(frame: RgbdFrame, strategy: str, left: int) -> None:
+    found = detections(('person', (-5.0, -5.0, WIDTH + 5.0, HEIGHT + 5.0)), stamp_ns=1_000)
+    result = FeatureFilter(FilterConfig(strategy=strategy), CAMERA).process(frame, found)
+    assert len(result.features) == left  # hoid+ falls back rather than lose track
+
+
 def test_budget_without_refill_is_what_the_whole_image_leaves(frame: RgbdFrame) -> None:
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     everything = FeatureFilter(FilterConfig(strategy='none'))

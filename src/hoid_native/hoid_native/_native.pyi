@@ -53,8 +53,8 @@ def spread_evenly(
             pixel.
 
     Raises:
-        ValueError: Lengths differ, an octave has no budget, a budget or a position is negative, or the
-            area is not positive.
+        ValueError: Lengths differ, an octave has no budget, or a budget, a position or
+            the area is negative.
     """
 
 def corner_peaks_px(

@@ -89,7 +89,7 @@ def test_what_is_kept_is_that_of_the_definition(seed: int, area_px: float) -> No
 def test_what_is_on_no_grid_is_refused() -> None:
     uv_px, octave = np.ones((1, 2)), np.zeros(1, np.uint8)
     score, budgets = octave + np.uint8(9), np.array([1])
-    assert spread_evenly(uv_px, octave, score, budgets, 1e-9).tolist() == [0]
+    assert spread_evenly(uv_px, octave, score, budgets, 0.0).tolist() == [0]
     for wrong_px in (-1, np.nan, np.inf, 1e9):
         with pytest.raises(ValueError, match='uv_px'):
             spread_evenly(uv_px * wrong_px, octave, score, budgets, 100.0)
@@ -98,4 +98,4 @@ def test_what_is_on_no_grid_is_refused() -> None:
     with pytest.raises(ValueError, match='budgets'):
         spread_evenly(uv_px, octave, score, -budgets, 100.0)
     with pytest.raises(ValueError, match='area_px'):
-        spread_evenly(uv_px, octave, score, budgets, 0.0)
+        spread_evenly(uv_px, octave, score, budgets, -1.0)

@@ -99,7 +99,7 @@ auto spread_evenly(
   require_length("score", score, uv_px.size());
   require_range("octave", octave, 0, budgets.size());
   require_range("budgets", budgets, 0, std::numeric_limits<int32_t>::max());
-  require(area_px > 0, "area_px: must be positive");
+  require(area_px >= 0, "area_px: must not be negative");
   const double *first = uv_px.data(), *last = first + uv_px.array.size();
   const auto is_fit = [](double at_px) { return at_px >= 0 && at_px < kMostPx; };
   require(std::all_of(first, last, is_fit), "uv_px: must be in an image");
@@ -144,8 +144,8 @@ Args:
         pixel.
 
 Raises:
-    ValueError: Lengths differ, an octave has no budget, a budget or a position is negative, or the
-        area is not positive.)");
+    ValueError: Lengths differ, an octave has no budget, or a budget, a position or
+        the area is negative.)");
   module.def("corner_peaks_px", &corner_peaks_px, "image_gray"_a, "x"_a, "y"_a, R"(
 Return the (N, 2) offsets from FAST corners to where their score peaks between the pixels.
 
