@@ -48,13 +48,13 @@ def play(peer: RoomPeer, images: list[Messages]) -> None:
 def test_the_middleware_of_the_room_answers_in_time(peer: RoomPeer) -> None:
     """Others take it for dead, and join it anew, if it is as patient as the room's own thread."""
     pid = int(peer.diagnosis(ROOM)[1]['process'])
-    niceness = {
-        (task / 'comm').read_text().strip(): os.getpriority(os.PRIO_PROCESS, int(task.name))
+    policies = {
+        (task / 'comm').read_text().strip(): os.sched_getscheduler(int(task.name))
         for task in Path(f'/proc/{pid}/task').iterdir()
     }
-    receiving = {nice for name, nice in niceness.items() if name.startswith('dds.')}
-    assert receiving == {os.getpriority(os.PRIO_PROCESS, 0)}
-    assert os.getpriority(os.PRIO_PROCESS, pid) == 19
+    receiving = {policy for name, policy in policies.items() if name.startswith('dds.')}
+    assert receiving == {os.sched_getscheduler(0)}
+    assert os.sched_getscheduler(pid) == os.SCHED_IDLE
 
 
 def test_a_colour_image_of_another_size_is_refused_and_counted(

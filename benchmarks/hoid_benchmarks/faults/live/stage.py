@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,7 +23,6 @@ from hoid_bringup.live.supervisor import Supervisor, family_mb
 from hoid_common import topics
 from hoid_common.errors import HoidError
 from hoid_detector.model.model_path import SYNTHETIC
-from rgbd_slam.ros.scene.node import NICE
 
 START_S, BACK_S, _ALL_S = 60.0, 5.0, 10.0
 _WARM_IMAGES = 30
@@ -161,8 +161,12 @@ def member_pids(pids: Mapping[str, int]) -> dict[str, int]:
     """Return the nodes' processes, and those that SLAM has started."""
     servers = psutil.Process(pids[SLAM]).children()
     workers = [worker for server in servers for worker in server.children()]
-    names = {ROOM if p.nice() == NICE else MAPPER: p.pid for p in workers}
+    names = {ROOM if _is_idle(p.pid) else MAPPER: p.pid for p in workers}
     return {**pids, **names}
+
+
+def _is_idle(pid: int) -> bool:
+    return os.sched_getscheduler(pid) == os.SCHED_IDLE
 
 
 @contextmanager

@@ -43,7 +43,6 @@ from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.view_ledger import ViewLedger
 
-NICE = 19  # below what the pose waits for
 _SLOP_NS = 20_000_000
 _PATIENCE_NS = 1_000_000_000  # for the final verdict on an image's objects
 _CAPACITY = 60  # images that wait for the tracker to say where they were taken: 2 s
@@ -55,9 +54,10 @@ class SceneNode(Node):
     def __init__(self, messages: Connection, reports: Connection, setup: SceneSetup) -> None:
         # A node name on the command line is that of the SLAM node.
         super().__init__(setup.name, cli_args=['--ros-args', '-r', f'__node:={setup.name}'])
-        # Of this thread and those that it starts from now on, not of the middleware's: whose they
-        # are that do not answer in time is taken for dead by all others.
-        os.nice(NICE)
+        # What the pose waits for goes first, at once: this process takes what is left. Only this
+        # thread and those that it starts from now on, not the middleware's: whose they are that
+        # do not answer in time is taken for dead by all others.
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
         bridge_logging(self)
         self._setup = setup
         self._reports = reports
