@@ -1,10 +1,12 @@
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hoid_common.values import ByteArray, Float32Array
 from hoid_filter.config import ExtractionConfig
-from hoid_filter.extraction.extractor import OrbExtractor
+from hoid_filter.extraction.extractor import OrbExtractor, octave_budgets
 
 HEIGHT, WIDTH = 480, 640
 
@@ -143,3 +145,14 @@ def test_depth_at_an_edge_of_depth_is_none(
     near = (column >= 320 - reach_px) & (column < 320 + reach_px)
     assert near.any() == bool(reach_px)
     assert np.array_equal(features.depth_m == 0, near)
+
+
+def test_budgets_follow_inverse_scale() -> None:
+    assert octave_budgets(1000, 8, 1.2).tolist() == [217, 181, 151, 126, 104, 88, 72, 61]
+
+
+@given(st.integers(50, 5000), st.integers(1, 16), st.floats(1.01, 2.0))
+def test_budgets_add_up(num: int, levels: int, scale: float) -> None:
+    budgets = octave_budgets(num, levels, scale)
+    assert budgets.sum() == num
+    assert (budgets >= 0).all()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -159,14 +158,14 @@ def shared(share: float, least: float) -> Seen:
 
 def member_pids(pids: Mapping[str, int]) -> dict[str, int]:
     """Return the nodes' processes, and those that SLAM has started."""
-    servers = psutil.Process(pids[SLAM]).children()
-    workers = [worker for server in servers for worker in server.children()]
-    names = {ROOM if _is_idle(p.pid) else MAPPER: p.pid for p in workers}
+    pairs = [
+        (server, worker)
+        for server in psutil.Process(pids[SLAM]).children()
+        for worker in server.children()
+    ]
+    # The mapper alone is nicer than what started it.
+    names = {ROOM if w.nice() == server.nice() else MAPPER: w.pid for server, w in pairs}
     return {**pids, **names}
-
-
-def _is_idle(pid: int) -> bool:
-    return os.sched_getscheduler(pid) == os.SCHED_IDLE
 
 
 @contextmanager

@@ -18,7 +18,6 @@ from hoid_common.values import (
 )
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.extraction.pyramid import Corners, Int32Array, build_pyramid, find_corners
-from hoid_filter.extraction.spread import octave_budgets
 from hoid_native import (
     corner_peaks_px,
     depths_off_edges_m,
@@ -150,3 +149,10 @@ def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
     left, top, right, bottom = boxes_xyxy_px.T
     inside: BoolArray = (u >= left) & (u < right) & (v >= top) & (v < bottom)
     return inside
+
+
+def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> IntArray:
+    """Return the features of each octave, (num_levels,), in proportion to 1 / scale."""
+    weights = scale_factor ** -np.arange(num_levels, dtype=np.float64)
+    ends = np.round(np.cumsum(weights) / weights.sum() * num_features).astype(np.int64)
+    return np.concatenate([ends[:1], ends[1:] - ends[:-1]])

@@ -1,4 +1,4 @@
-"""The part of a view that drags the pose: what would let all the rest fit better by leaving.
+"""Where a part of the view is that drags the pose: without it all the rest would fit better.
 
 What moves slowly by itself fits the pose of all matches nearly as well as what rests, so that
 residuals do not tell the two apart. Its equations do: without them the pose of the rest moves, and
@@ -11,19 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-import hoid_native
 from hoid_common.values import BoolArray, Float32Array, FloatArray
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.projection import MIN_DEPTH_M
-from rgbd_slam.optimize.pose_optimizer import GATES, PoseProblem
 
-_MARGIN = np.array([0.02, 0.02, 0.05])[:, None]  # around a region, of directions and log depth
+_MARGIN = np.array([0.02, 0.02, 0.05])  # around a region, of directions and log depth
 
 
 class Region(NamedTuple):
     """A box of directions x / z and y / z, and of the logarithm of depth, in the camera."""
 
-    low: FloatArray  # (3, 1)
+    low: FloatArray  # (3,)
     high: FloatArray
 
     def holds(
@@ -33,37 +31,7 @@ class Region(NamedTuple):
         u, v = measured_px[:, :2].T
         x, y = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px
         at = np.stack([x, y, np.log(np.maximum(depth_m, MIN_DEPTH_M))])
-        inside = (self.low - _MARGIN <= at) & (at <= self.high + _MARGIN)
+        low, high = self.low - _MARGIN, self.high + _MARGIN
+        inside = (low[:, None] <= at) & (at <= high[:, None])
         inside[2] |= depth_m <= 0
         return np.asarray(inside.all(0))
-
-
-class Part(NamedTuple):
-    """Matches in one place, and what it would mean to leave them out."""
-
-    mask: BoolArray  # (N,)
-    region: Region
-    gain: float  # by how much the cost of the rest would fall, to first order
-
-
-def heaviest_part(
-    camera: StereoCamera, problem: PoseProblem, T_camera_map: FloatArray, noise_scale: float
-) -> Part:
-    """Return the part without which the rest of the N matches would fit best.
-
-    Args:
-        camera: With the noise measured so far.
-        problem: N matches.
-        T_camera_map: (4, 4) pose that fits them.
-        noise_scale: Variances in units of those measured so far.
-    """
-    part = hoid_native.heaviest_part(
-        camera.lens,
-        GATES,
-        problem.points_m,
-        problem.measured_px,
-        problem.inv_sigma2,
-        T_camera_map,
-        noise_scale,
-    )
-    return Part(part.mask, Region(part.low[:, None], part.high[:, None]), part.gain)

@@ -21,7 +21,7 @@ from hoid_common.values import BoolArray, FloatArray
 from hoid_native.results import MatchJudgement
 from rgbd_slam.config.consensus_config import ConsensusConfig
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.optimize.moving_part import Region, heaviest_part
+from rgbd_slam.optimize.moving_part import Region
 from rgbd_slam.optimize.pose_optimizer import (
     CHI2_STEREO,
     GATES,
@@ -193,7 +193,13 @@ class PoseConsensus:
         config = self._config
         if not config.leave_out_parts or len(core) < config.min_established:
             return None
-        part = heaviest_part(self._camera, core, dragged.T_camera_map, _noise_scale(dragged.cost))
+        part = hoid_native.heaviest_part(
+            self._camera.lens,
+            GATES,
+            *core.arrays,
+            dragged.T_camera_map,
+            _noise_scale(dragged.cost),
+        )
         rest = ~part.mask
         cost, _ = _rescaled(dragged.cost[rest], dragged.cost[rest])
         if part.gain < _LIKELY * (config.margin + config.drag * cost.sum()):
@@ -201,7 +207,7 @@ class PoseConsensus:
         found = self._hypothesis(core, core.select(rest), dragged.T_camera_map)
         if self._agree(dragged.cost[rest], found.cost[rest], config.drag):
             return None
-        return found._replace(inliers=found.inliers & rest), part.region
+        return found._replace(inliers=found.inliers & rest), Region(part.low, part.high)
 
     def _widened(
         self, problem: PoseProblem, is_core: BoolArray, best: _Hypothesis, usual: PoseEstimate
@@ -235,14 +241,7 @@ class PoseConsensus:
         return bool(cost.sum() <= self._config.margin + (1 + tolerance) * least.sum())
 
     def _judge(self, problem: PoseProblem, T_camera_map: FloatArray) -> MatchJudgement:
-        return hoid_native.judge_matches(
-            self._camera.lens,
-            GATES,
-            problem.points_m,
-            problem.measured_px,
-            problem.inv_sigma2,
-            T_camera_map,
-        )
+        return hoid_native.judge_matches(self._camera.lens, GATES, *problem.arrays, T_camera_map)
 
 
 def _is_better(one: _Hypothesis, other: _Hypothesis) -> bool:

@@ -42,6 +42,11 @@ class PoseProblem:
     def __len__(self) -> int:
         return len(self.inv_sigma2)
 
+    @property
+    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return all three in order, as kernels take them."""
+        return self.points_m, self.measured_px, self.inv_sigma2
+
     def select(self, keep: BoolArray) -> PoseProblem:
         """Return the matches of an (N,) mask."""
         k = np.flatnonzero(keep)  # looked up once, not three times
@@ -59,14 +64,7 @@ def optimize_pose(
     noise of pixels as configured, or as measured where that is more, as of blurred images; where
     it is less it leaves out what errs together.
     """
-    fit = hoid_native.optimize_pose(
-        camera.lens,
-        GATES,
-        problem.points_m,
-        problem.measured_px,
-        problem.inv_sigma2,
-        T_camera_map,
-    )
+    fit = hoid_native.optimize_pose(camera.lens, GATES, *problem.arrays, T_camera_map)
     # In the sums pixels have their configured weights and disparities are weighed against them, so
     # that the measured noise scales all of it alike.
     variance = camera.pixel_noise**2
