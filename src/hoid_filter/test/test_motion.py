@@ -26,9 +26,10 @@ from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.motion.belief import Belief
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import SmallView
-from hoid_native import depth_segments
+from hoid_native import FlowPyramid, depth_segments
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
+GRAY = FlowPyramid(np.zeros((240, 320), np.uint8), 1)
 LENS = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5, (0.1, -0.05, 0.0, 0.0, 0.0))
 WALL_M, SQUARE_M, SIDE_M = 3.0, 1.5, 0.5
 PERIOD_NS = 33_333_333
@@ -312,7 +313,7 @@ def test_belief_never_comes_from_pixels_without_depth() -> None:
         depth_m: Float32Array = random.uniform(1.0, 1.02, camera.shape_hw).astype(np.float32)
         depth_m[random.random(camera.shape_hw) < 0.02] = 0.0
         segments = depth_segments(depth_m, 20)
-        view = SmallView(i / 30, np.zeros((240, 320), np.uint8), depth_m, segments)
+        view = SmallView(i / 30, GRAY, depth_m, segments)
         evidence = random.normal(0.5, 1.0, len(segments.region))
         belief.update(view, np.eye(4), evidence)
         assert (belief.log_odds[depth_m == 0] == 0).all()
@@ -327,10 +328,9 @@ def test_a_belief_fades_by_time_and_not_by_images() -> None:
     for rate_hz in (8.0, 60.0):
         belief = Belief(camera, 1.0)
         evidence = np.full(len(segments.region), 2.0)
-        gray = np.zeros((240, 320), np.uint8)
-        belief.update(SmallView(0.0, gray, depth_m, segments), np.eye(4), evidence)
+        belief.update(SmallView(0.0, GRAY, depth_m, segments), np.eye(4), evidence)
         for i in range(1, int(rate_hz) + 1):
-            view = SmallView(i / rate_hz, gray, depth_m, segments)
+            view = SmallView(i / rate_hz, GRAY, depth_m, segments)
             belief.update(view, np.eye(4), 0 * evidence)
         left.append(float(belief.log_odds[60, 80]))
     assert left[0] == pytest.approx(left[1], rel=1e-3)

@@ -7,6 +7,7 @@ a TypeError, values that a kernel cannot work on with a ValueError; one with gap
 
 from hoid_native._native import (
     Candidates,
+    FlowPyramid,
     Gates,
     MatchThreshold,
     Pinhole,
@@ -23,6 +24,7 @@ from hoid_native._native import (
     depths_around,
     depths_off_edges_m,
     fast_corners,
+    follow_points,
     heaviest_part,
     intersections_over_union,
     judge_boxes,
@@ -45,6 +47,7 @@ from hoid_native._native import (
 
 __all__ = [
     'Candidates',
+    'FlowPyramid',
     'Gates',
     'MatchThreshold',
     'Pinhole',
@@ -61,6 +64,7 @@ __all__ = [
     'depths_around',
     'depths_off_edges_m',
     'fast_corners',
+    'follow_points',
     'heaviest_part',
     'intersections_over_union',
     'judge_boxes',

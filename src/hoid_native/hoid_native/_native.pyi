@@ -119,6 +119,58 @@ def orb_descriptors(
             differ.
     """
 
+class FlowPyramid:
+    """
+    A grey image at halved sizes, and its slopes, in which points are followed.
+    """
+
+    def __init__(
+        self,
+        image_gray: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+        num_levels: int,
+    ) -> None:
+        """
+        Take an image.
+
+        Args:
+            image_gray: (H, W) uint8.
+            num_levels: with the image itself; less where one would be too small.
+
+        Raises:
+            ValueError: The image is empty, or there is no level.
+        """
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the image."""
+
+def follow_points(
+    before: FlowPyramid,
+    now: FlowPyramid,
+    from_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), writable=False)],
+    guess_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), writable=False)],
+    num_levels: int,
+    num_steps: int,
+    least_step_px: float,
+) -> hoid_native.results.Followed:
+    """
+    Return where points of one image are in another, by the 9x9 pixels around them.
+
+    Args:
+        before: of the one.
+        now: of the other, as large.
+        from_px: (N, 2) float32.
+        guess_px: (N, 2) float32, where each is looked for.
+        num_levels: that are gone through, the smallest first.
+        num_steps: on each, at most.
+        least_step_px: below which a level is done.
+
+    Raises:
+        ValueError: Sizes or lengths differ, or a number is less than 1.
+
+    Source: Lucas and Kanade, IJCAI 1981, on pyramids, equal to OpenCV's calcOpticalFlowPyrLK.
+    """
+
 class QueryConstraints:
     """
     What Q queries ask of a feature, wherever it lies.

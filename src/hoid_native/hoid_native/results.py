@@ -18,6 +18,13 @@ class Corners(NamedTuple):
     score: NDArray[np.uint8]  # (N,): the largest threshold at which each is a corner
 
 
+class Followed(NamedTuple):
+    """Where N points of one image are in another."""
+
+    uv_px: NDArray[np.float32]  # (N, 2); of those not found, where the search ended
+    found: NDArray[np.bool_]  # (N,)
+
+
 class Pairs(NamedTuple):
     """Matches as parallel arrays (M,), in order of queries; nothing occurs twice."""
 

@@ -30,7 +30,7 @@ def load_from(folder: str) -> None:
 def main() -> None:
     if len(sys.argv) > 1:
         load_from(sys.argv[1])
-    results = {**features_and_matches(), **poses(), **masks(), **motion()}
+    results = {**features_and_matches(), **poses(), **masks(), **flow(), **motion()}
     sys.stdout.write(json.dumps({name: digest(value) for name, value in results.items()}))
 
 
@@ -142,6 +142,17 @@ def masks() -> dict[str, Any]:
         'overlap_ratios': kernels.overlap_ratios(boxes, boxes),
         'intersections_over_union': kernels.intersections_over_union(boxes, boxes),
     }
+
+
+def flow() -> dict[str, Any]:
+    import hoid_native as kernels  # noqa: PLC0415  after the choice of the compiled module
+
+    rng = np.random.default_rng(4)
+    before = rng.integers(0, 256, (90, 121)).astype(np.uint8)
+    now = np.roll(before, (1, 2), (0, 1)) // 2 + before // 3
+    pyramids = [kernels.FlowPyramid(image, 3) for image in (before, now)]
+    at = rng.uniform(-12, 130, (400, 2)).astype(np.float32)
+    return {'follow_points': kernels.follow_points(*pyramids, at, at, 3, 8, 0.03)}
 
 
 def motion() -> dict[str, Any]:

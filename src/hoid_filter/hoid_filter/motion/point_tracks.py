@@ -5,24 +5,16 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import (
-    BoolArray,
-    ByteArray,
-    Float32Array,
-    FloatArray,
-)
+from hoid_common.values import BoolArray, Float32Array, FloatArray
 from hoid_filter.motion.small_camera import SmallCamera
+from hoid_filter.motion.small_view import FLOW_LEVELS
+from hoid_native import FlowPyramid, follow_points
 
-_WINDOW_PX = 9
-_LEVELS = 2
-_BACK_LEVELS = 1  # it is known about where to
-_STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 8, 0.03)
-# The eigenvalues are there anyway; the differences of pixels, which nobody asks for, are not.
-_FLAGS = cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
+_BACK_LEVELS = FLOW_LEVELS - 1  # it is known about where to
+_STEPS, _LEAST_STEP_PX = 8, 0.03  # on a level
 _MARGIN_PX = 3.0  # from the edge of the image
 _RETURN_PX = 0.5  # a point followed back is this near to where it was: else it slipped
 _MAX_STEP_PX = 40.0  # that is expected from one image to the next
@@ -86,36 +78,18 @@ def _on_plane(points_m: FloatArray) -> FloatArray:
 
 
 def follow(
-    before: ByteArray, now: ByteArray, tracks: PointTracks, guess_px: Float32Array
+    before: FlowPyramid, now: FlowPyramid, tracks: PointTracks, guess_px: Float32Array
 ) -> tuple[PointTracks, BoolArray]:
     """Return the points found again in the grey image of now, and which of the (N,) they are.
 
     A point counts as found when following it back leads to where it was.
     """
-    if not len(tracks):
-        return tracks, np.empty(0, np.bool_)
-    uv_px, found = _flow(before, now, tracks.uv_px, guess_px.copy(), _LEVELS)
+    forth = follow_points(before, now, tracks.uv_px, guess_px, FLOW_LEVELS, _STEPS, _LEAST_STEP_PX)
+    uv_px = forth.uv_px
     back_guess_px = uv_px - (guess_px - tracks.uv_px)
-    back_px, returned = _flow(now, before, uv_px, back_guess_px, _BACK_LEVELS)
-    limits = np.array(now.shape[::-1], np.float32) - 1 - _MARGIN_PX
+    back = follow_points(now, before, uv_px, back_guess_px, _BACK_LEVELS, _STEPS, _LEAST_STEP_PX)
+    limits = np.array(now.size_px, np.float32) - 1 - _MARGIN_PX
     inside = ((uv_px >= _MARGIN_PX) & (uv_px <= limits)).all(axis=1)
-    off_px = np.abs(back_px - tracks.uv_px).max(axis=1)
-    kept = found & returned & inside & (off_px < _RETURN_PX)
+    off_px = np.abs(back.uv_px - tracks.uv_px).max(axis=1)
+    kept = forth.found & back.found & inside & (off_px < _RETURN_PX)
     return dataclasses.replace(tracks, uv_px=uv_px).select(kept), kept
-
-
-def _flow(
-    before: ByteArray, now: ByteArray, from_px: Float32Array, guess_px: Float32Array, levels: int
-) -> tuple[Float32Array, BoolArray]:
-    """Return where (N, 2) points have gone, and which of them were found."""
-    uv_px, found, _ = cv2.calcOpticalFlowPyrLK(
-        before,
-        now,
-        from_px,
-        guess_px,
-        winSize=(_WINDOW_PX, _WINDOW_PX),
-        maxLevel=levels,
-        criteria=_STEPS,
-        flags=_FLAGS,
-    )
-    return np.asarray(uv_px, np.float32), found.ravel() > 0

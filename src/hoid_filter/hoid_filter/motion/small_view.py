@@ -15,9 +15,10 @@ from hoid_common.values import (
     IntArray,
 )
 from hoid_filter.motion.small_camera import SmallCamera
-from hoid_native import depth_segments
+from hoid_native import FlowPyramid, depth_segments
 from hoid_native.results import Segments
 
+FLOW_LEVELS = 3  # of the grey image, in which points are followed
 _CELL_PX = 20  # what rests and touches what moves is lost with it, no further than this
 
 
@@ -47,7 +48,7 @@ class SmallView(NamedTuple):
     """The small images of a view, and its pieces: depth without jumps, cut into cells."""
 
     stamp_s: float
-    gray: ByteArray  # (2h, 2w), about
+    gray: FlowPyramid  # of (2h, 2w) pixels, about
     depth_m: Float32Array  # (h, w); 0 = no reading
     segments: Segments
 
@@ -56,4 +57,5 @@ def small_view(view: MotionView, camera: SmallCamera) -> SmallView:
     """Return the small images of a view."""
     depth_m = camera.depth(view.depth_m)
     segments = depth_segments(depth_m, _CELL_PX)
-    return SmallView(view.stamp_ns * S_PER_NS, camera.gray(view.image_gray), depth_m, segments)
+    gray = FlowPyramid(camera.gray(view.image_gray), FLOW_LEVELS)
+    return SmallView(view.stamp_ns * S_PER_NS, gray, depth_m, segments)
