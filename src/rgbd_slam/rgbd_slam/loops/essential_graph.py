@@ -14,7 +14,6 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph
 
 _MIN_SHARED = 15  # points that make two keyframes neighbours
 # A link's standard deviation: that of good odometry over its length. Only ratios matter to the
@@ -82,6 +81,9 @@ def closed_poses(
 
     The first keyframe holds the frame. Links measure what the poses are now, loops what was seen.
     """
+    # Here, as a killed node is not back before all is loaded that its start imports.
+    from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph  # noqa: PLC0415
+
     keyframes = atlas.keyframes
     rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == map_id))
     graph = PoseGraph()

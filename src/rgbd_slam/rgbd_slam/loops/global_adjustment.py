@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -23,7 +24,6 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.soa_table import SoaTable
 from rgbd_slam.optimize.bundle_problem import BundleProblem, BundleSolution, adjust
-from rgbd_slam.optimize.gtsam_bundle import solve_bundle_gtsam
 from rgbd_slam.optimize.local_bundle_adjustment import bundle_problem
 from rgbd_slam.optimize.residual_noise import with_residual_noise
 
@@ -63,7 +63,12 @@ def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> Bundl
     At equal accuracy the dense solver takes 4.7 s for 309 keyframes, 18 000 points and 157 000
     observations, and GTSAM 24.7 s.
     """
-    solver = adjust if len(bundle.T_camera_map) <= _DENSE_LIMIT else solve_bundle_gtsam
+    solver: Callable[[StereoCamera, BundleProblem, int], BundleSolution] = adjust
+    if len(bundle.T_camera_map) > _DENSE_LIMIT:
+        # Here, as a killed node is not back before all is loaded that its start imports.
+        from rgbd_slam.optimize.gtsam_bundle import solve_bundle_gtsam  # noqa: PLC0415
+
+        solver = solve_bundle_gtsam
     first = solver(camera, bundle, iterations)
     camera, bundle = with_residual_noise(camera, bundle, first)
     second = solver(camera, _continued(bundle, first), iterations)

@@ -9,13 +9,21 @@ from typing import Any, NamedTuple, cast
 
 from builtin_interfaces.msg import Time
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
 from hoid_common.values import ByteArray
 
-_TYPES = get_typestore(Stores.ROS2_JAZZY)
+_HEADER = 'builtin_interfaces/Time stamp\nstring frame_id'
+_IMAGE = (
+    'std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\n'
+    'uint32 step\nuint8[] data'
+)
+# A store of all messages takes a node 0.1 s more to start.
+_TYPES = get_typestore(Stores.EMPTY)
+_TYPES.register(get_types_from_msg(_HEADER, 'std_msgs/msg/Header'))
+_TYPES.register(get_types_from_msg(_IMAGE, 'sensor_msgs/msg/Image'))
 
 
 class ReceivedImage(NamedTuple):
