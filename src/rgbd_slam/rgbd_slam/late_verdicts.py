@@ -19,19 +19,19 @@ class LateVerdicts:
     def __init__(self) -> None:
         self._keyframes: OrderedDict[int, int] = OrderedDict()  # number of features by stamp
         self._early: OrderedDict[int, FeatureVerdicts] = OrderedDict()  # by stamp
-        self._newest_ns = 0  # stamp of the newest image
+        self._newest_ns = self._num_newest = 0  # stamp and features of the newest image
 
     def filtered(self, features: Features) -> Features:
         """Return an image's features without those that are known to move by now."""
-        self._newest_ns = features.stamp_ns
         early = self._early.pop(features.stamp_ns, None)
-        if early is None or len(early.is_dynamic) != len(features):
-            return features
-        return features.select(~early.is_dynamic)
+        if early is not None and len(early.is_dynamic) == len(features):
+            features = features.select(~early.is_dynamic)
+        self._newest_ns, self._num_newest = features.stamp_ns, len(features)
+        return features
 
-    def note_keyframe(self, features: Features) -> None:
-        """Expect a verdict on what has just become a keyframe."""
-        _put(self._keyframes, features.stamp_ns, len(features))
+    def note_keyframe(self) -> None:
+        """Expect a verdict on the newest image, which has become a keyframe."""
+        _put(self._keyframes, self._newest_ns, self._num_newest)
 
     def is_due(self, verdicts: FeatureVerdicts) -> bool:
         """Return whether a verdict changes a keyframe; one on an image to come is kept for it.

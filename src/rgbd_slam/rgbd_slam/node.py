@@ -16,6 +16,7 @@ from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
+from hoid_common.slam_status import SlamStatus
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.ros.answers import Responder
 from rgbd_slam.ros.initial_pose import InitialPose
@@ -25,6 +26,7 @@ from rgbd_slam.ros.periods import set_period
 from rgbd_slam.ros.running_session import RunningSession
 from rgbd_slam.ros.scene.link import SceneLink
 from rgbd_slam.ros.services import SlamServices
+from rgbd_slam.session import SlamSession
 
 
 class RgbdSlamNode(ManagedNode):
@@ -39,7 +41,7 @@ class RgbdSlamNode(ManagedNode):
         self._scene = SceneLink(self, config, self.diagnostics)
         self._running = RunningSession(
             self, config, static.frames, self._scene, self.diagnostics,
-            self._outputs.publish, self._outputs.wheel_motion,
+            self._outputs.publish_status, self._outputs.wheel_motion,
         )  # fmt: skip
         responder = Responder(self, self.diagnostics)
         SlamServices(responder, self._running.known, self._running.reset)
@@ -84,19 +86,24 @@ class RgbdSlamNode(ManagedNode):
         if session is None:
             self.diagnostics.count('features before camera and base were known')
             return
-        done = self._running.process(session, conversions.features_from_msg(msg))
+        tracked = self._running.track(session, conversions.features_from_msg(msg))
+        self._outputs.publish_pose(tracked.pose, msg.header)
+        done = self._running.learn(session, tracked)
         self._scene.enqueue(done.fusion)
-        self._outputs.publish(done, msg.header)
-        self.diagnostics.set_value('state', done.status.state.name.lower())
-        self.diagnostics.set_count('images processed', done.status.frames_processed)
-        self.diagnostics.set_count('images missing', done.status.frames_dropped)
-        self.diagnostics.set_count('mapping processes that died', session.map.num_restarts)
-        self.diagnostics.set_count('old poses that no file takes', session.num_unwritten)
+        self._outputs.publish_status(done.status, msg.header)
+        self._diagnose(session, done.status)
 
     def _on_verdicts(self, msg: FeatureVerdicts) -> None:
         session = self._running.session
         if session is not None:
             session.judge_again(conversions.feature_verdicts_from_msg(msg))
+
+    def _diagnose(self, session: SlamSession, status: SlamStatus) -> None:
+        self.diagnostics.set_value('state', status.state.name.lower())
+        self.diagnostics.set_count('images processed', status.frames_processed)
+        self.diagnostics.set_count('images missing', status.frames_dropped)
+        self.diagnostics.set_count('mapping processes that died', session.map.num_restarts)
+        self.diagnostics.set_count('old poses that no file takes', session.num_unwritten)
 
     def _reconfigure(self, config: SlamNodeConfig) -> None:
         self._outputs.reconfigure(config.frames)

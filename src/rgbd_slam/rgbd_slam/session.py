@@ -14,13 +14,7 @@ import numpy as np
 
 from hoid_common.errors import ConfigError
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
-from hoid_common.values import (
-    CameraModel,
-    Features,
-    FeatureVerdicts,
-    FloatArray,
-    Trajectory,
-)
+from hoid_common.values import CameraModel, Features, FeatureVerdicts, FloatArray, Trajectory
 from rgbd_slam import map_transfer
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.late_verdicts import LateVerdicts
@@ -36,6 +30,13 @@ from rgbd_slam.statistics import SlamStats, status_message
 from rgbd_slam.tracking.motion import MotionSource
 from rgbd_slam.tracking.stream_gaps import StreamGaps
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
+
+
+class Tracked(NamedTuple):
+    """Where one image was taken, and what is still to be learned from it."""
+
+    pose: RobotPose | None  # None while the pose is unknown
+    result: TrackingResult | None  # None while the session is paused
 
 
 class Processed(NamedTuple):
@@ -73,9 +74,7 @@ class SlamSession:
         self._config = config
         self._frames = frames
         self._background, self._wheels = background, wheels
-        self._fusion_scheduler = (
-            FusionScheduler(None, None) if fusion_scheduler is None else fusion_scheduler
-        )
+        self._fusion_scheduler = fusion_scheduler or FusionScheduler(None, None)
         self._map_changed = False
         self._stats_shown: SlamStats | None = None
         self._begin()
@@ -108,19 +107,29 @@ class SlamSession:
         self._is_paused = False
 
     def process(self, features: Features) -> Processed:
-        """Track one image; a paused session only says that it is paused."""
+        """Track one image and learn from it."""
+        return self.learn(self.track(features))
+
+    def track(self, features: Features) -> Tracked:
+        """Say where one image was taken, unless paused; `learn` is to follow before the next."""
         self._gaps.add(features.stamp_ns)
         if self._is_paused:
-            return Processed(self._status(SlamState.PAUSED), None)
+            return Tracked(None, None)
         self.stamp_ns = features.stamp_ns
-        features = self._late.filtered(features)
-        result = self._slam.process(features)
+        result = self._slam.track(self._late.filtered(features))
+        return Tracked(self._pose(result), result)
+
+    def learn(self, tracked: Tracked) -> Processed:
+        """Take in what the image says, and tell how all is doing."""
+        if tracked.result is None:
+            return Processed(self._status(SlamState.PAUSED), None)
+        result = self._slam.learn(tracked.result)
         self._num_processed += 1
         self._map_changed |= result.is_keyframe
         if result.is_keyframe:
-            self._late.note_keyframe(features)
+            self._late.note_keyframe()
         status = self._status(SlamState(result.state.value), result)
-        return Processed(status, self._pose(result), self._fusion_request(result))
+        return Processed(status, tracked.pose, self._fusion_request(result))
 
     def judge_again(self, verdicts: FeatureVerdicts) -> None:
         """Take back what the map has of features that move after all.
@@ -243,12 +252,9 @@ class SlamSession:
             return None
         covariance = np.zeros((6, 6)) if result.covariance is None else result.covariance
         return self._frames.place(
-            result.stamp_ns,
-            result.T_map_camera,
-            result.T_odom_camera,
-            covariance,
+            result.stamp_ns, result.T_map_camera, result.T_odom_camera, covariance,
             result.image_covariance,
-        )
+        )  # fmt: skip
 
     def _fusion_request(self, result: TrackingResult) -> FusionRequest | None:
         """Return what is to be known of an image that the scene mapper is to look at.
@@ -280,19 +286,13 @@ class SlamSession:
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
         stats = self._slam.stats
         return SlamStatus(
-            state=state,
-            mode=self.mode,
+            state=state, mode=self.mode,
             message=status_message(state, result, self._slam.odometry.is_in_main_map),
             tracked_points=result.num_tracked if result else 0,
             inliers=result.num_inliers if result else 0,
-            keyframes=stats.num_keyframes,
-            map_points=stats.num_map_points,
-            maps=stats.num_maps,
-            mapper_queue=self.map.queue_length,
-            loops=stats.num_loops,
-            merges=stats.num_merges,
+            keyframes=stats.num_keyframes, map_points=stats.num_map_points, maps=stats.num_maps,
+            mapper_queue=self.map.queue_length, loops=stats.num_loops, merges=stats.num_merges,
             relocalizations=stats.num_relocalizations,
-            frames_processed=self._num_processed,
-            frames_dropped=self._gaps.num_missing,
+            frames_processed=self._num_processed, frames_dropped=self._gaps.num_missing,
             stage_ms=result.stage_ms if result else {},
-        )
+        )  # fmt: skip

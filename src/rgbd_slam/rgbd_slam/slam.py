@@ -76,20 +76,40 @@ class RgbdSlam:
         self._tallies = PointTallies(atlas.points)
 
     def process(self, features: Features) -> TrackingResult:
-        """Track one frame, and map it when it shows something new.
+        """Track one frame and learn from it; raises what `track` does."""
+        return self.learn(self.track(features))
+
+    def track(self, features: Features) -> TrackingResult:
+        """Say where one frame was taken; `learn` is to follow before the next one.
 
         Raises:
             MessageError: A feature is of an octave that the configuration does not know.
         """
-        result = self._process(self._prepare(features))
+        result = self._locate(self._prepare(features))
         return replace(result, note=self._relocalizer.take_note() or result.note)
+
+    def learn(self, result: TrackingResult) -> TrackingResult:
+        """Take in what a tracked frame says, and map it when it shows something new."""
+        tracking = result.to_learn
+        if tracking is None:  # lost, or what a map was begun with
+            return result
+        start_s = time.thread_time()
+        self._take_in(tracking)
+        is_keyframe = self.map.is_growing and self._policy.wants(tracking, self.map.queue_length)
+        learned_s = time.thread_time()
+        if is_keyframe:
+            self._insert_keyframe(tracking)
+        mapped_s = time.thread_time()
+        track_ms = result.stage_ms['track'] + _MS * (learned_s - start_s)
+        stage_ms = {'track': track_ms, 'map': _MS * (mapped_s - learned_s)}
+        return replace(result, is_keyframe=is_keyframe, stage_ms=stage_ms, to_learn=None)
 
     def look_first_at(self, hint: PoseHint) -> None:
         """Leave the pose there is, and look for the camera at another before anywhere else."""
         self._relocalizer.look_first_at(hint)
         self._forget_pose()
 
-    def _process(self, frame: Frame) -> TrackingResult:
+    def _locate(self, frame: Frame) -> TrackingResult:
         start_s = time.thread_time()
         self.map.update()
         self.odometry.follow(frame.stamp_ns)
@@ -98,19 +118,15 @@ class RgbdSlam:
         tracking = self._track(frame) or self._relocalize(frame)
         if tracking is None:
             return self._lose(frame)
-        self._advance(tracking)
-        is_keyframe = self.map.is_growing and self._policy.wants(tracking, self.map.queue_length)
-        tracked_s = time.thread_time()
-        if is_keyframe:
-            self._insert_keyframe(tracking)
-        mapped_s = time.thread_time()
-        stage_ms = {'track': _MS * (tracked_s - start_s), 'map': _MS * (mapped_s - tracked_s)}
+        self.odometry.advance(tracking.tracked, tracking.consensus)
         result = self._result(
-            tracking.tracked, self.odometry.covariance, tracking.num_matches,
-            tracking.num_inliers, stage_ms, is_keyframe=is_keyframe,
+            tracking.tracked, self.odometry.covariance, tracking.num_matches, tracking.num_inliers
+        )
+        return replace(
+            result, image_covariance=self.odometry.image_covariance,
+            stage_ms={'track': _MS * (time.thread_time() - start_s)},
+            rival=tracking.consensus.rival, to_learn=tracking,
         )  # fmt: skip
-        own, rival = self.odometry.image_covariance, tracking.consensus.rival
-        return replace(result, image_covariance=own, rival=rival)
 
     def _prepare(self, features: Features) -> Frame:
         """Undistort features, give them virtual right columns, and follow their stamps."""
@@ -134,9 +150,8 @@ class RgbdSlam:
         self._clock.recognised()
         self.trajectory.add(tracked)
         self._first_frames.begin(frame.stamp_ns)
-        return self._result(
-            tracked, np.zeros((6, 6)), len(frame), len(frame), {}, is_keyframe=True
-        )
+        result = self._result(tracked, np.zeros((6, 6)), len(frame), len(frame))
+        return replace(result, is_keyframe=True)
 
     def _track(self, frame: Frame) -> TrackerOutput | None:
         """Track a frame from the last one, by the motion expected since."""
@@ -170,10 +185,9 @@ class RgbdSlam:
             note=_BY_WHEELS.format(bridge.elapsed_s, bridge.way_m),
         )  # fmt: skip
 
-    def _advance(self, tracking: TrackerOutput) -> None:
-        """Take in what a tracked frame says of motion, points and noise."""
+    def _take_in(self, tracking: TrackerOutput) -> None:
+        """Take in what a tracked frame says of points and noise."""
         tracked = tracking.tracked
-        self.odometry.advance(tracked, tracking.consensus)
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
         if self._config.camera.rolling_shutter:
@@ -204,12 +218,12 @@ class RgbdSlam:
 
     def _result(
         self, tracked: TrackedFrame, pose_covariance: FloatArray, num_tracked: int,
-        num_inliers: int, stage_ms: dict[str, float], *, is_keyframe: bool,
+        num_inliers: int,
     ) -> TrackingResult:  # fmt: skip
         return TrackingResult(
             tracked.frame.stamp_ns, TrackingState.TRACKING, tracked.T_map_camera,
             self.odometry.T_odom_camera, self.odometry.in_map(pose_covariance), pose_covariance,
-            num_tracked, num_inliers, is_keyframe, stage_ms,
+            num_tracked, num_inliers,
         )  # fmt: skip
 
     def reconfigure(self, config: SlamConfig) -> None:

@@ -48,6 +48,19 @@ def test_a_tracked_image_is_fused_and_looked_at_where_it_was_taken() -> None:
     assert session.stats.num_keyframes == len(session.path())
 
 
+def test_the_pose_is_told_before_the_image_is_learned_from() -> None:
+    session, world = new_session(), World()
+    see(session, world, 0)
+    for n, T_world_camera in enumerate(POSES[1:40], start=1):
+        before = session.map.state().digest()
+        tracked = session.track(world.features(n * PERIOD_NS, T_world_camera))
+        assert tracked.pose is not None
+        assert session.map.state().digest() == before
+        assert len(session.trajectory('online').stamps_ns) == n
+        assert session.learn(tracked).pose is tracked.pose
+    assert session.stats.num_keyframes > 1
+
+
 def test_in_localization_objects_are_looked_for_and_nothing_is_fused() -> None:
     session, world = new_session(), World()
     see(session, world, 0)

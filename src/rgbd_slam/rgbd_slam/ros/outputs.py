@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hoid_msgs.msg import SlamStatus
+from hoid_msgs.msg import SlamStatus as SlamStatusMsg
 from nav_msgs.msg import Odometry, Path
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
@@ -15,12 +15,13 @@ from hoid_common.ros import conversions, qos
 from hoid_common.ros.conversions.slam import keyframes_to_msg, slam_status_to_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import TransformPublisher
+from hoid_common.slam_status import SlamStatus
 from hoid_common.static_frames import StaticFrames
 from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.robot_frames import RobotPose
 from rgbd_slam.ros.wheels import WheelOdometry
-from rgbd_slam.session import Processed, SlamSession
+from rgbd_slam.session import SlamSession
 
 _WHEELS = 'wheels'
 
@@ -38,7 +39,7 @@ class SlamOutputs:
         self._transforms = TransformPublisher(node)
         own = topics.ODOM if frames.publish_odom_to_base else topics.VISUAL_ODOM
         self._odom = node.create_publisher(Odometry, own, qos.OUTPUT)
-        self._status = node.create_publisher(SlamStatus, topics.SLAM_STATUS, qos.STATE)
+        self._status = node.create_publisher(SlamStatusMsg, topics.SLAM_STATUS, qos.STATE)
         self._path = node.create_publisher(Path, topics.PATH, qos.LATCHED)
         self._points = node.create_publisher(PointCloud2, topics.MAP_POINTS, qos.LATCHED)
         self._keyframes = node.create_publisher(MarkerArray, topics.KEYFRAMES, qos.LATCHED)
@@ -49,12 +50,15 @@ class SlamOutputs:
         if not frames.publish_odom_to_base and self._wheels is None:
             self._wheels = WheelOdometry(self._node, frames.odom, self._static, self._diagnostics)
 
-    def publish(self, done: Processed, header: Header) -> None:
-        """Publish what one image gave; the header is that of its features."""
-        if done.pose is not None:
-            self._publish_odometry(done.pose, header)
-        self._publish_tree(done.pose, header)
-        self._status.publish(slam_status_to_msg(done.status, header))
+    def publish_pose(self, pose: RobotPose | None, header: Header) -> None:
+        """Publish where an image was taken, if that is known; the header is its features'."""
+        if pose is not None:
+            self._publish_odometry(pose, header)
+        self._publish_tree(pose, header)
+
+    def publish_status(self, status: SlamStatus, header: Header) -> None:
+        """Publish how all is doing; the header as above."""
+        self._status.publish(slam_status_to_msg(status, header))
 
     def find_in_map(self, frame: str) -> FloatArray | None:
         """Return T_map_frame (4, 4) by the frame tree as it was last said, or None."""

@@ -12,7 +12,7 @@ from hoid_common.errors import ConfigError, InputError, MapFileError
 from hoid_common.inputs.camera_agreement import CameraAgreement
 from hoid_common.ros.conversions import stamp_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.slam_status import SlamMode
+from hoid_common.slam_status import SlamMode, SlamStatus
 from hoid_common.static_frames import StaticFrames
 from hoid_common.values import CameraModel, Features, FloatArray
 from rgbd_slam.config.node_config import SlamNodeConfig
@@ -23,7 +23,7 @@ from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.checkpoints import Checkpoints
 from rgbd_slam.ros.scene.link import SceneLink
-from rgbd_slam.session import Processed, SlamSession
+from rgbd_slam.session import Processed, SlamSession, Tracked
 
 
 class RunningSession:
@@ -35,7 +35,7 @@ class RunningSession:
         frames: What `/tf_static` says.
         scene: The scene mapper's process, which follows the session.
         diagnostics: Of the node.
-        publish: Takes what a session says when it starts, before the first image.
+        publish_status: Takes what a session says when it starts, before the first image.
         wheel_motion: Says how a frame moved between two stamps, or None.
     """
 
@@ -46,11 +46,11 @@ class RunningSession:
         frames: StaticFrames,
         scene: SceneLink,
         diagnostics: Diagnostics,
-        publish: Callable[[Processed, Header], None],
+        publish_status: Callable[[SlamStatus, Header], None],
         wheel_motion: Callable[[int, int, str], FloatArray | None],
     ) -> None:
         self._config, self._frames, self._scene = config, frames, scene
-        self._diagnostics, self._publish = diagnostics, publish
+        self._diagnostics, self._publish_status = diagnostics, publish_status
         self._wheel_motion = wheel_motion
         self.session: SlamSession | None = None
         self._cameras = CameraAgreement()
@@ -96,10 +96,15 @@ class RunningSession:
         finally:
             self._say_camera()
 
-    def process(self, session: SlamSession, features: Features) -> Processed:
-        """Track one image; end the node when mapping cannot be kept running."""
+    def track(self, session: SlamSession, features: Features) -> Tracked:
+        """Say where one image was taken; end the node when mapping cannot be kept running."""
         with _ending_without_mapper():
-            done = session.process(features)
+            return session.track(features)
+
+    def learn(self, session: SlamSession, tracked: Tracked) -> Processed:
+        """Learn from the image; end the node when mapping cannot be kept running."""
+        with _ending_without_mapper():
+            done = session.learn(tracked)
         return self._checkpoints.followed(session, done)
 
     def reset(self) -> None:
@@ -174,7 +179,7 @@ class RunningSession:
         elif self._first_map is not None:
             self._load_first_map(session, self._first_map)
         done = Processed(session.status(), None)
-        self._publish(self._checkpoints.followed(session, done), header)
+        self._publish_status(self._checkpoints.followed(session, done).status, header)
         return session
 
     def _read_first_map(self) -> MapFile | None:

@@ -7,6 +7,7 @@ from enum import Enum
 
 from hoid_common.values import FloatArray
 from rgbd_slam.optimize.pose_consensus import Rival
+from rgbd_slam.tracking.tracker import TrackerOutput
 
 
 class TrackingState(Enum):
@@ -34,3 +35,4 @@ class TrackingResult:
     stage_ms: dict[str, float] = field(default_factory=dict)  # 'track', 'map'; thread CPU time
     rival: Rival | None = None  # another motion that explains the image
     note: str = ''  # what else is to be said of it
+    to_learn: TrackerOutput | None = None  # what is still to be learned from it

@@ -27,7 +27,7 @@ from hoid_common.errors import MessageError
 from hoid_common.ros.conversions.headers import stamp_from_msg, stamp_to_msg
 from hoid_common.values import FloatArray, IntArray
 
-_ROS_ORDER = [3, 4, 5, 0, 1, 2]  # its own inverse
+_ROS_ORDER = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # its own inverse
 
 
 def pose_from_msg(msg: Pose) -> FloatArray:
@@ -92,7 +92,7 @@ def twist_to_msg(twist: FloatArray) -> Twist:
 def odometry_from_msg(msg: Odometry) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return T_odom_base (4, 4), its covariance and the twist, as `odometry_to_msg` takes them."""
     T_odom_base = pose_from_msg(msg.pose.pose)
-    covariance = np.array(msg.pose.covariance).reshape(6, 6)[np.ix_(_ROS_ORDER, _ROS_ORDER)]
+    covariance = np.array(msg.pose.covariance).reshape(6, 6)[_ROS_ORDER]
     A = _block_rotation(T_odom_base)
     return T_odom_base, A.T @ covariance @ A, twist_from_msg(msg.twist.twist)
 
@@ -116,12 +116,12 @@ def odometry_to_msg(
         header: stamp of the image; frame_id is the odometry's frame.
     """
     A = _block_rotation(T_odom_base)
-    turned = (A @ covariance @ A.T)[np.ix_(_ROS_ORDER, _ROS_ORDER)]
+    turned = (A @ covariance @ A.T)[_ROS_ORDER]
     msg = Odometry(header=header, child_frame_id=child_frame_id)
     msg.pose.pose = pose_to_msg(T_odom_base)
     msg.pose.covariance = turned.ravel()
     msg.twist.twist = twist_to_msg(twist)
-    msg.twist.covariance = twist_covariance[np.ix_(_ROS_ORDER, _ROS_ORDER)].ravel()
+    msg.twist.covariance = twist_covariance[_ROS_ORDER].ravel()
     return msg
 
 
