@@ -712,7 +712,7 @@ def depths_around(
         depth_m: (H, W) float32; 0 = no reading.
     """
 
-def count_in_front(
+def shares_in_front(
     camera: Pinhole,
     T_earlier_now: numpy.typing.NDArray[Any],
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
@@ -721,9 +721,11 @@ def count_in_front(
     nearest_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     farthest_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     margin: tuple[float, float, float],
-) -> hoid_native.results.FrontCounts:
+) -> hoid_native.results.FrontShares:
     """
-    Return how many pixels of each segment are in front of what was seen in their place earlier.
+    Return which shares of each segment are in front of what was seen earlier, and which are at it.
+
+    Every other row is looked at.
 
     Args:
         camera: of both images.
@@ -738,6 +740,21 @@ def count_in_front(
 
     Raises:
         ValueError: Images differ in size, or a label is not one of S.
+    """
+
+def depths_at(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
+    """
+    Return the (K,) float32 depths at pixels; 0 where no number is, and for the index -1.
+
+    Args:
+        depth_m: (H, W) float32.
+        pixels: (K,) int64 indices in the flat image; -1 = none.
+
+    Raises:
+        ValueError: An index is not in the image.
     """
 
 def carry_over(

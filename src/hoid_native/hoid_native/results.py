@@ -93,9 +93,8 @@ class Surroundings(NamedTuple):
     farthest_m: NDArray[np.float32]  # (H, W)
 
 
-class FrontCounts(NamedTuple):
-    """Pixels of S segments in every other row; those behind what was seen are in neither part."""
+class FrontShares(NamedTuple):
+    """Shares of the pixels of S segments; those behind what was seen are in neither."""
 
-    looked_at: NDArray[np.int32]  # (S,) all of them
-    in_front: NDArray[np.int32]  # (S,) of what was seen in their place
-    at_it: NDArray[np.int32]  # (S,) where it was seen
+    in_front: NDArray[np.float64]  # (S,) of what was seen in their place
+    at_it: NDArray[np.float64]  # (S,) where it was seen

@@ -173,10 +173,11 @@ def motion() -> dict[str, Any]:
     poses = np.stack([np.eye(4), T])
     return {
         'depth_segments': found,
-        'count_in_front': kernels.count_in_front(
+        'shares_in_front': kernels.shares_in_front(
             camera, T, depth_m, found.label, len(found.region), before_m, before_m, margin
         ),
         'depths_around': kernels.depths_around(depth_m),
+        'depths_at': kernels.depths_at(depth_m, rng.integers(-1, depth_m.size, 300)),
         'carry_over': kernels.carry_over(
             camera,
             T,

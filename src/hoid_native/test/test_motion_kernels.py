@@ -10,10 +10,11 @@ from hoid_native import (
     StereoParams,
     align_triples,
     carry_over,
-    count_in_front,
     depth_segments,
     depths_around,
+    depths_at,
     score_poses,
+    shares_in_front,
     strongest_in_cells,
 )
 
@@ -55,16 +56,16 @@ def test_no_reading_is_of_no_segment() -> None:
 def test_what_came_before_a_wall_is_counted_and_nothing_else() -> None:
     now, earlier = with_square(1.0), plane(3.0)
     found = depth_segments(now, 64)
-    counts = count_in_front(
+    shares = shares_in_front(
         CAMERA, REST, now, found.label, len(found.region), earlier, earlier, MARGIN
     )
     square, wall = found.label[20, 30], found.label[2, 2]
-    assert counts.in_front[square] == counts.looked_at[square] > 0
-    assert counts.in_front[wall] == 0
-    assert counts.at_it[wall] == counts.looked_at[wall]
-    gone = count_in_front(CAMERA, REST, earlier, np.zeros(SHAPE, np.int32), 1, now, now, MARGIN)
+    assert shares.in_front[square] == 1
+    assert shares.in_front[wall] == 0
+    assert shares.at_it[wall] == 1
+    gone = shares_in_front(CAMERA, REST, earlier, np.zeros(SHAPE, np.int32), 1, now, now, MARGIN)
     assert gone.in_front[0] == 0  # behind what was seen: it was hidden
-    unknown = count_in_front(
+    unknown = shares_in_front(
         CAMERA, REST, now, found.label, len(found.region), earlier * 0, earlier * 0, MARGIN
     )
     assert not unknown.in_front.any()
@@ -75,13 +76,13 @@ def test_a_camera_that_moves_puts_a_resting_wall_in_front_of_nothing() -> None:
     T_earlier_now = np.eye(4)
     T_earlier_now[2, 3] = 0.5  # half a metre nearer to the wall now
     label = np.zeros(SHAPE, np.int32)
-    counts = count_in_front(
+    shares = shares_in_front(
         CAMERA, T_earlier_now, plane(2.5), label, 1, plane(3.0), plane(3.0), MARGIN
     )
-    assert counts.in_front[0] == 0
-    assert counts.at_it[0] == counts.looked_at[0]
-    still = count_in_front(CAMERA, REST, plane(2.5), label, 1, plane(3.0), plane(3.0), MARGIN)
-    assert still.in_front[0] == still.looked_at[0]
+    assert shares.in_front[0] == 0
+    assert shares.at_it[0] == 1
+    still = shares_in_front(CAMERA, REST, plane(2.5), label, 1, plane(3.0), plane(3.0), MARGIN)
+    assert still.in_front[0] == 1
 
 
 def carried(
@@ -126,6 +127,14 @@ def test_log_odds_fade_and_grow_with_evidence_up_to_a_limit() -> None:
             carry_over(
                 CAMERA, REST, depth_m, depth_m, odds, MARGIN, 1.0, label + wrong, evidence, limit
             )
+
+
+def test_depths_at_pixels_are_numbers_or_none() -> None:
+    depth_m = np.array([[1.0, np.nan, 2.0], [np.inf, 0.0, -np.inf]], np.float32)
+    assert depths_at(depth_m, np.array([2, 0, -1, 1, 3, 4, 5])).tolist() == [2, 1, 0, 0, 0, 0, 0]
+    for outside in (-2, 6):
+        with pytest.raises(ValueError, match='pixels'):
+            depths_at(depth_m, np.array([0, outside]))
 
 
 def test_depths_around_a_pixel_are_those_of_three_by_three() -> None:

@@ -24,7 +24,7 @@ from hoid_filter.motion.past_views import PastViews
 from hoid_filter.motion.point_tracks import PointTracks, expected_px, follow
 from hoid_filter.motion.small_camera import SmallCamera, nearest_pixels
 from hoid_filter.motion.small_view import MotionView, SmallView, small_view
-from hoid_native import strongest_in_cells
+from hoid_native import depths_at, strongest_in_cells
 
 _LONGEST_GAP_S = 0.7  # between images, beyond which all starts anew
 # A point so far from where it should be moves: standard deviations, and px of the grey image.
@@ -95,12 +95,13 @@ class MotionSegmentation:
         seen = self._seen(found, small)
         self._move(seen, ~view.is_detected(found.pixel), guesses)
         self._believe(seen, small)
-        self.course = self._course(seen, small.stamp_s)
+        moving = self._belief.moving()
+        self.course = self._course(seen, small.stamp_s) if moving.num_regions else Course.none()
         self._past.remember(small, self._T_world_camera)
         followed = self._renew(seen, small.stamp_s)
         self._add_points(view, small, followed)
         self._view = small
-        return self._belief.moving()
+        return moving
 
     @property
     def depth_m(self) -> Float32Array:
@@ -154,7 +155,7 @@ class MotionSegmentation:
             self._restart()
             return
         points = seen.points
-        if np.count_nonzero(may_rest) >= MIN_POINTS:
+        if MIN_POINTS <= np.count_nonzero(may_rest) < len(may_rest):
             points = points.select(may_rest)
         motion = self._ego.estimate(points, guesses)
         if motion.doubted:
@@ -240,11 +241,9 @@ class MotionSegmentation:
         height, width = view.depth_m.shape
         cell_px = (height * width / self._config.num_points) ** 0.5
         taken = np.zeros((int(height / cell_px) + 1, int(width / cell_px) + 1), np.uint8)
-        at_px = np.clip(
-            np.rint(self.camera.full_px(self._tracks.uv_px)), 0, (width - 1, height - 1)
-        )
-        column, row = (at_px / cell_px).astype(np.int64).T
-        taken[row, column] = 1
+        pixel = nearest_pixels(self.camera.full_px(self._tracks.uv_px), (height, width))
+        row, column = np.divmod(pixel, width)
+        taken[(row / cell_px).astype(np.int64), (column / cell_px).astype(np.int64)] = 1
         best = strongest_in_cells(
             view.corner_pixels,
             view.corner_scores,
@@ -259,8 +258,7 @@ class MotionSegmentation:
 
 def _readings(depth_m: Float32Array, pixels: IntArray) -> FloatArray:
     """Return the (N,) depths of flat pixels; 0 = no reading."""
-    found = depth_m.ravel()[pixels].astype(np.float64)
-    return np.where(np.isfinite(found), found, 0.0)
+    return depths_at(depth_m, pixels).astype(np.float64)
 
 
 def _areas(area_px: Int32Array, segment: Int32Array) -> FloatArray:

@@ -11,7 +11,7 @@ from hoid_common import se3
 from hoid_common.values import FloatArray
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import SmallView
-from hoid_native import count_in_front, depths_around
+from hoid_native import depths_around, shares_in_front
 from hoid_native.results import Surroundings
 
 _STEP_S = 1 / 40  # views nearer in time than this are one
@@ -75,7 +75,7 @@ class PastViews:
             past = self._at(view.stamp_s, baseline.ago_s)
             if past is None:
                 continue
-            counts = count_in_front(
+            shares = shares_in_front(
                 self._camera.depth_pinhole,
                 past.T_camera_world @ T_world_camera,
                 view.depth_m,
@@ -84,10 +84,9 @@ class PastViews:
                 *past.around,
                 _MARGIN,
             )
-            looked_at = np.maximum(counts.looked_at, 1)
-            in_front, at_it = counts.in_front / looked_at, counts.at_it / looked_at
+            in_front = shares.in_front
             total += np.where(in_front > _LEAST_FRONT, _FRONT * in_front, 0.0)
-            total -= np.where(in_front < _MIXED, baseline.rest * at_it, 0.0)
+            total -= np.where(in_front < _MIXED, baseline.rest * shares.at_it, 0.0)
         return total
 
     def _at(self, now_s: float, ago_s: float) -> _Past | None:

@@ -41,7 +41,8 @@ class PointTracks:
 
     def select(self, keep: BoolArray) -> PointTracks:
         """Return the points at a (N,) mask."""
-        return PointTracks(**{name: values[keep] for name, values in vars(self).items()})
+        kept = np.flatnonzero(keep)
+        return PointTracks(**{name: values.take(kept, 0) for name, values in vars(self).items()})
 
     def joined(self, other: PointTracks) -> PointTracks:
         """Return these points and the others."""

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 
 from hoid_common.values import (
-    BoolArray,
     ByteArray,
     CameraModel,
     Float32Array,
     FloatArray,
     IntArray,
 )
-from hoid_native import Pinhole
+from hoid_native import Pinhole, depths_at
 
 DEPTH_WIDTH_PX = 160
 GRAY_WIDTH_PX = 320
@@ -42,9 +39,7 @@ class SmallCamera:
 
     def depth(self, depth_m: Float32Array) -> Float32Array:
         """Return the small depth image of an (H, W) one; 0 = no reading."""
-        small = depth_m.ravel().take(self._sampled.pixels)
-        small[self._sampled.outside | ~np.isfinite(small)] = 0.0
-        return small.reshape(self.shape_hw)
+        return depths_at(depth_m, self._sampled).reshape(self.shape_hw)
 
     def gray(self, image_gray: ByteArray) -> ByteArray:
         """Return the small (distorted) grey image in which points are followed."""
@@ -88,7 +83,8 @@ class SmallCamera:
         boxes_px: FloatArray = np.clip(edges_px, 0, (*self.camera.size_px, *self.camera.size_px))
         return boxes_px
 
-    def _samples(self) -> _Samples:
+    def _samples(self) -> IntArray:
+        """Return (h * w,) flat pixels of the full image; -1 = none is there."""
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
         rays = _rays(self.depth_pinhole, u.ravel(), v.ravel())
@@ -96,7 +92,7 @@ class SmallCamera:
         column, row = np.rint(imaged_px).astype(np.int64).T
         full_width, full_height = self.camera.size_px
         outside = (column < 0) | (row < 0) | (column >= full_width) | (row >= full_height)
-        return _Samples(np.where(outside, 0, row * full_width + column), outside)
+        return np.where(outside, -1, row * full_width + column)
 
     def _small_pixels(self) -> IntArray:
         """Undistort every fourth pixel: for all there is no time until the next image."""
@@ -110,19 +106,17 @@ class SmallCamera:
         return nearest_pixels(np.asarray(all_px, np.float32).reshape(-1, 2), self.shape_hw)
 
 
-class _Samples(NamedTuple):
-    """Which pixels of the full image the small one is made of."""
-
-    pixels: IntArray  # (h * w,) flat
-    outside: BoolArray  # (h * w,) no pixel of the full image is there
-
-
 def nearest_pixels(uv_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
     """Return the flat indices of the pixels nearest to (N, 2) positions."""
     height, width = shape_hw
-    nearest = np.clip(np.rint(uv_px), 0, (width - 1, height - 1)).astype(np.int64)
-    flat: IntArray = nearest[:, 1] * width + nearest[:, 0]
+    column, row = np.rint(uv_px).astype(np.int64).T
+    flat: IntArray = _within(row, height) * width + _within(column, width)
     return flat
+
+
+def _within(indices: IntArray, size: int) -> IntArray:
+    """Return indices in 0 to size - 1; np.clip takes three times as long."""
+    return np.minimum(np.maximum(indices, 0), size - 1)
 
 
 def _shape(camera: CameraModel, width_px: int) -> tuple[int, int]:

@@ -17,7 +17,7 @@ using motion::Pinhole;
 
 HOID_RESULT(Segments);
 HOID_RESULT(Surroundings);
-HOID_RESULT(FrontCounts);
+HOID_RESULT(FrontShares);
 
 using MarginTuple = std::tuple<float, float, float>;
 
@@ -47,13 +47,12 @@ Segments depth_segments(const ImageArray<float>& depth_m, int cell_px)
 Surroundings depths_around(const ImageArray<float>& depth_m)
 {
   std::vector<float> nearest_m(depth_m.array.size()), farthest_m(depth_m.array.size());
-  unlocked(
-    [&] { motion::depths_around(view(depth_m), nearest_m.data(), farthest_m.data()); });
+  unlocked([&] { motion::depths_around(view(depth_m), nearest_m.data(), farthest_m.data()); });
   const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
   return make<Surroundings>(give(std::move(nearest_m), shape), give(std::move(farthest_m), shape));
 }
 
-FrontCounts count_in_front(
+FrontShares shares_in_front(
   const Pinhole& camera, const RealArray<4, 4>& T_earlier_now, const ImageArray<float>& depth_m,
   const ImageArray<int32_t>& label, int num_segments, const ImageArray<float>& nearest_m,
   const ImageArray<float>& farthest_m, const MarginTuple& margin)
@@ -63,14 +62,19 @@ FrontCounts count_in_front(
   require_shape("farthest_m", farthest_m, depth_m);
   require(num_segments >= 0, "num_segments: must not be negative");
   require_range("label", label, -1, num_segments);
-  auto counts = unlocked([&] {
-    return motion::count_in_front(
+  auto shares = unlocked([&] {
+    return motion::shares_in_front(
       {camera, T_earlier_now.data(), view(depth_m)}, label.data(), num_segments, nearest_m.data(),
       farthest_m.data(), margin_of(margin));
   });
-  return make<FrontCounts>(
-    give(std::move(counts.looked_at)), give(std::move(counts.in_front)),
-    give(std::move(counts.at_it)));
+  return make<FrontShares>(give(std::move(shares.in_front)), give(std::move(shares.at_it)));
+}
+
+auto depths_at(const ImageArray<float>& depth_m, const Vector<int64_t>& pixels)
+{
+  require_range("pixels", pixels, -1, static_cast<int64_t>(depth_m.array.size()));
+  return give(
+    unlocked([&] { return motion::depths_at(view(depth_m), pixels.data(), pixels.size()); }));
 }
 
 auto carry_over(
@@ -122,8 +126,7 @@ auto align_triples(
   const std::array<std::size_t, 3> shape{triples.array.shape(0), 4, 4};
   std::vector<double> T(16 * shape[0]);
   unlocked([&] {
-    motion::align_triples(
-      from_m.data(), to_m.data(), triples.data(), triples.size(), T.data());
+    motion::align_triples(from_m.data(), to_m.data(), triples.data(), triples.size(), T.data());
   });
   return give(std::move(T), shape);
 }
@@ -142,8 +145,12 @@ auto strongest_in_cells(
                       taken.size(1) > (depth_m.size(1) - 1) / cell_px;
   require(covers, "taken: the cells do not cover the image");
   const motion::CornersOnDepth seen{
-    corner_pixels.data(),  corner_scores.data(), corner_pixels.size(),
-    view(depth_m),         small_of_pixel.data(), label.data(),
+    corner_pixels.data(),
+    corner_scores.data(),
+    corner_pixels.size(),
+    view(depth_m),
+    small_of_pixel.data(),
+    label.data(),
     static_cast<int64_t>(label.array.size())};
   const motion::CellGrid grid{
     cell_px, taken.size(1), taken.data(), static_cast<int>(taken.array.size())};
@@ -167,9 +174,11 @@ Return the least and the most depth in the 3x3 pixels around each.
 Args:
     depth_m: (H, W) float32; 0 = no reading.)");
   module.def(
-    "count_in_front", &count_in_front, "camera"_a, "T_earlier_now"_a, "depth_m"_a, "label"_a,
+    "shares_in_front", &shares_in_front, "camera"_a, "T_earlier_now"_a, "depth_m"_a, "label"_a,
     "num_segments"_a, "nearest_m"_a, "farthest_m"_a, "margin"_a, R"(
-Return how many pixels of each segment are in front of what was seen in their place earlier.
+Return which shares of each segment are in front of what was seen earlier, and which are at it.
+
+Every other row is looked at.
 
 Args:
     camera: of both images.
@@ -184,6 +193,15 @@ Args:
 
 Raises:
     ValueError: Images differ in size, or a label is not one of S.)");
+  module.def("depths_at", &depths_at, "depth_m"_a, "pixels"_a, R"(
+Return the (K,) float32 depths at pixels; 0 where no number is, and for the index -1.
+
+Args:
+    depth_m: (H, W) float32.
+    pixels: (K,) int64 indices in the flat image; -1 = none.
+
+Raises:
+    ValueError: An index is not in the image.)");
   module.def(
     "carry_over", &carry_over, "camera"_a, "T_before_now"_a, "depth_m"_a, "before_m"_a,
     "log_odds"_a, "margin"_a, "fade"_a, "label"_a, "evidence"_a, "limit"_a, R"(

@@ -32,12 +32,11 @@ struct Segments
   std::vector<int32_t> area_px;
 };
 
-// The pixels of each of a number of segments, in every other row.
-struct FrontCounts
+// Shares of the pixels of each of a number of segments, in every other row.
+struct FrontShares
 {
-  std::vector<int32_t> looked_at;  // all of them
-  std::vector<int32_t> in_front;   // in front of what was seen earlier in their place
-  std::vector<int32_t> at_it;      // where something was seen earlier
+  std::vector<double> in_front;  // of what was seen earlier in their place
+  std::vector<double> at_it;     // where something was seen earlier
 };
 
 // How far depths may be apart: a constant and shares of the depth and of its square.
@@ -53,11 +52,14 @@ struct Margin
 
 Segments depth_segments(const Image<float>& depth_m, int cell_px);
 
-// Count the pixels of segments against an earlier view: the least and the most depth around each
+// Hold the pixels of segments against an earlier view: the least and the most depth around each
 // of its pixels, 0 where nothing was measured. Labels are less than the number of segments.
-FrontCounts count_in_front(
+FrontShares shares_in_front(
   const Views& views, const int32_t* label, int num_segments, const float* nearest_m,
   const float* farthest_m, const Margin& margin);
+
+// Return the depth at each of some flat pixels, 0 at those of -1 and where it is not finite.
+std::vector<float> depths_at(const Image<float>& depth_m, const int64_t* pixels, int count);
 
 // What speaks for or against segments.
 struct Evidence
@@ -74,7 +76,8 @@ void carry_over(
   const Views& views, const float* before_m, const float* odds, const Margin& margin, float fade,
   const Evidence& evidence, float* odds_out);
 
-// Write the least and the most depth in the 3x3 pixels around each that has depth; 0 around others.
+// Write the least and the most depth in the 3x3 pixels around each that has depth; 0 around
+// others.
 void depths_around(const Image<float>& depth_m, float* nearest_m, float* farthest_m);
 
 // Points as an image shows them.

@@ -91,8 +91,13 @@ ALWAYS_INLINE void tell_front(
   }
 }
 
+struct Counts
+{
+  std::vector<int32_t> looked_at, in_front, at_it;
+};
+
 // Add what was found at the pixels of a row to their segments, a run of equal labels at a time.
-void add_runs(const int32_t* label, const int32_t* found, int width, FrontCounts& counts)
+void add_runs(const int32_t* label, const int32_t* found, int width, Counts& counts)
 {
   for (int first = 0, last; first < width; first = last) {
     const int32_t segment = label[first];
@@ -119,8 +124,8 @@ ALWAYS_INLINE void carry_row(
   for (int u = 0; u < width; ++u) {
     const int at = index[u] < 0 ? 0 : index[u];
     const float seen_m = before_m[at], carried = odds[at] * fade;
-    const bool same = (index[u] >= 0) & (seen_m > 0) &
-                      (std::abs(seen_m - there_m[u]) < margin.at(depth_m[u]));
+    const bool same =
+      (index[u] >= 0) & (seen_m > 0) & (std::abs(seen_m - there_m[u]) < margin.at(depth_m[u]));
     odds_out[u] = same ? carried : 0.0F;
   }
 }
@@ -140,24 +145,39 @@ ALWAYS_INLINE void add_row(
 }  // namespace
 
 MULTIVERSION("avx2")
-FrontCounts count_in_front(
+FrontShares shares_in_front(
   const Views& views, const int32_t* label, int num_segments, const float* nearest_m,
   const float* farthest_m, const Margin& margin)
 {
   const std::vector<int32_t> none(num_segments, 0);
-  FrontCounts counts{none, none, none};
+  Counts counts{none, none, none};
   Warp warp(views);
   std::vector<int32_t> found(views.depth_m.width);
   for (int v = 0; v < views.depth_m.height; v += 2) {
     const float* depths = views.depth_m.row(v);
     warp.look_up(v, depths);
-    tell_front(
-      warp, depths, nearest_m, farthest_m, margin, views.depth_m.width, found.data());
+    tell_front(warp, depths, nearest_m, farthest_m, margin, views.depth_m.width, found.data());
     add_runs(
       label + static_cast<std::ptrdiff_t>(v) * views.depth_m.width, found.data(),
       views.depth_m.width, counts);
   }
-  return counts;
+  FrontShares shares{std::vector<double>(num_segments), std::vector<double>(num_segments)};
+  for (int s = 0; s < num_segments; ++s) {
+    const double all = std::max(counts.looked_at[s], 1);
+    shares.in_front[s] = counts.in_front[s] / all;
+    shares.at_it[s] = counts.at_it[s] / all;
+  }
+  return shares;
+}
+
+std::vector<float> depths_at(const Image<float>& depth_m, const int64_t* pixels, int count)
+{
+  std::vector<float> out(count);
+  for (int k = 0; k < count; ++k) {
+    const float depth = pixels[k] < 0 ? 0.0F : depth_m.data[pixels[k]];
+    out[k] = std::isfinite(depth) ? depth : 0.0F;
+  }
+  return out;
 }
 
 MULTIVERSION("avx2")
