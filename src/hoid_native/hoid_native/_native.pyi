@@ -704,9 +704,9 @@ def depth_segments(
 
 def depths_around(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-) -> hoid_native.results.Surroundings:
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None, None))]:
     """
-    Return the least and the most depth in the 3x3 pixels around each.
+    Return the (H, W, 2) least and most depth in the 3x3 pixels around each; 0 without depth there.
 
     Args:
         depth_m: (H, W) float32; 0 = no reading.
@@ -718,8 +718,7 @@ def shares_in_front(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
     num_segments: int,
-    nearest_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    farthest_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    range_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 2), writable=False)],
     margin: tuple[float, float, float],
 ) -> hoid_native.results.FrontShares:
     """
@@ -733,8 +732,7 @@ def shares_in_front(
         depth_m: (H, W) float32 now; 0 = no reading.
         label: (H, W) int32 segment of each pixel; -1 = none.
         num_segments: S.
-        nearest_m: (H, W) float32, least reading around each pixel earlier; 0 = none there.
-        farthest_m: (H, W) float32, the same of the most.
+        range_m: (H, W, 2) float32, least and most reading around each pixel earlier; 0 = none there.
         margin: a constant [m], and shares of the depth and of its square, by which a pixel must be
             in front.
 

@@ -86,13 +86,6 @@ class Segments(NamedTuple):
     area_px: NDArray[np.int32]  # (S,)
 
 
-class Surroundings(NamedTuple):
-    """The depths around each pixel that has depth; 0 around others."""
-
-    nearest_m: NDArray[np.float32]  # (H, W)
-    farthest_m: NDArray[np.float32]  # (H, W)
-
-
 class FrontShares(NamedTuple):
     """Shares of the pixels of S segments; those behind what was seen are in neither."""
 

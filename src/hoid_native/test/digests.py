@@ -166,6 +166,7 @@ def motion() -> dict[str, Any]:
     T = np.eye(4)
     T[:3, 3] = 0.05, -0.02, 0.1
     found = kernels.depth_segments(depth_m, 10)
+    range_m = kernels.depths_around(before_m)
     points = rng.uniform([-1, -1, 1], [1, 1, 4], (200, 3))
     u, v = (50 * points[:, :2] / points[:, 2:]).T + np.array([[31.5], [23.5]])
     measured = np.stack([u, v, u - 5 / points[:, 2]], 1) + rng.normal(0, 0.5, (200, 3))
@@ -174,7 +175,7 @@ def motion() -> dict[str, Any]:
     return {
         'depth_segments': found,
         'shares_in_front': kernels.shares_in_front(
-            camera, T, depth_m, found.label, len(found.region), before_m, before_m, margin
+            camera, T, depth_m, found.label, len(found.region), range_m, margin
         ),
         'depths_around': kernels.depths_around(depth_m),
         'depths_at': kernels.depths_at(depth_m, rng.integers(-1, depth_m.size, 300)),

@@ -28,6 +28,11 @@ def plane(depth_m: float) -> np.ndarray:
     return np.full(SHAPE, depth_m, np.float32)
 
 
+def both(depth_m: np.ndarray) -> np.ndarray:
+    """Return (H, W, 2) with an image as the least and as the most depth."""
+    return np.stack([depth_m, depth_m], axis=-1)
+
+
 def with_square(depth_m: float) -> np.ndarray:
     picture = plane(3.0)
     picture[10:30, 20:40] = depth_m
@@ -57,16 +62,16 @@ def test_what_came_before_a_wall_is_counted_and_nothing_else() -> None:
     now, earlier = with_square(1.0), plane(3.0)
     found = depth_segments(now, 64)
     shares = shares_in_front(
-        CAMERA, REST, now, found.label, len(found.region), earlier, earlier, MARGIN
+        CAMERA, REST, now, found.label, len(found.region), both(earlier), MARGIN
     )
     square, wall = found.label[20, 30], found.label[2, 2]
     assert shares.in_front[square] == 1
     assert shares.in_front[wall] == 0
     assert shares.at_it[wall] == 1
-    gone = shares_in_front(CAMERA, REST, earlier, np.zeros(SHAPE, np.int32), 1, now, now, MARGIN)
+    gone = shares_in_front(CAMERA, REST, earlier, np.zeros(SHAPE, np.int32), 1, both(now), MARGIN)
     assert gone.in_front[0] == 0  # behind what was seen: it was hidden
     unknown = shares_in_front(
-        CAMERA, REST, now, found.label, len(found.region), earlier * 0, earlier * 0, MARGIN
+        CAMERA, REST, now, found.label, len(found.region), both(earlier * 0), MARGIN
     )
     assert not unknown.in_front.any()
     assert not unknown.at_it.any()
@@ -76,12 +81,10 @@ def test_a_camera_that_moves_puts_a_resting_wall_in_front_of_nothing() -> None:
     T_earlier_now = np.eye(4)
     T_earlier_now[2, 3] = 0.5  # half a metre nearer to the wall now
     label = np.zeros(SHAPE, np.int32)
-    shares = shares_in_front(
-        CAMERA, T_earlier_now, plane(2.5), label, 1, plane(3.0), plane(3.0), MARGIN
-    )
+    shares = shares_in_front(CAMERA, T_earlier_now, plane(2.5), label, 1, both(plane(3.0)), MARGIN)
     assert shares.in_front[0] == 0
     assert shares.at_it[0] == 1
-    still = shares_in_front(CAMERA, REST, plane(2.5), label, 1, plane(3.0), plane(3.0), MARGIN)
+    still = shares_in_front(CAMERA, REST, plane(2.5), label, 1, both(plane(3.0)), MARGIN)
     assert still.in_front[0] == 1
 
 
@@ -145,9 +148,9 @@ def test_depths_around_a_pixel_are_those_of_three_by_three() -> None:
     for v, u in np.ndindex(depth_m.shape):
         near = depth_m[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2]
         expected = (near[near > 0].min(), near.max()) if depth_m[v, u] > 0 else (0, 0)
-        assert (found.nearest_m[v, u], found.farthest_m[v, u]) == expected
-    assert depths_around(depth_m[:0]).nearest_m.shape == (0, 37)
-    assert depths_around(depth_m[:1, :1]).farthest_m.tolist() == depth_m[:1, :1].tolist()
+        assert tuple(found[v, u]) == expected
+    assert depths_around(depth_m[:0]).shape == (0, 37, 2)
+    assert depths_around(depth_m[:1, :1])[..., 1].tolist() == depth_m[:1, :1].tolist()
 
 
 def test_scores_are_the_weights_of_what_fits() -> None:

@@ -78,9 +78,10 @@ class Belief:
 
     def moving(self) -> MovingArea:
         """Return what moves: connected parts, some pixel of which is believed to for sure."""
+        nothing = MovingArea(np.zeros(self.log_odds.shape, np.int64), np.empty((0, 4), np.int64))
         surely = self.log_odds > _SURELY_MOVES
         if not surely.any():
-            return MovingArea(np.zeros(surely.shape, np.int64), np.empty((0, 4), np.int64))
+            return nothing
         moves = self.log_odds > _MOVES
         # Labels of 16 bits take a third of the time of others.
         count, label, found, _ = cv2.connectedComponentsWithStats(
@@ -91,6 +92,8 @@ class Belief:
         stats = np.asarray(found, np.int64)
         sure &= stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA * moves.size
         sure[0] = False
+        if not sure.any():
+            return nothing
         number = np.where(sure, np.cumsum(sure), 0)
         return MovingArea(
             number.take(np.asarray(label, np.int64)), stats[sure, : cv2.CC_STAT_AREA]

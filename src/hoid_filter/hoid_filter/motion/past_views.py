@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray
+from hoid_common.values import Float32Array, FloatArray
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import SmallView
 from hoid_native import depths_around, shares_in_front
-from hoid_native.results import Surroundings
 
 _STEP_S = 1 / 40  # views nearer in time than this are one
 _SLACK = 0.3  # share of a baseline by which it may be missed
@@ -43,7 +42,7 @@ class _Past(NamedTuple):
 
     stamp_s: float
     T_camera_world: FloatArray
-    around: Surroundings
+    range_m: Float32Array  # (h, w, 2) least and most depth around each pixel
 
 
 class PastViews:
@@ -57,8 +56,8 @@ class PastViews:
         """Keep a view as long as one will want to look back to it."""
         if self._views and view.stamp_s - self._views[-1].stamp_s < _STEP_S:
             return
-        around = depths_around(view.depth_m)
-        self._views.append(_Past(view.stamp_s, se3.inverse(T_world_camera), around))
+        range_m = depths_around(view.depth_m)
+        self._views.append(_Past(view.stamp_s, se3.inverse(T_world_camera), range_m))
         oldest_s = view.stamp_s - _BASELINES[-1].ago_s * (1 + _SLACK)
         while self._views[0].stamp_s < oldest_s:
             del self._views[0]
@@ -81,7 +80,7 @@ class PastViews:
                 view.depth_m,
                 view.segments.label,
                 num,
-                *past.around,
+                past.range_m,
                 _MARGIN,
             )
             in_front = shares.in_front

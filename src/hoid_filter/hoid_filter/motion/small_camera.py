@@ -125,9 +125,11 @@ def _shape(camera: CameraModel, width_px: int) -> tuple[int, int]:
 
 def _rays(pinhole: Pinhole, u_px: FloatArray, v_px: FloatArray) -> FloatArray:
     """Return the (N, 3) points at a depth of 1 m that pixels show."""
-    x = (u_px - pinhole.cx_px) / pinhole.fx_px
-    y = (v_px - pinhole.cy_px) / pinhole.fy_px
-    return np.stack([x, y, np.ones(len(x))], axis=1)
+    rays = np.empty((len(u_px), 3))
+    rays[:, 0] = (u_px - pinhole.cx_px) / pinhole.fx_px
+    rays[:, 1] = (v_px - pinhole.cy_px) / pinhole.fy_px
+    rays[:, 2] = 1.0
+    return rays
 
 
 def _pinhole(camera: CameraModel, width_px: int) -> Pinhole:

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <type_traits>
 
 #include "bindings/arrays.hpp"
 
@@ -34,21 +35,23 @@ void require_length(const char* name, const A& array, int length)
   }
 }
 
-// All values must be in [low, end).
+// All values must be in [low, end), which has less than 2^32 numbers for types of 32 bits.
 template <typename T, int... kShape>
 void require_range(const char* name, const Array<T, kShape...>& array, int64_t low, int64_t end)
 {
+  // One comparison a value and no early end: this way the loop is one of vectors, on any processor.
+  using Unsigned = std::conditional_t<sizeof(T) <= sizeof(uint32_t), uint32_t, uint64_t>;
+  const auto least = static_cast<Unsigned>(low), size = static_cast<Unsigned>(end - low);
   const T *first = array.data(), *last = first + array.array.size();
-  T least = 0, most = 0;
-  for (const T* at = first; at != last;
-       ++at) {  // no early end: this way the loop is one of vectors
-    least = at == first ? *at : std::min(least, *at);
-    most = at == first ? *at : std::max(most, *at);
+  Unsigned num_outside = 0;
+  for (const T* at = first; at != last; ++at) {
+    num_outside += static_cast<Unsigned>(*at) - least < size ? 0 : 1;
   }
-  if (first != last && (static_cast<int64_t>(least) < low || static_cast<int64_t>(most) >= end)) {
+  if (num_outside > 0) {
+    const auto [lowest, highest] = std::minmax_element(first, last);
     refuse(
-      std::string(name) + ": " + std::to_string(least) + " to " + std::to_string(most) +
-      " is not within 0 to " + std::to_string(end - 1));
+      std::string(name) + ": " + std::to_string(*lowest) + " to " + std::to_string(*highest) +
+      " is not within " + std::to_string(low) + " to " + std::to_string(end - 1));
   }
 }
 

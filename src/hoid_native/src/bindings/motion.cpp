@@ -16,7 +16,6 @@ using namespace nb::literals;
 using motion::Pinhole;
 
 HOID_RESULT(Segments);
-HOID_RESULT(Surroundings);
 HOID_RESULT(FrontShares);
 
 using MarginTuple = std::tuple<float, float, float>;
@@ -26,8 +25,9 @@ motion::Margin margin_of(const MarginTuple& values)
   return {std::get<0>(values), std::get<1>(values), std::get<2>(values)};
 }
 
-template <typename T>
-void require_shape(const char* name, const ImageArray<T>& image, const ImageArray<float>& like)
+template <typename T, int... kShape>
+void require_shape(
+  const char* name, const Array<T, kShape...>& image, const ImageArray<float>& like)
 {
   if (image.size(0) != like.size(0) || image.size(1) != like.size(1)) {
     refuse(std::string(name) + ": must be as large as depth_m");
@@ -44,28 +44,27 @@ Segments depth_segments(const ImageArray<float>& depth_m, int cell_px)
     give(std::move(found.area_px)));
 }
 
-Surroundings depths_around(const ImageArray<float>& depth_m)
+auto depths_around(const ImageArray<float>& depth_m)
 {
-  std::vector<float> nearest_m(depth_m.array.size()), farthest_m(depth_m.array.size());
-  unlocked([&] { motion::depths_around(view(depth_m), nearest_m.data(), farthest_m.data()); });
-  const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
-  return make<Surroundings>(give(std::move(nearest_m), shape), give(std::move(farthest_m), shape));
+  std::vector<float> range_m(2 * depth_m.array.size());
+  unlocked([&] { motion::depths_around(view(depth_m), range_m.data()); });
+  const std::array<std::size_t, 3> shape{depth_m.array.shape(0), depth_m.array.shape(1), 2};
+  return give(std::move(range_m), shape);
 }
 
 FrontShares shares_in_front(
   const Pinhole& camera, const RealArray<4, 4>& T_earlier_now, const ImageArray<float>& depth_m,
-  const ImageArray<int32_t>& label, int num_segments, const ImageArray<float>& nearest_m,
-  const ImageArray<float>& farthest_m, const MarginTuple& margin)
+  const ImageArray<int32_t>& label, int num_segments, const Array<float, -1, -1, 2>& range_m,
+  const MarginTuple& margin)
 {
   require_shape("label", label, depth_m);
-  require_shape("nearest_m", nearest_m, depth_m);
-  require_shape("farthest_m", farthest_m, depth_m);
+  require_shape("range_m", range_m, depth_m);
   require(num_segments >= 0, "num_segments: must not be negative");
   require_range("label", label, -1, num_segments);
   auto shares = unlocked([&] {
     return motion::shares_in_front(
-      {camera, T_earlier_now.data(), view(depth_m)}, label.data(), num_segments, nearest_m.data(),
-      farthest_m.data(), margin_of(margin));
+      {camera, T_earlier_now.data(), view(depth_m)}, label.data(), num_segments, range_m.data(),
+      margin_of(margin));
   });
   return make<FrontShares>(give(std::move(shares.in_front)), give(std::move(shares.at_it)));
 }
@@ -169,13 +168,13 @@ Args:
 Raises:
     ValueError: The side is less than 1.)");
   module.def("depths_around", &depths_around, "depth_m"_a, R"(
-Return the least and the most depth in the 3x3 pixels around each.
+Return the (H, W, 2) least and most depth in the 3x3 pixels around each; 0 without depth there.
 
 Args:
     depth_m: (H, W) float32; 0 = no reading.)");
   module.def(
     "shares_in_front", &shares_in_front, "camera"_a, "T_earlier_now"_a, "depth_m"_a, "label"_a,
-    "num_segments"_a, "nearest_m"_a, "farthest_m"_a, "margin"_a, R"(
+    "num_segments"_a, "range_m"_a, "margin"_a, R"(
 Return which shares of each segment are in front of what was seen earlier, and which are at it.
 
 Every other row is looked at.
@@ -186,8 +185,7 @@ Args:
     depth_m: (H, W) float32 now; 0 = no reading.
     label: (H, W) int32 segment of each pixel; -1 = none.
     num_segments: S.
-    nearest_m: (H, W) float32, least reading around each pixel earlier; 0 = none there.
-    farthest_m: (H, W) float32, the same of the most.
+    range_m: (H, W, 2) float32, least and most reading around each pixel earlier; 0 = none there.
     margin: a constant [m], and shares of the depth and of its square, by which a pixel must be
         in front.
 

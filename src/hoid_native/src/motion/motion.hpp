@@ -55,8 +55,8 @@ Segments depth_segments(const Image<float>& depth_m, int cell_px);
 // Hold the pixels of segments against an earlier view: the least and the most depth around each
 // of its pixels, 0 where nothing was measured. Labels are less than the number of segments.
 FrontShares shares_in_front(
-  const Views& views, const int32_t* label, int num_segments, const float* nearest_m,
-  const float* farthest_m, const Margin& margin);
+  const Views& views, const int32_t* label, int num_segments, const float* range_m,
+  const Margin& margin);
 
 // Return the depth at each of some flat pixels, 0 at those of -1 and where it is not finite.
 std::vector<float> depths_at(const Image<float>& depth_m, const int64_t* pixels, int count);
@@ -76,9 +76,9 @@ void carry_over(
   const Views& views, const float* before_m, const float* odds, const Margin& margin, float fade,
   const Evidence& evidence, float* odds_out);
 
-// Write the least and the most depth in the 3x3 pixels around each that has depth; 0 around
-// others.
-void depths_around(const Image<float>& depth_m, float* nearest_m, float* farthest_m);
+// Write the least and the most depth, side by side, in the 3x3 pixels around each that has depth;
+// 0 around others.
+void depths_around(const Image<float>& depth_m, float* range_m);
 
 // Points as an image shows them.
 struct Points

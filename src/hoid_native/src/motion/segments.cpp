@@ -40,8 +40,7 @@ MULTIVERSION("avx2") void label_cells(const Image<float>& depth_m, int cell_px, 
 }  // namespace
 
 MULTIVERSION("avx2")
-void depths_around(
-  const Image<float>& depth_m, float* __restrict nearest_m, float* __restrict farthest_m)
+void depths_around(const Image<float>& depth_m, float* __restrict range_m)
 {
   constexpr float kNone = std::numeric_limits<float>::infinity();
   const int width = depth_m.width, last = depth_m.height - 1;
@@ -61,11 +60,10 @@ void depths_around(
       const float depth = row[u];
       const float nearest = std::min(std::min(least[u], least[u + 1]), least[u + 2]);
       const float farthest = std::max(std::max(most[u], most[u + 1]), most[u + 2]);
-      nearest_m[u] = depth > 0 ? nearest : 0.0F;
-      farthest_m[u] = depth > 0 ? farthest : 0.0F;
+      range_m[2 * u] = depth > 0 ? nearest : 0.0F;
+      range_m[2 * u + 1] = depth > 0 ? farthest : 0.0F;
     }
-    nearest_m += width;
-    farthest_m += width;
+    range_m += 2 * static_cast<std::ptrdiff_t>(width);
   }
 }
 

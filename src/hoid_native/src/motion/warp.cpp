@@ -74,15 +74,15 @@ constexpr int32_t kFront = 1, kAtIt = 1 << 16;
 
 // Write what each pixel of a row adds.
 ALWAYS_INLINE void tell_front(
-  const Warp& warp, const float* __restrict depth_m, const float* __restrict nearest_m,
-  const float* __restrict farthest_m, const Margin margin, int width,
-  int32_t* __restrict found_out)
+  const Warp& warp, const float* __restrict depth_m, const float* __restrict range_m,
+  const Margin margin, int width, int32_t* __restrict found_out)
 {
   const int32_t* __restrict index = warp.index.data();
   const float* __restrict there_m = warp.there_m.data();
   for (int u = 0; u < width; ++u) {
     const int at = index[u] < 0 ? 0 : index[u];
-    const float near_m = nearest_m[at], far_m = farthest_m[at], margin_m = margin.at(depth_m[u]);
+    const float near_m = range_m[2 * at], far_m = range_m[2 * at + 1],
+                margin_m = margin.at(depth_m[u]);
     const bool known = (index[u] >= 0) & (near_m > 0);
     const bool front = there_m[u] < near_m - margin_m;
     const bool at_it = !front & (there_m[u] <= far_m + margin_m);
@@ -146,8 +146,8 @@ ALWAYS_INLINE void add_row(
 
 MULTIVERSION("avx2")
 FrontShares shares_in_front(
-  const Views& views, const int32_t* label, int num_segments, const float* nearest_m,
-  const float* farthest_m, const Margin& margin)
+  const Views& views, const int32_t* label, int num_segments, const float* range_m,
+  const Margin& margin)
 {
   const std::vector<int32_t> none(num_segments, 0);
   Counts counts{none, none, none};
@@ -156,7 +156,7 @@ FrontShares shares_in_front(
   for (int v = 0; v < views.depth_m.height; v += 2) {
     const float* depths = views.depth_m.row(v);
     warp.look_up(v, depths);
-    tell_front(warp, depths, nearest_m, farthest_m, margin, views.depth_m.width, found.data());
+    tell_front(warp, depths, range_m, margin, views.depth_m.width, found.data());
     add_runs(
       label + static_cast<std::ptrdiff_t>(v) * views.depth_m.width, found.data(),
       views.depth_m.width, counts);
