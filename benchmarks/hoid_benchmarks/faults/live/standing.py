@@ -9,9 +9,9 @@ from pathlib import Path
 
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.conditions import clock_cases, load_cases, sim_time_cases
-from hoid_benchmarks.faults.live.disk import disk_cases
+from hoid_benchmarks.faults.live.disks.disk import disk_cases
+from hoid_benchmarks.faults.live.disks.slow_disk import slow_disk_cases
 from hoid_benchmarks.faults.live.inputs import message_cases
-from hoid_benchmarks.faults.live.slow_disk import slow_disk_cases
 from hoid_benchmarks.faults.live.stage import Setup, staged
 from hoid_benchmarks.faults.samples import Samples
 from hoid_bringup.live.node_specs import FILTER, SLAM

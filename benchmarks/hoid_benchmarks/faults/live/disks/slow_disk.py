@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from hoid_benchmarks.faults.cases import Outcome
-from hoid_benchmarks.faults.live.disk import SLOW, Saves, run_command
+from hoid_benchmarks.faults.live.disks.disk import SLOW, Saves, run_command
 from hoid_benchmarks.faults.live.stage import MAPS, Seen, Setup, shared, staged
 
 _SOURCE = Path(__file__).with_name('slow_disk.cpp')

@@ -1,0 +1,46 @@
+"""Nodes of the fault campaign, which another process watches."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import psutil
+
+from hoid_benchmarks.faults.live.watched_nodes import WatchedNodes
+from hoid_bringup.live.supervisor import ProcessExit, ProcessSpec
+
+LIMIT_S = 60.0
+# As a node does, it takes SIGINT once it is up.
+CODE = (
+    'import os, signal, time; signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT});'
+    'print(os.environ["TOLD"], flush=True); time.sleep(60)'
+)
+SPEC = ProcessSpec('node', (sys.executable, '-c', CODE), env={'TOLD': 'ready'})
+
+
+def test_a_killed_node_starts_anew_while_nobody_asks_and_ends_politely(tmp_path: Path) -> None:
+    log = tmp_path / 'node.log'
+    with WatchedNodes([SPEC], restart=True, log_dir=tmp_path) as nodes:
+        first = nodes.pids['node']
+        wait_for(log, 1)
+        time.sleep(1.0)  # sooner after its start, it is not started anew at once
+        os.kill(first, signal.SIGKILL)
+        wait_for(log, 2)
+        assert nodes.poll() == [ProcessExit('node', -signal.SIGKILL)]
+        assert nodes.poll() == []
+        second = nodes.pids['node']
+        assert second != first
+        start_s = time.monotonic()
+    assert not psutil.pid_exists(second)
+    assert time.monotonic() - start_s < 5.0  # half of what SIGTERM waits for
+
+
+def wait_for(log: Path, times: int) -> None:
+    deadline_s = time.monotonic() + LIMIT_S
+    while not log.exists() or log.read_text().count('ready') < times:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
