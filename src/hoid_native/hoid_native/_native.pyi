@@ -150,11 +150,16 @@ def follow_points(
     from_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), writable=False)],
     guess_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), writable=False)],
     num_levels: int,
+    back_levels: int,
     num_steps: int,
     least_step_px: float,
+    margin_px: float,
+    return_px: float,
 ) -> hoid_native.results.Followed:
     """
     Return where points of one image are in another, by the 9x9 pixels around them.
+
+    A point counts as found when following it back leads to where it was: else it slipped.
 
     Args:
         before: of the one.
@@ -162,8 +167,11 @@ def follow_points(
         from_px: (N, 2) float32.
         guess_px: (N, 2) float32, where each is looked for.
         num_levels: that are gone through, the smallest first.
+        back_levels: the same on the way back.
         num_steps: on each, at most.
         least_step_px: below which a level is done.
+        margin_px: from the edge of the image, within which no point counts as found.
+        return_px: off the start along either axis, from which on it does not.
 
     Raises:
         ValueError: Sizes or lengths differ, or a number is less than 1.
@@ -712,29 +720,37 @@ def depths_around(
         depth_m: (H, W) float32; 0 = no reading.
     """
 
-def shares_in_front(
+def front_evidence(
     camera: Pinhole,
-    T_earlier_now: numpy.typing.NDArray[Any],
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
     num_segments: int,
-    range_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 2), writable=False)],
+    earlier: Sequence[
+        tuple[
+            numpy.typing.NDArray[Any],
+            Annotated[NDArray[numpy.float32], dict(shape=(None, None, 2), writable=False)],
+            float,
+        ]
+    ],
     margin: tuple[float, float, float],
-) -> hoid_native.results.FrontShares:
+    worth: tuple[float, float, float],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
     """
-    Return which shares of each segment are in front of what was seen earlier, and which are at it.
+    Return the (S,) log-odds that segments move, by what they are in front of in earlier views.
 
-    Every other row is looked at.
+    What is behind what was seen says nothing. Every other row is looked at.
 
     Args:
-        camera: of both images.
-        T_earlier_now: (4, 4).
+        camera: of all images.
         depth_m: (H, W) float32 now; 0 = no reading.
         label: (H, W) int32 segment of each pixel; -1 = none.
         num_segments: S.
-        range_m: (H, W, 2) float32, least and most reading around each pixel earlier; 0 = none there.
+        earlier: of each view T_earlier_now (4, 4), the (H, W, 2) float32 least and most reading around
+            each pixel, 0 = none there, and the log-odds against a segment all of which is at them.
         margin: a constant [m], and shares of the depth and of its square, by which a pixel must be
             in front.
+        worth: the log-odds of a segment all of which is in front, the share in front up to which there
+            is no evidence, and that from which on what agrees is none.
 
     Raises:
         ValueError: Images differ in size, or a label is not one of S.

@@ -84,10 +84,3 @@ class Segments(NamedTuple):
     label: NDArray[np.int32]  # (H, W) of each pixel; -1: on a jump of depth, or no reading
     region: NDArray[np.int32]  # (S,) the smooth region that each is a piece of
     area_px: NDArray[np.int32]  # (S,)
-
-
-class FrontShares(NamedTuple):
-    """Shares of the pixels of S segments; those behind what was seen are in neither."""
-
-    in_front: NDArray[np.float64]  # (S,) of what was seen in their place
-    at_it: NDArray[np.float64]  # (S,) where it was seen

@@ -152,7 +152,7 @@ def flow() -> dict[str, Any]:
     now = np.roll(before, (1, 2), (0, 1)) // 2 + before // 3
     pyramids = [kernels.FlowPyramid(image, 3) for image in (before, now)]
     at = rng.uniform(-12, 130, (400, 2)).astype(np.float32)
-    return {'follow_points': kernels.follow_points(*pyramids, at, at, 3, 8, 0.03)}
+    return {'follow_points': kernels.follow_points(*pyramids, at, at, 3, 2, 8, 0.03, 3.0, 0.5)}
 
 
 def motion() -> dict[str, Any]:
@@ -174,8 +174,14 @@ def motion() -> dict[str, Any]:
     poses = np.stack([np.eye(4), T])
     return {
         'depth_segments': found,
-        'shares_in_front': kernels.shares_in_front(
-            camera, T, depth_m, found.label, len(found.region), range_m, margin
+        'front_evidence': kernels.front_evidence(
+            camera,
+            depth_m,
+            found.label,
+            len(found.region),
+            [(T, range_m, 0.2), (np.eye(4), range_m, 0.1)],
+            margin,
+            (1.5, 0.1, 0.25),
         ),
         'depths_around': kernels.depths_around(depth_m),
         'depths_at': kernels.depths_at(depth_m, rng.integers(-1, depth_m.size, 300)),

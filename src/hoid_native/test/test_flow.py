@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from hoid_native import FlowPyramid, follow_points
+from hoid_native.results import Followed
 
 STEPS, LEAST_PX = 8, 0.03
+MARGIN_PX, RETURN_PX = 3.0, 0.5
 
 
 def picture(seed: int, shape: tuple[int, int] = (120, 161)) -> np.ndarray:
@@ -27,6 +29,27 @@ def points(seed: int, count: int, shape: tuple[int, int]) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-12.0, far_px, (count, 2)).astype(np.float32)
 
 
+def follow(
+    before: FlowPyramid, now: FlowPyramid, from_px: np.ndarray, guess_px: np.ndarray,
+    levels: int = 2, steps: int = STEPS, least_px: float = LEAST_PX,
+) -> Followed:  # fmt: skip
+    back_levels = max(levels - 1, 1)
+    return follow_points(
+        before, now, from_px, guess_px, levels, back_levels, steps, least_px, MARGIN_PX, RETURN_PX
+    )
+
+
+def opencv(
+    before: np.ndarray, now: np.ndarray, from_px: np.ndarray, guess_px: np.ndarray, levels: int
+) -> tuple[np.ndarray, np.ndarray]:
+    uv_px, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, now, from_px, guess_px.copy(), winSize=(9, 9), maxLevel=levels - 1,
+        criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, STEPS, LEAST_PX),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS,
+    )  # fmt: skip
+    return np.asarray(uv_px), found.ravel() > 0
+
+
 @pytest.mark.parametrize('levels', [1, 2, 3])
 @pytest.mark.parametrize('seed', range(4))
 def test_points_go_where_opencv_has_them_go_bit_for_bit(seed: int, levels: int) -> None:
@@ -35,19 +58,16 @@ def test_points_go_where_opencv_has_them_go_bit_for_bit(seed: int, levels: int) 
     now = shifted(before, 1.7, -0.6)
     from_px = points(seed, 500, shape)
     guess_px = from_px + np.random.default_rng(seed).normal(0, 2, from_px.shape).astype(np.float32)
-    uv_px, found, _ = cv2.calcOpticalFlowPyrLK(
-        before, now, from_px, guess_px.copy(), winSize=(9, 9), maxLevel=levels - 1,
-        criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, STEPS, LEAST_PX),
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS,
-    )  # fmt: skip
-    ours = follow_points(
-        FlowPyramid(before, levels), FlowPyramid(now, levels), from_px, guess_px,
-        levels, STEPS, LEAST_PX,
-    )  # fmt: skip
-    told = found.ravel() > 0
-    assert 250 < told.sum() < 500
+    uv_px, gone = opencv(before, now, from_px, guess_px, levels)
+    back_px, returned = opencv(
+        now, before, uv_px, uv_px - (guess_px - from_px), max(levels - 1, 1)
+    )
+    inside = ((uv_px >= MARGIN_PX) & (uv_px <= np.array(shape[::-1]) - 1 - MARGIN_PX)).all(axis=1)
+    told = gone & returned & inside & (np.abs(back_px - from_px).max(axis=1) < RETURN_PX)
+    ours = follow(FlowPyramid(before, levels), FlowPyramid(now, levels), from_px, guess_px, levels)
+    assert 100 < told.sum() < (gone & returned & inside).sum() < 500
     assert (ours.found == told).all()
-    assert (ours.uv_px[told] == np.asarray(uv_px)[told]).all()
+    assert (ours.uv_px[gone] == uv_px[gone]).all()
 
 
 def waves(x_px: float, y_px: float) -> np.ndarray:
@@ -62,7 +82,7 @@ def test_a_shift_is_found_to_a_tenth_of_a_pixel() -> None:
     from_px = np.stack(np.meshgrid(np.arange(20, 140, 12.0), np.arange(20, 100, 12.0)), axis=-1)
     from_px = from_px.reshape(-1, 2).astype(np.float32)
     before, now = (FlowPyramid(waves(*shift_px), 3) for shift_px in ((0.0, 0.0), (2.25, -1.5)))
-    found = follow_points(before, now, from_px, from_px, 3, 20, 0.005)
+    found = follow(before, now, from_px, from_px, 3, 20, 0.005)
     assert found.found.all()
     assert np.abs(found.uv_px - from_px - (2.25, -1.5)).max() < 0.1
 
@@ -70,11 +90,11 @@ def test_a_shift_is_found_to_a_tenth_of_a_pixel() -> None:
 def test_nothing_is_found_without_texture_or_where_no_image_is() -> None:
     blank, other = FlowPyramid(np.full((60, 80), 90, np.uint8), 2), FlowPyramid(picture(1), 2)
     inside = np.array([[40, 30]], np.float32)
-    assert not follow_points(blank, blank, inside, inside, 2, STEPS, LEAST_PX).found.any()
+    assert not follow(blank, blank, inside, inside, 2).found.any()
     nowhere = np.array([[-99, 30], [1e30, 5], [np.nan, 5], [np.inf, -np.inf]], np.float32)
-    assert not follow_points(other, other, nowhere, nowhere, 2, STEPS, LEAST_PX).found.any()
+    assert not follow(other, other, nowhere, nowhere, 2).found.any()
     at = np.broadcast_to(inside, nowhere.shape).copy()
-    assert not follow_points(other, other, at, nowhere, 2, STEPS, LEAST_PX).found.any()
+    assert not follow(other, other, at, nowhere, 2).found.any()
 
 
 @pytest.mark.parametrize('shape', [(1, 1), (1, 40), (5, 7), (19, 25), (480, 1)])
@@ -83,7 +103,7 @@ def test_an_image_of_any_size_is_taken(shape: tuple[int, int]) -> None:
     pyramid = FlowPyramid(image, 4)
     assert pyramid.size_px == shape[::-1]
     at = points(0, 50, shape)
-    found = follow_points(pyramid, pyramid, at, at, 4, STEPS, LEAST_PX)
+    found = follow(pyramid, pyramid, at, at, 4)
     assert np.isfinite(found.uv_px).all()
     assert np.abs(found.uv_px - at)[found.found].max(initial=0.0) < 0.01
 
@@ -96,8 +116,8 @@ def test_what_does_not_fit_together_is_refused() -> None:
     with pytest.raises(ValueError, match='num_levels'):
         FlowPyramid(picture(0), 0)
     with pytest.raises(ValueError, match='guess_px'):
-        follow_points(small, small, at, at[:2], 1, STEPS, LEAST_PX)
+        follow(small, small, at, at[:2], 1)
     with pytest.raises(ValueError, match='num_steps'):
-        follow_points(small, small, at, at, 1, 0, LEAST_PX)
+        follow(small, small, at, at, 1, 0)
     with pytest.raises(ValueError, match='as large'):
-        follow_points(small, large, at, at, 1, STEPS, LEAST_PX)
+        follow(small, large, at, at, 1)

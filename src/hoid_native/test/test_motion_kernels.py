@@ -13,8 +13,8 @@ from hoid_native import (
     depth_segments,
     depths_around,
     depths_at,
+    front_evidence,
     score_poses,
-    shares_in_front,
     strongest_in_cells,
 )
 
@@ -58,34 +58,47 @@ def test_no_reading_is_of_no_segment() -> None:
         depth_segments(plane(1.0), 0)
 
 
-def test_what_came_before_a_wall_is_counted_and_nothing_else() -> None:
+def evidence(
+    depth_m: np.ndarray, label: np.ndarray, *earlier: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Return log-odds by (T_earlier_now, depth) of earlier views, each worth 2 and -0.5."""
+    views = [(T, both(earlier_m), 0.5) for T, earlier_m in earlier]
+    num = int(label.max()) + 1
+    return front_evidence(CAMERA, depth_m, label, num, views, MARGIN, (2.0, 0.1, 0.25))
+
+
+def test_what_came_before_a_wall_is_told_and_nothing_else() -> None:
     now, earlier = with_square(1.0), plane(3.0)
-    found = depth_segments(now, 64)
-    shares = shares_in_front(
-        CAMERA, REST, now, found.label, len(found.region), both(earlier), MARGIN
-    )
-    square, wall = found.label[20, 30], found.label[2, 2]
-    assert shares.in_front[square] == 1
-    assert shares.in_front[wall] == 0
-    assert shares.at_it[wall] == 1
-    gone = shares_in_front(CAMERA, REST, earlier, np.zeros(SHAPE, np.int32), 1, both(now), MARGIN)
-    assert gone.in_front[0] == 0  # behind what was seen: it was hidden
-    unknown = shares_in_front(
-        CAMERA, REST, now, found.label, len(found.region), both(earlier * 0), MARGIN
-    )
-    assert not unknown.in_front.any()
-    assert not unknown.at_it.any()
+    label = depth_segments(now, 64).label
+    square, wall = label[20, 30], label[2, 2]
+    found = evidence(now, label, (REST, earlier))
+    assert (found[square], found[wall]) == (2.0, -0.5)
+    twice = evidence(now, label, (REST, earlier), (REST, earlier))
+    assert twice.tolist() == (2 * found).tolist()
+    assert not evidence(now, label).any()  # nothing was seen earlier
+    whole = np.zeros(SHAPE, np.int32)
+    assert (
+        evidence(earlier, whole, (REST, now)) == -0.5 * (now == 3.0)[::2].mean()
+    )  # it was hidden
+    assert not evidence(now, label, (REST, 0 * earlier)).any()
+    with pytest.raises(ValueError, match='range_m'):
+        evidence(now, label, (REST, earlier[:-1]))
+
+
+def test_a_few_pixels_in_front_are_no_evidence_and_many_leave_no_rest() -> None:
+    whole, wall = np.zeros(SHAPE, np.int32), plane(3.0)
+    for rows, told in ((4, -0.5 * 44 / 48), (8, 2 * 8 / 48 - 0.5 * 40 / 48), (16, 2 * 16 / 48)):
+        now = plane(3.0)
+        now[:rows] = 1.0
+        assert evidence(now, whole, (REST, wall))[0] == pytest.approx(told)
 
 
 def test_a_camera_that_moves_puts_a_resting_wall_in_front_of_nothing() -> None:
     T_earlier_now = np.eye(4)
     T_earlier_now[2, 3] = 0.5  # half a metre nearer to the wall now
     label = np.zeros(SHAPE, np.int32)
-    shares = shares_in_front(CAMERA, T_earlier_now, plane(2.5), label, 1, both(plane(3.0)), MARGIN)
-    assert shares.in_front[0] == 0
-    assert shares.at_it[0] == 1
-    still = shares_in_front(CAMERA, REST, plane(2.5), label, 1, both(plane(3.0)), MARGIN)
-    assert still.in_front[0] == 1
+    assert evidence(plane(2.5), label, (T_earlier_now, plane(3.0))) == -0.5
+    assert evidence(plane(2.5), label, (REST, plane(3.0))) == 2.0
 
 
 def carried(

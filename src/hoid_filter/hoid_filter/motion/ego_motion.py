@@ -157,13 +157,13 @@ class EgoMotion:
         return shares
 
     def _fit(self, points: Points, among: BoolArray, guess: FloatArray) -> FloatArray:
-        inv_sigma2 = np.full(np.count_nonzero(among), self._noise_px**-2)
+        k = np.flatnonzero(among)
         return optimize_pose(
             self._stereo(),
             _GATES,
-            points.world_m[among],
-            points.measured_px[among],
-            inv_sigma2,
+            points.world_m.take(k, 0),
+            points.measured_px.take(k, 0),
+            np.full(len(k), self._noise_px**-2),
             guess,
         ).T_camera_map
 

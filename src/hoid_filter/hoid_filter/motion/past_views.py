@@ -5,13 +5,11 @@ from __future__ import annotations
 from bisect import bisect_left
 from typing import NamedTuple
 
-import numpy as np
-
 from hoid_common import se3
 from hoid_common.values import Float32Array, FloatArray
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import SmallView
-from hoid_native import depths_around, shares_in_front
+from hoid_native import depths_around, front_evidence
 
 _STEP_S = 1 / 40  # views nearer in time than this are one
 _SLACK = 0.3  # share of a baseline by which it may be missed
@@ -68,25 +66,20 @@ class PastViews:
         What is in front of what was seen earlier has come there. What is behind it was hidden then
         or has been there: that says nothing.
         """
-        num = len(view.segments.region)
-        total = np.zeros(num)
-        for baseline in _BASELINES:
-            past = self._at(view.stamp_s, baseline.ago_s)
-            if past is None:
-                continue
-            shares = shares_in_front(
-                self._camera.depth_pinhole,
-                past.T_camera_world @ T_world_camera,
-                view.depth_m,
-                view.segments.label,
-                num,
-                past.range_m,
-                _MARGIN,
-            )
-            in_front = shares.in_front
-            total += np.where(in_front > _LEAST_FRONT, _FRONT * in_front, 0.0)
-            total -= np.where(in_front < _MIXED, baseline.rest * shares.at_it, 0.0)
-        return total
+        earlier = [
+            (past.T_camera_world @ T_world_camera, past.range_m, baseline.rest)
+            for baseline in _BASELINES
+            if (past := self._at(view.stamp_s, baseline.ago_s)) is not None
+        ]
+        return front_evidence(
+            self._camera.depth_pinhole,
+            view.depth_m,
+            view.segments.label,
+            len(view.segments.region),
+            earlier,
+            _MARGIN,
+            (_FRONT, _LEAST_FRONT, _MIXED),
+        )
 
     def _at(self, now_s: float, ago_s: float) -> _Past | None:
         """Return the view of about so long ago, if there is one."""

@@ -69,8 +69,9 @@ def expected_px(
     before, after = (
         _on_plane(se3.transform(T, tracks.anchor_m)) for T in (T_camera_world, T_next_world)
     )
-    step_px = np.clip((after - before) * focal_px, -_MAX_STEP_PX, _MAX_STEP_PX)
-    return tracks.uv_px + step_px.astype(np.float32)
+    step_px = (after - before) * focal_px
+    limited_px = np.minimum(np.maximum(step_px, -_MAX_STEP_PX), _MAX_STEP_PX)
+    return tracks.uv_px + limited_px.astype(np.float32)
 
 
 def _on_plane(points_m: FloatArray) -> FloatArray:
@@ -81,16 +82,9 @@ def _on_plane(points_m: FloatArray) -> FloatArray:
 def follow(
     before: FlowPyramid, now: FlowPyramid, tracks: PointTracks, guess_px: Float32Array
 ) -> tuple[PointTracks, BoolArray]:
-    """Return the points found again in the grey image of now, and which of the (N,) they are.
-
-    A point counts as found when following it back leads to where it was.
-    """
-    forth = follow_points(before, now, tracks.uv_px, guess_px, FLOW_LEVELS, _STEPS, _LEAST_STEP_PX)
-    uv_px = forth.uv_px
-    back_guess_px = uv_px - (guess_px - tracks.uv_px)
-    back = follow_points(now, before, uv_px, back_guess_px, _BACK_LEVELS, _STEPS, _LEAST_STEP_PX)
-    limits = np.array(now.size_px, np.float32) - 1 - _MARGIN_PX
-    inside = ((uv_px >= _MARGIN_PX) & (uv_px <= limits)).all(axis=1)
-    off_px = np.abs(back.uv_px - tracks.uv_px).max(axis=1)
-    kept = forth.found & back.found & inside & (off_px < _RETURN_PX)
-    return dataclasses.replace(tracks, uv_px=uv_px).select(kept), kept
+    """Return the points found again in the grey image of now, and which of the (N,) they are."""
+    uv_px, found = follow_points(
+        before, now, tracks.uv_px, guess_px,
+        FLOW_LEVELS, _BACK_LEVELS, _STEPS, _LEAST_STEP_PX, _MARGIN_PX, _RETURN_PX,
+    )  # fmt: skip
+    return dataclasses.replace(tracks, uv_px=uv_px).select(found), found

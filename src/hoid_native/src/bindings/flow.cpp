@@ -22,10 +22,13 @@ void build(FlowPyramid* pyramid, const ImageArray<uint8_t>& image_gray, int num_
 
 Followed follow_points(
   const FlowPyramid& before, const FlowPyramid& now, const Array<float, -1, 2>& from_px,
-  const Array<float, -1, 2>& guess_px, int num_levels, int num_steps, double least_step_px)
+  const Array<float, -1, 2>& guess_px, int num_levels, int back_levels, int num_steps,
+  double least_step_px, float margin_px, float return_px)
 {
   require_length("guess_px", guess_px, from_px.size());
-  require(num_levels >= 1 && num_steps >= 1, "num_levels and num_steps: must be at least 1");
+  require(
+    num_levels >= 1 && back_levels >= 1 && num_steps >= 1,
+    "num_levels, back_levels and num_steps: must be at least 1");
   const auto &first = before.levels[0], &second = now.levels[0];
   require(
     first.width == second.width && first.height == second.height,
@@ -35,7 +38,7 @@ Followed follow_points(
   unlocked([&] {
     flow::follow_points(
       before, now, {from_px.data(), from_px.size()}, {num_levels, num_steps, least_step_px},
-      uv_px.data(), found.data());
+      {back_levels, margin_px, return_px}, uv_px.data(), found.data());
   });
   const std::array<std::size_t, 2> rows{found.size(), 2};
   const std::array<std::size_t, 1> count{found.size()};
@@ -66,8 +69,11 @@ Raises:
       nb::sig("def size_px(self) -> tuple[int, int]"), "Width and height of the image.");
   module.def(
     "follow_points", &follow_points, "before"_a, "now"_a, "from_px"_a, "guess_px"_a,
-    "num_levels"_a, "num_steps"_a, "least_step_px"_a, R"(
+    "num_levels"_a, "back_levels"_a, "num_steps"_a, "least_step_px"_a, "margin_px"_a,
+    "return_px"_a, R"(
 Return where points of one image are in another, by the 9x9 pixels around them.
+
+A point counts as found when following it back leads to where it was: else it slipped.
 
 Args:
     before: of the one.
@@ -75,8 +81,11 @@ Args:
     from_px: (N, 2) float32.
     guess_px: (N, 2) float32, where each is looked for.
     num_levels: that are gone through, the smallest first.
+    back_levels: the same on the way back.
     num_steps: on each, at most.
     least_step_px: below which a level is done.
+    margin_px: from the edge of the image, within which no point counts as found.
+    return_px: off the start along either axis, from which on it does not.
 
 Raises:
     ValueError: Sizes or lengths differ, or a number is less than 1.

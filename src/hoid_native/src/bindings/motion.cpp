@@ -1,6 +1,7 @@
 #include "motion/motion.hpp"
 
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 #include <tuple>
 
@@ -16,7 +17,6 @@ using namespace nb::literals;
 using motion::Pinhole;
 
 HOID_RESULT(Segments);
-HOID_RESULT(FrontShares);
 
 using MarginTuple = std::tuple<float, float, float>;
 
@@ -52,21 +52,30 @@ auto depths_around(const ImageArray<float>& depth_m)
   return give(std::move(range_m), shape);
 }
 
-FrontShares shares_in_front(
-  const Pinhole& camera, const RealArray<4, 4>& T_earlier_now, const ImageArray<float>& depth_m,
-  const ImageArray<int32_t>& label, int num_segments, const Array<float, -1, -1, 2>& range_m,
-  const MarginTuple& margin)
+// A view to hold another against: T_earlier_now, and the range of depths around its pixels.
+using Earlier = std::tuple<RealArray<4, 4>, Array<float, -1, -1, 2>, double>;
+
+auto front_evidence(
+  const Pinhole& camera, const ImageArray<float>& depth_m, const ImageArray<int32_t>& label,
+  int num_segments, const std::vector<Earlier>& earlier, const MarginTuple& margin,
+  const std::tuple<double, double, double>& worth)
 {
   require_shape("label", label, depth_m);
-  require_shape("range_m", range_m, depth_m);
   require(num_segments >= 0, "num_segments: must not be negative");
   require_range("label", label, -1, num_segments);
-  auto shares = unlocked([&] {
-    return motion::shares_in_front(
-      {camera, T_earlier_now.data(), view(depth_m)}, label.data(), num_segments, range_m.data(),
-      margin_of(margin));
+  for (const auto& [T_earlier_now, range_m, rest] : earlier) {
+    require_shape("range_m", range_m, depth_m);
+  }
+  std::vector<double> log_odds(num_segments);
+  unlocked([&] {
+    for (const auto& [T_earlier_now, range_m, rest] : earlier) {
+      motion::add_front_evidence(
+        {camera, T_earlier_now.data(), view(depth_m)}, label.data(), range_m.data(),
+        margin_of(margin), {std::get<0>(worth), std::get<1>(worth), std::get<2>(worth), rest},
+        log_odds);
+    }
   });
-  return make<FrontShares>(give(std::move(shares.in_front)), give(std::move(shares.at_it)));
+  return give(std::move(log_odds));
 }
 
 auto depths_at(const ImageArray<float>& depth_m, const Vector<int64_t>& pixels)
@@ -173,21 +182,23 @@ Return the (H, W, 2) least and most depth in the 3x3 pixels around each; 0 witho
 Args:
     depth_m: (H, W) float32; 0 = no reading.)");
   module.def(
-    "shares_in_front", &shares_in_front, "camera"_a, "T_earlier_now"_a, "depth_m"_a, "label"_a,
-    "num_segments"_a, "range_m"_a, "margin"_a, R"(
-Return which shares of each segment are in front of what was seen earlier, and which are at it.
+    "front_evidence", &front_evidence, "camera"_a, "depth_m"_a, "label"_a, "num_segments"_a,
+    "earlier"_a, "margin"_a, "worth"_a, R"(
+Return the (S,) log-odds that segments move, by what they are in front of in earlier views.
 
-Every other row is looked at.
+What is behind what was seen says nothing. Every other row is looked at.
 
 Args:
-    camera: of both images.
-    T_earlier_now: (4, 4).
+    camera: of all images.
     depth_m: (H, W) float32 now; 0 = no reading.
     label: (H, W) int32 segment of each pixel; -1 = none.
     num_segments: S.
-    range_m: (H, W, 2) float32, least and most reading around each pixel earlier; 0 = none there.
+    earlier: of each view T_earlier_now (4, 4), the (H, W, 2) float32 least and most reading around
+        each pixel, 0 = none there, and the log-odds against a segment all of which is at them.
     margin: a constant [m], and shares of the depth and of its square, by which a pixel must be
         in front.
+    worth: the log-odds of a segment all of which is in front, the share in front up to which there
+        is no evidence, and that from which on what agrees is none.
 
 Raises:
     ValueError: Images differ in size, or a label is not one of S.)");

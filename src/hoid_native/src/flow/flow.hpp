@@ -53,13 +53,21 @@ struct Limits
   double least_step;  // px, below which it ends
 };
 
+// What a point must do to count as found when it is followed forth, and then back.
+struct RoundTrip
+{
+  int back_levels;  // that are gone through on the way back
+  float margin_px;  // from the edge of the image
+  float return_px;  // off the start, along either axis
+};
+
 // Move points (count, 2) from where they are guessed to where the second image shows what the
-// first one does around them. Write whether they were found.
+// first one does around them. Write whether they were found, and led back to where they were.
 //
 // Lucas and Kanade, IJCAI 1981, on pyramids; integers and sums are those of OpenCV's
 // calcOpticalFlowPyrLK (Bouguet 2001) on x86, so that both agree bit for bit.
 void follow_points(
   const Pyramid& before, const Pyramid& now, const Points& points, const Limits& limits,
-  float* uv_px, uint8_t* found);
+  const RoundTrip& back, float* uv_px, uint8_t* found);
 
 }  // namespace hoid::flow

@@ -374,10 +374,8 @@ ALWAYS_INLINE bool follow_on_level(
   return true;
 }
 
-}  // namespace
-
 MULTIVERSION("avx2")
-void follow_points(
+void follow_one_way(
   const Pyramid& before, const Pyramid& now, const Points& points, const Limits& limits,
   float* uv_px, uint8_t* found)
 {
@@ -394,6 +392,34 @@ void follow_points(
       at[1] *= grow;
       found[n] = follow_on_level(before.levels[level], now.levels[level], from_px, limits, at);
     }
+  }
+}
+
+}  // namespace
+
+void follow_points(
+  const Pyramid& before, const Pyramid& now, const Points& points, const Limits& limits,
+  const RoundTrip& back, float* uv_px, uint8_t* found)
+{
+  const int size = 2 * points.count;
+  std::vector<float> back_px(uv_px, uv_px + size);
+  follow_one_way(before, now, points, limits, uv_px, found);
+  for (int k = 0; k < size; ++k) {
+    back_px[k] = uv_px[k] - (back_px[k] - points.from_px[k]);
+  }
+  std::vector<uint8_t> returned(points.count);
+  follow_one_way(
+    now, before, {uv_px, points.count}, {back.back_levels, limits.num_steps, limits.least_step},
+    back_px.data(), returned.data());
+  const auto last_u = static_cast<float>(now.levels[0].width - 1) - back.margin_px,
+             last_v = static_cast<float>(now.levels[0].height - 1) - back.margin_px;
+  for (int n = 0; n < points.count; ++n) {
+    const float u = uv_px[2 * n], v = uv_px[2 * n + 1];
+    const bool inside = u >= back.margin_px && v >= back.margin_px && u <= last_u && v <= last_v;
+    const float off = std::max(
+      std::abs(back_px[2 * n] - points.from_px[2 * n]),
+      std::abs(back_px[2 * n + 1] - points.from_px[2 * n + 1]));
+    found[n] = found[n] && returned[n] && inside && off < back.return_px;
   }
 }
 

@@ -32,11 +32,13 @@ struct Segments
   std::vector<int32_t> area_px;
 };
 
-// Shares of the pixels of each of a number of segments, in every other row.
-struct FrontShares
+// What it is worth that so large a share of a segment is in front of what was seen earlier.
+struct FrontWorth
 {
-  std::vector<double> in_front;  // of what was seen earlier in their place
-  std::vector<double> at_it;     // where something was seen earlier
+  double front;        // log-odds of a segment all of which is
+  double least_front;  // share that is more than a segment's edges
+  double mixed;        // share from which on what agrees says nothing
+  double rest;         // log-odds against a segment all of which is where something was seen
 };
 
 // How far depths may be apart: a constant and shares of the depth and of its square.
@@ -52,11 +54,12 @@ struct Margin
 
 Segments depth_segments(const Image<float>& depth_m, int cell_px);
 
-// Hold the pixels of segments against an earlier view: the least and the most depth around each
-// of its pixels, 0 where nothing was measured. Labels are less than the number of segments.
-FrontShares shares_in_front(
-  const Views& views, const int32_t* label, int num_segments, const float* range_m,
-  const Margin& margin);
+// Hold the pixels of segments, in every other row, against an earlier view: the least and the most
+// depth around each of its pixels, 0 where nothing was measured. Labels are less than the number of
+// segments, to whose log-odds of moving the evidence is added.
+void add_front_evidence(
+  const Views& views, const int32_t* label, const float* range_m, const Margin& margin,
+  const FrontWorth& worth, std::vector<double>& log_odds);
 
 // Return the depth at each of some flat pixels, 0 at those of -1 and where it is not finite.
 std::vector<float> depths_at(const Image<float>& depth_m, const int64_t* pixels, int count);

@@ -145,11 +145,11 @@ ALWAYS_INLINE void add_row(
 }  // namespace
 
 MULTIVERSION("avx2")
-FrontShares shares_in_front(
-  const Views& views, const int32_t* label, int num_segments, const float* range_m,
-  const Margin& margin)
+void add_front_evidence(
+  const Views& views, const int32_t* label, const float* range_m, const Margin& margin,
+  const FrontWorth& worth, std::vector<double>& log_odds)
 {
-  const std::vector<int32_t> none(num_segments, 0);
+  const std::vector<int32_t> none(log_odds.size(), 0);
   Counts counts{none, none, none};
   Warp warp(views);
   std::vector<int32_t> found(views.depth_m.width);
@@ -161,13 +161,12 @@ FrontShares shares_in_front(
       label + static_cast<std::ptrdiff_t>(v) * views.depth_m.width, found.data(),
       views.depth_m.width, counts);
   }
-  FrontShares shares{std::vector<double>(num_segments), std::vector<double>(num_segments)};
-  for (int s = 0; s < num_segments; ++s) {
+  for (std::size_t s = 0; s < log_odds.size(); ++s) {
     const double all = std::max(counts.looked_at[s], 1);
-    shares.in_front[s] = counts.in_front[s] / all;
-    shares.at_it[s] = counts.at_it[s] / all;
+    const double in_front = counts.in_front[s] / all, at_it = counts.at_it[s] / all;
+    log_odds[s] += in_front > worth.least_front ? worth.front * in_front : 0.0;
+    log_odds[s] -= in_front < worth.mixed ? worth.rest * at_it : 0.0;
   }
-  return shares;
 }
 
 std::vector<float> depths_at(const Image<float>& depth_m, const int64_t* pixels, int count)
