@@ -127,12 +127,13 @@ def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None
     poses = se3.exp(twist)
     maps, unknown = [], []
     for n, pose in enumerate(poses):
-        result = slam.process(seen(world, n, pose, covered=n in dark))
+        result = slam.track(seen(world, n, pose, covered=n in dark))
         if result.covariance is not None:
             sigmas = np.sqrt(np.diag(result.covariance))
             assert (sigmas[:3].min() > 1) == (sigmas[3:].min() > 5)  # rad, m
             assert (sigmas[3:].min() > 5) == (not slam.odometry.is_in_main_map)
             unknown += [n] if sigmas[3:].min() > 5 else []
+        slam.learn(result)  # which may join the maps
         keyframes = slam._atlas.keyframes
         maps.append(len(np.unique(keyframes.map_id[keyframes.indices()])))
     assert max(maps) == 2
