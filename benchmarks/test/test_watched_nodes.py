@@ -10,7 +10,7 @@ from pathlib import Path
 
 import psutil
 
-from hoid_benchmarks.faults.live.watched_nodes import WatchedNodes
+from hoid_benchmarks.faults.live.watched_nodes import watched
 from hoid_bringup.live.supervisor import ProcessExit, ProcessSpec
 
 LIMIT_S = 60.0
@@ -24,7 +24,7 @@ SPEC = ProcessSpec('node', (sys.executable, '-c', CODE), env={'TOLD': 'ready'})
 
 def test_a_killed_node_starts_anew_while_nobody_asks_and_ends_politely(tmp_path: Path) -> None:
     log = tmp_path / 'node.log'
-    with WatchedNodes([SPEC], restart=True, log_dir=tmp_path) as nodes:
+    with watched([SPEC], restart=True, log_dir=tmp_path) as nodes:
         first = nodes.pids['node']
         wait_for(log, 1)
         time.sleep(1.0)  # sooner after its start, it is not started anew at once

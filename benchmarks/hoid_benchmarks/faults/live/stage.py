@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS, RATE_HZ, Scene, Sender
 from hoid_benchmarks.faults.live.services import Services
-from hoid_benchmarks.faults.live.watched_nodes import WatchedNodes
+from hoid_benchmarks.faults.live.watched_nodes import WatchedNodes, watched
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import family_mb
@@ -183,7 +183,7 @@ def staged(folder: Path, setup: Setup) -> Iterator[Stage]:
         for options in setup.options(maps)
         for spec in node_specs(options, folder)
     ]
-    with own_domain(), WatchedNodes(specs, restart=setup.restart, log_dir=folder) as nodes:
+    with own_domain(), watched(specs, restart=setup.restart, log_dir=folder) as nodes:
         rclpy.init()
         use_sim_time = Parameter('use_sim_time', value=False)
         node = rclpy.create_node('faults', parameter_overrides=[use_sim_time])

@@ -6,11 +6,11 @@ interpreter lock held. It would be that late to start the node anew.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from hoid_bringup.live.supervisor import ProcessExit, ProcessSpec, Supervisor
 from hoid_common.process.child_process import ChildWorker
@@ -26,33 +26,11 @@ class _Change(NamedTuple):
 
 
 class WatchedNodes:
-    """Runs nodes as a `Supervisor` does, in a process of its own; use as a context manager.
+    """Nodes that run in a process of their own, as a `Supervisor` does it."""
 
-    Args:
-        specs: What to start.
-        restart: Start a dead node anew.
-        log_dir: Folder that gets one file of output per node.
-    """
-
-    def __init__(self, specs: Sequence[ProcessSpec], *, restart: bool, log_dir: Path) -> None:
-        self._args = specs, restart, log_dir
-
-    def __enter__(self) -> Self:
-        self._worker: ChildWorker[None, _Change] = ChildWorker('supervisor', _watch, *self._args)
-        try:
-            self._pids, self._exits = self._worker.receive(_START_S)
-        except BaseException:
-            self._worker.close(_PATIENCE_S)
-            raise
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._worker.close(_PATIENCE_S)
+    def __init__(self, worker: ChildWorker[None, _Change]) -> None:
+        self._worker = worker
+        self._pids, self._exits = worker.receive(_START_S)
 
     @property
     def pids(self) -> dict[str, int]:
@@ -66,6 +44,24 @@ class WatchedNodes:
             self._exits += exits
         ended, self._exits = self._exits, []
         return ended
+
+
+@contextmanager
+def watched(
+    specs: Sequence[ProcessSpec], *, restart: bool, log_dir: Path
+) -> Iterator[WatchedNodes]:
+    """Run nodes, and end them.
+
+    Args:
+        specs: What to start.
+        restart: Start a dead node anew.
+        log_dir: Folder that gets one file of output per node.
+    """
+    worker: ChildWorker[None, _Change] = ChildWorker('supervisor', _watch, specs, restart, log_dir)
+    try:
+        yield WatchedNodes(worker)
+    finally:
+        worker.close(_PATIENCE_S)
 
 
 def _watch(
