@@ -8,6 +8,7 @@ a TypeError, values that a kernel cannot work on with a ValueError; one with gap
 from hoid_native._native import (
     Candidates,
     FlowPyramid,
+    FlowSearch,
     Gates,
     MatchThreshold,
     Pinhole,
@@ -49,6 +50,7 @@ from hoid_native._native import (
 __all__ = [
     'Candidates',
     'FlowPyramid',
+    'FlowSearch',
     'Gates',
     'MatchThreshold',
     'Pinhole',

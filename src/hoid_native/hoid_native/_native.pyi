@@ -144,17 +144,39 @@ class FlowPyramid:
     def size_px(self) -> tuple[int, int]:
         """Width and height of the image."""
 
+class FlowSearch:
+    """How points are looked for, and which count as found."""
+
+    def __init__(
+        self,
+        num_levels: int,
+        back_levels: int,
+        num_steps: int,
+        least_step_px: float,
+        margin_px: float,
+        return_px: float,
+    ) -> None:
+        """
+        Choose.
+
+        Args:
+            num_levels: that are gone through, the smallest first.
+            back_levels: the same on the way back.
+            num_steps: on each, at most.
+            least_step_px: below which a level is done.
+            margin_px: from the edge of the image, within which no point counts as found.
+            return_px: off the start along either axis, from which on it does not.
+
+        Raises:
+            ValueError: A number is less than 1.
+        """
+
 def follow_points(
     before: FlowPyramid,
     now: FlowPyramid,
     from_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), writable=False)],
     guess_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), writable=False)],
-    num_levels: int,
-    back_levels: int,
-    num_steps: int,
-    least_step_px: float,
-    margin_px: float,
-    return_px: float,
+    search: FlowSearch,
 ) -> hoid_native.results.Followed:
     """
     Return where points of one image are in another, by the 9x9 pixels around them.
@@ -166,15 +188,10 @@ def follow_points(
         now: of the other, as large.
         from_px: (N, 2) float32.
         guess_px: (N, 2) float32, where each is looked for.
-        num_levels: that are gone through, the smallest first.
-        back_levels: the same on the way back.
-        num_steps: on each, at most.
-        least_step_px: below which a level is done.
-        margin_px: from the edge of the image, within which no point counts as found.
-        return_px: off the start along either axis, from which on it does not.
+        search: how.
 
     Raises:
-        ValueError: Sizes or lengths differ, or a number is less than 1.
+        ValueError: Sizes or lengths differ.
 
     Source: Lucas and Kanade, IJCAI 1981, on pyramids, equal to OpenCV's calcOpticalFlowPyrLK.
     """

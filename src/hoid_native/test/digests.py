@@ -150,9 +150,10 @@ def flow() -> dict[str, Any]:
     rng = np.random.default_rng(4)
     before = rng.integers(0, 256, (90, 121)).astype(np.uint8)
     now = np.roll(before, (1, 2), (0, 1)) // 2 + before // 3
+    search = kernels.FlowSearch(3, 2, 8, 0.03, 3.0, 0.5)
     first, second = (kernels.FlowPyramid(image, 3) for image in (before, now))
     at = rng.uniform(-12, 130, (400, 2)).astype(np.float32)
-    return {'follow_points': kernels.follow_points(first, second, at, at, 3, 2, 8, 0.03, 3.0, 0.5)}
+    return {'follow_points': kernels.follow_points(first, second, at, at, search)}
 
 
 def motion() -> dict[str, Any]:

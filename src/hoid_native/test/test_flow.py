@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hoid_native import FlowPyramid, follow_points
+from hoid_native import FlowPyramid, FlowSearch, follow_points
 from hoid_native.results import Followed
 
 STEPS, LEAST_PX = 8, 0.03
@@ -33,10 +33,8 @@ def follow(
     before: FlowPyramid, now: FlowPyramid, from_px: np.ndarray, guess_px: np.ndarray,
     levels: int = 2, steps: int = STEPS, least_px: float = LEAST_PX,
 ) -> Followed:  # fmt: skip
-    back_levels = max(levels - 1, 1)
-    return follow_points(
-        before, now, from_px, guess_px, levels, back_levels, steps, least_px, MARGIN_PX, RETURN_PX
-    )
+    search = FlowSearch(levels, max(levels - 1, 1), steps, least_px, MARGIN_PX, RETURN_PX)
+    return follow_points(before, now, from_px, guess_px, search)
 
 
 def opencv(

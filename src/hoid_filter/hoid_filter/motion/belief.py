@@ -28,6 +28,11 @@ class MovingArea(NamedTuple):
     label: IntArray  # (h, w), 0 = rests, else 1 + index of the region
     boxes_xywh_px: IntArray  # (R, 4) of the regions in the small image
 
+    @staticmethod
+    def none(shape_hw: tuple[int, ...]) -> MovingArea:
+        """Return that of an image at rest."""
+        return MovingArea(np.zeros(shape_hw, np.int64), np.empty((0, 4), np.int64))
+
     @property
     def num_regions(self) -> int:
         """Return how many parts move."""
@@ -78,10 +83,9 @@ class Belief:
 
     def moving(self) -> MovingArea:
         """Return what moves: connected parts, some pixel of which is believed to for sure."""
-        nothing = MovingArea(np.zeros(self.log_odds.shape, np.int64), np.empty((0, 4), np.int64))
         surely = self.log_odds > _SURELY_MOVES
         if not surely.any():
-            return nothing
+            return MovingArea.none(surely.shape)
         moves = self.log_odds > _MOVES
         # Labels of 16 bits take a third of the time of others.
         count, label, found, _ = cv2.connectedComponentsWithStats(
@@ -93,7 +97,7 @@ class Belief:
         sure &= stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA * moves.size
         sure[0] = False
         if not sure.any():
-            return nothing
+            return MovingArea.none(surely.shape)
         number = np.where(sure, np.cumsum(sure), 0)
         return MovingArea(
             number.take(np.asarray(label, np.int64)), stats[sure, : cv2.CC_STAT_AREA]

@@ -11,12 +11,16 @@ from hoid_common import se3
 from hoid_common.values import BoolArray, Float32Array, FloatArray
 from hoid_filter.motion.small_camera import SmallCamera
 from hoid_filter.motion.small_view import FLOW_LEVELS
-from hoid_native import FlowPyramid, follow_points
+from hoid_native import FlowPyramid, FlowSearch, follow_points
 
-_BACK_LEVELS = FLOW_LEVELS - 1  # it is known about where to
-_STEPS, _LEAST_STEP_PX = 8, 0.03  # on a level
-_MARGIN_PX = 3.0  # from the edge of the image
-_RETURN_PX = 0.5  # a point followed back is this near to where it was: else it slipped
+_SEARCH = FlowSearch(
+    num_levels=FLOW_LEVELS,
+    back_levels=FLOW_LEVELS - 1,  # it is known about where to
+    num_steps=8,
+    least_step_px=0.03,
+    margin_px=3.0,
+    return_px=0.5,
+)
 _MAX_STEP_PX = 40.0  # that is expected from one image to the next
 
 
@@ -83,8 +87,5 @@ def follow(
     before: FlowPyramid, now: FlowPyramid, tracks: PointTracks, guess_px: Float32Array
 ) -> tuple[PointTracks, BoolArray]:
     """Return the points found again in the grey image of now, and which of the (N,) they are."""
-    uv_px, found = follow_points(
-        before, now, tracks.uv_px, guess_px,
-        FLOW_LEVELS, _BACK_LEVELS, _STEPS, _LEAST_STEP_PX, _MARGIN_PX, _RETURN_PX,
-    )  # fmt: skip
+    uv_px, found = follow_points(before, now, tracks.uv_px, guess_px, _SEARCH)
     return dataclasses.replace(tracks, uv_px=uv_px).select(found), found

@@ -10,6 +10,7 @@ namespace {
 
 using namespace nb::literals;
 using FlowPyramid = flow::Pyramid;
+using FlowSearch = flow::Search;
 
 HOID_RESULT(Followed);
 
@@ -20,15 +21,21 @@ void build(FlowPyramid* pyramid, const ImageArray<uint8_t>& image_gray, int num_
   unlocked([&] { new (pyramid) FlowPyramid(view(image_gray), num_levels); });
 }
 
-Followed follow_points(
-  const FlowPyramid& before, const FlowPyramid& now, const Array<float, -1, 2>& from_px,
-  const Array<float, -1, 2>& guess_px, int num_levels, int back_levels, int num_steps,
-  double least_step_px, float margin_px, float return_px)
+void choose(
+  FlowSearch* search, int num_levels, int back_levels, int num_steps, double least_step_px,
+  float margin_px, float return_px)
 {
-  require_length("guess_px", guess_px, from_px.size());
   require(
     num_levels >= 1 && back_levels >= 1 && num_steps >= 1,
     "num_levels, back_levels and num_steps: must be at least 1");
+  new (search) FlowSearch{num_levels, back_levels, num_steps, least_step_px, margin_px, return_px};
+}
+
+Followed follow_points(
+  const FlowPyramid& before, const FlowPyramid& now, const Array<float, -1, 2>& from_px,
+  const Array<float, -1, 2>& guess_px, const FlowSearch& search)
+{
+  require_length("guess_px", guess_px, from_px.size());
   const auto &first = before.levels[0], &second = now.levels[0];
   require(
     first.width == second.width && first.height == second.height,
@@ -37,8 +44,7 @@ Followed follow_points(
   std::vector<uint8_t> found(from_px.size());
   unlocked([&] {
     flow::follow_points(
-      before, now, {from_px.data(), from_px.size()}, {num_levels, num_steps, least_step_px},
-      {back_levels, margin_px, return_px}, uv_px.data(), found.data());
+      before, now, {from_px.data(), from_px.size()}, search, uv_px.data(), found.data());
   });
   const std::array<std::size_t, 2> rows{found.size(), 2};
   const std::array<std::size_t, 1> count{found.size()};
@@ -67,10 +73,26 @@ Raises:
         return nb::make_tuple(pyramid.levels[0].width, pyramid.levels[0].height);
       },
       nb::sig("def size_px(self) -> tuple[int, int]"), "Width and height of the image.");
+  nb::class_<FlowSearch>(module, "FlowSearch", R"(
+How points are looked for, and which count as found.)")
+    .def(
+      "__init__", &choose, "num_levels"_a, "back_levels"_a, "num_steps"_a, "least_step_px"_a,
+      "margin_px"_a, "return_px"_a, R"(
+Choose.
+
+Args:
+    num_levels: that are gone through, the smallest first.
+    back_levels: the same on the way back.
+    num_steps: on each, at most.
+    least_step_px: below which a level is done.
+    margin_px: from the edge of the image, within which no point counts as found.
+    return_px: off the start along either axis, from which on it does not.
+
+Raises:
+    ValueError: A number is less than 1.)");
   module.def(
-    "follow_points", &follow_points, "before"_a, "now"_a, "from_px"_a, "guess_px"_a,
-    "num_levels"_a, "back_levels"_a, "num_steps"_a, "least_step_px"_a, "margin_px"_a,
-    "return_px"_a, R"(
+    "follow_points", &follow_points, "before"_a, "now"_a, "from_px"_a, "guess_px"_a, "search"_a,
+    R"(
 Return where points of one image are in another, by the 9x9 pixels around them.
 
 A point counts as found when following it back leads to where it was: else it slipped.
@@ -80,15 +102,10 @@ Args:
     now: of the other, as large.
     from_px: (N, 2) float32.
     guess_px: (N, 2) float32, where each is looked for.
-    num_levels: that are gone through, the smallest first.
-    back_levels: the same on the way back.
-    num_steps: on each, at most.
-    least_step_px: below which a level is done.
-    margin_px: from the edge of the image, within which no point counts as found.
-    return_px: off the start along either axis, from which on it does not.
+    search: how.
 
 Raises:
-    ValueError: Sizes or lengths differ, or a number is less than 1.
+    ValueError: Sizes or lengths differ.
 
 Source: Lucas and Kanade, IJCAI 1981, on pyramids, equal to OpenCV's calcOpticalFlowPyrLK.)");
 }

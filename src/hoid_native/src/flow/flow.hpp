@@ -46,19 +46,15 @@ struct Points
   int count;
 };
 
-struct Limits
+// How points are looked for, and which count as found.
+struct Search
 {
-  int num_levels;     // that are gone through, at most those of both pyramids
-  int num_steps;      // on a level
-  double least_step;  // px, below which it ends
-};
-
-// What a point must do to count as found when it is followed forth, and then back.
-struct RoundTrip
-{
-  int back_levels;  // that are gone through on the way back
-  float margin_px;  // from the edge of the image
-  float return_px;  // off the start, along either axis
+  int num_levels;        // that are gone through, at most those of both pyramids
+  int back_levels;       // the same on the way back
+  int num_steps;         // on a level
+  double least_step_px;  // below which a level is done
+  float margin_px;       // from the edge of the image, within which no point counts
+  float return_px;       // off the start along either axis, from which on a point has slipped
 };
 
 // Move points (count, 2) from where they are guessed to where the second image shows what the
@@ -67,7 +63,7 @@ struct RoundTrip
 // Lucas and Kanade, IJCAI 1981, on pyramids; integers and sums are those of OpenCV's
 // calcOpticalFlowPyrLK (Bouguet 2001) on x86, so that both agree bit for bit.
 void follow_points(
-  const Pyramid& before, const Pyramid& now, const Points& points, const Limits& limits,
-  const RoundTrip& back, float* uv_px, uint8_t* found);
+  const Pyramid& before, const Pyramid& now, const Points& points, const Search& search,
+  float* uv_px, uint8_t* found);
 
 }  // namespace hoid::flow

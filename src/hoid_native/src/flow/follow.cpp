@@ -334,7 +334,7 @@ struct Window
 
 // Move one point on one level; false: it cannot be told there.
 ALWAYS_INLINE bool follow_on_level(
-  const Level& before, const Level& now, const float* from_px, const Limits& limits, float* at_px)
+  const Level& before, const Level& now, const float* from_px, const Search& search, float* at_px)
 {
   const Corner start(from_px[0] - kHalf, from_px[1] - kHalf, before);
   if (!start.inside) {
@@ -346,7 +346,7 @@ ALWAYS_INLINE bool follow_on_level(
   }
   const float inverse = 1.0F / window.determinant();
   float x = at_px[0] - kHalf, y = at_px[1] - kHalf, last_x = 0, last_y = 0;
-  for (int k = 0; k < limits.num_steps; ++k) {
+  for (int k = 0; k < search.num_steps; ++k) {
     const Corner corner(x, y, now);
     if (!corner.inside) {
       return false;
@@ -360,7 +360,7 @@ ALWAYS_INLINE bool follow_on_level(
     at_px[0] = x + kHalf;
     at_px[1] = y + kHalf;
     const double dx = step_x, dy = step_y;
-    if (dx * dx + dy * dy <= limits.least_step * limits.least_step) {
+    if (dx * dx + dy * dy <= search.least_step_px * search.least_step_px) {
       break;
     }
     if (k > 0 && std::abs(step_x + last_x) < kTurnPx && std::abs(step_y + last_y) < kTurnPx) {
@@ -376,11 +376,11 @@ ALWAYS_INLINE bool follow_on_level(
 
 MULTIVERSION("avx2")
 void follow_one_way(
-  const Pyramid& before, const Pyramid& now, const Points& points, const Limits& limits,
-  float* uv_px, uint8_t* found)
+  const Pyramid& before, const Pyramid& now, const Points& points, int num_levels,
+  const Search& search, float* uv_px, uint8_t* found)
 {
   const auto built = static_cast<int>(std::min(before.levels.size(), now.levels.size()));
-  const int top = std::min(limits.num_levels, built) - 1;
+  const int top = std::min(num_levels, built) - 1;
   for (int level = top; level >= 0; --level) {
     const float scale = 1.0F / static_cast<float>(1 << level);
     for (int n = 0; n < points.count; ++n) {
@@ -390,7 +390,7 @@ void follow_one_way(
       const float grow = level == top ? scale : 2.0F;
       at[0] *= grow;
       at[1] *= grow;
-      found[n] = follow_on_level(before.levels[level], now.levels[level], from_px, limits, at);
+      found[n] = follow_on_level(before.levels[level], now.levels[level], from_px, search, at);
     }
   }
 }
@@ -398,28 +398,29 @@ void follow_one_way(
 }  // namespace
 
 void follow_points(
-  const Pyramid& before, const Pyramid& now, const Points& points, const Limits& limits,
-  const RoundTrip& back, float* uv_px, uint8_t* found)
+  const Pyramid& before, const Pyramid& now, const Points& points, const Search& search,
+  float* uv_px, uint8_t* found)
 {
   const int size = 2 * points.count;
   std::vector<float> back_px(uv_px, uv_px + size);
-  follow_one_way(before, now, points, limits, uv_px, found);
+  follow_one_way(before, now, points, search.num_levels, search, uv_px, found);
   for (int k = 0; k < size; ++k) {
     back_px[k] = uv_px[k] - (back_px[k] - points.from_px[k]);
   }
   std::vector<uint8_t> returned(points.count);
   follow_one_way(
-    now, before, {uv_px, points.count}, {back.back_levels, limits.num_steps, limits.least_step},
-    back_px.data(), returned.data());
-  const auto last_u = static_cast<float>(now.levels[0].width - 1) - back.margin_px,
-             last_v = static_cast<float>(now.levels[0].height - 1) - back.margin_px;
+    now, before, {uv_px, points.count}, search.back_levels, search, back_px.data(),
+    returned.data());
+  const auto last_u = static_cast<float>(now.levels[0].width - 1) - search.margin_px,
+             last_v = static_cast<float>(now.levels[0].height - 1) - search.margin_px;
   for (int n = 0; n < points.count; ++n) {
     const float u = uv_px[2 * n], v = uv_px[2 * n + 1];
-    const bool inside = u >= back.margin_px && v >= back.margin_px && u <= last_u && v <= last_v;
-    const float off = std::max(
+    const bool inside =
+      u >= search.margin_px && v >= search.margin_px && u <= last_u && v <= last_v;
+    const float off_px = std::max(
       std::abs(back_px[2 * n] - points.from_px[2 * n]),
       std::abs(back_px[2 * n + 1] - points.from_px[2 * n + 1]));
-    found[n] = found[n] && returned[n] && inside && off < back.return_px;
+    found[n] = found[n] && returned[n] && inside && off_px < search.return_px;
   }
 }
 

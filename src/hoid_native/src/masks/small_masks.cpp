@@ -57,11 +57,9 @@ void values_at(
 {
   const int64_t *rows = magnification.rows, *columns = magnification.columns;
   const int width = magnification.width;
-  const double per_width = 1.0 / width;
+  const RowOfPixel row_of(width);
   for (int k = 0; k < num_pixels; ++k) {
-    // Half a pixel from every border of rows, which is more than the error of the product; faster
-    // than a division.
-    const auto v = static_cast<int64_t>((static_cast<double>(pixels[k]) + 0.5) * per_width);
+    const int64_t v = row_of(pixels[k]);
     value_out[k] = values.data[rows[v] * values.width + columns[pixels[k] - v * width]];
   }
 }

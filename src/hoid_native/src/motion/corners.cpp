@@ -26,15 +26,12 @@ std::vector<int64_t> strongest_in_cells(const CornersOnDepth& seen, const CellGr
   std::vector<int64_t> best(grid.count, -1);
   // The cells of rows and columns: a table is quicker than two multiplications a corner.
   const int width = seen.depth_m.width;
-  const double per_width = 1.0 / width;
+  const RowOfPixel row_of(width);
   const std::vector<int> cell_of_column = cells_of(seen.depth_m.width, grid.cell_px),
                          cell_of_row = cells_of(seen.depth_m.height, grid.cell_px);
   for (int k = 0; k < seen.count; ++k) {
     const int64_t pixel = seen.pixel[k];
-    // Half a pixel from every border of rows, which is more than the error of the product; faster
-    // than a division.
-    const auto row = static_cast<int>((static_cast<double>(pixel) + 0.5) * per_width);
-    const auto column = static_cast<int>(pixel - static_cast<int64_t>(row) * width);
+    const int64_t row = row_of(pixel), column = pixel - row * width;
     const int cell = cell_of_row[row] * grid.columns + cell_of_column[column];
     if (grid.taken[cell] || (best[cell] >= 0 && seen.score[k] <= seen.score[best[cell]])) {
       continue;
