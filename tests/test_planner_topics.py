@@ -180,7 +180,7 @@ def test_the_example_hears_of_people_the_frame_tree_and_the_grid(probe: Probe) -
             assert process.stdout is not None
             lines = [process.stdout.readline() for _ in at_m]
         finally:
-            process.terminate()
+            process.kill()  # rclpy.spin can lose a SIGTERM that comes with a message
     assert lines == [
         '0: 2.00 m ahead, unknown floor\n',  # beyond the grid
         '1: -1.40 m ahead, occupied floor\n',
