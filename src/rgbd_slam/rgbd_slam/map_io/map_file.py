@@ -42,6 +42,7 @@ _SAME = 1e-6  # of intrinsics
 _MOST_UNPACKED = 50  # times the file's size; a map unpacks to about twice
 _SMALL_BYTES = 1_000_000  # that many are harmless whatever they are packed to
 _MOST_SAID = 120  # characters of an error, which may repeat what the file says
+_PIECE_BYTES = 1 << 20  # an array packed as a whole is in memory a second time, packed
 _LEVEL = 1  # more takes three times as long and saves a tenth
 # What the libraries say of files that are none of theirs.
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, KeyError,
@@ -157,7 +158,9 @@ def _write(file: IO[bytes], content: MapFile) -> None:
                 column, lengths = record.columns()[name], record.lengths()
                 with archive.open(_member(section, name), 'w', force_zip64=True) as member:
                     member.write(_header(column, lengths))
-                    member.write(array.reshape(-1).view(np.uint8).data)
+                    data = array.reshape(-1).view(np.uint8).data
+                    for start in range(0, len(data), _PIECE_BYTES):
+                        member.write(data[start : start + _PIECE_BYTES])
 
 
 def _sync_folder(folder: Path) -> None:

@@ -102,7 +102,7 @@ class MapServices:
         path = self._path(request.name, MAP)
         content, uids, views = self._between.call(self._copy)
         kept = views() if views is not None else []
-        dense = DenseState.of_views(kept, uids) if kept else None
+        dense = DenseState.of_views(kept, uids, is_halved=True) if kept else None
         whole = content._replace(dense=dense)
         size = map_file.save(path, whole)
         return f'{_said(whole)} written to {path}, {size / _MB:.1f} MB'

@@ -77,7 +77,7 @@ class SceneLink:
     def views(self, keyframes: KeyframePoses) -> Callable[[], list[StoredView]] | None:
         """Ask for the images of the dense map as they hang on keyframes; the act waits for them.
 
-        None without a dense map.
+        Their colour has half the resolution of depth. None without a dense map.
         """
         process = self._process
         if process is None or not self._config.dense.enabled:
@@ -87,7 +87,7 @@ class SceneLink:
 
         def receive() -> list[StoredView]:
             process.await_answer(number)
-            return process.views()
+            return process.small_views()
 
         return receive
 

@@ -155,10 +155,6 @@ class SceneProcess:
             raise InputError(answer.text)
         return answer.text
 
-    def views(self) -> list[StoredView]:
-        """Return the images of the dense map as they hung after the last answer."""
-        return [view for _, view in self._copies.views()]
-
     def small_views(self) -> list[StoredView]:
         """Return the images that were kept last, their colour at half the resolution of depth."""
         return self._copies.small()
