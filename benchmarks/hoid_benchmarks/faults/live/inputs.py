@@ -28,16 +28,19 @@ _OTHERS = (
 )  # fmt: skip
 _CLOCK_BYTES = 12
 _BETWEEN = 8  # wrong messages between two good ones
+_SETTLE_S = 0.1  # for each wrong message, at most
 _FOREIGN = (topics.CLOCK, topics.TF, topics.DETECTIONS_2D)
 
 
 def message_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
     """Yield one outcome for each input: all its seeds are sent to the same nodes.
 
-    A few wrong messages lie between two good ones, fewer than an input's queue holds.
+    A few wrong messages lie between two good ones, fewer than an input's queue holds. Before
+    many of them, the nodes settle.
     """
     if not seeds:
         return
+    stage.settle(_SETTLE_S * len(seeds))
     setup = stage.setup
     sent = _FOREIGN if setup.is_foreign else (*_IMAGES, *_OTHERS)
     for topic in _PACKED if setup.is_compressed else sent:
