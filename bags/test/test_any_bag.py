@@ -22,7 +22,7 @@ PLACES = st.floats(0.0, 1.0, exclude_max=True)
 CHANGES = st.lists(st.tuples(PLACES, st.binary(min_size=1, max_size=9)), max_size=3)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(
     name=st.sampled_from(['bag.mcap', 'metadata.yaml']),
     changes=CHANGES,

@@ -35,7 +35,7 @@ def complaint(read: Callable[[], object]) -> str:
 
 @pytest.mark.slow
 @given(plain)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_plain_data_come_back_as_they_were_written(value: Any) -> None:
     assert parse_yaml(yaml.safe_dump(value), 'x') == value
 
@@ -56,7 +56,7 @@ def test_plain_data_come_back_as_they_were_written(value: Any) -> None:
 @example('._')
 @example('\x00')
 @example('--- 1\n--- 2')
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_any_text_is_a_value_or_an_error_in_one_line(text: str) -> None:
     said = complaint(lambda: parse_yaml(text, 'name'))
     assert said.startswith('name: is not YAML (') or not said
@@ -65,7 +65,7 @@ def test_any_text_is_a_value_or_an_error_in_one_line(text: str) -> None:
 
 
 @given(st.binary(max_size=80))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_any_file_is_a_value_or_an_error_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, content: bytes
 ) -> None:

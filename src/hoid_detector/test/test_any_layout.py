@@ -72,7 +72,7 @@ def of_zeros(shapes: Shapes) -> Answer:
     return tuple(shapes), tuple(np.zeros(shape, np.float32) for shape in shapes.values())
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @example(of_zeros({'logits': (1, 5, 0), 'boxes': (1, 5, 4)}), 'auto', None)
 @example(of_zeros({'logits': (1, 5, 3), 'boxes': (1, 4, 4)}), 'auto', None)
 @example(of_zeros({'labels': (1, 5), 'scores': (1, 4), 'boxes': (1, 5, 4)}), 'auto', None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_detector.model.letterbox import Letterbox, Preprocessing, open_size, placed
@@ -50,7 +50,6 @@ def test_half_floats_hold_the_same_values() -> None:
     np.testing.assert_allclose(half, full, atol=1e-3)
 
 
-@settings(deadline=None)
 @given(SIDES, SIDES, SIDES, SIDES, st.sampled_from(['centered', 'top_left', 'stretch']))
 def test_boxes_come_back(
     width: int, height: int, to_width: int, to_height: int, placement: str

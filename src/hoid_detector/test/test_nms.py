@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_common.values import Float32Array, IntArray
@@ -26,7 +26,6 @@ def by_definition(
     return kept
 
 
-@settings(deadline=None)
 @given(st.integers(0, 40), st.integers(0, 10**6), st.sampled_from([0.2, 0.45, 0.7]))
 def test_keeps_what_the_definition_keeps(count: int, seed: int, limit: float) -> None:
     rng = np.random.default_rng(seed)

@@ -29,7 +29,7 @@ def test_budget_an_octave_cannot_use_goes_to_the_others() -> None:
     assert (octave[kept] == 1).sum() == 5
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 400), st.integers(0, 2**32 - 1))
 def test_keeps_the_budget_without_repeats(num: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -73,7 +73,7 @@ def by_definition(
     return sorted(k for _, k in kept + more)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([500.0, 9e4, 1e9]))
 def test_what_is_kept_is_that_of_the_definition(seed: int, area_px: float) -> None:
     rng = np.random.default_rng(seed)

@@ -222,7 +222,7 @@ def brute_force(
     return {(min(queries)[1], k) for k, queries in wins.items()}
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), ratio=st.sampled_from([1.0, 0.9, 0.6]))
 def test_matches_are_those_of_the_definition(seed: int, ratio: float) -> None:
     rng = np.random.default_rng(seed)

@@ -49,7 +49,7 @@ def brute_force(
     return {(min(queries)[1], k) for k, queries in wins.items()}
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10**6))
 def test_matches_are_those_of_the_definition(seed: int) -> None:
     rng = np.random.default_rng(seed)

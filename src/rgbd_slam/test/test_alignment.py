@@ -72,7 +72,7 @@ def test_horn_alignment_of_a_quarter_turn_by_hand() -> None:
     np.testing.assert_allclose(align_points(a, b), expected, atol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**31), st.integers(3, 10))
 def test_horn_alignment_is_a_rotation_even_of_mirrored_or_flat_points(
     seed: int, count: int

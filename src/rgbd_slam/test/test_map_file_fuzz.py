@@ -48,9 +48,7 @@ def harmless(path: Path, data: bytes) -> None:
     assert loaded.map.digest() == good.map.digest()
 
 
-_FUZZ = settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+_FUZZ = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @_FUZZ

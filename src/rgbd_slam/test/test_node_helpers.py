@@ -95,7 +95,7 @@ def test_each_kind_of_file_has_its_endings(tmp_path: Path, kind: FileKind) -> No
 
 
 @given(name=st.text(max_size=300) | st.text('aä.', min_size=180, max_size=260))
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_every_name_gives_a_file_that_can_be_written_or_one_line(
     tmp_path: Path, name: str
 ) -> None:
