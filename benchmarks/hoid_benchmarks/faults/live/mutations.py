@@ -51,7 +51,8 @@ def _other(value: Any, rng: Rng) -> Any:
         if isinstance(value, kind):
             return others[int(rng.integers(len(others)))]
     if isinstance(value, np.ndarray):  # of a fixed length
-        return np.full_like(value, _FLOATS[int(rng.integers(len(_FLOATS)))])
+        with np.errstate(over='ignore'):  # the largest are infinite as float32
+            return np.full_like(value, _FLOATS[int(rng.integers(len(_FLOATS)))])
     return _array(value, rng) if isinstance(value, array) else value
 
 
