@@ -57,6 +57,26 @@ def test_messages_come_in_order_and_none_is_lost(node: Node, executor: SteadyExe
     assert heard == sent
 
 
+def test_what_is_ready_is_run_without_waiting(node: Node, executor: SteadyExecutor) -> None:
+    heard: list[str] = []
+    node.create_subscription(Header, 'words', lambda msg: heard.append(msg.frame_id), 100)
+    publisher = node.create_publisher(Header, 'words', 100)
+    spin_until(executor, lambda: publisher.get_subscription_count() == 1)
+    start_s = time.monotonic()
+    while executor.spin_ready():  # what the discovery has woken
+        assert time.monotonic() < start_s + _LIMIT_S
+    sent = [f'word {k}' for k in range(50)]
+    for word in sent:
+        publisher.publish(Header(frame_id=word))
+    while len(heard) < len(sent):
+        before = len(heard)
+        assert executor.spin_ready() or len(heard) == before
+        assert time.monotonic() < start_s + _LIMIT_S
+    assert heard == sent
+    executor.shutdown()
+    assert not executor.spin_ready()
+
+
 def test_timers_guards_services_and_clients_are_served(
     node: Node, executor: SteadyExecutor
 ) -> None:

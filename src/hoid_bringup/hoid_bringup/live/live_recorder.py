@@ -27,6 +27,7 @@ from hoid_common.slam_status import SlamState
 from hoid_common.slam_status import SlamStatus as Status
 from hoid_common.values import FloatArray, Trajectory
 
+_PAUSE_S = 0.1  # not woken by each message: on one core that is the nodes' time
 _QUEUE = 200  # the recorder may fall behind the nodes for a while
 _ANSWER_LIMIT_S = 60.0
 _MAP_LIMIT_S = 5.0
@@ -72,7 +73,8 @@ class LiveRecorder:
         """Hear what comes within some time."""
         end_s = time.monotonic() + timeout_s
         while (left_s := end_s - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=left_s)
+            if not self._executor.spin_ready():
+                time.sleep(min(left_s, _PAUSE_S))
 
     def awaited(self, camera_info: bytes) -> str:
         """Return what the nodes still lack to take images, or nothing when they can.

@@ -144,6 +144,14 @@ class SteadyExecutor(SingleThreadedExecutor):
             self._forget()
             self._at_work.release()
 
+    def spin_ready(self) -> bool:
+        """Run what is ready, one message of each subscription, and return whether there was any.
+
+        It does not wait, and callbacks that await a future go on only when it is spun otherwise.
+        """
+        with self._at_work:
+            return not self._is_shutdown and self._run_ready(0)
+
     def _spin_once_impl(
         self,
         timeout_sec: float | TimeoutObject | None = None,
@@ -155,10 +163,16 @@ class SteadyExecutor(SingleThreadedExecutor):
         limit_s = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
         with self._at_work:
             if not self._is_shutdown and not wait_condition():
-                for take, entity in self._wait(timeout_sec_to_nsec(limit_s)):
-                    self._run(take(entity))
+                self._run_ready(timeout_sec_to_nsec(limit_s))
             if self._is_shutdown:
                 self._forget()
+
+    def _run_ready(self, limit_ns: int) -> bool:
+        """Run what becomes ready within some time, -1 being for ever; return whether any did."""
+        ready = self._wait(limit_ns)
+        for take, entity in ready:
+            self._run(take(entity))
+        return bool(ready)
 
     def _run(self, act: Callable[[], Any] | None) -> None:
         """Run what one of the base's `_take_...` returned."""
