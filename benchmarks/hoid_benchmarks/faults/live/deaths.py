@@ -63,7 +63,7 @@ class _Deaths:
         gap_s = self._gap_s(killed_s)
         complaint = ''
         if not is_back():
-            complaint = f'not back in {_LIMIT_S:g} s'
+            complaint = f'not back in {_LIMIT_S:g} s; {self._sender.nodes_say()}'
         elif back_s > limit_s:
             complaint = f'back after {back_s:.1f} s'
         elif victim not in (FILTER, SLAM) and gap_s > _GAP_S:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TransformStamped
 from hoid_msgs.msg import Detection, DetectionArray, Features, SlamStatus, TrackedObjectArray
 from nav_msgs.msg import Odometry
@@ -93,11 +94,15 @@ class Sender:
         self.newest_ns: dict[str, int] = {}  # stamp of the last of each output
         self.status: SlamStatus | None = None
         self.features: Features | None = None  # the first that came
+        self._said: dict[str, str] = {}  # by each node of itself, last
         self.ahead_ns = 0  # stamps, of the clock
         self.is_detector_slow = False  # boxes of one image in eight, half a second late
         self._waiting: list[DetectionArray] = []
         node.create_subscription(Odometry, topics.ODOM, self._on_odometry, qos.OUTPUT)
         node.create_subscription(SlamStatus, topics.SLAM_STATUS, self._on_status, qos.OUTPUT)
+        node.create_subscription(
+            DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, qos.OUTPUT
+        )
         for type_, topic in (
             (DetectionArray, OWN_DETECTIONS),
             (TrackedObjectArray, topics.TRACKED_OBJECTS),
@@ -176,6 +181,10 @@ class Sender:
                 break
         return left
 
+    def nodes_say(self) -> str:
+        """Return what each node last said of itself on /diagnostics."""
+        return ', '.join(f'{name}: {text}' for name, text in sorted(self._said.items()))
+
     def _came(self, output: str, since_ns: int, now_ns: int) -> bool:
         return since_ns <= self.newest_ns.get(output, 0) <= now_ns
 
@@ -192,6 +201,9 @@ class Sender:
 
     def _on_status(self, msg: SlamStatus) -> None:
         self.status = msg
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        self._said |= {status.name: status.message for status in msg.status}
 
     def _on_features(self, data: bytes) -> None:
         if self.features is None:

@@ -140,7 +140,10 @@ class Stage:
         # What no pose waits for may come later.
         for outputs, limit_s in ((self.setup.outputs[:1], back_s), (self.setup.outputs, _ALL_S)):
             if silent := self.sender.silent_within(limit_s, outputs):
-                return f'no {", ".join(silent)} for {limit_s:g} s of good messages'
+                return (
+                    f'no {", ".join(silent)} for {limit_s:g} s of good messages; '
+                    f'{self.sender.nodes_say()}'
+                )
         if (maps := self._state().maps) > before.maps:
             return f'{maps} maps where there were {before.maps}'
         if unanswered := self.services.silent(_ALL_S):
