@@ -83,10 +83,10 @@ class Belief:
 
     def moving(self) -> MovingArea:
         """Return what moves: connected parts, some pixel of which is believed to for sure."""
-        surely = self.log_odds > _SURELY_MOVES
-        if not surely.any():
+        surely, moves = self.log_odds > _SURELY_MOVES, self.log_odds > _MOVES
+        least_px = _LEAST_AREA * moves.size
+        if not surely.any() or np.count_nonzero(moves) < least_px:
             return MovingArea.none(surely.shape)
-        moves = self.log_odds > _MOVES
         # Labels of 16 bits take a third of the time of others.
         count, label, found, _ = cv2.connectedComponentsWithStats(
             moves.view(np.uint8), connectivity=8, ltype=cv2.CV_16U
@@ -94,7 +94,7 @@ class Belief:
         sure = np.zeros(count, np.bool_)
         sure[label[surely]] = True
         stats = np.asarray(found, np.int64)
-        sure &= stats[:, cv2.CC_STAT_AREA] >= _LEAST_AREA * moves.size
+        sure &= stats[:, cv2.CC_STAT_AREA] >= least_px
         sure[0] = False
         if not sure.any():
             return MovingArea.none(surely.shape)
