@@ -14,9 +14,11 @@ from hoid_benchmarks.faults.live.watched_nodes import watched
 from hoid_bringup.live.supervisor import ProcessExit, ProcessSpec
 
 LIMIT_S = 60.0
-# As a node does, it takes SIGINT once it is up.
+# As a node does, it takes SIGINT once it is up. Python's own handler is called between
+# instructions only: it would miss a signal that comes just before the sleep.
 CODE = (
-    'import os, signal, time; signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT});'
+    'import os, signal, time; signal.signal(signal.SIGINT, signal.SIG_DFL);'
+    'signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT});'
     'print(os.environ["TOLD"], flush=True); time.sleep(60)'
 )
 SPEC = ProcessSpec('node', (sys.executable, '-c', CODE), env={'TOLD': 'ready'})
