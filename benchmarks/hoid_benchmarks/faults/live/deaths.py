@@ -110,7 +110,8 @@ class _Deaths:
         self.go_on_for(1.0)
         times_s = [heard.when_s for heard in self._sender.heard]
         before = [t for t in times_s if t <= since_s][-1:]
-        return float(np.max(np.diff([*before, *(t for t in times_s if t > since_s)]), initial=0.0))
+        after = [t for t in times_s if t > since_s]
+        return float(np.max(np.diff([*before, *after, time.monotonic()]), initial=0.0))
 
     def _num_maps(self) -> int:
         return self._sender.status.maps if self._sender.status else 0
