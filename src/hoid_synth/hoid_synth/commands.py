@@ -53,7 +53,7 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
         '--event',
         choices=EVENTS,
         default=default.event,
-        help='something that people carry past the camera, or that moves by itself',
+        help='something that people carry past the camera or take away, or that moves by itself',
     )
     parser.add_argument(
         '--speed',

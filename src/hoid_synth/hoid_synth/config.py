@@ -15,7 +15,7 @@ EPOCH_NS = 1_700_000_000_000_000_000
 FRAME_RATE_HZ = 30.0
 PATHS = ('room', 'loop', 'xyz', 'rpy', 'static')
 LAYOUTS = ('home', 'repeated')
-CARRIED = ('carry_box', 'carry_chair', 'carry_screen', 'pull_door', 'push_trolley')
+CARRIED = ('carry_box', 'carry_chair', 'carry_screen', 'pull_door', 'push_trolley', 'take_chair')
 """Events in which people handle something large, near, and rich in corners."""
 EVENTS = (*CARRIED, 'door', 'trolley', 'robot', 'followed', 'ball', 'cat', 'picture', 'panel')
 """All events; the last ones move by themselves, and no detector knows them."""

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import ConfigError
+from hoid_synth.acting.seat import write_seat
 from hoid_synth.acting.stage import set_stage
 from hoid_synth.config import CARRIED, EVENTS, SceneConfig
 from hoid_synth.scene import SceneRenderer
@@ -12,8 +13,9 @@ from hoid_synth.truth import visible_objects
 
 
 def config(event: str) -> SceneConfig:
+    frames = 300 if event == 'take_chair' else 90
     return SceneConfig(
-        seed=1, path='xyz', event=event, num_people=0, num_frames=90, width_px=64, near_m=1.5
+        seed=1, path='xyz', event=event, num_people=0, num_frames=frames, width_px=64, near_m=1.5
     )
 
 
@@ -24,12 +26,13 @@ def test_an_event_moves_one_thing(event: str) -> None:
     assert stage.T_world_mover is not None
     ((name, _), instance), T = stage.world.mover, stage.T_world_mover
     turned = T[:, :3, :3] @ T[:, :3, :3].mT
-    np.testing.assert_allclose(turned, np.tile(np.eye(3), (91, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(turned, np.tile(np.eye(3), (len(T), 1, 1)), atol=1e-12)
     assert np.abs(T - T[0]).max() > 0.2
     # Only what people carry has a name, and is handled.
     assert bool(name) == (event in CARRIED)
     assert len(stage.bodies) == {'carry_screen': 2}.get(event, int(event in CARRIED))
-    found = visible_objects(stage, 0, 0, np.full((48, 64), instance, np.uint8))
+    last = len(T) - 1
+    found = visible_objects(stage, last, 0, np.full((48, 64), instance, np.uint8))
     assert found.handled == ((True,) if name else ())
 
 
@@ -41,6 +44,30 @@ def test_what_an_event_moves_is_seen(event: str) -> None:
     _, instance = renderer.stage.world.mover
     seen = [np.count_nonzero(renderer.frame(i).instance_image == instance) for i in (0, 45, 75)]
     assert max(seen) > 20
+
+
+def test_who_sits_down_leaves_with_the_chair() -> None:
+    stage, seat = set_stage(config('take_chair')), write_seat(config('take_chair'))
+    T = stage.T_world_mover
+    assert T is not None
+    np.testing.assert_array_equal(stage.mover_held, np.arange(301) >= seat.grips)
+    np.testing.assert_array_equal(T[: seat.grips], np.tile(T[0], (seat.grips, 1, 1)))
+    seat_m = T[0, :3, 3] + [0, 0, 0.485]
+    # Seated between sitting down and rising: the pelvis over the seat, a thigh's width above.
+    sitting = stage.joints(0, seat.rises)
+    assert np.linalg.norm((sitting.pelvis - seat_m)[:2]) < 0.15
+    assert 0.05 < (sitting.pelvis - seat_m)[2] < 0.12
+    assert sitting.forward[1] < -0.99
+    assert (sitting.knees[:, 1] < sitting.pelvis[1] - 0.3).all()
+    # Carried in both hands, all the way out of view.
+    for i in range(seat.grips, 301):
+        hands = stage.bodies[0].hands_m[i]
+        palms = stage.joints(0, i).wrists
+        assert np.linalg.norm(hands - palms, axis=1).max() < 0.12
+        assert np.linalg.norm(hands.mean(0) - T[i, :3, 3]) < 0.5
+    step_m = np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1)
+    assert step_m.max() < 0.06
+    assert T[-1, 0, 3] < T[0, 0, 3] - 1.2
 
 
 def test_an_event_leaves_the_room_as_it_is() -> None:

@@ -22,6 +22,7 @@ def stance(
         0.0,
         0.0,
         0.0,
+        0.0,
         hands,
         np.full(2, reach),
     )

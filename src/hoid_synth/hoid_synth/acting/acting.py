@@ -42,6 +42,7 @@ class BodyTrack:
     stride: FloatArray
     lean_rad: FloatArray
     drop_m: FloatArray
+    back_m: FloatArray
     gaze_rad: FloatArray
     hands_m: FloatArray  # (N, 2, 3)
     reach: FloatArray  # (N, 2)
@@ -55,6 +56,7 @@ class BodyTrack:
             float(self.stride[i]),
             float(self.lean_rad[i]),
             float(self.drop_m[i]),
+            float(self.back_m[i]),
             float(self.gaze_rad[i]),
             self.hands_m[i],
             self.reach[i],
@@ -83,6 +85,7 @@ def body_track(part: Part, count: int, rng: Rng) -> BodyTrack:
         _smoothed(heading, 15),
         np.cumsum(step) + rng.uniform(0, 2),
         np.clip(speed / _FULL_STRIDE_MPS, 0, 1),
+        zeros.copy(),
         zeros.copy(),
         zeros.copy(),
         gaze,
@@ -118,7 +121,8 @@ def object_tracks(
     return tracks
 
 
-def _ease(frames: IntArray, start: float, end: float) -> FloatArray:
+def ease(frames: IntArray, start: float, end: float) -> FloatArray:
+    """Return (N,) a smooth step from 0 at the start to 1 at the end."""
     x = np.clip((frames - start) / max(end - start, 1e-9), 0, 1)
     return np.asarray(x * x * (3 - 2 * x))
 
@@ -131,7 +135,7 @@ def _handle(
     i = np.arange(count)
     grip, release = h.take_frame + _HOLD_FRAMES, h.put_frame + _GRASP_FRAMES - _HOLD_FRAMES
     new_yaw = resting_yaw(prop, h.target)
-    lifted = _ease(i, grip, h.take_frame + _GRASP_FRAMES) * (1 - _ease(i, h.put_frame, release))
+    lifted = ease(i, grip, h.take_frame + _GRASP_FRAMES) * (1 - ease(i, h.put_frame, release))
     carried = _carried(prop, body)
     before = i < (h.take_frame + h.put_frame) / 2
     rest_at = np.where(before[:, None], h.source.position_m, h.target.position_m)
@@ -177,7 +181,7 @@ def _bend(body: BodyTrack, prop: Prop, h: Handling, i: IntArray) -> None:
     ]
     for spot, start, low in spots:
         end = start + _GRASP_FRAMES
-        weight = _ease(i, start, low) * (1 - _ease(i, low, end))
+        weight = ease(i, start, low) * (1 - ease(i, low, end))
         height = spot.position_m[2] + prop.grip_m[2]
         body.lean_rad += weight * np.clip(1.2 - height, 0.12, 1.1)
         body.drop_m += weight * np.clip(0.6 * (0.9 - height), 0, 0.46)
@@ -187,7 +191,7 @@ def _reach(
     body: BodyTrack, prop: Prop, h: Handling, T: FloatArray, i: IntArray, grip: int, release: int
 ) -> None:
     """Put the hands on the object from shortly before the grip until shortly after the release."""
-    weight = _ease(i, h.take_frame, grip) * (1 - _ease(i, release, release + 10))
+    weight = ease(i, h.take_frame, grip) * (1 - ease(i, release, release + 10))
     used = (i >= h.take_frame) & (i < release + 10)
     mirrored = np.array([-1.0, 1.0, 1.0])
     grips = np.array([prop.grip_m, prop.grip_m * mirrored])

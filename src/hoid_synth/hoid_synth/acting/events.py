@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_common.values import FloatArray
+from hoid_common.values import BoolArray, FloatArray
+from hoid_synth.acting.acting import BodyTrack
 from hoid_synth.acting.camera_path import FRONT_Y_M
 from hoid_synth.acting.group import walk_to_and_fro
 from hoid_synth.acting.script import Part
-from hoid_synth.config import FRAME_RATE_HZ, PASSING_MPS, SceneConfig
+from hoid_synth.acting.seat import sit_and_take, write_seat
+from hoid_synth.config import CARRIED, FRAME_RATE_HZ, PASSING_MPS, SceneConfig
 from hoid_synth.noise import Rng
 from hoid_synth.room.layout import WIDTHS_M
 from hoid_synth.room.rooms import DEPTH_M
+from hoid_synth.room.world import World
 
 _MIDDLE_X_M = WIDTHS_M[0] / 2
 _HALF_WAY_M = 1.9  # of what passes the camera, from the middle of the room
@@ -23,6 +26,8 @@ _SLIDE_M, _SLIDE_PERIOD_S = 0.25, 5.0
 
 def write_carriers(config: SceneConfig) -> list[Part]:
     """Return the parts of the people who carry, pull or push something past the camera."""
+    if config.event == 'take_chair':
+        return [write_seat(config).part]
     count, y = config.play_length, FRONT_Y_M + config.near_m
     if config.event == 'pull_door':
         angle = _door_angle(count)
@@ -39,10 +44,17 @@ def write_carriers(config: SceneConfig) -> list[Part]:
 
 
 def mover_poses(
-    config: SceneConfig, parts: list[Part], T_world_camera: FloatArray, rng: Rng
+    config: SceneConfig,
+    world: World,
+    parts: list[Part],
+    bodies: list[BodyTrack],
+    T_world_camera: FloatArray,
+    rng: Rng,
 ) -> FloatArray:
-    """Return T_world_mover (N, 4, 4) of the thing that an event moves."""
+    """Return T_world_mover (N, 4, 4) of the thing that an event moves; bend who takes it."""
     count = config.play_length
+    if config.event == 'take_chair':
+        return sit_and_take(write_seat(config), bodies[0], world.wardrobes[0].build)
     if config.event.startswith('carry_'):
         middle = np.mean([part.xy_m[:count] for part in parts], axis=0)
         height = 0.25 if config.event == 'carry_chair' else 0.8
@@ -58,6 +70,14 @@ def mover_poses(
         'cat': _stroll, 'followed': _lead, 'picture': _fall, 'panel': _slide,
     }[config.event]  # fmt: skip
     return make(config, T_world_camera, rng)
+
+
+def mover_held(config: SceneConfig) -> BoolArray:
+    """Return (N,) when the thing that an event moves is in somebody's hands."""
+    frames = np.arange(config.play_length)
+    if config.event == 'take_chair':
+        return frames >= write_seat(config).grips
+    return np.full(len(frames), config.event in CARRIED)
 
 
 def _upright(xy_m: FloatArray, z_m: FloatArray, yaw_rad: FloatArray) -> FloatArray:

@@ -24,9 +24,15 @@ class Stance:
     stride: float  # 0 standing .. 1 full steps
     lean_rad: float  # of the torso, forwards
     drop_m: float  # of the pelvis, by bending the knees
+    back_m: float  # of the pelvis, behind the feet, as one sits
     gaze_rad: float  # of the head, to the left
     hands_m: FloatArray  # (2, 3) targets of the right and left palm
     reach: FloatArray  # (2,) 0 free .. 1 at the target
+
+
+def standing_height(build: Build) -> float:
+    """Return how high the pelvis of who stands is above the floor, m."""
+    return build.leg_m * 0.985 + _ANKLE_M
 
 
 def joints(at: Stance, build: Build) -> Joints:
@@ -39,12 +45,12 @@ def joints(at: Stance, build: Build) -> Joints:
     bob = 0.018 * at.stride * np.cos(4 * np.pi * cycle)
     sway = 0.02 * at.stride * np.sin(2 * np.pi * cycle)
     root = np.array([*at.position_m, 0.0])
-    height = build.leg_m * 0.985 + _ANKLE_M - at.drop_m - 0.05 * at.stride + bob
+    height = standing_height(build) - at.drop_m - 0.05 * at.stride + bob
     pelvis = (
         root
         + height * up
         + sway * right
-        - 0.22 * at.drop_m * forward
+        - (0.22 * at.drop_m + at.back_m) * forward
         - 0.1 * at.lean_rad * forward
     )
     spine = np.cos(at.lean_rad) * up + np.sin(at.lean_rad) * forward

@@ -107,6 +107,7 @@ MAKERS: dict[str, Callable[[Studio, Palette], Mover]] = {
     'carry_screen': _screen,
     'pull_door': lambda studio, p: _door_leaf(studio, p, 'refrigerator'),
     'push_trolley': lambda studio, p: _trolley(studio, p, 'suitcase'),
+    'take_chair': _chair,
     'door': lambda studio, p: _door_leaf(studio, p, ''),
     'trolley': lambda studio, p: _trolley(studio, p, ''),
     'robot': _robot,

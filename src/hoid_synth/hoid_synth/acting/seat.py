@@ -1,0 +1,93 @@
+"""Somebody comes, sits down on a chair, rises, and leaves with it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.values import FloatArray
+from hoid_synth.acting.acting import BodyTrack, ease
+from hoid_synth.acting.camera_path import FRONT_Y_M
+from hoid_synth.acting.script import Part, walk_along
+from hoid_synth.config import FRAME_RATE_HZ, SceneConfig
+from hoid_synth.people.body import Build
+from hoid_synth.people.gait import standing_height
+from hoid_synth.room.layout import WIDTHS_M
+
+_COMES_FROM_M, _LEAVES_TO_M = np.array([[1.4, 0.0], [-1.9, 0.0]])  # beyond the view
+_WALK_MPS = 0.9
+_TURN_S, _SIT_DOWN_S, _SEATED_S, _LIFT_S = 0.5, 0.8, 1.2, 0.6
+_CHAIR_AHEAD_M = 0.42  # of who carries it, and behind who sits on it
+_LIFTED_M = 0.35
+_PELVIS_M, _PELVIS_BACK_M = 0.57, 0.32  # of who sits: above the floor, behind the feet
+_GRIP_M = np.array([[0.21, -0.05, 0.46], [-0.21, -0.05, 0.46]])  # the seat's sides
+_RISING_LEAN_RAD, _GRIP_LEAN_RAD, _GRIP_DROP_M = 1.3, 0.7, 0.25
+
+
+class Seat(NamedTuple):
+    """Where the chair stands, what its taker walks, and when the rest is done, in frames."""
+
+    chair_m: FloatArray  # (2,) on the floor; its front is towards the camera
+    part: Part
+    sits: int  # begins to sit down
+    rises: int  # begins to rise
+    takes: int  # begins to bend down to the chair
+    grips: int  # has it in hand
+    leaves: int  # has lifted it
+
+
+def write_seat(config: SceneConfig) -> Seat:
+    """Return the play of the event `take_chair`; at its end its taker stands out of view."""
+    chair = np.array([WIDTHS_M[0] / 2, FRONT_Y_M + config.near_m])
+    before = chair - [0.0, _CHAIR_AHEAD_M]
+    turn, sit_down, seated, lift = (
+        round(s * FRAME_RATE_HZ) for s in (_TURN_S, _SIT_DOWN_S, _SEATED_S, _LIFT_S)
+    )
+    come, coming = walk_along(np.stack([before + _COMES_FROM_M, before]), _WALK_MPS)
+    go, going = walk_along(np.stack([before, before + _LEAVES_TO_M]), _WALK_MPS)
+    away, camera, to_chair = np.pi * np.array([1.0, 1.5, 2.5])  # the turns go on to the left
+    headings = [
+        coming,
+        np.linspace(away, camera, turn),
+        np.full(2 * sit_down + seated, camera),
+        np.linspace(camera, to_chair, turn),
+        np.full(2 * lift, to_chair),
+        np.linspace(to_chair, 3 * np.pi, turn),
+        going + 2 * np.pi,
+    ]
+    heading = np.concatenate(headings)
+    ends = np.cumsum([len(part) for part in headings])
+    still = np.tile(before, (len(heading) - len(come) - len(go), 1))
+    xy = np.concatenate([come, still, go])
+    after = max(config.play_length - len(xy), 0)
+    part = Part(
+        np.concatenate([xy, np.tile(xy[-1], (after, 1))]),
+        np.concatenate([heading, np.full(after, heading[-1])]),
+    )
+    return Seat(chair, part, ends[1], ends[2] - sit_down, ends[3], ends[3] + lift, ends[4])
+
+
+def sit_and_take(seat: Seat, body: BodyTrack, build: Build) -> FloatArray:
+    """Bend the body and set its hands; return T_world_chair (N, 4, 4)."""
+    i = np.arange(len(body.xy_m))
+    sit_down = round(_SIT_DOWN_S * FRAME_RATE_HZ)
+    sits = ease(i, seat.sits, seat.sits + sit_down)
+    sits *= 1 - ease(i, seat.rises, seat.rises + sit_down)
+    bends = ease(i, seat.takes, seat.grips) * (1 - ease(i, seat.grips, seat.leaves))
+    body.drop_m += sits * (standing_height(build) - _PELVIS_M) + bends * _GRIP_DROP_M
+    body.back_m += sits * _PELVIS_BACK_M
+    body.lean_rad += sits * (1 - sits) * _RISING_LEAN_RAD + bends * _GRIP_LEAN_RAD
+
+    c, s = np.cos(body.heading_rad), np.sin(body.heading_rad)
+    carried = i >= seat.grips
+    T = np.tile(np.eye(4), (len(i), 1, 1))
+    T[:, :2, 3] = seat.chair_m
+    T[carried, :2, 3] = (body.xy_m + _CHAIR_AHEAD_M * np.stack([c, s], -1))[carried]
+    # Its back is away from who carries it: at yaw 0 that is a heading of 90 degrees.
+    T[carried, 0, 0] = T[carried, 1, 1] = s[carried]
+    T[carried, 0, 1], T[carried, 1, 0] = c[carried], -c[carried]
+    T[:, 2, 3] = _LIFTED_M * ease(i, seat.grips, seat.leaves)
+    body.hands_m[:] = np.einsum('nij,hj->nhi', T[:, :3, :3], _GRIP_M) + T[:, None, :3, 3]
+    body.reach[:] = ease(i, seat.takes, seat.grips)[:, None]
+    return T
