@@ -92,6 +92,7 @@ def test_a_figure_draws_medians_and_ranges_in_units_of_its_axis() -> None:
             Row(('a', 'none', '-', '0.0080 [0.0070-0.0100]', '7.0 / 8.0'), 'c', 'M'),
             Row(('a', 'hoid2d', 'truth', '0.0010', '9.0 / 9.5'), 'c', 'M'),
             Row(('a', 'hoid2d', 'own', '0.0020 [0.0010-0.0040]', '7.5 / 9.0'), 'c', 'M'),
+            Row(('b', 'none', '-', '0.0050', '3.0 / 4.0'), 'c', 'quicker'),
         ),
     )
     parts = Kept(
@@ -102,10 +103,11 @@ def test_a_figure_draws_medians_and_ranges_in_units_of_its_axis() -> None:
         ),
     )
     drawn = figures({'one': compared, 'seed_method': compared}, {'parts': parts})
-    assert [mark[:2] for mark in drawn[ATE]] == [('a', 'none'), ('a', 'hoid2d')]
+    assert [mark[:2] for mark in drawn[ATE]] == [('a', 'none'), ('a', 'hoid2d'), ('b', 'none')]
     assert [mark[2:] for mark in drawn[ATE]] == [
         pytest.approx((7.0, 8.0, 10.0)),
         pytest.approx((1.0, 2.0, 4.0)),
+        pytest.approx((5.0, 5.0, 5.0)),
     ]
     assert [mark[1:] for mark in drawn[TIME]] == [
         ('none', 7.0, 7.0, 8.0),

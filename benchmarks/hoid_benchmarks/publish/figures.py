@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from hashlib import sha256
 from itertools import cycle
 from pathlib import Path
@@ -86,9 +88,15 @@ def _errors(compared: Sequence[Kept]) -> list[Mark]:
 
 
 def _times(compared: Sequence[Kept]) -> list[Mark]:
-    """Return the time of a frame by filter: over sequences, the median, and the largest p95."""
+    """Return the time of a frame by filter: over sequences, the median, and the largest p95.
+
+    Times of two machines do not compare: the one of most rows counts.
+    """
+    machines = Counter(row.machine for one in compared for row in one.rows)
+    usual = max(machines, key=machines.__getitem__, default='')
+    of_one = [replace(k, rows=tuple(r for r in k.rows if r.machine == usual)) for k in compared]
     times: dict[str, list[list[float]]] = {}
-    for _, strategy, _, cell in _cells(compared, 'frame [ms]: median / p95'):
+    for _, strategy, _, cell in _cells(of_one, 'frame [ms]: median / p95'):
         if strategy != _EXACT and (numbers := _numbers(cell)):
             times.setdefault(strategy, []).append(numbers)
     marks = []
