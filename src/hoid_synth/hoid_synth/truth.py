@@ -43,7 +43,7 @@ def visible_objects(stage: Stage, i: int, stamp_ns: int, instances: ByteArray) -
         for placed, track in zip(stage.world.props, stage.objects, strict=True)
         if track.handled[i]
     }
-    if stage.world.mover is not None and stage.mover_held[i]:
+    if stage.world.mover is not None and stage.mover is not None and stage.mover.handled[i]:
         held.add(stage.world.mover[1])
     names = tuple(stage.world.class_names[k] for k in shown)
     detections = Detections(stamp_ns, boxes, names, np.ones(len(shown), np.float32))

@@ -5,26 +5,30 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import ConfigError
+from hoid_synth.acting.acting import ObjectTrack
 from hoid_synth.acting.seat import write_seat
-from hoid_synth.acting.stage import set_stage
+from hoid_synth.acting.stage import Stage, set_stage
 from hoid_synth.config import CARRIED, EVENTS, SceneConfig
 from hoid_synth.scene import SceneRenderer
 from hoid_synth.truth import visible_objects
 
 
 def config(event: str) -> SceneConfig:
-    frames = 300 if event == 'take_chair' else 90
     return SceneConfig(
-        seed=1, path='xyz', event=event, num_people=0, num_frames=frames, width_px=64, near_m=1.5
+        seed=1, path='xyz', event=event, num_people=0, num_frames=300, width_px=64, near_m=1.5
     )
+
+
+def mover(stage: Stage) -> ObjectTrack:
+    assert stage.mover is not None
+    return stage.mover
 
 
 @pytest.mark.parametrize('event', EVENTS)
 def test_an_event_moves_one_thing(event: str) -> None:
     stage = set_stage(config(event))
     assert stage.world.mover is not None
-    assert stage.T_world_mover is not None
-    ((name, _), instance), T = stage.world.mover, stage.T_world_mover
+    ((name, _), instance), T = stage.world.mover, mover(stage).T_world_object
     turned = T[:, :3, :3] @ T[:, :3, :3].mT
     np.testing.assert_allclose(turned, np.tile(np.eye(3), (len(T), 1, 1)), atol=1e-12)
     assert np.abs(T - T[0]).max() > 0.2
@@ -48,9 +52,8 @@ def test_what_an_event_moves_is_seen(event: str) -> None:
 
 def test_who_sits_down_leaves_with_the_chair() -> None:
     stage, seat = set_stage(config('take_chair')), write_seat(config('take_chair'))
-    T = stage.T_world_mover
-    assert T is not None
-    np.testing.assert_array_equal(stage.mover_held, np.arange(301) >= seat.grips)
+    T = mover(stage).T_world_object
+    np.testing.assert_array_equal(mover(stage).handled, np.arange(301) >= seat.grips)
     np.testing.assert_array_equal(T[: seat.grips], np.tile(T[0], (seat.grips, 1, 1)))
     seat_m = T[0, :3, 3] + [0, 0, 0.485]
     # Seated between sitting down and rising: the pelvis over the seat, a thigh's width above.
@@ -102,10 +105,9 @@ def test_a_play_may_have_begun_and_may_rest_at_first() -> None:
 
 
 def test_what_passes_slowly_is_in_view_all_the_time() -> None:
-    usual = set_stage(config('trolley')).T_world_mover
-    slow = set_stage(replace(config('trolley'), speed_mps=0.16)).T_world_mover
-    assert usual is not None
-    assert slow is not None
+    trolley = replace(config('trolley'), num_frames=90)
+    usual = mover(set_stage(trolley)).T_world_object
+    slow = mover(set_stage(replace(trolley, speed_mps=0.16))).T_world_object
     fastest_mps = [
         30 * np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1).max() for T in (usual, slow)
     ]

@@ -12,7 +12,7 @@ from hoid_synth.config import FRAME_RATE_HZ
 from hoid_synth.noise import Rng
 from hoid_synth.people.gait import Stance
 from hoid_synth.room.props import Prop
-from hoid_synth.room.world import Spot, World, pose, resting_yaw
+from hoid_synth.room.world import Spot, World, pose, resting_yaw, upright_poses
 
 _GRASP_FRAMES = round(GRASP_S * FRAME_RATE_HZ)
 _HOLD_FRAMES = round(GRASP_S * FRAME_RATE_HZ * CONTACT)
@@ -142,7 +142,7 @@ def _handle(
     rest_yaw = np.where(before, yaw_rad, new_yaw)
     turn = np.mod(carried[:, 3] - rest_yaw + np.pi, 2 * np.pi) - np.pi
     at = rest_at + lifted[:, None] * (carried[:, :3] - rest_at)
-    moved = _poses(at, rest_yaw + lifted * turn)
+    moved = upright_poses(at[:, :2], at[:, 2], rest_yaw + lifted * turn)
     here = i >= h.take_frame
     track.T_world_object[here] = moved[here]
     held = (i >= grip) & (i < release)
@@ -161,15 +161,6 @@ def _carried(prop: Prop, body: BodyTrack) -> FloatArray:
     y = body.xy_m[:, 1] + ahead * s - right * c
     z = up + 0.012 * body.stride * np.cos(4 * np.pi * body.walked_m / 1.22)
     return np.stack([x, y, z, body.heading_rad - np.pi / 2 + prop.hold_yaw_rad], -1)
-
-
-def _poses(at: FloatArray, yaw: FloatArray) -> FloatArray:
-    T = np.zeros((len(at), 4, 4))
-    c, s = np.cos(yaw), np.sin(yaw)
-    T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
-    T[:, 2, 2] = T[:, 3, 3] = 1
-    T[:, :3, 3] = at
-    return T
 
 
 def _bend(body: BodyTrack, prop: Prop, h: Handling, i: IntArray) -> None:

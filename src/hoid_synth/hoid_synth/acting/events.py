@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_common.values import BoolArray, FloatArray
-from hoid_synth.acting.acting import BodyTrack
+from hoid_common.values import FloatArray
+from hoid_synth.acting.acting import BodyTrack, ObjectTrack
 from hoid_synth.acting.camera_path import FRONT_Y_M
 from hoid_synth.acting.group import walk_to_and_fro
 from hoid_synth.acting.script import Part
@@ -14,7 +14,7 @@ from hoid_synth.config import CARRIED, FRAME_RATE_HZ, PASSING_MPS, SceneConfig
 from hoid_synth.noise import Rng
 from hoid_synth.room.layout import WIDTHS_M
 from hoid_synth.room.rooms import DEPTH_M
-from hoid_synth.room.world import World
+from hoid_synth.room.world import World, upright_poses
 
 _MIDDLE_X_M = WIDTHS_M[0] / 2
 _HALF_WAY_M = 1.9  # of what passes the camera, from the middle of the room
@@ -43,49 +43,40 @@ def write_carriers(config: SceneConfig) -> list[Part]:
     return [Part(xy, heading)]
 
 
-def mover_poses(
+def mover_track(
     config: SceneConfig,
     world: World,
     parts: list[Part],
     bodies: list[BodyTrack],
     T_world_camera: FloatArray,
     rng: Rng,
-) -> FloatArray:
-    """Return T_world_mover (N, 4, 4) of the thing that an event moves; bend who takes it."""
-    count = config.play_length
+) -> ObjectTrack:
+    """Return the track of the thing that an event moves; bend who takes it."""
     if config.event == 'take_chair':
         return sit_and_take(write_seat(config), bodies[0], world.wardrobes[0].build)
+    T, held = _mover_poses(config, parts, T_world_camera, rng), config.event in CARRIED
+    return ObjectTrack(T, np.full(len(T), held), np.full(len(T), 0 if held else -1))
+
+
+def _mover_poses(
+    config: SceneConfig, parts: list[Part], T_world_camera: FloatArray, rng: Rng
+) -> FloatArray:
+    count = config.play_length
     if config.event.startswith('carry_'):
         middle = np.mean([part.xy_m[:count] for part in parts], axis=0)
         height = 0.25 if config.event == 'carry_chair' else 0.8
         nearer = np.array([0.0, -0.42])  # always between who carries it and the camera
-        return _upright(middle + nearer, np.full(count, height), np.zeros(count))
+        return upright_poses(middle + nearer, height, 0.0)
     if config.event == 'push_trolley':
         part = parts[0]
         ahead = np.stack([np.cos(part.heading_rad), np.sin(part.heading_rad)], -1)[:count]
         xy = part.xy_m[:count] + 0.75 * ahead
-        return _upright(xy, np.zeros(count), part.heading_rad[:count])
+        return upright_poses(xy, 0.0, part.heading_rad[:count])
     make = {
         'pull_door': _door, 'door': _door, 'robot': _drive, 'trolley': _drive, 'ball': _roll,
         'cat': _stroll, 'followed': _lead, 'picture': _fall, 'panel': _slide,
     }[config.event]  # fmt: skip
     return make(config, T_world_camera, rng)
-
-
-def mover_held(config: SceneConfig) -> BoolArray:
-    """Return (N,) when the thing that an event moves is in somebody's hands."""
-    frames = np.arange(config.play_length)
-    if config.event == 'take_chair':
-        return frames >= write_seat(config).grips
-    return np.full(len(frames), config.event in CARRIED)
-
-
-def _upright(xy_m: FloatArray, z_m: FloatArray, yaw_rad: FloatArray) -> FloatArray:
-    T = np.tile(np.eye(4), (len(xy_m), 1, 1))
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
-    T[:, :2, 3], T[:, 2, 3] = xy_m, z_m
-    return T
 
 
 def _pass(config: SceneConfig, ends_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -112,7 +103,7 @@ def _door_angle(count: int) -> FloatArray:
 def _door(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
     count = config.play_length
     xy = np.tile(_hinge(config), (count, 1))
-    return _upright(xy, np.zeros(count), _door_angle(count))
+    return upright_poses(xy, 0.0, _door_angle(count))
 
 
 def _drive(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
@@ -120,7 +111,7 @@ def _drive(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
     count, y = config.play_length, FRONT_Y_M + config.near_m
     ends = np.array([[0.6, y], [2 * _MIDDLE_X_M - 0.6, y]])
     xy, heading = _pass(config, ends)
-    return _upright(xy[:count], np.zeros(count), heading[:count])
+    return upright_poses(xy[:count], 0.0, heading[:count])
 
 
 def _roll(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
@@ -129,14 +120,14 @@ def _roll(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
     xy, heading = _pass(config, ends)
     t = np.arange(count) / FRAME_RATE_HZ
     bounce = 0.16 + 0.5 * np.abs(np.sin(2 * np.pi * t / 1.6))
-    return _upright(xy[:count], bounce, heading[:count])
+    return upright_poses(xy[:count], bounce, heading[:count])
 
 
 def _stroll(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
     count, y = config.play_length, FRONT_Y_M + config.near_m + _FLOOR_SEEN_M
     ends = np.array([[_MIDDLE_X_M - 1.4, y], [_MIDDLE_X_M + 1.4, y]])
     xy, heading = _pass(config, ends)
-    return _upright(xy[:count], np.zeros(count), heading[:count])
+    return upright_poses(xy[:count], 0.0, heading[:count])
 
 
 def _lead(config: SceneConfig, T_world_camera: FloatArray, _rng: Rng) -> FloatArray:
@@ -147,7 +138,7 @@ def _lead(config: SceneConfig, T_world_camera: FloatArray, _rng: Rng) -> FloatAr
     xy = np.stack([np.convolve(column, kernel, 'valid') for column in padded.T], -1)
     t = np.arange(count) / FRAME_RATE_HZ
     ahead = np.stack([0.15 * np.sin(2 * np.pi * t / 6), np.full(count, config.near_m)], -1)
-    return _upright(xy + ahead, np.zeros(count), np.zeros(count))
+    return upright_poses(xy + ahead, 0.0, 0.0)
 
 
 def _fall(config: SceneConfig, _camera: FloatArray, rng: Rng) -> FloatArray:
@@ -158,7 +149,7 @@ def _fall(config: SceneConfig, _camera: FloatArray, rng: Rng) -> FloatArray:
     z = np.maximum(1.25 - 0.5 * _GRAVITY_MPS2 * since_s**2, 0.0)
     x = _MIDDLE_X_M + float(rng.uniform(-0.3, 0.3))
     xy = np.tile([x, DEPTH_M - 0.6], (count, 1))
-    return _upright(xy, z, np.zeros(count))
+    return upright_poses(xy, z, 0.0)
 
 
 def _slide(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
@@ -166,4 +157,4 @@ def _slide(config: SceneConfig, _camera: FloatArray, _rng: Rng) -> FloatArray:
     t = np.arange(config.play_length) / FRAME_RATE_HZ
     x = _MIDDLE_X_M + _SLIDE_M * np.sin(2 * np.pi * t / _SLIDE_PERIOD_S)
     xy = np.stack([x, np.full(len(x), FRONT_Y_M + config.near_m)], -1)
-    return _upright(xy, np.zeros(len(x)), np.zeros(len(x)))
+    return upright_poses(xy, 0.0, 0.0)

@@ -7,13 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.values import FloatArray
-from hoid_synth.acting.acting import BodyTrack, ease
+from hoid_synth.acting.acting import BodyTrack, ObjectTrack, ease
 from hoid_synth.acting.camera_path import FRONT_Y_M
 from hoid_synth.acting.script import Part, walk_along
 from hoid_synth.config import FRAME_RATE_HZ, SceneConfig
 from hoid_synth.people.body import Build
 from hoid_synth.people.gait import standing_height
 from hoid_synth.room.layout import WIDTHS_M
+from hoid_synth.room.world import upright_poses
 
 _COMES_FROM_M, _LEAVES_TO_M = np.array([[1.4, 0.0], [-1.9, 0.0]])  # beyond the view
 _WALK_MPS = 0.9
@@ -68,8 +69,8 @@ def write_seat(config: SceneConfig) -> Seat:
     return Seat(chair, part, ends[1], ends[2] - sit_down, ends[3], ends[3] + lift, ends[4])
 
 
-def sit_and_take(seat: Seat, body: BodyTrack, build: Build) -> FloatArray:
-    """Bend the body and set its hands; return T_world_chair (N, 4, 4)."""
+def sit_and_take(seat: Seat, body: BodyTrack, build: Build) -> ObjectTrack:
+    """Bend the body and set its hands; return the track of the chair."""
     i = np.arange(len(body.xy_m))
     sit_down = round(_SIT_DOWN_S * FRAME_RATE_HZ)
     sits = ease(i, seat.sits, seat.sits + sit_down)
@@ -79,15 +80,14 @@ def sit_and_take(seat: Seat, body: BodyTrack, build: Build) -> FloatArray:
     body.back_m += sits * _PELVIS_BACK_M
     body.lean_rad += sits * (1 - sits) * _RISING_LEAN_RAD + bends * _GRIP_LEAN_RAD
 
-    c, s = np.cos(body.heading_rad), np.sin(body.heading_rad)
-    carried = i >= seat.grips
-    T = np.tile(np.eye(4), (len(i), 1, 1))
-    T[:, :2, 3] = seat.chair_m
-    T[carried, :2, 3] = (body.xy_m + _CHAIR_AHEAD_M * np.stack([c, s], -1))[carried]
-    # Its back is away from who carries it: at yaw 0 that is a heading of 90 degrees.
-    T[carried, 0, 0] = T[carried, 1, 1] = s[carried]
-    T[carried, 0, 1], T[carried, 1, 0] = c[carried], -c[carried]
-    T[:, 2, 3] = _LIFTED_M * ease(i, seat.grips, seat.leaves)
+    held = i >= seat.grips
+    ahead = np.stack([np.cos(body.heading_rad), np.sin(body.heading_rad)], -1)
+    T = upright_poses(
+        np.where(held[:, None], body.xy_m + _CHAIR_AHEAD_M * ahead, seat.chair_m),
+        _LIFTED_M * ease(i, seat.grips, seat.leaves),
+        # Its back is away from who carries it: at yaw 0 that is a heading of 90 degrees.
+        np.where(held, body.heading_rad - np.pi / 2, 0.0),
+    )
     body.hands_m[:] = np.einsum('nij,hj->nhi', T[:, :3, :3], _GRIP_M) + T[:, None, :3, 3]
     body.reach[:] = ease(i, seat.takes, seat.grips)[:, None]
-    return T
+    return ObjectTrack(T, held, np.where(held, 0, -1))

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from hoid_common.values import BoolArray, FloatArray
+from hoid_common.values import FloatArray
 from hoid_synth.acting.acting import BodyTrack, ObjectTrack, body_track, object_tracks
 from hoid_synth.acting.camera_path import camera_poses
-from hoid_synth.acting.events import mover_held, mover_poses, write_carriers
+from hoid_synth.acting.events import mover_track, write_carriers
 from hoid_synth.acting.group import write_group
 from hoid_synth.acting.script import Part, Playwright
 from hoid_synth.config import FRAME_RATE_HZ, SceneConfig
@@ -34,8 +34,7 @@ class Stage:
     parts: tuple[Part, ...]
     bodies: tuple[BodyTrack, ...]
     objects: tuple[ObjectTrack, ...]  # in the order of world.props
-    mover_held: BoolArray  # (N + 1,), in somebody's hands
-    T_world_mover: FloatArray | None = None  # (N + 1, 4, 4), of what an event moves
+    mover: ObjectTrack | None = None  # of what an event moves
 
     @cached_property
     def static_mesh(self) -> Mesh:
@@ -65,9 +64,9 @@ class Stage:
             for placed, track in zip(world.props, self.objects, strict=True)
             if track.handled.any()
         ]
-        if world.mover is not None and self.T_world_mover is not None:
+        if world.mover is not None and self.mover is not None:
             (_, mesh), instance = world.mover
-            meshes.append(mesh.as_instance(instance).transformed(self.T_world_mover[i]))
+            meshes.append(mesh.as_instance(instance).transformed(self.mover.T_world_object[i]))
         return merged(meshes) if meshes else None
 
 
@@ -82,9 +81,9 @@ def set_stage(config: SceneConfig) -> Stage:
     parts = _write_parts(config, world, T_play_camera, rng)
     bodies = [body_track(part, count, rng) for part in parts]
     objects = object_tracks(world, parts, bodies, count)
-    T_play_mover = None
+    mover = None
     if config.event:
-        T_play_mover = mover_poses(config, world, parts, bodies, T_play_camera, rng)
+        mover = mover_track(config, world, parts, bodies, T_play_camera, rng).at(shown)
     return Stage(
         config,
         world,
@@ -92,8 +91,7 @@ def set_stage(config: SceneConfig) -> Stage:
         tuple(parts),
         tuple(body.at(shown) for body in bodies),
         tuple(track.at(shown) for track in objects),
-        mover_held(config)[shown],
-        None if T_play_mover is None else T_play_mover[shown],
+        mover,
     )
 
 

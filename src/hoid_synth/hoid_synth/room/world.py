@@ -73,6 +73,17 @@ def pose(x_m: float, y_m: float, z_m: float, yaw_rad: float) -> FloatArray:
     return np.array([[c, -s, 0, x_m], [s, c, 0, y_m], [0, 0, 1.0, z_m], [0, 0, 0, 1.0]])
 
 
+def upright_poses(
+    xy_m: FloatArray, z_m: FloatArray | float, yaw_rad: FloatArray | float
+) -> FloatArray:
+    """Return the transforms (N, 4, 4) of an upright thing at (N, 2)."""
+    T = np.tile(np.eye(4), (len(xy_m), 1, 1))
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
+    T[:, :2, 3], T[:, 2, 3] = xy_m, z_m
+    return T
+
+
 class WorldBuilder:
     """Collects furniture, its footprints, instances and places for objects."""
 
