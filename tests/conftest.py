@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 
 from hoid_bringup.live.ros_domain import own_domain
-from hoid_bringup.live.supervisor import Supervisor, clean_shared_memory
+from hoid_bringup.live.supervisor import Supervisor
+from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_system_tests.filter_peer import FilterRunner, Peer
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, node_spec

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from hoid_common.process.entry import INTERRUPTED, REFUSED
 from hoid_system_tests.probe import Probe
@@ -115,6 +115,18 @@ def test_arguments_that_ros_refuses_are_said_in_one_line() -> None:
     assert 'Traceback' not in ''.join(said)
 
 
+def test_a_node_without_shared_memory_says_so(probe: Probe) -> None:
+    """As in a container, whose /dev/shm is small; here the process may write no large file."""
+    diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
+    with real_node('bash', '-c', 'ulimit -f 1000; exec "$@"', 'bash') as process:
+        probe.spin_until(lambda: bool(diagnostics), 'it does not get up', _UP_S)
+        _, said = interrupted(process, np.random.default_rng(0))
+    (status,) = diagnostics[0].status
+    assert status.level == DiagnosticStatus.ERROR
+    assert status.message.startswith('Fast DDS got no shared memory')
+    assert [line for line in said.splitlines() if status.message.split(';')[0] in line]
+
+
 def failure(*arguments: str) -> list[str]:
     """Return what a node says that cannot start."""
     argv = [sys.executable, '-c', NODE, *arguments]
@@ -139,13 +151,13 @@ def ended_by(sign: signal.Signals, *arguments: str) -> tuple[int, str, str]:
 
 
 @contextmanager
-def real_node() -> Iterator[subprocess.Popen[str]]:
-    """Start the executable of a real node, as launch does.
+def real_node(*prefix: str) -> Iterator[subprocess.Popen[str]]:
+    """Start the executable of a real node, as launch does, by a command if one is given.
 
     It is born with SIGINT blocked, as no program can hear a signal before its first instruction.
     """
     program = str(executable('hoid_filter', 'hoid_filter_node'))
-    argv = [program, '--ros-args', '-p', 'strategy:=none']
+    argv = [*prefix, program, '--ros-args', '-p', 'strategy:=none']
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         process = subprocess.Popen(argv, stderr=subprocess.PIPE, text=True)

@@ -15,6 +15,7 @@ from rosbags.interfaces import Qos, QosDurability, QosReliability
 from hoid_bags.bag.bag_writer import reliable_qos
 from hoid_common import topics
 from hoid_common.errors import ConfigError
+from hoid_common.process.shared_memory import missing_shared_memory
 from hoid_common.process.signals import end_as_by_interrupt
 from hoid_common.ros.run import limit_exit_time
 
@@ -38,6 +39,8 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
             node = Node(name, namespace=namespace, start_parameter_services=False)
         except ValueError as error:
             raise ConfigError(f'--namespace {namespace}: not a valid ROS namespace') from error
+        if problem := missing_shared_memory():
+            node.get_logger().warning(problem)
         yield node
     finally:
         limit_exit_time()

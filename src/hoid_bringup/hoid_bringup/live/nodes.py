@@ -15,12 +15,13 @@ from typing import Any
 
 from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
-from hoid_bringup.live.supervisor import Supervisor, clean_shared_memory
+from hoid_bringup.live.supervisor import Supervisor
 from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, has_model
 from hoid_bringup.run.options import add_set_argument, assignments
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
+from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_common.topics import NAMESPACED_TF
 
 _TICK_S = 0.05

@@ -17,12 +17,14 @@ from hoid_bringup.live.live_recorder import LiveRecorder
 from hoid_bringup.live.node_specs import node_specs
 from hoid_bringup.live.replay_plan import BagNames, ReplayConfig, node_options, player_spec
 from hoid_bringup.live.ros_domain import own_domain
-from hoid_bringup.live.supervisor import ProcessExit, Supervisor, clean_shared_memory
+from hoid_bringup.live.supervisor import ProcessExit, Supervisor
 from hoid_bringup.run.outputs import write_outputs
 from hoid_bringup.run.summary import MapCounts, RunResult, Summary
 from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder
+from hoid_common.process.shared_memory import check_shared_memory, clean_shared_memory
 
+_NUM_OTHERS = 3  # the scene mapper, the player and this process
 _READY_LIMIT_S = 90.0
 _TICK_S = 0.25
 _LOOK_S = 2.0  # a look at processor times goes through all processes of the machine
@@ -50,7 +52,7 @@ def replay(
 
     Raises:
         HoidError: The nodes cannot hear this bag, do not start or end early, or the output folder
-            is unusable.
+            is unusable, or shared memory is scarce.
     """
     noted = {**(options or config.run.noted()), 'rate': config.rate, 'lockstep': config.lockstep}
     with scratch_folder(out_dir, 'replay') as folder, own_domain():
@@ -76,6 +78,7 @@ class _LiveRun:
 
     def run(self, noted: Mapping[str, Any], *, show_progress: bool) -> RunResult:
         """Start everything, listen until the bag is over, and ask for the results."""
+        check_shared_memory(len(self._nodes) + _NUM_OTHERS)
         with ros_session('hoid_replay') as node:
             recorder = LiveRecorder(node, BagNames.of(self._bag).camera_info)
             with Supervisor(self._nodes, log_dir=self._log_dir) as nodes:

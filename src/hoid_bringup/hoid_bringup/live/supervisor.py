@@ -12,7 +12,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -224,14 +223,3 @@ def _ending_with_parent() -> tuple[str, ...]:
     """Return what to put before a command so that it ends when this process is killed."""
     tool = shutil.which('setpriv')  # of util-linux
     return (tool, '--pdeathsig', 'TERM', '--') if tool is not None else ()
-
-
-def clean_shared_memory() -> None:
-    """Remove the shared-memory segments that killed nodes left behind; those in use stay."""
-    tool = shutil.which(
-        'fastdds', path=os.pathsep.join([str(Path(sys.executable).parent), os.defpath])
-    )
-    if tool is None:
-        return
-    with contextlib.suppress(subprocess.TimeoutExpired, OSError):
-        subprocess.run([tool, 'shm', 'clean'], capture_output=True, check=False, timeout=20)

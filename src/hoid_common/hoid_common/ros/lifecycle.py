@@ -5,10 +5,11 @@ from __future__ import annotations
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from hoid_common.errors import ConfigError, HoidError
+from hoid_common.process.shared_memory import missing_shared_memory
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.logs import bridge_logging
 
-_PROBLEM = 'configuring'
+_PROBLEM, _SHARED_MEMORY = 'configuring', 'shared memory'
 
 
 class ManagedNode(LifecycleNode):
@@ -22,6 +23,8 @@ class ManagedNode(LifecycleNode):
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         bridge_logging(self)
         self.diagnostics = Diagnostics(self)
+        if problem := missing_shared_memory():
+            self.diagnostics.set_problem(_SHARED_MEMORY, problem, severe=True)
         self.is_active = False
         self._autostart = True
         self._failure: HoidError | None = None
