@@ -26,9 +26,11 @@ def check_shared_memory(num_processes: int) -> None:
     """Check that there is room for as many processes, each of one ROS context.
 
     Raises:
-        InputError: There is not. Those that get no segment lose most images.
+        InputError: There is not, even without leftovers. Who gets no segment loses most images.
     """
     each_mb = _BOOKKEEPING * _segment_mb()
+    if _free_mb() < num_processes * each_mb:
+        clean_shared_memory()
     if _free_mb() < num_processes * each_mb:
         raise InputError(
             f'{_FOLDER} has {_free_mb():.0f} MB free, and {num_processes} processes take '
