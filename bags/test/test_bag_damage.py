@@ -115,6 +115,23 @@ def test_metadata_that_contradicts_the_file_is_not_believed(
 
 
 @pytest.mark.parametrize(
+    ('good', 'bad', 'said'),
+    [
+        ('  - bag.mcap', '  - bag.mcap\n  - bag.mcap', 'names a file twice'),
+        ('  - bag.mcap', '  - bag.mcap\n  - ./x/bag.mcap', 'names a file twice'),
+        ('\n  - bag.mcap', ' []', 'leaves out bag.mcap'),
+    ],
+)
+def test_each_file_of_a_bag_is_read_once(bag: Path, good: str, bad: str, said: str) -> None:
+    metadata = bag / 'metadata.yaml'
+    assert good in metadata.read_text()
+    metadata.write_text(metadata.read_text().replace(good, bad))
+    sequence = open_sequence(bag)
+    assert len(list(sequence)) == 60
+    assert f'metadata.yaml {said}' in (sequence.fault or '')
+
+
+@pytest.mark.parametrize(
     ('name', 'added'), [('nanoseconds_since_epoch', 2 * 10**18), ('nanoseconds', 2 * 10**9)]
 )
 def test_metadata_with_other_times_are_not_believed(bag: Path, name: str, added: int) -> None:

@@ -14,6 +14,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from hoid_bags.mcap.chunks import DAMAGE, Damage, messages, one_line, unpack, unpack_message
 from hoid_common.io.untrusted import open_regular
@@ -105,18 +106,38 @@ class _FolderReader(DirectoryReader):
     )
 
     def open(self) -> None:
-        """Open all files; raises ReaderError where metadata.yaml contradicts topics or times."""
+        """Open all files; raises ReaderError where they are not what metadata.yaml says."""
         super().open()
         self._has_packed_messages = self.metadata.compression_mode == 'message'
         # Its own way to unpack them has no limit.
         self.metadata = self.metadata._replace(compression_mode=None)
+        try:
+            self._check_files()
+            self._check_topics()
+            self._check_times()
+        except ReaderError:
+            self.close()
+            raise
+
+    def _check_files(self) -> None:
+        names = [
+            Path(str(storage.path)).name
+            for storage in self.storages
+            if isinstance(storage, (McapReader, Sqlite3Reader))
+        ]
+        if len(set(names)) < len(names):
+            raise ReaderError('metadata.yaml names a file twice')
+        found = sum(c.msgcount for storage in self.storages for c in storage.connections)
+        others = {path.name for path in Path(str(self.path)).glob('*.mcap')} - set(names)
+        if others and found < self.metadata.message_count:
+            raise ReaderError(f'metadata.yaml leaves out {min(others)}')
+
+    def _check_topics(self) -> None:
         told = [(c.topic, c.msgtype, c.ext) for c in self.connections]
         for storage in self.storages:
             for found in storage.connections:
                 if found.msgcount and (found.topic, found.msgtype, found.ext) not in told:
-                    self.close()
                     raise ReaderError(f'metadata.yaml says otherwise of {found.topic}')
-        self._check_times()
 
     def _check_times(self) -> None:
         chunks = [
@@ -133,7 +154,6 @@ class _FolderReader(DirectoryReader):
         told = self.metadata
         off_ns = max(abs(told.start_time - first_ns), abs(told.end_time - last_ns))
         if off_ns > _MOST_OFF_NS:
-            self.close()
             raise ReaderError('metadata.yaml says otherwise of when messages came')
 
     def messages(
