@@ -54,6 +54,7 @@ class _Deaths:
         """Kill one, and wait until all is as before."""
         if victim == ROOM:
             self.go_on_for(self._room_since_s + _LIVED_S - time.monotonic())
+        sending_before_s = self._sender.sending_s
         killed_s = self._kill(victim)
         if victim in (ROOM, SLAM):
             self._room_since_s = killed_s
@@ -70,6 +71,8 @@ class _Deaths:
             complaint = f'no odometry for {gap_s:.2f} s'
         elif self._num_maps() > 1:
             complaint = f'{self._num_maps()} maps'
+        if complaint:
+            complaint += f', {self._sender.sending_s - sending_before_s:.1f} s spent in sends'
         note = f'longest gap of odometry {gap_s:.2f} s'
         return Outcome(
             f'{victim} killed', seed, complaint, wall_s=back_s, note=note, note_rank=gap_s

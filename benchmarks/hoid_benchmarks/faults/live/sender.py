@@ -98,6 +98,7 @@ class Sender:
         self.ahead_ns = 0  # stamps, of the clock
         self.is_detector_slow = False  # boxes of one image in eight, half a second late
         self._waiting: list[DetectionArray] = []
+        self.sending_s = 0.0  # spent in the middleware, in all
         node.create_subscription(Odometry, topics.ODOM, self._on_odometry, qos.OUTPUT)
         node.create_subscription(SlamStatus, topics.SLAM_STATUS, self._on_status, qos.OUTPUT)
         node.create_subscription(
@@ -145,7 +146,9 @@ class Sender:
             self._publishers[topic] = self.node.create_publisher(
                 type_ or type(msg), topic, profile
             )
+        begun_s = time.monotonic()
         self._publishers[topic].publish(msg)
+        self.sending_s += time.monotonic() - begun_s
 
     def now_ns(self) -> int:
         """Return the stamp of an image that is taken now."""
