@@ -102,30 +102,22 @@ def test_hostile_metadata_is_not_read(bag: Path, old: str, new: str, said: str) 
 
 
 @pytest.mark.parametrize(
-    ('good', 'bad'), [('/depth/image', '/depth/imagf'), ('sensor_msgs/msg/Image', 'a/msg/B')]
-)
-def test_metadata_that_contradicts_the_file_is_not_believed(
-    bag: Path, good: str, bad: str
-) -> None:
-    metadata = bag / 'metadata.yaml'
-    metadata.write_text(metadata.read_text().replace(good, bad, 1))
-    sequence = open_sequence(bag)
-    assert len(list(sequence)) == 60
-    assert 'metadata.yaml says otherwise of /' in (sequence.fault or '')
-
-
-@pytest.mark.parametrize(
     ('good', 'bad', 'said'),
     [
+        ('/depth/image', '/depth/imagf', 'says otherwise of /'),
+        ('sensor_msgs/msg/Image', 'a/msg/B', 'says otherwise of /'),
         ('  - bag.mcap', '  - bag.mcap\n  - bag.mcap', 'names a file twice'),
         ('  - bag.mcap', '  - bag.mcap\n  - ./x/bag.mcap', 'names a file twice'),
         ('\n  - bag.mcap', ' []', 'leaves out bag.mcap'),
     ],
 )
-def test_each_file_of_a_bag_is_read_once(bag: Path, good: str, bad: str, said: str) -> None:
+def test_metadata_that_contradicts_the_files_is_not_believed(
+    bag: Path, good: str, bad: str, said: str
+) -> None:
     metadata = bag / 'metadata.yaml'
-    assert good in metadata.read_text()
-    metadata.write_text(metadata.read_text().replace(good, bad))
+    text = metadata.read_text()
+    assert good in text
+    metadata.write_text(text.replace(good, bad, 1))
     sequence = open_sequence(bag)
     assert len(list(sequence)) == 60
     assert f'metadata.yaml {said}' in (sequence.fault or '')

@@ -51,8 +51,8 @@ def replay(
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
-        HoidError: The nodes cannot hear this bag, do not start or end early, or the output folder
-            is unusable, or shared memory is scarce.
+        HoidError: The nodes cannot hear this bag, do not start or end early, the output folder is
+            unusable, or shared memory is scarce.
     """
     noted = {**(options or config.run.noted()), 'rate': config.rate, 'lockstep': config.lockstep}
     with scratch_folder(out_dir, 'replay') as folder, own_domain():

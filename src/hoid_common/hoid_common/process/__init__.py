@@ -1,4 +1,4 @@
-"""Processes of their own: children that work for this one, starts and signals.
+"""Processes of their own: children that work for this one, starts, signals, shared memory.
 
-Nothing here knows ROS.
+Nothing here imports ROS.
 """
