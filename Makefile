@@ -4,17 +4,17 @@ demo:  ## Render a scene, replay it live through the three nodes, print the resu
 	@./hoid demo
 
 test:  ## Unit tests, then the tests on topics and of whole replays
-	@./hoid dev python -m pytest -n auto --dist worksteal -m 'not slow' src bags benchmarks
-	@./hoid dev python -m pytest -n auto -m slow src bags benchmarks
+	@./hoid dev python -m pytest -n auto --dist worksteal -m 'not slow' src bags lab
+	@./hoid dev python -m pytest -n auto -m slow src bags lab
 	@./hoid dev python -m pytest -n 2 --dist loadfile -m 'not alone' tests
 	@./hoid dev python -m pytest -m alone tests
 
 lint:  ## Style, spelling and types
 	@./hoid dev ruff check .
 	@./hoid dev ruff format --check .
-	@./hoid dev codespell README.md docs src bags benchmarks tests
-	@./hoid dev mypy src bags benchmarks tests
-	@for folder in src/*/test bags/test benchmarks/test; do ./hoid dev mypy $$folder/*.py || exit 1; done
+	@./hoid dev codespell README.md docs src bags lab tests
+	@./hoid dev mypy src bags lab tests
+	@for folder in src/*/test bags/test lab/test; do ./hoid dev mypy $$folder/*.py || exit 1; done
 
 check:  ## The quick experiments, held against stored bounds
 	@./hoid bench --quick --check

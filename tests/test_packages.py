@@ -35,6 +35,8 @@ DISTRIBUTIONS = {
     'rerun': 'rerun-sdk',
     'yaml': 'pyyaml',
 }
+# In the source tree only; tests use them, no package depends on them.
+LABORATORY = {path.parent.name for path in ROOT.glob('lab/*/__init__.py')}
 OF_ROS = re.compile(r'.*_(msgs|srvs|interfaces)|rclpy|launch|launch_ros')
 
 
@@ -85,7 +87,7 @@ def test_setup_names_every_python_package(setup: Path) -> None:
         for name in imported(setup.parent)
         if name not in names() | own | sys.stdlib_module_names and not OF_ROS.fullmatch(name)
     }
-    foreign -= {'ament_index_python', 'rosidl_runtime_py', 'setuptools', 'hoid_benchmarks'}
+    foreign -= {'ament_index_python', 'rosidl_runtime_py', 'setuptools', *LABORATORY}
     assert foreign - {'hypothesis', 'playwright'} <= told
     assert told - {'hypothesis', 'pytest'} <= foreign
 

@@ -60,8 +60,8 @@ def test_names_stand_for_files(
     assert find_model('my_model') == own
     assert find_model('my_model.onnx') == own
     assert find_model(str(own)) == own
-    shipped = touch(Path(model_path.__file__).parents[1] / 'models' / 'synthetic.onnx')
-    assert find_model('synthetic') == shipped
+    synthetic = touch(tmp_path / 'workspace' / 'lab' / 'models' / 'synthetic.onnx')
+    assert find_model('synthetic') == synthetic
     monkeypatch.setenv('HOID_MODEL', 'my_model')
     assert find_model() == own
     monkeypatch.chdir(tmp_path)
@@ -75,7 +75,7 @@ def test_what_does_not_exist_is_named(shared: Path, monkeypatch: pytest.MonkeyPa
         find_model('gone.onnx')
     with pytest.raises(ModelError, match='sub/yolox_nano does not exist'):
         find_model('sub/yolox_nano')
-    with pytest.raises(ModelError, match='missing from the installation'):
+    with pytest.raises(ModelError, match='synthetic does not exist'):
         find_model('synthetic')
     monkeypatch.setenv('HOID_MODEL', 'gone')
     with pytest.raises(ModelError, match='HOID_MODEL: gone does not exist'):
@@ -84,7 +84,7 @@ def test_what_does_not_exist_is_named(shared: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_offline_is_one_line_with_what_to_do(shared: Path) -> None:
-    with pytest.raises(ModelError, match='use --detector synthetic') as error:
+    with pytest.raises(ModelError, match='use --filter motion') as error:
         find_model()
     assert 'no network' in str(error.value)
     assert '\n' not in str(error.value)

@@ -23,6 +23,7 @@ _LOG = logging.getLogger(__name__)
 _ENVIRONMENT = 'HOID_MODEL'
 _TIMEOUT_S = 20.0
 _WORKSPACE_MARK = 'colcon.meta'
+_OWN_MODELS = 'lab/models'  # trained on rendered rooms; no robot installs it
 
 
 class _KnownModel(NamedTuple):
@@ -43,7 +44,7 @@ _KNOWN = {
 
 
 def known_models() -> tuple[str, ...]:
-    """Return the names that stand for models."""
+    """Return the names that stand for models: the synthetic one is in the source tree only."""
     return (SYNTHETIC, *_KNOWN)
 
 
@@ -69,8 +70,6 @@ def _named(name: str, origin: str) -> Path:
     path = Path(name).expanduser()
     if path.is_file():
         return path
-    if name == SYNTHETIC:
-        return _shipped()
     for folder in _folders():
         if path.name == name and (found := folder / f'{path.stem}.onnx').is_file():
             return found
@@ -80,18 +79,12 @@ def _named(name: str, origin: str) -> Path:
     raise ModelError(f'{origin} {name} does not exist: give the path of an ONNX file, or {known}')
 
 
-def _shipped() -> Path:
-    path = Path(__file__).parents[1] / 'models' / f'{SYNTHETIC}.onnx'
-    if not path.is_file():
-        raise ModelError(f'the model for rendered scenes is missing from the installation: {path}')
-    return path
-
-
 def _folders() -> list[Path]:
     """Return the folders in which models lie, `../shared/models` of the workspace first."""
     here = Path(__file__).resolve()
-    roots = [folder for folder in here.parents if (folder / _WORKSPACE_MARK).is_file()]
-    return [*(root.parent / 'shared' / 'models' for root in roots[:1]), _cache()]
+    root = next((f for f in here.parents if (f / _WORKSPACE_MARK).is_file()), None)
+    in_workspace = [] if root is None else [root.parent / 'shared' / 'models', root / _OWN_MODELS]
+    return [*in_workspace, _cache()]
 
 
 def _cache() -> Path:
@@ -116,6 +109,6 @@ def _downloaded(name: str) -> Path:
         partial.unlink(missing_ok=True)
         raise NoModelError(
             f'no detector model here, and {model.url} cannot be had ({error}): give --detector '
-            f'MODEL.onnx, set {_ENVIRONMENT}, or use --detector {SYNTHETIC}'
+            f'MODEL.onnx, set {_ENVIRONMENT}, or use --filter motion, which needs none'
         ) from error
     return target

@@ -1,6 +1,6 @@
 """Which keyframe index finds places best: recall, margin and time over thousands of keyframes.
 
-    python benchmarks/place_recognition.py SEQUENCE [SEQUENCE ...] [--keyframes 2000]
+    python lab/scripts/place_recognition.py SEQUENCE [SEQUENCE ...] [--keyframes 2000]
 
 A SEQUENCE is a TUM folder or a bag with ground truth. Every tenth frame is a keyframe; distractors
 fill the database: bags of real descriptors with some bits changed. Every keyframe is asked for.

@@ -1,6 +1,6 @@
 """Are loops closed where there are some, and nowhere else? Each one is held against the truth.
 
-    python benchmarks/loop_check.py SEQUENCE [SEQUENCE ...] [--seeds 1] [--filter hoid+]
+    python lab/scripts/loop_check.py SEQUENCE [SEQUENCE ...] [--seeds 1] [--filter hoid+]
         [--detector truth] [--without]
 
 A SEQUENCE is a TUM folder or a bag with ground truth. Every loop closed, place rejoined and pair
