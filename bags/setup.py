@@ -4,10 +4,10 @@ NAME = 'hoid_bags'
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version='0.2.0',
     description='TUM folders and rendered scenes to MCAP bags; info, play and record',
-    maintainer='HOID maintainers',
-    maintainer_email='hoid@example.com',
+    maintainer='HOID RGB-D SLAM maintainers',
+    maintainer_email='hoid-rgbd-slam@users.noreply.github.com',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     data_files=[

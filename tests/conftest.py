@@ -41,12 +41,14 @@ def probe(domain_id: int) -> Iterator[Probe]:
 
 @pytest.fixture
 def run_filter(probe: Probe, start: Start) -> FilterRunner:
-    """Start hoid_filter with parameters and return what talks to it."""
+    """Start hoid_filter with parameters and return its peer."""
 
     def run(**params: Any) -> Peer:
+        peer = Peer(probe)
         start('hoid_filter', 'hoid_filter_node', {'strategy': 'hoid2d', **params})
         is_deaf = params.get('strategy') == 'motion' or params.get('detections.as_vision_msgs')
-        return Peer(probe, hears_boxes=not is_deaf)
+        peer.connect(hears_boxes=not is_deaf)
+        return peer
 
     return run
 

@@ -4,10 +4,10 @@ NAME = 'hoid_system_tests'
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version='0.2.0',
     description='Topic-level, replay and fault tests of the HOID suite',
-    maintainer='HOID maintainers',
-    maintainer_email='hoid@example.com',
+    maintainer='HOID RGB-D SLAM maintainers',
+    maintainer_email='hoid-rgbd-slam@users.noreply.github.com',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     data_files=[

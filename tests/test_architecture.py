@@ -28,18 +28,18 @@ PACKAGES = """
 # Then the folders of each package, with the modules at its root.
 LAYERS = {
     'hoid_common': """
-        errors median throttle sync topics slam_status < config values < se3 process
+        errors log_throttle sync topics slam_status < config values < se3 process
         < inputs pose_buffer io static_frames < ros
     """,
     'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
     'hoid_filter': """
-        config drawing < extraction < motion < detections < node_config < rules masked_images
-        < feature_filter < ros < node
+        strategy_registry < config drawing < extraction < motion < strategy < detections
+        < node_config < strategies masked_images < feature_filter < live_filter < ros < node
     """,
     'rgbd_slam': """
-        config < model < matching < optimize < places < tracking local_mapping < loops < scene
-        < map_io < mapper < processes < map_control statistics < robot_frames slam late_verdicts
-        < map_transfer < session < ros < node
+        config < records < model < matching < optimize < places < tracking local_mapping
+        < loops < scene < map_io < mapper < processes < slam_map statistics < robot_frames slam late_verdicts
+        < robot_map < session < ros < node
     """,
     'hoid_bags': """
         images progress < mcap < tum < bag < options sequence convert < live < commands

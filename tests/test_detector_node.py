@@ -233,7 +233,7 @@ def test_wrong_image_is_refused_and_counted(
 def test_silence_is_said_in_plain_words(bench: Bench) -> None:
     bench.peer.destroy_publisher(bench.images)
     told = bench.until(lambda: (v := bench.values())['message'] != 'running' and v)
-    assert told['message'].startswith('no colour images yet for ')
+    assert told['message'].startswith('no color images yet for ')
     assert told['message'].endswith(' s on /rgb/image: no publisher')
     assert told['model'].startswith('m.onnx: end_to_end, 80 classes, input 96x64 float32')
 

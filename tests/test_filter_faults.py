@@ -1,4 +1,4 @@
-"""hoid_filter on real topics: wrong input is refused or clipped, counted, and lived with."""
+"""hoid_filter on real topics: wrong input is refused or clipped, counted, and survived."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_whole_messages_that_are_wrong_are_refused(run_filter: FilterRunner) -> 
 
 
 def serialized_crowd(header: Any, number: int) -> bytes:
-    """Return a message with so many boxes: one box's 32 bytes, repeated after their number."""
+    """Return a serialized message with so many boxes: 32 bytes each, after their number."""
     msg = DetectionArray(
         header=header, image_width=WIDTH, image_height=HEIGHT, detections=[Detection()]
     )
@@ -78,7 +78,7 @@ def test_wrong_images_are_refused(run_filter: FilterRunner) -> None:
     strange.encoding = 'yuv422'
     peer.color.publish(strange)
     peer.depth.publish(conversions.depth_to_msg(DEPTH_M, peer.header(1)))
-    peer.wait_for_count('colour images refused', 1)
+    peer.wait_for_count('color images refused', 1)
     for i, fields in ((3, {'encoding': '64FC1'}), (4, {'height': 2 * HEIGHT})):
         wrong = conversions.depth_to_msg(DEPTH_M, peer.header(i))
         for name, value in fields.items():
@@ -120,7 +120,7 @@ def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
 def test_camera_of_another_size_is_refused(run_filter: FilterRunner) -> None:
     half = CameraModel(WIDTH // 2, HEIGHT // 2, 250.0, 250.0, 160.0, 120.0)
     peer = run_filter()  # which gets the right camera first
-    # In turns, so that each is told from before: by the first image, then by the message itself.
+    # Alternately, so that each change is visible: by the first image, then by the message itself.
     for i, camera in enumerate((half, CAMERA, half, CAMERA)):
         peer.camera.publish(conversions.camera_to_msg(camera, peer.header(i)))
         peer.wait_for_count('camera infos received', i + 2)

@@ -1,4 +1,4 @@
-"""hoid_filter on real topics: one image's features and verdicts, lateness, loss."""
+"""hoid_filter on real topics: features and verdicts of an image, late and lost detections."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import time
 import numpy as np
 import pytest
 from hoid_msgs.msg import DynamicObject as ObjectMsg
-from hoid_msgs.msg import FeatureVerdicts
 from sensor_msgs.msg import Image
 
 from hoid_common.ros import conversions
@@ -50,7 +49,7 @@ def test_values_of_one_image(run_filter: FilterRunner) -> None:
     assert list(person.size_m) == pytest.approx([0.8, 1.6])
 
 
-def test_the_first_image_waits_for_the_first_answer(run_filter: FilterRunner) -> None:
+def test_the_first_image_waits_for_the_first_detections(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 10.0})
     peer.send_images(0)
     peer.probe.spin_for(0.3)
@@ -62,8 +61,8 @@ def test_the_first_image_waits_for_the_first_answer(run_filter: FilterRunner) ->
     assert num_inside(features, PERSON) == 0
 
 
-def test_images_that_waited_go_one_by_one(run_filter: FilterRunner) -> None:
-    """SLAM keeps no more features than its queue holds: a burst would cost it its first images."""
+def test_held_images_are_published_one_by_one(run_filter: FilterRunner) -> None:
+    """The queue of the SLAM node is short: a burst would overflow it."""
     peer = run_filter(**{'detections.wait_s': 10.0})
     for i in range(8):
         peer.send_images(i)
@@ -74,31 +73,30 @@ def test_images_that_waited_go_one_by_one(run_filter: FilterRunner) -> None:
     first_s = time.monotonic()
     features, _ = peer.answer(8)
     assert features.header == peer.header(7)
-    assert time.monotonic() - first_s > 0.2  # nothing but the filter's clock sends them on
+    assert time.monotonic() - first_s > 0.2  # they are published by the filter's timer
 
 
-def test_an_image_goes_at_once_and_a_slow_detector_has_the_final_word(
+def test_an_image_is_published_at_once_and_late_detections_give_the_final_verdict(
     run_filter: FilterRunner,
 ) -> None:
     peer = run_filter(**{'detections.wait_s': 10.0})
-    verdicts = peer.probe.collect(FeatureVerdicts, 'feature_verdicts')
     peer.show(0)
     peer.answer(1)
     peer.send_images(1)
     features, objects = peer.answer(2)
     assert objects.provisional
     assert list(objects.objects) == []
-    assert num_inside(features, PERSON) > 50  # nobody has said so far that it is there
+    assert num_inside(features, PERSON) > 50  # it has not been detected so far
     peer.probe.spin_for(0.3)
-    assert verdicts == []
+    assert peer.verdicts == []
     peer.send_boxes(1, PERSON)
     _, objects = peer.answer(3, num_features=2)
     assert not objects.provisional
     assert objects.header == peer.header(1)
     assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
-    peer.probe.spin_until(lambda: bool(verdicts), 'no final word on the features')
-    assert verdicts[0].header == peer.header(1)
-    is_dynamic = np.array(verdicts[0].dynamic, np.bool_)
+    peer.probe.spin_until(lambda: bool(peer.verdicts), 'no final verdict on the features')
+    assert peer.verdicts[0].header == peer.header(1)
+    is_dynamic = np.array(peer.verdicts[0].dynamic, np.bool_)
     assert is_dynamic.sum() == pytest.approx(num_inside(features, PERSON), rel=0.2)
     u, v = np.rint(np.array(features.uv_px).reshape(-1, 2)).T
     left, top, right, bottom = PERSON[1]
@@ -121,7 +119,6 @@ def test_detections_that_are_there_already_are_final(run_filter: FilterRunner) -
 
 def test_the_first_verdict_is_final_when_none_comes_in_time(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 0.2})
-    verdicts = peer.probe.collect(FeatureVerdicts, 'feature_verdicts')
     peer.send_boxes(0, PERSON)
     peer.probe.spin_for(0.2)
     peer.send_images(1)
@@ -132,12 +129,12 @@ def test_the_first_verdict_is_final_when_none_comes_in_time(run_filter: FilterRu
     _, final = peer.answer(2, num_features=1)
     assert not final.provisional
     assert [o.reason for o in final.objects] == [ObjectMsg.PREDICTED]
-    peer.probe.spin_until(lambda: bool(verdicts), 'no final word on the features')
-    assert not any(verdicts[0].dynamic)
+    peer.probe.spin_until(lambda: bool(peer.verdicts), 'no final verdict on the features')
+    assert not any(peer.verdicts[0].dynamic)
     peer.wait_for_count('images without detections', 1)
 
 
-def test_a_skipped_image_is_judged_by_the_boxes_of_the_next(run_filter: FilterRunner) -> None:
+def test_a_skipped_image_is_classified_by_the_boxes_of_the_next(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 10.0})
     peer.show(0)
     for i in range(1, 4):
@@ -158,13 +155,11 @@ def test_a_skipped_image_is_judged_by_the_boxes_of_the_next(run_filter: FilterRu
 
 
 @pytest.mark.parametrize('strategy', ['motion', 'hoid+'])
-def test_features_go_out_before_motion_is_looked_for(
-    run_filter: FilterRunner, strategy: str
+def test_features_are_published_before_motion_is_segmented(
+    run_filter: FilterRunner, probe: Probe, strategy: str
 ) -> None:
+    masks = probe.collect(Image, 'hoid_filter/mask', wait=False)
     peer = run_filter(strategy=strategy)
-    verdicts = peer.probe.collect(FeatureVerdicts, 'feature_verdicts')
-    masks = peer.probe.collect(Image, 'hoid_filter/mask')
-    peer.probe.spin_for(0.3)
     num = 12
     for i in range(num):
         image_bgr, depth_m = IMAGE.copy(), np.full_like(DEPTH_M, 3.0)
@@ -183,19 +178,25 @@ def test_features_go_out_before_motion_is_looked_for(
     (seen,) = final.objects
     assert (seen.class_name, seen.reason) == ('unknown', ObjectMsg.MOVING)
     assert (seen.x_min, seen.y_min, seen.x_max, seen.y_max) == pytest.approx(box, abs=16)
-    before = peer.objects[-2].objects[0]  # what is said at once is of the image before
+    before = peer.objects[-2].objects[
+        0
+    ]  # the provisional verdict has the region of the image before
     assert before.x_max == pytest.approx(box[2] - 14, abs=16)
-    peer.probe.spin_until(lambda: len(verdicts) == len(masks) == num, 'no final words')
-    assert [v.header for v in verdicts] == headers
-    assert any(any(v.dynamic) for v in verdicts[1:])  # of what had not moved before
-    # What came into the last image is dropped by its verdict, and masked.
+    peer.probe.spin_until(
+        lambda: len(peer.verdicts) == len(masks) == num, 'final verdicts or masks are missing'
+    )
+    assert [v.header for v in peer.verdicts] == headers
+    assert any(
+        any(v.dynamic) for v in peer.verdicts[1:]
+    )  # features on pixels that did not move before
+    # Pixels that the square covers first in the last image are dropped by its verdict, and masked.
     new = ('', (box[2] - 10, 140.0, box[2], 300.0))
     assert num_inside(peer.features[-1], ('', box)) < 0.2 * num_inside(peer.features[0], ('', box))
     mask = np.frombuffer(masks[-1].data, np.uint8).reshape(HEIGHT, WIDTH)
     assert not mask[140:300, int(new[1][0]) : int(new[1][2])].any()
 
 
-def test_an_image_that_the_next_overtakes_goes_without_a_look_for_motion(
+def test_an_image_that_the_next_overtakes_skips_motion_segmentation(
     run_filter: FilterRunner,
 ) -> None:
     peer = run_filter(strategy='motion', **{'input.reliability': 'reliable'})
@@ -207,12 +208,12 @@ def test_an_image_that_the_next_overtakes_goes_without_a_look_for_motion(
     peer.answer(2 * num, num_features=num)
     final = [objects.header for objects in peer.objects if not objects.provisional]
     assert final == [peer.header(i) for i in range(num)]
-    peer.wait_for_count('images without a look for motion', 1)
-    assert int(peer.said()[1]['images without a look for motion']) < num - 1
+    peer.wait_for_count('images without motion segmentation', 1)
+    assert int(peer.said()[1]['images without motion segmentation']) < num - 1
 
 
 @pytest.mark.parametrize('on_loss', ['unfiltered', 'stop'])
-def test_loss_of_the_detector_is_said_and_lived_with(
+def test_the_loss_of_the_detector_is_reported_and_survived(
     run_filter: FilterRunner, on_loss: str
 ) -> None:
     peer = run_filter(**{'detections.timeout_s': 1.0, 'detections.on_loss': on_loss})

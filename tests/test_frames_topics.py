@@ -163,7 +163,7 @@ def test_wheels_that_slip_do_not_move_the_pose_and_bridge_a_covered_lens(
     status = peer.status[-1]
     assert status.state == SlamStatus.LOST
     assert status.message == (
-        'too few map points are seen; the pose goes on by the wheels: 0.1 s, 0.20 m'
+        'too few map points are seen; the pose follows the wheel odometry, for 0.1 s and 0.20 m'
     )
     seen = world.features(camera_at(IMAGES), START_NS + (IMAGES + 3) * PERIOD_NS)
     send(seen)
@@ -211,7 +211,7 @@ def test_wheels_that_say_nothing_are_missed(start: Start, probe: Probe) -> None:
     peer = Peer(probe)
     peer.begin()
     peer.answer_to(features_msg(PointWorld().features(camera_at(0), START_NS)))
-    assert '/tf does not say where' in peer.diagnosis()[0]
+    assert '/tf has no transform of the wheels' in peer.diagnosis()[0]
     assert peer.edges() == set()
 
 

@@ -35,7 +35,7 @@ def test_pose_and_transform_round_trip(T: FloatArray) -> None:
 def test_a_pose_without_rotation_is_refused() -> None:
     msg = conversions.pose_to_msg(np.eye(4))
     msg.orientation.w = 0.0
-    with pytest.raises(MessageError, match='pose is no rigid motion'):
+    with pytest.raises(MessageError, match='pose is no rigid transform'):
         conversions.pose_from_msg(msg)
 
 

@@ -90,15 +90,15 @@ def test_what_is_no_pose_is_refused_in_a_line(start: Start, probe: Probe) -> Non
     start('rgbd_slam', 'rgbd_slam_node', NO_ROOM)
     peer = Peer(probe)
     assert peer.refused(pose(20, 'kitchen')) == (
-        'frame "kitchen" of initialpose is not joined with the map by any transform; give the '
-        'pose in the map frame'
+        'no transform connects frame "kitchen" of initialpose with the map; give the pose in '
+        'the map frame'
     )
     nan, zero, negative = pose(20), pose(20), pose(20)
     nan.pose.pose.position.x = math.nan
     zero.pose.pose.orientation = Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)
     negative.pose.covariance[0] = -1.0
     line = peer.refused(nan)
-    assert 'pose is no rigid motion' in line
+    assert 'pose is no rigid transform' in line
     assert line.endswith(', on initialpose')
     assert peer.diagnosis()[1]['initial poses refused'] == '2'
     peer.give(zero)  # a second line of the kind is held back

@@ -283,7 +283,7 @@ def test_faulty_files_leave_the_running_map_alone(begin: Begin, folder: Path) ->
     for answer in (peer.save(), peer.set_mode('localization')):
         assert not answer.success
     assert 'nothing has been mapped yet' in peer.save().message
-    assert 'no map to localise in' in peer.set_mode('localization').message
+    assert 'no map to localize in' in peer.set_mode('localization').message
     peer.send(*range(10))
     assert peer.set_mode('localization').success
     assert peer.save('good').success

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from hoid_common.process.entry import INTERRUPTED, REFUSED
+from hoid_common.process.entry import EXIT_CONFIG, EXIT_INTERRUPTED
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import executable
 
@@ -73,13 +73,13 @@ def test_a_signal_lets_the_callback_that_runs_return(sign: signal.Signals) -> No
 @pytest.mark.usefixtures('domain_id')
 @pytest.mark.parametrize('sign', SIGNALS)
 def test_a_signal_ends_a_node_that_is_being_made(sign: signal.Signals) -> None:
-    assert ended_by(sign, 'load') == (INTERRUPTED, '', '')
+    assert ended_by(sign, 'load') == (EXIT_INTERRUPTED, '', '')
 
 
 @pytest.mark.usefixtures('domain_id')
 @pytest.mark.parametrize('loads', [('swallow',), ('garble',)], ids=str)
 def test_what_a_library_makes_of_an_interrupt_does_not_matter(loads: tuple[str, ...]) -> None:
-    assert ended_by(signal.SIGINT, *loads) == (INTERRUPTED, '', '')
+    assert ended_by(signal.SIGINT, *loads) == (EXIT_INTERRUPTED, '', '')
 
 
 @pytest.mark.usefixtures('domain_id')
@@ -91,7 +91,7 @@ def test_any_number_of_interrupts_while_it_starts(seed: int) -> None:
         time.sleep(rng.uniform(0.0, 2.0))
         status, said = interrupted(process, rng)
     assert said == ''
-    assert status in {0, INTERRUPTED}
+    assert status in {0, EXIT_INTERRUPTED}
 
 
 @pytest.mark.parametrize('seed', range(STOPS))
@@ -131,7 +131,7 @@ def failure(*arguments: str) -> list[str]:
     """Return what a node says that cannot start."""
     argv = [sys.executable, '-c', NODE, *arguments]
     result = subprocess.run(argv, capture_output=True, text=True, timeout=60, check=False)
-    assert result.returncode == REFUSED
+    assert result.returncode == EXIT_CONFIG
     return result.stderr.splitlines()
 
 

@@ -91,8 +91,8 @@ def test_without_the_switch_what_experts_have_is_said_to_have_no_effect(
     assert set(client.names()) - OF_ROS == names_of(node, expert=False)
     said = ''.join(path.read_text() for path in (tmp_path / 'log_0').iterdir())
     hidden = ', '.join(sorted(FOR_EXPERTS[node]))
-    assert f'for experts, without effect unless expert:=true is given: {hidden}\n' in said
-    assert 'no parameter is called "speling": no effect\n' in said
+    assert f'expert parameters have no effect unless expert:=true is set: {hidden}\n' in said
+    assert 'no parameter is called "speling", it has no effect\n' in said
 
 
 @pytest.mark.parametrize('expert', [False, True])

@@ -115,7 +115,7 @@ def test_a_killed_node_goes_on_in_its_map(
         killed_s = time.monotonic()
         node = run()
         peer.wake()
-        assert 'looking for the camera' in peer.status[0].message
+        assert 'relocalizing the camera' in peer.status[0].message
         assert peer.status[0].mode == SlamStatus.LOCALIZATION
         peer.stamp_ns += round(1e9 * (time.monotonic() - killed_s))
         status = peer.send(place)

@@ -104,7 +104,7 @@ def _add_topics(
 
 def _num_messages(source: TumFolder) -> int:
     truth, accelerometer = source.ground_truth, source.accelerometer
-    num_images = 2 * len(source.color) + len(source.depth)  # each colour image with its camera
+    num_images = 2 * len(source.color) + len(source.depth)  # each color image with its camera
     return (
         num_images
         + (0 if truth is None else len(truth))

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import InputError
-from hoid_common.io.image_size import image_size_px, is_sound
-from hoid_common.io.images import AS_TAKEN
+from hoid_common.io.image_size import image_size_px, is_safe_to_decode
+from hoid_common.io.images import COLOR_READ_FLAGS
 from hoid_common.io.untrusted import read_bytes
 from hoid_common.values import MAX_PIXELS, ByteArray, CameraModel, Float32Array
 
@@ -61,7 +61,7 @@ def decode_color(data: bytes, name: object) -> ByteArray:
     Raises:
         InputError: truncated, or no image.
     """
-    return cast('ByteArray', _decode(data, AS_TAKEN, name))
+    return cast('ByteArray', _decode(data, COLOR_READ_FLAGS, name))
 
 
 def decode_depth(data: bytes, name: object) -> DepthUnits:
@@ -103,7 +103,7 @@ def _decode(data: bytes, flags: int, name: object) -> NDArray[Any]:
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise InputError(f'{name}: says to be {size[0]}x{size[1]} px, more than any camera gives')
     try:
-        readable = size is not None and is_sound(data)
+        readable = size is not None and is_safe_to_decode(data)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if readable else None
     except cv2.error:
         image = None

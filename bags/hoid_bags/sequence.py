@@ -44,7 +44,7 @@ class Sequence(Protocol):
         """Return the number of pairs."""
 
     def __iter__(self) -> Iterator[RgbdFrame]:
-        """Yield the pairs; the frame's stamp is that of its colour image.
+        """Yield the pairs; the frame's stamp is that of its color image.
 
         Raises:
             InputError: an image is truncated or of another kind or size than expected.

@@ -178,7 +178,7 @@ def uneven(tmp_path: Path) -> Path:
 def test_a_frame_waits_for_the_answer_to_the_one_before(uneven: Path, camera: CameraModel) -> None:
     gate = LockstepGate(BagSequence(uneven, camera))
     cues = list(open_plan(uneven, PlayConfig()).cues(loop=False))
-    answers_ms = {2: 1, 6: 100}  # before which cue, to which colour image
+    answers_ms = {2: 1, 6: 100}  # before which cue, to which color image
     for i, c in enumerate(cues):
         assert gate.blocks(c) == (i in answers_ms)
         if i in answers_ms:

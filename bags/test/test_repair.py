@@ -17,7 +17,7 @@ from hoid_bags.bag.bag_writer import BagWriter, reliable_qos
 from hoid_bags.bag.info import summarize
 from hoid_bags.bag.repair import repair
 from hoid_common.errors import InputError
-from hoid_common.io.files import leftovers
+from hoid_common.io.files import abandoned_scratch_folders
 
 KILLED = """
 import os, signal, sys
@@ -39,7 +39,7 @@ with BagWriter(Path(sys.argv[1])) as writer:
 def killed_recording(bag: Path) -> Path:
     """Leave what a recorder leaves that is killed ten messages after its last flush."""
     subprocess.run([sys.executable, '-c', KILLED, str(bag)], check=False, timeout=60)
-    (left,) = leftovers(bag.parent)
+    (left,) = abandoned_scratch_folders(bag.parent)
     return left
 
 

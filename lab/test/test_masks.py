@@ -30,7 +30,7 @@ from hoid_benchmarks.report.views import make_table
 from hoid_common.errors import ConfigError
 from hoid_common.values import Detections, RgbdFrame
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import FilterInput
+from hoid_filter.strategy import FilterInput
 from hoid_synth.config import SceneConfig
 
 STORE = Store(Path('/nowhere'), Path('/nowhere'))

@@ -6,10 +6,10 @@ NAME = 'hoid_detector'
 
 setup(
     name=NAME,
-    version='0.1.0',
-    description='People and objects in colour images, by any ONNX model of the YOLO family',
-    maintainer='HOID maintainers',
-    maintainer_email='hoid@example.com',
+    version='0.2.0',
+    description='People and objects in color images, by any ONNX model of the YOLO family',
+    maintainer='HOID RGB-D SLAM maintainers',
+    maintainer_email='hoid-rgbd-slam@users.noreply.github.com',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     data_files=[

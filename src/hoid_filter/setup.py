@@ -6,10 +6,10 @@ NAME = 'hoid_filter'
 
 setup(
     name=NAME,
-    version='0.1.0',
-    description='Drops image features on people and on the objects that they handle',
-    maintainer='HOID maintainers',
-    maintainer_email='hoid@example.com',
+    version='0.2.0',
+    description='Removes image features on people, handled objects and other moving objects',
+    maintainer='HOID RGB-D SLAM maintainers',
+    maintainer_email='hoid-rgbd-slam@users.noreply.github.com',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     data_files=[

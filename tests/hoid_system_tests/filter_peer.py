@@ -1,4 +1,4 @@
-"""The other end of the filter's topics: sends images and boxes, keeps what comes back."""
+"""The test's end of the filter's topics: publishes images and boxes, collects the results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from hoid_msgs.msg import Detection, DetectionArray, DynamicObjectArray
+from hoid_msgs.msg import Detection, DetectionArray, DynamicObjectArray, FeatureVerdicts
 from hoid_msgs.msg import Features as FeaturesMsg
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -38,19 +38,28 @@ DEPTH_M = np.full((HEIGHT, WIDTH), 2.0, np.float32)
 
 
 class Peer:
-    """Sends what the node needs and keeps what it says."""
+    """Publishes the inputs of the filter node and collects its outputs.
 
-    def __init__(self, probe: Probe, *, hears_boxes: bool = True) -> None:
+    Make it before the node starts and `connect` afterwards. The node then knows the subscriptions
+    before it can receive an image; a subscription that it discovers later, on a busy machine,
+    misses the first results.
+    """
+
+    def __init__(self, probe: Probe) -> None:
         self.probe = probe
         self.features = probe.collect(FeaturesMsg, 'features', wait=False)
         self.objects = probe.collect(DynamicObjectArray, 'dynamic_objects', wait=False)
+        self.verdicts = probe.collect(FeatureVerdicts, 'feature_verdicts', wait=False)
         self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
-        self.color = probe.publisher(Image, 'rgb/image')
-        self.depth = probe.publisher(Image, 'depth/image')
-        self.boxes = probe.publisher(DetectionArray, 'detections', wait=hears_boxes)
-        self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')
+
+    def connect(self, *, hears_boxes: bool = True) -> None:
+        """Wait until the node subscribes to the inputs, and send it the camera."""
+        self.color = self.probe.publisher(Image, 'rgb/image')
+        self.depth = self.probe.publisher(Image, 'depth/image')
+        self.boxes = self.probe.publisher(DetectionArray, 'detections', wait=hears_boxes)
+        self.camera = self.probe.publisher(CameraInfo, 'rgb/camera_info')
         self.camera.publish(conversions.camera_to_msg(CAMERA, self.header(0)))
-        probe.spin_for(0.2)
+        self.wait_for_count('camera infos received', 1)
 
     def header(self, i: int) -> Any:
         """Return the header of frame i."""
@@ -62,7 +71,7 @@ class Peer:
         self.depth.publish(conversions.depth_to_msg(depth_m, self.header(i)))
 
     def send_boxes(self, i: int, *rows: Row, **fields: Any) -> None:
-        """Publish what is detected in frame i; `fields` replace those of the message."""
+        """Publish the detections of frame i; `fields` replace those of the message."""
         found = [
             Detection(
                 class_name=name, score=0.9, x_min=box[0], y_min=box[1], x_max=box[2], y_max=box[3]
@@ -75,29 +84,27 @@ class Peer:
     def answer(
         self, number: int = 1, num_features: int | None = None
     ) -> tuple[FeaturesMsg, DynamicObjectArray]:
-        """Return the last of so many verdicts on objects, and of features, as many by default."""
+        """Return the last of `number` messages on objects, and of as many features by default."""
         num_features = number if num_features is None else num_features
-        self.probe.spin_until(
-            lambda: len(self.features) >= num_features and len(self.objects) >= number,
-            'no features',
-        )
+        self.probe.spin_until_count(self.features, num_features, f'not {num_features} features')
+        self.probe.spin_until_count(self.objects, number, f'not {number} verdicts on objects')
         return self.features[num_features - 1], self.objects[number - 1]
 
     def show(self, i: int, *rows: Row, depth_m: Any = DEPTH_M) -> None:
-        """Publish frame i, and before it what is detected there."""
+        """Publish the detections of frame i, then its images."""
         self.send_boxes(i, *rows)
         self.probe.spin_for(0.2)
         self.send_images(i, depth_m)
 
     def said(self) -> tuple[str, dict[str, str]]:
-        """Return the message and values of the node's newest diagnostics."""
+        """Return the message and the values of the node's newest diagnostics."""
         mine = [s for d in self.diagnostics for s in d.status if s.name == '/hoid_filter']
         if not mine:
             return '', {}
         return mine[-1].message, {v.key: v.value for v in mine[-1].values}
 
     def wait_for_count(self, name: str, number: int, timeout_s: float = TIMEOUT_S) -> None:
-        """Wait until the diagnostics count that many."""
+        """Wait until a counter of the diagnostics has reached a number."""
         self.probe.spin_until(
             lambda: int(self.said()[1].get(name, 0)) >= number,
             f'"{name}" stays below {number}',

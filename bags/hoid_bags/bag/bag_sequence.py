@@ -67,7 +67,7 @@ class BagSequence:
             self.fault = reader.fault
         camera = camera or index.camera
         if camera is None:
-            raise InputError(f'{path}: has no camera_info of the colour images; give --camera')
+            raise InputError(f'{path}: has no camera_info of the color images; give --camera')
         self.camera = camera
         self.ground_truth = index.ground_truth
         self.true_detections: Mapping[int, Detections] | None = index.true_detections
@@ -75,7 +75,7 @@ class BagSequence:
         self.depth_of_color = {
             int(index.color_ns[i]): int(index.depth_ns[j]) for i, j in pairs.tolist()
         }
-        """Stamp of each paired colour image to that of its depth image, ns, in order of time."""
+        """Stamp of each paired color image to that of its depth image, ns, in order of time."""
         if not self.depth_of_color:
             raise InputError(f'{path}: no colour and depth images within 0.02 s of each other')
 

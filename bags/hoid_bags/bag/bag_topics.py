@@ -1,4 +1,4 @@
-"""Which topics of a bag are the colour images, the depth images and so on."""
+"""Which topics of a bag are the color images, the depth images and so on."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def find_topics(reader: BagReader) -> RecordedTopics:
     }
     color = _choose(
         reader,
-        'colour',
+        'color',
         topics.RGB_IMAGE,
         _COLOR_WORDS,
         [t for t in images if not is_depth[t.name]],
@@ -104,7 +104,7 @@ def _choose(
 
 
 def _camera_info(color: BagTopic, found: list[BagTopic]) -> BagTopic | None:
-    """Return the camera of the colour images: beside them, else the only one there is."""
+    """Return the camera of the color images: beside them, else the only one there is."""
     beside = base_name(color.name).rpartition('/')[0] + '/camera_info'
     at_place = [topic for topic in found if topic.name == beside]
     return at_place[0] if at_place else found[0] if len(found) == 1 else None

@@ -21,8 +21,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from hoid_bags.bag.bag_types import Message, ensure_type, serialize, shared_typestore
 from hoid_bags.mcap.checked_writer import CheckedWriter
 from hoid_common.errors import InputError
-from hoid_common.io.files import scratch_folder, unwritable
-from hoid_common.process.signals import uninterrupted
+from hoid_common.io.files import scratch_folder, write_error
+from hoid_common.process.signals import termination_signals_blocked
 
 _METADATA_VERSION: Final = 9  # what Jazzy's rosbag2 writes
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it
@@ -79,7 +79,7 @@ class BagWriter:
             try:
                 self._writer.open()
             except OSError as error:
-                raise unwritable(self.path, error) from error
+                raise write_error(self.path, error) from error
             self._undo = undo.pop_all()
         return self
 
@@ -89,13 +89,13 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        with uninterrupted(), self._undo:
+        with termination_signals_blocked(), self._undo:
             try:
                 self._writer.__exit__(kind, error, trace)
                 if error is None:
                     self._aside.rename(self.path)
             except OSError as cause:
-                raise unwritable(self.path, cause) from cause
+                raise write_error(self.path, cause) from cause
 
     def add_topic(self, topic: str, type_name: str, qos: Qos | None = None) -> None:
         """Announce a topic; relative names become absolute, as in bags of `ros2 bag record`.
@@ -125,11 +125,11 @@ class BagWriter:
         try:
             self._writer.write(self._connections[topic], stamp_ns, data)
         except OSError as error:
-            raise unwritable(self.path, error) from error
+            raise write_error(self.path, error) from error
 
     def flush(self) -> None:
         """Hand all messages to the system: a kill loses none of them; errors as `write`."""
         try:
             self._writer.flush()
         except OSError as error:
-            raise unwritable(self.path, error) from error
+            raise write_error(self.path, error) from error

@@ -36,7 +36,7 @@ _MAX_MM = np.iinfo(np.uint16).max
 
 @dataclass(frozen=True)
 class ColorEncoder:
-    """Makes the messages of colour image files."""
+    """Makes the messages of color image files."""
 
     camera: CameraModel
     encoding: str  # RAW, PNG or JPEG

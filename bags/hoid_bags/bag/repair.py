@@ -9,7 +9,7 @@ from pathlib import Path
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_common.errors import InputError
-from hoid_common.io.files import leftovers
+from hoid_common.io.files import abandoned_scratch_folders
 
 _SCRATCH = re.compile(r'\.(?P<name>.*[^.].*)\.partial-[^.]+')  # of `scratch_folder`
 
@@ -27,7 +27,7 @@ def repair(path: Path) -> Path:
     scratch = _SCRATCH.fullmatch(path.name) if path.is_dir() else None
     if scratch is None:
         return _copied(path, path.with_name(f'{path.stem}_repaired'))
-    if path not in leftovers(path.parent):
+    if path not in abandoned_scratch_folders(path.parent):
         raise InputError(f'{path}: is still being recorded')
     target = path.with_name(scratch['name'])
     bag = _copied(

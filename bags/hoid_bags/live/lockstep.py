@@ -7,7 +7,7 @@ from hoid_bags.live.playback import ScheduledMessage
 
 
 class LockstepGate:
-    """Lets a colour image pass once the frame before it, colour and depth, has been answered.
+    """Lets a color image pass once the frame before it, colour and depth, has been answered.
 
     Images without a partner make no frame, so nothing waits for them.
     """
@@ -46,7 +46,7 @@ class LockstepGate:
         self.num_unanswered += 1
 
     def _partner_ns(self, cue: ScheduledMessage) -> int | None:
-        """Return the depth stamp of a colour image that has a partner."""
+        """Return the depth stamp of a color image that has a partner."""
         if cue.topic != self._color:
             return None
         depth_ns = self._depth_of_color.get(header_stamp_ns(cue.data) - cue.offset_ns)

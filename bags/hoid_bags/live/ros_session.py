@@ -15,8 +15,8 @@ from rosbags.interfaces import Qos, QosDurability, QosReliability
 from hoid_bags.bag.bag_writer import reliable_qos
 from hoid_common import topics
 from hoid_common.errors import ConfigError
-from hoid_common.process.shared_memory import missing_shared_memory
-from hoid_common.process.signals import end_as_by_interrupt
+from hoid_common.process.shared_memory import shared_memory_problem
+from hoid_common.process.signals import interrupt_on_termination
 from hoid_common.ros.run import limit_exit_time
 
 _DEFAULT_DEPTH = 10
@@ -32,14 +32,14 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
     """
     arguments = ['--ros-args', '-p', f'use_sim_time:={str(use_sim_time).lower()}']
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    end_as_by_interrupt()
+    interrupt_on_termination()
     node: Node | None = None
     try:
         try:
             node = Node(name, namespace=namespace, start_parameter_services=False)
         except ValueError as error:
             raise ConfigError(f'--namespace {namespace}: not a valid ROS namespace') from error
-        if problem := missing_shared_memory():
+        if problem := shared_memory_problem():
             node.get_logger().warning(problem)
         yield node
     finally:

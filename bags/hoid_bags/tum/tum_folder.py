@@ -26,9 +26,9 @@ from hoid_common.io.tum_text import (
     check_increasing,
     read_numbers,
     read_rows,
-    without_repeats,
+    without_duplicates,
 )
-from hoid_common.io.untrusted import check_name
+from hoid_common.io.untrusted import check_path_name
 from hoid_common.values import CameraModel, RgbdFrame, Trajectory
 
 COLOR_LIST = 'rgb.txt'
@@ -140,10 +140,10 @@ def _read_list(folder: Path, name: str) -> tuple[ListedImage, ...]:
     rows = list(read_rows(path))
     if not rows:
         raise InputError(f'{path}: lists no images')
-    rows = without_repeats(rows)
+    rows = without_duplicates(rows)
     check_increasing(path, rows)
     for row in rows:
-        check_name(str(folder / row.text), f'{path}: line {row.line}')
+        check_path_name(str(folder / row.text), f'{path}: line {row.line}')
         if not row.text or not (folder / row.text).is_file():
             raise InputError(f'{path}: line {row.line}: names "{row.text}", which is not there')
     return tuple(ListedImage(row.stamp_ns, folder / row.text) for row in rows)

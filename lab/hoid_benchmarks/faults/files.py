@@ -21,7 +21,7 @@ from hoid_benchmarks.faults.models import damaged_model, hostile_model
 from hoid_benchmarks.faults.samples import CAMERA, Samples
 from hoid_bringup import cli
 from hoid_common.errors import HoidError
-from hoid_common.io.files import leftovers
+from hoid_common.io.files import abandoned_scratch_folders
 
 LIMIT_S = 10.0
 _MEMORY_FACTOR, _MEMORY_MB = 1.3, 50.0  # over that of the same command on good files
@@ -83,7 +83,7 @@ def _complaint(ended: Ended, clean_mb: float) -> str:
 
 
 def _half_written(place: Path, ended: Ended) -> str:
-    if left := leftovers(place):
+    if left := abandoned_scratch_folders(place):
         return f'{left[0].name} was left behind'
     if ended.status == _REFUSED and (place / 'out').exists():
         return 'refused, and yet a bag was written'

@@ -20,7 +20,7 @@ from hoid_benchmarks.faults.guarded import run_guarded
 from hoid_benchmarks.faults.samples import NUM_FRAMES, Samples
 from hoid_bringup import cli
 from hoid_common.errors import InputError
-from hoid_common.io.files import leftovers
+from hoid_common.io.files import abandoned_scratch_folders
 from hoid_common.values import NS_PER_S
 
 CONVERT, RECORD = 'convert, killed', 'recording, killed'
@@ -66,7 +66,7 @@ def _killed_conversion(samples: Samples, place: Path, after_s: float) -> str:
 
 def _unrepaired(place: Path) -> str:
     """Return what is wrong with what was left, once it has been repaired; '' if all is well."""
-    for left in leftovers(place):
+    for left in abandoned_scratch_folders(place):
         try:
             bag = repair(left)
         except InputError as error:
@@ -82,7 +82,7 @@ def _killed_recording(place: Path, after_s: float) -> str:
     place.mkdir(parents=True)
     run_guarded(lambda: _record(place / 'bag'), after_s)
     killed_ns = time.time_ns()
-    left = leftovers(place)
+    left = abandoned_scratch_folders(place)
     if not left:
         return 'nothing was left'
     if wrong := _unrepaired(place):

@@ -27,10 +27,10 @@ from hoid_common.values import BoolArray, Detections
 from hoid_detector.config import DetectorConfig
 from hoid_detector.model.model_path import find_model
 from hoid_detector.onnx_detector import OnnxDetector
-from hoid_filter.config import STRATEGIES, FilterConfig, PlusConfig
-from hoid_filter.detections.aligned_detections import FilterInput, Verdict
+from hoid_filter.config import FilterConfig, PlusConfig
 from hoid_filter.extraction.extractor import OrbExtractor
-from hoid_filter.rules.registry import make_strategy
+from hoid_filter.strategy import FilterInput, Verdict, make_strategy
+from hoid_filter.strategy_registry import STRATEGIES
 from hoid_synth.config import SceneConfig
 
 _EDGE_PX = 5  # corners this near to what moves see both: they count for nothing
@@ -179,7 +179,7 @@ def judge_masks(
     tallies = {name: Tally() for name in configs}
     for view, moving, static in _views(case, store):
         num_corners = len(view.corner_pixels)
-        kept = [_kept(strategy.judge(view), num_corners) for strategy in strategies.values()]
+        kept = [_kept(strategy.classify(view), num_corners) for strategy in strategies.values()]
         for tally, (keep, seed) in zip(tallies.values(), kept, strict=True):
             tally.add(moving, static, keep, seed)
             tally.frames_that_differ += not np.array_equal((keep, seed), kept[0])

@@ -16,8 +16,8 @@ from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import BoolArray, CameraModel
 from hoid_filter.config import ExtractionConfig, MotionConfig
 from hoid_filter.extraction.extractor import OrbExtractor
-from hoid_filter.motion.moving_regions import MotionSense
-from hoid_filter.motion.small_view import MotionView
+from hoid_filter.motion.downscaled_view import MotionView
+from hoid_filter.motion.moving_regions import MotionDetector
 
 _OUTLINES = Path(__file__).with_name('pairs.yaml')
 _CAMERA = CameraModel(640, 480, 527.0, 533.0, 319.5, 239.5)
@@ -70,12 +70,15 @@ def judge_pair(
         played: How they are shown; the second image comes last.
     """
     views = [_view(folder, k) for k in (0, 1)]
-    sense = MotionSense(MotionConfig())
+    motion = MotionDetector(MotionConfig())
     for i, k in enumerate(played.order):
-        sense.sense(views[k]._replace(stamp_ns=round(i * played.period_s * 1e9)))
+        motion.detect(views[k]._replace(stamp_ns=round(i * played.period_s * 1e9)))
     last = views[1].depth_m
     everywhere = np.arange(last.size)
-    found = sense.at(round(len(played.order) * 1e9)).label_at(everywhere).reshape(last.shape) > 0
+    found = (
+        motion.regions_at(round(len(played.order) * 1e9)).label_at(everywhere).reshape(last.shape)
+        > 0
+    )
     moving, resting = (part & (last > 0) for part in _parts(outlines))
     return float(found[moving].mean()), float(found[resting].mean())
 

@@ -71,8 +71,8 @@ def map_room(
                 onlooker.fuse(request, frame, filtered.objects)
         if publish.take_due(frame.stamp_ns):
             scene.grid(scene.cloud())  # finds the floor, on which people stand
-    session.map.finish()
+    session.slam.map.finish()
     session.close()
-    scene.settle(session.all_keyframes())
+    scene.settle(session.robot_map.keyframes())
     cloud = scene.cloud()
     return MappedRoom(cloud, scene.grid(cloud), tracks)

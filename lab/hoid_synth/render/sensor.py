@@ -37,7 +37,7 @@ def motion_blurred(image: Float32Array, flow_px: Float32Array) -> Float32Array:
 def colour_image(
     image: Float32Array, flow_px: Float32Array, config: SceneConfig, rng: Rng
 ) -> ByteArray:
-    """Return the colour image (H, W, 3) as read out: lens and motion blur, shot and read noise."""
+    """Return the color image (H, W, 3) as read out: lens and motion blur, shot and read noise."""
     soft = cv2.GaussianBlur(image, (0, 0), max(_LENS_SIGMA_PX * config.scale, 0.3))
     out = motion_blurred(np.asarray(soft, np.float32), flow_px)
     out = np.clip(out, 0, 255)

@@ -17,9 +17,9 @@ from pathlib import Path
 from types import ModuleType
 
 from hoid_common.errors import HoidError, InputError
-from hoid_common.io.files import leftovers
-from hoid_common.io.untrusted import check_name
-from hoid_common.process.signals import end_as_by_interrupt, uninterrupted
+from hoid_common.io.files import abandoned_scratch_folders
+from hoid_common.io.untrusted import check_path_name
+from hoid_common.process.signals import interrupt_on_termination, termination_signals_blocked
 
 _OK, _FAILED, _INTERRUPTED = 0, 1, 130
 _NO_NAMES = ('set',)  # options whose text is of any length
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its status: 1 for an error said in one line, 2 for usage."""
     for variable in _THREAD_VARIABLES:  # small matrices: more threads only cost
         os.environ.setdefault(variable, '1')
-    end_as_by_interrupt()
+    interrupt_on_termination()
     argv = list(sys.argv[1:] if argv is None else argv)
     chosen = next((word for word in argv if not word.startswith('-')), '')
     try:
@@ -100,17 +100,17 @@ def _check_names(args: argparse.Namespace) -> None:
         what = option.replace('_', '-')
         for item in value if isinstance(value, list) else [value]:
             if isinstance(item, Path):
-                check_name(str(item), what)
-                check_name(os.path.realpath(item), what)
+                check_path_name(str(item), what)
+                check_path_name(os.path.realpath(item), what)
             elif isinstance(item, str) and item and option not in _NO_NAMES:
-                check_name(item, what)
+                check_path_name(item, what)
 
 
 def _leftovers(args: argparse.Namespace) -> Iterator[str]:
     """Yield what is said of hidden folders that killed commands left beside the files named."""
     paths = {value for value in vars(args).values() if isinstance(value, Path)}
     for folder in sorted({path.parent for path in paths} | {p for p in paths if p.is_dir()}):
-        for left in leftovers(folder):
+        for left in abandoned_scratch_folders(folder):
             if left not in paths and any(left.glob('*/*.mcap')):
                 yield f'{left}: left by a killed recording; "hoid info --repair" makes a bag of it'
             elif left not in paths:
@@ -140,7 +140,7 @@ def add_arguments(command: str, parser: argparse.ArgumentParser) -> None:
 def _module(command: str) -> ModuleType:
     """Import a command's code; raise InputError where a package that it needs is missing."""
     try:
-        with uninterrupted():  # an import may swallow it
+        with termination_signals_blocked():  # an import may swallow it
             return import_module(COMMANDS[command].module)
     except ModuleNotFoundError as error:
         raise InputError(

@@ -23,7 +23,7 @@ from hoid_bringup.run.options import (
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.run.summary import Summary
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.files import unwritable
+from hoid_common.io.files import write_error
 from hoid_common.io.trajectory_io import read_tum
 
 
@@ -104,7 +104,7 @@ def evaluate_command(args: argparse.Namespace) -> None:
         try:
             args.json.write_text(json.dumps(asdict(result), indent=2) + '\n', encoding='utf-8')
         except OSError as error:
-            raise unwritable(args.json, error) from error
+            raise write_error(args.json, error) from error
 
 
 def _runnable(args: argparse.Namespace) -> RunConfig:

@@ -29,7 +29,8 @@ from hoid_common.ros.launch_files import (
     switch,
     value,
 )
-from hoid_filter.config import STRATEGIES, FilterConfig
+from hoid_filter.config import FilterConfig
+from hoid_filter.strategy_registry import STRATEGIES
 from launch import LaunchContext, LaunchDescription
 
 RVIZ = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'rviz', 'hoid.rviz'])

@@ -18,7 +18,7 @@ from hoid_common.config import Param
 PAGE = Path(__file__).parents[3] / 'docs' / 'reference' / 'parameters.md'
 MOST_OF_A_USER = 12
 UNIT = re.compile(
-    r'\((s|m|m/s|Hz|pixels|degrees|degrees/s|bits|grey levels)\)|\bshare\b|\bnumber\b',
+    r'\((s|m|m/s|Hz|pixels|degrees|degrees/s|bits|gray levels)\)|\bshare\b|\bnumber\b',
     re.IGNORECASE,
 )
 LEAVES = [

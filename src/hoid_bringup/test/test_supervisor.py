@@ -11,7 +11,7 @@ import pytest
 
 from hoid_bringup.live.supervisor import ProcessExit, ProcessSpec, Supervisor
 from hoid_common.errors import InputError
-from hoid_common.process.entry import REFUSED
+from hoid_common.process.entry import EXIT_CONFIG
 
 STUBBORN = (
     'import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN);'
@@ -85,7 +85,7 @@ def test_a_child_is_started_again_at_once_unless_it_has_just_been_started() -> N
 
 
 def test_a_child_that_refuses_to_start_is_not_restarted(tmp_path: Path) -> None:
-    spec = python('proud', f'print("no", flush=True); raise SystemExit({REFUSED})')
+    spec = python('proud', f'print("no", flush=True); raise SystemExit({EXIT_CONFIG})')
     with Supervisor([spec], restart=True, restart_period_s=0.0, log_dir=tmp_path) as group:
         exits: list[ProcessExit] = []
         while not exits:

@@ -1,1 +1,1 @@
-"""What two or more packages of the suite share: values, geometry, configuration and errors."""
+"""What several packages of the suite share: values, geometry, configuration, files, ROS."""

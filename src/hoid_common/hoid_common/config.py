@@ -1,10 +1,10 @@
-"""Configuration as frozen dataclasses: the one place of each default, description and range.
+"""Configuration as frozen dataclasses, which declare the default, text and range of each field.
 
-A stage's dataclass derives from `Config` and declares each field with `param(...)`, or with
-`section(...)` where it is a config itself: nested names are dotted (`extraction.num_features`),
-the same in Python, YAML and ROS.
+The configuration of a stage derives from `Config`. It declares each parameter with `param(...)`
+and each nested configuration with `section(...)`. The name of a nested parameter is dotted
+(`extraction.num_features`) and the same in Python, YAML and ROS.
 
-Constants of a method that nobody needs to set stand beside its parameters as class variables.
+Constants that no user needs to set are class variables beside the parameters.
 """
 
 from __future__ import annotations
@@ -19,27 +19,28 @@ from hoid_common.errors import ConfigError
 C = TypeVar('C', bound='Config')
 
 EXPERT = 'expert'
-"""The switch of a node that declares its expert parameters."""
+"""Name of the boolean parameter with which a node declares its expert parameters."""
 
-_SPEC, _EXPERT_SECTION = 'hoid_param', 'hoid_expert'
-_ALIKE = 0.8  # of difflib's ratios: a letter or two
-_MOST_MEANT = 3  # names that are offered for an unknown one
+_SPEC, _EXPERT_SECTION = 'hoid_param', 'hoid_expert'  # keys of a dataclass field's metadata
+# Chosen: difflib's similarity ratio above which a name is suggested; one or two letters differ.
+_MIN_SIMILARITY = 0.8
+_MAX_SUGGESTIONS = 3
 
 
 @dataclass(frozen=True)
 class ParamSpec:
-    """What is said about a parameter beside its type and default."""
+    """Description and constraints of a parameter; its type and default are the field's."""
 
-    description: str  # whole sentences, with the unit of a number
-    minimum: float | None = None
-    maximum: float | None = None
-    choices: tuple[str, ...] = ()
-    read_only: bool = True
-    expert: bool = False  # a node declares it only when it is started with `expert:=true`
+    description: str  # full sentences, with the unit of a number
+    minimum: float | None = None  # inclusive
+    maximum: float | None = None  # inclusive
+    choices: tuple[str, ...] = ()  # the only values of a string; empty = any
+    read_only: bool = True  # whether it cannot change while the node runs
+    expert: bool = False  # whether a node declares it only with `expert:=true`
 
 
 class Param(NamedTuple):
-    """One leaf of a configuration: its dotted name, value and spec."""
+    """One parameter of a configuration: its dotted name, its value and its specification."""
 
     name: str
     value: Any
@@ -56,31 +57,40 @@ def param(
     read_only: bool = True,
     expert: bool = False,
 ) -> Any:
-    """Declare a config field.
+    """Declare a parameter as a field of a `Config`.
 
     Args:
-        default: Its type is the field's: bool, int, float, str, or a tuple of strings.
-        description: For people, such as those who ask `ros2 param describe`: sentences that say
-            what it does, the unit, and of a user parameter when to change it.
-        minimum: Least value of a number.
-        maximum: Greatest value of a number.
+        default: A bool, int, float, str or tuple of strings; values must have the same type.
+        description: Text of `ros2 param describe` and of the reference page: what the parameter
+            does, its unit and, for a user parameter, when to change it.
+        minimum: Least value of a number, inclusive.
+        maximum: Greatest value of a number, inclusive.
         choices: The only values of a string.
-        read_only: False lets it change at run time.
-        expert: It is for those who know the method, and hidden from others.
+        read_only: False lets the parameter change at run time.
+        expert: True hides it from users who do not know the method.
     """
     spec = ParamSpec(description, minimum, maximum, choices, read_only, expert)
     return field(default=default, metadata={_SPEC: spec})
 
 
 def section(config: type[C], *, expert: bool = False) -> C:
-    """Declare a nested config; all parameters of an expert one are for experts."""
+    """Declare a nested configuration as a field of a `Config`.
+
+    Args:
+        config: Class of the nested configuration.
+        expert: True makes all its parameters expert parameters.
+    """
     nested: C = field(default_factory=config, metadata={_EXPERT_SECTION: expert})
     return nested
 
 
 @dataclass(frozen=True)
 class Config:
-    """Base of all configs: checks every value against its range on construction."""
+    """Base of all configurations. The constructor checks the type and range of every value.
+
+    Raises:
+        ConfigError: A value has another type than its default, or is out of range.
+    """
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -90,7 +100,11 @@ class Config:
                 object.__setattr__(self, f.name, checked)
 
     def params(self, prefix: str = '') -> Iterator[Param]:
-        """Yield every leaf in order of declaration."""
+        """Yield every parameter, nested ones included, in order of declaration.
+
+        Args:
+            prefix: Put before each name.
+        """
         for f in fields(self):
             value = getattr(self, f.name)
             if is_dataclass(value):
@@ -101,16 +115,17 @@ class Config:
                 yield Param(f'{prefix}{f.name}', value, f.metadata[_SPEC])
 
     def updated(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy with the values of dotted names replaced.
+        """Return a copy in which the parameters with these dotted names have these values.
 
         Raises:
-            ConfigError: A name is unknown, or a value of another type or out of range.
+            ConfigError: A name is unknown, or a value has the wrong type or is out of range.
         """
         known = {leaf.name: leaf for leaf in self.params()}
         for name, value in values.items():
             if name not in known:
                 raise ConfigError(f'no parameter is called "{name}"{did_you_mean(name, known)}')
-            _checked(name, value, known[name].value, known[name].spec)  # by its whole name
+            # Checked here as well as in the constructor, so that the error has the dotted name.
+            _checked(name, value, known[name].value, known[name].spec)
         return _replaced(self, values)
 
 
@@ -133,17 +148,17 @@ def _replaced(config: C, values: Mapping[str, Any]) -> C:
 
 
 def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
-    """Return a value of the type of another and within its range.
+    """Return the value, converted to the type of `like` where that loses nothing.
 
     Raises:
-        ConfigError: It is of another type or out of range; the name is said as given.
+        ConfigError: It has another type or is out of range. The error begins with `name`.
     """
     if type(value) is int and isinstance(like, float):
-        value = float(value)  # `3` in a YAML file
+        value = float(value)  # YAML reads `3` as an int
     if value == ('',):
-        value = ()  # ROS knows no empty list of strings
+        value = ()  # ROS cannot represent an empty list of strings
     if not isinstance(value, type(like)) or isinstance(value, bool) != isinstance(like, bool):
-        kind = 'list' if isinstance(like, tuple) else type(like).__name__  # as in a YAML file
+        kind = 'list' if isinstance(like, tuple) else type(like).__name__  # YAML's name
         raise ConfigError(f'{name} must be {kind}, got {value!r}')
     if isinstance(value, tuple) and not all(isinstance(item, str) for item in value):
         raise ConfigError(f'{name} must be a list of strings, got {list(value)}')
@@ -168,8 +183,8 @@ def _range(spec: ParamSpec) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return which known names an unknown one may stand for, as the end of a complaint."""
+    """Return '; did you mean ...?' with the known names similar to an unknown one, or ''."""
     names = list(known)
     parts = [n for n in names if n.endswith(f'.{name}') or n.startswith(f'{name}.')]
-    likely = parts or get_close_matches(name, names, cutoff=_ALIKE)
-    return f'; did you mean {", ".join(likely[:_MOST_MEANT])}?' if likely else ''
+    likely = parts or get_close_matches(name, names, cutoff=_MIN_SIMILARITY)
+    return f'; did you mean {", ".join(likely[:_MAX_SUGGESTIONS])}?' if likely else ''

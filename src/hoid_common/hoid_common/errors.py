@@ -1,19 +1,22 @@
-"""The suite's errors: one line each, naming what is at fault and what to do about it."""
+"""Exceptions of the suite. Their text is one line: what is wrong, where, and what to do."""
 
-_HEAD, _TAIL = 600, 300  # characters of a longer one
+# Characters kept of the beginning and the end of a longer text. Chosen: ten lines of a terminal.
+_HEAD_CHARS, _TAIL_CHARS = 600, 300
 
 
 class HoidError(Exception):
-    """Base of all errors that a user can cause and mend.
+    """Base of all errors that a user can cause and correct.
 
-    Whatever files or messages it repeats, it is a line that a terminal can show.
+    Its text is printable and of limited length, even when it quotes a hostile file or message.
     """
 
     def __str__(self) -> str:
         text = super().__str__()
-        if len(text) <= _HEAD + _TAIL:
+        if len(text) <= _HEAD_CHARS + _TAIL_CHARS:
             return _printable(text)
-        return f'{_printable(text[:_HEAD])[:_HEAD]} ... {_printable(text[-_TAIL:])[-_TAIL:]}'
+        head = _printable(text[:_HEAD_CHARS])[:_HEAD_CHARS]
+        tail = _printable(text[-_TAIL_CHARS:])[-_TAIL_CHARS:]
+        return f'{head} ... {tail}'
 
 
 def _printable(text: str) -> str:
@@ -25,11 +28,11 @@ class InputError(HoidError):
 
 
 class ConfigError(HoidError):
-    """A parameter or option has an unusable value."""
+    """A parameter or command-line option has a value that cannot be used."""
 
 
 class MessageError(HoidError):
-    """A message contradicts itself or the camera (array lengths, encodings, sizes)."""
+    """A message is inconsistent in itself or with the camera: array lengths, encoding, size."""
 
 
 class ModelError(HoidError):
@@ -37,8 +40,8 @@ class ModelError(HoidError):
 
 
 class NoModelError(ModelError):
-    """No detector model is here, and none was asked for; motion tells what moves without one."""
+    """No detector model is installed and none was named; the strategy `motion` needs none."""
 
 
 class MapFileError(HoidError):
-    """A map file is truncated, foreign, hostile or of another version."""
+    """A map file is truncated, corrupt, of another format or of another version."""

@@ -1,4 +1,7 @@
-"""Poses that come one by one, asked for at times between them."""
+"""Interpolation between timestamped poses, such as those of wheel odometry.
+
+tf2's buffer does the same where ROS is installed; the wheels of rclpy come without tf2.
+"""
 
 from __future__ import annotations
 
@@ -8,37 +11,38 @@ from collections import deque
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, FloatArray
 
-_KEPT_NS = 10 * NS_PER_S
-_AHEAD_NS = NS_PER_S // 5  # to which the last motion is taken to go on
+_KEPT_NS = 10 * NS_PER_S  # the duration that tf2's buffer keeps by default
+# Chosen, not tuned: an image may arrive before the odometry message that follows its stamp.
+_MAX_EXTRAPOLATION_NS = NS_PER_S // 5
 
 
 class PoseBuffer:
-    """Keeps the poses of the last ten seconds, in the order of their stamps."""
+    """The poses of one frame in another over the last ten seconds, in order of their stamps."""
 
     def __init__(self) -> None:
         self._poses: deque[tuple[int, FloatArray]] = deque()  # stamp, T (4, 4)
 
     def add(self, stamp_ns: int, T: FloatArray) -> None:
-        """Take a pose in; one that is not newer than the newest starts anew."""
+        """Append a pose T (4, 4). A stamp older than the newest one clears the buffer first."""
         if self._poses and stamp_ns <= self._poses[-1][0]:
-            if stamp_ns == self._poses[-1][0]:  # said twice
+            if stamp_ns == self._poses[-1][0]:  # a repeated message
                 return
-            self._poses.clear()  # the clock was set back
+            self._poses.clear()  # the clock was set back, as when a bag is played again
         self._poses.append((stamp_ns, T))
         while self._poses[0][0] < stamp_ns - _KEPT_NS:
             self._poses.popleft()
 
     def at(self, stamp_ns: int) -> FloatArray | None:
-        """Return T (4, 4) between the two poses around a time, at even speed.
+        """Return the pose T (4, 4) at a time, or None when the buffer does not cover it.
 
-        For a fifth of a second beyond the newest, the last motion goes on; None where nothing is
-        known.
+        Between two poses the motion is interpolated with constant twist. Up to 0.2 s after the
+        newest pose the last motion is extrapolated.
         """
         after = bisect_left(self._poses, stamp_ns, key=lambda pose: pose[0])
         if after < len(self._poses) and self._poses[after][0] == stamp_ns:
             return self._poses[after][1]
         if after == len(self._poses):
-            if not self._poses or stamp_ns - self._poses[-1][0] > _AHEAD_NS:
+            if not self._poses or stamp_ns - self._poses[-1][0] > _MAX_EXTRAPOLATION_NS:
                 return None
             after -= 1
         if after == 0:

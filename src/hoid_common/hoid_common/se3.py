@@ -1,6 +1,12 @@
-"""Rigid transforms as (..., 4, 4) arrays; twists are (..., 6), rotation (rad) first, then m.
+"""The group SE(3) of rigid transforms, on arrays of float64.
 
-Formulas: Barfoot, State Estimation for Robotics, ch. 7; all functions take whole arrays.
+A transform is a (4, 4) homogeneous matrix `T_a_b`, which maps points of frame b to frame a; its
+translation is in m. A twist is a (6,) vector of the tangent space: rotation vector in rad first,
+then translation in m, as in GTSAM's `Pose3`. Quaternions are (4,) in the order x, y, z, w, as in
+ROS. Functions that name (..., 4, 4) work on stacks of any number of leading axes.
+
+The formulas are those of Barfoot, "State Estimation for Robotics" (2017), chapter 7. No function
+checks its input: a matrix that is no rigid transform gives a meaningless result, not an error.
 """
 
 from __future__ import annotations
@@ -9,13 +15,16 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 
-_SMALL_ANGLE_RAD = 1e-4  # series of two terms are exact below
-_NO_ANGLE_RAD = 1e-12  # below, an axis counts as turned by this: quotients stay finite
+# Below this angle the second-order Taylor series replaces the closed form. The first omitted term
+# is angle**4 / 120 < 1e-18, which is less than the resolution of float64 (2e-16).
+_SMALL_ANGLE_RAD = 1e-4
+# Least sine of half the rotation angle in `log`: keeps the quotients finite at the identity.
+_MIN_HALF_ANGLE_SINE = 1e-12
 _XYZ = np.arange(3)
 
 
 def hat(w: FloatArray) -> FloatArray:
-    """Return the (..., 3, 3) skew matrices of (..., 3) vectors, for which W @ x = cross(w, x)."""
+    """Return the skew-symmetric matrices W (..., 3, 3) of vectors w: W @ x = cross(w, x)."""
     out = np.zeros((*w.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
     out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = w[..., 2], -w[..., 1], w[..., 0]
@@ -23,7 +32,11 @@ def hat(w: FloatArray) -> FloatArray:
 
 
 def exp(twist: FloatArray) -> FloatArray:
-    """Return the transforms (..., 4, 4) of twists (..., 6): rotation vector, then translation."""
+    """Return the transforms (..., 4, 4) of twists (..., 6): the exponential map of SE(3).
+
+    Args:
+        twist: Rotation vector in rad, then translation in m.
+    """
     w, v = twist[..., :3], twist[..., 3:]
     angle = np.linalg.norm(w, axis=-1)[..., None, None]
     small = angle < _SMALL_ANGLE_RAD
@@ -41,21 +54,26 @@ def exp(twist: FloatArray) -> FloatArray:
 
 
 def log(T: FloatArray) -> FloatArray:
-    """Return the twists (..., 6) of transforms (..., 4, 4); the rotation angle is in [0, pi]."""
+    """Return the twists (..., 6) of transforms (..., 4, 4): the logarithm map of SE(3).
+
+    Returns:
+        Rotation vector in rad, whose length is in [0, pi], then translation in m.
+    """
     quat = quat_xyzw_from_rotation(T[..., :3, :3])
     quat *= np.copysign(1.0, quat[..., 3:])
     axis, cosine = quat[..., :3], quat[..., 3:]
-    sine = np.maximum(np.sqrt(np.vecdot(axis, axis)), _NO_ANGLE_RAD)[..., None]
+    sine = np.maximum(np.sqrt(np.vecdot(axis, axis)), _MIN_HALF_ANGLE_SINE)[..., None]
     half = np.arctan2(sine, cosine)
     w = 2 * half / sine * axis
-    k = (1 - half * cosine / sine) / (2 * half) ** 2  # its error does not matter: W @ W is small
+    # Near the identity k suffers from cancellation, but it multiplies W @ W, which is tiny there.
+    k = (1 - half * cosine / sine) / (2 * half) ** 2
     W = hat(w)
     V_inv = np.eye(3) - 0.5 * W + k[..., None] * (W @ W)
     return np.concatenate([w, (V_inv @ T[..., :3, 3:])[..., 0]], axis=-1)
 
 
 def inverse(T: FloatArray) -> FloatArray:
-    """Return the inverse transforms of (..., 4, 4)."""
+    """Return the inverse transforms T_b_a (..., 4, 4) of T_a_b (..., 4, 4)."""
     out = np.zeros(T.shape)
     R_t = T[..., :3, :3].swapaxes(-1, -2)
     out[..., :3, :3] = R_t
@@ -65,7 +83,11 @@ def inverse(T: FloatArray) -> FloatArray:
 
 
 def adjoint(T_a_b: FloatArray) -> FloatArray:
-    """Return (6, 6) that turns small motions, rotation first, of frame b into those of frame a."""
+    """Return the adjoint matrix (6, 6) of T_a_b (4, 4).
+
+    It maps a twist expressed in frame b to the same twist expressed in frame a:
+    exp(adjoint(T) @ x) = T @ exp(x) @ inverse(T).
+    """
     R = T_a_b[:3, :3]
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = R
@@ -74,12 +96,16 @@ def adjoint(T_a_b: FloatArray) -> FloatArray:
 
 
 def transform(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
-    """Return (N, 3) points of frame b in frame a."""
+    """Return the coordinates (N, 3) in frame a of points (N, 3) given in frame b, in m."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 
 def orthonormalized(T: FloatArray) -> FloatArray:
-    """Return (4, 4) with the rotation projected to SO(3); chained products drift without it."""
+    """Return T (4, 4) with its rotation replaced by the nearest one in SO(3).
+
+    Rounding errors make a chain of products drift away from SO(3); this removes the drift. The
+    nearest rotation in the Frobenius norm is U diag(1, 1, det(U V^T)) V^T (Kabsch, 1976).
+    """
     u, _, vt = np.linalg.svd(T[:3, :3])
     out = T.copy()
     out[:3, :3] = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
@@ -87,11 +113,15 @@ def orthonormalized(T: FloatArray) -> FloatArray:
 
 
 def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
-    """Return unit quaternions (..., 4), x y z w, of rotations (..., 3, 3) (Shepperd's method)."""
+    """Return the unit quaternions (..., 4), in the order x y z w, of rotations (..., 3, 3).
+
+    Shepperd's method (1978) divides by the largest of the four components, which keeps its
+    precision for every rotation.
+    """
     transposed = R.swapaxes(-1, -2)
     diagonal = R[..., _XYZ, _XYZ]
     trace = diagonal.sum(-1, keepdims=True)
-    # Row i is the quaternion times four times its component i; the largest one divides best.
+    # Row i is the quaternion multiplied by 4 q_i; the row of the largest q_i is the most precise.
     rows = np.empty((*R.shape[:-2], 4, 4))
     rows[..., :3, :3] = R + transposed
     rows[..., _XYZ, _XYZ] = 1 + 2 * diagonal - trace
@@ -103,14 +133,23 @@ def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
 
 
 def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
-    """Return rotations (..., 3, 3) of quaternions (..., 4) of any non-zero norm."""
+    """Return the rotations (..., 3, 3) of quaternions (..., 4), in the order x y z w.
+
+    Args:
+        quat_xyzw: Of any non-zero norm; they are normalized here.
+    """
     q = quat_xyzw / np.linalg.norm(quat_xyzw, axis=-1, keepdims=True)
     V = hat(q[..., :3])
     return np.asarray(np.eye(3) + 2 * q[..., 3, None, None] * V + 2 * (V @ V))
 
 
 def from_quat_translation(quat_xyzw: FloatArray, translation_m: FloatArray) -> FloatArray:
-    """Return transforms (..., 4, 4)."""
+    """Return the transforms (..., 4, 4) of quaternions (..., 4) and translations (..., 3) in m.
+
+    Args:
+        quat_xyzw: Order x y z w, of any non-zero norm.
+        translation_m: Origin of frame b in frame a.
+    """
     T = np.zeros((*quat_xyzw.shape[:-1], 4, 4))
     T[..., :3, :3] = rotation_from_quat_xyzw(quat_xyzw)
     T[..., :3, 3] = translation_m

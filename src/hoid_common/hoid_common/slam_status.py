@@ -1,4 +1,4 @@
-"""How the SLAM node is doing, as a value; the message is hoid_msgs/SlamStatus."""
+"""State of the SLAM after one image, as a value; its message is hoid_msgs/SlamStatus."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import Enum
 
 
 class SlamState(Enum):
-    """What is known of the pose; the values are those of hoid_msgs/SlamStatus."""
+    """State of tracking; the values are the constants of hoid_msgs/SlamStatus."""
 
     NOT_INITIALIZED = 0
     TRACKING = 1
@@ -17,7 +17,7 @@ class SlamState(Enum):
 
 
 class SlamMode(Enum):
-    """Whether the map grows; the values are those of hoid_msgs/SlamStatus."""
+    """Whether the map may change; the values are the constants of hoid_msgs/SlamStatus."""
 
     MAPPING = 0
     LOCALIZATION = 1
@@ -25,20 +25,24 @@ class SlamMode(Enum):
 
 @dataclass(frozen=True)
 class SlamStatus:
-    """One image's report; counts of frames, loops and recoveries are since the last reset."""
+    """State and counters of the SLAM after one image.
+
+    `loops`, `merges`, `relocalizations` and the numbers of frames count from the start or from the
+    last reset.
+    """
 
     state: SlamState
     mode: SlamMode = SlamMode.MAPPING
-    message: str = ''
-    tracked_points: int = 0
-    inliers: int = 0
-    keyframes: int = 0
-    map_points: int = 0
-    maps: int = 0
-    mapper_queue: int = 0
-    loops: int = 0
-    merges: int = 0
-    relocalizations: int = 0
+    message: str = ''  # reason for the state; empty when there is none to give
+    tracked_points: int = 0  # map points matched in this image
+    inliers: int = 0  # of these, the ones that agree with the pose
+    keyframes: int = 0  # in the main map
+    map_points: int = 0  # in the main map
+    maps: int = 0  # maps that are not merged yet
+    mapper_queue: int = 0  # keyframes that wait for the mapper
+    loops: int = 0  # closed loops
+    merges: int = 0  # merged maps
+    relocalizations: int = 0  # recoveries from LOST
     frames_processed: int = 0
-    frames_dropped: int = 0
-    stage_ms: Mapping[str, float] = field(default_factory=dict)
+    frames_dropped: int = 0  # missing images, estimated from gaps between stamps
+    stage_ms: Mapping[str, float] = field(default_factory=dict)  # duration by stage

@@ -1,4 +1,4 @@
-"""The static part of a robot's frame tree: where one frame sits on another."""
+"""The static part of a robot's frame tree, and transforms between any two of its frames."""
 
 from __future__ import annotations
 
@@ -10,34 +10,46 @@ from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.values import FloatArray
 
-_MAX_DEPTH = 64  # a longer chain is a loop
-_MAX_FRAMES = 1000  # who names more of them makes names up
+_MAX_DEPTH = 64  # chosen: no robot has longer chains, so that a longer one is a cycle
+# Chosen far above what a robot has. Without a limit, a publisher that changes the frame name in
+# every message would fill the memory.
+_MAX_FRAMES = 1000
 
 
-def check_number(what: str, name: str, number: int, limit: int) -> None:
-    """Raise MessageError when a limited number of frames has no place for one more."""
+def check_frame_limit(what: str, name: str, number: int, limit: int) -> None:
+    """Raise MessageError when `number` frames are stored already and `limit` is reached.
+
+    Args:
+        what: Kind of the frames, for the error.
+        name: Name of the frame that would be added.
+        number: Number of frames that are stored.
+        limit: Greatest number of frames.
+    """
     if number >= limit:
-        raise MessageError(f'{what}: "{name}" is one more than {limit}; does its name change?')
+        raise MessageError(
+            f'{what}: frame "{name}" exceeds the limit of {limit} frames; '
+            'check whether its publisher changes the frame name in every message'
+        )
 
 
 class StaticFrames:
-    """Collects edges and answers `T_a_b` for any two frames of one tree."""
+    """A tree of static transforms, from which the transform between any two frames is found."""
 
     def __init__(self) -> None:
         self._edges: dict[str, tuple[str, FloatArray]] = {}  # child: parent, T_parent_child
 
     def add(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Take an edge in; the latest for a child counts.
+        """Add the transform T_parent_child (4, 4), or replace the one that the child has.
 
         Raises:
-            MessageError: It is one more than a robot has.
+            MessageError: There are too many frames.
         """
         if child not in self._edges:
-            check_number('static frames', child, len(self._edges), _MAX_FRAMES)
+            check_frame_limit('static frames', child, len(self._edges), _MAX_FRAMES)
         self._edges[child] = parent, T_parent_child
 
     def with_edges(self, edges: Iterable[tuple[str, str, FloatArray]]) -> StaticFrames:
-        """Return a tree with edges (parent, child, T_parent_child) that hold now as well."""
+        """Return a copy of the tree with further edges (parent, child, T_parent_child)."""
         tree = StaticFrames()
         tree._edges = dict(self._edges)
         for edge in edges:
@@ -45,7 +57,7 @@ class StaticFrames:
         return tree
 
     def find(self, a: str, b: str) -> FloatArray | None:
-        """Return T_a_b (4, 4), or None when no chain of known edges joins the two."""
+        """Return T_a_b (4, 4), or None when the tree does not connect the two frames."""
         to_root_of_a = dict(self._ancestors(a))
         for frame, T_frame_b in self._ancestors(b):
             if frame in to_root_of_a:
@@ -53,7 +65,7 @@ class StaticFrames:
         return None
 
     def _ancestors(self, frame: str) -> Iterator[tuple[str, FloatArray]]:
-        """Yield the frame and all above it, each with T_ancestor_frame."""
+        """Yield the frame and its ancestors up to the root, each with T_ancestor_frame."""
         T = np.eye(4)
         for _ in range(_MAX_DEPTH):
             yield frame, T

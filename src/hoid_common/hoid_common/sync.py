@@ -1,4 +1,8 @@
-"""Put together what belongs to one instant: items of several streams, matched by their stamps."""
+"""Synchronization of several message streams by their stamps, as message_filters does in ROS.
+
+Unlike message_filters' `ApproximateTime`, a match is emitted as soon as no better one can follow,
+without waiting for the next message. message_filters is also missing from the wheels of rclpy.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-# A stamp this much older than the last one means that time started anew: a bag that loops, a clock
-# that was set.
+# Chosen: a stamp that is older than its predecessor by this much means that time started anew, as
+# when a bag is played in a loop or a clock is set. Messages in flight are never reordered by 1 s.
 RESTART_NS = 1_000_000_000
 
 
@@ -17,43 +21,44 @@ class _Item(NamedTuple):
     value: Any
 
 
-# Answers in place of a partner.
-_WAIT = _Item(-1, 'wait')
-_NEVER = _Item(-1, 'never')
-_ABSENT = _Item(-1, 'absent')
+# Returned by `_partner` instead of an item:
+_WAIT = _Item(-1, 'wait')  # a better partner may still arrive
+_NEVER = _Item(-1, 'never')  # no partner can arrive any more
+_ABSENT = _Item(-1, 'absent')  # the same, and the stream is optional
 
 
 class Match(NamedTuple):
-    """Items of one instant."""
+    """Items of all streams that belong to one instant."""
 
     stamp_ns: int  # of the reference stream's item
-    values: tuple[Any, ...]  # in the order of the streams; None where an optional one had nothing
+    values: tuple[Any, ...]  # in the order of the streams; None where an optional one has no item
 
 
 @dataclass
 class StreamCounts:
-    """What became of a stream's items."""
+    """Numbers of a stream's items by what happened to them."""
 
     matched: int = 0
-    unmatched: int = 0  # nothing fitting came on another stream
-    overflowed: int = 0  # pushed out of a full queue
-    late: int = 0  # older than what the stream gave before
+    unmatched: int = 0  # dropped, since another stream has no item within the slop
+    overflowed: int = 0  # dropped from a full queue
+    late: int = 0  # dropped, since it is not newer than the stream's previous item
 
 
 class StampMatcher:
-    """Match each item of the first stream with the nearest in time of every other.
+    """Matches each item of the reference stream with the nearest in time of every other stream.
 
-    An item is decided on as soon as no nearer one can come, given the spacing of the stream's
-    stamps; so nothing waits for the next image when this one fits. Decisions depend on stamps and
-    order of arrival only.
+    A match is complete as soon as no nearer partner can arrive, which follows from the shortest
+    period seen of each stream. The result depends only on the stamps and on the order of arrival.
 
     Args:
-        names: the streams; the first is the reference, each item of which gives at most one match.
-        slop_ns: largest difference of stamps within a match.
-        capacity: items kept waiting per stream; the oldest is dropped and counted.
-        optional: streams that need not take part: their place in the match is None once a later
-            item of theirs shows that there is none, or once the reference is `patience_ns`
-            further.
+        names: Names of the streams. The first one is the reference: each of its items takes part
+            in at most one match.
+        slop_ns: Largest difference of stamps within a match.
+        capacity: Number of items that wait per stream. When it is exceeded, the oldest one is
+            dropped and counted.
+        optional: Streams that may be missing from a match. Their value is None as soon as a later
+            item of theirs has arrived, or the reference has advanced by `patience_ns`.
+        patience_ns: Longest wait for an optional stream, by stamps of the reference.
     """
 
     def __init__(
@@ -76,13 +81,20 @@ class StampMatcher:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what waits and what was seen of the streams' spacing; counts stay."""
+        """Drop all waiting items and the measured periods; the counts stay."""
         self._queues = {name: deque() for name in self._names}
         self._newest_ns = {}
         self._period_ns = {}
 
     def add(self, name: str, stamp_ns: int, value: Any) -> list[Match]:
-        """Take an item in and return the matches that it completes, oldest first."""
+        """Add an item and return the matches that it completes, oldest first.
+
+        Args:
+            name: The item's stream.
+            stamp_ns: The item's stamp. One that is 1 s older than the previous one resets all
+                streams.
+            value: Returned in the match.
+        """
         newest_ns = self._newest_ns.get(name)
         if newest_ns is not None and stamp_ns <= newest_ns:
             if newest_ns - stamp_ns < RESTART_NS:
@@ -119,7 +131,7 @@ class StampMatcher:
         return matches
 
     def _partner(self, name: str, stamp_ns: int) -> _Item:
-        """Return the item to match, or _WAIT, _NEVER, or _ABSENT for an optional stream."""
+        """Return the stream's partner for the reference stamp, or _WAIT, _NEVER or _ABSENT."""
         near = min(
             self._queues[name], key=lambda item: abs(item.stamp_ns - stamp_ns), default=None
         )
@@ -136,12 +148,15 @@ class StampMatcher:
         if self._newest_ns[name] >= stamp_ns:
             return True
         if self._newest_ns[self._names[0]] - stamp_ns > self._slop_ns:
-            return True  # the stream has fallen silent or behind; this one fits
+            return True  # the stream is silent or delayed: do not wait for a nearer item
         next_ns = near.stamp_ns + self._period_ns.get(name, 0)
         return next_ns - stamp_ns >= stamp_ns - near.stamp_ns
 
     def _take(self, name: str, partner: _Item) -> Any:
-        """Remove the partner from its queue, and what is older, as that can match nothing more."""
+        """Remove the partner and all older items from its queue, and return its value.
+
+        The older ones can match nothing any more, since the reference only advances.
+        """
         if partner is _ABSENT:
             return None
         queue = self._queues[name]

@@ -1,9 +1,11 @@
-"""The values that stages hand to each other; `hoid_common.ros.conversions` has their messages.
+"""The value types that processing stages exchange: camera, frame, detections, features, verdicts.
 
-Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are `(u, v)`
-with the origin at the centre of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2, y2
-exclusive; stamps are integer nanoseconds. Index letters: i frame or keyframe, j map point, k
-feature.
+All are immutable dataclasses without ROS; `hoid_common.ros.conversions` converts them to and from
+messages. Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are
+`(u, v)` with the origin at the center of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2,
+y2 exclusive; stamps are integer nanoseconds since the epoch of the recording's clock. The optical
+frame of a camera has x to the right, y down, z forward (REP 103). Index letters: i frame or
+keyframe, j map point, k feature.
 """
 
 from __future__ import annotations
@@ -29,29 +31,42 @@ NAN = float('nan')
 NS_PER_S = 1_000_000_000
 S_PER_NS = 1e-9
 DESCRIPTOR_BYTES = 32
+"""Size of an ORB descriptor: 256 binary tests (Rublee et al., 2011)."""
 PERSON = 'person'
+"""Name of the class of people, as in COCO."""
 UNKNOWN = 'unknown'
-"""The class of what moves and was not detected."""
+"""Class name of a moving region that no detector has classified."""
 DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')
-"""Names in ROS of the lens models whose coefficients OpenCV takes: up to five, and eight."""
+"""The distortion models of sensor_msgs/CameraInfo that are supported: 5 and 8 coefficients."""
 
 MAX_PIXELS = 7680 * 4320
-"""Of an image: 8K, four times what any camera here gives; 100 MB as BGR."""
+"""Largest image that is accepted: 8K, four times the largest camera tested; 100 MB as BGR."""
 MAX_NAME_LENGTH = 100
-"""Of a class, in characters."""
+"""Longest class name that is accepted, in characters. Chosen: COCO's longest has 14."""
 
-_LENS_TERMS = 8
-_MAX_LENS_TERM = 1e4
-_FOCAL_PER_SIDE = (0.05, 100.0)  # of the longer side: views of 169 and of 0.6 degrees
+_NUM_COEFFICIENTS = 8  # of OpenCV's rational model: k1, k2, p1, p2, k3, k4, k5, k6
+_MAX_COEFFICIENT = 1e4  # chosen to refuse only garbage; not tuned
+# Least and greatest focal length, as a ratio to the longer image side: fields of view of 169 and
+# 0.6 degrees. Chosen wider than any pinhole camera, to refuse only garbage.
+_FOCAL_PER_SIDE = (0.05, 100.0)
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A pinhole camera with a lens of sensor_msgs/CameraInfo's plumb-bob or rational model.
+    """Intrinsics of a pinhole camera with plumb-bob or rational lens distortion.
 
     Args:
-        distortion: k1, k2, p1, p2, k3, k4, k5, k6 (OpenCV order) or the first few of them; empty
-            or all zero for a rectified camera.
+        width_px: Image width.
+        height_px: Image height.
+        fx_px: Focal length along the image rows.
+        fy_px: Focal length along the image columns.
+        cx_px: Principal point, from the center of the left-most column.
+        cy_px: Principal point, from the center of the top-most row.
+        distortion: The first up to eight of k1, k2, p1, p2, k3, k4, k5, k6 (OpenCV's order);
+            empty or all zero for a rectified camera.
+
+    Raises:
+        ConfigError: A value is outside what a real camera can have, or is not finite.
     """
 
     width_px: int
@@ -76,57 +91,66 @@ class CameraModel:
             )
         if not (-width <= self.cx_px <= 2 * width and -height <= self.cy_px <= 2 * height):
             raise ConfigError(
-                f'camera centre must be near the image of {width}x{height} px, '
+                f'camera center must be near the image of {width}x{height} px, '
                 f'got cx={self.cx_px} cy={self.cy_px}'
             )
-        if not (np.abs(self.distortion) <= _MAX_LENS_TERM).all() or any(
-            self.distortion[_LENS_TERMS:]
+        if not (np.abs(self.distortion) <= _MAX_COEFFICIENT).all() or any(
+            self.distortion[_NUM_COEFFICIENTS:]
         ):
             raise ConfigError(
-                f'camera distortion must be up to {_LENS_TERMS} numbers, k1 k2 p1 p2 k3 k4 k5 k6, '
-                f'got {list(self.distortion)}'
+                f'camera distortion must be up to {_NUM_COEFFICIENTS} numbers, '
+                f'k1 k2 p1 p2 k3 k4 k5 k6, got {list(self.distortion)}'
             )
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Return width, height."""
+        """Return the image's width and height in pixels."""
         return self.width_px, self.height_px
 
     @property
     def distortion_model(self) -> str:
-        """Return the lens model's name in ROS, by the number of its coefficients."""
+        """Return the name that sensor_msgs/CameraInfo has for the distortion model."""
         return DISTORTION_MODELS[len(self.distortion) > 5]
 
     @cached_property
     def matrix(self) -> FloatArray:
-        """Return K, (3, 3)."""
+        """Return the intrinsic matrix K (3, 3), in pixels."""
         return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1.0]])
 
     @cached_property
-    def _lens(self) -> FloatArray:
-        """Return all (8,) coefficients."""
-        return np.array((*self.distortion, *(0.0,) * _LENS_TERMS)[:_LENS_TERMS])
+    def _coefficients(self) -> FloatArray:
+        """Return all (8,) distortion coefficients, padded with zeros."""
+        return np.array((*self.distortion, *(0.0,) * _NUM_COEFFICIENTS)[:_NUM_COEFFICIENTS])
 
     def undistort_px(self, uv_px: Float32Array) -> Float32Array:
-        """Return the (N, 2) pixels where a camera with this K and no distortion sees them."""
+        """Return the undistorted pixels (N, 2) of imaged pixels (N, 2).
+
+        They are where a camera with the same K and no lens distortion would see the same points.
+        """
         if not any(self.distortion) or len(uv_px) == 0:
             return uv_px
-        out = cv2.undistortPoints(uv_px.reshape(-1, 1, 2), self.matrix, self._lens, P=self.matrix)
+        pixels = uv_px.reshape(-1, 1, 2)
+        out = cv2.undistortPoints(pixels, self.matrix, self._coefficients, P=self.matrix)
         return np.asarray(out.reshape(-1, 2), np.float32)
 
     def project_px(self, points_camera_m: FloatArray) -> FloatArray:
-        """Return the (N, 2) pixels, as imaged, of (N, 3) points (z > 0) in the optical frame."""
+        """Return the imaged pixels (N, 2), lens distortion included, of points (N, 3).
+
+        Args:
+            points_camera_m: In the camera's optical frame, with z > 0.
+        """
         x, y = (points_camera_m[:, :2] / points_camera_m[:, 2:]).T
         if any(self.distortion):
             x, y = self._distorted(x, y)
         return np.stack([x * self.fx_px + self.cx_px, y * self.fy_px + self.cy_px], axis=1)
 
     def _distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bend (N,) image coordinates at z = 1 as the lens does (OpenCV's camera model).
+        """Return the distorted coordinates (N,), (N,) of normalized image coordinates (z = 1).
 
-        `cv2.projectPoints` gives the same 17 times slower, as it makes Jacobians of everything.
+        The formula is OpenCV's camera model. `cv2.projectPoints` gives the same result, but takes
+        17 times as long, because it computes the Jacobians too.
         """
-        k1, k2, p1, p2, k3, k4, k5, k6 = self._lens
+        k1, k2, p1, p2, k3, k4, k5, k6 = self._coefficients
         xy, r2 = x * y, x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         if k4 or k5 or k6:
@@ -139,27 +163,31 @@ class CameraModel:
 
 @dataclass(frozen=True, eq=False)
 class RgbdFrame:
-    """One colour image and the depth image registered to it."""
+    """One color image and the depth image that is registered to it."""
 
-    stamp_ns: int  # of the colour image
-    image_bgr: ByteArray  # (H, W, 3)
-    depth_m: Float32Array  # (H, W); 0 = no reading
+    stamp_ns: int  # of the color image
+    image_bgr: ByteArray  # (H, W, 3) uint8
+    depth_m: Float32Array  # (H, W) along the optical axis; 0 = no reading
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Return width, height."""
+        """Return the image's width and height in pixels."""
         height, width = self.depth_m.shape
         return width, height
 
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What a detector saw in one image."""
+    """Bounding boxes that an object detector found in one image.
+
+    Raises:
+        MessageError: The arrays have different lengths, or a class name is too long.
+    """
 
     stamp_ns: int  # of the image
-    boxes_xyxy_px: Float32Array  # (N, 4)
-    class_names: tuple[str, ...]  # N
-    scores: Float32Array  # (N,) in [0, 1]
+    boxes_xyxy_px: Float32Array  # (N, 4) left, top, right, bottom in the full image
+    class_names: tuple[str, ...]  # N names of the detector's classes, such as 'person'
+    scores: Float32Array  # (N,) confidence in [0, 1]
 
     def __post_init__(self) -> None:
         n = len(self.class_names)
@@ -178,22 +206,26 @@ class Detections:
 
     @staticmethod
     def none(stamp_ns: int) -> Detections:
-        """Return an empty set of detections."""
+        """Return the detections of an image in which nothing was found."""
         return Detections(stamp_ns, np.empty((0, 4), np.float32), (), np.empty(0, np.float32))
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """ORB features of one image as structure of arrays; pixels as imaged (not undistorted)."""
+    """N ORB features of one image, as a structure of arrays.
 
-    stamp_ns: int
-    uv_px: Float32Array  # (N, 2), level-0 pixels
-    depth_m: Float32Array  # (N,); 0 = no reading
-    octave: ByteArray  # (N,)
-    angle_deg: Float32Array  # (N,) in [0, 360)
-    response: Float32Array  # (N,)
-    descriptors: ByteArray  # (N, 32)
-    may_seed: BoolArray  # (N,); False: what may move after all, to be tracked but not mapped
+    Raises:
+        MessageError: The arrays have different lengths.
+    """
+
+    stamp_ns: int  # of the color image
+    uv_px: Float32Array  # (N, 2) at full resolution, as imaged (lens distortion not removed)
+    depth_m: Float32Array  # (N,) along the optical axis; 0 = no reading
+    octave: ByteArray  # (N,) level of the image pyramid; 0 = full resolution
+    angle_deg: Float32Array  # (N,) orientation in [0, 360), clockwise from the image's x axis
+    response: Float32Array  # (N,) corner strength, without unit
+    descriptors: ByteArray  # (N, 32) uint8: 256 bits each
+    may_seed: BoolArray  # (N,) False: possibly on a moving object, tracked but never mapped
 
     def __post_init__(self) -> None:
         n = len(self.octave)
@@ -213,7 +245,7 @@ class Features:
         return len(self.octave)
 
     def select(self, keep: BoolArray | IntArray) -> Features:
-        """Return the features at a (N,) mask or list of indices."""
+        """Return the features that a boolean mask (N,) or an array of indices selects."""
         return Features(
             self.stamp_ns,
             self.uv_px[keep],
@@ -228,14 +260,17 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class FeatureVerdicts:
-    """The filter's final word on the N features of an image that was judged before."""
+    """The filter's final verdict on the N features of an image that it had published before."""
 
-    stamp_ns: int
-    is_dynamic: BoolArray  # (N,); True: on what moves after all
+    stamp_ns: int  # of the image, as in its `Features`
+    is_dynamic: BoolArray  # (N,) True: the feature lies on a moving object and must be removed
 
 
 class Reason(Enum):
-    """Why an object counts as dynamic or not; the values are those of hoid_msgs/DynamicObject."""
+    """Why an object is classified as dynamic or static.
+
+    The values are the constants of hoid_msgs/DynamicObject, where each is explained.
+    """
 
     STATIC = 0
     PERSON = 1
@@ -247,50 +282,51 @@ class Reason(Enum):
 
 @dataclass(frozen=True)
 class DynamicObject:
-    """One detected or predicted object and the filter's verdict on it."""
+    """One detected or predicted object, and the filter's verdict on it."""
 
-    class_name: str
-    box_xyxy_px: tuple[float, float, float, float]
-    score: float
-    track_id: int  # -1 when the strategy does not track
-    reason: Reason
-    overlap_ratio: float = 0.0  # shared area / own area, over the people in view; in [0, 1]
-    depth_gap_m: float = NAN  # |object - person| at the sample boxes; NaN when unknown
-    center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)  # when depth does not allow
-    size_m: tuple[float, float] = (NAN, NAN)  # width, height at that depth
-    velocity_camera_mps: tuple[float, float, float] = (NAN, NAN, NAN)  # against the world
+    class_name: str  # such as 'cup'; UNKNOWN for a moving region without a detection
+    box_xyxy_px: tuple[float, float, float, float]  # left, top, right, bottom
+    score: float  # confidence of the detection, in [0, 1]
+    track_id: int  # the same for the same object over time; -1 when the strategy does not track
+    reason: Reason  # why it is dynamic or static
+    overlap_ratio: float = 0.0  # area shared with people / the object's own area, in [0, 1]
+    depth_gap_m: float = NAN  # |object depth - person depth| at their samples; NaN if unknown
+    center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)  # NaN if depth is missing
+    size_m: tuple[float, float] = (NAN, NAN)  # width, height at the depth of the center
+    # Velocity relative to the world, along the axes of the camera's optical frame.
+    velocity_camera_mps: tuple[float, float, float] = (NAN, NAN, NAN)
 
     @property
     def is_dynamic(self) -> bool:
-        """Return whether features on the object are dropped."""
+        """Return whether the filter removes the features on the object."""
         return self.reason is not Reason.STATIC
 
 
 @dataclass(frozen=True, eq=False)
 class FilterResult:
-    """What the filter makes of one frame."""
+    """The filter's output for one frame: static features and a verdict on each object."""
 
-    features: Features  # kept
-    objects: tuple[DynamicObject, ...]
-    removed_uv_px: Float32Array  # (M, 2), dropped features, for pictures
-    num_features_in: int
-    num_removed: int
-    stage_ms: dict[str, float] = field(default_factory=dict)  # 'extract', 'filter'
+    features: Features  # the features that are kept
+    objects: tuple[DynamicObject, ...]  # static ones included
+    removed_uv_px: Float32Array  # (M, 2) removed features, for the debug image
+    num_features_in: int  # features that were detected
+    num_removed: int  # features that were removed as dynamic
+    stage_ms: dict[str, float] = field(default_factory=dict)  # of the stages 'extract', 'filter'
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Poses of the camera's optical frame in a fixed frame, in order of time."""
+    """N poses of the camera's optical frame in a world-fixed frame, in order of time."""
 
     stamps_ns: IntArray  # (N,)
-    T_world_camera: FloatArray  # (N, 4, 4)
+    T_world_camera: FloatArray  # (N, 4, 4), translation in m
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
     @staticmethod
     def joined(parts: Iterable[Trajectory]) -> Trajectory:
-        """Return parts as one, in their order."""
+        """Return the concatenation of trajectories, in the given order; empty for none."""
         each = [Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4))), *parts]
         stamps_ns = np.concatenate([part.stamps_ns for part in each])
         return Trajectory(stamps_ns, np.concatenate([part.T_world_camera for part in each]))

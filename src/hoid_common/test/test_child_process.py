@@ -1,4 +1,4 @@
-"""Processes that only their parent ends: real ones, at work, dead, stuck and replaced."""
+"""Child processes that work, die, block and are replaced."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from hoid_common.process.child_process import (
     start_child,
 )
 
-_LIMIT_S = 60.0  # for a process to start on a busy machine
+_LIMIT_S = 60.0  # for a child process to start on a busy machine
 _TARGETS = """
 import os, time
 from contextlib import suppress
@@ -52,7 +52,7 @@ def sleep(messages, reports):
 
 @pytest.fixture(name='targets')
 def fixture_targets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """Functions that another process can import."""
+    """Return a module of functions that a child process can import."""
     (tmp_path / 'child_targets.py').write_text(_TARGETS)
     monkeypatch.syspath_prepend(tmp_path)
     yield importlib.import_module('child_targets')
@@ -64,7 +64,7 @@ def started(worker: ChildWorker[Any, Any]) -> ChildWorker[Any, Any]:
     return worker
 
 
-def test_answers_come_in_order_and_what_was_sent_is_worked_off(targets: ModuleType) -> None:
+def test_reports_keep_their_order_and_close_processes_all_messages(targets: ModuleType) -> None:
     worker = started(ChildWorker('sums', targets.multiply, 7))
     assert worker.is_running
     assert not worker.has_report
@@ -78,7 +78,7 @@ def test_answers_come_in_order_and_what_was_sent_is_worked_off(targets: ModuleTy
     assert worker.close() == 'exit code 0'
 
 
-def test_a_death_is_told_after_the_last_report_and_every_time(targets: ModuleType) -> None:
+def test_receive_raises_after_the_last_report_of_a_dead_child(targets: ModuleType) -> None:
     worker = started(ChildWorker('sums', targets.multiply, 7))
     worker.send(5)
     worker.send(None)
@@ -86,11 +86,11 @@ def test_a_death_is_told_after_the_last_report_and_every_time(targets: ModuleTyp
     for _ in range(2):
         with pytest.raises(ChildEndedError, match='the process "sums" has ended'):
             worker.receive(_LIMIT_S)
-    worker.send(6)  # is lost
+    worker.send(6)  # this message is lost
     assert worker.close() == 'exit code 3'
 
 
-def test_another_process_takes_the_place_of_a_killed_one(targets: ModuleType) -> None:
+def test_restart_replaces_a_killed_child(targets: ModuleType) -> None:
     worker = started(ChildWorker('sums', targets.multiply, 7))
     first = worker.process_id
     assert first is not None
@@ -105,13 +105,13 @@ def test_another_process_takes_the_place_of_a_killed_one(targets: ModuleType) ->
     worker.close()
 
 
-def test_a_process_that_does_not_listen_is_ended_by_force(targets: ModuleType) -> None:
+def test_close_kills_a_child_that_does_not_receive(targets: ModuleType) -> None:
     worker = started(ChildWorker('sleeper', targets.sleep))
-    worker.send(bytes(1 << 20))  # more than a pipe holds: its sender is stuck, too
+    worker.send(bytes(1 << 20))  # more than a pipe can buffer, so that its sender blocks as well
     worker.send(1)
     with pytest.raises(ChildTimeoutError, match=r'"sleeper" gives no answer in 0\.01 s'):
         worker.receive(0.01)
-    assert worker.num_waiting == 1  # the other one is on its way
+    assert worker.num_waiting == 1  # the first message is being sent
     before_s = time.monotonic()
     assert worker.close(patience_s=0.1) == 'signal 9'
     assert time.monotonic() - before_s < 5.0
@@ -121,7 +121,7 @@ _PRELOADING = """
 import os, signal, tempfile, child_targets
 from hoid_common.process.child_process import ChildWorker, preload
 
-def told(worker):
+def reported(worker):
     loader, own, parent = worker.receive(60)
     how = worker.close()
     assert how == 'exit code 0', how
@@ -131,7 +131,7 @@ preload('child_targets')
 assert not os.listdir(tempfile.gettempdir()), 'a kill would leave this behind'
 before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
 workers = [ChildWorker('teller', child_targets.tell_who_loaded) for _ in range(2)]
-(me, first, server), (_, second, same) = map(told, workers)
+(me, first, server), (_, second, same) = map(reported, workers)
 assert me == os.getpid(), 'a child has imported by itself'
 assert server == same
 assert len({me, first, second, server}) == 4
@@ -140,16 +140,17 @@ assert signal.SIGINT not in before
 os.kill(server, signal.SIGKILL)
 os.waitid(os.P_PID, server, os.WEXITED | os.WNOWAIT)
 workers[0].restart()
-loader, own, other = told(workers[0])
+loader, own, other = reported(workers[0])
 assert loader == other != server, 'no other server has loaded it'
 print(other)
 """
 
 
-def test_children_are_forks_of_one_that_has_loaded_their_modules(
+def test_children_are_forked_from_a_process_with_preloaded_modules(
     targets: ModuleType, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    scratch = tmp_path_factory.mktemp('s')  # the server's successor has no room for a long path
+    # Short, since a socket path is limited to 107 characters.
+    scratch = tmp_path_factory.mktemp('s')
     paths = (str(Path(str(targets.__file__)).parent), *sys.path)
     done = subprocess.run(
         [sys.executable, '-c', _PRELOADING], check=False, timeout=60, capture_output=True,
@@ -159,21 +160,21 @@ def test_children_are_forks_of_one_that_has_loaded_their_modules(
     assert done.returncode == 0, done.stderr
     assert not done.stderr
     end_s = time.monotonic() + 5.0
-    while Path(f'/proc/{done.stdout.strip()}').exists():  # the server ends with the process
+    while Path(f'/proc/{done.stdout.strip()}').exists():  # the fork server ends with its process
         assert time.monotonic() < end_s
         time.sleep(0.01)
 
 
-def test_a_child_outlives_ctrl_c_also_while_it_starts() -> None:
+def test_sigint_does_not_end_a_starting_child() -> None:
     child = get_context('spawn').Process(target=os._exit, args=(7,))
     start_child(child)
     assert child.pid is not None
-    os.kill(child.pid, signal.SIGINT)  # its interpreter has not even begun
+    os.kill(child.pid, signal.SIGINT)  # before its interpreter has started
     child.join(60)
     assert child.exitcode == 7
 
 
-def test_the_parent_hears_ctrl_c_as_before() -> None:
+def test_sigint_still_interrupts_the_parent() -> None:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
     assert signal.SIGINT not in before
     child = get_context('spawn').Process(target=os._exit, args=(0,))
@@ -185,14 +186,14 @@ def test_the_parent_hears_ctrl_c_as_before() -> None:
 
 @pytest.fixture
 def interruptible() -> Iterator[None]:
-    """A shell that starts us in the background has us ignore interrupts."""
+    """Restore the handler of SIGINT, which a shell ignores for background processes."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.usefixtures('interruptible')
-def test_an_interrupt_that_another_thread_hears_waits_until_the_child_is_started() -> None:
+def test_a_signal_to_another_thread_is_deferred_until_the_child_is_started() -> None:
     begun, stages = Event(), []
 
     def interrupt() -> None:

@@ -23,7 +23,7 @@ class Outer(Config):
     inner: Inner = Inner()
 
 
-def test_leaves_have_dotted_names_in_order() -> None:
+def test_params_have_dotted_names_in_order_of_declaration() -> None:
     assert [(p.name, p.value) for p in Outer().params()] == [
         ('count', 3),
         ('mode', 'fast'),
@@ -33,7 +33,7 @@ def test_leaves_have_dotted_names_in_order() -> None:
     ]
 
 
-def test_a_section_for_experts_makes_all_below_it_so() -> None:
+def test_all_parameters_of_an_expert_section_are_expert_parameters() -> None:
     @dataclass(frozen=True)
     class Whole(Config):
         plain: Outer = section(Outer)
@@ -46,26 +46,26 @@ def test_a_section_for_experts_makes_all_below_it_so() -> None:
     assert Whole().updated({'deep.inner.share': 1}).deep.inner.share == 1.0
 
 
-def test_a_list_of_one_empty_name_is_empty() -> None:
+def test_a_list_of_one_empty_string_is_read_as_empty() -> None:
     assert Outer().updated({'inner.classes': ('',)}).inner.classes == ()
     assert Outer().updated({'inner.classes': ('', 'cup')}).inner.classes == ('', 'cup')
 
 
-def test_specs_come_along() -> None:
+def test_params_have_their_specs() -> None:
     specs = {p.name: p.spec for p in Outer().params()}
     assert specs['inner.share'].maximum == 1.0
     assert not specs['inner.share'].read_only
     assert specs['mode'].choices == ('fast', 'slow')
 
 
-def test_updated_replaces_nested_values_only_there() -> None:
+def test_updated_replaces_only_the_named_values() -> None:
     new = Outer().updated({'inner.share': 0.25, 'mode': 'slow'})
     assert (new.inner.share, new.mode, new.count, new.inner.classes) == (0.25, 'slow', 3, ('cup',))
     assert Outer().inner.share == 0.5
 
 
 @pytest.mark.parametrize(
-    ('name', 'value', 'said'),
+    ('name', 'value', 'message'),
     [
         ('inner.share', 1.5, r'inner\.share must be in \[0\.0, 1\.0\], got 1\.5'),
         ('inner.share', float('nan'), r'inner\.share must be in'),
@@ -88,17 +88,17 @@ def test_updated_replaces_nested_values_only_there() -> None:
         ('count.x', 1, r'"count\.x"; did you mean count\?'),
     ],
 )
-def test_unusable_values_are_named(name: str, value: Any, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
+def test_errors_name_the_invalid_parameter(name: str, value: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         Outer().updated({name: value})
 
 
-def test_what_code_gets_wrong_is_named_by_its_class() -> None:
+def test_errors_of_the_constructor_name_the_class() -> None:
     with pytest.raises(ConfigError, match=r'Inner\.share must be in'):
         Inner(share=2.0)
 
 
-def test_whole_numbers_become_floats_where_floats_are_meant() -> None:
+def test_whole_numbers_become_floats_for_float_parameters() -> None:
     share = Outer().updated({'inner.share': 1}).inner.share
     assert isinstance(share, float)
     assert share == 1.0
@@ -115,7 +115,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def test_parameter_files_hold_sections_of_several_nodes(tmp_path: Path) -> None:
+def test_parameter_files_may_have_sections_of_several_nodes(tmp_path: Path) -> None:
     path = write(
         tmp_path,
         '/**: {ros__parameters: {count: 7}}\n'
@@ -127,7 +127,7 @@ def test_parameter_files_hold_sections_of_several_nodes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'message'),
     [
         ('a: [', 'is not YAML'),
         ('- 1', 'is not a ROS parameter file'),
@@ -136,11 +136,11 @@ def test_parameter_files_hold_sections_of_several_nodes(tmp_path: Path) -> None:
         ('outer: {count: 1}', 'section "outer" has no "ros__parameters"'),
     ],
 )
-def test_bad_parameter_files_are_named(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
+def test_errors_name_the_bad_parameter_file(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         load_params(write(tmp_path, text), 'outer')
 
 
-def test_missing_parameter_file(tmp_path: Path) -> None:
+def test_a_missing_parameter_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r'none\.yaml: no such file'):
         load_params(tmp_path / 'none.yaml', 'outer')

@@ -1,4 +1,4 @@
-"""What an error says of what it repeats."""
+"""The text of errors that quote files or messages."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from hoid_common.errors import ConfigError, HoidError, InputError
 
 
 @pytest.mark.parametrize('text', ['a: b "\u00e9t\u00e9"', '', 'x' * 900])
-def test_what_can_be_shown_is_said_as_it_is(text: str) -> None:
+def test_printable_text_is_unchanged(text: str) -> None:
     assert str(InputError(text)) == text
 
 
-def test_a_terminal_is_not_steered_by_what_a_file_says() -> None:
+def test_control_characters_are_escaped() -> None:
     assert str(InputError('names "\x1b[2J\u202e\udcff\n\0"')) == (
         'names "\\x1b[2J\\u202e\\udcff\\n\\x00"'
     )
 
 
-def test_a_long_one_keeps_its_beginning_and_its_end() -> None:
+def test_a_long_text_keeps_its_beginning_and_end() -> None:
     for part in ('x' * 10**6, '\x1b[2J' * 1000):
-        said = str(ConfigError(f'file: "{part}" is not one of a, b'))
-        assert len(said) < 1000
-        assert said.startswith('file: "')
-        assert said.endswith('" is not one of a, b')
+        message = str(ConfigError(f'file: "{part}" is not one of a, b'))
+        assert len(message) < 1000
+        assert message.startswith('file: "')
+        assert message.endswith('" is not one of a, b')
 
 
-def test_it_wraps_other_errors() -> None:
+def test_an_error_can_wrap_another_error() -> None:
     assert str(HoidError(OSError(28, 'No space'))) == '[Errno 28] No space'

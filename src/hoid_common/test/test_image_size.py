@@ -1,4 +1,4 @@
-"""The size in an image's header, and what is refused for it."""
+"""Image sizes from headers, and images that are refused because of them."""
 
 import struct
 import tracemalloc
@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_common.errors import MessageError
-from hoid_common.io.image_size import check_image_size, image_size_px, is_sound
+from hoid_common.io.image_size import check_image_size, image_size_px, is_safe_to_decode
 from hoid_common.io.images import decode_compressed_color, decode_compressed_depth
 from hoid_common.values import MAX_PIXELS
 
@@ -23,7 +23,7 @@ def encoded(ending: str, width: int, height: int) -> bytes:
 
 
 def png_bomb(width: int, height: int) -> bytes:
-    """A whole PNG of black 16-bit pixels, some thousand times smaller than they are."""
+    """Return a PNG of black 16-bit pixels, a thousandth of their size."""
 
     def chunk(name: bytes, content: bytes) -> bytes:
         checksum = zlib.crc32(name + content)
@@ -39,75 +39,75 @@ def png_bomb(width: int, height: int) -> bytes:
 
 @pytest.mark.parametrize('ending', ['.png', '.jpg'])
 @pytest.mark.parametrize('size', [(1, 1), (640, 480), (31, 1200)])
-def test_the_header_says_what_decoding_gives(ending: str, size: tuple[int, int]) -> None:
+def test_size_in_the_header_equals_the_decoded_size(ending: str, size: tuple[int, int]) -> None:
     assert image_size_px(encoded(ending, *size)) == size
 
 
-def test_segments_before_the_frame_are_passed_over() -> None:
+def test_segments_before_the_frame_header_are_skipped() -> None:
     jpeg = encoded('.jpg', 40, 30)
     comment = b'\xff\xfe' + struct.pack('>H', 7) + b'hello'
     assert image_size_px(jpeg[:2] + comment + b'\xff' + jpeg[2:]) == (40, 30)
 
 
 @given(st.binary(max_size=200), st.sampled_from([b'', b'\x89PNG\r\n\x1a\n', b'\xff\xd8\xff']))
-def test_no_bytes_are_too_strange(data: bytes, start: bytes) -> None:
+def test_random_bytes_raise_no_other_error(data: bytes, start: bytes) -> None:
     size = image_size_px(start + data)
     assert size is None or min(size) >= 0
 
 
 @given(st.integers(0, 600), st.sampled_from(['.png', '.jpg']))
-def test_a_header_that_is_cut_is_no_header(length: int, ending: str) -> None:
+def test_a_truncated_header_gives_no_size(length: int, ending: str) -> None:
     assert image_size_px(encoded(ending, 640, 480)[:length]) in (None, (640, 480))
 
 
-def test_a_bomb_is_refused_before_it_is_unpacked() -> None:
+def test_a_decompression_bomb_is_refused_before_decoding() -> None:
     bomb = png_bomb(8000, 5000)
     assert len(bomb) < 200_000
     tracemalloc.start()
-    with pytest.raises(MessageError, match='says to be 8000x5000 px, more than 33 megapixels'):
+    with pytest.raises(MessageError, match='claims to be 8000x5000 px, more than 33 megapixels'):
         decode_compressed_color(bomb)
-    with pytest.raises(MessageError, match=r'compressed depth .* says to be 8000x5000 px'):
+    with pytest.raises(MessageError, match=r'compressed depth .* claims to be 8000x5000 px'):
         decode_compressed_depth('16UC1; compressedDepth png', bytes(12) + bomb)
     assert tracemalloc.get_traced_memory()[1] < 1_000_000
     tracemalloc.stop()
 
 
-def test_an_image_of_the_largest_size_passes() -> None:
+def test_an_image_of_the_largest_size_is_accepted() -> None:
     check_image_size(b'\x89PNG\r\n\x1a\n\0\0\0\rIHDR' + struct.pack('>II', 7680, 4320), 'image')
     assert MAX_PIXELS == 7680 * 4320
 
 
 def chunk(name: bytes, content: bytes, says: int | None = None) -> bytes:
-    """Return a chunk of a PNG, which may say to be of another length."""
+    """Return a chunk of a PNG, which may claim another length."""
     checksum = struct.pack('>I', zlib.crc32(name + content))
     return struct.pack('>I', len(content) if says is None else says) + name + content + checksum
 
 
 def after_header(png: bytes, more: bytes) -> bytes:
-    """Return a PNG with more chunks behind its header."""
+    """Return a PNG with additional chunks after its header."""
     return png[:33] + more + png[33:]
 
 
-def test_what_encoders_write_is_sound() -> None:
+def test_images_of_usual_encoders_are_safe_to_decode() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
     options = [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]
-    assert is_sound(cv2.imencode('.jpg', noise)[1].tobytes())
-    assert is_sound(cv2.imencode('.jpg', noise, options)[1].tobytes())
+    assert is_safe_to_decode(cv2.imencode('.jpg', noise)[1].tobytes())
+    assert is_safe_to_decode(cv2.imencode('.jpg', noise, options)[1].tobytes())
     png = cv2.imencode('.png', noise)[1].tobytes()
-    assert is_sound(png)
-    assert is_sound(after_header(png, chunk(b'iCCP', b'a profile')))
+    assert is_safe_to_decode(png)
+    assert is_safe_to_decode(after_header(png, chunk(b'iCCP', b'a profile')))
 
 
 @pytest.mark.parametrize('says', [1_000_000, 2**31 - 1, 2**32 - 1])
-def test_a_chunk_that_says_to_be_long_gets_no_memory(says: int) -> None:
+def test_a_chunk_with_a_false_length_is_refused(says: int) -> None:
     png = after_header(encoded('.png', 64, 48), chunk(b'IDAT', b'', says))
     with pytest.raises(MessageError, match='is not a readable JPEG or PNG'):
         decode_compressed_color(png)
 
 
-def test_packed_text_is_not_unpacked() -> None:
+def test_many_compressed_texts_are_refused() -> None:
     bomb = chunk(b'zTXt', b'x\0\0' + zlib.compress(bytes(1_000_000))) * 20
-    assert not is_sound(after_header(encoded('.png', 64, 48), bomb))
+    assert not is_safe_to_decode(after_header(encoded('.png', 64, 48), bomb))
 
 
 def test_a_jpeg_of_many_scans_is_refused() -> None:
@@ -118,10 +118,10 @@ def test_a_jpeg_of_many_scans_is_refused() -> None:
 
 
 @pytest.mark.parametrize('turned', range(1, 9))
-def test_colour_does_not_turn_with_what_its_file_says(turned: int) -> None:
+def test_exif_orientation_is_ignored(turned: int) -> None:
     jpeg = encoded('.jpg', 64, 48)
     exif = b'Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01' + struct.pack(
         '>HHI', turned, 0, 0
     )
-    said = b'\xff\xe1' + struct.pack('>H', len(exif) + 2) + exif
-    assert decode_compressed_color(jpeg[:2] + said + jpeg[2:]).shape == (48, 64, 3)
+    message = b'\xff\xe1' + struct.pack('>H', len(exif) + 2) + exif
+    assert decode_compressed_color(jpeg[:2] + message + jpeg[2:]).shape == (48, 64, 3)

@@ -19,7 +19,7 @@ def filled() -> PoseBuffer:
     return poses
 
 
-def test_between_two_poses_the_robot_drives_evenly() -> None:
+def test_poses_are_interpolated_with_constant_twist() -> None:
     poses = filled()
     for share in (0.0, 0.25, 1.0, 1.9, 2.0):
         T = poses.at(int(share * 100 * MS))
@@ -27,7 +27,7 @@ def test_between_two_poses_the_robot_drives_evenly() -> None:
         np.testing.assert_allclose(T, driven(share), atol=1e-9)
 
 
-def test_a_moment_ahead_the_motion_goes_on() -> None:
+def test_the_last_motion_is_extrapolated_briefly() -> None:
     poses = filled()
     T = poses.at(250 * MS)
     assert T is not None
@@ -35,7 +35,7 @@ def test_a_moment_ahead_the_motion_goes_on() -> None:
     assert poses.at(500 * MS) is None
 
 
-def test_what_is_not_known_is_not_made_up() -> None:
+def test_times_that_are_not_covered_have_no_pose() -> None:
     assert PoseBuffer().at(0) is None
     assert filled().at(-1) is None
     one = PoseBuffer()
@@ -43,7 +43,7 @@ def test_what_is_not_known_is_not_made_up() -> None:
     assert one.at(1) is None
 
 
-def test_old_poses_are_forgotten_and_a_clock_that_goes_back_starts_anew() -> None:
+def test_old_poses_are_dropped_and_a_clock_set_back_clears_the_buffer() -> None:
     poses = filled()
     poses.add(20_000 * MS, np.eye(4))
     assert poses.at(50 * MS) is None

@@ -1,4 +1,4 @@
-"""The two transport profiles differ in what crossing a network needs, and in nothing else."""
+"""The transport profile for a network contains the profile for one host."""
 
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -7,7 +7,7 @@ CONFIG = Path(__file__).parents[1] / 'config'
 NAMESPACE = '{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}'
 
 
-def test_the_network_profile_only_adds_to_the_one_for_one_host() -> None:
+def test_network_profile_contains_the_profile_of_one_host() -> None:
     one, network = (
         ET.parse(CONFIG / f'{name}.xml').getroot()  # noqa: S314 - our own
         for name in ('fastdds_profile', 'fastdds_network_profile')
@@ -22,7 +22,7 @@ def test_the_network_profile_only_adds_to_the_one_for_one_host() -> None:
     assert writer is not None
     size = policy.find(f'.//{NAMESPACE}value')
     assert size is not None
-    assert int(size.text or '') < 1472  # of Ethernet's 1500, less the headers of IP and UDP
+    assert int(size.text or '') < 1472  # Ethernet's 1500 bytes less the headers of IP and UDP
     rtps.remove(policy)
     profiles.remove(writer)
 

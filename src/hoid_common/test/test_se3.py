@@ -29,7 +29,7 @@ def test_exp_of_a_quarter_turn_about_z() -> None:
 
 
 def test_exp_moves_along_an_arc() -> None:
-    # Half a turn while driving pi metres along x goes round half a circle of radius 1.
+    # Half a turn while driving pi meters along x goes round half a circle of radius 1.
     T = se3.exp(np.array([0, 0, np.pi, np.pi, 0, 0]))
     np.testing.assert_allclose(T[:3, 3], [0, 2, 0], atol=1e-15)
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from hoid_common.errors import InputError
-from hoid_common.process.shared_memory import check_shared_memory, missing_shared_memory
+from hoid_common.process.shared_memory import check_shared_memory, shared_memory_problem
 
 PROFILE = Path(__file__).parents[1] / 'config/fastdds_profile.xml'
 MANY = 10**9
@@ -15,14 +15,14 @@ def _profile(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(PROFILE))
 
 
-def test_more_processes_than_fit_are_refused() -> None:
-    with pytest.raises(InputError, match=r'\d+ MB free, and 10+ processes take 34 MB each'):
+def test_too_little_shared_memory_is_an_error() -> None:
+    with pytest.raises(InputError, match=r'\d+ MB free, but 10+ processes need 34 MB each'):
         check_shared_memory(MANY)
     check_shared_memory(0)
 
 
-def test_a_process_without_a_segment_says_what_to_do() -> None:
-    assert '--shm-size' in missing_shared_memory()  # as nothing of ROS runs here
+def test_a_process_without_a_segment_has_a_problem_text() -> None:
+    assert '--shm-size' in shared_memory_problem()  # no ROS context exists here
 
 
 @pytest.mark.parametrize(
@@ -32,9 +32,9 @@ def test_a_process_without_a_segment_says_what_to_do() -> None:
         ('FASTRTPS_DEFAULT_PROFILES_FILE', '/nowhere'),
     ],
 )
-def test_who_asks_for_none_gets_no_complaint(
+def test_without_a_configured_segment_there_is_no_problem(
     name: str, value: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(name, value)
     check_shared_memory(MANY)
-    assert missing_shared_memory() == ''
+    assert shared_memory_problem() == ''

@@ -42,7 +42,7 @@ def test_unknown_frames_and_loops_give_none() -> None:
     assert frames.find('x', 'y') is None
 
 
-def test_the_latest_edge_counts() -> None:
+def test_a_later_edge_replaces_an_earlier_one() -> None:
     frames = StaticFrames()
     frames.add('base', 'camera', shift(1, 0))
     frames.add('base', 'camera', shift(3, 0))
@@ -51,7 +51,7 @@ def test_the_latest_edge_counts() -> None:
     assert found[0, 3] == 3
 
 
-def test_edges_that_hold_now_are_a_tree_of_their_own() -> None:
+def test_with_edges_leaves_the_tree_unchanged() -> None:
     frames = StaticFrames()
     frames.add('base', 'camera', shift(1, 0))
     now = frames.with_edges([('map', 'base', shift(0, 2))])
@@ -61,11 +61,13 @@ def test_edges_that_hold_now_are_a_tree_of_their_own() -> None:
     assert frames.find('map', 'camera') is None
 
 
-def test_names_that_never_end_are_refused_and_known_ones_go_on() -> None:
+def test_too_many_frames_are_refused_and_known_ones_are_updated() -> None:
     frames = StaticFrames()
     for n in range(1000):
         frames.add('base', f'camera_{n}', shift(n, 0))
-    with pytest.raises(MessageError, match='static frames: "more" is one more than 1000; does'):
+    with pytest.raises(
+        MessageError, match='static frames: frame "more" exceeds the limit of 1000'
+    ):
         frames.add('base', 'more', shift(0, 0))
     frames.add('base', 'camera_7', shift(3, 0))
     found = frames.find('base', 'camera_7')

@@ -10,7 +10,7 @@ PERIOD = 33 * MS
 
 
 def feed(matcher: StampMatcher, *events: tuple[str, int]) -> list[tuple[Any, ...]]:
-    """Give items whose value is their stamp in ms; return the values of all matches."""
+    """Add items whose value is their stamp in ms; return the values of all matches."""
     return [
         match.values
         for name, stamp_ms in events
@@ -19,47 +19,47 @@ def feed(matcher: StampMatcher, *events: tuple[str, int]) -> list[tuple[Any, ...
 
 
 def two(**options: object) -> StampMatcher:
-    return StampMatcher(('colour', 'depth'), slop_ns=20 * MS, **options)  # type: ignore[arg-type]
+    return StampMatcher(('color', 'depth'), slop_ns=20 * MS, **options)  # type: ignore[arg-type]
 
 
 def test_equal_stamps_match_at_once() -> None:
-    assert feed(two(), ('colour', 100), ('depth', 100)) == [(100, 100)]
-    assert feed(two(), ('depth', 100), ('colour', 100)) == [(100, 100)]
+    assert feed(two(), ('color', 100), ('depth', 100)) == [(100, 100)]
+    assert feed(two(), ('depth', 100), ('color', 100)) == [(100, 100)]
 
 
 def test_a_match_carries_the_reference_stamp() -> None:
     matcher = two()
     matcher.add('depth', 5 * MS, 'd')
-    assert matcher.add('colour', 4 * MS, 'c') == [Match(4 * MS, ('c', 'd'))]
+    assert matcher.add('color', 4 * MS, 'c') == [Match(4 * MS, ('c', 'd'))]
 
 
-def test_the_nearest_is_taken_not_the_first() -> None:
+def test_the_nearest_item_matches_not_the_first() -> None:
     # Depth at 81 is 19 ms away, depth at 114 is 14 ms away.
-    events = [('depth', 48), ('depth', 81), ('colour', 100), ('depth', 114)]
+    events = [('depth', 48), ('depth', 81), ('color', 100), ('depth', 114)]
     assert feed(two(), *events) == [(100, 114)]
 
 
-def test_no_waiting_when_no_nearer_one_can_come() -> None:
-    # At a spacing of 33 ms the next depth comes at 123, further away than 90.
-    assert feed(two(), ('depth', 57), ('depth', 90), ('colour', 100)) == [(100, 90)]
+def test_a_match_is_complete_when_no_nearer_item_can_arrive() -> None:
+    # At a spacing of 33 ms the next depth comes at 123, which is further away than 90.
+    assert feed(two(), ('depth', 57), ('depth', 90), ('color', 100)) == [(100, 90)]
 
 
-def test_waiting_ends_when_the_other_stream_falls_silent() -> None:
-    events = [('depth', 50), ('depth', 83), ('colour', 100), ('colour', 133)]
+def test_waiting_ends_when_the_other_stream_is_silent() -> None:
+    events = [('depth', 50), ('depth', 83), ('color', 100), ('color', 133)]
     assert feed(two(), *events) == [(100, 83)]
 
 
 def test_beyond_the_slop_nothing_matches() -> None:
     matcher = two()
-    events = [('colour', 100), ('depth', 130), ('colour', 133), ('depth', 163)]
+    events = [('color', 100), ('depth', 130), ('color', 133), ('depth', 163)]
     assert feed(matcher, *events) == [(133, 130)]
-    assert matcher.counts['colour'].unmatched == 1
-    assert matcher.counts['colour'].matched == 1
+    assert matcher.counts['color'].unmatched == 1
+    assert matcher.counts['color'].matched == 1
 
 
-def test_passed_over_items_are_counted() -> None:
+def test_unmatched_items_are_counted() -> None:
     matcher = two()
-    assert feed(matcher, ('depth', 10), ('depth', 43), ('depth', 100), ('colour', 100)) == [
+    assert feed(matcher, ('depth', 10), ('depth', 43), ('depth', 100), ('color', 100)) == [
         (100, 100)
     ]
     assert matcher.counts['depth'].unmatched == 2
@@ -67,46 +67,46 @@ def test_passed_over_items_are_counted() -> None:
 
 def test_full_queues_drop_the_oldest() -> None:
     matcher = two(capacity=2)
-    feed(matcher, ('colour', 100), ('colour', 133), ('colour', 166))
-    assert matcher.counts['colour'].overflowed == 1
+    feed(matcher, ('color', 100), ('color', 133), ('color', 166))
+    assert matcher.counts['color'].overflowed == 1
     assert feed(matcher, ('depth', 133)) == [(133, 133)]
 
 
-def test_late_items_are_counted_not_used() -> None:
+def test_late_items_are_counted_and_dropped() -> None:
     matcher = two()
-    feed(matcher, ('colour', 100), ('colour', 90))
-    assert matcher.counts['colour'].late == 1
+    feed(matcher, ('color', 100), ('color', 90))
+    assert matcher.counts['color'].late == 1
 
 
-def test_time_may_start_anew() -> None:
+def test_a_restarted_clock_resets_the_streams() -> None:
     matcher = two()
-    assert feed(matcher, ('colour', 5000), ('depth', 5000)) == [(5000, 5000)]
-    assert feed(matcher, ('colour', 100), ('depth', 100)) == [(100, 100)]
+    assert feed(matcher, ('color', 5000), ('depth', 5000)) == [(5000, 5000)]
+    assert feed(matcher, ('color', 100), ('depth', 100)) == [(100, 100)]
 
 
 def three() -> StampMatcher:
     return StampMatcher(
-        ('colour', 'depth', 'boxes'), 20 * MS, optional=('boxes',), patience_ns=100 * MS
+        ('color', 'depth', 'boxes'), 20 * MS, optional=('boxes',), patience_ns=100 * MS
     )
 
 
 def test_optional_streams_are_waited_for() -> None:
-    assert feed(three(), ('colour', 100), ('depth', 100)) == []
-    events = [('colour', 100), ('depth', 100), ('boxes', 100)]
+    assert feed(three(), ('color', 100), ('depth', 100)) == []
+    events = [('color', 100), ('depth', 100), ('boxes', 100)]
     assert feed(three(), *events) == [(100, 100, 100)]
 
 
-def test_optional_streams_are_left_out_when_they_skip_an_instant() -> None:
-    events = [('colour', 100), ('depth', 100), ('boxes', 133)]
+def test_a_match_has_no_value_when_an_optional_stream_skips_it() -> None:
+    events = [('color', 100), ('depth', 100), ('boxes', 133)]
     assert feed(three(), *events) == [(100, 100, None)]
 
 
-def test_optional_streams_are_left_out_when_patience_ends() -> None:
-    events = [(name, stamp) for stamp in (100, 133, 166, 199) for name in ('colour', 'depth')]
+def test_a_match_has_no_value_after_the_longest_wait() -> None:
+    events = [(name, stamp) for stamp in (100, 133, 166, 199) for name in ('color', 'depth')]
     assert feed(three(), *events) == []
     matcher = three()
     feed(matcher, *events)
-    assert feed(matcher, ('colour', 232)) == [(100, 100, None)]
+    assert feed(matcher, ('color', 232)) == [(100, 100, None)]
 
 
 @given(
@@ -115,10 +115,10 @@ def test_optional_streams_are_left_out_when_patience_ends() -> None:
     st.integers(0, 16),
 )
 def test_each_item_is_used_once_in_order_and_within_the_slop(
-    colour: list[int], depth: list[int], offset_ms: int
+    color: list[int], depth: list[int], offset_ms: int
 ) -> None:
     matcher = two(capacity=30)
-    events = [('colour', 33 * i) for i in colour] + [('depth', 33 * i + offset_ms) for i in depth]
+    events = [('color', 33 * i) for i in color] + [('depth', 33 * i + offset_ms) for i in depth]
     matches = feed(matcher, *sorted(events, key=lambda event: event[1]))
     assert [c for c, _ in matches] == sorted({c for c, _ in matches})
     assert [d for _, d in matches] == sorted({d for _, d in matches})
@@ -128,7 +128,7 @@ def test_each_item_is_used_once_in_order_and_within_the_slop(
 @given(st.permutations(range(8)), st.integers(0, 10))
 def test_every_pair_is_found_whichever_stream_is_ahead(order: list[int], offset_ms: int) -> None:
     matcher = two(capacity=20)
-    ahead = [('colour', 33 * i) for i in range(8)]
+    ahead = [('color', 33 * i) for i in range(8)]
     behind = [('depth', 33 * i + offset_ms) for i in range(8)]
     merged = sorted(
         [

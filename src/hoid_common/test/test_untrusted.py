@@ -1,4 +1,4 @@
-"""Files and names from outside: regular, within bounds, or refused in one line."""
+"""Files and names from users: within limits, or refused with one line."""
 
 import os
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.untrusted import check_name, read_bytes, read_text
+from hoid_common.io.untrusted import check_path_name, read_bytes, read_text
 
 
 def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
@@ -18,14 +18,14 @@ def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
         read_bytes(path, 5)
 
 
-def test_what_never_ends_is_refused_at_once(tmp_path: Path) -> None:
+def test_pipes_and_devices_are_refused_at_once(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'pipe')
     for path in (tmp_path / 'pipe', Path('/dev/zero'), tmp_path):
         with pytest.raises(InputError, match=f'{path}: not a regular file'):
             read_bytes(path, 10)
 
 
-def test_what_is_not_there_or_no_text_is_said(tmp_path: Path) -> None:
+def test_missing_and_binary_files_are_errors(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='none: no such file'):
         read_text(tmp_path / 'none')
     with pytest.raises(InputError, match='cannot be read: File name too long'):
@@ -37,21 +37,21 @@ def test_what_is_not_there_or_no_text_is_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('text', ['a', 'x' * 255, 'é' * 127, '/'.join('x' * 255 for _ in 'abc')])
 def test_names_that_files_can_have(text: str) -> None:
-    check_name(text, '--out')
+    check_path_name(text, '--out')
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'message'),
     [
         ('', '--out: must not be empty'),
-        ('x' * 256, 'no file can be called that'),
-        ('é' * 128, 'no file can be called that'),
-        ('x/' * 2500, 'no file can be called that'),
-        ('a\0b', 'no file can be called that'),
+        ('x' * 256, 'no file can have this name'),
+        ('é' * 128, 'no file can have this name'),
+        ('x/' * 2500, 'no file can have this name'),
+        ('a\0b', 'no file can have this name'),
         (os.fsdecode(b'caf\xe9'), r"--out 'caf\\udce9': not a UTF-8 name"),
     ],
 )
-def test_names_that_no_file_can_have(text: str, said: str) -> None:
-    with pytest.raises(ConfigError, match=said) as caught:
-        check_name(text, '--out')
+def test_names_that_no_file_can_have(text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        check_path_name(text, '--out')
     assert len(str(caught.value).encode()) < 200

@@ -8,7 +8,7 @@ import pytest
 
 from hoid_common.errors import ConfigError, MessageError
 from hoid_common.inputs.input_watch import InputWatch
-from hoid_common.throttle import Throttle
+from hoid_common.log_throttle import LogThrottle
 from hoid_common.values import CameraModel, Detections, DynamicObject, Features, Reason
 
 DISTORTION = (0.262383, -0.953104, -0.005358, 0.002628, 1.163314)
@@ -33,7 +33,7 @@ def test_projection_of_known_points() -> None:
     )
 
 
-def test_distortion_is_taken_out_again() -> None:
+def test_undistortion_inverts_projection() -> None:
     points = np.random.default_rng(0).uniform([-0.8, -0.6, 2], [0.8, 0.6, 3], (50, 3))
     imaged = camera(DISTORTION).project_px(points)
     ideal = camera().project_px(points)
@@ -44,7 +44,7 @@ def test_distortion_is_taken_out_again() -> None:
 
 
 @pytest.mark.parametrize('num_coefficients', [4, 5, 8])
-def test_the_lens_is_that_of_opencv(num_coefficients: int) -> None:
+def test_distortion_equals_that_of_opencv(num_coefficients: int) -> None:
     bent = camera((*DISTORTION, 0.11, -0.07, 0.02)[:num_coefficients])
     points = np.random.default_rng(0).uniform([-1.5, -1, 1.5], [1.5, 1, 4], (50, 3))
     zero = np.zeros(3)
@@ -52,7 +52,7 @@ def test_the_lens_is_that_of_opencv(num_coefficients: int) -> None:
     np.testing.assert_allclose(bent.project_px(points), expected[:, 0], rtol=0, atol=1e-9)
 
 
-def test_no_distortion_costs_nothing() -> None:
+def test_undistortion_without_distortion_returns_its_input() -> None:
     uv = np.zeros((3, 2), np.float32)
     assert camera().undistort_px(uv) is uv
 
@@ -72,24 +72,24 @@ def test_no_distortion_costs_nothing() -> None:
         {'distortion': (1e20,)},
     ],
 )
-def test_cameras_that_cannot_be_are_refused(bad: dict[str, Any]) -> None:
+def test_impossible_cameras_are_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=r'camera .* must be .*, got'):
         replace(camera(DISTORTION), **bad)
 
 
 @pytest.mark.parametrize('bad', [(0.1,) * 12, (float('nan'),)])
-def test_lenses_that_are_not_known_are_refused(bad: tuple[float, ...]) -> None:
+def test_unsupported_distortion_is_refused(bad: tuple[float, ...]) -> None:
     with pytest.raises(ConfigError, match='distortion must be up to 8 numbers'):
         camera(bad)
 
 
-def test_class_names_are_bounded() -> None:
+def test_too_long_class_names_are_refused() -> None:
     detections([[0, 0, 1, 1]], [0.5], ['x' * 100])
     with pytest.raises(MessageError, match='a class name has 101 characters, more than 100'):
         detections([[0, 0, 1, 1]], [0.5], ['x' * 101])
 
 
-def test_what_a_lens_does_not_have_may_be_left_out_or_zero() -> None:
+def test_missing_coefficients_equal_zero() -> None:
     pixels = np.random.default_rng(0).uniform(0, 480, (50, 2)).astype(np.float32)
     expected = camera((0.1, -0.2, 0, 0, 0)).undistort_px(pixels)
     for distortion in ((0.1, -0.2), (0.1, -0.2, *(0,) * 12)):
@@ -107,7 +107,7 @@ def detections(
     )
 
 
-def test_detections_of_other_lengths_are_refused() -> None:
+def test_detections_of_different_lengths_are_refused() -> None:
     with pytest.raises(MessageError, match='1 classes'):
         detections([[0, 0, 1, 1]], [0.5, 0.5], ['person'])
 
@@ -130,14 +130,14 @@ def features(n: int) -> Features:
     )
 
 
-def test_selected_features_stay_together() -> None:
+def test_select_keeps_the_arrays_of_a_feature_together() -> None:
     chosen = features(4).select(np.array([False, True, False, True]))
     np.testing.assert_array_equal(chosen.response, [1, 3])
     np.testing.assert_array_equal(chosen.uv_px, [[2, 3], [6, 7]])
     assert chosen.stamp_ns == 5
 
 
-def test_features_of_other_lengths_are_refused() -> None:
+def test_features_of_different_lengths_are_refused() -> None:
     good = features(3)
     with pytest.raises(MessageError, match=r'depth_m has shape \(2,\), expected \(3,\)'):
         Features(
@@ -158,8 +158,8 @@ def test_all_reasons_but_one_are_dynamic(reason: Reason) -> None:
     assert obj.is_dynamic == (reason is not Reason.STATIC)
 
 
-def test_throttle_counts_what_it_holds_back() -> None:
-    throttle = Throttle(5.0)
+def test_throttle_counts_suppressed_messages() -> None:
+    throttle = LogThrottle(5.0)
     assert throttle.allow('a', 0.0) == 0
     assert throttle.allow('a', 1.0) is None
     assert throttle.allow('b', 1.0) == 0
@@ -168,28 +168,29 @@ def test_throttle_counts_what_it_holds_back() -> None:
     assert throttle.allow('a', 20.0) == 0
 
 
-def test_a_missing_input_is_said_in_plain_words() -> None:
+def test_text_about_a_missing_input() -> None:
     watch = InputWatch('depth images', '/depth/image', 'reliable', since_s=100.0)
     assert not watch.is_missing(101.0)
     assert watch.is_missing(103.2)
-    assert watch.complaint(103.2, []) == (
+    assert watch.missing_message(103.2, []) == (
         'no depth images yet for 3.2 s on /depth/image: no publisher'
     )
-    watch.heard(104.0)
+    watch.record_message(104.0)
     assert not watch.is_missing(105.0)
-    assert watch.complaint(107.2, ['best_effort']) == (
+    assert watch.missing_message(107.2, ['best_effort']) == (
         'no depth images for 3.2 s on /depth/image: 1 publisher, reliability best_effort, '
-        'we ask for reliable'
+        'but the subscription requests reliable'
     )
-    assert '2 publishers, reliability best_effort, reliable,' in watch.complaint(
+    assert '2 publishers, reliability best_effort, reliable,' in watch.missing_message(
         110.0, ['reliable', 'best_effort']
     )
-    assert watch.complaint(110.0, ['reliable'] * 2).endswith('/image: 2 publishers, silent')
+    assert watch.missing_message(110.0, ['reliable'] * 2).endswith('/image: 2 publishers, silent')
 
 
 @pytest.mark.parametrize('offered', ['reliable', 'best_effort'])
-def test_best_effort_hears_every_publisher(offered: str) -> None:
+def test_a_best_effort_subscription_matches_every_publisher(offered: str) -> None:
     watch = InputWatch('images', '/image', 'best_effort', since_s=0.0)
     assert (
-        watch.complaint(3.0, [offered]) == 'no images yet for 3.0 s on /image: 1 publisher, silent'
+        watch.missing_message(3.0, [offered])
+        == 'no images yet for 3.0 s on /image: 1 publisher, silent'
     )

@@ -25,7 +25,7 @@ plain = st.recursive(
 )
 
 
-def complaint(read: Callable[[], object]) -> str:
+def error_of(read: Callable[[], object]) -> str:
     try:
         read()
     except InputError as error:
@@ -36,7 +36,7 @@ def complaint(read: Callable[[], object]) -> str:
 @pytest.mark.slow
 @given(plain)
 @settings(max_examples=60)
-def test_plain_data_come_back_as_they_were_written(value: Any) -> None:
+def test_plain_data_survive_a_round_trip(value: Any) -> None:
     assert parse_yaml(yaml.safe_dump(value), 'x') == value
 
 
@@ -58,10 +58,10 @@ def test_plain_data_come_back_as_they_were_written(value: Any) -> None:
 @example('--- 1\n--- 2')
 @settings(max_examples=300)
 def test_any_text_is_a_value_or_an_error_in_one_line(text: str) -> None:
-    said = complaint(lambda: parse_yaml(text, 'name'))
-    assert said.startswith('name: is not YAML (') or not said
-    assert said.isprintable()
-    assert len(said) < 200
+    message = error_of(lambda: parse_yaml(text, 'name'))
+    assert message.startswith('name: is not YAML (') or not message
+    assert message.isprintable()
+    assert len(message) < 200
 
 
 @given(st.binary(max_size=80))
@@ -71,9 +71,11 @@ def test_any_file_is_a_value_or_an_error_in_one_line(
 ) -> None:
     path = tmp_path_factory.getbasetemp() / 'any.yaml'
     path.write_bytes(content)
-    said = complaint(lambda: read_yaml(path))
-    assert said.startswith((f'{path}: is not YAML (', f'{path}: not a text file')) or not said
-    assert said.isprintable()
+    message = error_of(lambda: read_yaml(path))
+    assert (
+        message.startswith((f'{path}: is not YAML (', f'{path}: not a text file')) or not message
+    )
+    assert message.isprintable()
 
 
 @pytest.mark.parametrize(
@@ -95,14 +97,14 @@ def test_any_file_is_a_value_or_an_error_in_one_line(
         ('<<: {a: 1}', {'<<': {'a': 1}}),
     ],
 )
-def test_what_a_scalar_means(text: str, value: object) -> None:
+def test_types_of_scalars(text: str, value: object) -> None:
     found = parse_yaml(text, 'x')
     assert found == value
     assert type(found) is type(value)
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'message'),
     [
         ('a: &x 1\nb: *x', 'line 2: an alias; write the value again'),
         ('!!int "x"', 'line 1: the tag tag:yaml.org,2002:int; write the plain value'),
@@ -117,11 +119,11 @@ def test_what_a_scalar_means(text: str, value: object) -> None:
         ('? [1]\n: 2', 'line 1: a key that is a list or a mapping'),
     ],
 )
-def test_what_is_refused_and_where(text: str, said: str) -> None:
+def test_errors_name_reason_and_line(text: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         parse_yaml(text, 'x')
     assert str(caught.value).startswith('x: is not YAML (')
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.slow
@@ -147,7 +149,7 @@ def test_what_is_refused_and_where(text: str, said: str) -> None:
 def test_a_hostile_text_costs_no_more_than_its_size(unit: str) -> None:
     text = (unit * MAX_BYTES)[:MAX_BYTES]
     began_s = time.thread_time()
-    complaint(lambda: parse_yaml(text, 'x'))
+    error_of(lambda: parse_yaml(text, 'x'))
     assert time.thread_time() - began_s < 5.0
 
 

@@ -1,1 +1,1 @@
-"""Finds people and objects in colour images with any ONNX model of the YOLO family."""
+"""Finds people and objects in color images with any ONNX model of the YOLO family."""

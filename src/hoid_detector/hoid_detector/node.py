@@ -1,4 +1,4 @@
-"""The node: colour images in, detections out; the newest image wins."""
+"""The node: color images in, detections out; the newest image wins."""
 
 from __future__ import annotations
 

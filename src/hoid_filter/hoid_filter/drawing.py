@@ -1,4 +1,4 @@
-"""The filter's verdict on a picture."""
+"""Drawing of features and verdicts on an image."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _BAR_BGR: Bgr = (50, 50, 50)
 
 
 def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
-    """Return a copy of the image (H, W, 3) with features and verdicts.
+    """Return a copy of the image (H, W, 3) with features and the boxes of objects.
 
-    Kept features are green, those that make no map points yellow, removed ones red; boxes are
-    coloured by reason and labelled with class, score, overlap ratio and depth gap.
+    Kept features are green, those that do not become map points yellow, removed ones red. Boxes
+    are colored by reason and labeled with class, score, overlap ratio and depth gap.
     """
     picture = image_bgr.copy()
     seeds = result.features.may_seed
@@ -46,25 +46,25 @@ def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
 
 
 def draw_points(picture: ByteArray, uv_px: Float32Array, color: Bgr) -> None:
-    """Draw a small ring at each of (N, 2) positions."""
+    """Draw a small circle at each of (N, 2) positions."""
     for center in np.rint(uv_px).astype(int).tolist():
         cv2.circle(picture, center, _RADIUS_PX, color, 1, cv2.LINE_AA)
 
 
 def draw_object(picture: ByteArray, item: DynamicObject) -> None:
-    """Draw a box in the colour of its verdict, with what the verdict rests on."""
+    """Draw the box of an object in the color of its reason, with its label."""
     color = REASON_BGR[item.reason]
     x1, y1, x2, y2 = (round(value) for value in item.box_xyxy_px)
     cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), color, 2)
     text = label(item)
     (width, height), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
-    top = max(y1, height + 4)  # a label above the picture would not be seen
+    top = max(y1, height + 4)  # keeps the label inside the picture
     cv2.rectangle(picture, (x1, top - height - 4), (x1 + width + 2, top), color, cv2.FILLED)
     cv2.putText(picture, text, (x1 + 1, top - 3), _FONT, _FONT_SCALE, _TEXT_BGR, 1, cv2.LINE_AA)
 
 
 def label(item: DynamicObject) -> str:
-    """Return class, score, and, for objects that overlap a person, by how much and how near."""
+    """Return the label: class, score, and overlap ratio and depth gap where a person overlaps."""
     text = f'{item.class_name} {item.score:.2f}'
     if item.overlap_ratio > 0:
         text += f' {item.overlap_ratio:.0%}'
@@ -74,7 +74,7 @@ def label(item: DynamicObject) -> str:
 
 
 def draw_title(picture: ByteArray, text: str) -> ByteArray:
-    """Return the picture (H, W, 3) with a line of text in a bar above it."""
+    """Return the picture (H, W, 3) with a title bar above it."""
     bar = np.full((_BAR_PX, picture.shape[1], 3), _BAR_BGR, np.uint8)
     cv2.putText(bar, text, (8, _BAR_PX - 8), _FONT, 0.6, _TEXT_BGR, 1, cv2.LINE_AA)
     return np.vstack([bar, picture])

@@ -1,4 +1,4 @@
-"""From an RGB-D image and what a detector saw in it to the features of the static world."""
+"""The filter: from an RGB-D image and detections to the features of the static scene."""
 
 from __future__ import annotations
 
@@ -25,41 +25,40 @@ from hoid_common.values import (
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import FilterInput, Verdict
 from hoid_filter.detections.sanitize import sanitize
 from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.extraction.pyramid import Corners
-from hoid_filter.motion.moving_regions import NOTHING, MotionSense
-from hoid_filter.motion.small_view import MotionView
-from hoid_filter.rules.registry import make_strategy
+from hoid_filter.motion.downscaled_view import MotionView
+from hoid_filter.motion.moving_regions import NO_MOVING_REGIONS, MotionDetector
+from hoid_filter.strategy import FilterInput, Verdict, make_strategy
 
 
 class DetectedCorners(NamedTuple):
-    """An image and its corners, which need no detections: they are found while these are made."""
+    """An image and its corners, before any is masked or described."""
 
     frame: RgbdFrame
     corners: Corners
-    took_s: float
+    elapsed_s: float  # processor time of corner detection
 
 
-class FinalWord(NamedTuple):
-    """What an image that was judged before turns out to show."""
+class FinalVerdict(NamedTuple):
+    """The verdict on an image whose features were published before."""
 
     objects: tuple[DynamicObject, ...]
-    verdicts: FeatureVerdicts
-    verdict: Verdict  # by which pixels are masked
+    feature_verdicts: FeatureVerdicts  # which of the published features are dynamic
+    verdict: Verdict  # of the strategy, for masks of pixels
 
 
 class FeatureFilter:
-    """Finds corners, judges objects, masks the dynamic ones, spreads and describes the rest.
+    """Detects corners, classifies objects, and describes the corners on static surface.
 
-    What moves without being detected takes longest to find. `process` looks for it first; who has
-    no time calls the verbs one by one: the features of `select_and_describe` then go by what moved
-    before, and `judge_again` tells after `sense_motion` which of them move.
+    `process` runs all stages. Motion segmentation takes longest of them, so the live filter runs
+    the stages one by one: `detect_corners`, `select_and_describe` with the moving regions of the
+    previous image, then `detect_motion`, and `reevaluate` for the final verdict on the features.
     """
 
     def __init__(self, config: FilterConfig, camera: CameraModel | None = None) -> None:
-        """Take the camera, if known, for the 3-D centres of objects in images of its size."""
+        """Take the camera; without it no motion is segmented and positions are unknown."""
         self._config = config
         self.camera = camera
         self._extractor = OrbExtractor(config.extraction)
@@ -67,45 +66,51 @@ class FeatureFilter:
         self.counters: Counter[str] = Counter()
 
     def reconfigure(self, config: FilterConfig) -> None:
-        """Take over parameters that may change at run time; what was remembered is forgotten."""
+        """Apply parameters that changed at run time, and reset."""
         self._config = config
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was remembered of earlier images, as when their stamps start anew."""
+        """Forget all earlier images, as is needed when the stamps start anew."""
         self._strategy = make_strategy(self._config)
-        self._motion = MotionSense(self._config.motion) if self._config.senses_motion else None
-        self._detected: BoolArray | None = None  # in the last image
+        self._motion = (
+            MotionDetector(self._config.motion) if self._strategy.senses_motion else None
+        )
+        self._detected_mask: BoolArray | None = None  # (h, w), of the previous image
 
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
     ) -> FilterResult:
-        """Return the features of the static world and the verdict on every object.
+        """Return the features on static surface and the verdict on all objects.
 
         Args:
-            frame: images of equal size, in order of time.
-            detections: of this image, or older ones to be predicted to it; None when the detector
-                said nothing (which is not the same as seeing nothing).
-            for_picture: also report where the features were that the verdict removed.
+            frame: The next image, in order of time, with depth of equal size.
+            detections: Of this image, or older ones, which are predicted to it. None when the
+                detector sent nothing, unlike empty detections.
+            for_picture: Whether to return the positions of removed features for a debug image.
         """
         detected = self.detect_corners(frame)
         start = time.thread_time()
-        self.sense_motion(detected)
-        sensed_ms = (time.thread_time() - start) * 1e3
+        self.detect_motion(detected)
+        motion_ms = (time.thread_time() - start) * 1e3
         result = self.select_and_describe(detected, detections, for_picture=for_picture)
-        result.stage_ms['filter'] += sensed_ms
+        result.stage_ms['filter'] += motion_ms
         return result
 
     def detect_corners(self, frame: RgbdFrame) -> DetectedCorners:
-        """Find the corners of an image; raises MessageError when its two images differ in size."""
+        """Return the corners of an image.
+
+        Raises:
+            MessageError: Color and depth differ in size.
+        """
         check_sizes(frame)
         start = time.thread_time()
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
         corners = self._extractor.detect(np.asarray(gray, np.uint8))
         return DetectedCorners(frame, corners, time.thread_time() - start)
 
-    def sense_motion(self, detected: DetectedCorners) -> None:
-        """Find what moves in an image without being detected; images come in order of time."""
+    def detect_motion(self, detected: DetectedCorners) -> None:
+        """Segment motion in the next image, if the strategy uses it and the camera is known."""
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
             self.counters['images without their camera'] += 1
@@ -119,13 +124,18 @@ class FeatureFilter:
             frame.depth_m,
             corners.pixel,
             corners.score,
-            self._detected,
+            self._detected_mask,
         )
-        self._motion.sense(view)
+        self._motion.detect(view)
+
+    @property
+    def needs_detections(self) -> bool:
+        """Return whether the strategy uses a detector's boxes."""
+        return self._strategy.needs_detections
 
     def is_motion_known(self, stamp_ns: int) -> bool:
-        """Return whether motion has been looked for in an image, if it ever is."""
-        return self._motion is None or self._motion.has_sensed(stamp_ns)
+        """Return whether motion was segmented in an image, or is not used."""
+        return self._motion is None or self._motion.has_result(stamp_ns)
 
     def select_and_describe(
         self,
@@ -134,21 +144,21 @@ class FeatureFilter:
         *,
         for_picture: bool = False,
     ) -> FilterResult:
-        """Return what `process` does, by what is known by now to move."""
-        frame, corners, detected_s = detected
-        found = time.thread_time()
-        verdict = self._judge(frame.stamp_ns, detections, frame.depth_m, corners.pixel)
-        self._detected = verdict.detected
+        """Return the result of `process`, with the moving regions that are known by now."""
+        frame, corners, corners_s = detected
+        start_s = time.thread_time()
+        verdict = self._classify(frame.stamp_ns, detections, frame.depth_m, corners.pixel)
+        self._detected_mask = verdict.detected_mask
         self.counters['frames with too few static features'] += verdict.fallback_step > 0
-        judged = time.thread_time()
+        classified_s = time.thread_time()
         chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)
-        moving = [reason is not Reason.STATIC for reason in verdict.reasons]
+        is_dynamic = [reason is not Reason.STATIC for reason in verdict.reasons]
         features = self._extractor.describe(
-            corners, chosen, frame.depth_m, frame.stamp_ns, verdict.boxes_xyxy_px[moving]
+            corners, chosen, frame.depth_m, frame.stamp_ns, verdict.boxes_xyxy_px[is_dynamic]
         )
         if verdict.seeds is not None:
             features = dataclasses.replace(features, may_seed=verdict.seeds[chosen])
-        done = time.thread_time()
+        done_s = time.thread_time()
         return FilterResult(
             features=features,
             objects=self._objects(verdict, frame.size_px),
@@ -156,42 +166,42 @@ class FeatureFilter:
             num_features_in=len(corners),
             num_removed=0 if verdict.kept is None else len(corners) - len(verdict.kept),
             stage_ms={
-                'extract': (detected_s + done - judged) * 1e3,
-                'filter': (judged - found) * 1e3,
+                'extract': (corners_s + done_s - classified_s) * 1e3,
+                'filter': (classified_s - start_s) * 1e3,
             },
         )
 
-    def judge_again(
+    def reevaluate(
         self,
         features: Features,
         depth_m: Float32Array,
         detections: Detections | None,
-    ) -> FinalWord:
-        """Return what is known by now of an image and its features.
+    ) -> FinalVerdict:
+        """Return the verdict on an image and its features by all that is known by now.
 
         Args:
-            features: Of the image, one of the last second, as `select_and_describe` gave them.
+            features: Of `select_and_describe`, for an image of the last second.
             depth_m: (H, W) of the image.
-            detections: Of the image, or of a later one that the detector took instead; None when
-                there are no more than were given with the image.
+            detections: Of the image, or of a later one when the detector skipped it; None when
+                there are none beyond those that `select_and_describe` received.
         """
         height, width = depth_m.shape
         u, v = np.rint(features.uv_px).astype(np.int64).T
         pixels = np.clip(v, 0, height - 1) * width + np.clip(u, 0, width - 1)
-        verdict = self._judge(features.stamp_ns, detections, depth_m, pixels)
+        verdict = self._classify(features.stamp_ns, detections, depth_m, pixels)
         is_dynamic = np.zeros(len(features), np.bool_)
         if verdict.kept is not None:
             is_dynamic[:] = True
             is_dynamic[verdict.kept] = False
         if verdict.seeds is not None:
             is_dynamic |= ~verdict.seeds
-        return FinalWord(
+        return FinalVerdict(
             self._objects(verdict, (width, height)),
             FeatureVerdicts(features.stamp_ns, is_dynamic),
             verdict,
         )
 
-    def _judge(
+    def _classify(
         self,
         stamp_ns: int,
         detections: Detections | None,
@@ -200,16 +210,16 @@ class FeatureFilter:
     ) -> Verdict:
         height, width = depth_m.shape
         if detections is not None:
-            fit = sanitize(detections, width, height, self._config.max_detections)
-            self.counters['boxes refused'] += fit.num_refused
-            self.counters['boxes clipped'] += fit.num_clipped
-            detections = fit.detections
-        moving = NOTHING if self._motion is None else self._motion.at(stamp_ns)
-        view = FilterInput(stamp_ns, detections, depth_m, corner_pixels, moving)
-        return self._strategy.judge(view)
+            valid = sanitize(detections, width, height, self._config.max_detections)
+            self.counters['boxes refused'] += valid.num_refused
+            self.counters['boxes clipped'] += valid.num_clipped
+            detections = valid.detections
+        moving = NO_MOVING_REGIONS if self._motion is None else self._motion.regions_at(stamp_ns)
+        image = FilterInput(stamp_ns, detections, depth_m, corner_pixels, moving)
+        return self._strategy.classify(image)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
-        """Return where the features were that would have been chosen had nothing been masked."""
+        """Return the (N, 2) positions of the masked features that would have been chosen."""
         if not wanted or verdict.kept is None:
             return np.empty((0, 2), np.float32)
         chosen = self._extractor.choose(corners, None, corners.pyramid.levels[0].size)
@@ -217,6 +227,7 @@ class FeatureFilter:
         return corners.uv_px[removed].astype(np.float32)
 
     def _objects(self, verdict: Verdict, size_px: tuple[int, int]) -> tuple[DynamicObject, ...]:
+        """Return the objects of a verdict; 3-D centers and sizes need the camera."""
         boxes = verdict.boxes_xyxy_px.astype(np.float64)
         centers = np.full((len(boxes), 3), np.nan)
         sizes = np.full((len(boxes), 2), np.nan)
@@ -245,9 +256,9 @@ class FeatureFilter:
 
 
 def check_sizes(frame: RgbdFrame) -> None:
-    """Raise MessageError when colour and depth are not of one size."""
+    """Raise MessageError when color and depth differ in size."""
     if frame.image_bgr.shape[:2] != frame.depth_m.shape:
         raise MessageError(
-            f'depth image is {frame.depth_m.shape[1]}x{frame.depth_m.shape[0]} but colour is '
-            f'{frame.image_bgr.shape[1]}x{frame.image_bgr.shape[0]}: register depth to colour'
+            f'depth image is {frame.depth_m.shape[1]}x{frame.depth_m.shape[0]} but color is '
+            f'{frame.image_bgr.shape[1]}x{frame.image_bgr.shape[0]}: register depth to color'
         )

@@ -1,20 +1,21 @@
-"""The filter alone.
+"""The filter node alone.
 
 ros2 launch hoid_filter hoid_filter.launch.py strategy:=hoid2d image:=/camera/color/image_raw
 
-How discovery is kept to one computer is said in hoid_bringup's hoid.launch.py.
+hoid.launch.py of hoid_bringup explains how discovery is limited to one computer.
 """
 
 from __future__ import annotations
 
 from hoid_common.ros.launch_files import Argument, one_node
-from hoid_filter.config import STRATEGIES, FilterConfig
+from hoid_filter.config import FilterConfig
+from hoid_filter.strategy_registry import STRATEGIES
 from launch import LaunchDescription
 
 ARGUMENT = Argument(
     'strategy',
     default_value=FilterConfig().strategy,
-    description='how dynamic objects are told',
+    description='how dynamic objects are identified',
     choices=list(STRATEGIES),
 )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.values import BoolArray, Detections, Float32Array, IntArray
-from hoid_filter.detections.aligned_detections import FilterInput
+from hoid_filter.strategy import FilterInput
 
 HEIGHT, WIDTH = 120, 160
 BoxTuple = tuple[float, float, float, float]
@@ -23,9 +23,9 @@ def view(
     corners_xy_px: tuple[tuple[int, int], ...] | None = None,
     stamp_ns: int | None = None,
 ) -> FilterInput:
-    """Return what a strategy gets, unless said so of the stamp of the detections.
+    """Return the input of a strategy, by default with the stamp of the detections.
 
-    Without other corners every pixel is one.
+    By default every pixel is a corner.
     """
     if stamp_ns is None:
         stamp_ns = 0 if found is None else found.stamp_ns
@@ -43,7 +43,7 @@ def view(
 
 
 def picture_of(kept: IntArray | None) -> BoolArray:
-    """Return the (HEIGHT, WIDTH) mask of what is kept where every pixel is a corner."""
+    """Return the (HEIGHT, WIDTH) mask of kept pixels, where every pixel is a corner."""
     assert kept is not None
     picture = np.zeros(HEIGHT * WIDTH, np.bool_)
     picture[kept] = True

@@ -1,9 +1,11 @@
+"""The mask over dynamic objects, and the order in which it is relaxed."""
+
 import numpy as np
 import pytest
 
 from hoid_filter.config import PlusConfig
-from hoid_filter.detections.aligned_detections import FilterInput
-from hoid_filter.rules.dynamic_mask import Masks, make_masks
+from hoid_filter.strategies.dynamic_mask import Masks, make_masks
+from hoid_filter.strategy import FilterInput
 
 from .helpers import HEIGHT, WIDTH, view
 
@@ -13,15 +15,15 @@ PERSON_X, HANDLED_X, REMEMBERED_X, FREE_X = 20, 70, 110, 155
 BEYOND_MARGIN_X = 148
 
 
-def confidence() -> np.ndarray:
-    """From left to right: a person, a handled object, one remembered, and a free strip."""
+def certainty() -> np.ndarray:
+    """Return a low-resolution mask: person, handled object, remembered object, static strip."""
     small = np.zeros((HEIGHT // 4, WIDTH // 4), np.uint8)
     small[:, :15], small[:, 15:25], small[:, 25:35] = PERSON, HANDLED, REMEMBERED
     return small
 
 
 def seen(column: int, num_with_depth: int, num_without: int = 0) -> FilterInput:
-    """A view with corners in one column; first, those of the top row, which have no depth."""
+    """Return an input whose corners are the top row, without depth, and those of one column."""
     rows = range(1, 1 + num_with_depth + num_without)
     depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
     depth_m[0] = depth_m[1 + num_with_depth :] = 0.0
@@ -43,8 +45,10 @@ def mapped_columns(masks: Masks) -> list[int]:
         (HANDLED_X, 2, {HANDLED_X, REMEMBERED_X, FREE_X}),
     ],
 )
-def test_mask_gives_back_the_least_sure_first(column: int, step: int, kept: set[int]) -> None:
-    masks = make_masks(confidence(), seen(column, 10), PlusConfig(), enough=10)
+def test_the_least_certain_objects_are_unmasked_first(
+    column: int, step: int, kept: set[int]
+) -> None:
+    masks = make_masks(certainty(), seen(column, 10), PlusConfig(), min_corners=10)
     assert masks.step == step
     assert masks.kept is not None
     columns = {PERSON_X, HANDLED_X, REMEMBERED_X, FREE_X}
@@ -56,24 +60,24 @@ def test_mask_gives_back_the_least_sure_first(column: int, step: int, kept: set[
         assert mapped_columns(masks) == list(range(BEYOND_MARGIN_X, WIDTH))
 
 
-def test_last_resort_tracks_everything_but_maps_nothing_of_it() -> None:
-    masks = make_masks(confidence(), seen(PERSON_X, 10), PlusConfig(), enough=10)
+def test_the_last_step_unmasks_everything_but_maps_no_dynamic_corner() -> None:
+    masks = make_masks(certainty(), seen(PERSON_X, 10), PlusConfig(), min_corners=10)
     assert (masks.kept, masks.static_area_px, masks.step) == (None, HEIGHT * WIDTH, 3)
     assert mapped_columns(masks) == list(range(BEYOND_MARGIN_X, WIDTH))
 
 
 def test_corners_without_depth_do_not_count() -> None:
-    assert make_masks(confidence(), seen(FREE_X, 9, 50), PlusConfig(), enough=10).step == 3
-    assert make_masks(confidence(), seen(FREE_X, 10, 50), PlusConfig(), enough=10).step == 0
+    assert make_masks(certainty(), seen(FREE_X, 9, 50), PlusConfig(), min_corners=10).step == 3
+    assert make_masks(certainty(), seen(FREE_X, 10, 50), PlusConfig(), min_corners=10).step == 0
 
 
 def test_without_the_fallback_the_mask_stays() -> None:
-    masks = make_masks(confidence(), seen(FREE_X, 0), PlusConfig(fall_back=False), enough=10)
+    masks = make_masks(certainty(), seen(FREE_X, 0), PlusConfig(fall_back=False), min_corners=10)
     assert masks.step == 0
     assert masks.kept is not None
     assert masks.kept.min() >= 140
 
 
 def test_nothing_moves_nothing_masked() -> None:
-    masks = make_masks(np.zeros((30, 40), np.uint8), seen(FREE_X, 0), PlusConfig(), enough=10)
+    masks = make_masks(np.zeros((30, 40), np.uint8), seen(FREE_X, 0), PlusConfig(), min_corners=10)
     assert masks == (HEIGHT * WIDTH, None, None, 0, None)

@@ -1,3 +1,5 @@
+"""ORB features: their distribution, repeatability, subpixel positions and descriptors."""
+
 import cv2
 import numpy as np
 import pytest

@@ -1,3 +1,5 @@
+"""The whole filter on one textured image with known boxes."""
+
 import dataclasses
 
 import cv2
@@ -48,7 +50,7 @@ def test_a_person_over_the_whole_image(frame: RgbdFrame, strategy: str, left: in
     assert len(result.features) == left  # hoid+ falls back rather than lose track
 
 
-def test_budget_without_refill_is_what_the_whole_image_leaves(frame: RgbdFrame) -> None:
+def test_without_refill_the_masked_features_are_not_replaced(frame: RgbdFrame) -> None:
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     everything = FeatureFilter(FilterConfig(strategy='none'))
     corners = everything.detect_corners(frame).corners
@@ -65,7 +67,7 @@ def test_budget_without_refill_is_what_the_whole_image_leaves(frame: RgbdFrame) 
     assert 0 < moved.sum() < 20
 
 
-def test_object_has_its_place_in_the_camera_frame(frame: RgbdFrame) -> None:
+def test_an_object_has_a_center_in_the_camera_frame(frame: RgbdFrame) -> None:
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     (person,) = (
         FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA).process(frame, found).objects
@@ -76,7 +78,7 @@ def test_object_has_its_place_in_the_camera_frame(frame: RgbdFrame) -> None:
     assert person.size_m == pytest.approx((0.8, 1.6))
 
 
-def test_place_is_found_through_a_lens_that_distorts(frame: RgbdFrame) -> None:
+def test_the_center_is_right_with_lens_distortion(frame: RgbdFrame) -> None:
     lens = dataclasses.replace(CAMERA, distortion=(-0.3, 0.1, 0.001, -0.002, 0.0))
     center_m = (-0.9, 0.6, 2.0)
     u, v = lens.project_px(np.array([center_m]))[0]
@@ -86,13 +88,13 @@ def test_place_is_found_through_a_lens_that_distorts(frame: RgbdFrame) -> None:
     assert person.center_camera_m == pytest.approx(center_m, abs=1e-4)
 
 
-def test_without_a_camera_places_are_unknown(frame: RgbdFrame) -> None:
+def test_without_a_camera_centers_are_unknown(frame: RgbdFrame) -> None:
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     (person,) = FeatureFilter(FilterConfig(strategy='person')).process(frame, found).objects
     assert np.isnan(person.center_camera_m).all()
 
 
-def test_with_a_camera_of_another_size_places_are_unknown(frame: RgbdFrame) -> None:
+def test_with_a_camera_of_another_image_size_centers_are_unknown(frame: RgbdFrame) -> None:
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     half = CameraModel(WIDTH // 2, HEIGHT // 2, 250.0, 250.0, 160.0, 120.0)
     (person,) = FeatureFilter(FilterConfig(strategy='person'), half).process(frame, found).objects
@@ -138,34 +140,32 @@ def test_bad_boxes_are_counted(frame: RgbdFrame) -> None:
 
 def test_depth_of_another_size_is_refused(frame: RgbdFrame) -> None:
     small = RgbdFrame(0, frame.image_bgr, np.ones((240, 320), np.float32))
-    with pytest.raises(MessageError, match='320x240 but colour is 640x480'):
+    with pytest.raises(MessageError, match='320x240 but color is 640x480'):
         FeatureFilter(FilterConfig()).process(small, None)
 
 
 @pytest.mark.parametrize('strategy', ['person', 'hoid2d', 'hoid3d', 'hoid+'])
-def test_late_detections_tell_which_published_features_move(
-    frame: RgbdFrame, strategy: str
-) -> None:
+def test_late_detections_classify_the_published_features(frame: RgbdFrame, strategy: str) -> None:
     features = FeatureFilter(FilterConfig(strategy=strategy), CAMERA)
     first = features.process(frame, None)
     assert first.objects == ()
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
-    word = features.judge_again(first.features, frame.depth_m, found)
-    assert [seen.reason for seen in word.objects] == [Reason.PERSON]
-    assert word.verdicts.stamp_ns == frame.stamp_ns
+    final = features.reevaluate(first.features, frame.depth_m, found)
+    assert [seen.reason for seen in final.objects] == [Reason.PERSON]
+    assert final.feature_verdicts.stamp_ns == frame.stamp_ns
     u, v = np.rint(first.features.uv_px).T
     inside = (u >= 100) & (u < 300) & (v >= 50) & (v < 450)
     near = (u >= 88) & (u < 312) & (v >= 38) & (v < 462)
     assert inside.sum() > 50
-    assert word.verdicts.is_dynamic[inside].all()
-    assert not word.verdicts.is_dynamic[~near].any()
+    assert final.feature_verdicts.is_dynamic[inside].all()
+    assert not final.feature_verdicts.is_dynamic[~near].any()
 
 
-def test_the_next_image_knows_what_came_late(frame: RgbdFrame) -> None:
+def test_late_detections_are_used_in_the_next_image(frame: RgbdFrame) -> None:
     late, prompt = (FeatureFilter(FilterConfig(), CAMERA) for _ in range(2))
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     first = late.process(frame, None)
-    late.judge_again(first.features, frame.depth_m, found)
+    late.reevaluate(first.features, frame.depth_m, found)
     prompt.process(frame, found)
     following = dataclasses.replace(frame, stamp_ns=frame.stamp_ns + 33_000_000)
     got, wanted = late.process(following, None), prompt.process(following, None)
@@ -174,7 +174,7 @@ def test_the_next_image_knows_what_came_late(frame: RgbdFrame) -> None:
     np.testing.assert_array_equal(got.features.uv_px, wanted.features.uv_px)
 
 
-def test_a_skipped_image_is_judged_by_the_boxes_of_the_next(frame: RgbdFrame) -> None:
+def test_a_skipped_image_is_classified_by_the_boxes_of_the_next(frame: RgbdFrame) -> None:
     depth_m = np.full_like(frame.depth_m, 3.0)
     depth_m[50:450, 100:300] = 1.5  # the person before a wall
     frame = dataclasses.replace(frame, depth_m=depth_m)
@@ -183,17 +183,19 @@ def test_a_skipped_image_is_judged_by_the_boxes_of_the_next(frame: RgbdFrame) ->
     following = dataclasses.replace(frame, stamp_ns=frame.stamp_ns + 33_000_000)
     features.process(following, None)
     found = detections(('person', PERSON_BOX), stamp_ns=following.stamp_ns)
-    word = features.judge_again(first.features, frame.depth_m, found)
-    assert [seen.reason for seen in word.objects] == [Reason.PREDICTED]
-    assert word.verdicts.is_dynamic.sum() > 50
-    again = features.judge_again(first.features, frame.depth_m, found)
-    np.testing.assert_array_equal(again.verdicts.is_dynamic, word.verdicts.is_dynamic)
+    final = features.reevaluate(first.features, frame.depth_m, found)
+    assert [seen.reason for seen in final.objects] == [Reason.PREDICTED]
+    assert final.feature_verdicts.is_dynamic.sum() > 50
+    again = features.reevaluate(first.features, frame.depth_m, found)
+    np.testing.assert_array_equal(
+        again.feature_verdicts.is_dynamic, final.feature_verdicts.is_dynamic
+    )
 
 
 def test_late_detections_of_nobody_leave_all_features(frame: RgbdFrame) -> None:
     features = FeatureFilter(FilterConfig(), CAMERA)
     first = features.process(frame, None)
-    word = features.judge_again(first.features, frame.depth_m, detections(stamp_ns=1_000))
-    assert word.objects == ()
-    assert len(word.verdicts.is_dynamic) == len(first.features)
-    assert not word.verdicts.is_dynamic.any()
+    final = features.reevaluate(first.features, frame.depth_m, detections(stamp_ns=1_000))
+    assert final.objects == ()
+    assert len(final.feature_verdicts.is_dynamic) == len(first.features)
+    assert not final.feature_verdicts.is_dynamic.any()

@@ -1,4 +1,4 @@
-"""Parameters of the filter that mean more than their text."""
+"""Parameters of the filter with a special value."""
 
 from __future__ import annotations
 

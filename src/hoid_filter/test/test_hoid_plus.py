@@ -1,4 +1,4 @@
-"""What hoid+ adds to the paper's rules, on scenes with known answers."""
+"""The additions of hoid+ to the rules of the paper, in scenes with known answers."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import pytest
 
 from hoid_common.values import Detections, Float32Array, Reason
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.aligned_detections import Verdict
-from hoid_filter.rules.hoid_plus import HoidPlus
+from hoid_filter.strategies.hoid_plus import HoidPlus
+from hoid_filter.strategy import Verdict
 
 from .helpers import HEIGHT, WIDTH, BoxTuple, detections, picture_of, view
 
@@ -19,7 +19,7 @@ HUGE: BoxTuple = (5.0, 5.0, 155.0, 115.0)
 
 
 def plus(**switches: object) -> HoidPlus:
-    """Without the fallback, as these scenes have no corners."""
+    """Return the strategy without mask relaxation, as these scenes have no corners."""
     values = {'fall_back': False, **switches}
     return HoidPlus(FilterConfig().updated({f'plus.{k}': v for k, v in values.items()}))
 
@@ -46,7 +46,7 @@ def walk(strategy: HoidPlus, num_frames: int) -> tuple[float, int]:
     for n in range(num_frames):
         left, stamp_ns = 10.0 + 3.0 * n, n * FRAME_NS
         box, depth_m = walker(left)
-        strategy.judge(view(detections(('person', box), stamp_ns=stamp_ns), depth_m))
+        strategy.classify(view(detections(('person', box), stamp_ns=stamp_ns), depth_m))
     return left, stamp_ns
 
 
@@ -54,7 +54,7 @@ def test_missed_person_is_predicted_along_the_motion() -> None:
     strategy = plus()
     left, stamp_ns = walk(strategy, 20)
     expected, depth_m = walker(left + 9)
-    verdict = strategy.judge(view(Detections.none(stamp_ns + 3 * FRAME_NS), depth_m))
+    verdict = strategy.classify(view(Detections.none(stamp_ns + 3 * FRAME_NS), depth_m))
     assert verdict.reasons == (Reason.PREDICTED,)
     assert verdict.boxes_xyxy_px[0] == pytest.approx(expected, abs=0.1)
     kept = picture_of(verdict.kept)
@@ -66,25 +66,25 @@ def test_missed_person_is_predicted_along_the_motion() -> None:
 def test_prediction_ends_after_its_time_and_can_be_switched_off() -> None:
     for strategy, late_ns in ((plus(), 400_000_001), (plus(bridge_misses=False), 1)):
         _, stamp_ns = walk(strategy, 20)
-        verdict = strategy.judge(view(Detections.none(stamp_ns + late_ns)))
+        verdict = strategy.classify(view(Detections.none(stamp_ns + late_ns)))
         assert verdict.reasons == ()
         assert verdict.kept is None
 
 
-def test_empty_detection_after_a_full_one_is_not_believed_at_once() -> None:
+def test_a_missed_person_stays_dynamic_at_first() -> None:
     strategy = plus()
-    strategy.judge(view(detections(('person', PERSON), stamp_ns=0)))
-    assert strategy.judge(view(Detections.none(FRAME_NS))).reasons == (Reason.PREDICTED,)
+    strategy.classify(view(detections(('person', PERSON), stamp_ns=0)))
+    assert strategy.classify(view(Detections.none(FRAME_NS))).reasons == (Reason.PREDICTED,)
     # Seen only once, it is believed for less long than what was seen again and again.
-    assert strategy.judge(view(Detections.none(5 * FRAME_NS))).reasons == ()
+    assert strategy.classify(view(Detections.none(5 * FRAME_NS))).reasons == ()
 
 
 def test_returning_person_keeps_the_track() -> None:
     strategy = plus()
     left, stamp_ns = walk(strategy, 10)
-    strategy.judge(view(Detections.none(stamp_ns + FRAME_NS)))
+    strategy.classify(view(Detections.none(stamp_ns + FRAME_NS)))
     box = (left + 6, 10.0, left + 46, 110.0)
-    back = strategy.judge(view(detections(('person', box), stamp_ns=stamp_ns + 2 * FRAME_NS)))
+    back = strategy.classify(view(detections(('person', box), stamp_ns=stamp_ns + 2 * FRAME_NS)))
     assert back.reasons == (Reason.PERSON,)
     assert back.track_ids.tolist() == [0]
 
@@ -95,94 +95,94 @@ def test_late_and_rare_detections_are_predicted_without_a_gap(late: int, period:
     strategy = plus()
     for n in range(30):
         heard = cup_covered_by(0.6, (n - late) * FRAME_NS) if n % period == 0 else None
-        found = reasons(strategy.judge(view(heard, stamp_ns=n * FRAME_NS)))
+        found = reasons(strategy.classify(view(heard, stamp_ns=n * FRAME_NS)))
         assert found == {'person': Reason.PREDICTED, 'cup': Reason.PREDICTED}
 
 
 def test_what_stands_still_is_reported_between_detections() -> None:
     strategy = plus()
-    strategy.judge(view(cup_covered_by(0.1, 0)))
-    found = reasons(strategy.judge(view(None, stamp_ns=FRAME_NS)))
+    strategy.classify(view(cup_covered_by(0.1, 0)))
+    found = reasons(strategy.classify(view(None, stamp_ns=FRAME_NS)))
     assert found == {'person': Reason.PREDICTED, 'cup': Reason.STATIC}
 
 
 def test_nothing_is_predicted_for_longer_than_the_limit() -> None:
     strategy = HoidPlus(FilterConfig(prediction_limit_s=0.2))
-    strategy.judge(view(cup_covered_by(0.6, 0)))
-    assert len(strategy.judge(view(None, stamp_ns=200_000_000)).reasons) == 2
-    assert strategy.judge(view(None, stamp_ns=200_000_001)).reasons == ()
+    strategy.classify(view(cup_covered_by(0.6, 0)))
+    assert len(strategy.classify(view(None, stamp_ns=200_000_000)).reasons) == 2
+    assert strategy.classify(view(None, stamp_ns=200_000_001)).reasons == ()
 
 
-def test_object_that_is_missed_at_times_is_known_all_the_same() -> None:
+def test_an_object_that_is_sometimes_missed_keeps_its_track() -> None:
     strategy = plus()
     verdicts = []
     for n in range(12):
         stamp_ns = n * FRAME_NS
         found = Detections.none(stamp_ns) if n % 3 == 2 else cup_covered_by(0.6, stamp_ns)
-        verdicts.append(strategy.judge(view(found)))
+        verdicts.append(strategy.classify(view(found)))
     assert all('cup' in reasons(verdict) for verdict in verdicts[3:])
     assert {i for verdict in verdicts for i in verdict.track_ids.tolist()} == {0, 1}
 
 
-def test_object_that_only_flickers_is_never_known() -> None:
+def test_an_object_that_only_flickers_is_never_established() -> None:
     strategy = plus()
     for n in range(30):
         stamp_ns = n * FRAME_NS
         seen = n % 6 == 0  # 0.2 s apart
         person = detections(('person', PERSON), stamp_ns=stamp_ns)
         found = cup_covered_by(0.6, stamp_ns) if seen else person
-        assert ('cup' in reasons(strategy.judge(view(found)))) is seen
+        assert ('cup' in reasons(strategy.classify(view(found)))) is seen
 
 
-def judge_huge(strategy: HoidPlus, score: float, n: int = 0) -> Reason:
+def classify_huge(strategy: HoidPlus, score: float, n: int = 0) -> Reason:
     found = detections(('person', HUGE), stamp_ns=n * FRAME_NS, score=score)
-    (reason,) = strategy.judge(view(found)).reasons
+    (reason,) = strategy.classify(view(found)).reasons
     return reason
 
 
-def test_weak_person_over_the_whole_image_is_believed_when_seen_in_a_row() -> None:
+def test_a_weak_person_over_the_whole_image_is_confirmed_by_detections_in_a_row() -> None:
     strategy = plus()
-    found = [judge_huge(strategy, 0.3, n) for n in range(4)]
+    found = [classify_huge(strategy, 0.3, n) for n in range(4)]
     assert found == [Reason.STATIC] * 3 + [Reason.PERSON]
 
 
-def test_weak_person_over_the_whole_image_who_comes_and_goes_is_never_believed() -> None:
+def test_a_weak_person_over_the_whole_image_who_flickers_is_never_confirmed() -> None:
     strategy = plus()
     for n in range(0, 40, 4):
-        assert [judge_huge(strategy, 0.3, n + k) for k in range(3)] == [Reason.STATIC] * 3
-        assert strategy.judge(view(Detections.none((n + 3) * FRAME_NS))).kept is None
+        assert [classify_huge(strategy, 0.3, n + k) for k in range(3)] == [Reason.STATIC] * 3
+        assert strategy.classify(view(Detections.none((n + 3) * FRAME_NS))).kept is None
 
 
 def test_late_detector_does_not_break_the_row() -> None:
     strategy = plus()
     for n in range(0, 6, 2):
-        assert judge_huge(strategy, 0.3, n) is Reason.STATIC
-        strategy.judge(view(None, stamp_ns=(n + 1) * FRAME_NS))
-    assert judge_huge(strategy, 0.3, 6) is Reason.PERSON
+        assert classify_huge(strategy, 0.3, n) is Reason.STATIC
+        strategy.classify(view(None, stamp_ns=(n + 1) * FRAME_NS))
+    assert classify_huge(strategy, 0.3, 6) is Reason.PERSON
 
 
-def test_large_person_is_believed_when_sure_or_known_or_the_switch_is_off() -> None:
-    assert judge_huge(plus(), 0.9) is Reason.PERSON
-    assert judge_huge(plus(doubt_large_people=False), 0.3) is Reason.PERSON
+def test_a_large_person_is_confirmed_when_strong_or_tracked_or_the_switch_is_off() -> None:
+    assert classify_huge(plus(), 0.9) is Reason.PERSON
+    assert classify_huge(plus(doubt_large_people=False), 0.3) is Reason.PERSON
     strategy = plus()
-    judge_huge(strategy, 0.9)
-    assert judge_huge(strategy, 0.3, 1) is Reason.PERSON
+    classify_huge(strategy, 0.9)
+    assert classify_huge(strategy, 0.3, 1) is Reason.PERSON
 
 
-def test_handled_object_is_let_go_later_than_it_is_taken() -> None:
+def test_a_handled_object_is_released_at_less_overlap_than_it_is_taken() -> None:
     strategy = plus()
     shares = (0.3, 0.5, 0.3)
     found = [
-        reasons(strategy.judge(view(cup_covered_by(s, n * QUARTER_S_NS))))['cup']
+        reasons(strategy.classify(view(cup_covered_by(s, n * QUARTER_S_NS))))['cup']
         for n, s in enumerate(shares)
     ]
     assert found == [Reason.STATIC, Reason.HANDLED, Reason.HANDLED]
 
 
-def test_object_put_down_is_suspect_until_seen_at_rest() -> None:
+def test_an_object_put_down_is_dynamic_until_seen_at_rest() -> None:
     for strategy, num_remembered in ((plus(), 3), (plus(remember=False), 0)):
         found = [
-            reasons(strategy.judge(view(cup_covered_by(s, n * QUARTER_S_NS))))['cup']
+            reasons(strategy.classify(view(cup_covered_by(s, n * QUARTER_S_NS))))['cup']
             for n, s in enumerate((0.5, 0.1, 0.1, 0.1, 0.1))
         ]
         assert found[0] is Reason.HANDLED
@@ -190,7 +190,7 @@ def test_object_put_down_is_suspect_until_seen_at_rest() -> None:
         assert found[4] is Reason.STATIC
 
 
-def judge_chain(strategy: HoidPlus, cup_depth_m: float) -> dict[str, Reason]:
+def classify_chain(strategy: HoidPlus, cup_depth_m: float) -> dict[str, Reason]:
     """A person covers half of the chair, on which a cup stands out of the person's reach."""
     depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
     depth_m[80:100, 62:78] = cup_depth_m
@@ -199,13 +199,13 @@ def judge_chain(strategy: HoidPlus, cup_depth_m: float) -> dict[str, Reason]:
         ('chair', (40.0, 40.0, 80.0, 110.0)),
         ('cup', (62.0, 80.0, 78.0, 100.0)),
     )
-    return reasons(strategy.judge(view(found, depth_m)))
+    return reasons(strategy.classify(view(found, depth_m)))
 
 
 def test_object_on_a_handled_object_is_handled() -> None:
-    assert judge_chain(plus(), 2.0)['cup'] is Reason.HANDLED
-    assert judge_chain(plus(), 2.5)['cup'] is Reason.STATIC
-    unchained = judge_chain(plus(chains=False), 2.0)
+    assert classify_chain(plus(), 2.0)['cup'] is Reason.HANDLED
+    assert classify_chain(plus(), 2.5)['cup'] is Reason.STATIC
+    unchained = classify_chain(plus(chains=False), 2.0)
     assert unchained == {
         'person': Reason.PERSON, 'chair': Reason.HANDLED, 'cup': Reason.STATIC
     }  # fmt: skip
@@ -219,7 +219,7 @@ def test_object_far_from_the_person_in_depth_is_not_handled() -> None:
     ):
         depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
         depth_m[50:70, 50:70] = cup_depth_m
-        assert reasons(plus().judge(view(cup_covered_by(0.5, 0), depth_m)))['cup'] is reason
+        assert reasons(plus().classify(view(cup_covered_by(0.5, 0), depth_m)))['cup'] is reason
 
 
 def person_before_a_wall() -> tuple[Detections, Float32Array]:
@@ -229,24 +229,26 @@ def person_before_a_wall() -> tuple[Detections, Float32Array]:
 
 
 def test_background_in_a_persons_box_is_kept() -> None:
-    verdict = plus().judge(view(*person_before_a_wall()))
+    verdict = plus().classify(view(*person_before_a_wall()))
     kept = picture_of(verdict.kept)
     assert verdict.static_area_px == np.count_nonzero(kept)
     assert not kept[14:106, 64:96].any()
     assert kept[14:106, 34:46].all()
     assert kept[14:106, 114:126].all()
-    whole_box = plus(keep_background=False).judge(view(*person_before_a_wall()))
+    whole_box = plus(keep_background=False).classify(view(*person_before_a_wall()))
     assert not picture_of(whole_box.kept)[14:106, 34:126].any()
 
 
 def test_all_that_is_kept_may_become_map_points() -> None:
-    verdict = plus().judge(view(*person_before_a_wall()))
+    verdict = plus().classify(view(*person_before_a_wall()))
     assert verdict.fallback_step == 0
     assert verdict.kept is not None
     assert verdict.seeds is None
 
 
-def test_detector_that_says_nothing_is_bridged_like_a_miss() -> None:
+def test_a_silent_detector_is_bridged_like_a_miss() -> None:
     strategy = plus()
     _, stamp_ns = walk(strategy, 5)
-    assert strategy.judge(view(None, stamp_ns=stamp_ns + FRAME_NS)).reasons == (Reason.PREDICTED,)
+    assert strategy.classify(view(None, stamp_ns=stamp_ns + FRAME_NS)).reasons == (
+        Reason.PREDICTED,
+    )

@@ -1,4 +1,4 @@
-"""What moves without being detected, in small rendered scenes with known answers."""
+"""Motion segmentation in small rendered scenes with known answers."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from hoid_common.values import (
 )
 from hoid_filter.config import FilterConfig, MotionConfig
 from hoid_filter.feature_filter import FeatureFilter
-from hoid_filter.motion.belief import Belief
-from hoid_filter.motion.small_camera import SmallCamera
-from hoid_filter.motion.small_view import SmallView
-from hoid_native import FlowPyramid, depth_segments
+from hoid_filter.motion.downscaled_camera import DownscaledCamera
+from hoid_filter.motion.downscaled_view import DownscaledView
+from hoid_filter.motion.motion_log_odds import MotionLogOdds
+from hoid_native import depth_segments
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
-GRAY = FlowPyramid(np.zeros((240, 320), np.uint8), 1)
+GRAY = np.zeros((240, 320), np.uint8)
 LENS = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5, (0.1, -0.05, 0.0, 0.0, 0.0))
 WALL_M, SQUARE_M, SIDE_M = 3.0, 1.5, 0.5
 PERIOD_NS = 33_333_333
 
 
 def texture(seed: int) -> ByteArray:
-    """Return (1024, 1024) blotches, 5 mm each."""
+    """Return a (1024, 1024) random texture with 5 mm per pixel."""
     noise = np.random.default_rng(seed).integers(0, 256, (256, 256)).astype(np.uint8)
     return np.asarray(cv2.resize(noise, (1024, 1024), interpolation=cv2.INTER_CUBIC), np.uint8)
 
@@ -63,7 +63,7 @@ class Scene:
         square_x_m: float | None,
         side_m: float = SIDE_M,
     ) -> tuple[RgbdFrame, BoolArray]:
-        """Return an image, and which of its pixels show the square."""
+        """Return an image, and the mask of its pixels on the square."""
         gray, depth_m = self._surface(T_world_camera, WALL_M, WALL)
         shape = self.camera.height_px, self.camera.width_px
         on_square = np.zeros(len(gray), np.bool_)
@@ -114,12 +114,12 @@ def scene_of(camera: CameraModel) -> Scene:
 
 @cache
 def passing(i: int, camera: CameraModel = CAMERA) -> tuple[RgbdFrame, BoolArray]:
-    """Return image i of a square that passes a camera which moves, too."""
+    """Return image i of a square that passes a moving camera."""
     return scene_of(camera).frame(i, moved(0.004 * i), -0.4 + 0.02 * i)
 
 
 def seen_person(stamp_ns: int, square: BoolArray) -> Detections:
-    """Return what a detector says that takes the square for a person."""
+    """Return detections of the square as a person."""
     rows, columns = np.nonzero(square)
     box = [[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]]
     score = np.array([0.9], np.float32)
@@ -131,7 +131,7 @@ def make_filter(camera: CameraModel | None = CAMERA, strategy: str = 'motion') -
 
 
 def corner_shares(motion: FeatureFilter, frame: RgbdFrame, square: BoolArray) -> tuple[float, ...]:
-    """Return how many of the features are on the square, and the number of features."""
+    """Return the share of features on the square, and the number of features."""
     features = motion.process(frame, None).features
     at = np.rint(features.uv_px).astype(int)
     return float(square[at[:, 1], at[:, 0]].mean()), len(features)
@@ -139,7 +139,7 @@ def corner_shares(motion: FeatureFilter, frame: RgbdFrame, square: BoolArray) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize('camera', [CAMERA, LENS], ids=['pinhole', 'lens'])
-def test_a_square_that_moves_is_masked_and_told(camera: CameraModel) -> None:
+def test_a_moving_square_is_masked_and_reported(camera: CameraModel) -> None:
     motion = make_filter(camera)
     for i in range(25):
         frame, square = passing(i, camera)
@@ -172,7 +172,7 @@ def test_a_square_that_moves_by_less_than_half_a_pixel_an_image_is_masked() -> N
 @pytest.mark.parametrize(
     ('step_m', 'turn_rad'), [(0.0, 0.0), (0.01, 0.0), (0.0, 0.02)], ids=['rests', 'goes', 'turns']
 )
-def test_where_nothing_moves_nothing_is_masked(step_m: float, turn_rad: float) -> None:
+def test_nothing_is_masked_in_a_static_scene(step_m: float, turn_rad: float) -> None:
     motion, none = make_filter(), make_filter(strategy='none')
     for i in range(15):
         pose = moved(step_m * i, turn_rad * np.sin(i / 3))
@@ -184,33 +184,33 @@ def test_where_nothing_moves_nothing_is_masked(step_m: float, turn_rad: float) -
         np.testing.assert_array_equal(result.features.uv_px, unfiltered.uv_px)
 
 
-def test_features_may_be_chosen_before_motion_is_looked_for() -> None:
+def test_features_may_be_described_before_motion_is_segmented() -> None:
     quick, patient = make_filter(), make_filter()
-    objects: tuple[DynamicObject, ...] = ()  # by the last final word
-    taken_back = 0
+    objects: tuple[DynamicObject, ...] = ()  # of the last final verdict
+    num_retracted = 0
     for i in range(20):
         frame, square = passing(i)
         detected = quick.detect_corners(frame)
         first = quick.select_and_describe(detected, None)
         assert not quick.is_motion_known(frame.stamp_ns)
-        quick.sense_motion(detected)
+        quick.detect_motion(detected)
         assert quick.is_motion_known(frame.stamp_ns)
-        word = quick.judge_again(first.features, frame.depth_m, None)
+        final = quick.reevaluate(first.features, frame.depth_m, None)
         boxes = [seen.box_xyxy_px for seen in first.objects]
         assert boxes == [seen.box_xyxy_px for seen in objects]  # as in the image before
-        objects = word.objects
+        objects = final.objects
         at = np.rint(first.features.uv_px).astype(int)
         on_square = square[at[:, 1], at[:, 0]]
-        taken_back += int(word.verdicts.is_dynamic[on_square].sum())
+        num_retracted += int(final.feature_verdicts.is_dynamic[on_square].sum())
         wanted = patient.process(frame, None)
-        assert list(map(repr, word.objects)) == list(map(repr, wanted.objects))
+        assert list(map(repr, final.objects)) == list(map(repr, wanted.objects))
     assert len(objects) == 1
-    assert taken_back > 50  # where it had not been known to move
+    assert num_retracted > 50  # where it had not been known to move
     assert on_square.mean() < 0.01
 
 
 @pytest.mark.slow
-def test_what_came_to_rest_is_static_again() -> None:
+def test_an_object_that_stops_becomes_static_again() -> None:
     motion = make_filter()
     for i in range(20):
         last, square = passing(i)
@@ -231,7 +231,7 @@ def test_the_same_images_give_the_same_features() -> None:
     np.testing.assert_array_equal(results[0], results[1])
 
 
-def test_lost_depth_jumps_in_time_and_other_sizes_are_lived_through() -> None:
+def test_lost_depth_time_jumps_and_other_image_sizes_do_no_harm() -> None:
     motion = make_filter()
     blank = np.zeros((CAMERA.height_px, CAMERA.width_px), np.float32)
     for i in (0, 1, 2, 3, 24, 23, 4, 5, 5, 6):
@@ -251,13 +251,13 @@ def test_lost_depth_jumps_in_time_and_other_sizes_are_lived_through() -> None:
     assert motion.counters['images without their camera'] == 2
 
 
-def test_without_a_camera_nothing_is_known_to_move() -> None:
+def test_without_a_camera_no_motion_is_segmented() -> None:
     motion = make_filter(None)
     for i in range(10):
         assert motion.process(passing(i)[0], None).num_removed == 0
 
 
-def test_hoid_plus_tells_what_the_detector_misses() -> None:
+def test_hoid_plus_masks_what_the_detector_misses() -> None:
     both = make_filter(strategy='hoid+')
     switched_off = FeatureFilter(
         FilterConfig(strategy='hoid+', motion=MotionConfig(enabled=False)), CAMERA
@@ -271,7 +271,7 @@ def test_hoid_plus_tells_what_the_detector_misses() -> None:
     assert without.num_removed == 0
 
 
-def test_what_is_detected_is_not_told_twice() -> None:
+def test_a_detected_object_is_not_reported_twice() -> None:
     both = make_filter(strategy='hoid+')
     for i in range(20):
         frame, square = passing(i)
@@ -279,7 +279,7 @@ def test_what_is_detected_is_not_told_twice() -> None:
     assert [item.reason for item in result.objects] == [Reason.PERSON]
 
 
-def test_who_is_detected_over_most_of_the_view_does_not_pass_for_the_world() -> None:
+def test_a_person_over_most_of_the_view_does_not_pass_for_the_static_scene() -> None:
     both = make_filter(strategy='hoid+')
     for i in range(15):
         x_m = -0.3 + 0.02 * i
@@ -292,46 +292,46 @@ def test_who_is_detected_over_most_of_the_view_does_not_pass_for_the_world() -> 
     assert len(at) > 100
 
 
-def test_each_pixel_belongs_to_the_small_pixel_where_an_ideal_camera_sees_it() -> None:
+def test_each_pixel_maps_to_the_downscaled_pixel_of_its_undistorted_position() -> None:
     lens = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
     camera = CameraModel(640, 480, 517.3, 516.5, 318.6, 255.3, lens)
     pixels = np.arange(640 * 480)
     uv_px = np.stack([pixels % 640, pixels // 640], axis=1).astype(np.float32)
     small_px = (camera.undistort_px(uv_px) + 0.5) / 4 - 0.5
     nearest_px = np.clip(np.rint(small_px), 0, (159, 119))
-    row, column = np.divmod(SmallCamera(camera).small_pixels(pixels), 160)
+    row, column = np.divmod(DownscaledCamera(camera).downscaled_pixels(pixels), 160)
     off_px = np.abs(np.stack([column, row], axis=1) - nearest_px).max(axis=1)
     assert off_px.max() <= 1  # where it lies between two
     assert np.mean(off_px > 0) < 0.01
 
 
-def test_belief_never_comes_from_pixels_without_depth() -> None:
-    camera = SmallCamera(CAMERA)
-    belief = Belief(camera, 1.0)
+def test_pixels_without_depth_never_get_log_odds() -> None:
+    camera = DownscaledCamera(CAMERA)
+    log_odds = MotionLogOdds(camera, 1.0)
     random = np.random.default_rng(0)
     for i in range(20):
         depth_m: Float32Array = random.uniform(1.0, 1.02, camera.shape_hw).astype(np.float32)
         depth_m[random.random(camera.shape_hw) < 0.02] = 0.0
         segments = depth_segments(depth_m, 20)
-        view = SmallView(i / 30, GRAY, depth_m, segments)
+        view = DownscaledView(i / 30, GRAY, depth_m, segments)
         evidence = random.normal(0.5, 1.0, len(segments.region))
-        belief.update(view, np.eye(4), evidence)
-        assert (belief.log_odds[depth_m == 0] == 0).all()
-        assert np.abs(belief.log_odds).max() <= 3.0
+        log_odds.update(view, np.eye(4), evidence)
+        assert (log_odds.log_odds[depth_m == 0] == 0).all()
+        assert np.abs(log_odds.log_odds).max() <= 3.0
 
 
-def test_a_belief_fades_by_time_and_not_by_images() -> None:
-    camera = SmallCamera(CAMERA)
+def test_log_odds_decay_by_time_and_not_by_images() -> None:
+    camera = DownscaledCamera(CAMERA)
     depth_m = np.full(camera.shape_hw, 2.0, np.float32)
     segments = depth_segments(depth_m, 20)
     left = []
     for rate_hz in (8.0, 60.0):
-        belief = Belief(camera, 1.0)
+        log_odds = MotionLogOdds(camera, 1.0)
         evidence = np.full(len(segments.region), 2.0)
-        belief.update(SmallView(0.0, GRAY, depth_m, segments), np.eye(4), evidence)
+        log_odds.update(DownscaledView(0.0, GRAY, depth_m, segments), np.eye(4), evidence)
         for i in range(1, int(rate_hz) + 1):
-            view = SmallView(i / rate_hz, GRAY, depth_m, segments)
-            belief.update(view, np.eye(4), 0 * evidence)
-        left.append(float(belief.log_odds[60, 80]))
+            view = DownscaledView(i / rate_hz, GRAY, depth_m, segments)
+            log_odds.update(view, np.eye(4), 0 * evidence)
+        left.append(float(log_odds.log_odds[60, 80]))
     assert left[0] == pytest.approx(left[1], rel=1e-3)
     assert left[0] == pytest.approx(2.0 * np.exp(-1.0), rel=1e-3)

@@ -1,3 +1,5 @@
+"""Overlap ratios and IoU of boxes, by properties."""
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,3 +1,5 @@
+"""Prediction of boxes from the last two detections."""
+
 import numpy as np
 
 from hoid_filter.detections.prediction import BoxPredictor

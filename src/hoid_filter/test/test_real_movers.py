@@ -1,8 +1,8 @@
-"""What moves in pairs of recorded images (Jaimez et al., ICRA 2017), against outlines by eye.
+"""Motion segmentation in pairs of recorded images (Jaimez et al., ICRA 2017).
 
-Two images are little: what was hidden by nothing and has no corners shows no motion in them, and
-nothing tells the time between them. The bounds are what was measured, less a tenth; a sequence
-shows the rest.
+The moving objects were outlined by eye. Two images are few: an object without corners that
+occludes nothing new shows no motion, and the time between the images is unknown. The bounds are
+the measured shares with a margin of a tenth.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PAIRS = Path(__file__).parents[4] / 'shared' / 'data' / 'movers'
 OUTLINES = json.loads((Path(__file__).parent / 'data' / 'movers.json').read_text())
 CAMERA = CameraModel(640, 480, 527.0, 533.0, 319.5, 239.5)
 UNITS_PER_M = 5000
-GAP_NS = NS_PER_S // 10  # about; they are not stamped
+GAP_NS = NS_PER_S // 10  # assumed, as they have no stamps
 
 pytestmark = [
     pytest.mark.slow,
@@ -33,10 +33,10 @@ pytestmark = [
 
 
 class Shares(NamedTuple):
-    """Of the pixels with depth."""
+    """Shares of the pixels with depth."""
 
-    found: float  # of those on what moves
-    lost: float  # of those that rest
+    found: float  # of the pixels on moving objects, masked
+    lost: float  # of the static pixels, masked
 
 
 def frame(name: str, n: int) -> RgbdFrame:
@@ -60,8 +60,8 @@ def measured(name: str) -> Shares:
     for n in (0, 1):
         seen = frame(name, n)
         result = motion.process(seen, None)
-    word = motion.judge_again(result.features, seen.depth_m, None)
-    moving = pixel_masks(word.verdict, CAMERA.size_px).moving
+    final = motion.reevaluate(result.features, seen.depth_m, None)
+    moving = pixel_masks(final.verdict, CAMERA.size_px).dynamic
     known, moves = seen.depth_m > 0, outlined(name)
     return Shares(float(moving[known & moves].mean()), float(moving[known & ~moves].mean()))
 

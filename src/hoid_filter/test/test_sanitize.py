@@ -1,3 +1,5 @@
+"""Validation of detections."""
+
 import numpy as np
 
 from hoid_common.values import Detections

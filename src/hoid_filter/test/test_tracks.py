@@ -1,4 +1,4 @@
-"""Which detections are the same thing, and where a thing that is missed is expected."""
+"""Association of detections with tracks, and prediction of missed tracks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hoid_common.values import Detections
-from hoid_filter.detections.tracks import BoxTracker, Patience
+from hoid_filter.detections.tracks import BoxTracker, TrackLimits
 
 from .helpers import BoxTuple, detections
 
@@ -15,7 +15,7 @@ CHAIR: BoxTuple = (60.0, 60.0, 100.0, 110.0)
 
 
 def tracker() -> BoxTracker:
-    return BoxTracker(Patience(late_s=0.5, coast_s=0.4, rest_s=1.0, doubt_hits=4))
+    return BoxTracker(TrackLimits(silent_s=0.5, coast_s=0.4, rest_s=1.0, hits_to_confirm=4))
 
 
 def observe(boxes: BoxTracker, found: Detections) -> None:
@@ -36,7 +36,7 @@ def ids(boxes: BoxTracker, stamp_ns: int) -> dict[str, int]:
         ('person', CHAIR, False),
     ],
 )
-def test_another_class_needs_much_the_same_box(name: str, box: BoxTuple, is_same: bool) -> None:
+def test_another_class_needs_nearly_the_same_box(name: str, box: BoxTuple, is_same: bool) -> None:
     boxes = tracker()
     observe(boxes, detections(('chair', CHAIR)))
     known = ids(boxes, 0)['chair']
@@ -44,7 +44,7 @@ def test_another_class_needs_much_the_same_box(name: str, box: BoxTuple, is_same
     assert (ids(boxes, FRAME_NS)[name] == known) is is_same
 
 
-def test_what_is_missed_moves_on_but_does_not_grow() -> None:
+def test_a_missed_box_moves_on_but_does_not_grow() -> None:
     boxes = tracker()
     for n in range(30):  # it comes nearer and goes to the right
         box = (100.0 + 4 * n, 100.0 - n, 140.0 + 6 * n, 200.0 + n)
@@ -58,17 +58,17 @@ def test_what_is_missed_moves_on_but_does_not_grow() -> None:
     assert middle == pytest.approx((265.0 + 6 * 5, 150.0), abs=0.5)
 
 
-def test_what_was_never_sure_is_gone_when_it_is_missed() -> None:
+def test_a_track_of_unsure_detections_ends_when_it_is_missed() -> None:
     boxes, doubt = tracker(), np.ones(1, np.bool_)
     for n in range(6):
         boxes.observe(detections(('person', CHAIR), stamp_ns=n * FRAME_NS), doubt)
     (track,), _ = boxes.advance(5 * FRAME_NS, 640, 480)
-    assert not track.doubtful  # but believed, after four in a row
+    assert track.is_confirmed  # but believed, after four in a row
     observe(boxes, Detections.none(6 * FRAME_NS))
     assert boxes.advance(6 * FRAME_NS, 640, 480)[0] == ()
 
 
-def test_what_was_sure_once_is_expected_when_it_is_missed() -> None:
+def test_a_track_with_a_sure_detection_is_predicted_when_it_is_missed() -> None:
     boxes = tracker()
     for n in range(6):
         doubt = np.array([n != 3])

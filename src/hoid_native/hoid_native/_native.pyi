@@ -1,4 +1,4 @@
-"""The kernels; import them from hoid_native."""
+"""Compiled kernels; import them from hoid_native."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -16,18 +16,19 @@ def fast_corners(
     border_px: int,
 ) -> hoid_native.results.Corners:
     """
-    Return the FAST-9/16 corners of a pyramid's levels after 3x3 non-maximum suppression.
+    Return the FAST-9/16 corners of an image pyramid after 3x3 non-maximum suppression.
 
-    Source: Rosten and Drummond, ECCV 2006; the same corners and scores as OpenCV's.
+    Source: Rosten and Drummond, ECCV 2006. Corners and scores equal OpenCV's.
 
     Args:
-        levels: L of (H_l, W_l) uint8, the finest first.
+        levels: L gray images (H_l, W_l) uint8, the finest first.
         steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
-        threshold: grey levels, from 1 to 254.
-        border_px: how far corners are from the edge of their level, at least; 3 where it is less.
+        threshold: gray levels, from 1 to 254.
+        border_px: least distance of a corner from the edge of its level; values below 3 count as 3.
 
     Raises:
-        ValueError: The threshold or the border is out of range, or not every level has its steps.
+        ValueError: The threshold or the border is out of range, there are more than 256 levels, or
+            `steps_px` has another number of rows than there are levels.
     """
 
 def spread_evenly(
@@ -38,36 +39,36 @@ def spread_evenly(
     area_px: float,
 ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
     """
-    Return the indices (ascending) of the corners to keep, at most `budgets.sum()` of N.
+    Return the ascending indices of at most `budgets.sum()` corners, spread evenly over the image.
 
-    Each octave lays a grid of about as many cells as its budget over the area to fill. The strongest
-    corner of every cell goes first, then the second of every cell, and so on until the octave's budget
-    is spent; of equals, the first. What octaves with few corners leave over goes to the others.
+    Each octave divides `area_px` into about as many grid cells as its budget. It takes the strongest
+    corner of each cell, then the second strongest of each cell, and so on until its budget is used.
+    Among equal scores the first corner wins. Octaves with too few corners leave the rest of their
+    budget to the others.
 
     Args:
         uv_px: (N, 2) level-0 pixels, not negative.
         octave: (N,) uint8.
         score: (N,) uint8, higher is stronger.
-        budgets: (L,) int64 corners of each octave.
-        area_px: image area, in level-0 pixels, that the budget is to fill; no cell is smaller than a
-            pixel.
+        budgets: (L,) int64 number of corners wanted from each octave.
+        area_px: image area (level-0 pixels) to spread the corners over; a cell has at least one pixel.
 
     Raises:
-        ValueError: Lengths differ, an octave has no budget, or a budget, a position or
-            the area is negative.
+        ValueError: Lengths differ, an octave has no budget, or a budget, a position or the area is
+            negative.
     """
 
-def corner_peaks_px(
+def subpixel_offsets_px(
     image_gray: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
     x: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
     y: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
     """
-    Return the (N, 2) offsets from FAST corners to where their score peaks between the pixels.
+    Return the (N, 2) float32 offsets (x, y) in pixels from FAST corners to their subpixel peaks.
 
-    The peak is that of the quadratic that fits the signed scores of a corner's pixel and its eight
-    neighbours best, no further than the edge of the pixel: within [-0.5, 0.5] in x and in y, and 0
-    where the quadratic has none.
+    The peak is the maximum of the quadratic fitted to the signed FAST scores of the corner's pixel and
+    its 8 neighbors (docs/decisions/008). Offsets are within [-0.5, 0.5]; they are 0 if the quadratic
+    has no maximum.
 
     Args:
         image_gray: (H, W) uint8.
@@ -75,7 +76,7 @@ def corner_peaks_px(
         y: (N,) int32.
 
     Raises:
-        ValueError: A pixel is less than 4 px from the edge, or there are more of x than of y.
+        ValueError: A pixel is less than 4 px from the image's edge, or lengths differ.
     """
 
 def orientations_deg(
@@ -84,7 +85,7 @@ def orientations_deg(
     y: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """
-    Return the (N,) intensity-centroid angles in [0, 360) of pixels, y down.
+    Return the (N,) float32 intensity-centroid orientations of pixels, degrees in [0, 360), y down.
 
     Source: Rublee et al., ORB, ICCV 2011, sec. 3.2.
 
@@ -94,7 +95,7 @@ def orientations_deg(
         y: (N,) int32.
 
     Raises:
-        ValueError: A pixel is less than 15 px from the edge, or there are more of x than of y.
+        ValueError: A pixel is less than 15 px from the image's edge, or lengths differ.
     """
 
 def orb_descriptors(
@@ -104,101 +105,24 @@ def orb_descriptors(
     angle_deg: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.uint8], dict(shape=(None, None))]:
     """
-    Return the (N, 32) descriptors of pixels, turned by their angles.
+    Return the (N, 32) uint8 ORB descriptors of pixels, rotated by their orientations.
 
-    Source: Rublee et al., ORB, ICCV 2011, sec. 4; the same bits as OpenCV's.
+    Source: Rublee et al., ORB, ICCV 2011, sec. 4. The bits equal OpenCV's.
 
     Args:
-        image_smooth: (H, W) uint8.
+        image_smooth: (H, W) uint8, smoothed.
         x: (N,) int32.
         y: (N,) int32.
-        angle_deg: (N,) float32.
+        angle_deg: (N,) float32 orientations.
 
     Raises:
-        ValueError: A pixel is less than 19 px from the edge, an angle is not finite, or lengths
-            differ.
-    """
-
-class FlowPyramid:
-    """
-    A grey image at halved sizes, and its slopes, in which points are followed.
-    """
-
-    def __init__(
-        self,
-        image_gray: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
-        num_levels: int,
-    ) -> None:
-        """
-        Take an image.
-
-        Args:
-            image_gray: (H, W) uint8.
-            num_levels: with the image itself; less where one would be too small.
-
-        Raises:
-            ValueError: The image is empty, or there is no level.
-        """
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        """Width and height of the image."""
-
-class FlowSearch:
-    """How points are looked for, and which count as found."""
-
-    def __init__(
-        self,
-        num_levels: int,
-        back_levels: int,
-        num_steps: int,
-        least_step_px: float,
-        margin_px: float,
-        return_px: float,
-    ) -> None:
-        """
-        Choose.
-
-        Args:
-            num_levels: that are gone through, the smallest first.
-            back_levels: the same on the way back.
-            num_steps: on each, at most.
-            least_step_px: below which a level is done.
-            margin_px: from the edge of the image, within which no point counts as found.
-            return_px: off the start along either axis, from which on it does not.
-
-        Raises:
-            ValueError: A number is less than 1.
-        """
-
-def follow_points(
-    before: FlowPyramid,
-    now: FlowPyramid,
-    from_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), writable=False)],
-    guess_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 2), writable=False)],
-    search: FlowSearch,
-) -> hoid_native.results.Followed:
-    """
-    Return where points of one image are in another, by the 9x9 pixels around them.
-
-    A point counts as found when following it back leads to where it was: else it slipped.
-
-    Args:
-        before: of the one.
-        now: of the other, as large.
-        from_px: (N, 2) float32.
-        guess_px: (N, 2) float32, where each is looked for.
-        search: how.
-
-    Raises:
-        ValueError: Sizes or lengths differ.
-
-    Source: Lucas and Kanade, IJCAI 1981, on pyramids, equal to OpenCV's calcOpticalFlowPyrLK.
+        ValueError: A pixel is less than 19 px from the image's edge, an angle is not finite, or
+            lengths differ.
     """
 
 class QueryConstraints:
     """
-    What Q queries ask of a feature, wherever it lies.
+    Octaves and descriptors of Q queries.
 
     Args:
         min_octave: (Q,) int8, inclusive.
@@ -218,14 +142,14 @@ class QueryConstraints:
 
 class Candidates:
     """
-    N features among which queries look for theirs.
+    N features to match.
 
     Args:
-        measurement_px: (N, 3) float32 u, v, u_right; NaN u_right: no depth. Features without a
-            position (NaN), or further out than any image is large, match nothing.
+        measurement_px: (N, 3) float32 u, v, u_right; NaN u_right: no depth. Features at NaN or beyond
+            16384 px match nothing.
         octave: (N,) uint8.
         descriptors: (N, 32) uint8.
-        free: (N,) bool, those that may be matched; None: all.
+        free: (N,) bool, whether each may be matched; None: all may.
 
     Raises:
         ValueError: Lengths differ.
@@ -241,37 +165,38 @@ class Candidates:
 
 class MatchThreshold:
     """
-    How good a match must be.
+    Threshold of a match.
 
     Args:
-        max_distance: Hamming.
-        ratio: by which the best must beat a second best of its octave; 1.0: no test.
+        max_distance: largest Hamming distance.
+        ratio: largest ratio of the best distance to the second best one of the same octave; 1.0: no
+            test.
     """
 
     def __init__(self, max_distance: int, ratio: float) -> None: ...
     @property
     def max_distance(self) -> int:
-        """Hamming."""
+        """Largest Hamming distance."""
 
     @property
     def ratio(self) -> float:
-        """Of the best distance to the second best; 1.0: no test."""
+        """Largest ratio of best to second best distance; 1.0: no test."""
 
 def match_by_projection(
     projection_px: numpy.typing.NDArray[Any],
     radius_px: numpy.typing.NDArray[Any],
-    wanted: QueryConstraints,
+    queries: QueryConstraints,
     candidates: Candidates,
     threshold: MatchThreshold,
 ) -> hoid_native.results.Pairs:
     """
-    Return the best feature of each query near its expected pixel, one to one.
+    Return one-to-one matches of queries and features within windows around expected positions.
 
     Args:
-        projection_px: (3, Q) u, v, u_right where each query is expected; NaN u_right: unknown.
+        projection_px: (3, Q) expected u, v, u_right of each query; NaN u_right: unknown.
         radius_px: (Q,) half sides of the square windows.
-        wanted: by each query.
-        candidates: which agree in u_right too where both know it.
+        queries: octaves and descriptors of the queries.
+        candidates: features; u_right must agree within the radius, too, if both are known.
         threshold: of a match.
 
     Raises:
@@ -281,37 +206,39 @@ def match_by_projection(
 def match_along_segments(
     segments_px: numpy.typing.NDArray[Any],
     octave_radius_px: numpy.typing.NDArray[Any],
-    wanted: QueryConstraints,
+    queries: QueryConstraints,
     candidates: Candidates,
     threshold: MatchThreshold,
 ) -> hoid_native.results.Pairs:
     """
-    Return the best feature of each query along the segment where it may be, one to one.
+    Return one-to-one matches of queries and features near image segments (of epipolar lines).
 
     Args:
-        segments_px: (Q, 4) u, v of both ends; NaN: nowhere.
-        octave_radius_px: (L,) how far from the segment a feature of each octave may lie.
-        wanted: by each query.
-        candidates: whose u_right is not looked at.
+        segments_px: (Q, 4) u, v of both ends; NaN: no segment.
+        octave_radius_px: (L,) largest distance from the segment of a feature of each octave.
+        queries: octaves and descriptors of the queries.
+        candidates: features; u_right is ignored.
         threshold: of a match.
 
     Raises:
         ValueError: Lengths differ, or an octave is not below L.
     """
 
-def typical_descriptors(
+def distinctive_descriptors(
     descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, 32), writable=False)],
     starts: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
     """
-    Return the (G,) row of each group's descriptor with the least median distance to the others.
+    Return the (G,) int64 rows of the descriptors with the smallest median distance in their groups.
+
+    This is ComputeDistinctiveDescriptors of ORB-SLAM.
 
     Args:
-        descriptors: (M, 32), grouped; only the last eight of a larger group are compared.
+        descriptors: (M, 32) uint8, sorted by group; only the last 8 of a group are compared.
         starts: (G,) int64 first row of each group, ascending.
 
     Raises:
-        ValueError: A group starts beyond the descriptors, or where another one does.
+        ValueError: `starts` does not ascend, or a group starts beyond the descriptors.
     """
 
 class StereoParams:
@@ -417,24 +344,24 @@ def optimize_pose(
         ValueError: Lengths differ.
     """
 
-def judge_matches(
+def evaluate_matches(
     camera: StereoParams,
     gates: Gates,
     points_m: numpy.typing.NDArray[Any],
     measured_px: numpy.typing.NDArray[Any],
     inv_sigma2: numpy.typing.NDArray[Any],
     T_camera_map: numpy.typing.NDArray[Any],
-) -> hoid_native.results.MatchJudgement:
+) -> hoid_native.results.MatchEvaluation:
     """
     Return how well each match fits a pose.
 
-    Errors of pixels and of disparities are each cut off where they become outliers: their sum over
-    matches compares poses, whatever is an outlier of which (MSAC).
+    The squared errors of pixel and disparity are truncated at their gates (MSAC, Torr and Zisserman,
+    CVIU 2000), so that sums over matches compare poses with different outliers.
 
     Args:
-        camera: Of the image, with its measured noise.
-        gates: Of outliers.
-        points_m: (N, 3) in the map's frame.
+        camera: of the image, with its measured noise.
+        gates: chi-square limits of outliers.
+        points_m: (N, 3) in the map frame.
         measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
         T_camera_map: (4, 4).
@@ -443,7 +370,7 @@ def judge_matches(
         ValueError: Lengths differ.
     """
 
-def heaviest_part(
+def most_biasing_region(
     camera: StereoParams,
     gates: Gates,
     points_m: numpy.typing.NDArray[Any],
@@ -451,21 +378,21 @@ def heaviest_part(
     inv_sigma2: numpy.typing.NDArray[Any],
     T_camera_map: numpy.typing.NDArray[Any],
     noise_scale: float,
-) -> hoid_native.results.MovingPart:
+) -> hoid_native.results.BiasingRegion:
     """
-    Return the part of the matches without which the rest would fit best.
+    Return the region of the view without whose matches the others would fit best.
 
-    Parts are of a sixteenth to a quarter of the matches, near each other in direction and depth. There
-    is none, with a gain of 0, where a point or the pose is not finite.
+    Regions are cells of a k-d tree over direction and depth, with 1/16 to 1/4 of the matches each
+    (docs/decisions/036). The region is empty, with a gain of 0, if a point or the pose is not finite.
 
     Args:
-        camera: Of the image, with its measured noise.
-        gates: Of outliers, which tell nothing; pixels and disparities have gates of their own.
-        points_m: (N, 3) in the map's frame.
+        camera: of the image, with its measured noise.
+        gates: chi-square limits of outliers, which are ignored.
+        points_m: (N, 3) in the map frame.
         measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-        T_camera_map: (4, 4) that fits them.
-        noise_scale: Variances in units of those of the camera.
+        T_camera_map: (4, 4) pose fitted to all matches.
+        noise_scale: actual variances as a multiple of those of the camera.
 
     Raises:
         ValueError: Lengths differ.
@@ -485,33 +412,35 @@ def adjust_bundle(
     iterations: int,
 ) -> hoid_native.results.BundleFit:
     """
-    Adjust with a Huber kernel, in rounds after each of which what does not fit is left out.
+    Return adjusted camera poses and points: Levenberg-Marquardt with Huber kernels, in rounds.
+
+    After each round outliers are left out of the next ones.
 
     Args:
-        lens: Of all images.
-        gates: Of outliers, and of the kernel.
-        T_camera_map: (C, 4, 4), the first `num_free` are moved.
-        num_free: How many cameras move.
-        points_m: (P, 3) in the map's frame.
-        camera: (M,) int64, which camera observes.
-        point: (M,) int64, which point; once a camera at most.
+        lens: camera model of all images.
+        gates: chi-square limits of outliers, and of the Huber kernels.
+        T_camera_map: (C, 4, 4); the first `num_free` are optimized, the others fixed.
+        num_free: number of optimized cameras.
+        points_m: (P, 3) in the map frame.
+        camera: (M,) int64 index of the camera of each observation.
+        point: (M,) int64 index of the point of each observation; at most one for each camera.
         measured_px: (M, 3) u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
-        rounds: How many, at least one.
-        iterations: Of each round, at most.
+        rounds: number of rounds, at least 1.
+        iterations: largest number of iterations in each round.
 
     Raises:
-        ValueError: Lengths differ, or a camera or a point is not there.
-        MemoryError: The cameras that move are too many for a dense system.
+        ValueError: Lengths differ, or an index is out of range.
+        MemoryError: The dense system of the optimized cameras does not fit in memory.
     """
 
 def overlap_ratios(
     boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Return the (N, M) shares of each box's own area that lie in each of the others.
+    Return the (N, M) shares in [0, 1] of each box's area that lie in each of the others.
 
-    In [0, 1]; 0 for a box without area. This is the interaction area of the HOID paper.
+    This is the interaction area of the HOID paper. It is 0 for a box without area.
 
     Args:
         boxes_xyxy_px: (N, 4), finite.
@@ -522,31 +451,31 @@ def intersections_over_union(
     boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Return the (N, M) ratios in [0, 1] of shared area to joint area; 0 without area.
+    Return the (N, M) intersections over union, in [0, 1]; 0 for boxes without area.
 
     Args:
         boxes_xyxy_px: (N, 4), finite.
         others_xyxy_px: (M, 4), finite.
     """
 
-def are_boxes_fit(
+def are_boxes_valid(
     boxes_xyxy_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 4), writable=False)],
     scores: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
     shape_hw: tuple[int, int],
 ) -> bool:
     """
-    Return whether boxes have areas inside the image and scores are in [0, 1].
+    Return whether all boxes have an area and lie inside the image, and all scores are in [0, 1].
 
     Args:
         boxes_xyxy_px: (N, 4) float32.
         scores: (N,) float32.
-        shape_hw: of the image.
+        shape_hw: height and width of the image.
 
     Raises:
         ValueError: Lengths differ.
     """
 
-def judge_boxes(
+def classify_boxes(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     boxes_xyxy_px: numpy.typing.NDArray[Any],
@@ -555,38 +484,38 @@ def judge_boxes(
     min_share: float,
     apart_m: float,
     reach_px: float = float('nan'),
-) -> hoid_native.results.Judged:
+) -> hoid_native.results.ClassifiedBoxes:
     """
-    Return which of N boxes move, people and what people handle, and what lies outside them.
+    Return which of N boxes are dynamic (people and the objects they handle), and what is outside them.
 
     Args:
         depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
-        pixels: (K,) int64, indices in the flat image.
+        pixels: (K,) int64 flat indices of image corners.
         boxes_xyxy_px: (N, 4), finite.
-        roles: (N,) uint8: `PERSON`, `MAY_BE_HANDLED` or 0.
-        side_px: as of `sample_depths_m`.
-        min_share: a person handles a box when covering more than this share of it ...
-        apart_m: ... and nearer than this in depth; a depth that is not known is near.
-        reach_px: instead of the share, where given: a pixel in the box has a part of the person's
-            within this reach along rows and columns.
+        roles: (N,) uint8: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
+        side_px: side of the square at a box's center whose median is its depth.
+        min_share: a person handles an object if the person's box covers more than this share of it ...
+        apart_m: ... and they are less than this apart in depth. An unknown depth counts as near.
+        reach_px: if it is not NaN, it replaces `min_share`: one of the pixels in the object's box must
+            be within this reach of the person's box, along rows and columns.
 
     Raises:
         ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths
             differ.
     """
 
-def sample_depths_m(
+def box_center_depths_m(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     boxes_xyxy_px: numpy.typing.NDArray[Any],
     side_px: int,
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
     """
-    Return the (N,) median readings of squares at the centres of boxes; NaN without any.
+    Return the (N,) median depths (m) of squares at the centers of boxes; NaN without a reading.
 
     Args:
         depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
         boxes_xyxy_px: (N, 4), finite.
-        side_px: side of a square, at least 1; beyond the image it sees the image's edge.
+        side_px: side of the squares, at least 1. Outside the image they repeat its edge.
 
     Raises:
         ValueError: The image is empty, a box is not finite, or the side is less than 1.
@@ -599,41 +528,42 @@ def depths_off_edges_m(
     step: float,
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """
-    Return the (N,) readings at pixels; 0 where there is none, or where an edge is near.
+    Return the (N,) float32 depths (m) at pixels; 0 without a reading or near a depth edge.
 
-    Beside an edge a depth camera may read the surface on the other side of it.
+    Beside an edge a depth camera may measure the surface on the other side (docs/decisions/007).
 
     Args:
         depth_m: (H, W) float32; 0 or NaN = no reading.
         pixels_xy: (N, 2) int32 x, y.
-        radius_px: half the side of the square around a pixel in which no edge may be; 0: any may.
-        step: share of the reading by which others in the square differ where there is one.
+        radius_px: half side of the square around a pixel that must be free of edges; 0: no test.
+        step: the depths in the square differ by more than this share of the pixel's depth at an edge.
 
     Raises:
         ValueError: A pixel is not in the image.
     """
 
-def torso_depths_m(
+def person_depths_m(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     boxes_xyxy_px: numpy.typing.NDArray[Any],
     known_m: numpy.typing.NDArray[Any],
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
     """
-    Return the (N,) depths of the layers that fill the middles of people's boxes; NaN: none.
+    Return the (N,) depths (m) of the people in boxes; NaN without a reading.
 
-    The nearest layer of about a torso's thickness that is not much smaller than the largest one is
-    the person; readings near the known depth are looked at alone unless they are few.
+    A person is the nearest layer of depths, as thick as a torso, in the middle of the box that is not
+    much smaller than the largest layer. Only readings near the known depth are used, unless these are
+    few.
 
     Args:
         depth_m: (H, W) float32; 0 or NaN = no reading.
         boxes_xyxy_px: (N, 4), finite, in pixels of this image.
-        known_m: (N,) depths of the same people a moment ago; NaN = unknown.
+        known_m: (N,) depths of the same people in an earlier image; NaN = unknown.
 
     Raises:
         ValueError: A box is not finite, or lengths differ.
     """
 
-def cover_things(
+def segment_objects(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     areas_xyxy_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
     depths_m: numpy.typing.NDArray[Any],
@@ -642,35 +572,25 @@ def cover_things(
     seen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.uint8], dict(shape=(None, None))]:
     """
-    Return how sure it is, (H, W) uint8, that each pixel shows something that moves; 0 = static.
+    Return the (H, W) uint8 certainty that each pixel shows a dynamic object; 0 = static.
 
-    The image is cut into regions along the jumps of depth. A thing is the regions that lie mostly
-    in its area and near its depth, and the gaps without readings beside them. It may reach out of
-    its area by a tenth of a side, as a box is not exact; what lies further out has only merged
-    with it in depth, as a desk with who leans on it.
+    The image is split into regions along depth jumps. An object is the regions that lie mostly in its
+    area and near its depth, and the gaps without readings beside them. It may extend beyond its area
+    by a tenth of a side, because boxes are not exact; parts of its regions further out have only
+    merged with it in depth, like the desk that a person leans on (docs/decisions/010).
 
     Args:
         depth_m: (H, W) float32; 0 = no reading.
-        areas_xyxy_px: (N, 4) int32, whole pixels within the image, the last exclusive.
-        depths_m: (N,) of the things; NaN = unknown: then a thing is its whole area.
-        reaches_m: (N,) how far things reach before and behind their depth.
-        certainties: (N,) uint8, how sure it is that they move.
-        seen: (N,) bool, things that are there for sure: when a thing's regions are too little of its
-            area, it has merged with what it touches, and all pixels near its depth count.
+        areas_xyxy_px: (N, 4) int32 whole pixels within the image; x2 and y2 are exclusive.
+        depths_m: (N,) depths of the objects; NaN = unknown: the object is its whole area.
+        reaches_m: (N,) extents of the objects in depth, before and behind their own depth.
+        certainties: (N,) uint8 values that their pixels get; the largest wins.
+        seen: (N,) bool, whether each was detected in this image. If the regions of a detected object
+            fill too little of its area, it has merged with what it touches: all pixels of the area
+            near its depth count.
 
     Raises:
         ValueError: An area is not in the image, or lengths differ.
-    """
-
-def widen(
-    mask: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)], reach_px: int
-) -> Annotated[NDArray[numpy.uint8], dict(shape=(None, None))]:
-    """
-    Return (H, W) uint8 flags of pixels with one that is not 0 within reach along rows and columns.
-
-    Args:
-        mask: (H, W) uint8.
-        reach_px: 0: none.
     """
 
 def values_at(
@@ -680,29 +600,31 @@ def values_at(
     columns: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.uint8], dict(shape=(None,))]:
     """
-    Return values[rows[v], columns[u]] for each (u, v) of K pixels.
+    Return the (K,) uint8 values of a small image at pixels (u, v) of a large one.
+
+    Each is `values[rows[v], columns[u]]`: nearest-neighbor upscaling of the pixels asked for.
 
     Args:
-        pixels: (K,) int64, indices in the flat (H, W) image.
-        values: (h, w) uint8.
-        rows: (H,) int64, in [0, h).
-        columns: (W,) int64, in [0, w).
+        pixels: (K,) int64 flat indices in the large (H, W) image.
+        values: (h, w) uint8 small image.
+        rows: (H,) int64 row of the small image for each of the large one.
+        columns: (W,) int64 column of the small image for each of the large one.
 
     Raises:
         ValueError: A pixel is not in the image, or a row or a column not in `values`.
     """
 
 class Pinhole:
-    """A camera without distortion."""
+    """A pinhole camera without distortion."""
 
     def __init__(self, fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> None: ...
     @property
     def fx_px(self) -> float:
-        """Focal length along rows."""
+        """Horizontal focal length."""
 
     @property
     def fy_px(self) -> float:
-        """Focal length along columns."""
+        """Vertical focal length."""
 
     @property
     def cx_px(self) -> float:
@@ -717,27 +639,29 @@ def depth_segments(
     cell_px: int,
 ) -> hoid_native.results.Segments:
     """
-    Return the pieces of a depth image, cut along jumps of depth and along a grid of square cells.
+    Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
 
     Args:
         depth_m: (H, W) float32; 0 = no reading.
-        cell_px: side of a cell, at least 1.
+        cell_px: side of a cell in pixels, at least 1.
 
     Raises:
         ValueError: The side is less than 1.
     """
 
-def depths_around(
+def depth_ranges_3x3(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None, None))]:
     """
-    Return the (H, W, 2) least and most depth in the 3x3 pixels around each; 0 without depth there.
+    Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels around each pixel.
+
+    Both are 0 at pixels without a reading.
 
     Args:
         depth_m: (H, W) float32; 0 = no reading.
     """
 
-def front_evidence(
+def occlusion_log_odds(
     camera: Pinhole,
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
@@ -750,24 +674,25 @@ def front_evidence(
         ]
     ],
     margin: tuple[float, float, float],
-    worth: tuple[float, float, float],
+    evidence: tuple[float, float, float],
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
     """
-    Return the (S,) log-odds that segments move, by what they are in front of in earlier views.
+    Return the (S,) log-odds that segments move, from their occlusion of the depth in earlier views.
 
-    What is behind what was seen says nothing. Every other row is looked at.
+    A segment in front of the depth that an earlier view shows has moved there. A segment behind it is
+    no evidence. Only every other row is compared, to save time.
 
     Args:
         camera: of all images.
-        depth_m: (H, W) float32 now; 0 = no reading.
+        depth_m: (H, W) float32 current depth; 0 = no reading.
         label: (H, W) int32 segment of each pixel; -1 = none.
         num_segments: S.
-        earlier: of each view T_earlier_now (4, 4), the (H, W, 2) float32 least and most reading around
-            each pixel, 0 = none there, and the log-odds against a segment all of which is at them.
-        margin: a constant [m], and shares of the depth and of its square, by which a pixel must be
-            in front.
-        worth: the log-odds of a segment all of which is in front, the share in front up to which there
-            is no evidence, and that from which on what agrees is none.
+        earlier: for each earlier view T_earlier_now (4, 4), its `depth_ranges_3x3` (H, W, 2), and the
+            log-odds against motion of a segment that agrees with its depth everywhere.
+        margin: a pixel occludes if it is nearer by more than the sum of a constant (m) and these
+            shares of its depth (m) and of its squared depth.
+        evidence: the log-odds of a segment that occludes everywhere, the occluding share up to which
+            there is no evidence, and the occluding share from which agreement of the rest is none.
 
     Raises:
         ValueError: Images differ in size, or a label is not one of S.
@@ -778,44 +703,47 @@ def depths_at(
     pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """
-    Return the (K,) float32 depths at pixels; 0 where no number is, and for the index -1.
+    Return the (K,) float32 depths (m) at pixels; 0 for index -1 and for depths that are not finite.
 
     Args:
         depth_m: (H, W) float32.
-        pixels: (K,) int64 indices in the flat image; -1 = none.
+        pixels: (K,) int64 flat indices; -1 = none.
 
     Raises:
         ValueError: An index is not in the image.
     """
 
-def carry_over(
+def propagate_log_odds(
     camera: Pinhole,
-    T_before_now: numpy.typing.NDArray[Any],
+    T_previous_now: numpy.typing.NDArray[Any],
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    before_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    previous_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     log_odds: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     margin: tuple[float, float, float],
-    fade: float,
+    decay: float,
     label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
     evidence: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
     limit: float,
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
     """
-    Return the (H, W) log-odds of pixels by those they had before and the evidence of now.
+    Return the (H, W) float32 log-odds of motion of the current pixels.
 
-    Before, they had none where another depth was seen in their place. Without depth they have none.
+    They are the decayed log-odds of the same surface in the previous image plus the evidence of the
+    current one. A pixel starts at 0 if the previous image shows another depth there, and has 0 without
+    a reading.
 
     Args:
         camera: of both images.
-        T_before_now: (4, 4).
-        depth_m: (H, W) float32 now; 0 = no reading.
-        before_m: (H, W) float32 depth of the image before.
-        log_odds: (H, W) float32 of its pixels.
-        margin: a constant [m], and shares of the depth and of its square, by which depths may differ.
-        fade: what is left of them.
+        T_previous_now: (4, 4).
+        depth_m: (H, W) float32 current depth; 0 = no reading.
+        previous_m: (H, W) float32 depth of the previous image.
+        log_odds: (H, W) float32 of the previous image's pixels.
+        margin: depths of one surface differ by less than the sum of a constant (m) and these shares of
+            the depth (m) and of its square.
+        decay: factor of the previous log-odds.
         label: (H, W) int32 segment of each pixel; -1 = none.
-        evidence: (S,) float32 log-odds that are added to segments.
-        limit: of the log-odds, either way.
+        evidence: (S,) float32 log-odds to add to the pixels of each segment.
+        limit: log-odds are clamped to [-limit, limit].
 
     Raises:
         ValueError: Images differ in size, a label is not one of S, or the limit is negative.
@@ -831,14 +759,14 @@ def score_poses(
     weights: numpy.typing.NDArray[Any],
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Return the (M, 2) weights of the points that each pose explains, by two sets of weights.
+    Return the (M, 2) weight sums of the points that each pose explains, for two sets of weights.
 
-    A point counts less the worse it fits.
+    A point counts 1 - (residual / limit)^2 of its weight, and nothing beyond the limit.
 
     Args:
         camera: of the image.
         pixel_px: standard deviation of pixels.
-        limit: standard deviations beyond which a point counts nothing.
+        limit: of residuals, in standard deviations.
         T_camera_world: (M, 4, 4).
         points_m: (N, 3).
         measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
@@ -854,12 +782,12 @@ def align_triples(
     triples: Annotated[NDArray[numpy.int64], dict(shape=(None, 3), writable=False)],
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None, None))]:
     """
-    Return the (M, 4, 4) rigid transforms that bring three points each nearest to three others.
+    Return the (M, 4, 4) least-squares rigid transforms T_to_from of point triples.
 
     Args:
         from_m: (N, 3).
         to_m: (N, 3).
-        triples: (M, 3) int64 indices; three points on a line give the identity.
+        triples: (M, 3) int64 indices of points; three points on a line give the identity.
 
     Raises:
         ValueError: Lengths differ, or an index is not one of N.
@@ -867,7 +795,7 @@ def align_triples(
     Source: Umeyama, PAMI 1991, without scale, in closed form for three points.
     """
 
-def strongest_in_cells(
+def strongest_corners_per_cell(
     corner_pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     corner_scores: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
@@ -877,17 +805,18 @@ def strongest_in_cells(
     taken: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
 ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
     """
-    Return the indices, in order of cell, of the strongest corner of each cell that is not taken.
+    Return the indices, in order of cells, of the strongest corner in each free cell of a grid.
 
-    Only corners with depth, on a piece of the small depth image, are chosen; of equals, the first.
+    Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
+    corner wins.
 
     Args:
-        corner_pixels: (K,) int64 indices in the flat image.
+        corner_pixels: (K,) int64 flat indices.
         corner_scores: (K,) uint8, higher is stronger.
         depth_m: (H, W) float32; 0 or not finite = no reading.
-        small_of_pixel: (H * W,) int64 indices in the flat small image.
-        label: (h, w) int32 of the small image; -1 = no piece.
-        cell_px: side of a cell.
+        small_of_pixel: (H * W,) int64 flat index in the downscaled image of each pixel.
+        label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
+        cell_px: side of a cell in pixels.
         taken: (rows, columns) uint8 of the cells, which cover the image; 0 = free.
 
     Raises:

@@ -1,3 +1,4 @@
-"""Roles of boxes, as `judge_boxes` takes and returns them."""
+"""Roles of boxes in `classify_boxes`; every other box has role 0."""
 
-PERSON, MAY_BE_HANDLED = 1, 2
+PERSON = 1
+MAY_BE_HANDLED = 2  # an object of a class that people may handle

@@ -1,4 +1,4 @@
-"""What kernels return, as named tuples of arrays."""
+"""Results of kernels: named tuples of arrays."""
 
 from __future__ import annotations
 
@@ -9,78 +9,77 @@ from numpy.typing import NDArray
 
 
 class Corners(NamedTuple):
-    """FAST corners of a pyramid's levels, level by level in raster order."""
+    """N FAST corners of an image pyramid, level by level in raster order."""
 
-    xy_px: NDArray[np.int32]  # (N, 2) pixels of their own level
+    xy_px: NDArray[np.int32]  # (N, 2) pixels of the corner's own level
     uv_px: NDArray[np.float64]  # (N, 2) level-0 pixels
-    pixel: NDArray[np.int64]  # (N,) indices of the nearest level-0 pixels in the flat image
+    pixel: NDArray[np.int64]  # (N,) flat indices of the nearest level-0 pixels
     octave: NDArray[np.uint8]  # (N,)
-    score: NDArray[np.uint8]  # (N,): the largest threshold at which each is a corner
-
-
-class Followed(NamedTuple):
-    """Where N points of one image are in another."""
-
-    uv_px: NDArray[np.float32]  # (N, 2); of those not found, where the search ended
-    found: NDArray[np.bool_]  # (N,)
+    score: NDArray[np.uint8]  # (N,) largest threshold at which each is still a corner
 
 
 class Pairs(NamedTuple):
-    """Matches as parallel arrays (M,), in order of queries; nothing occurs twice."""
+    """M one-to-one matches of queries and features, in order of queries."""
 
-    q: NDArray[np.int32]
-    k: NDArray[np.int32]
-    distance: NDArray[np.int32]  # Hamming
+    q: NDArray[np.int32]  # (M,) queries
+    k: NDArray[np.int32]  # (M,) features
+    distance: NDArray[np.int32]  # (M,) Hamming distances of the descriptors
 
 
 class PoseFit(NamedTuple):
-    """A pose and what supports it."""
+    """A pose fitted to N matches."""
 
     T_camera_map: NDArray[np.float64]  # (4, 4)
     inliers: NDArray[np.bool_]  # (N,)
-    information: NDArray[np.float64]  # (6, 6) of the left twist, rotation first
+    information: NDArray[
+        np.float64
+    ]  # (6, 6) of the left twist, rotation first; inverse covariance
 
 
-class MatchJudgement(NamedTuple):
-    """How well matches fit a pose."""
+class MatchEvaluation(NamedTuple):
+    """How well N matches fit a pose."""
 
-    cost: NDArray[np.float64]  # (N,) squared errors at the measured noise, cut off at the gates
+    cost: NDArray[np.float64]  # (N,) squared errors over measured variance, truncated at the gates
     inliers: NDArray[np.bool_]  # (N,)
 
 
-class MovingPart(NamedTuple):
-    """Matches in one place, and what it would mean to leave them out."""
+class BiasingRegion(NamedTuple):
+    """A region of the view whose matches bias the pose of N matches."""
 
-    mask: NDArray[np.bool_]  # (N,)
-    low: NDArray[np.float64]  # (3,) the least x / z, y / z and log z of them in the camera
-    high: NDArray[np.float64]  # (3,) and the largest
-    gain: float  # by how much the cost of the rest would fall, to first order
+    mask: NDArray[np.bool_]  # (N,) matches in the region
+    low: NDArray[np.float64]  # (3,) smallest x / z, y / z and log z (m) in the camera frame
+    high: NDArray[np.float64]  # (3,) largest
+    gain: float  # first-order cost reduction of the other matches without the region
 
 
 class BundleFit(NamedTuple):
-    """Adjusted poses and points."""
+    """Adjusted poses of C cameras and P points, from M observations."""
 
     T_camera_map: NDArray[np.float64]  # (C, 4, 4)
     points_m: NDArray[np.float64]  # (P, 3)
-    chi2: NDArray[np.float64]  # (M,) at the end; infinite behind a camera
-    cost_before: float
-    cost_after: float
+    chi2: NDArray[
+        np.float64
+    ]  # (M,) squared normalized residuals at the end; infinite behind the camera
+    cost_before: float  # Huber cost of all observations
+    cost_after: float  # Huber cost of the inliers
 
 
-class Judged(NamedTuple):
-    """What is said of N boxes, and of K pixels."""
+class ClassifiedBoxes(NamedTuple):
+    """Which of N boxes are dynamic, and which of K pixels are outside them."""
 
-    depth_m: NDArray[np.float64]  # (N,) as of `sample_depths_m`
-    overlap: NDArray[np.float64]  # (N,) with the person who handles it and covers most of it
-    gap_m: NDArray[np.float64]  # (N,) in depth to the same; NaN = unknown
-    moves: NDArray[np.uint8]  # (N,) roles of those that move; 0 = static
-    outside: NDArray[np.int64]  # of the K pixels, those with their centre in no moving box
-    area_px: int  # how many pixels of the whole image are outside
+    depth_m: NDArray[np.float64]  # (N,) median at the center of each box; NaN = unknown
+    overlap: NDArray[
+        np.float64
+    ]  # (N,) share covered by the person who handles it, else by any person
+    gap_m: NDArray[np.float64]  # (N,) depth difference to the same person; NaN = unknown
+    moves: NDArray[np.uint8]  # (N,) roles of the dynamic boxes; 0 = static
+    outside: NDArray[np.int64]  # positions, among the K pixels, of those in no dynamic box
+    area_px: int  # number of pixels of the whole image in no dynamic box
 
 
 class Segments(NamedTuple):
-    """Pieces of a depth image without jumps, no larger than a cell."""
+    """S segments of a depth image: without depth jumps inside, no larger than a grid cell."""
 
-    label: NDArray[np.int32]  # (H, W) of each pixel; -1: on a jump of depth, or no reading
-    region: NDArray[np.int32]  # (S,) the smooth region that each is a piece of
+    label: NDArray[np.int32]  # (H, W) segment of each pixel; -1: on a depth jump, or no reading
+    region: NDArray[np.int32]  # (S,) smooth region that each belongs to
     area_px: NDArray[np.int32]  # (S,)

@@ -1,6 +1,6 @@
-"""Print a digest of what each kernel returns for the same made-up input.
+"""Print a digest of each kernel's result for fixed synthetic input, as JSON.
 
-With a folder given, of the kernels compiled there instead of those that are installed.
+Usage: digests.py [FOLDER], to load the compiled module from FOLDER instead of the installed one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 
 def load_from(folder: str) -> None:
-    """Make the compiled module in a folder that of hoid_native."""
+    """Use the compiled module in a folder as that of hoid_native."""
     (file,) = Path(folder).glob('_native.*.so')
     spec = importlib.util.spec_from_file_location('hoid_native._native', file)
     assert spec is not None
@@ -30,7 +30,7 @@ def load_from(folder: str) -> None:
 def main() -> None:
     if len(sys.argv) > 1:
         load_from(sys.argv[1])
-    results = {**features_and_matches(), **poses(), **masks(), **flow(), **motion()}
+    results = {**features_and_matches(), **poses(), **masks(), **motion()}
     sys.stdout.write(json.dumps({name: digest(value) for name, value in results.items()}))
 
 
@@ -41,7 +41,7 @@ def digest(value: Any) -> str:
 
 
 def features_and_matches() -> dict[str, Any]:
-    import hoid_native as kernels  # noqa: PLC0415  after the choice of the compiled module
+    import hoid_native as kernels  # noqa: PLC0415  once `load_from` has chosen the module
 
     rng = np.random.default_rng(0)
     image = np.kron(rng.integers(0, 256, (40, 50)), np.ones((6, 7))).astype(np.uint8)
@@ -64,13 +64,15 @@ def features_and_matches() -> dict[str, Any]:
         'spread_evenly': kernels.spread_evenly(
             measured[:, :2], octave.astype(np.uint8), corners.score, np.array([9, 7, 5, 3]), 1e4
         ),
-        'corner_peaks_px': kernels.corner_peaks_px(image, x, y),
+        'subpixel_offsets_px': kernels.subpixel_offsets_px(image, x, y),
         'orientations_deg': angle_deg,
         'orb_descriptors': descriptors,
         'match_by_projection': kernels.match_by_projection(
             near, radius_px, queries, features, threshold
         ),
-        'typical_descriptors': kernels.typical_descriptors(descriptors, np.arange(0, len(x), 5)),
+        'distinctive_descriptors': kernels.distinctive_descriptors(
+            descriptors, np.arange(0, len(x), 5)
+        ),
         'match_along_segments': kernels.match_along_segments(
             segments, np.arange(2.0, 6.0), queries, features, threshold
         ),
@@ -99,10 +101,10 @@ def poses() -> dict[str, Any]:
         'optimize_pose': kernels.optimize_pose(
             camera, gates, points, measured[:200], weight[:200], moved[0]
         ),
-        'judge_matches': kernels.judge_matches(
+        'evaluate_matches': kernels.evaluate_matches(
             camera, gates, points, measured[:200], weight[:200], moved[0]
         ),
-        'heaviest_part': kernels.heaviest_part(
+        'most_biasing_region': kernels.most_biasing_region(
             camera, gates, points, measured[:200], weight[:200], T[0], 0.5
         ),
         'adjust_bundle': kernels.adjust_bundle(
@@ -123,37 +125,24 @@ def masks() -> dict[str, Any]:
     roles = rng.integers(0, 3, 30).astype(np.uint8)
     pixels = rng.integers(0, depth_m.size, 2000)
     areas = np.round(boxes).astype(np.int32)
-    far_m = kernels.sample_depths_m(depth_m, boxes, 10)
-    certainty = kernels.cover_things(
+    far_m = kernels.box_center_depths_m(depth_m, boxes, 10)
+    certainty = kernels.segment_objects(
         depth_m, areas, far_m, np.full(30, 0.3), roles + np.uint8(1), roles > 1
     )
     rows, columns = np.arange(480) // 4, np.arange(640) // 4
     return {
-        'sample_depths_m': far_m,
-        'torso_depths_m': kernels.torso_depths_m(depth_m, boxes, far_m),
+        'box_center_depths_m': far_m,
+        'person_depths_m': kernels.person_depths_m(depth_m, boxes, far_m),
         'depths_off_edges_m': kernels.depths_off_edges_m(depth_m, areas[:, :2], 3, 0.05),
-        'judge_boxes': kernels.judge_boxes(depth_m, pixels, boxes, roles, 10, 0.4, 0.2),
-        'judge_boxes by reach': kernels.judge_boxes(
+        'classify_boxes': kernels.classify_boxes(depth_m, pixels, boxes, roles, 10, 0.4, 0.2),
+        'classify_boxes by reach': kernels.classify_boxes(
             depth_m, pixels[:50], boxes, roles, 10, 0.4, 0.2, 3.0
         ),
-        'cover_things': certainty,
-        'widen': kernels.widen(certainty, 3),
+        'segment_objects': certainty,
         'values_at': kernels.values_at(pixels, certainty, rows, columns),
         'overlap_ratios': kernels.overlap_ratios(boxes, boxes),
         'intersections_over_union': kernels.intersections_over_union(boxes, boxes),
     }
-
-
-def flow() -> dict[str, Any]:
-    import hoid_native as kernels  # noqa: PLC0415  after the choice of the compiled module
-
-    rng = np.random.default_rng(4)
-    before = rng.integers(0, 256, (90, 121)).astype(np.uint8)
-    now = np.roll(before, (1, 2), (0, 1)) // 2 + before // 3
-    search = kernels.FlowSearch(3, 2, 8, 0.03, 3.0, 0.5)
-    first, second = (kernels.FlowPyramid(image, 3) for image in (before, now))
-    at = rng.uniform(-12, 130, (400, 2)).astype(np.float32)
-    return {'follow_points': kernels.follow_points(first, second, at, at, search)}
 
 
 def motion() -> dict[str, Any]:
@@ -167,7 +156,7 @@ def motion() -> dict[str, Any]:
     T = np.eye(4)
     T[:3, 3] = 0.05, -0.02, 0.1
     found = kernels.depth_segments(depth_m, 10)
-    range_m = kernels.depths_around(before_m)
+    range_m = kernels.depth_ranges_3x3(before_m)
     points = rng.uniform([-1, -1, 1], [1, 1, 4], (200, 3))
     u, v = (50 * points[:, :2] / points[:, 2:]).T + np.array([[31.5], [23.5]])
     measured = np.stack([u, v, u - 5 / points[:, 2]], 1) + rng.normal(0, 0.5, (200, 3))
@@ -175,7 +164,7 @@ def motion() -> dict[str, Any]:
     poses = np.stack([np.eye(4), T])
     return {
         'depth_segments': found,
-        'front_evidence': kernels.front_evidence(
+        'occlusion_log_odds': kernels.occlusion_log_odds(
             camera,
             depth_m,
             found.label,
@@ -184,9 +173,9 @@ def motion() -> dict[str, Any]:
             margin,
             (1.5, 0.1, 0.25),
         ),
-        'depths_around': kernels.depths_around(depth_m),
+        'depth_ranges_3x3': kernels.depth_ranges_3x3(depth_m),
         'depths_at': kernels.depths_at(depth_m, rng.integers(-1, depth_m.size, 300)),
-        'carry_over': kernels.carry_over(
+        'propagate_log_odds': kernels.propagate_log_odds(
             camera,
             T,
             depth_m,
@@ -204,7 +193,7 @@ def motion() -> dict[str, Any]:
         'align_triples': kernels.align_triples(
             points, points + rng.normal(0, 0.1, points.shape), rng.integers(0, 200, (30, 3))
         ),
-        'strongest_in_cells': kernels.strongest_in_cells(
+        'strongest_corners_per_cell': kernels.strongest_corners_per_cell(
             rng.integers(0, depth_m.size, 500),
             rng.integers(0, 256, 500).astype(np.uint8),
             depth_m,

@@ -1,4 +1,4 @@
-"""The rules of the HOID paper and what boxes cover, against the plain form of both."""
+"""The rules of the HOID paper and overlaps of boxes, against references in NumPy."""
 
 from typing import Any
 
@@ -7,14 +7,14 @@ import pytest
 from numpy.typing import NDArray
 
 from hoid_native import (
-    are_boxes_fit,
+    are_boxes_valid,
+    box_center_depths_m,
+    classify_boxes,
     intersections_over_union,
-    judge_boxes,
     overlap_ratios,
-    sample_depths_m,
 )
 from hoid_native.boxes import MAY_BE_HANDLED, PERSON
-from hoid_native.results import Judged
+from hoid_native.results import ClassifiedBoxes
 
 HEIGHT, WIDTH, SIDE_PX = 90, 130, 10
 SHAPE_HW = HEIGHT, WIDTH
@@ -36,22 +36,22 @@ def corners(seed: int) -> NDArray[np.int64]:
 
 
 def plain_mask(boxes: Boxes) -> NDArray[np.bool_]:
-    """Return (HEIGHT, WIDTH) flags of the pixels whose centre is in a box."""
+    """Return (HEIGHT, WIDTH) mask of the pixels whose center is in a box."""
     mask = np.zeros(SHAPE_HW, np.bool_)
     for x1, y1, x2, y2 in np.ceil(np.maximum(boxes, 0)).astype(int).tolist():
         mask[y1:y2, x1:x2] = True
     return mask
 
 
-def holds(boxes: Boxes, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return (N, K) flags of boxes and the pixels whose centre is in them."""
+def contains(boxes: Boxes, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return (N, K) mask of the pixels whose center is in each box."""
     v, u = np.divmod(pixels, WIDTH)
     x1, y1, x2, y2 = boxes.T[:, :, None]
     flags: NDArray[np.bool_] = (u >= x1) & (u < x2) & (v >= y1) & (v < y2)
     return flags
 
 
-def plain_judgement(
+def plain_classification(
     depth_m: NDArray[np.float32],
     pixels: NDArray[np.int64],
     boxes: Boxes,
@@ -59,19 +59,19 @@ def plain_judgement(
     min_share: float,
     apart_m: float,
     reach_px: float,
-) -> Judged:
+) -> ClassifiedBoxes:
     people, index = roles == PERSON, np.arange(len(boxes))
-    far_m = sample_depths_m(depth_m, boxes, SIDE_PX)
+    far_m = box_center_depths_m(depth_m, boxes, SIDE_PX)
     overlap = overlap_ratios(boxes, boxes[people])
     gap_m = np.abs(far_m[:, None] - far_m[people])
     near = [-reach_px, -reach_px, reach_px, reach_px]
-    seen = holds(boxes, pixels)[:, None] & holds(boxes[people] + near, pixels)
+    seen = contains(boxes, pixels)[:, None] & contains(boxes[people] + near, pixels)
     touches = overlap > min_share if np.isnan(reach_px) else seen.any(axis=2)
     pairs = touches & ~(gap_m >= apart_m)
     best = (overlap + pairs).argmax(axis=1)
     moves = people | (pairs.any(axis=1) & (roles == MAY_BE_HANDLED))
     mask = plain_mask(boxes[moves])
-    return Judged(
+    return ClassifiedBoxes(
         far_m,
         np.where(people, 0.0, overlap[index, best]),
         np.where(people, np.nan, gap_m[index, best]),
@@ -83,7 +83,7 @@ def plain_judgement(
 
 @pytest.mark.parametrize('seed', range(20))
 @pytest.mark.parametrize('limits', [(0.4, 0.2), (0.4, np.inf), (np.inf, np.inf), (0.0, 0.5)])
-def test_judges_as_the_plain_form(seed: int, limits: tuple[float, float]) -> None:
+def test_boxes_are_classified_like_the_reference(seed: int, limits: tuple[float, float]) -> None:
     rng = np.random.default_rng(seed)
     depth_m = np.kron(rng.uniform(0.5, 2, (9, 13)), np.ones((10, 10))).astype(np.float32)
     depth_m[rng.random(SHAPE_HW) < 0.2] = 0.0
@@ -91,8 +91,8 @@ def test_judges_as_the_plain_form(seed: int, limits: tuple[float, float]) -> Non
     boxes, pixels = crowd(seed, 25), corners(seed)
     roles = rng.integers(0, 3, 25).astype(np.uint8)
     for reach_px, given in ((np.nan, pixels), (0.0, pixels[:60]), (3.5, pixels[:60])):
-        found = judge_boxes(depth_m, given, boxes, roles, SIDE_PX, *limits, reach_px)
-        plain = plain_judgement(depth_m, given, boxes, roles, *limits, reach_px)
+        found = classify_boxes(depth_m, given, boxes, roles, SIDE_PX, *limits, reach_px)
+        plain = plain_classification(depth_m, given, boxes, roles, *limits, reach_px)
         for got, expected in zip(found, plain, strict=True):
             np.testing.assert_array_equal(got, expected)
 
@@ -100,13 +100,13 @@ def test_judges_as_the_plain_form(seed: int, limits: tuple[float, float]) -> Non
 def test_without_people_nothing_is_handled() -> None:
     depth_m, pixels = np.ones(SHAPE_HW, np.float32), corners(0)
     roles = np.full(3, MAY_BE_HANDLED, np.uint8)
-    found = judge_boxes(depth_m, pixels, crowd(0, 3), roles, SIDE_PX, 0.0, np.inf)
+    found = classify_boxes(depth_m, pixels, crowd(0, 3), roles, SIDE_PX, 0.0, np.inf)
     assert not found.moves.any()
     assert found.overlap.tolist() == [0.0] * 3
     assert np.isnan(found.gap_m).all()
     assert found.outside.tolist() == list(range(len(pixels)))
     assert found.area_px == HEIGHT * WIDTH
-    none = judge_boxes(depth_m, pixels[:0], np.empty((0, 4)), roles[:0], SIDE_PX, 0.0, np.inf)
+    none = classify_boxes(depth_m, pixels[:0], np.empty((0, 4)), roles[:0], SIDE_PX, 0.0, np.inf)
     assert [len(values) for values in none[:5]] == [0] * 5
 
 
@@ -117,26 +117,26 @@ def test_boxes_beyond_the_image_and_inverted_ones(beyond: Any) -> None:
     boxes, pixels = np.array([beyond], np.float64), np.arange(HEIGHT * WIDTH)
     person = np.array([PERSON], np.uint8)
     depth_m = np.ones(SHAPE_HW, np.float32)
-    found = judge_boxes(depth_m, pixels, boxes, person, SIDE_PX, 0.4, 0.2)
+    found = classify_boxes(depth_m, pixels, boxes, person, SIDE_PX, 0.4, 0.2)
     assert np.array_equal(found.outside, np.flatnonzero(~plain_mask(boxes)))
     assert found.area_px == len(found.outside)
 
 
-def test_only_boxes_with_an_area_inside_the_image_and_scores_up_to_one_are_fit() -> None:
-    fit = np.array([[0, 0, WIDTH, HEIGHT], [3.5, 4, 3.6, 9]], np.float32)
+def test_only_boxes_with_an_area_inside_the_image_and_scores_up_to_one_are_valid() -> None:
+    valid = np.array([[0, 0, WIDTH, HEIGHT], [3.5, 4, 3.6, 9]], np.float32)
     scores = np.array([0, 1], np.float32)
-    assert are_boxes_fit(fit, scores, SHAPE_HW)
-    assert are_boxes_fit(fit[:0], scores[:0], SHAPE_HW)
+    assert are_boxes_valid(valid, scores, SHAPE_HW)
+    assert are_boxes_valid(valid[:0], scores[:0], SHAPE_HW)
     for column, value in ((0, -0.1), (2, 3.5), (2, WIDTH + 0.1), (3, 3), (3, HEIGHT + 1), (1, -1)):
         for wrong in (value, np.nan):
-            boxes = fit.copy()
+            boxes = valid.copy()
             boxes[1, column] = wrong
-            assert not are_boxes_fit(boxes, scores, SHAPE_HW)
+            assert not are_boxes_valid(boxes, scores, SHAPE_HW)
     for wrong in (-0.01, 1.01, np.nan):
-        assert not are_boxes_fit(fit, np.array([0.5, wrong], np.float32), SHAPE_HW)
+        assert not are_boxes_valid(valid, np.array([0.5, wrong], np.float32), SHAPE_HW)
 
 
-def test_ratios_are_the_plain_ones_for_boxes_without_area_too() -> None:
+def test_ratios_equal_the_reference_also_for_boxes_without_area() -> None:
     boxes, others = crowd(0, 30), crowd(1, 20)
     boxes[5, 2] = boxes[5, 0]
     others[7] = boxes[5]

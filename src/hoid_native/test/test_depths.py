@@ -1,46 +1,46 @@
 import numpy as np
 import pytest
 
-from hoid_native import depths_off_edges_m, sample_depths_m
+from hoid_native import box_center_depths_m, depths_off_edges_m
 
 
-def test_median_of_the_readings_at_the_centre() -> None:
+def test_median_of_the_readings_at_the_center() -> None:
     depth_m = np.full((40, 60), 3.0, np.float32)
     depth_m[18:22, 28:32] = [[1.0, 1.0, 1.0, 1.0], [2.0, 2.0, 2.0, 2.0]] * 2
-    centred = np.array([[20.0, 10.0, 40.0, 30.0]])
-    assert sample_depths_m(depth_m, centred, 4).tolist() == [1.5]
-    assert sample_depths_m(depth_m, centred, 40).tolist() == [3.0]
+    centered = np.array([[20.0, 10.0, 40.0, 30.0]])
+    assert box_center_depths_m(depth_m, centered, 4).tolist() == [1.5]
+    assert box_center_depths_m(depth_m, centered, 40).tolist() == [3.0]
 
 
 def test_missing_readings_do_not_count() -> None:
     depth_m = np.full((40, 60), np.nan, np.float32)
     depth_m[:, ::2] = 0.0
     box = np.array([[20.0, 10.0, 40.0, 30.0]])
-    assert np.isnan(sample_depths_m(depth_m, box, 10)).all()
+    assert np.isnan(box_center_depths_m(depth_m, box, 10)).all()
     depth_m[20, 30] = 2.5
-    assert sample_depths_m(depth_m, box, 10).tolist() == [2.5]
+    assert box_center_depths_m(depth_m, box, 10).tolist() == [2.5]
 
 
-def test_square_beyond_the_image_sees_its_edge() -> None:
+def test_square_beyond_the_image_repeats_its_edge() -> None:
     depth_m = np.ones((40, 60), np.float32)
     depth_m[:, 0] = 4.0
     corner = np.array([[-10.0, -10.0, 10.0, 10.0], [0.0, 0.0, 8.0, 8.0]], np.float32)
-    assert sample_depths_m(depth_m, corner, 10).tolist() == [4.0, 1.0]
+    assert box_center_depths_m(depth_m, corner, 10).tolist() == [4.0, 1.0]
 
 
-def test_same_as_numpys_median() -> None:
+def test_equals_numpys_median() -> None:
     rng = np.random.default_rng(0)
     depth_m = rng.uniform(0.5, 5, (480, 640)).astype(np.float32)
     corner = rng.integers(0, 200, (50, 2)) * 2.0
     boxes = np.concatenate([corner, corner + 60.0], 1)
     squares = [depth_m[int(y) + 25 : int(y) + 35, int(x) + 25 : int(x) + 35] for x, y in corner]
     expected = [np.median(square.astype(np.float64)) for square in squares]
-    np.testing.assert_allclose(sample_depths_m(depth_m, boxes, 10), expected, rtol=1e-12)
+    np.testing.assert_allclose(box_center_depths_m(depth_m, boxes, 10), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize('side_px', [1, 2, 5, 10])
-def test_median_of_any_readings_to_the_bit(side_px: int) -> None:
-    """Few or many, odd or even in number, all alike or far apart."""
+def test_median_equals_numpys_to_the_bit(side_px: int) -> None:
+    """For few or many readings, odd or even numbers, equal or scattered depths."""
     rng = np.random.default_rng(side_px)
     for spread_m in (0.0, 1e-6, 0.01, 1.0, 60.0):
         depth_m = (0.3 + rng.random((40, 60)) * spread_m).astype(np.float32)
@@ -50,33 +50,33 @@ def test_median_of_any_readings_to_the_bit(side_px: int) -> None:
         squares = [depth_m[y : y + side_px, x : x + side_px] for x, y in corner]
         expected = [np.median(s[s > 0].astype(np.float64)) if s.any() else np.nan for s in squares]
         boxes = np.concatenate([corner, corner + side_px], 1)
-        np.testing.assert_array_equal(sample_depths_m(depth_m, boxes, side_px), expected)
+        np.testing.assert_array_equal(box_center_depths_m(depth_m, boxes, side_px), expected)
 
 
 def test_no_boxes_no_depths() -> None:
-    assert sample_depths_m(np.ones((4, 4), np.float32), np.empty((0, 4)), 10).shape == (0,)
+    assert box_center_depths_m(np.ones((4, 4), np.float32), np.empty((0, 4)), 10).shape == (0,)
 
 
-def test_a_reading_near_a_step_is_not_believed() -> None:
+def test_a_depth_near_an_edge_is_discarded() -> None:
     depth_m = np.full((20, 30), 2.0, np.float32)
     depth_m[:, 15:] = 2.2
     row = np.stack([np.arange(30), np.full(30, 10)], 1).astype(np.int32)
-    believed = depths_off_edges_m(depth_m, row, 3, 0.05)
-    assert np.flatnonzero(believed == 0).tolist() == list(range(12, 18))
-    assert (believed[:12] == 2.0).all()
-    assert np.array_equal(believed[18:], depth_m[10, 18:])
+    depths_m = depths_off_edges_m(depth_m, row, 3, 0.05)
+    assert np.flatnonzero(depths_m == 0).tolist() == list(range(12, 18))
+    assert (depths_m[:12] == 2.0).all()
+    assert np.array_equal(depths_m[18:], depth_m[10, 18:])
     for radius_px, step in ((3, 0.11), (0, 0.05)):
         assert np.array_equal(depths_off_edges_m(depth_m, row, radius_px, step), depth_m[10])
 
 
-def test_what_is_not_read_is_no_edge() -> None:
+def test_missing_readings_are_no_edge() -> None:
     depth_m = np.full((9, 9), 3.0, np.float32)
     depth_m[4, 5], depth_m[3, 4], depth_m[5, 5] = 0.0, np.nan, -1.0
     pixels = np.array([[4, 4], [5, 4], [4, 3], [5, 5]], np.int32)
     assert depths_off_edges_m(depth_m, pixels, 3, 0.05).tolist() == [3.0, 0.0, 0.0, 0.0]
 
 
-def test_edges_as_numpy_finds_them_up_to_the_border() -> None:
+def test_edges_equal_the_reference_up_to_the_border() -> None:
     rng = np.random.default_rng(3)
     depth_m = rng.uniform(2.0, 2.11, (60, 80)).astype(np.float32)
     depth_m[rng.random(depth_m.shape) < 0.3] = 0.0

@@ -1,4 +1,4 @@
-"""The even choice of corners against the plainest code that says the same."""
+"""The even selection of corners, against a reference implementation."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def by_definition(
     budgets: NDArray[np.int64],
     area_px: float,
 ) -> list[int]:
-    """Return the indices to keep, one corner after the other."""
+    """Return the indices to keep by the definition, one corner after the other."""
     per_px = np.sqrt(np.maximum(budgets, 1) / area_px).astype(np.float32)
     cell = (uv_px * per_px[octave][:, None]).astype(int)
     in_cell: dict[tuple[int, ...], int] = {}
@@ -75,7 +75,7 @@ def by_definition(
 
 @settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([500.0, 9e4, 1e9]))
-def test_what_is_kept_is_that_of_the_definition(seed: int, area_px: float) -> None:
+def test_the_selection_follows_the_definition(seed: int, area_px: float) -> None:
     rng = np.random.default_rng(seed)
     num = int(rng.integers(0, 500))
     uv_px = rng.uniform(0, 300, (num, 2))
@@ -86,7 +86,7 @@ def test_what_is_kept_is_that_of_the_definition(seed: int, area_px: float) -> No
     assert kept.tolist() == by_definition(uv_px, octave, score, budgets, area_px)
 
 
-def test_what_is_on_no_grid_is_refused() -> None:
+def test_positions_on_no_grid_are_refused() -> None:
     uv_px, octave = np.ones((1, 2)), np.zeros(1, np.uint8)
     score, budgets = octave + np.uint8(9), np.array([1])
     assert spread_evenly(uv_px, octave, score, budgets, 0.0).tolist() == [0]

@@ -1,4 +1,4 @@
-"""Least squares kernels: known poses come back, derivatives are those of the projection."""
+"""Least-squares kernels recover known poses, and use the derivatives of the projection."""
 
 import pickle
 
@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from hoid_native import Gates, StereoParams, adjust_bundle, judge_matches, optimize_pose
+from hoid_native import Gates, StereoParams, adjust_bundle, evaluate_matches, optimize_pose
 
 
 def stereo(
@@ -65,26 +65,26 @@ def test_pose_is_found_with_outliers_and_without_some_depths() -> None:
     assert fit.inliers.tolist() == [False] * 25 + [True] * 95
 
 
-def test_matches_are_judged_at_the_measured_noise_and_cut_off_at_their_gates() -> None:
+def test_match_costs_use_the_measured_noise_and_are_truncated_at_the_gates() -> None:
     points = np.array([[0.0, 0, 2], [0.1, 0, 2], [0, 0.1, 4], [0.2, 0, 2], [0, 0, -1]])
     measured = pixels(np.eye(4), points)
-    measured[0] += [0.5, 0, 0.5]  # the disparity stays
+    measured[0] += [0.5, 0, 0.5]  # same disparity
     measured[1, 2] -= 0.25  # of a disparity of 20 px
     measured[2, :2] += [30, 0]
     measured[2, 2] = np.nan
     measured[3] += [40, 0, 0]
     camera = stereo(pixel_noise=0.5)
-    cost, inliers = judge_matches(camera, GATES, points, measured, np.ones(5), np.eye(4))
+    cost, inliers = evaluate_matches(camera, GATES, points, measured, np.ones(5), np.eye(4))
     deviation = np.hypot(0.3, 0.02 * 20.25)
     expected = [1.0, (0.25 / deviation) ** 2, 5.991, 5.991 + 3.841, 5.991 + 3.841]
     np.testing.assert_allclose(cost, expected)
     assert inliers.tolist() == [True, True, False, False, False]
     joint = stereo(pixel_noise=0.5, joint_noise=True)
-    cost, _ = judge_matches(joint, GATES, points, measured, np.ones(5), np.eye(4))
+    cost, _ = evaluate_matches(joint, GATES, points, measured, np.ones(5), np.eye(4))
     np.testing.assert_allclose(cost, [2.0, 0.25, 5.991, 7.815, 7.815])
 
 
-def test_information_is_that_of_numeric_derivatives() -> None:
+def test_information_equals_that_of_numeric_derivatives() -> None:
     _, points = scene(1, 40)
     measured = pixels(TRUTH, points)
     measured[::2, 2] = np.nan
@@ -136,7 +136,7 @@ def test_joint_noise_weighs_u_right_like_u_and_v_under_one_kernel() -> None:
 
 
 def _rotation_vector(R: FloatArray) -> FloatArray:
-    """Return that of a small rotation."""
+    """Return the rotation vector of a small rotation."""
     skew = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     size = np.linalg.norm(skew)
     vector: FloatArray = np.arcsin(size) / size * skew

@@ -1,4 +1,4 @@
-"""The kernels against OpenCV and against the plainest code that says the same."""
+"""Feature and matching kernels, against OpenCV and reference implementations."""
 
 import cv2
 import numpy as np
@@ -11,11 +11,11 @@ from hoid_native import (
     Candidates,
     MatchThreshold,
     QueryConstraints,
-    corner_peaks_px,
     fast_corners,
     match_by_projection,
     orb_descriptors,
     orientations_deg,
+    subpixel_offsets_px,
 )
 from hoid_native.results import Corners
 
@@ -43,7 +43,7 @@ def opencv_corners(image: ByteArray, threshold: int, border: int) -> dict[tuple[
 
 @pytest.mark.parametrize('threshold', [1, 7, 20, 60])
 @pytest.mark.parametrize('size', [(97, 131), (64, 40), (120, 321)])
-def test_corners_and_scores_are_those_of_opencv(threshold: int, size: tuple[int, int]) -> None:
+def test_corners_and_scores_equal_opencvs(threshold: int, size: tuple[int, int]) -> None:
     image = textured(threshold, *size)
     corners = corners_of(image, threshold, 3)
     mine = dict(zip(map(tuple, corners.xy_px.tolist()), corners.score.tolist(), strict=True))
@@ -51,7 +51,7 @@ def test_corners_and_scores_are_those_of_opencv(threshold: int, size: tuple[int,
     assert mine or threshold > 20
 
 
-def test_a_strided_view_is_read_as_it_is() -> None:
+def test_a_strided_view_equals_its_copy() -> None:
     image = textured(5)
     view = image[5:90, 7:120]
     corners = corners_of(view, 7, 3)
@@ -59,7 +59,7 @@ def test_a_strided_view_is_read_as_it_is() -> None:
     assert corners.xy_px.tolist() == copied.xy_px.tolist()
 
 
-def test_corners_of_all_levels_have_a_place_on_the_finest() -> None:
+def test_corners_of_all_levels_have_a_level_0_position() -> None:
     levels = [textured(1, 120, 160), textured(2, 20, 20), textured(3, 60, 81)]
     steps_px = np.array([[1, 1], [8, 6], [160 / 81, 2]], np.float32)
     found = fast_corners(levels, steps_px, 20, 5)
@@ -96,10 +96,10 @@ def spots(shift_px: tuple[float, float]) -> ByteArray:
 
 
 @pytest.mark.parametrize('shift_px', [(0.0, 0.0), (0.3, 0.0), (-0.2, 0.4), (0.4, -0.4)])
-def test_peaks_tell_where_a_spot_is_between_pixels(shift_px: tuple[float, float]) -> None:
+def test_subpixel_offsets_locate_a_spot(shift_px: tuple[float, float]) -> None:
     image = spots(shift_px)
     xy_px = corners_of(image, 7, 10).xy_px
-    peak_px = xy_px + corner_peaks_px(image, *xy_px.T.copy())
+    peak_px = xy_px + subpixel_offsets_px(image, *xy_px.T.copy())
     error_px = (peak_px - shift_px + 10) % 20 - 10
     assert len(error_px) == 7 * 5
     assert np.abs(error_px).max() < 0.1
@@ -115,11 +115,11 @@ def signed_score(image: ByteArray, x: int, y: int) -> int:
     return max(max(min(arc), -max(arc)) for arc in arcs)
 
 
-def test_peaks_are_those_of_the_quadratic_that_fits_nine_scores_best() -> None:
+def test_subpixel_offsets_equal_the_peak_of_the_fitted_quadratic() -> None:
     image = textured(4)
     corners = corners_of(image, 7, 4)
     x, y = corners.xy_px.T.copy()
-    found = corner_peaks_px(image, x, y)
+    found = subpixel_offsets_px(image, x, y)
     around = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
     design = np.array([[1, dx, dy, dx * dx / 2, dx * dy, dy * dy / 2] for dx, dy in around])
     num_peaks = 0
@@ -137,9 +137,9 @@ def test_peaks_are_those_of_the_quadratic_that_fits_nine_scores_best() -> None:
     assert num_peaks > 0.5 * len(x) > 20
 
 
-def test_peaks_near_the_edge_are_refused() -> None:
+def test_subpixel_offsets_near_the_edge_are_refused() -> None:
     with pytest.raises(ValueError, match='4 px'):
-        corner_peaks_px(textured(1), np.array([3], np.int32), np.array([50], np.int32))
+        subpixel_offsets_px(textured(1), np.array([3], np.int32), np.array([50], np.int32))
 
 
 @pytest.mark.parametrize('angle_deg', [0, 30, 90, 135, 200, 359])
@@ -152,7 +152,7 @@ def test_orientation_points_along_the_gradient(angle_deg: int) -> None:
     assert 0 <= found < 360
 
 
-def test_orientation_is_that_of_opencv() -> None:
+def test_orientation_equals_opencvs() -> None:
     image = textured(3, 200, 200)
     points = cv2.ORB.create(nlevels=1, nfeatures=50, edgeThreshold=31).detect(image)
     x, y = np.rint(cv2.KeyPoint.convert(points)).astype(np.int32).T
@@ -166,7 +166,7 @@ def test_orientation_near_the_edge_is_refused() -> None:
 
 
 @pytest.mark.parametrize('seed', [1, 2])
-def test_descriptors_are_those_of_opencv(seed: int) -> None:
+def test_descriptors_equal_opencvs(seed: int) -> None:
     image = textured(seed, 240, 320)
     rng = np.random.default_rng(seed)
     n = 2000
@@ -202,7 +202,7 @@ def brute_force(
     most: int,
     ratio: float,
 ) -> set[tuple[int, int]]:
-    """Return the pairs by the definition, one query and feature after the other."""
+    """Return the pairs by brute force."""
     wins: dict[int, list[tuple[int, int]]] = {}
     for q in range(len(radius)):
         near = []
@@ -224,7 +224,7 @@ def brute_force(
 
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), ratio=st.sampled_from([1.0, 0.9, 0.6]))
-def test_matches_are_those_of_the_definition(seed: int, ratio: float) -> None:
+def test_matches_equal_brute_force(seed: int, ratio: float) -> None:
     rng = np.random.default_rng(seed)
     num_q, num_k = int(rng.integers(1, 25)), int(rng.integers(0, 40))
     measured = rng.uniform(0, 120, (num_k, 3)).astype(np.float32)

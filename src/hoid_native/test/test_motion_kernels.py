@@ -1,4 +1,4 @@
-"""Segments, warps and scores against the plainest NumPy that says the same."""
+"""Depth segments, reprojection and pose scores, against references in NumPy."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from hoid_native import (
     Pinhole,
     StereoParams,
     align_triples,
-    carry_over,
+    depth_ranges_3x3,
     depth_segments,
-    depths_around,
     depths_at,
-    front_evidence,
+    occlusion_log_odds,
+    propagate_log_odds,
     score_poses,
-    strongest_in_cells,
+    strongest_corners_per_cell,
 )
 
 CAMERA = Pinhole(50.0, 50.0, 31.5, 23.5)
@@ -29,7 +29,7 @@ def plane(depth_m: float) -> np.ndarray:
 
 
 def both(depth_m: np.ndarray) -> np.ndarray:
-    """Return (H, W, 2) with an image as the least and as the most depth."""
+    """Return an image as minimum and maximum depth, (H, W, 2)."""
     return np.stack([depth_m, depth_m], axis=-1)
 
 
@@ -50,7 +50,7 @@ def test_segments_end_at_jumps_and_at_cells() -> None:
     assert found.area_px.tolist() == np.bincount(found.label.ravel() + 1)[1:].tolist()
 
 
-def test_no_reading_is_of_no_segment() -> None:
+def test_pixels_without_a_reading_have_no_segment() -> None:
     found = depth_segments(np.zeros(SHAPE, np.float32), 20)
     assert (found.label == -1).all()
     assert len(found.region) == 0
@@ -61,13 +61,13 @@ def test_no_reading_is_of_no_segment() -> None:
 def evidence(
     depth_m: np.ndarray, label: np.ndarray, *earlier: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """Return log-odds by (T_earlier_now, depth) of earlier views, each worth 2 and -0.5."""
+    """Return the log-odds from earlier views (T_earlier_now, depth); evidence is 2 or -0.5."""
     views = [(T, both(earlier_m), 0.5) for T, earlier_m in earlier]
     num = int(label.max()) + 1
-    return front_evidence(CAMERA, depth_m, label, num, views, MARGIN, (2.0, 0.1, 0.25))
+    return occlusion_log_odds(CAMERA, depth_m, label, num, views, MARGIN, (2.0, 0.1, 0.25))
 
 
-def test_what_came_before_a_wall_is_told_and_nothing_else() -> None:
+def test_only_an_object_that_came_in_front_of_the_wall_moves() -> None:
     now, earlier = with_square(1.0), plane(3.0)
     label = depth_segments(now, 64).label
     square, wall = label[20, 30], label[2, 2]
@@ -85,67 +85,71 @@ def test_what_came_before_a_wall_is_told_and_nothing_else() -> None:
         evidence(now, label, (REST, earlier[:-1]))
 
 
-def test_a_few_pixels_in_front_are_no_evidence_and_many_leave_no_rest() -> None:
+def test_few_occluding_pixels_are_no_evidence_and_many_outweigh_agreement() -> None:
     whole, wall = np.zeros(SHAPE, np.int32), plane(3.0)
-    for rows, told in ((4, -0.5 * 44 / 48), (8, 2 * 8 / 48 - 0.5 * 40 / 48), (16, 2 * 16 / 48)):
+    for rows, log_odds in (
+        (4, -0.5 * 44 / 48),
+        (8, 2 * 8 / 48 - 0.5 * 40 / 48),
+        (16, 2 * 16 / 48),
+    ):
         now = plane(3.0)
         now[:rows] = 1.0
-        assert evidence(now, whole, (REST, wall))[0] == pytest.approx(told)
+        assert evidence(now, whole, (REST, wall))[0] == pytest.approx(log_odds)
 
 
-def test_a_camera_that_moves_puts_a_resting_wall_in_front_of_nothing() -> None:
+def test_the_motion_of_the_camera_is_compensated() -> None:
     T_earlier_now = np.eye(4)
-    T_earlier_now[2, 3] = 0.5  # half a metre nearer to the wall now
+    T_earlier_now[2, 3] = 0.5  # half a meter nearer to the wall now
     label = np.zeros(SHAPE, np.int32)
     assert evidence(plane(2.5), label, (T_earlier_now, plane(3.0))) == -0.5
     assert evidence(plane(2.5), label, (REST, plane(3.0))) == 2.0
 
 
-def carried(
-    T_before_now: np.ndarray, depth_m: np.ndarray, before_m: np.ndarray, log_odds: np.ndarray
+def propagated(
+    T_previous_now: np.ndarray, depth_m: np.ndarray, previous_m: np.ndarray, log_odds: np.ndarray
 ) -> np.ndarray:
-    """Return log-odds as they are carried over, without evidence."""
+    """Return the propagated log-odds without new evidence."""
     label, none = np.full(SHAPE, -1, np.int32), np.empty(0, np.float32)
-    return carry_over(
-        CAMERA, T_before_now, depth_m, before_m, log_odds, MARGIN, 1.0, label, none, 1e9
+    return propagate_log_odds(
+        CAMERA, T_previous_now, depth_m, previous_m, log_odds, MARGIN, 1.0, label, none, 1e9
     )
 
 
 def test_log_odds_move_with_the_pixels_where_depth_agrees() -> None:
     odds = np.arange(48 * 64, dtype=np.float32).reshape(SHAPE)
-    T_before_now = np.eye(4)
-    T_before_now[0, 3] = 0.12  # 2 px at 3 m
-    moved = carried(T_before_now, plane(3.0), plane(3.0), odds)
+    T_previous_now = np.eye(4)
+    T_previous_now[0, 3] = 0.12  # 2 px at 3 m
+    moved = propagated(T_previous_now, plane(3.0), plane(3.0), odds)
     np.testing.assert_array_equal(moved[:, :-2], odds[:, 2:])
     assert (moved[:, -2:] == 0).all()
-    assert not carried(REST, plane(3.0), plane(2.0), odds).any()
-    assert not carried(REST, plane(0.0), plane(3.0), odds).any()
-    with pytest.raises(ValueError, match='before_m'):
-        carried(REST, plane(3.0), plane(3.0)[:-1], odds)
+    assert not propagated(REST, plane(3.0), plane(2.0), odds).any()
+    assert not propagated(REST, plane(0.0), plane(3.0), odds).any()
+    with pytest.raises(ValueError, match='previous_m'):
+        propagated(REST, plane(3.0), plane(3.0)[:-1], odds)
 
 
-def test_log_odds_fade_and_grow_with_evidence_up_to_a_limit() -> None:
+def test_log_odds_decay_and_grow_with_evidence_up_to_a_limit() -> None:
     rng = np.random.default_rng(1)
     odds = rng.uniform(-3, 3, SHAPE).astype(np.float32)
     depth_m = plane(2.0)
     depth_m[5] = 0.0
     label = rng.integers(-1, 3, SHAPE).astype(np.int32)
     evidence = np.array([-2.0, 0.5, 2.0], np.float32)
-    fade, limit = np.float32(0.7), 3.0
-    found = carry_over(
-        CAMERA, REST, depth_m, plane(2.0), odds, MARGIN, float(fade), label, evidence, limit
+    decay, limit = np.float32(0.7), 3.0
+    found = propagate_log_odds(
+        CAMERA, REST, depth_m, plane(2.0), odds, MARGIN, float(decay), label, evidence, limit
     )
     added = np.where(label >= 0, evidence[label], np.float32(0))
-    expected = np.where(depth_m > 0, np.clip(odds * fade + added, -limit, limit), 0)
+    expected = np.where(depth_m > 0, np.clip(odds * decay + added, -limit, limit), 0)
     np.testing.assert_array_equal(found, expected)
     for wrong in (np.int32(1), np.int32(-1)):
         with pytest.raises(ValueError, match='label'):
-            carry_over(
+            propagate_log_odds(
                 CAMERA, REST, depth_m, depth_m, odds, MARGIN, 1.0, label + wrong, evidence, limit
             )
 
 
-def test_depths_at_pixels_are_numbers_or_none() -> None:
+def test_depths_at_pixels_are_finite() -> None:
     depth_m = np.array([[1.0, np.nan, 2.0], [np.inf, 0.0, -np.inf]], np.float32)
     assert depths_at(depth_m, np.array([2, 0, -1, 1, 3, 4, 5])).tolist() == [2, 1, 0, 0, 0, 0, 0]
     for outside in (-2, 6):
@@ -153,20 +157,20 @@ def test_depths_at_pixels_are_numbers_or_none() -> None:
             depths_at(depth_m, np.array([0, outside]))
 
 
-def test_depths_around_a_pixel_are_those_of_three_by_three() -> None:
+def test_depth_ranges_cover_three_by_three_pixels() -> None:
     rng = np.random.default_rng(2)
     depth_m = rng.uniform(1, 4, (30, 37)).astype(np.float32)
     depth_m[rng.random(depth_m.shape) < 0.6] = 0.0
-    found = depths_around(depth_m)
+    found = depth_ranges_3x3(depth_m)
     for v, u in np.ndindex(depth_m.shape):
         near = depth_m[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2]
         expected = (near[near > 0].min(), near.max()) if depth_m[v, u] > 0 else (0, 0)
         assert tuple(found[v, u]) == expected
-    assert depths_around(depth_m[:0]).shape == (0, 37, 2)
-    assert depths_around(depth_m[:1, :1])[..., 1].tolist() == depth_m[:1, :1].tolist()
+    assert depth_ranges_3x3(depth_m[:0]).shape == (0, 37, 2)
+    assert depth_ranges_3x3(depth_m[:1, :1])[..., 1].tolist() == depth_m[:1, :1].tolist()
 
 
-def test_scores_are_the_weights_of_what_fits() -> None:
+def test_scores_sum_the_weights_of_points_that_fit() -> None:
     camera = StereoParams(50.0, 50.0, 31.5, 23.5, 5.0, 1.0, 0.0)
     points = np.array([[0.0, 0.0, 2.0], [0.5, 0.2, 2.0], [0.1, 0.1, -1.0]])
     measured = np.array([[31.5, 23.5, 29.0], [44.0 + 1.0, 28.5, np.nan], [31.5, 23.5, np.nan]])
@@ -188,7 +192,7 @@ def umeyama(from_m: np.ndarray, to_m: np.ndarray) -> np.ndarray:
     return T
 
 
-def test_three_points_are_aligned_as_by_least_squares() -> None:
+def test_three_points_are_aligned_by_least_squares() -> None:
     rng = np.random.default_rng(5)
     from_m = rng.uniform(-1, 1, (60, 3))
     to_m = from_m[:, [1, 2, 0]] + [0.1, -0.2, 0.3] + rng.normal(0, 0.05, from_m.shape)
@@ -207,15 +211,15 @@ def test_the_strongest_corner_of_each_free_cell_is_chosen() -> None:
     depth_m[0, 1] = 0.0
     label = np.zeros(SHAPE, np.int32)
     label[0, 2] = -1
-    #       no depth, no piece, equal, equal, weaker, another cell, one that is taken
+    #       no depth, no segment, equal, equal, weaker, another cell, a taken cell
     pixels = np.array([1, 2, 3, 4, 5, 40, 20 * 64 + 3])
     scores = np.array([200, 190, 90, 90, 80, 10, 99], np.uint8)
     taken = np.zeros((3, 4), np.uint8)
     taken[1, 0] = 1
     small = np.arange(48 * 64)
-    best = strongest_in_cells(pixels, scores, depth_m, small, label, 16.0, taken)
+    best = strongest_corners_per_cell(pixels, scores, depth_m, small, label, 16.0, taken)
     assert best.tolist() == [2, 5]
     with pytest.raises(ValueError, match='taken'):
-        strongest_in_cells(pixels, scores, depth_m, small, label, 16.0, taken[:2])
+        strongest_corners_per_cell(pixels, scores, depth_m, small, label, 16.0, taken[:2])
     with pytest.raises(ValueError, match='corner_pixels'):
-        strongest_in_cells(pixels + 48 * 64, scores, depth_m, small, label, 16.0, taken)
+        strongest_corners_per_cell(pixels + 48 * 64, scores, depth_m, small, label, 16.0, taken)

@@ -1,4 +1,4 @@
-"""Matching along segments against the plainest code that says the same."""
+"""Matching along segments, against brute force."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -14,7 +14,7 @@ MOST = 60
 
 
 def distance_px(pixel: FloatArray, segment: FloatArray) -> float:
-    """Return the least distance over places along the segment, ever closer ones."""
+    """Return the least distance to the segment, by ever finer sampling."""
     low, high = 0.0, 1.0
     for _ in range(3):
         shares = np.linspace(low, high, 41)
@@ -34,7 +34,7 @@ def brute_force(
     known: ByteArray,
     free: NDArray[np.bool_],
 ) -> set[tuple[int, int]]:
-    """Return the pairs by the definition, without a ratio test."""
+    """Return the pairs by brute force, without a ratio test."""
     wins: dict[int, list[tuple[int, int]]] = {}
     for q, segment in enumerate(segments):
         near = [
@@ -51,7 +51,7 @@ def brute_force(
 
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10**6))
-def test_matches_are_those_of_the_definition(seed: int) -> None:
+def test_matches_equal_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
     num_q, num_k = int(rng.integers(1, 12)), int(rng.integers(1, 30))
     measured = rng.uniform(0, 200, (num_k, 3)).astype(np.float32)

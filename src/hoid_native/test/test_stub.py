@@ -1,4 +1,4 @@
-"""The types that are checked are those of the compiled module."""
+"""The type stub matches the compiled module."""
 
 import ast
 from pathlib import Path
@@ -10,8 +10,8 @@ from hoid_native import _native
 STUB = Path(__file__).parents[1] / 'hoid_native' / '_native.pyi'
 
 
-def test_the_stub_is_that_of_the_module() -> None:
-    """`make stubs` writes it anew."""
+def test_the_stub_matches_the_module() -> None:
+    """Run `make stubs` when this fails."""
     stub = StubGen(_native)
     stub.put(_native)
     assert ast.dump(ast.parse(stub.get())) == ast.dump(ast.parse(STUB.read_text()))

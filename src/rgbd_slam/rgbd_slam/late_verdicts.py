@@ -1,4 +1,4 @@
-"""Verdicts on features that come apart from them: later as a rule, sometimes before."""
+"""Matches feature verdicts to their images: most arrive after the features, some before."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from hoid_common.values import Features, FeatureVerdicts
 
 T = TypeVar('T')
 
-_LIMIT = 60  # keyframes that may still be judged again, and verdicts that wait for their image
+# Chosen: at 30 Hz two seconds of images, while a detector is late by 20 to 500 ms (decision 031).
+_MAX_WAITING = 60  # keyframes without a verdict, and verdicts without an image
 
 
 class LateVerdicts:
-    """Knows which frames became keyframes lately, and what was said of frames to come."""
+    """Remembers the latest keyframes without a verdict, and verdicts on images still to come."""
 
     def __init__(self) -> None:
-        self._keyframes: OrderedDict[int, int] = OrderedDict()  # number of features by stamp
+        self._keyframes: OrderedDict[int, int] = OrderedDict()  # stamp: number of features
         self._early: OrderedDict[int, FeatureVerdicts] = OrderedDict()  # by stamp
-        self._newest_ns = self._num_newest = 0  # stamp and features of the newest image
+        self._newest_ns = self._num_newest = 0  # stamp and number of features of the last image
 
     def filtered(self, features: Features) -> Features:
-        """Return an image's features without those that are known to move by now."""
+        """Return an image's features without those that an early verdict calls dynamic."""
         early = self._early.pop(features.stamp_ns, None)
         if early is not None and len(early.is_dynamic) == len(features):
             features = features.select(~early.is_dynamic)
@@ -30,14 +31,14 @@ class LateVerdicts:
         return features
 
     def note_keyframe(self) -> None:
-        """Expect a verdict on the newest image, which has become a keyframe."""
+        """Expect a verdict on the last image, which became a keyframe."""
         _put(self._keyframes, self._newest_ns, self._num_newest)
 
-    def is_due(self, verdicts: FeatureVerdicts) -> bool:
-        """Return whether a verdict changes a keyframe; one on an image to come is kept for it.
+    def changes_keyframe(self, verdicts: FeatureVerdicts) -> bool:
+        """Return whether verdicts call features of a keyframe dynamic; store early verdicts.
 
         Raises:
-            MessageError: It is of another number of features than the keyframe has.
+            MessageError: The keyframe has another number of features.
         """
         stamp_ns, num = verdicts.stamp_ns, len(verdicts.is_dynamic)
         if stamp_ns > self._newest_ns:
@@ -52,5 +53,5 @@ class LateVerdicts:
 
 def _put(queue: OrderedDict[int, T], stamp_ns: int, value: T) -> None:
     queue[stamp_ns] = value
-    if len(queue) > _LIMIT:
+    if len(queue) > _MAX_WAITING:
         queue.popitem(last=False)

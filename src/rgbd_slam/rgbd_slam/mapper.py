@@ -1,4 +1,4 @@
-"""Local mapping: what a new keyframe does to the map."""
+"""Local mapping: inserts keyframes into the map and refines the map around them."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from rgbd_slam.optimize.local_bundle_adjustment import local_bundle_adjustment
 
 @dataclass(frozen=True, eq=False)
 class KeyframeRequest:
-    """A frame to make a keyframe of, and what was tracked since the last one."""
+    """A frame that becomes a keyframe, and what was observed since the last keyframe."""
 
     frame: Frame
     T_reference_camera: FloatArray  # (4, 4)
     reference_uid: int
-    points: IntArray  # (N,) point seen by each feature, or NO_POINT
+    points: IntArray  # (N,) row of the point that each feature observes, or NO_POINT
     point_uids: IntArray  # (N,)
-    counts: PointCounts  # of the frames since the last keyframe
-    measured_camera: StereoCamera  # with the noise measured so far
-    moved: IntArray  # (M,) points that turned out to be on what moves
+    counts: PointCounts  # how often points were visible and found since the last keyframe
+    measured_camera: StereoCamera  # the camera with its measured noise
+    moved: IntArray  # (M,) rows of points that proved to be on moving objects
     moved_uids: IntArray  # (M,)
 
 
 class Mapper:
-    """Owns the map and takes keyframes in.
+    """Owns the map and inserts keyframes into it.
 
-    Two cameras differ in their noise. Geometry, which hardly feels it, takes the configured one:
-    making, fusing and culling points, and loops, which measure noise anew in the map that they
-    adjust. Bundle adjustment around a keyframe weighs by what the tracker has measured and sends
-    along with it.
+    It uses two cameras that differ only in their noise (decision 003). Creating, fusing and
+    culling points hardly depends on the noise and uses the configured camera, and so does loop
+    closing, which measures the noise itself in the map that it adjusts. Local bundle adjustment
+    weights residuals by the noise that the tracker measured and sent with the keyframe.
     """
 
     def __init__(
@@ -64,13 +64,16 @@ class Mapper:
         self._close_limit_m = config.camera.close_limit_m
 
     def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
-        """Make the first keyframe of a map, with points at all depths, and return it."""
+        """Create the first keyframe of a map, with points at all depths, and return its row."""
         i = self.map.add_keyframe(frame, T_map_camera, map_id)
         self._add_depth_points(i, np.inf)
         return i
 
     def insert(self, request: KeyframeRequest) -> int | None:
-        """Take in a keyframe and settle its neighbourhood; None when its reference is gone."""
+        """Insert a keyframe, refine the map around it, and return its row.
+
+        None is returned when the reference keyframe has left the map.
+        """
         i = self._add(request)
         if i is None:
             return None
@@ -87,46 +90,46 @@ class Mapper:
         self.loops = self.loops.with_event(self._closer.process(i))
         return i
 
-    def take_back(self, verdicts: FeatureVerdicts) -> None:
-        """Forget what a keyframe saw on what turned out to move."""
+    def retract(self, verdicts: FeatureVerdicts) -> None:
+        """Remove the observations of a keyframe's features that proved dynamic."""
         take_back(self.map, verdicts)
 
     def load(self, state: MapState, *, keep: bool) -> int:
-        """Lay a saved map over the running one, which is kept beside it or gone; see `restore`.
+        """Load a saved map; `keep` the running one beside it, or discard that; see `restore`.
 
-        The first of its keyframes is returned.
+        Returns the row of the first keyframe of the saved map.
         """
         if not keep:
-            self._closer.close()  # with all it knows of the old map
+            self._closer.close()  # its place index describes the old map
             self._closer = LoopCloser(
                 self.map, self._configured_camera, self._config, background=self._background
             )
         return int(restore(self.map, state, self._configured_camera, keep=keep)[0])
 
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
-        """Go on, from an empty map, with all that a mapper before this one has left."""
+        """Continue, from an empty map, with the map of a mapper that has died."""
         self.map.apply(whole)
         self.loops = loops
 
     def poll(self) -> bool:
-        """Lay what the background has finished over the map; return whether there was any."""
+        """Apply finished background adjustments to the map; return whether there were any."""
         return self._closer.poll()
 
     @property
     def is_adjusting(self) -> bool:
-        """Return whether a whole map is being adjusted in the background."""
+        """Return whether a global adjustment is running in the background."""
         return self._closer.is_adjusting
 
-    def settle(self, limit_s: float) -> None:
-        """Wait for what runs in the background, up to a limit."""
+    def finish_adjustment(self, limit_s: float) -> None:
+        """Adjust what has grown since the last global adjustment; wait for it up to `limit_s`."""
         self._closer.settle(limit_s)
 
     def close(self) -> None:
-        """End what runs in the background."""
+        """Stop the background adjustment."""
         self._closer.close()
 
     def _add(self, request: KeyframeRequest) -> int | None:
-        """Store the keyframe with the observations whose points are still in the map."""
+        """Store the keyframe with the observations of points that are still in the map."""
         keyframes, points = self.map.keyframes, self.map.points
         uid, T_reference_camera = self.map.redirects.resolve(
             request.reference_uid, request.T_reference_camera
@@ -139,9 +142,11 @@ class Mapper:
         self.map.remove_points(np.unique(request.moved[is_there]))
         T_map_camera = keyframes.T_map_camera[reference] @ T_reference_camera
         i = self.map.add_keyframe(
-            request.frame, se3.orthonormalized(T_map_camera), int(keyframes.map_id[reference]),
+            request.frame,
+            se3.orthonormalized(T_map_camera),
+            int(keyframes.map_id[reference]),
             reference,
-        )  # fmt: skip
+        )
         same = (request.points != NO_POINT) & (points.uid[request.points] == request.point_uids)
         k = np.flatnonzero(same)
         self.map.observe(i, k, request.points[k])
@@ -149,7 +154,11 @@ class Mapper:
         return i
 
     def _add_depth_points(self, i: int, limit_m: float) -> None:
-        """Make points of the features with depth that see none, the nearest first."""
+        """Create points from features with depth that observe none, the nearest first.
+
+        All features nearer than `limit_m` become points, and farther ones until the keyframe has
+        `keyframes.min_new_points` near points in all.
+        """
         keyframes = self.map.keyframes
         n = int(keyframes.num_features[i])
         depth = keyframes.depth_m[i, :n]

@@ -1,7 +1,8 @@
-"""From the camera's poses in the core's map to the frames of a robot (REP 103, REP 105).
+"""Converts camera poses in the core's map to poses in the frames of a robot (REP 103, REP 105).
 
-The core's map frame is the first camera's optical frame. A robot's map is level with its base,
-z up. Without a base frame, the camera is taken to be level when it starts.
+The core's map frame is the optical frame of the first camera pose. A robot's map frame has its
+z axis up and is level with the base at the start. Without a base frame, the camera is assumed to
+be level when it starts.
 """
 
 from __future__ import annotations
@@ -18,36 +19,43 @@ from rgbd_slam.model.keyframe_poses import KeyframePoses
 T_BODY_OPTICAL: FloatArray = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
-"""Optical (x right, y down, z forward) to body (x forward, y left, z up), REP 103."""
+"""Rotation (4, 4) from optical axes (x right, y down, z forward) to body axes (x forward, y left,
+z up), REP 103."""
 
-# Of a velocity that nothing tells, as standard deviations [rad/s, m/s].
+# Covariance of an unknown velocity. Chosen: standard deviations of half a turn per second and
+# 10 m/s, more than any hand-held camera or indoor robot moves.
 _UNKNOWN_TWIST = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
-_MAX_TWIST_GAP_S = 0.5  # over a longer silence, the mean motion says little of the velocity
+# Chosen, as in `ImageClock`: the mean motion over a longer gap says little about the velocity.
+_MAX_TWIST_GAP_S = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class RobotPose:
-    """Where the base is: the two edges of the frame tree, and how it moves."""
+    """The pose of the base as the two edges of the frame tree, and its velocity."""
 
-    T_map_odom: FloatArray  # (4, 4); jumps when the map is corrected
+    T_map_odom: FloatArray  # (4, 4); jumps when a loop closure corrects the map
     T_odom_base: FloatArray  # (4, 4); never jumps
-    covariance: FloatArray  # (6, 6) of a small motion in the base frame, rotation first
+    covariance: (
+        FloatArray  # (6, 6) of T_map_base, as a small motion in the base frame, rotation first
+    )
     twist: FloatArray  # (6,) in the base frame: rad/s, then m/s
-    twist_covariance: FloatArray  # (6, 6) of it
+    twist_covariance: FloatArray  # (6, 6)
 
 
-class _Placed(NamedTuple):
+class _BasePose(NamedTuple):
     stamp_ns: int
     T_odom_base: FloatArray  # (4, 4)
-    covariance: FloatArray  # (6, 6) in the base frame, of what this image errs by alone
+    covariance: (
+        FloatArray  # (6, 6) in the base frame: the part that successive images do not share
+    )
 
 
 class RobotFrames:
-    """Places the robot's base from the camera's poses.
+    """Converts camera poses of the core to poses of the robot's base.
 
     Args:
-        T_base_camera: (4, 4) where the camera's optical frame sits on the robot; None when no base
-            is known, and the camera's optical frame then stands for it.
+        T_base_camera: (4, 4) pose of the camera's optical frame on the robot. None if no base
+            frame is configured; the camera's optical frame is then used as the base frame.
         planar: Whether the base moves in the plane z = 0 only and does not tilt.
     """
 
@@ -55,9 +63,9 @@ class RobotFrames:
         self.T_map_core = T_BODY_OPTICAL if T_base_camera is None else T_base_camera
         self._T_camera_base = np.eye(4) if T_base_camera is None else se3.inverse(T_base_camera)
         self._planar = planar and T_base_camera is not None
-        self._last: _Placed | None = None
+        self._last: _BasePose | None = None
 
-    def place(
+    def robot_pose(
         self,
         stamp_ns: int,
         T_map_camera: FloatArray,
@@ -65,20 +73,22 @@ class RobotFrames:
         covariance: FloatArray,
         image_covariance: FloatArray | None = None,
     ) -> RobotPose:
-        """Return the robot's pose from the core's, whose covariance is of the camera's frame.
+        """Return the robot's pose for a camera pose of the core.
 
         Args:
-            stamp_ns: Of the image.
+            stamp_ns: Stamp of the image.
             T_map_camera: (4, 4) in the core's map.
-            T_odom_camera: (4, 4) without the map's jumps.
-            covariance: (6, 6) of a small motion of the camera.
-            image_covariance: (6, 6) of it, what images in a row do not share; all by default.
+            T_odom_camera: (4, 4) in the odometry frame, free of the map's corrections.
+            covariance: (6, 6) of T_map_camera, as a small motion in the camera frame, rotation
+                first.
+            image_covariance: (6, 6), the part of it that successive images do not share, which
+                decides how well the velocity is known; all of it by default.
         """
         T_map_base = self._base(T_map_camera)
         T_odom_base = self._base(T_odom_camera)
         A = se3.adjoint(se3.inverse(self._T_camera_base))
         own = covariance if image_covariance is None else image_covariance
-        placed = _Placed(stamp_ns, T_odom_base, A @ own @ A.T)
+        placed = _BasePose(stamp_ns, T_odom_base, A @ own @ A.T)
         pose = RobotPose(
             T_map_base @ se3.inverse(T_odom_base),
             T_odom_base,
@@ -89,40 +99,40 @@ class RobotFrames:
         return pose
 
     def camera_at(self, T_map_base: FloatArray) -> FloatArray:
-        """Return T_core_camera (4, 4) for a pose that was given of the base, x forward, z up.
+        """Return T_core_camera (4, 4) for a pose of the base (x forward, z up) in the map.
 
-        Without a base, that is taken of the camera's body.
+        Without a base frame, the pose is that of the camera's body axes.
         """
         return se3.inverse(self.T_map_core) @ T_map_base @ self.T_map_core
 
     def camera_motion(self, T_base_base: FloatArray) -> FloatArray:
-        """Return the camera's motion (4, 4) between two times, for the base's."""
+        """Return the camera's motion (4, 4) that corresponds to a motion of the base."""
         return self._T_camera_base @ T_base_base @ se3.inverse(self._T_camera_base)
 
     def bases(self, cameras: Trajectory) -> Trajectory:
-        """Return the base's poses in the map for the camera's in the core's map."""
+        """Return the poses of the base in the map for camera poses in the core's map."""
         return Trajectory(
             cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera @ self._T_camera_base
         )
 
     def cameras(self, cameras: Trajectory) -> Trajectory:
-        """Return the camera's poses in the map for those in the core's map."""
+        """Return camera poses in the map for camera poses in the core's map."""
         return Trajectory(cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera)
 
     def keyframes(self, poses: KeyframePoses) -> KeyframePoses:
-        """Return keyframes' poses in the map for those in the core's map."""
+        """Return keyframe poses in the map for keyframe poses in the core's map."""
         return poses._replace(T_map_camera=self.T_map_core @ poses.T_map_camera)
 
     def points_m(self, points_core_m: FloatArray) -> FloatArray:
-        """Return (N, 3) points of the core's map in the robot's."""
+        """Return (N, 3) points in the map for points in the core's map."""
         return se3.transform(self.T_map_core, points_core_m)
 
     def _base(self, T_core_camera: FloatArray) -> FloatArray:
         T = self.T_map_core @ T_core_camera @ self._T_camera_base
         return flattened(T) if self._planar else T
 
-    def _twist(self, now: _Placed) -> tuple[FloatArray, FloatArray]:
-        """Return the mean velocity since the last pose, and its covariance."""
+    def _twist(self, now: _BasePose) -> tuple[FloatArray, FloatArray]:
+        """Return the mean velocity (6,) since the last pose, and its covariance (6, 6)."""
         last = self._last
         elapsed_s = 0.0 if last is None else (now.stamp_ns - last.stamp_ns) / NS_PER_S
         if last is None or not 0 < elapsed_s <= _MAX_TWIST_GAP_S:
@@ -134,7 +144,7 @@ class RobotFrames:
 
 
 def flattened(T: FloatArray) -> FloatArray:
-    """Return (4, 4) with x, y and yaw only."""
+    """Return the pose (4, 4) with its x, y and yaw; z, roll and pitch become zero."""
     yaw = np.arctan2(T[1, 0], T[0, 0])
     twist = np.array([0.0, 0.0, yaw, 0.0, 0.0, 0.0])
     out = se3.exp(twist)

@@ -9,7 +9,6 @@ import numpy as np
 
 from hoid_common.values import CameraModel, Features, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.map_control import MapControl
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera, check_octaves
@@ -19,6 +18,7 @@ from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_keyframe
 from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.online_noise import OnlineNoise
 from rgbd_slam.places.pose_hint import PoseHint
+from rgbd_slam.slam_map import SlamMap
 from rgbd_slam.statistics import SlamStats, slam_stats
 from rgbd_slam.tracking.first_frames import FirstFrames
 from rgbd_slam.tracking.image_clock import ImageClock
@@ -31,22 +31,26 @@ from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
 
 _MS = 1e3
-_BY_WHEELS = 'too few map points are seen; the pose goes on by the wheels: {:.1f} s, {:.2f} m'
-_MIN_FIRST_FEATURES = 50  # with depth, to start a map; triangulation adds to them
+_BY_WHEELS = (
+    'too few map points are seen; the pose follows the wheel odometry, for {:.1f} s and {:.2f} m'
+)
+# Chosen, not tuned; ORB-SLAM3 asks for 500 features (Tracking.cc, StereoInitialization).
+# Triangulation adds points to the first map later.
+_MIN_FIRST_FEATURES = 50  # features with depth that a new map needs
 
 
 class RgbdSlam:
     """Keyframe SLAM on the features of RGB-D images (Mur-Artal and Tardos, T-RO 2017).
 
-    `map` is what lives on between frames, and can be settled, saved and ended; `trajectory` is
-    where the camera was, and `odometry` where it was last.
+    `map` holds the keyframes and points and the mapper that extends them, `odometry` the last
+    tracked pose, and `trajectory` the poses of all frames.
 
     Args:
         camera: The camera of the images that the features come from.
         config: Parameters.
-        background: Map in a process of its own, as live; otherwise at once, so that runs repeat.
-            Call `map.close` in the end.
-        wheels: Somebody else's odometry, which helps where images do not.
+        background: Map in a separate process, as live; call `map.mapper.close` in the end.
+            Otherwise each keyframe is mapped at once, so that runs repeat bit for bit.
+        wheels: External odometry (e.g. wheels), which bridges images that cannot be tracked.
     """
 
     def __init__(
@@ -64,8 +68,8 @@ class RgbdSlam:
         self.trajectory = TrajectoryRecorder(atlas.keyframes)
         self._first_frames = FirstFrames(atlas, self.trajectory, config.tracking)
         self.odometry = Odometry(atlas, wheels)
-        followers = self.trajectory.redirect, self.odometry.redirect
-        self.map = MapControl(atlas, self._camera, config, followers, background=background)
+        on_redirects = self.trajectory.redirect, self.odometry.redirect
+        self.map = SlamMap(atlas, self._camera, config, on_redirects, background=background)
         self._clock = ImageClock()
         self._noise = OnlineNoise(self._camera)
         self._shutter = RollingShutter(camera.height_px)
@@ -80,22 +84,23 @@ class RgbdSlam:
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> TrackingResult:
-        """Say where one frame was taken; `learn` is to follow before the next one.
+        """Estimate the pose of one frame. Call `learn` before tracking the next one.
 
         Raises:
-            MessageError: A feature is of an octave that the configuration does not know.
+            MessageError: A feature has an octave beyond the configured number of octaves.
         """
-        result = self._locate(self._prepare(features))
+        result = self._estimate_pose(self._prepare(features))
         return replace(result, note=self._relocalizer.take_note() or result.note)
 
     def learn(self, result: TrackingResult) -> TrackingResult:
-        """Take in what a tracked frame says, and map it when it shows something new."""
+        """Update noise and points by a tracked frame, and map it if it becomes a keyframe."""
         tracking = result.to_learn
-        if tracking is None:  # lost, or what a map was begun with
+        if tracking is None:  # lost, or the first frame of a map
             return result
         start_s = time.thread_time()
-        self._take_in(tracking)
-        is_keyframe = self.map.is_growing and self._policy.wants(tracking, self.map.queue_length)
+        self._update_estimates(tracking)
+        queue_length = self.map.mapper.queue_length
+        is_keyframe = self.map.is_growing and self._policy.wants(tracking, queue_length)
         learned_s = time.thread_time()
         if is_keyframe:
             self._insert_keyframe(tracking)
@@ -104,32 +109,33 @@ class RgbdSlam:
         stage_ms = {'track': track_ms, 'map': _MS * (mapped_s - learned_s)}
         return replace(result, is_keyframe=is_keyframe, stage_ms=stage_ms, to_learn=None)
 
-    def look_first_at(self, hint: PoseHint) -> None:
-        """Leave the pose there is, and look for the camera at another before anywhere else."""
-        self._relocalizer.look_first_at(hint)
+    def relocalize_near(self, hint: PoseHint) -> None:
+        """Discard the current pose and relocalize near `hint` first."""
+        self._relocalizer.relocalize_near(hint)
         self._forget_pose()
 
-    def _locate(self, frame: Frame) -> TrackingResult:
-        start_s = time.thread_time()
-        self.map.update()
-        self.odometry.follow(frame.stamp_ns)
-        if self.map.is_empty:
-            return self._start_map(frame, np.eye(4))  # which is where the map's frame is
-        tracking = self._track(frame) or self._relocalize(frame)
-        if tracking is None:
-            return self._lose(frame)
-        self.odometry.advance(tracking.tracked, tracking.consensus)
-        result = self._result(
-            tracking.tracked, self.odometry.covariance, tracking.num_matches, tracking.num_inliers
-        )
-        return replace(
-            result, image_covariance=self.odometry.image_covariance,
-            stage_ms={'track': _MS * (time.thread_time() - start_s)},
-            rival=tracking.consensus.rival, to_learn=tracking,
-        )  # fmt: skip
+    def load(self, state: MapState, *, keep: bool) -> IntArray:
+        """Load a saved map; see `SlamMap.load`. Returns the (K,) uids of its keyframes.
+
+        If the running map is discarded, the camera is relocalized in the saved one.
+        """
+        uids = self.map.load(state, keep=keep)
+        if not keep:
+            self._forget_pose()
+        return uids
+
+    def reconfigure(self, config: SlamConfig) -> None:
+        """Apply the parameters that may change at run time."""
+        self._config = config
+        self._policy.reconfigure(config.keyframes)
+
+    @property
+    def stats(self) -> SlamStats:
+        """Return the size of the main map and the numbers of events so far."""
+        return slam_stats(self._atlas, self.map.mapper.loops, self._relocalizer.num_found)
 
     def _prepare(self, features: Features) -> Frame:
-        """Undistort features, give them virtual right columns, and follow their stamps."""
+        """Return the frame: undistorted, with virtual right columns, rolling shutter removed."""
         check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
         if self._clock.add(frame.stamp_ns):
@@ -137,8 +143,29 @@ class RgbdSlam:
             self._policy.restart()
         return self._shutter.straightened(frame, self._camera, self.odometry.twist)
 
+    def _estimate_pose(self, frame: Frame) -> TrackingResult:
+        start_s = time.thread_time()
+        self.map.update()
+        self.odometry.follow(frame.stamp_ns)
+        if self.map.is_empty:
+            return self._start_map(frame, np.eye(4))  # the first camera pose is the map's origin
+        tracking = self._track(frame) or self._relocalize(frame)
+        if tracking is None:
+            return self._handle_loss(frame)
+        self.odometry.advance(tracking.tracked, tracking.consensus)
+        result = self._result(
+            tracking.tracked, self.odometry.covariance, tracking.num_matches, tracking.num_inliers
+        )
+        return replace(
+            result,
+            image_covariance=self.odometry.image_covariance,
+            stage_ms={'track': _MS * (time.thread_time() - start_s)},
+            rival=tracking.consensus.rival,
+            to_learn=tracking,
+        )
+
     def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
-        """Start a map at a pose; the first one, or a new one after a loss."""
+        """Start a map with this frame as its first keyframe, if it has enough depth readings."""
         if np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_FIRST_FEATURES:
             is_first = self.map.is_empty
             state = TrackingState.NOT_INITIALIZED if is_first else TrackingState.LOST
@@ -146,7 +173,7 @@ class RgbdSlam:
         i = self.map.start(frame, T_map_camera)
         self._policy.inserted(frame.stamp_ns)
         tracked = tracked_keyframe(frame, self._atlas, i)
-        self.odometry.go_on_from(tracked)
+        self.odometry.restart_from(tracked)
         self._clock.recognised()
         self.trajectory.add(tracked)
         self._first_frames.begin(frame.stamp_ns)
@@ -154,22 +181,22 @@ class RgbdSlam:
         return replace(result, is_keyframe=True)
 
     def _track(self, frame: Frame) -> TrackerOutput | None:
-        """Track a frame from the last one, by the motion expected since."""
+        """Track a frame from the last one, starting at the predicted poses."""
         last = self.odometry.last
         if last is None:
             return None
         return self._tracker.track(frame, last, *self.odometry.predict(frame.stamp_ns))
 
     def _relocalize(self, frame: Frame) -> TrackerOutput | None:
-        """Find a lost frame in the map; how it moved since the last one only wheels know."""
+        """Relocalize a lost frame in the map; only wheels know its motion since the last one."""
         tracking = self._relocalizer.relocalize(frame)
         if tracking is not None:
             self.odometry.bridge()
-            self.odometry.go_on_from(tracking.tracked)
+            self.odometry.restart_from(tracking.tracked)
         return tracking
 
-    def _lose(self, frame: Frame) -> TrackingResult:
-        """Go on by the wheels, if there are any; when lost for long, map anew from there."""
+    def _handle_loss(self, frame: Frame) -> TrackingResult:
+        """Follow the wheel odometry, if any; after a long loss, start a new map there."""
         self.odometry.stop()
         bridge = self.odometry.bridge()
         if self.map.is_growing and self._clock.lost_s > self._config.places.new_map_after_s:
@@ -180,13 +207,17 @@ class RgbdSlam:
         if bridge is None:
             return TrackingResult(frame.stamp_ns, TrackingState.LOST)
         return TrackingResult(
-            frame.stamp_ns, TrackingState.LOST, bridge.T_map_camera, self.odometry.T_odom_camera,
-            self.odometry.in_map(bridge.covariance), bridge.image_covariance,
+            frame.stamp_ns,
+            TrackingState.LOST,
+            bridge.T_map_camera,
+            self.odometry.T_odom_camera,
+            self.odometry.in_map(bridge.covariance),
+            bridge.image_covariance,
             note=_BY_WHEELS.format(bridge.elapsed_s, bridge.way_m),
-        )  # fmt: skip
+        )
 
-    def _take_in(self, tracking: TrackerOutput) -> None:
-        """Take in what a tracked frame says of points and noise."""
+    def _update_estimates(self, tracking: TrackerOutput) -> None:
+        """Update point counts, measured noise, rolling shutter and trajectory by a frame."""
         tracked = tracking.tracked
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
@@ -199,54 +230,49 @@ class RgbdSlam:
         self._first_frames.revise_next(self._noise.camera)
 
     def _insert_keyframe(self, tracking: TrackerOutput) -> None:
-        """Hand the frame to the mapper, and go on from the keyframe that it makes of it."""
+        """Send the frame to the mapper; continue from the keyframe if that exists at once."""
         tracked = tracking.tracked
         keep_outliers = self._config.keyframes.keep_outliers
         points = tracking.matched if keep_outliers else tracked.points
         self._policy.inserted(tracked.frame.stamp_ns)
         uid = self._atlas.points.uid
-        i = self.map.insert(
-            KeyframeRequest(
-                tracked.frame, tracked.T_reference_camera, tracked.reference_uid, points,
-                uid[points], self._tallies.take(), self._noise.camera, tracking.moved,
-                uid[tracking.moved],
-            )
-        )  # fmt: skip
+        request = KeyframeRequest(
+            tracked.frame,
+            tracked.T_reference_camera,
+            tracked.reference_uid,
+            points,
+            uid[points],
+            self._tallies.take(),
+            self._noise.camera,
+            tracking.moved,
+            uid[tracking.moved],
+        )
+        i = self.map.insert(request)
         if i is not None:  # not in the background
             only_in_map = tracking.is_outlier if keep_outliers else None
-            self.odometry.go_on_from(tracked_keyframe(tracked.frame, self._atlas, i, only_in_map))
-
-    def _result(
-        self, tracked: TrackedFrame, pose_covariance: FloatArray, num_tracked: int,
-        num_inliers: int,
-    ) -> TrackingResult:  # fmt: skip
-        return TrackingResult(
-            tracked.frame.stamp_ns, TrackingState.TRACKING, tracked.T_map_camera,
-            self.odometry.T_odom_camera, self.odometry.in_map(pose_covariance), pose_covariance,
-            num_tracked, num_inliers,
-        )  # fmt: skip
-
-    def reconfigure(self, config: SlamConfig) -> None:
-        """Take over parameters that may change at run time."""
-        self._config = config
-        self._policy.reconfigure(config.keyframes)
-
-    def load(self, state: MapState, *, keep: bool) -> IntArray:
-        """Lay a saved map over the running one; see `MapControl.load`.
-
-        Unless the running one is kept, the camera is looked for in the saved one.
-        """
-        uids = self.map.load(state, keep=keep)
-        if not keep:
-            self._forget_pose()
-        return uids
+            self.odometry.restart_from(
+                tracked_keyframe(tracked.frame, self._atlas, i, only_in_map)
+            )
 
     def _forget_pose(self) -> None:
-        self.odometry.go_on_from(None)
-        self._clock.recognised()  # there is time to find the camera
+        self.odometry.restart_from(None)
+        self._clock.recognised()  # the time until a new map is started counts from now
         self.odometry.stop()
 
-    @property
-    def stats(self) -> SlamStats:
-        """Return counts of the main map and of events."""
-        return slam_stats(self._atlas, self.map.loops, self._relocalizer.num_found)
+    def _result(
+        self,
+        tracked: TrackedFrame,
+        pose_covariance: FloatArray,
+        num_tracked: int,
+        num_inliers: int,
+    ) -> TrackingResult:
+        return TrackingResult(
+            tracked.frame.stamp_ns,
+            TrackingState.TRACKING,
+            tracked.T_map_camera,
+            self.odometry.T_odom_camera,
+            self.odometry.in_map(pose_covariance),
+            pose_covariance,
+            num_tracked,
+            num_inliers,
+        )

@@ -1,4 +1,4 @@
-"""What is counted of a session's maps and events, and said of its state."""
+"""Counts of a session's maps and events, and the text that explains its state."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from rgbd_slam.tracking.tracking_result import TrackingResult
 _MESSAGES = {
     SlamState.NOT_INITIALIZED: 'waiting for an image with enough static features that have depth',
     SlamState.TRACKING: '',
-    SlamState.LOST: 'too few map points are seen; looking for a known place',
-    SlamState.PAUSED: 'paused; ~/resume goes on',
+    SlamState.LOST: 'too few map points are seen; trying to recognize a mapped place',
+    SlamState.PAUSED: 'paused; call ~/resume to continue',
 }
-_IN_OTHER_MAP = 'in a new map since the last loss; a known place will join the two'
+_IN_OTHER_MAP = 'in a new map since the last loss; it is merged when a mapped place is recognized'
 _TWO_MOTIONS = 'two motions explain this image: {:.0f} % / {:.0f} %; something large moves'
 
 
 @dataclass(frozen=True)
 class SlamStats:
-    """Counts of the main map, that with most keyframes, and of events."""
+    """The size of the main map (the one with most keyframes), and numbers of events so far."""
 
     num_keyframes: int
     num_map_points: int
-    num_maps: int = 0  # more than one only after a loss, until a known place joins them
+    num_maps: int = 0  # more than one only after a loss, until the maps are merged
     num_loops: int = 0
     num_merges: int = 0
     num_relocalizations: int = 0
 
 
 def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> SlamStats:
-    """Count what the map holds now, beside what has happened to it."""
+    """Return the size of the main map beside the numbers of loops, merges and relocalizations."""
     keyframes, points = atlas.keyframes, atlas.points
     ids, main = keyframes.map_id[keyframes.alive], main_map(keyframes)
     return SlamStats(
@@ -49,7 +49,7 @@ def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> Sla
 
 
 def status_message(state: SlamState, result: TrackingResult | None, is_in_main_map: bool) -> str:
-    """Return why the state is what it is, in plain words; empty when there is nothing to say."""
+    """Return the reason for the state in plain words; empty for undisturbed tracking."""
     if result is not None and result.note:
         return result.note
     if state is SlamState.TRACKING and not is_in_main_map:

@@ -1,4 +1,4 @@
-"""The copy of the map that a live tracker has is the map that an offline run makes."""
+"""The live tracker's copy of the map equals the map of an offline run."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from rgbd_slam.slam import RgbdSlam
 from .world import CAMERA, PERIOD_NS, World, sway
 
 CONFIG = SlamConfig()
-BOOKKEEPING = ('version', 'born')  # of changes to send, which an offline map has none of
+BOOKKEEPING = ('version', 'born')  # of the changes to send, which an offline run does not use
 
 
 def offline_run(
     monkeypatch: pytest.MonkeyPatch, count: int
 ) -> tuple[Atlas, list[Start | KeyframeRequest]]:
-    """Return the map of an offline run, and what its mapper was asked for."""
+    """Return the map of an offline run and the requests to its mapper."""
     slam, world = RgbdSlam(CAMERA, CONFIG), World()
-    link, asked = slam.map._link, list[Start | KeyframeRequest]()
-    start_map, insert = link.start_map, link.insert
+    mapper, requests = slam.map.mapper, list[Start | KeyframeRequest]()
+    start_map, insert = mapper.start_map, mapper.insert
 
-    def noted_start(frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
-        asked.append(Start(frame, T_map_camera, map_id))
+    def record_start(frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
+        requests.append(Start(frame, T_map_camera, map_id))
         return start_map(frame, T_map_camera, map_id)
 
-    def noted_insert(request: KeyframeRequest) -> int | None:
-        asked.append(request)
+    def record_insert(request: KeyframeRequest) -> int | None:
+        requests.append(request)
         return insert(request)
 
-    monkeypatch.setattr(link, 'start_map', noted_start)
-    monkeypatch.setattr(link, 'insert', noted_insert)
+    monkeypatch.setattr(mapper, 'start_map', record_start)
+    monkeypatch.setattr(mapper, 'insert', record_insert)
     for n, pose in enumerate(sway(count)):
         slam.process(world.features(n * PERIOD_NS, pose))
     slam.map.finish()
-    return slam.map.atlas, asked
+    return slam.map.atlas, requests
 
 
 @pytest.fixture(name='mapper')
@@ -70,31 +70,31 @@ def assert_same(live: SoaTable, offline: SoaTable) -> None:
 def test_every_column_of_the_live_copy_is_that_of_the_offline_map(
     mapper: tuple[MapperProcess, Atlas], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    offline, asked = offline_run(monkeypatch, 60)
-    link, live = mapper
-    for request in asked:
+    offline, requests = offline_run(monkeypatch, 60)
+    client, live = mapper
+    for request in requests:
         if isinstance(request, Start):
-            link.start_map(*request)
+            client.start_map(*request)
         else:
-            link.insert(request)
-    link.finish()
-    assert len(asked) > 3
+            client.insert(request)
+    client.finish()
+    assert len(requests) > 3
     assert offline.points.num_visible[offline.points.alive].max() > 10
     assert_same(live.keyframes, offline.keyframes)
     assert_same(live.points, offline.points)
     assert snapshot(live).digest() == snapshot(offline).digest()
 
 
-def test_what_is_taken_back_is_gone_from_both_copies(
+def test_retracted_observations_are_removed_from_both_copies(
     mapper: tuple[MapperProcess, Atlas], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    offline, asked = offline_run(monkeypatch, 40)
-    link, live = mapper
-    for request in asked:
+    offline, requests = offline_run(monkeypatch, 40)
+    client, live = mapper
+    for request in requests:
         if isinstance(request, Start):
-            link.start_map(*request)
+            client.start_map(*request)
         else:
-            link.insert(request)
+            client.insert(request)
     keyframes, points = offline.keyframes, offline.points
     i = int(keyframes.indices()[-2])
     is_dynamic = np.arange(keyframes.num_features[i]) < 300
@@ -106,8 +106,8 @@ def test_what_is_taken_back_is_gone_from_both_copies(
     assert min(len(made), len(known)) > 10
     verdicts = FeatureVerdicts(int(keyframes.stamp_ns[i]), is_dynamic)
     take_back(offline, verdicts)
-    link.take_back(verdicts)
-    link.finish()
+    client.retract(verdicts)
+    client.finish()
     assert not np.isin(points.uid, uids).any()
     assert (keyframes.points_of(i)[is_dynamic] == NO_POINT).all()
     assert not keyframes.may_seed[i, : len(is_dynamic)][is_dynamic].any()
@@ -125,9 +125,9 @@ def test_a_loaded_map_is_the_same_live_and_offline(
     mapper: tuple[MapperProcess, Atlas], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     saved = snapshot(offline_run(monkeypatch, 30)[0])
-    offline, link, live = RgbdSlam(CAMERA, CONFIG), *mapper
+    offline, client, live = RgbdSlam(CAMERA, CONFIG), *mapper
     offline.map.load(saved, keep=False)
-    link.load(saved, keep=False)
-    link.update()
+    client.load(saved, keep=False)
+    client.update()
     assert_same(live.keyframes, offline.map.atlas.keyframes)
     assert_same(live.points, offline.map.atlas.points)

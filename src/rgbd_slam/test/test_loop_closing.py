@@ -78,13 +78,13 @@ def test_a_closed_loop_is_not_closed_again(
 
 
 @pytest.mark.parametrize(
-    ('long_way_m', 'event'), [(5.0, LoopEvent.CLOSED), (50.0, LoopEvent.REJOINED)]
+    ('long_path_m', 'event'), [(5.0, LoopEvent.CLOSED), (50.0, LoopEvent.REJOINED)]
 )
-def test_a_long_way_is_adjusted_even_if_its_ends_fit(long_way_m: float, event: LoopEvent) -> None:
+def test_a_long_way_is_adjusted_even_if_its_ends_fit(long_path_m: float, event: LoopEvent) -> None:
     truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
     rows = mapped(atlas, RingWorld(), truth, drifted(truth, 0.05 * DRIFT))
     assert _errors_m(atlas, rows, truth).max() < 0.03
-    config = SlamConfig().updated({'places.loops.long_way_m': long_way_m})
+    config = SlamConfig().updated({'places.loops.long_path_m': long_path_m})
     assert LoopCloser(atlas, CAMERA, config).process(int(rows[-1])) is event
 
 
@@ -245,7 +245,7 @@ class _Slow:
 def test_an_adjustment_under_way_does_not_undo_a_rejoin() -> None:
     truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
     rows = mapped(atlas, RingWorld(), truth, drifted(truth, 0.1 * DRIFT))
-    closer = LoopCloser(atlas, CAMERA, SlamConfig().updated({'places.loops.long_way_m': 50.0}))
+    closer = LoopCloser(atlas, CAMERA, SlamConfig().updated({'places.loops.long_path_m': 50.0}))
     closer._looped, slow = 0, _Slow(atlas)
     closer._adjuster._running = slow  # type: ignore[assignment]  # as in the background
     before = _errors_m(atlas, rows, truth)

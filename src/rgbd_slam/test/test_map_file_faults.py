@@ -1,4 +1,4 @@
-"""Foreign, damaged and hostile map files: one clear line, and no harm."""
+"""Foreign, damaged and hostile map files are refused in one clear line and do no harm."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
-def refused(path: Path, said: str) -> None:
-    with pytest.raises(MapFileError, match=said) as caught:
+def refused(path: Path, message: str) -> None:
+    with pytest.raises(MapFileError, match=message) as caught:
         map_file.load(path)
     text = str(caught.value)
     assert str(path) in text
@@ -36,9 +36,9 @@ def refused(path: Path, said: str) -> None:
     assert len(text) < 400
 
 
-def test_a_missing_file_and_a_folder_are_said(tmp_path: Path) -> None:
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     refused(tmp_path / 'none', 'there is no such file')
-    refused(tmp_path, 'is no file')
+    refused(tmp_path, 'there is no such file')
 
 
 @pytest.mark.parametrize(
@@ -84,41 +84,41 @@ FORGERIES: dict[str, tuple[str, Callable[[Members, Manifest], object]]] = {
     'no manifest': ('no manifest', lambda f, _: f.pop('manifest.json')),
     'a huge manifest': ('no manifest', lambda _, m: m.update(note='x' * 20_000)),
     'no lengths': ('damaged', lambda _, m: m.pop('lengths')),
-    'no map': ('holds no map', lambda _, m: m['lengths'].pop('map')),
+    'no map': ('damaged', lambda _, m: m['lengths'].pop('map')),
     'an unknown section': ('damaged', lambda _, m: m['lengths'].update(extra={})),
-    'a missing array': ('lacks parts', lambda f, _: f.pop('map/point.npy')),
+    'a missing array': ('incomplete', lambda f, _: f.pop('map/point.npy')),
     'a foreign member': ('foreign', lambda f, _: f.update({'../../evil.sh': b'#!/bin/sh'})),
     'a huge length': ('another size', lambda _, m: m['lengths']['map'].update(points=2**30)),
-    'an absurd length': ('are none', lambda _, m: m['lengths']['map'].update(points=2**70)),
-    'a negative length': ('are none', lambda _, m: m['lengths']['map'].update(points=-1)),
-    'a length of text': ('are none', lambda _, m: m['lengths']['map'].update(points='9')),
-    'a missing length': ('are none', lambda _, m: m['lengths']['map'].pop('points')),
+    'an absurd length': ('damaged', lambda _, m: m['lengths']['map'].update(points=2**70)),
+    'a negative length': ('damaged', lambda _, m: m['lengths']['map'].update(points=-1)),
+    'a length of text': ('damaged', lambda _, m: m['lengths']['map'].update(points='9')),
+    'a missing length': ('damaged', lambda _, m: m['lengths']['map'].pop('points')),
     'a camera of text': ('damaged', lambda _, m: m['camera'].update(fx_px='wide')),
     'a flat camera': ('focal lengths', lambda _, m: m['camera'].update(fx_px=0.0)),
-    'a NaN camera': ('camera centre must be', lambda _, m: m['camera'].update(cx_px=float('nan'))),
+    'a NaN camera': ('camera center must be', lambda _, m: m['camera'].update(cx_px=float('nan'))),
     'no camera': ('damaged', lambda _, m: m.pop('camera')),
-    'a camera that is none': ('names no camera', lambda _, m: m.update(camera=None)),
-    'a camera that is a word': ('names no camera', lambda _, m: m.update(camera='x')),
-    'a camera with a secret': ('names no camera', lambda _, m: m['camera'].update(zoom=2.0)),
-    'lengths that are none': ('what it holds', lambda _, m: m.update(lengths=None)),
-    'lengths in a list': ('what it holds', lambda _, m: m.update(lengths=[])),
-    'a section of nothing': ('are none', lambda _, m: m['lengths'].update(map=None)),
-    'a true length': ('are none', lambda _, m: m['lengths']['map'].update(points=True)),
-    'no scale': ('which features', lambda _, m: m.pop('scale_factor')),
+    'a camera that is none': ('damaged', lambda _, m: m.update(camera=None)),
+    'a camera that is a word': ('damaged', lambda _, m: m.update(camera='x')),
+    'a camera with a secret': ('damaged', lambda _, m: m['camera'].update(zoom=2.0)),
+    'lengths that are none': ('damaged', lambda _, m: m.update(lengths=None)),
+    'lengths in a list': ('damaged', lambda _, m: m.update(lengths=[])),
+    'a section of nothing': ('damaged', lambda _, m: m['lengths'].update(map=None)),
+    'a true length': ('damaged', lambda _, m: m['lengths']['map'].update(points=True)),
+    'no scale': ('damaged', lambda _, m: m.pop('scale_factor')),
     'octaves of text': ('damaged', lambda _, m: m.update(num_octaves='many')),
     'too few octaves': ('octave is out of range', lambda _, m: m.update(num_octaves=1)),
     'pickled objects': (
-        'not what the manifest says',
+        'another type or shape',
         lambda f, _: f.update({'map/num_found.npy': pickled(f['map/num_found.npy'])}),
     ),
     'another type': (
-        'not what the manifest says',
+        'another type or shape',
         lambda f, _: f.update(
             {'map/num_found.npy': f['map/num_found.npy'].replace(b"'<i8'", b"'<f8'")}
         ),
     ),
-    'no truth value': (
-        'truth values',
+    'no Boolean value': (
+        'Boolean values',
         lambda f, _: f.update({'map/may_seed.npy': f['map/may_seed.npy'][:-1] + b'\x07'}),
     ),
 }  # fmt: skip
@@ -147,23 +147,23 @@ def test_a_bomb_is_refused_before_it_is_unpacked(path: Path) -> None:
         members['map/num_found.npy'] = bytes(128 + 8 * count)
 
     forge(path, explode)
-    refused(path, 'unpacks to .* which no map does')
+    refused(path, 'unpacks to .* more than any map')
 
 
 def test_a_member_twice_is_refused(path: Path) -> None:
     with zipfile.ZipFile(path, 'a') as archive, pytest.warns(UserWarning, match='Duplicate'):
         archive.writestr('map/point.npy', b'')
-    refused(path, 'lacks parts or has foreign ones')
+    refused(path, 'is incomplete, or has foreign parts')
 
 
 @pytest.mark.parametrize('way', [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
 def test_members_packed_otherwise_are_refused(path: Path, way: int) -> None:
     forge(path, lambda _members, _manifest: None, compression=way)
-    refused(path, 'packed in an unknown way')
+    refused(path, 'compressed by an unknown method')
     data = bytearray(path.read_bytes())
-    data[100:140] = bytes(40)  # of the packed manifest, which nobody is to unpack
+    data[100:140] = bytes(40)  # of the compressed manifest, which must not be unpacked
     path.write_bytes(bytes(data))
-    refused(path, 'packed in an unknown way')
+    refused(path, 'compressed by an unknown method')
 
 
 def changed(name: str, row: Any, value: Any) -> MapState:
@@ -203,13 +203,13 @@ MAPS: dict[str, tuple[str, Callable[[], MapState]]] = {
     'projective pose': ("keyframe's pose", lambda: changed('T_map_camera', (1, 3, 0), 0.5)),
     'negative stamp': ('time stamp', lambda: changed('stamp_ns', 0, -1)),
     'late stamp': ('time stamp', lambda: changed('stamp_ns', 0, 2**62)),
-    'feature counts': ('disagree in number', lambda: changed('num_features', 2, 1)),
+    'feature counts': ('do not add up', lambda: changed('num_features', 2, 1)),
     'negative count': ('is negative', lambda: changed('num_features', 2, -5)),
-    'huge count': ('disagree in number', lambda: changed('num_features', 2, 2**31 - 1)),
-    'parent outside': ('hangs on none', lambda: changed('parent', 3, 99)),
-    'parent in a circle': ('in a circle', lambda: changed('parent', 3, 6)),
-    'parent itself': ('in a circle', lambda: changed('parent', 3, 3)),
-    'two roots': ('maps and roots', lambda: changed('parent', 3, -1)),
+    'huge count': ('do not add up', lambda: changed('num_features', 2, 2**31 - 1)),
+    'parent outside': ('a parent does not exist', lambda: changed('parent', 3, 99)),
+    'parent in a circle': ('form a circle', lambda: changed('parent', 3, 6)),
+    'parent itself': ('form a circle', lambda: changed('parent', 3, 3)),
+    'two roots': ('not that of roots', lambda: changed('parent', 3, -1)),
     'no root': ('no root', lambda: changed('map_id', 3, 7)),
     'negative map': ('no root', lambda: changed('map_id', 3, -2)),
     'NaN pixel': ('pixel', lambda: changed('uv_px', (9, 1), NAN)),
@@ -220,14 +220,14 @@ MAPS: dict[str, tuple[str, Callable[[], MapState]]] = {
     'infinite depth': ('depth', lambda: changed('depth_m', 9, np.inf)),
     'octave': ('octave', lambda: changed('octave', 9, 200)),
     'NaN angle': ('angle', lambda: changed('angle_deg', 9, NAN)),
-    'point outside': ('point that is not there', lambda: changed('point', 9, 10**6)),
-    'point below': ('point that is not there', lambda: changed('point', 9, -2)),
+    'point outside': ('point that does not exist', lambda: changed('point', 9, 10**6)),
+    'point below': ('point that does not exist', lambda: changed('point', 9, -2)),
     'point seen twice': ('one point twice', lambda: changed('point', slice(0, 2), 5)),
-    'point never seen': ('seen by no keyframe', unseen),
+    'point never seen': ('observed by no keyframe', unseen),
     'NaN point': ('point is out of range', lambda: changed('position_m', (4, 2), NAN)),
     'point in the camera': ('lies in the camera', at_camera),
     'reference outside': ('reference', lambda: changed('reference', 4, 10**6)),
-    'blind reference': ('not seen by its reference', blind),
+    'blind reference': ('not observed by its reference', blind),
     'negative found': ('count', lambda: changed('num_found', 4, -1)),
     'huge visible': ('count', lambda: changed('num_visible', 4, 2**60)),
 }  # fmt: skip
@@ -250,7 +250,7 @@ def test_maps_that_share_a_point_are_refused(path: Path) -> None:
     kept = np.unique(state.point[state.point >= 0])
     assert len(kept) == len(state.position_m)
     write(path, content()._replace(map=replace(state, point=point), dense=None))
-    refused(path, 'two maps share a point|seen by no keyframe')
+    refused(path, 'two maps share a point|observed by no keyframe')
 
 
 def test_two_maps_in_one_file_are_fine(path: Path) -> None:
@@ -271,8 +271,8 @@ def test_an_empty_map_is_refused(path: Path) -> None:
 @pytest.mark.parametrize(
     ('name', 'value', 'said'),
     [
-        ('keyframe', 99, 'hangs on no keyframe'),
-        ('keyframe', -1, 'hangs on no keyframe'),
+        ('keyframe', 99, 'has no keyframe'),
+        ('keyframe', -1, 'has no keyframe'),
         ('T_keyframe_camera', NAN, "image's pose"),
     ],
 )

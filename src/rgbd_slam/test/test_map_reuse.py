@@ -8,7 +8,7 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.model.map_state import MapState
+from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
 
@@ -33,7 +33,7 @@ def turn(count: int, start_rad: float = 0.25, end_rad: float = -0.2) -> FloatArr
 def saved() -> MapState:
     slam = RgbdSlam(CAMERA, SlamConfig())
     run(slam, World(), sway(90))
-    return slam.map.state()
+    return snapshot(slam.map.atlas)
 
 
 def errors(results: list[TrackingResult], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -46,9 +46,9 @@ def errors(results: list[TrackingResult], poses: FloatArray) -> tuple[FloatArray
 
 def test_a_loaded_map_is_found_again_and_left_as_it_is(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
-    slam.map.set_growing(is_growing=False)
+    slam.map.is_growing = False
     slam.load(saved, keep=False)
-    before = slam.map.state().digest()
+    before = snapshot(slam.map.atlas).digest()
     assert before == saved.digest()
     poses = turn(40)
     results = run(slam, World(), poses)
@@ -56,7 +56,7 @@ def test_a_loaded_map_is_found_again_and_left_as_it_is(saved: MapState) -> None:
     way_m, turn_rad = errors(results, poses)
     assert way_m.max() < 0.02
     assert np.degrees(turn_rad).max() < 1
-    assert slam.map.state().digest() == before
+    assert snapshot(slam.map.atlas).digest() == before
     assert len(slam.trajectory.keyframes()) == 0
     assert len(slam.trajectory.final()) == 40
 
@@ -78,19 +78,19 @@ def test_odometry_starts_at_the_first_pose_and_does_not_jump(saved: MapState) ->
 
 def test_an_unknown_place_is_not_believed_and_localisation_stays_lost(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
-    slam.map.set_growing(is_growing=False)
+    slam.map.is_growing = False
     slam.load(saved, keep=False)
     elsewhere = World(seed=7)
     results = run(slam, elsewhere, sway(90)[:20]) + run(slam, elsewhere, sway(90)[:5], 300)
     assert all(result.state is TrackingState.LOST for result in results)
-    assert slam.map.state().digest() == saved.digest()
+    assert snapshot(slam.map.atlas).digest() == saved.digest()
 
 
 def test_mapping_goes_on_in_a_loaded_map(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
     slam.load(saved, keep=False)
     run(slam, World(), turn(60, end_rad=1.8), first=100)  # later than any image of that session
-    state = slam.map.state()
+    state = snapshot(slam.map.atlas)
     kept = np.isin(state.stamp_ns, saved.stamp_ns)
     assert len(state) > kept.sum()
     assert (state.map_id == 0).all()
@@ -138,17 +138,17 @@ def test_the_mapping_process_takes_a_map_over_at_once(saved: MapState) -> None:
         run(slam, World(), sway(90)[:5])
         uids = slam.load(saved, keep=False)
         assert len(uids) == len(saved)
-        assert slam.map.state().digest() == saved.digest()
+        assert snapshot(slam.map.atlas).digest() == saved.digest()
         poses = turn(60, end_rad=1.8)
         results = run(slam, World(), poses, first=100)  # later than any image of that session
         assert errors(results, poses)[0].max() < 0.02
         slam.map.finish()
-        assert slam.map.is_settled
-        state = slam.map.state()
+        assert slam.map.mapper.is_settled
+        state = snapshot(slam.map.atlas)
         assert (state.map_id == 0).all()
         # How many keyframes the mapper takes depends on its speed; it may cull loaded ones.
         assert np.isin(state.stamp_ns, saved.stamp_ns).any()
         assert (state.stamp_ns > saved.stamp_ns.max()).any()
         assert len(slam.trajectory.final()) == 60
     finally:
-        slam.map.close()
+        slam.map.mapper.close()

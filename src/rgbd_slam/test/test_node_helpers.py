@@ -138,7 +138,7 @@ def test_what_cannot_be_written_whole_leaves_what_was_there(tmp_path: Path) -> N
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
-    with pytest.raises(InputError, match='cannot be made'):
+    with pytest.raises(InputError, match='cannot be created'):
         path_in(str(tmp_path / 'file' / 'maps'), 'a', MAP)

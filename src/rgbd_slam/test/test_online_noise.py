@@ -103,17 +103,18 @@ def test_tracking_and_mapping_use_the_noise_of_the_camera(
 ) -> None:
     """The world's camera reads depth five to ten times better than configured."""
     world, slam = World(), RgbdSlam(MODEL, SlamConfig())
-    noise: list[float] = []
-    insert = slam.map._link.insert
+    cameras: list[StereoCamera] = []
+    insert = slam.map.mapper.insert
 
-    def noted(request: KeyframeRequest) -> int | None:
-        noise.append(request.measured_camera.disparity_noise_px)
+    def record(request: KeyframeRequest) -> int | None:
+        cameras.append(request.measured_camera)
         return insert(request)
 
-    monkeypatch.setattr(slam.map._link, 'insert', noted)
+    monkeypatch.setattr(slam.map.mapper, 'insert', record)
     for n, pose in enumerate(sway(60)):
         slam.process(world.features(n * PERIOD_NS, pose))
-    assert 0.25 < slam._tracker._camera.pixel_noise < 0.6
-    assert slam._tracker._camera.disparity_noise_px < 0.5 * CAMERA.disparity_noise_px
+    noise = [camera.disparity_noise_px for camera in cameras]
     assert len(noise) >= 2
+    assert 0.25 < cameras[-1].pixel_noise < 0.6
+    assert noise[-1] < 0.5 * CAMERA.disparity_noise_px
     assert noise[-1] < noise[0] < CAMERA.disparity_noise_px

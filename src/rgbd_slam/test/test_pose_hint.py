@@ -85,7 +85,7 @@ def test_a_larger_uncertainty_reaches_further(rooms: TwoRooms) -> None:
 
 @pytest.fixture
 def session() -> SlamSession:
-    """A session that localises in its own map, tracked up to image 30."""
+    """A session that localizes in its own map, tracked up to image 30."""
     session, world = SlamSession(CAMERA, SlamConfig(), RobotFrames()), World()
     for n, T in enumerate(sway(90)):
         session.process(world.features(n * PERIOD_NS, T))
@@ -98,10 +98,10 @@ def given(T_core_camera: FloatArray) -> FloatArray:
     return np.asarray(T_BODY_OPTICAL @ T_core_camera @ se3.inverse(T_BODY_OPTICAL))
 
 
-def test_a_session_says_how_far_from_the_pose_the_camera_is(session: SlamSession) -> None:
+def test_a_session_reports_the_distance_from_the_initial_pose(session: SlamSession) -> None:
     pose = sway(90)[20]
     off = se3.exp(np.array([0.0, 0.1, 0, 0.3, 0, 0]))
-    session.look_first_at(given(pose @ off), 0.5, 0.26)
+    session.relocalize_near(given(pose @ off), 0.5, 0.26)
     done = session.process(World().features(100 * PERIOD_NS, pose))
     assert done.status.message == 'found 0.3 m and 6 degrees from the pose given'
     assert done.pose is not None
@@ -110,11 +110,11 @@ def test_a_session_says_how_far_from_the_pose_the_camera_is(session: SlamSession
     assert session.process(World().features(101 * PERIOD_NS, pose)).status.message == ''
 
 
-def test_a_wrong_pose_is_said_and_the_camera_is_found_elsewhere(session: SlamSession) -> None:
+def test_a_wrong_initial_pose_is_reported_and_then_ignored(session: SlamSession) -> None:
     pose, elsewhere = sway(90)[20], World(seed=7)
     far = np.array(pose)
     far[2, 3] -= 5.0
-    session.look_first_at(given(far), 0.5, 0.26)
+    session.relocalize_near(given(far), 0.5, 0.26)
     lost = session.process(elsewhere.features(100 * PERIOD_NS, pose)).status
     assert lost.state is SlamState.LOST
     assert lost.message == 'not found at the pose given; looking everywhere'
@@ -123,7 +123,7 @@ def test_a_wrong_pose_is_said_and_the_camera_is_found_elsewhere(session: SlamSes
     assert found.message == 'found 5.0 m and 0 degrees from the pose given'
 
 
-def test_a_growing_map_takes_no_pose(session: SlamSession) -> None:
+def test_an_initial_pose_is_refused_while_mapping(session: SlamSession) -> None:
     session.set_mode(SlamMode.MAPPING)
-    with pytest.raises(ConfigError, match='localization only'):
-        session.look_first_at(np.eye(4), 0.0, 0.0)
+    with pytest.raises(ConfigError, match='needs the mode localization'):
+        session.relocalize_near(np.eye(4), 0.0, 0.0)

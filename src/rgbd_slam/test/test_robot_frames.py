@@ -31,7 +31,7 @@ def camera_at(T_start_base: FloatArray) -> FloatArray:
 
 def test_the_map_starts_at_the_base_and_is_level() -> None:
     frames = RobotFrames(T_BASE_CAMERA)
-    pose = frames.place(S, np.eye(4), np.eye(4), np.eye(6))
+    pose = frames.robot_pose(S, np.eye(4), np.eye(4), np.eye(6))
     np.testing.assert_allclose(pose.T_odom_base, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(pose.T_map_odom, np.eye(4), atol=1e-12)
     assert not pose.twist.any()
@@ -39,9 +39,9 @@ def test_the_map_starts_at_the_base_and_is_level() -> None:
 
 def test_driving_forward_and_turning() -> None:
     frames = RobotFrames(T_BASE_CAMERA)
-    frames.place(S, np.eye(4), np.eye(4), np.eye(6))
+    frames.robot_pose(S, np.eye(4), np.eye(4), np.eye(6))
     driven = camera_at(move(x=0.1, yaw=0.2))
-    pose = frames.place(S + S // 10, driven, driven, np.eye(6))
+    pose = frames.robot_pose(S + S // 10, driven, driven, np.eye(6))
     np.testing.assert_allclose(pose.T_odom_base, move(x=0.1, yaw=0.2), atol=1e-12)
     np.testing.assert_allclose(pose.twist[:3], [0, 0, 2.0], atol=1e-9)
     assert pose.twist[3] == pytest.approx(1.0, rel=0.01)
@@ -50,7 +50,7 @@ def test_driving_forward_and_turning() -> None:
 def test_a_corrected_map_moves_odom_and_not_the_base() -> None:
     frames = RobotFrames(T_BASE_CAMERA)
     drift = move(y=0.3)
-    pose = frames.place(S, camera_at(drift @ move(x=1)), camera_at(move(x=1)), np.eye(6))
+    pose = frames.robot_pose(S, camera_at(drift @ move(x=1)), camera_at(move(x=1)), np.eye(6))
     np.testing.assert_allclose(pose.T_odom_base, move(x=1), atol=1e-12)
     np.testing.assert_allclose(pose.T_map_odom, drift, atol=1e-12)
 
@@ -59,7 +59,7 @@ def test_without_a_base_the_optical_frame_is_placed_in_a_z_up_map() -> None:
     frames = RobotFrames()
     ahead = np.eye(4)
     ahead[:3, 3] = 0, -1, 2  # optical: one up, two forward
-    pose = frames.place(S, ahead, ahead, np.eye(6))
+    pose = frames.robot_pose(S, ahead, ahead, np.eye(6))
     np.testing.assert_allclose(pose.T_odom_base[:3, 3], [2, 0, 1])
     np.testing.assert_allclose(pose.T_odom_base[:3, :3], T_BODY_OPTICAL[:3, :3])
 
@@ -67,7 +67,7 @@ def test_without_a_base_the_optical_frame_is_placed_in_a_z_up_map() -> None:
 def test_a_planar_base_neither_rises_nor_tilts() -> None:
     frames = RobotFrames(T_BASE_CAMERA, planar=True)
     bumpy = move(x=1, y=2, yaw=0.7) @ se3.exp(np.array([0.02, -0.03, 0, 0, 0, 0.05]))
-    pose = frames.place(S, camera_at(bumpy), camera_at(bumpy), np.eye(6))
+    pose = frames.robot_pose(S, camera_at(bumpy), camera_at(bumpy), np.eye(6))
     np.testing.assert_allclose(pose.T_odom_base[2, :], [0, 0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(pose.T_odom_base[:2, 3], bumpy[:2, 3], atol=1e-12)
     np.testing.assert_allclose(pose.T_map_odom, np.eye(4), atol=1e-12)
@@ -83,7 +83,7 @@ def test_adjoint_moves_a_small_motion_to_another_frame(a: FloatArray, b: FloatAr
 def test_a_lever_arm_turns_rotation_noise_into_translation_noise() -> None:
     frames = RobotFrames(T_BASE_CAMERA)
     rotation_only = np.diag([1e-4, 1e-4, 1e-4, 0, 0, 0])
-    pose = frames.place(S, np.eye(4), np.eye(4), rotation_only)
+    pose = frames.robot_pose(S, np.eye(4), np.eye(4), rotation_only)
     lever = T_BASE_CAMERA[:3, 3]
     expected = 1e-4 * (lever @ lever * np.eye(3) - np.outer(lever, lever))
     np.testing.assert_allclose(pose.covariance[3:, 3:], expected, atol=1e-12)
@@ -92,18 +92,18 @@ def test_a_lever_arm_turns_rotation_noise_into_translation_noise() -> None:
 def test_the_covariance_of_a_velocity_is_that_of_both_poses_over_the_time_between() -> None:
     frames = RobotFrames()
     own = np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])
-    frames.place(S, np.eye(4), np.eye(4), np.eye(6), own)
-    pose = frames.place(S + S // 10, np.eye(4), np.eye(4), np.eye(6), own)
+    frames.robot_pose(S, np.eye(4), np.eye(4), np.eye(6), own)
+    pose = frames.robot_pose(S + S // 10, np.eye(4), np.eye(4), np.eye(6), own)
     np.testing.assert_allclose(pose.twist_covariance, 2 * own / 0.1**2)
     np.testing.assert_allclose(pose.covariance, np.eye(6))
 
 
 def test_no_velocity_over_a_gap_or_back_in_time() -> None:
     frames = RobotFrames()
-    frames.place(10 * S, np.eye(4), np.eye(4), np.eye(6))
+    frames.robot_pose(10 * S, np.eye(4), np.eye(4), np.eye(6))
     far = np.eye(4)
     far[0, 3] = 1
-    late = frames.place(12 * S, far, far, np.eye(6))
+    late = frames.robot_pose(12 * S, far, far, np.eye(6))
     assert not late.twist.any()
     assert np.sqrt(np.diag(late.twist_covariance)).min() > 3  # nothing is known of it
-    assert not frames.place(11 * S, np.eye(4), np.eye(4), np.eye(6)).twist.any()
+    assert not frames.robot_pose(11 * S, np.eye(4), np.eye(4), np.eye(6)).twist.any()

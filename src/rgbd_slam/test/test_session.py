@@ -1,4 +1,4 @@
-"""One rule, wherever a session runs, of what is tracked, fused and looked at."""
+"""A session tracks images, selects those for the scene mapper, and applies late verdicts."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from hoid_common.errors import MessageError
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import BoolArray, FeatureVerdicts
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
 from rgbd_slam.session import Processed, SlamSession
@@ -35,7 +36,7 @@ def is_fused(request: FusionRequest | None) -> bool:
     return request is not None and request.keyframes is not None
 
 
-def test_a_tracked_image_is_fused_and_looked_at_where_it_was_taken() -> None:
+def test_a_tracked_image_is_fused_and_its_objects_are_tracked() -> None:
     session, world = new_session(), World()
     done = [see(session, world, n) for n in range(5)]
     for n, each in enumerate(done):
@@ -44,24 +45,24 @@ def test_a_tracked_image_is_fused_and_looked_at_where_it_was_taken() -> None:
         assert is_fused(request)
         assert request.track_objects
         assert request.stamp_ns == n * PERIOD_NS
-        assert request.reference_uid in session.all_keyframes().uids
-    assert session.stats.num_keyframes == len(session.path())
+        assert request.reference_uid in session.robot_map.keyframes().uids
+    assert session.slam.stats.num_keyframes == len(session.robot_map.base_path())
 
 
-def test_the_pose_is_told_before_the_image_is_learned_from() -> None:
+def test_the_pose_is_known_before_the_image_changes_the_map() -> None:
     session, world = new_session(), World()
     see(session, world, 0)
     for n, T_world_camera in enumerate(POSES[1:40], start=1):
-        before = session.map.state().digest()
+        before = snapshot(session.slam.map.atlas).digest()
         tracked = session.track(world.features(n * PERIOD_NS, T_world_camera))
         assert tracked.pose is not None
-        assert session.map.state().digest() == before
-        assert len(session.trajectory('online').stamps_ns) == n
+        assert snapshot(session.slam.map.atlas).digest() == before
+        assert len(session.robot_map.trajectory('online').stamps_ns) == n
         assert session.learn(tracked).pose is tracked.pose
-    assert session.stats.num_keyframes > 1
+    assert session.slam.stats.num_keyframes > 1
 
 
-def test_in_localization_objects_are_looked_for_and_nothing_is_fused() -> None:
+def test_in_localization_objects_are_tracked_and_nothing_is_fused() -> None:
     session, world = new_session(), World()
     see(session, world, 0)
     session.set_mode(SlamMode.LOCALIZATION)
@@ -80,85 +81,88 @@ def test_a_map_beside_the_main_one_is_fused_and_its_objects_are_not_tracked() ->
     lost = [see(session, there, n, covered=True) for n in range(20, 24)]
     assert [each.fusion for each in lost] == [None] * 4
     done = [see(session, there, n) for n in range(24, 40)]
-    assert session.stats.num_maps == 2
-    assert 'join the two' in done[-1].status.message
+    assert session.slam.stats.num_maps == 2
+    assert 'merged' in done[-1].status.message
     request = done[-1].fusion
     assert request is not None
     assert is_fused(request)
     assert not request.track_objects
 
 
-def test_a_paused_session_looks_at_nothing_and_goes_on_where_it_was() -> None:
+def test_a_paused_session_ignores_images_and_resumes_where_it_was() -> None:
     session, world = new_session(), World()
     see(session, world, 0)
-    session.pause()
+    session.is_paused = True
     paused = see(session, world, 1)
     assert paused.status.state is SlamState.PAUSED
     assert (paused.pose, paused.fusion) == (None, None)
-    session.resume()
+    session.is_paused = False
     assert see(session, world, 2).status.state is SlamState.TRACKING
-    assert session.trajectory('online').stamps_ns.tolist() == [0, 2 * PERIOD_NS]
+    assert session.robot_map.trajectory('online').stamps_ns.tolist() == [0, 2 * PERIOD_NS]
 
 
-def test_reading_how_a_session_does_changes_nothing() -> None:
+def test_reading_the_state_of_a_session_changes_nothing() -> None:
     session, world = new_session(), World()
     for n in range(10):
         see(session, world, n)
-    before = session.map.state().digest()
-    version = session.map.atlas.version
+    atlas = session.slam.map.atlas
+    before, version = snapshot(atlas).digest(), atlas.version
     for _ in range(2):
-        assert session.map.is_settled
-        assert session.map.is_growing
-        assert not session.map.is_empty
-        assert session.map.queue_length == 0
-        assert session.map.num_restarts == 0
+        assert session.slam.map.mapper.is_settled
+        assert session.slam.map.is_growing
+        assert not session.slam.map.is_empty
+        assert session.slam.map.mapper.queue_length == 0
+        assert session.slam.map.mapper.num_restarts == 0
         assert session.mode is SlamMode.MAPPING
-    assert (session.map.state().digest(), session.map.atlas.version) == (before, version)
+    assert (snapshot(session.slam.map.atlas).digest(), session.slam.map.atlas.version) == (
+        before,
+        version,
+    )
 
 
 def first_features(num: int, of: int) -> BoolArray:
     return np.arange(of) < num
 
 
-def test_features_that_move_after_all_are_taken_out_of_the_map() -> None:
+def test_features_that_prove_dynamic_are_removed_from_the_map() -> None:
     session, world = new_session(), World()
     features = world.features(0, POSES[0])
     session.process(features)
-    before = session.stats.num_map_points
+    before = session.slam.stats.num_map_points
     is_dynamic = first_features(200, len(features))
     num_made = int(np.count_nonzero(features.depth_m[is_dynamic] > 0))
     assert num_made > 50
-    session.judge_again(FeatureVerdicts(0, is_dynamic))
-    assert session.stats.num_map_points == before - num_made
-    session.judge_again(FeatureVerdicts(0, is_dynamic))  # no keyframe is judged a third time
-    assert session.stats.num_map_points == before - num_made
+    session.apply_verdicts(FeatureVerdicts(0, is_dynamic))
+    assert session.slam.stats.num_map_points == before - num_made
+    session.apply_verdicts(FeatureVerdicts(0, is_dynamic))  # a second verdict on the same keyframe
+    assert session.slam.stats.num_map_points == before - num_made
     done = see(session, world, 1)
     assert done.status.state is SlamState.TRACKING
     assert done.status.tracked_points <= before - num_made
 
 
-def test_verdicts_that_change_nothing_change_nothing() -> None:
+def test_verdicts_without_dynamic_features_or_image_change_nothing() -> None:
     session, world = new_session(), World()
     num = len(world.features(0, POSES[0]))
     see(session, world, 0)
-    before = session.stats
-    session.judge_again(FeatureVerdicts(0, first_features(0, 0)))  # nothing moves
-    session.judge_again(FeatureVerdicts(7, first_features(num, num)))  # an image never seen
-    assert session.stats == before
+    before = session.slam.stats
+    session.apply_verdicts(FeatureVerdicts(0, first_features(0, 0)))  # nothing is dynamic
+    session.apply_verdicts(FeatureVerdicts(7, first_features(num, num)))  # an image never seen
+    assert session.slam.stats == before
 
 
 def test_verdicts_of_another_length_are_refused() -> None:
     session = new_session()
     see(session, World(), 0)
     with pytest.raises(MessageError, match='feature_verdicts are of 3 features, the image has'):
-        session.judge_again(FeatureVerdicts(0, first_features(1, 3)))
+        session.apply_verdicts(FeatureVerdicts(0, first_features(1, 3)))
 
 
-def test_a_verdict_that_comes_before_its_image_is_obeyed_at_once() -> None:
+def test_a_verdict_that_arrives_before_its_image_removes_its_features() -> None:
     session, world = new_session(), World()
     see(session, world, 0)
     features = world.features(PERIOD_NS, POSES[1])
-    session.judge_again(FeatureVerdicts(PERIOD_NS, first_features(300, len(features))))
+    session.apply_verdicts(FeatureVerdicts(PERIOD_NS, first_features(300, len(features))))
     others = new_session()
     see(others, World(), 0)
     got = session.process(features)

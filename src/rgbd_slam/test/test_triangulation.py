@@ -137,7 +137,7 @@ def test_a_camera_that_reads_depth_in_part_of_its_view_is_tracked() -> None:
         features = world.features(n * PERIOD_NS, pose)
         features.depth_m[features.uv_px[:, 0] > 160] = 0
         assert slam.process(features).state is TrackingState.TRACKING
-    points = slam._atlas.points
+    points = slam.map.atlas.points
     alive = points.indices()
     assert np.count_nonzero(points.num_stereo[alive] == 0) > 200
     errors = position_errors_m(slam.trajectory.final(), poses)

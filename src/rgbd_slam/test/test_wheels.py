@@ -70,7 +70,7 @@ def test_a_covered_lens_is_bridged(truth: FloatArray) -> None:
     assert {result.state for result in bridged} == {TrackingState.LOST}
     np.testing.assert_allclose(poses(bridged), truth[SEEN : SEEN + COVERED], atol=0.02)
     assert bridged[-1].note == (
-        'too few map points are seen; the pose goes on by the wheels: 0.4 s, 0.40 m'
+        'too few map points are seen; the pose follows the wheel odometry, for 0.4 s and 0.40 m'
     )
     covariances = np.array([result.covariance for result in bridged])
     sigma_m = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))

@@ -32,7 +32,7 @@ class AlignedTrajectory:
     T_world_camera: FloatArray  # (N, 4, 4), estimate after alignment
     T_world_camera_true: FloatArray  # (N, 4, 4)
     T_world_map: FloatArray  # (4, 4), the alignment
-    error_m: FloatArray  # (N,), distance between the two camera centres
+    error_m: FloatArray  # (N,), distance between the two camera centers
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def align(estimate: Trajectory, truth: Trajectory) -> AlignedTrajectory:
     try:
         R, t, _ = moved.align(true)
     except GeometryException as error:
-        raise InputError('camera centres on one line or point cannot be aligned') from error
+        raise InputError('camera centers on one line or point cannot be aligned') from error
     ape = APE(PoseRelation.translation_part)
     ape.process_data((true, moved))
     T_world_map = np.eye(4)

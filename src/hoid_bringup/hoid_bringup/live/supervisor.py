@@ -21,8 +21,8 @@ from typing import Self
 
 import psutil
 
-from hoid_common.io.files import unwritable
-from hoid_common.process.entry import REFUSED
+from hoid_common.io.files import write_error
+from hoid_common.process.entry import EXIT_CONFIG
 
 _LOG = logging.getLogger(__name__)
 
@@ -52,7 +52,7 @@ class ProcessExit:
     @property
     def was_refusal(self) -> bool:
         """Return whether it would end the same way if it were started again."""
-        return self.status == REFUSED
+        return self.status == EXIT_CONFIG
 
     def __str__(self) -> str:
         if self.was_refusal:
@@ -166,7 +166,7 @@ class Supervisor:
                 self._log_dir.mkdir(parents=True, exist_ok=True)
                 output = (self._log_dir / f'{spec.name}.log').open('ab')
             except OSError as error:
-                raise unwritable(self._log_dir, error) from error
+                raise write_error(self._log_dir, error) from error
         with contextlib.ExitStack() as stack:
             if output is not None:
                 stack.enter_context(output)  # the child keeps its own copy of the descriptor

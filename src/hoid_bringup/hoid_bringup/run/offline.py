@@ -119,9 +119,9 @@ class OfflinePipeline:
     ) -> RunResult:
         """Let the map settle and return all results, in the z-up map frame."""
         session, scene = self._session, self._scene
-        session.map.finish()
+        session.slam.map.finish()
         session.close()
-        scene.settle(session.all_keyframes())
+        scene.settle(session.robot_map.keyframes())
         cloud = scene.cloud() if scene.num_voxels else None
         grid = scene.grid(cloud) if cloud is not None else None
         if cloud is not None and grid is None:
@@ -132,14 +132,14 @@ class OfflinePipeline:
             options=options,
             frames_total=len(sequence),
             frames_processed=self.num_processed,
-            final=session.trajectory('final'),
-            online=session.trajectory('online'),
-            keyframes=session.trajectory('keyframes'),
-            map_points_m=session.map_points_m(),
+            final=session.robot_map.trajectory('final'),
+            online=session.robot_map.trajectory('online'),
+            keyframes=session.robot_map.trajectory('keyframes'),
+            map_points_m=session.robot_map.points_m(),
             cloud=cloud,
             grid=grid,
             ground_truth=sequence.ground_truth,
-            map_counts=_map_counts(session.stats),
+            map_counts=_map_counts(session.slam.stats),
             filter_counts=FilterCounts(
                 self._features_in, self._features_removed, self._objects_dynamic
             ),

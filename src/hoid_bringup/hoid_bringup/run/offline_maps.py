@@ -33,15 +33,15 @@ class MapFiles(NamedTuple):
 def load(path: Path, session: SlamSession, scene: SceneMapper) -> None:
     """Start with a saved map; raise MapFileError if it is unusable."""
     content = map_file.load(path)
-    loaded = session.load(content)
+    loaded = session.robot_map.load(content)
     if content.dense is not None:
         scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
 
 
 def save(path: Path, session: SlamSession, scene: SceneMapper) -> None:
     """Save the map, with the dense one if there is one; raise HoidError if that is impossible."""
-    content = session.saved_map()
-    keyframes = session.all_keyframes()
+    content = session.robot_map.export()
+    keyframes = session.robot_map.keyframes()
     scene.update_keyframes(keyframes)
     views = scene.views()
     if views:

@@ -16,7 +16,7 @@ from hoid_bringup.run.run_config import SHORT_NAMES, TRUTH, RunConfig
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.files import scratch_folder
 from hoid_common.io.yaml_file import parse_yaml
-from hoid_filter.config import STRATEGIES
+from hoid_filter.strategy_registry import STRATEGIES
 
 _SHORTCUTS = {
     **SHORT_NAMES,

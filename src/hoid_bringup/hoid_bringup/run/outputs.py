@@ -12,7 +12,7 @@ from hoid_bringup.evaluate.evaluation import AlignedTrajectory, align
 from hoid_bringup.evaluate.plots import plot_run
 from hoid_bringup.run.summary import RunResult, Summary, summarize
 from hoid_common.errors import InputError
-from hoid_common.io.files import scratch_folder, unwritable
+from hoid_common.io.files import scratch_folder, write_error
 from hoid_common.io.trajectory_io import write_tum
 from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.scene import export
@@ -64,7 +64,7 @@ def staged(out_dir: Path) -> Iterator[Path]:
             for path in sorted(stage.iterdir()):
                 path.replace(out_dir / path.name)
         except OSError as error:
-            raise unwritable(out_dir, error) from error
+            raise write_error(out_dir, error) from error
 
 
 def write_ply(path: Path, points_m: FloatArray) -> None:

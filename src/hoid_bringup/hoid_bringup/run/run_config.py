@@ -13,6 +13,7 @@ from hoid_common.errors import ConfigError
 from hoid_detector.config import DetectorNodeConfig
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.node_config import FilterNodeConfig
+from hoid_filter.strategy import needs_detections
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.config.slam_config import CameraConfig
 
@@ -50,7 +51,7 @@ class RunConfig(Config):
     @property
     def needs_detections(self) -> bool:
         """Return whether the filter looks at boxes at all."""
-        return self.filter.needs_detections
+        return needs_detections(self.filter)
 
     @property
     def live_only(self) -> list[str]:

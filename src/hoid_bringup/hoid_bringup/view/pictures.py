@@ -22,11 +22,12 @@ from hoid_bags.sequence import Sequence, open_sequence
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.files import unwritable
+from hoid_common.io.files import write_error
 from hoid_common.values import ByteArray, Detections, RgbdFrame
-from hoid_filter.config import STRATEGIES, FilterConfig
+from hoid_filter.config import FilterConfig
 from hoid_filter.drawing import draw_result, draw_title
 from hoid_filter.feature_filter import FeatureFilter
+from hoid_filter.strategy_registry import STRATEGIES
 
 _NUM_SCENES = 3
 _ALONE = ('none', 'hoid2d', 'hoid3d')  # strategies that judge each image for itself
@@ -166,5 +167,5 @@ def _write(path: Path, picture: ByteArray) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data.tobytes())
     except OSError as error:
-        raise unwritable(path, error) from error
+        raise write_error(path, error) from error
     return path

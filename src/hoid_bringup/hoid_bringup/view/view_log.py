@@ -13,7 +13,7 @@ from rerun import blueprint as rrb
 
 from hoid_common import se3
 from hoid_common.io import images
-from hoid_common.io.files import unwritable
+from hoid_common.io.files import write_error
 from hoid_common.values import (
     NS_PER_S,
     ByteArray,
@@ -65,7 +65,7 @@ class ViewLog:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._unfinished.touch()
         except OSError as error:
-            raise unwritable(self._path, error) from error
+            raise write_error(self._path, error) from error
         self._stream.save(self._unfinished, default_blueprint=_layout())
         self._stream.log(MAP, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         return self

@@ -1,4 +1,4 @@
-"""What is heard: how inputs are listened to, when they fall silent, which camera is believed.
+"""Inputs of a node: the parameters of its subscriptions, and the detection of missing messages.
 
-Nothing here knows ROS.
+Nothing here imports ROS.
 """

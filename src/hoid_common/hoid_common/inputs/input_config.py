@@ -1,4 +1,4 @@
-"""What every node of the suite has: how it listens, and the switch for its expert parameters."""
+"""Parameters that every node of the suite has: subscriptions, autostart, expert parameters."""
 
 from __future__ import annotations
 
@@ -13,40 +13,44 @@ AUTO = 'auto'
 
 @dataclass(frozen=True)
 class InputConfig(Config):
-    """How a node listens; the subscriptions themselves are `hoid_common.ros.inputs`' matter."""
+    """Parameters of a node's subscriptions, which `hoid_common.ros.inputs` makes."""
 
     reliability: str = param(
         AUTO,
-        'Reliability that is asked of publishers. With best_effort every publisher is heard; with '
-        'reliable a lost message is sent again, but best-effort publishers stay unheard. With '
-        'auto it is reliable for compressed images, until a best-effort publisher is there, and '
-        'best_effort otherwise.',
+        'Reliability that subscriptions request. A best_effort subscription receives from every '
+        'publisher; with reliable, lost messages are sent again, but nothing is received from '
+        'best-effort publishers. With auto it is reliable for compressed images, unless a '
+        'publisher offers only best effort, and best_effort otherwise.',
         choices=(AUTO, BEST_EFFORT, RELIABLE),
         expert=True,
     )
     queue_length: int = param(
-        5, 'Number of messages of each input that are kept while the node is busy.',
-        minimum=1, maximum=1000, expert=True,
-    )  # fmt: skip
+        5,
+        'Number of messages of each input that wait while the node is busy.',
+        minimum=1,
+        maximum=1000,
+        expert=True,
+    )
     compressed: bool = param(
         default=False,
-        description='Takes images from .../compressed and .../compressedDepth. Set it where the '
-        'camera runs on another computer.',
+        description='Whether to subscribe to .../compressed and .../compressedDepth instead of '
+        'the raw images. Set it to true when the camera runs on another computer.',
     )
 
 
 @dataclass(frozen=True)
 class NodeConfig(Config):
-    """Parameters that every node has."""
+    """Parameters that every node of the suite has."""
 
     expert: bool = param(
         default=False,
-        description='Declares the expert parameters as well. Set it to change one of them, in a '
-        'parameter file or on the command line; without it they keep their defaults.',
+        description='Whether the node declares its expert parameters. Set it to true to change '
+        'one of them in a parameter file or on the command line; otherwise they keep their '
+        'defaults.',
     )
     autostart: bool = param(
         default=True,
-        description='Becomes active at once. Set it to false when a lifecycle manager configures '
-        'and activates the node.',
+        description='Whether the node configures and activates itself. Set it to false when a '
+        'lifecycle manager does.',
     )
     input: InputConfig = section(InputConfig)

@@ -1,4 +1,4 @@
-"""Files and encoded data: images, cameras, parameters, trajectories as text, records.
+"""Files and encodings: images, camera calibrations, parameter files, trajectories as text.
 
-Nothing here knows ROS or a stage.
+Nothing here imports ROS or depends on a processing stage.
 """

@@ -1,4 +1,4 @@
-"""sensor_msgs/CameraInfo to a camera, for live messages and those in bags alike."""
+"""Conversion of sensor_msgs/CameraInfo, live or from a bag, to a `CameraModel`."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from hoid_common.values import DISTORTION_MODELS, CameraModel
 
 
 class RawCameraInfo(Protocol):
-    """The fields of sensor_msgs/CameraInfo that say how pixels are seen."""
+    """The fields of sensor_msgs/CameraInfo that are used, of rclpy's or of rosbags' class."""
 
     width: int
     height: int
     distortion_model: str
-    d: Any  # numbers, in OpenCV's order
-    k: Any  # nine numbers, row by row
+    d: Any  # distortion coefficients in OpenCV's order
+    k: Any  # intrinsic matrix K: nine numbers, row by row
     binning_x: int
     binning_y: int
     roi: Any  # sensor_msgs/RegionOfInterest
 
 
 def camera_from_info(info: RawCameraInfo) -> CameraModel:
-    """Return the camera that took the pictures, of K and D.
+    """Return the camera model of the raw image, from K and D.
 
     Raises:
-        MessageError: Not calibrated, of an unknown distortion model or with more coefficients than
-            those have, or with binning or a region of interest, which K does not say.
+        MessageError: The camera is not calibrated, has an unsupported distortion model or too many
+            coefficients, or uses binning or a region of interest, which K does not describe.
     """
     distortion = tuple(float(d) for d in info.d)
     if any(distortion) and info.distortion_model not in DISTORTION_MODELS:

@@ -1,4 +1,4 @@
-"""Files and folders that are written: refused in one line, and never left half done."""
+"""Atomic writing of files and folders by way of scratch folders, and errors of writing."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pathlib import Path
 
 from hoid_common.errors import InputError
 
-_PARTIAL = '.partial-'  # in the name of every scratch folder
+_PARTIAL = '.partial-'  # part of the name of every scratch folder
 
 
-def unwritable(path: Path, error: OSError) -> InputError:
-    """Return the error to raise for a file or folder that the system refuses to write."""
+def write_error(path: Path, error: OSError) -> InputError:
+    """Return the InputError to raise when the system refuses to write a file or folder."""
     if isinstance(error, FileExistsError | NotADirectoryError):
         return InputError(f'{path}: cannot be written: part of this path is a file, not a folder')
     return InputError(f'{path}: cannot be written: {error.strerror or error}')
@@ -24,59 +24,62 @@ def unwritable(path: Path, error: OSError) -> InputError:
 
 @contextmanager
 def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
-    """Give a hidden folder that goes away with all that is in it when the block ends.
+    """Yield a new hidden folder, which is removed with its content at the end of the block.
+
+    Results are written there and moved to their place when they are complete, so that a reader
+    never finds half a file.
 
     Args:
-        within: Where it is made, so that files can be moved out of it without copying; made when
-            missing, and then removed again if nothing else came into it.
-        purpose: A word for its name, by which people know what was left behind by a power cut.
+        within: Parent folder, on the file system of the results, so that moving does not copy. It
+            is made when it is missing, and removed again if it is empty at the end.
+        purpose: First part of the folder's name, which identifies it after a power cut.
 
     Raises:
-        InputError: Nothing can be written there.
+        InputError: The folder cannot be made.
     """
     was_there = within.exists()
     try:
         within.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f'.{purpose}{_PARTIAL}', dir=within))
     except OSError as error:
-        raise unwritable(within, error) from error
+        raise write_error(within, error) from error
     try:
-        with _held(folder):
+        with _locked(folder):
             yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
         if not was_there:
-            with suppress(OSError):  # not empty, which is usual
+            with suppress(OSError):  # it is not empty, since the results are there
                 within.rmdir()
 
 
-def leftovers(within: Path) -> list[Path]:
-    """Return the scratch folders of processes that were killed, in order of their names."""
-    with suppress(OSError):  # not there, not readable
-        return sorted(path for path in within.glob(f'.*{_PARTIAL}*') if _is_left(path))
+def abandoned_scratch_folders(within: Path) -> list[Path]:
+    """Return the scratch folders that killed processes have left behind, sorted by name."""
+    with suppress(OSError):  # `within` is missing or not readable
+        return sorted(path for path in within.glob(f'.*{_PARTIAL}*') if _is_abandoned(path))
     return []
 
 
 @contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """Lock a folder, which tells others that it is in use; the lock ends with the process."""
+def _locked(folder: Path) -> Iterator[None]:
+    """Lock a folder to mark it as in use; the lock ends with the process."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     try:
-        with suppress(OSError):  # a file system without locks
+        with suppress(OSError):  # the file system has no locks
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield
     finally:
         os.close(descriptor)
 
 
-def _is_left(folder: Path) -> bool:
+def _is_abandoned(folder: Path) -> bool:
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:  # gone by now, or no folder
+    except OSError:  # it was removed in the meantime, or is no folder
         return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:  # in use
+    except OSError:  # a running process holds the lock
         return False
     finally:
         os.close(descriptor)
@@ -84,6 +87,9 @@ def _is_left(folder: Path) -> bool:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise InputError if no results could be written there: before the work, not after it."""
+    """Raise InputError when nothing can be written to a folder.
+
+    Commands call it first, so that they fail before the work and not after it.
+    """
     with scratch_folder(folder, 'check'):
         pass

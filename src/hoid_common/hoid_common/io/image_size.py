@@ -1,4 +1,7 @@
-"""What a PNG or JPEG would cost, told from its headers before anything is decoded."""
+"""Size and decoding cost of a PNG or JPEG, read from its headers without decoding it.
+
+OpenCV allocates what the headers ask for. These checks refuse decompression bombs before.
+"""
 
 from __future__ import annotations
 
@@ -9,63 +12,67 @@ from hoid_common.errors import MessageError
 from hoid_common.values import MAX_PIXELS
 
 _PNG_START: Final = b'\x89PNG\r\n\x1a\n'
-_PNG_CHUNK = struct.Struct('>I4s')  # length, name; four bytes of checksum follow the content
-_PNG_PACKED: Final = (b'zTXt', b'iTXt', b'iCCP')
-_MAX_CHUNKS, _MAX_PACKED = 100_000, 8
-_PNG_SIZE = struct.Struct('>4x4sII')  # of the first chunk: length, name, width, height
+_PNG_CHUNK = struct.Struct('>I4s')  # length, name; a checksum of 4 bytes follows the content
+_PNG_COMPRESSED_TEXT: Final = (b'zTXt', b'iTXt', b'iCCP')
+# Chosen: libpng writes an image as chunks of 8 kB, so that 8K images have about 12,000. Each
+# compressed text may expand to 8 MB (libpng's limit); cameras write none.
+_MAX_CHUNKS, _MAX_COMPRESSED_TEXTS = 100_000, 8
+_PNG_SIZE = struct.Struct('>4x4sII')  # first chunk: length, name, width, height
 _JPEG_START: Final = b'\xff\xd8'
 _JPEG_SCAN: Final = b'\xff\xda'
-_MAX_SCANS = 100  # progressive ones have ten; each costs as much as the image is large
-_JPEG_SEGMENT = struct.Struct('>BBH')  # 0xff, marker, length with its own two bytes
-_JPEG_SIZE = struct.Struct('>xHH')  # of a frame header: precision, height, width
-_JPEG_FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_JPEG_ALONE: Final = frozenset({0x01, *range(0xD0, 0xD8)})  # markers without a length
+# Chosen: progressive JPEGs have about ten scans. Decoding each takes time in proportion to the
+# image size, however short the scan is.
+_MAX_SCANS = 100
+_JPEG_SEGMENT = struct.Struct('>BBH')  # 0xff, marker, length including its own two bytes
+_JPEG_SIZE = struct.Struct('>xHH')  # frame header: precision, height, width
+_JPEG_FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # SOF markers (T.81)
+_JPEG_WITHOUT_LENGTH: Final = frozenset({0x01, *range(0xD0, 0xD8)})  # TEM and RST markers
 
 
 def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return width, height that the header of a PNG or JPEG says; None where it is neither."""
+    """Return (width, height) in pixels from the header of a PNG or JPEG; None if it is neither."""
     try:
         if data[: len(_PNG_START)] == _PNG_START:
             name, width, height = _PNG_SIZE.unpack_from(data, len(_PNG_START))
             return (width, height) if name == b'IHDR' else None
         return _jpeg_size(data) if data[: len(_JPEG_START)] == _JPEG_START else None
-    except struct.error:  # it ends before
+    except struct.error:  # the data ends within the header
         return None
 
 
-def is_sound(data: bytes | memoryview) -> bool:
-    """Return whether decoding a PNG or JPEG takes what its size lets expect.
+def is_safe_to_decode(data: bytes | memoryview) -> bool:
+    """Return whether the cost of decoding a PNG or JPEG is in proportion to its image size.
 
-    A PNG's chunks end within it, as decoders make room for what a chunk says to hold, and few of
-    them hold packed text. A JPEG has few scans.
+    A PNG must contain its chunks completely, since decoders allocate the length that a chunk
+    claims, and only a few compressed texts. A JPEG must have a limited number of scans.
     """
     if data[: len(_PNG_START)] != _PNG_START:
         return bytes(data).count(_JPEG_SCAN) <= _MAX_SCANS
-    at, num_packed = len(_PNG_START), 0
+    at, num_compressed = len(_PNG_START), 0
     for _ in range(_MAX_CHUNKS):
         if at + _PNG_CHUNK.size > len(data):
             return False
         size, name = _PNG_CHUNK.unpack_from(data, at)
         at += _PNG_CHUNK.size + size + 4
-        num_packed += name in _PNG_PACKED
+        num_compressed += name in _PNG_COMPRESSED_TEXT
         if name == b'IEND':
-            return at <= len(data) and num_packed <= _MAX_PACKED
+            return at <= len(data) and num_compressed <= _MAX_COMPRESSED_TEXTS
     return False
 
 
 def check_image_size(data: bytes | memoryview, what: str) -> None:
-    """Raise MessageError for what is no PNG or JPEG, or has more than MAX_PIXELS.
+    """Raise MessageError when data is no PNG or JPEG, or has more than MAX_PIXELS.
 
     Args:
         data: The compressed image.
-        what: It is, for the error.
+        what: Name of the image, with which the error begins.
     """
     size = image_size_px(data)
     if size is None:
         raise MessageError(f'{what} of {len(data)} bytes is not a readable JPEG or PNG')
     if size[0] * size[1] > MAX_PIXELS:
         raise MessageError(
-            f'{what} of {len(data)} bytes says to be {size[0]}x{size[1]} px, '
+            f'{what} of {len(data)} bytes claims to be {size[0]}x{size[1]} px, '
             f'more than {MAX_PIXELS / 1e6:.0f} megapixels'
         )
 
@@ -76,7 +83,7 @@ def _jpeg_size(data: bytes | memoryview) -> tuple[int, int] | None:
         start, marker, length = _JPEG_SEGMENT.unpack_from(data, at)
         if start != 0xFF:
             return None
-        if marker == 0xFF or marker in _JPEG_ALONE:  # filling, or nothing within
+        if marker == 0xFF or marker in _JPEG_WITHOUT_LENGTH:  # 0xff is a fill byte
             at += 1 if marker == 0xFF else 2
         elif marker in _JPEG_FRAMES:
             height, width = _JPEG_SIZE.unpack_from(data, at + _JPEG_SEGMENT.size)

@@ -1,7 +1,7 @@
-"""Pixels of image messages to arrays and back, for live messages and those in bags alike.
+"""Conversion of the pixels of image messages, live or from a bag, to arrays and back.
 
-Colour is (H, W, 3) uint8 BGR inside the suite. Depth is (H, W) float32 in metres with 0 for "no
-reading"; on topics it is 16UC1 in millimetres or 32FC1 in metres (REP 118).
+In arrays, color is (H, W, 3) uint8 BGR, and depth is (H, W) float32 in meters with 0 for "no
+reading". On topics, depth is 16UC1 in millimeters or 32FC1 in meters (REP 118).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import MessageError
-from hoid_common.io.image_size import check_image_size, is_sound
+from hoid_common.io.image_size import check_image_size, is_safe_to_decode
 from hoid_common.values import MAX_PIXELS, ByteArray, Float32Array
 
 Buffer: TypeAlias = 'bytes | bytearray | memoryview | array[int] | ByteArray'
@@ -25,10 +25,10 @@ MM_PER_M = 1000.0
 COMPRESSED_DEPTH_FORMAT = '16UC1; compressedDepth png'
 JPEG_FORMAT = 'bgr8; jpeg compressed bgr8'
 PNG_FORMAT = 'bgr8; png compressed bgr8'
-AS_TAKEN = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-"""To decode colour: depth does not turn with an orientation that its file says."""
+COLOR_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+"""OpenCV's flags for color images. An EXIF orientation is ignored, since depth has none."""
 
-# Format, and two quantisation terms of inverse depth.
+# Header of compressed_depth_image_transport: format, and two parameters of inverse depth.
 _COMPRESSED_DEPTH_HEADER = struct.Struct('<iff')
 _INF_BITS = np.float32(np.inf).view(np.uint32)
 _TO_BGR = {
@@ -57,20 +57,20 @@ class RawImage(Protocol):
     encoding: str
     is_bigendian: int
     step: int
-    data: Any  # a buffer of bytes
+    data: Any  # buffer of bytes
 
 
 def decode_color(image: RawImage) -> ByteArray:
-    """Return the (H, W, 3) BGR picture of a bgr8, rgb8, mono8, bgra8 or rgba8 image.
+    """Return the (H, W, 3) uint8 BGR image of a bgr8, rgb8, mono8, bgra8 or rgba8 message.
 
     It shares the message's memory when no conversion is needed.
 
     Raises:
-        MessageError: Another encoding, or a size that the data does not have.
+        MessageError: The encoding is another one, or the data is too short for the size.
     """
     if image.encoding not in _TO_BGR:
         raise MessageError(
-            f'colour image has encoding "{image.encoding}"; use one of {", ".join(_TO_BGR)}'
+            f'color image has encoding "{image.encoding}"; use one of {", ".join(_TO_BGR)}'
         )
     pixels = _pixels(image, np.dtype('u1'), _CHANNELS[image.encoding])
     code = _TO_BGR[image.encoding]
@@ -78,35 +78,37 @@ def decode_color(image: RawImage) -> ByteArray:
 
 
 def decode_depth(image: RawImage) -> Float32Array:
-    """Return (H, W) metres of a 16UC1 (mm) or 32FC1 (m) image; NaN, inf and negative become 0.
+    """Return the (H, W) float32 depth in m of a 16UC1 (mm) or 32FC1 (m) message.
 
-    They share the message's memory when nothing is to be changed.
+    NaN, infinite and negative values become 0, "no reading". The result shares the message's
+    memory when no value is changed.
 
     Raises:
-        MessageError: Another encoding, or a size that the data does not have.
+        MessageError: The encoding is another one, or the data is too short for the size.
     """
     if image.encoding not in _DEPTH_TYPES:
         raise MessageError(
             f'depth image has encoding "{image.encoding}"; use 16UC1 (mm) or 32FC1 (m)'
         )
     pixels = _pixels(image, _DEPTH_TYPES[image.encoding], 1)
-    return _metres(pixels)
+    return _meters(pixels)
 
 
 def decode_compressed_color(data: Buffer) -> ByteArray:
-    """Return the (H, W, 3) BGR picture of a JPEG or PNG; raises MessageError where it is none."""
-    return cast('ByteArray', _imdecode(data, AS_TAKEN, 'compressed colour image'))
+    """Return the (H, W, 3) uint8 BGR image of a JPEG or PNG; MessageError when it is neither."""
+    return cast('ByteArray', _imdecode(data, COLOR_READ_FLAGS, 'compressed color image'))
 
 
 def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
-    """Return (H, W) metres of a PNG in compressed_depth_image_transport's layout.
+    """Return the (H, W) float32 depth in m of a message of compressed_depth_image_transport.
 
     Args:
-        format_: the message's `format`, such as "16UC1; compressedDepth png".
-        data: a 12-byte header, then the PNG (uint16: mm, or quantised inverse depth for 32FC1).
+        format_: The message's `format`, such as "16UC1; compressedDepth png".
+        data: A header of 12 bytes, then a 16-bit PNG with depth in mm (16UC1) or with quantized
+            inverse depth (32FC1).
 
     Raises:
-        MessageError: Another format, too few bytes, or no PNG of one 16-bit channel.
+        MessageError: The format is another one, or the data is no PNG of one 16-bit channel.
     """
     encoding = format_.split(';', maxsplit=1)[0].strip()
     if encoding not in ('16UC1', '32FC1') or 'rvl' in format_.lower():
@@ -115,26 +117,26 @@ def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
         )
     raw = np.frombuffer(data, np.uint8)
     if len(raw) <= _COMPRESSED_DEPTH_HEADER.size:
-        raise MessageError(f'compressed depth holds {len(raw)} bytes, too few for its header')
+        raise MessageError(f'compressed depth has {len(raw)} bytes, too few for its header')
     pixels = _imdecode(
         raw[_COMPRESSED_DEPTH_HEADER.size :], cv2.IMREAD_UNCHANGED, 'compressed depth'
     )
     if pixels.dtype != np.uint16 or pixels.ndim != 2:
         raise MessageError(
-            f'compressed depth holds a {pixels.dtype} PNG of shape {pixels.shape}, '
+            f'compressed depth contains a {pixels.dtype} PNG of shape {pixels.shape}, '
             'not one 16-bit channel'
         )
     if encoding == '16UC1':
-        return _metres(pixels)
+        return _meters(pixels)
     _, quant_a, quant_b = _COMPRESSED_DEPTH_HEADER.unpack_from(raw.data)
     with np.errstate(divide='ignore', invalid='ignore'):
         depth_m = quant_a / (pixels.astype(np.float32) - np.float32(quant_b))
-    return _metres(np.where(pixels == 0, np.float32(0), depth_m.astype(np.float32)))
+    return _meters(np.where(pixels == 0, np.float32(0), depth_m.astype(np.float32)))
 
 
 def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
-    """Return the data of a compressedDepth message for (H, W) millimetres; nothing is lost."""
-    # Level 1: on depth, higher levels take several times as long for a few percent less.
+    """Return the data of a compressedDepth message of (H, W) uint16 depth in mm; lossless."""
+    # Level 1: higher levels take several times as long and save a few percent of a depth image.
     ok, png = cv2.imencode('.png', depth_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not ok:
         raise MessageError(f'depth image of shape {depth_mm.shape} cannot be encoded as PNG')
@@ -142,12 +144,12 @@ def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
 
 
 def compressed_depth_of_png(png: bytes) -> bytes:
-    """Return the data of a compressedDepth message for a PNG of uint16 millimetres."""
+    """Return the data of a compressedDepth message that contains a PNG of uint16 depth in mm."""
     return _COMPRESSED_DEPTH_HEADER.pack(0, 0.0, 0.0) + png
 
 
 def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
-    """Return a JPEG of a (H, W, 3) BGR picture; quality in [1, 100]."""
+    """Return the JPEG of a (H, W, 3) uint8 BGR image; quality in [1, 100]."""
     ok, jpeg = cv2.imencode('.jpg', image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not ok:
         raise MessageError(f'image of shape {image_bgr.shape} cannot be encoded as JPEG')
@@ -155,16 +157,16 @@ def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
 
 
 def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:
-    """Return (H, W) uint16 millimetres when they say exactly the same as the metres, else None."""
+    """Return (H, W) float32 depth in m as uint16 mm where that is exact, else None."""
     depth_mm = np.rint(depth_m * MM_PER_M)
     if depth_mm.max(initial=0) > np.iinfo(np.uint16).max:
         return None
     whole = depth_mm.astype(np.uint16)
-    return whole if np.array_equal(_metres(whole), depth_m) else None
+    return whole if np.array_equal(_meters(whole), depth_m) else None
 
 
 def _pixels(image: RawImage, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
-    """Return a view of shape (H, W) or (H, W, C) in the machine's byte order."""
+    """Return the pixels (H, W) or (H, W, C), in the machine's byte order."""
     height, width, step = image.height, image.width, image.step
     row_bytes = width * channels * dtype.itemsize
     if height <= 0 or width <= 0:
@@ -176,13 +178,13 @@ def _pixels(image: RawImage, dtype: np.dtype[Any], channels: int) -> NDArray[Any
         )
     if step < row_bytes:
         raise MessageError(
-            f'{image.encoding} image has step {step}, but {width} px take {row_bytes}'
+            f'{image.encoding} image has step {step}, but {width} px need {row_bytes} bytes'
         )
     raw = np.frombuffer(image.data, np.uint8)
     if len(raw) < step * height:
         raise MessageError(
-            f'{image.encoding} image holds {len(raw)} bytes, {width}x{height} px at step {step} '
-            f'take {step * height}'
+            f'{image.encoding} image has {len(raw)} bytes, but {width}x{height} px at step {step} '
+            f'need {step * height}'
         )
     ordered = dtype.newbyteorder('>' if image.is_bigendian else '<')
     rows = raw[: step * height].reshape(height, step)[:, :row_bytes]
@@ -190,11 +192,12 @@ def _pixels(image: RawImage, dtype: np.dtype[Any], channels: int) -> NDArray[Any
     return pixels.reshape(height, width, channels) if channels > 1 else pixels
 
 
-def _metres(depth: NDArray[Any]) -> Float32Array:
+def _meters(depth: NDArray[Any]) -> Float32Array:
     if depth.dtype == np.uint16:
-        metres: Float32Array = np.divide(depth, np.float32(MM_PER_M), dtype=np.float32)
-        return metres
-    # The bits of floats, as whole numbers: positive ones in order, above them inf, NaN, negatives.
+        meters: Float32Array = np.divide(depth, np.float32(MM_PER_M), dtype=np.float32)
+        return meters
+    # Seen as unsigned integers, the bits of positive floats are in ascending order, followed by
+    # inf, NaN and all negative numbers: one comparison finds everything that is no depth.
     bits = depth.view(np.uint32)
     if bits.max() < _INF_BITS:
         return cast('Float32Array', depth)
@@ -205,8 +208,8 @@ def _imdecode(data: Buffer, flags: int, what: str) -> NDArray[Any]:
     raw = np.frombuffer(data, np.uint8)
     check_image_size(raw.data, what)
     try:
-        pixels = cv2.imdecode(raw, flags) if is_sound(raw.data) else None
-    except cv2.error as error:  # such as of more pixels than OpenCV takes
+        pixels = cv2.imdecode(raw, flags) if is_safe_to_decode(raw.data) else None
+    except cv2.error as error:  # such as for more pixels than OpenCV's own limit
         reason = ' '.join(error.err.split())
         raise MessageError(f'{what} of {len(raw)} bytes cannot be decoded: {reason}') from error
     if pixels is None:

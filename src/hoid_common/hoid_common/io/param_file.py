@@ -1,4 +1,4 @@
-"""ROS parameter files read without ROS: to check them before a node stumbles over them."""
+"""Reading of ROS parameter files without ROS, to check them before a node is started."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from hoid_common.io.yaml_file import read_yaml
 
 
 def load_params(path: Path, node_name: str) -> dict[str, Any]:
-    """Return the dotted names and values that a parameter file holds for a node.
+    """Return the parameters, by dotted name, that a parameter file sets for a node.
 
-    Sections that fit are `/**`, the node's name, or a name that ends in `/` and the node's name.
+    The sections `/**`, the node's name, and names that end in `/` and the node's name apply.
 
     Raises:
-        ConfigError: The file cannot be read, or is no such file.
+        ConfigError: The file cannot be read, or is no parameter file.
     """
     try:
         content = read_yaml(path)

@@ -1,4 +1,7 @@
-"""Trajectories in the TUM text format: `stamp tx ty tz qx qy qz qw`, one pose a line."""
+"""Reading and writing of trajectories in the TUM text format.
+
+Each line is `stamp tx ty tz qx qy qz qw`: seconds, meters, and a quaternion.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +16,15 @@ from hoid_common.io.stamps import format_stamp_s
 from hoid_common.io.tum_text import read_numbers
 from hoid_common.values import Trajectory
 
-# Published files round to four decimals; a norm far from 1 is no rotation.
+# Chosen: published files round quaternions to four decimals; a norm below this is no rounding.
 _MIN_QUATERNION_NORM = 0.5
 
 
 def read_tum(path: Path) -> Trajectory:
-    """Return the trajectory of a file; it may be empty.
+    """Return the trajectory in a TUM file; it may be empty.
 
     Raises:
-        InputError: the file is missing, a row is malformed or goes back in time.
+        InputError: The file is missing, or a row is malformed or goes back in time.
     """
     stamps_ns, values = read_numbers(path, columns=7)
     norms = np.linalg.norm(values[:, 3:], axis=1)
@@ -34,12 +37,15 @@ def read_tum(path: Path) -> Trajectory:
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write a trajectory; stamps are exact, numbers have nine decimals."""
+    """Write a trajectory as a TUM file; stamps are exact, numbers have nine decimals."""
     write_tum_parts(path, [trajectory])
 
 
 def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> int:
-    """Write parts of a trajectory one after the other, and return the number of poses."""
+    """Write consecutive parts of a trajectory as a TUM file, and return the number of poses.
+
+    Only one part at a time is in memory.
+    """
     num_poses = 0
     with path.open('w', encoding='utf-8') as file:
         file.write('# timestamp tx ty tz qx qy qz qw\n')

@@ -1,4 +1,8 @@
-"""The text files of the TUM RGB-D layout: one stamped row per line, `#` starts a comment."""
+"""Reading of the text files of the TUM RGB-D layout.
+
+Each line is a stamp in seconds and a text, separated by spaces, tabs or commas; `#` starts a
+comment.
+"""
 
 from __future__ import annotations
 
@@ -18,23 +22,23 @@ from hoid_common.values import FloatArray, IntArray
 class Row(NamedTuple):
     """One line of a TUM text file."""
 
-    line: int  # counted from 1
+    line: int  # number of the line in the file, from 1
     stamp_ns: int
-    text: str  # what follows the stamp
+    text: str  # the rest of the line
 
 
 class NumberTable(NamedTuple):
-    """Stamped rows of numbers."""
+    """N stamped rows of numbers."""
 
     stamps_ns: IntArray  # (N,)
     values: FloatArray  # (N, columns)
 
 
 def read_rows(path: Path) -> Iterator[Row]:
-    """Yield the rows of a file in its order.
+    """Yield the rows of a file, in the file's order.
 
     Raises:
-        InputError: the file is missing or not text, or a stamp is not a time in seconds.
+        InputError: The file is missing or no text, or a stamp is no time in seconds.
     """
     text = read_text(path)
     for number, line in enumerate(text.splitlines(), start=1):
@@ -48,8 +52,8 @@ def read_rows(path: Path) -> Iterator[Row]:
         yield Row(number, stamp_ns, rest.strip())
 
 
-def without_repeats(rows: list[Row]) -> list[Row]:
-    """Return the rows less those that say the same as the one before; some tools write such."""
+def without_duplicates(rows: list[Row]) -> list[Row]:
+    """Return the rows without those that equal their predecessor, which some tools write."""
     return rows[:1] + [
         row
         for before, row in pairwise(rows)
@@ -58,20 +62,21 @@ def without_repeats(rows: list[Row]) -> list[Row]:
 
 
 def check_increasing(path: Path, rows: list[Row]) -> None:
-    """Raise InputError at the first stamp that is not later than the one before it."""
+    """Raise InputError for the first stamp that is not later than its predecessor."""
     for before, row in pairwise(rows):
         if row.stamp_ns <= before.stamp_ns:
             raise InputError(
                 f'{path}: line {row.line}: stamp {row.stamp_ns} ns is not after the one before it'
-                f' ({before.stamp_ns} ns); bring the list into order of time'
+                f' ({before.stamp_ns} ns); sort the file by time'
             )
 
 
 def read_numbers(path: Path, columns: int) -> NumberTable:
-    """Return the rows of a file of numbers, in order of time.
+    """Return the first `columns` numbers of each row of a file, in order of time.
 
     Raises:
-        InputError: as `read_rows`, or a row has too few or no finite numbers or goes back in time.
+        InputError: As in `read_rows`; or a row has too few numbers or one that is not finite, or
+            goes back in time.
     """
     rows = list(read_rows(path))
     check_increasing(path, rows)
@@ -85,6 +90,6 @@ def read_numbers(path: Path, columns: int) -> NumberTable:
             ) from error
         if not np.isfinite(values[i]).all():
             raise InputError(
-                f'{path}: line {row.line}: "{row.text}" holds a number that is not finite'
+                f'{path}: line {row.line}: "{row.text}" contains a number that is not finite'
             )
     return NumberTable(np.array([row.stamp_ns for row in rows], np.int64), values)

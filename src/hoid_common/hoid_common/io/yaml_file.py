@@ -1,8 +1,8 @@
-"""The one reader of YAML that people and other programs write: plain data within limits.
+"""Reading of YAML from users and other programs, restricted to plain data within limits.
 
-What a camera file, a parameter file or `--set` needs are mappings, lists, numbers, switches and
-text. Everything else that YAML offers (tags, aliases, dates, numbers in base 60) is refused or
-left as text, so that a hostile file costs no more than its size.
+Camera files, parameter files and `--set` need only mappings, lists, numbers, booleans and text.
+Tags and aliases are refused; dates and numbers in base 60 are read as text. The cost of a hostile
+file is therefore in proportion to its size (an alias can expand exponentially).
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ import yaml
 from hoid_common.errors import InputError
 from hoid_common.io.untrusted import read_text
 
+# Limits that no parameter, camera or plan file comes near; chosen, not tuned.
 MAX_BYTES = 500_000
-MAX_DEPTH = 20
-MAX_NODES = 30_000
-_MAX_DIGITS = 40
+MAX_DEPTH = 20  # levels of nesting
+MAX_NODES = 30_000  # values and keys
+_MAX_DIGITS = 40  # characters of a number; a float64 needs at most 24
 _INT64 = range(-(2**63), 2**63)
-_SHOWN = 60  # characters of a complaint about a value
+_SHOWN_CHARS = 60  # characters of a value that an error quotes
+# Numbers as ROS's parameter parser reads them: `1e3` is a float, unlike in PyYAML.
 _BOOLS = re.compile(
     r'(?:yes|Yes|YES|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF)$'
 )
@@ -34,24 +36,24 @@ _NULL = re.compile(r'(?:~|null|Null|NULL|)$')
 
 
 def read_yaml(path: Path) -> Any:
-    """Return what a YAML file holds: mappings, lists, numbers, switches, text and None.
+    """Return the content of a YAML file: mappings, lists, numbers, booleans, text and None.
 
     Raises:
-        InputError: The file cannot be read, or is not YAML of the plain kind; one line names it.
+        InputError: The file cannot be read, or is not plain YAML within the limits.
     """
     text = read_text(path, MAX_BYTES)
     return parse_yaml(text, str(path))
 
 
 def parse_yaml(text: str, source: str) -> Any:
-    """Return what a text in YAML holds, as `read_yaml`.
+    """Return the content of a YAML text, as `read_yaml` does.
 
     Args:
         text: A single document.
-        source: Whose text it is, which an error begins with.
+        source: Name of the file or option, with which an error begins.
 
     Raises:
-        InputError: It is not YAML of the plain kind, or too long.
+        InputError: The text is not plain YAML within the limits.
     """
     if len(text) > MAX_BYTES:
         raise InputError(f'{source}: larger than {MAX_BYTES / 1e6:g} MB')
@@ -62,7 +64,7 @@ def parse_yaml(text: str, source: str) -> Any:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """SafeLoader with the limits, and without tags, aliases, dates and base 60."""
+    """SafeLoader with limits, and without tags, aliases, dates and numbers in base 60."""
 
     yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, re.Pattern[str]]]]] = {}
 
@@ -88,7 +90,7 @@ class _PlainLoader(yaml.SafeLoader):
             self._depth -= 1
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Leave `<<` the plain key that it is without aliases."""
+        """Do nothing: without aliases, `<<` is a plain key and no merge."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         known: set[str] = set()
@@ -101,7 +103,7 @@ class _PlainLoader(yaml.SafeLoader):
         return cast('dict[Any, Any]', super().construct_mapping(node, deep=deep))
 
     def number(self, node: yaml.ScalarNode) -> int | float:
-        """Return the number of a scalar that looks like one."""
+        """Return the int or float of a scalar that has the form of a number."""
         text: str = node.value
         if len(text) > _MAX_DIGITS:
             raise _refusal(f'a number of {len(text)} characters', node.start_mark)
@@ -118,11 +120,11 @@ def _refusal(what: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
 
 
 def _cut(text: str) -> str:
-    return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}...'
+    return text if len(text) <= _SHOWN_CHARS else f'{text[:_SHOWN_CHARS]}...'
 
 
 def _line(error: yaml.YAMLError) -> str:
-    """Return what is wrong and where, in one printable line."""
+    """Return the line number and the reason of an error, in one printable line."""
     mark = getattr(error, 'problem_mark', None)
     where = '' if mark is None else f'line {mark.line + 1}: '
     what = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'

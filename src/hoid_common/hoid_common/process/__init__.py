@@ -1,4 +1,4 @@
-"""Processes of their own: children that work for this one, starts, signals, shared memory.
+"""Operating-system processes: child processes, entry points, signals and shared memory.
 
 Nothing here imports ROS.
 """

@@ -1,10 +1,11 @@
-"""Processes that work for this one and end with it.
+"""Child processes that exchange messages with their parent and end with it.
 
-A `ChildWorker` runs a function in a process of its own. Messages go to it and reports come back
-through two pipes, moved by two threads, so that neither side ever waits for the other.
+A `ChildWorker` runs a function in a child process. It sends messages to the child and receives
+reports through two pipes, which two threads serve, so that neither process blocks on the other.
 
-A new interpreter that imports what a child needs takes a second of two busy cores. The children of
-a process that has called `preload` need none: they are forks of a copy of it.
+Starting an interpreter with all imports takes a second of two busy cores. The children of a
+process that has called `preload` are forked from a copy of it instead, which takes milliseconds:
+after a kill, odometry was back in the same map after 5.9 s instead of 11.7 s (decision 30).
 """
 
 from __future__ import annotations
@@ -26,52 +27,60 @@ from threading import Event, Thread
 from typing import Generic, TypeVar
 
 from hoid_common.errors import HoidError
-from hoid_common.process.signals import handlers_deferred
+from hoid_common.process.signals import signal_handlers_deferred
 
 Message = TypeVar('Message')
 Report = TypeVar('Report')
 
-_PATIENCE_S = 5.0  # for a process to end by itself
+_EXIT_TIMEOUT_S = 5.0  # chosen: for a process to end by itself, before it is killed
 
 
 class _Mark(Enum):
+    """Marks the end of a queue."""
+
     END = 'nothing follows'
 
 
 class ChildEndedError(HoidError):
-    """The process has ended, and with it all that it was asked for."""
+    """The child process has ended; unanswered messages are lost."""
 
 
 class ChildTimeoutError(HoidError):
-    """The process is there but does not answer."""
+    """The child process runs, but has not reported in time."""
 
 
-_has_server = Event()  # of this process; the children of a child are rare and start by themselves
+# Set when this process has a fork server. The children of a child are rare and start without one.
+_has_server = Event()
 
 
 def preload(*modules: str) -> None:
-    """Import modules, and have all later children of this process be forks of what it is now.
+    """Import modules, and start a fork server from which all later children are forked.
 
-    A copy of it waits to be forked, and ends with the last of them and this one. To be called
-    before there is anything that a fork must not have, such as threads of Python.
+    The server is a copy of this process as it is now. It ends with this process and its last
+    child. Call this before anything exists that must not be forked, such as threads.
     """
     for module in modules:
         import_module(module)
-    forkserver.set_forkserver_preload(list(modules))  # for another server, if this one is killed
-    with _deaf_to_ctrl_c():
+    # Should the server be killed, multiprocessing starts another one with these imports.
+    forkserver.set_forkserver_preload(list(modules))
+    with _sigint_blocked():
         _fork_server()
     _has_server.set()
 
 
 def _fork_server() -> None:
-    """Do as `forkserver.ensure_running`, without the new interpreter that imports all again."""
+    """Start a fork server as `forkserver.ensure_running` does, but by a fork of this process.
+
+    multiprocessing would start a new interpreter, which imports everything again.
+    """
     alive, alive_while_open = os.pipe()
     with socket.socket(socket.AF_UNIX) as listener:
-        with TemporaryDirectory(prefix='hoid-children-') as folder:  # for this user alone
+        with TemporaryDirectory(prefix='hoid-children-') as folder:  # readable by this user only
             folder_fd = os.open(folder, os.O_PATH)
-            # By its descriptor: a socket's path ends after 107 characters, maybe in its folder's.
+            # A socket's path is limited to 107 characters, which TMPDIR alone may exceed.
             listener.bind(path := f'/proc/self/fd/{folder_fd}/children')
-            # Goes on to name the socket when the folder is gone: no kill leaves anything behind.
+            # The descriptor names the socket even after the folder is removed, so that a killed
+            # process leaves no file behind.
             server_fd = os.open(path, os.O_PATH)
             os.close(folder_fd)
         listener.listen()
@@ -83,25 +92,27 @@ def _fork_server() -> None:
             finally:
                 os._exit(0)
     os.close(alive)
-    vars(forkserver._forkserver).update(  # noqa: SLF001 - it has no other way in
-        _forkserver_address=f'/proc/self/fd/{server_fd}', _forkserver_alive_fd=alive_while_open,
+    vars(forkserver._forkserver).update(  # noqa: SLF001 - there is no public interface
+        _forkserver_address=f'/proc/self/fd/{server_fd}',
+        _forkserver_alive_fd=alive_while_open,
         _forkserver_pid=server,
-    )  # fmt: skip
+    )
 
 
 def start_child(process: BaseProcess) -> None:
-    """Start a process that never hears SIGINT, not even while it still imports.
+    """Start a process in which SIGINT is blocked from the beginning.
 
-    Ctrl-C reaches all processes of a terminal, but who started this one ends it, in its own time.
+    Ctrl-C sends SIGINT to all processes of a terminal, but only the parent must react to it: it
+    ends its children in order.
     """
-    with _deaf_to_ctrl_c(), handlers_deferred():
+    with _sigint_blocked(), signal_handlers_deferred():
         process.start()
 
 
 @contextmanager
-def _deaf_to_ctrl_c() -> Iterator[None]:
-    """Block SIGINT rather than ignore it, as a process that is started inherits that."""
-    resource_tracker.ensure_running()  # which would unblock the signal if it were started below
+def _sigint_blocked() -> Iterator[None]:
+    """Block SIGINT within the block; a process that is started there inherits this."""
+    resource_tracker.ensure_running()  # it would unblock the signal if it were started below
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -110,14 +121,14 @@ def _deaf_to_ctrl_c() -> Iterator[None]:
 
 
 class ChildWorker(Generic[Message, Report]):
-    """The parent's end of a process; all methods but `close` and `restart` return at once.
+    """The parent's handle of a child process. Only `receive`, `close` and `restart` wait.
 
     Args:
-        name: Of the process, in errors as well.
-        target: Its main function: called with the connection that messages come from, the one
-            that reports go to, and `args`. It returns when the first one ends (`EOFError`), which
-            it does when this process closes it or is killed.
-        args: What the process is to know from the start; all must be picklable.
+        name: Name of the process, which errors mention.
+        target: Main function of the child. Its arguments are the connection to receive messages
+            from, the connection to send reports to, and `args`. It must return when receiving
+            raises EOFError, which happens when the parent closes the connection or is killed.
+        args: Further arguments of `target`, which must be picklable.
     """
 
     def __init__(self, name: str, target: Callable[..., None], *args: object) -> None:
@@ -129,34 +140,34 @@ class ChildWorker(Generic[Message, Report]):
 
     @property
     def process_id(self) -> int | None:
-        """Return the id of the process."""
+        """Return the process id of the child."""
         return self._process.pid
 
     @property
     def is_running(self) -> bool:
-        """Return whether the process is there."""
+        """Return whether the child process is running."""
         return self._process.is_alive()
 
     @property
     def num_waiting(self) -> int:
-        """Return how many messages the process has not taken yet."""
+        """Return the number of messages that are not sent to the child yet."""
         return self._to_send.qsize()
 
     def send(self, message: Message) -> None:
-        """Hand a message over; it is lost when the process has ended."""
+        """Queue a message for the child; it is lost when the child has ended."""
         self._to_send.put(message)
 
     @property
     def has_report(self) -> bool:
-        """Return whether `receive` has something to say at once."""
+        """Return whether `receive` would return or raise at once."""
         return not self._received.empty()
 
     def receive(self, timeout_s: float) -> Report:
-        """Return the next report, in the order in which they were sent.
+        """Return the child's next report; reports arrive in the order in which they were sent.
 
         Raises:
-            ChildEndedError: The process has ended, and all that it reported was received.
-            ChildTimeoutError: There is none in time.
+            ChildEndedError: The child has ended, and all its reports were received.
+            ChildTimeoutError: No report has arrived in time.
         """
         try:
             report = self._received.get(timeout=timeout_s)
@@ -165,28 +176,28 @@ class ChildWorker(Generic[Message, Report]):
                 f'the process "{self._name}" gives no answer in {timeout_s:g} s'
             ) from None
         if isinstance(report, _Mark):
-            self._received.put(report)  # for whoever asks next
+            self._received.put(report)  # so that the next call raises as well
             raise ChildEndedError(f'the process "{self._name}" has ended')
         return report
 
     def restart(self) -> str:
-        """Start another process in its place and return how this one ended, as `close` does.
+        """End the child, start a new one, and return how the old one ended (see `close`).
 
-        What was under way in either direction is lost: tell the new one all that it must know.
+        Messages and reports in transit are lost, so that the new child needs its state again.
         """
         how = self.close()
         self.num_restarts += 1
         self._start()
         return how
 
-    def close(self, patience_s: float = _PATIENCE_S) -> str:
-        """End the process, by force when it does not end by itself in time.
+    def close(self, patience_s: float = _EXIT_TIMEOUT_S) -> str:
+        """End the child: close its connection, wait for it, and kill it after a timeout.
 
         Args:
-            patience_s: How long it may take to work off what was sent and to return.
+            patience_s: Time for the child to process all messages and to return.
 
         Returns:
-            How it ended: "exit code 1", "signal 9".
+            How the child ended, such as "exit code 1" or "signal 9".
         """
         atexit.unregister(self.close)
         self._to_send.put(_Mark.END)
@@ -194,7 +205,7 @@ class ChildWorker(Generic[Message, Report]):
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
-        for thread in self._threads:  # the pipes have ended with the process
+        for thread in self._threads:  # they end, since the pipes end with the child
             thread.join()
         code = self._process.exitcode
         return f'signal {-code}' if code is not None and code < 0 else f'exit code {code}'
@@ -211,7 +222,8 @@ class ChildWorker(Generic[Message, Report]):
         start_child(self._process)
         message_reader.close()
         report_writer.close()
-        atexit.register(self.close)  # before multiprocessing waits for the process
+        # multiprocessing waits at exit for all children; this ends the child before.
+        atexit.register(self.close)
         self._threads = (
             Thread(target=_send_all, args=(self._to_send, messages), daemon=True),
             Thread(target=_receive_all, args=(reports, self._received), daemon=True),
@@ -221,8 +233,8 @@ class ChildWorker(Generic[Message, Report]):
 
 
 def _send_all(to_send: SimpleQueue[Message | _Mark], pipe: Connection) -> None:
-    """Send until told to end; only this thread uses, and closes, its end of the pipe."""
-    with pipe, suppress(OSError):  # the process has ended; who receives from it is told
+    """Send queued messages up to the end mark, then close the pipe."""
+    with pipe, suppress(OSError):  # the child has ended, which `receive` reports
         while not isinstance(message := to_send.get(), _Mark):
             pipe.send(message)
 

@@ -1,6 +1,7 @@
-"""How the executable of a node begins and which statuses it ends with.
+"""Entry point of a node's executable, and its exit statuses.
 
-Nothing large is imported here, so that Ctrl-C is heard in silence while the node's module loads.
+This module imports nothing large, so that its SIGINT handler is installed before the node's
+imports, which take a second: Ctrl-C then ends the process without a traceback.
 """
 
 from __future__ import annotations
@@ -13,20 +14,26 @@ from typing import NoReturn
 
 from hoid_common.process.child_process import preload
 
-INTERRUPTED = 128 + signal.SIGINT  # by Ctrl-C before the node was up
-REFUSED = os.EX_CONFIG  # what it was given; a restart would end the same way
+EXIT_INTERRUPTED = 128 + signal.SIGINT
+"""Exit status after Ctrl-C during start-up: a shell's convention for death by a signal."""
+EXIT_CONFIG = os.EX_CONFIG
+"""Exit status after an invalid parameter or argument, with which a restart would fail again."""
 
 
 def start(module: str) -> NoReturn:
-    """Import a node's module, run its `main` and exit with the status that it returns.
+    """Import a node's module, run its `main`, and exit with the status that it returns.
 
-    Until `main` takes over, SIGINT ends the process with status 130. It may come here blocked, as
-    only so it cannot hit an interpreter that is starting.
+    Until `main` installs its own handlers, SIGINT ends the process with status 130. A parent may
+    start this process with SIGINT blocked, to protect the start of the interpreter; it is
+    unblocked here.
 
-    The node's processes are forks of this one where the package names their modules, as
-    `CHILD_MODULES`.
+    Where the node's package defines `CHILD_MODULES`, these modules are preloaded for its child
+    processes (see `preload`).
+
+    Args:
+        module: Dotted name of the module.
     """
-    signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
+    signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     node = import_module(module)
     if children := getattr(import_module(module.partition('.')[0]), 'CHILD_MODULES', ()):

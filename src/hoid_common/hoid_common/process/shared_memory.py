@@ -1,4 +1,7 @@
-"""The shared memory that images go through: of /dev/shm, Fast DDS takes a segment per process."""
+"""Checks of the shared memory through which Fast DDS transports images.
+
+Fast DDS allocates one segment of /dev/shm per process. Without it, most images are lost.
+"""
 
 from __future__ import annotations
 
@@ -12,44 +15,49 @@ from pathlib import Path
 
 from hoid_common.errors import InputError
 
-_FOLDER = '/dev/shm'  # noqa: S108 - where Fast DDS keeps it
+_FOLDER = '/dev/shm'  # noqa: S108 - Fast DDS's own choice
 _SEGMENT_SIZE = re.compile(
     r'<type>SHM</type>(?:(?!</transport_descriptor>).)*?<segment_size>\s*(\d+)', re.DOTALL
 )
 _LOCK_FILE = re.compile(rf'{_FOLDER}/fastrtps_[0-9a-f]+_el')
-_BOOKKEEPING = 1.06  # a segment's file, of its size
+_FILE_SIZE_RATIO = 1.06  # measured: size of a segment's file / configured segment size
 _BYTES_PER_MB = 2**20
 _REMEDY = 'a container needs --shm-size=1g or --ipc=host'
 
 
 def check_shared_memory(num_processes: int) -> None:
-    """Check that there is room for as many processes, each of one ROS context.
+    """Check that /dev/shm has space for the segments of as many processes.
+
+    Segments that killed processes have left behind are removed when the space is too small.
+
+    Args:
+        num_processes: Number of processes, each with one ROS context.
 
     Raises:
-        InputError: There is not, even without leftovers. Who gets no segment loses most images.
+        InputError: The space is too small even so.
     """
-    each_mb = _BOOKKEEPING * _segment_mb()
+    each_mb = _FILE_SIZE_RATIO * _segment_mb()
     if _free_mb() < num_processes * each_mb:
         clean_shared_memory()
     if _free_mb() < num_processes * each_mb:
         raise InputError(
-            f'{_FOLDER} has {_free_mb():.0f} MB free, and {num_processes} processes take '
+            f'{_FOLDER} has {_free_mb():.0f} MB free, but {num_processes} processes need '
             f'{each_mb:.0f} MB each, or images get lost; {_REMEDY}'
         )
 
 
-def missing_shared_memory() -> str:
-    """Return what to say where this process's ROS context got no segment of the size asked for."""
+def shared_memory_problem() -> str:
+    """Return an error text when this process got a smaller segment than configured, else ''."""
     if _own_segment_mb() >= _segment_mb():
         return ''
     return (
-        f'Fast DDS got no shared memory for images, so that most get lost: {_FOLDER} has '
+        f'Fast DDS got no shared memory for images, so that most of them get lost: {_FOLDER} has '
         f'{_free_mb():.0f} MB free; {_REMEDY}'
     )
 
 
 def clean_shared_memory() -> None:
-    """Remove the segments that killed nodes left behind; those in use stay."""
+    """Remove the segments that killed processes have left behind (`fastdds shm clean`)."""
     tool = shutil.which(
         'fastdds', path=os.pathsep.join([str(Path(sys.executable).parent), os.defpath])
     )
@@ -60,7 +68,7 @@ def clean_shared_memory() -> None:
 
 
 def _segment_mb() -> float:
-    """Return what the transport profile asks for; 0 for none and for another middleware."""
+    """Return the segment size in the transport profile; 0 without one or without Fast DDS."""
     if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
         return 0.0
     try:
@@ -72,10 +80,10 @@ def _segment_mb() -> float:
 
 
 def _own_segment_mb() -> float:
-    """Return the size of this process's largest segment; each has a lock file, which it holds."""
+    """Return the size of this process's largest segment, found by the lock files it holds."""
     sizes_mb = [0.0]
     for descriptor in Path('/proc/self/fd').iterdir():
-        with contextlib.suppress(OSError):  # closed meanwhile
+        with contextlib.suppress(OSError):  # the descriptor was closed in the meantime
             path = str(descriptor.readlink())
             if _LOCK_FILE.fullmatch(path):
                 sizes_mb.append(Path(path.removesuffix('_el')).stat().st_size / _BYTES_PER_MB)

@@ -1,4 +1,4 @@
-"""How a command is asked to end: by Ctrl-C, by a supervisor, or by closing its terminal."""
+"""Handling of the signals that ask a command to end: Ctrl-C, SIGTERM, a closed terminal."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from contextlib import contextmanager, suppress
 from threading import current_thread, main_thread
 from types import FrameType
 
-ENDING = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-"""What asks a process to end as SIGINT does."""
+TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""The signals, beside SIGINT, that ask a process to end."""
 
 
-def end_as_by_interrupt() -> None:
-    """Have SIGTERM, SIGHUP and SIGQUIT raise KeyboardInterrupt, the first of them only.
+def interrupt_on_termination() -> None:
+    """Make the first SIGTERM, SIGHUP or SIGQUIT raise KeyboardInterrupt.
 
-    Whoever asked has been heard then, and a shell that closes says it twice. What the process was
-    started to ignore, as by `nohup`, it goes on ignoring.
+    Later ones are ignored, so that they do not interrupt the clean-up: a shell that is closed
+    sends SIGHUP twice. Signals that were ignored at the start, as by `nohup`, stay ignored.
     """
-    for sign in ENDING:
+    for sign in TERMINATION_SIGNALS:
         if signal.getsignal(sign) is not signal.SIG_IGN:
             signal.signal(sign, _interrupt)
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Let signals to end wait until the block is done; for what must not stay half done."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *ENDING})
+def termination_signals_blocked() -> Iterator[None]:
+    """Block SIGINT and the termination signals, so that the block is not interrupted."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *TERMINATION_SIGNALS})
     try:
         yield
     finally:
@@ -36,16 +36,16 @@ def uninterrupted() -> Iterator[None]:
 
 
 @contextmanager
-def handlers_deferred() -> Iterator[None]:
-    """Let Python's handlers of signals to end wait until the block is done, in the main thread.
+def signal_handlers_deferred() -> Iterator[None]:
+    """Defer the Python handlers of SIGINT and the termination signals to the end of the block.
 
-    Blocking the signals in this thread is not enough: another one, as of a library, takes them,
-    and Python runs the handler here.
+    Blocking the signals in this thread is not enough: the kernel delivers them to another thread,
+    such as one of a library, and Python then runs the handler in the main thread.
     """
     came: list[int] = []
     before = {}
-    if current_thread() is main_thread():  # no other may set handlers, and none interrupts others
-        before = {sign: signal.getsignal(sign) for sign in (signal.SIGINT, *ENDING)}
+    if current_thread() is main_thread():  # only it may set handlers, and only it runs them
+        before = {sign: signal.getsignal(sign) for sign in (signal.SIGINT, *TERMINATION_SIGNALS)}
         before = {sign: handler for sign, handler in before.items() if callable(handler)}
     for sign in before:
         signal.signal(sign, lambda number, _frame: came.append(number))
@@ -59,7 +59,7 @@ def handlers_deferred() -> Iterator[None]:
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
-    for sign in ENDING:
+    for sign in TERMINATION_SIGNALS:
         signal.signal(sign, signal.SIG_IGN)
     if number == signal.SIGHUP:
         _leave_terminal()
@@ -67,7 +67,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
 
 
 def _leave_terminal() -> None:
-    """Write to nowhere from now on: the terminal is gone, and writing to it would fail."""
+    """Redirect stdout and stderr to /dev/null where they are the closed terminal."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for descriptor in (1, 2):
         with suppress(OSError):

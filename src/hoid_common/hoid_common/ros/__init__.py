@@ -1,1 +1,1 @@
-"""The suite's seam to ROS: conversions, parameters, QoS, diagnostics, node entry point."""
+"""ROS code that the nodes share: conversions, parameters, QoS, diagnostics, spinning."""

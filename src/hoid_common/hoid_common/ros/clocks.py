@@ -1,4 +1,4 @@
-"""Times on /clock that rclpy cannot take, and would end the node for."""
+"""Protection against negative times on /clock, for which rclpy raises and the node would die."""
 
 from __future__ import annotations
 
@@ -8,24 +8,23 @@ import time
 from rclpy.time_source import TimeSource
 from rosgraph_msgs.msg import Clock
 
-from hoid_common.throttle import Throttle
+from hoid_common.log_throttle import LogThrottle
 
-_PERIOD_S = 5.0
+_LOG_PERIOD_S = 5.0  # chosen: shortest time between two log lines
 _logger = logging.getLogger(__name__)
-_throttle = Throttle(_PERIOD_S)
-_take = TimeSource.clock_callback
+_throttle = LogThrottle(_LOG_PERIOD_S)
+_set_time = TimeSource.clock_callback
 
 
-def refuse_times_before_1970() -> None:
-    """Have all nodes of this process that go by /clock leave such times out, and say so."""
-    TimeSource.clock_callback = _take_or_refuse
+def ignore_negative_clock_times() -> None:
+    """Make all nodes of this process ignore messages on /clock with a negative time."""
+    TimeSource.clock_callback = _set_valid_time
 
 
-def _take_or_refuse(source: TimeSource, msg: Clock) -> None:
+def _set_valid_time(source: TimeSource, msg: Clock) -> None:
     if msg.clock.sec >= 0:
-        _take(source, msg)
-    elif (skipped := _throttle.allow('refused', time.monotonic())) is not None:
+        _set_time(source, msg)
+    elif _throttle.allow('negative', time.monotonic()) is not None:
         _logger.warning(
-            '/clock says %d s, which no time can be: left out (%d times before)',
-            msg.clock.sec, skipped,
-        )  # fmt: skip
+            '/clock: negative time of %d s ignored; check its publisher', msg.clock.sec
+        )

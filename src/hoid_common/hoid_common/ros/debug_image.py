@@ -1,4 +1,4 @@
-"""Pictures for people to look at and masked ones for programs, made only while somebody does."""
+"""Publishers of debug images and masked images, which are made only for subscribers."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from hoid_common import topics
 from hoid_common.ros import conversions, qos
 from hoid_common.values import ByteArray, Float32Array
 
-_JPEG_QUALITY = 80
+_JPEG_QUALITY = 80  # of 100; chosen, not tuned
 
 
 class DebugImages:
-    """Publishes pictures raw and as JPEG, each to whoever listens to it."""
+    """Publishes debug images raw and as JPEG, each only while the topic has a subscriber."""
 
     def __init__(self, node: Node) -> None:
         self._raw = node.create_publisher(Image, topics.DEBUG_IMAGE, qos.OUTPUT)
@@ -29,7 +29,7 @@ class DebugImages:
         return any(publisher.get_subscription_count() for publisher in publishers)
 
     def publish(self, image_bgr: ByteArray, header: Header) -> None:
-        """Publish a (H, W, 3) picture."""
+        """Publish a (H, W, 3) uint8 BGR image."""
         if self._raw.get_subscription_count():
             self._raw.publish(conversions.color_to_msg(image_bgr, header))
         if self._compressed.get_subscription_count():
@@ -38,9 +38,9 @@ class DebugImages:
 
 
 class MaskedImages:
-    """Publishes the mask of what is static, and depth without what moves.
+    """Publishes the mask of static pixels, and depth images without dynamic objects.
 
-    They are for a SLAM that finds its features itself.
+    They serve other SLAM systems, which extract their own features.
     """
 
     def __init__(self, node: Node) -> None:
@@ -53,12 +53,12 @@ class MaskedImages:
         return any(p.get_subscription_count() for p in (self._mask, self._depth))
 
     def publish(self, mask: ByteArray, depth_m: Float32Array, header: Header) -> None:
-        """Publish what somebody listens to.
+        """Publish the mask and the depth, each if its topic has a subscriber.
 
         Args:
-            mask: (H, W), not 0 where it is static.
-            depth_m: (H, W) of what is static; 0 elsewhere.
-            header: Of the image.
+            mask: (H, W) uint8, 255 = static, 0 = dynamic.
+            depth_m: (H, W) float32 depth of static pixels; 0 elsewhere.
+            header: Of the color image.
         """
         if self._mask.get_subscription_count():
             self._mask.publish(conversions.mask_to_msg(mask, header))

@@ -1,4 +1,7 @@
-"""Transforms on /tf and /tf_static, without tf2, which the wheels lack."""
+"""Publisher and listeners of transforms on /tf and /tf_static.
+
+tf2_ros has the same where ROS is installed, but is missing from the wheels of rclpy.
+"""
 
 from __future__ import annotations
 
@@ -13,20 +16,20 @@ from hoid_common.pose_buffer import PoseBuffer
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg, transform_to_msg
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.ros.inputs import guarded
+from hoid_common.ros.inputs import checked_callback
 from hoid_common.static_frames import StaticFrames
 from hoid_common.values import FloatArray
 
 
 class TransformPublisher:
-    """Publishes edges of the frame tree on /tf."""
+    """Publishes transforms on /tf."""
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.create_publisher(TFMessage, topics.TF, qos.TF)
-        self.sent: list[tuple[str, str, FloatArray]] = []  # the latest, as `send` takes them
+        self.sent: list[tuple[str, str, FloatArray]] = []  # the edges of the last message
 
     def send(self, stamp_ns: int, edges: list[tuple[str, str, FloatArray]]) -> None:
-        """Publish edges (parent, child, T_parent_child) that hold at one time."""
+        """Publish edges (parent, child, T_parent_child) of the frame tree at one stamp."""
         self.sent = edges
         self._publisher.publish(
             TFMessage(
@@ -38,7 +41,7 @@ class TransformPublisher:
 
 
 class StaticFrameListener:
-    """Keeps what /tf_static says."""
+    """Collects the transforms on /tf_static in `frames`; bad ones are counted and logged."""
 
     def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
         self.frames = StaticFrames()
@@ -47,7 +50,9 @@ class StaticFrameListener:
         self._subscription = node.create_subscription(
             TFMessage,
             topics.TF_STATIC,
-            guarded(self._on_transforms, TFMessage, topic, 'static transforms', diagnostics),
+            checked_callback(
+                self._on_transforms, TFMessage, topic, 'static transforms', diagnostics
+            ),
             qos.TF_STATIC,
             raw=True,
         )
@@ -62,7 +67,10 @@ class StaticFrameListener:
 
 
 class FrameListener:
-    """Answers where frames are on each other at a time, for who has no tf2."""
+    """Finds the transform between two frames at a time, as tf2's `lookup_transform` does.
+
+    For scripts and examples that run without tf2. Malformed messages raise MessageError.
+    """
 
     def __init__(self, node: Node) -> None:
         self._static = StaticFrames()
@@ -74,7 +82,7 @@ class FrameListener:
             )
 
     def find(self, a: str, b: str, stamp_ns: int) -> FloatArray | None:
-        """Return T_a_b (4, 4) at a time, or None when nothing says where both are then."""
+        """Return T_a_b (4, 4) at a time, or None when it is unknown for that time."""
         poses = ((*edge, buffer.at(stamp_ns)) for edge, buffer in self._moving.items())
         known = [(parent, child, T) for parent, child, T in poses if T is not None]
         return self._static.with_edges(known).find(a, b)

@@ -1,4 +1,4 @@
-"""Subscriptions: QoS and transport by parameter, silence and bad messages reported."""
+"""Subscriptions with QoS and transport by parameter, and reports of missing and bad messages."""
 
 from __future__ import annotations
 
@@ -19,19 +19,24 @@ from hoid_common.ros import conversions, qos
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.lifecycle import ManagedNode
 
-__all__ = ['InputConfig', 'Inputs', 'guarded']
+__all__ = ['InputConfig', 'Inputs', 'checked_callback']
 
 Callback = Callable[[Any], None]
 
 _IMAGES = (Image, CompressedImage)
-_MAX_BYTES = 2_000_000  # of any other message: to take one apart takes a second
+# Largest message that is no image. Deserializing one of this size takes a second.
+_MAX_BYTES = 2_000_000
 
 
 class Inputs:
-    """Makes the subscriptions of a node; a managed one takes messages only while it is active.
+    """Makes the subscriptions of a node. A managed node processes messages only while active.
 
-    Every callback may raise HoidError: the message is then refused, counted and logged, and the
-    node lives on.
+    A HoidError that a callback raises is counted and logged, and the message is dropped.
+
+    Args:
+        node: Node that subscribes.
+        config: QoS and transport.
+        diagnostics: Of the node; reports missing, lost and bad messages.
     """
 
     def __init__(self, node: Node, config: InputConfig, diagnostics: Diagnostics) -> None:
@@ -40,13 +45,13 @@ class Inputs:
         self._diagnostics = diagnostics
 
     def color(self, callback: Callback, topic: str = topics.RGB_IMAGE) -> None:
-        """Subscribe to colour; the callback gets what `conversions.color_from_msg` takes."""
+        """Subscribe to color images; `conversions.color_from_msg` converts the messages."""
         if self._config.compressed:
             topic = topics.compressed(topic)
-        self.messages(self._image_type, topic, callback, 'colour images')
+        self.messages(self._image_type, topic, callback, 'color images')
 
     def depth(self, callback: Callback, topic: str = topics.DEPTH_IMAGE) -> None:
-        """Subscribe to depth; the callback gets what `conversions.depth_from_msg` takes."""
+        """Subscribe to depth images; `conversions.depth_from_msg` converts the messages."""
         if self._config.compressed:
             topic = topics.compressed_depth(topic)
         self.messages(self._image_type, topic, callback, 'depth images')
@@ -61,25 +66,25 @@ class Inputs:
         reliability: str | None = None,
         is_occasional: bool = False,
     ) -> None:
-        """Subscribe to a topic whose messages are called `what`, in the plural.
+        """Subscribe to a topic.
 
         Args:
-            type_: Of the messages.
-            topic: Their topic.
-            callback: Takes a message, or refuses it by a HoidError.
-            what: The messages, in the plural.
-            reliability: What to ask for; by default what the parameters say.
-            is_occasional: Whether silence is nothing to complain of.
+            type_: Type of the messages.
+            topic: Name of the topic.
+            callback: Called with each message; may raise HoidError.
+            what: The messages in the plural, such as "depth images".
+            reliability: Reliability to request; by default the parameter's.
+            is_occasional: Whether silence is normal.
         """
         config, full_name = self._config, self._node.resolve_topic_name(topic)
-        asked = reliability or config.reliability
-        may_ask_less = asked == AUTO
-        if asked == AUTO:
-            asked = RELIABLE if config.compressed else BEST_EFFORT
-        watch = self._diagnostics.watch(full_name, what, asked, is_occasional=is_occasional)
-        take = guarded(callback, type_, full_name, what, self._diagnostics)
-        source = _Input(self._node, watch, take)
-        source.listen(type_, topic, config.queue_length, may_ask_less=may_ask_less)
+        requested = reliability or config.reliability
+        may_fall_back = requested == AUTO
+        if requested == AUTO:
+            requested = RELIABLE if config.compressed else BEST_EFFORT
+        watch = self._diagnostics.watch(full_name, what, requested, is_occasional=is_occasional)
+        on_bytes = checked_callback(callback, type_, full_name, what, self._diagnostics)
+        source = _Input(self._node, watch, on_bytes)
+        source.subscribe(type_, topic, config.queue_length, may_fall_back=may_fall_back)
 
     @property
     def _image_type(self) -> type[Any]:
@@ -91,78 +96,84 @@ class _Input:
     """One subscription of a node.
 
     Args:
-        node: That listens; a managed one takes messages only while it is active.
-        watch: Is told what comes and what gets lost.
-        take: Gets the messages as bytes.
+        node: Node that subscribes.
+        watch: Counts received and lost messages.
+        on_bytes: Called with each serialized message.
     """
 
-    def __init__(self, node: Node, watch: InputWatch, take: Callable[[bytes], None]) -> None:
-        self._node, self._watch, self._take = node, watch, take
+    def __init__(self, node: Node, watch: InputWatch, on_bytes: Callable[[bytes], None]) -> None:
+        self._node, self._watch, self._on_bytes = node, watch, on_bytes
 
-    def listen(self, type_: type[Any], topic: str, depth: int, *, may_ask_less: bool) -> None:
-        """Subscribe; anew, for whatever is offered, when that is less than what is asked for."""
+    def subscribe(self, type_: type[Any], topic: str, depth: int, *, may_fall_back: bool) -> None:
+        """Subscribe; fall back to best effort when a publisher offers no more, if allowed."""
 
-        def ask_less(_info: object) -> None:
+        def fall_back(_info: object) -> None:
             self._node.destroy_subscription(subscription)
             self._watch.reliability = BEST_EFFORT
-            self.listen(type_, topic, depth, may_ask_less=False)
+            self.subscribe(type_, topic, depth, may_fall_back=False)
 
         events = SubscriptionEventCallbacks(message_lost=self._on_lost)
-        if may_ask_less and self._watch.reliability == RELIABLE:
-            events.incompatible_qos = ask_less
-        # Raw: the middleware drops what it cannot decode without a word, and text that is no UTF-8
-        # would end the executor. It also spares the copies of `conversions.image_from_cdr`.
+        if may_fall_back and self._watch.reliability == RELIABLE:
+            events.incompatible_qos = fall_back
+        # raw=True: otherwise the middleware silently drops messages that it cannot deserialize,
+        # and text that is not UTF-8 raises in the executor. It also lets `image_from_cdr` avoid
+        # the copies of rclpy.
         subscription = self._node.create_subscription(
-            type_, topic, self._on_message,
-            qos.input_qos(self._watch.reliability, depth), raw=True, event_callbacks=events,
-        )  # fmt: skip
+            type_,
+            topic,
+            self._on_message,
+            qos.input_qos(self._watch.reliability, depth),
+            raw=True,
+            event_callbacks=events,
+        )
 
     def _on_message(self, data: bytes) -> None:
-        self._watch.heard(time.monotonic())
+        self._watch.record_message(time.monotonic())
         if not isinstance(self._node, ManagedNode) or self._node.is_active:
-            self._take(data)
+            self._on_bytes(data)
 
     def _on_lost(self, info: Any) -> None:
-        self._watch.lost(time.monotonic(), info.total_count_change)
+        self._watch.record_loss(time.monotonic(), info.total_count_change)
 
 
-def guarded(
+def checked_callback(
     callback: Callback, type_: type[Any], topic: str, what: str, diagnostics: Diagnostics
 ) -> Callable[[bytes], None]:
-    """Return the callback of a raw subscription, which counts and logs what it refuses.
+    """Return a raw subscription's callback that deserializes messages and reports their errors.
 
     Args:
-        callback: Gets the messages; may raise HoidError.
-        type_: Of the messages.
-        topic: Where they come from.
-        what: They are called, in the plural.
+        callback: Called with each message; may raise HoidError, which is counted and logged.
+        type_: Type of the messages.
+        topic: Full name of the topic.
+        what: The messages in the plural, such as "depth images".
         diagnostics: Of the node.
     """
 
-    def take(data: bytes) -> None:
+    def on_bytes(data: bytes) -> None:
         try:
             callback(_decoded(data, type_, topic))
         except HoidError as error:
             diagnostics.report(error, f'{what} refused')
 
-    return take
+    return on_bytes
 
 
 def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
-    """Return the message of serialised bytes; raise MessageError where they are none.
+    """Return the message of its serialized bytes; for an Image a `conversions.ReceivedImage`.
 
-    An Image becomes a `conversions.ReceivedImage`.
+    Raises:
+        MessageError: The bytes are no such message, or too many.
     """
     if len(data) > _MAX_BYTES and type_ not in _IMAGES:
-        raise MessageError(f'{topic}: {len(data)} bytes are more than any message has')
+        raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')
     try:
         if type_ is Image:
             return conversions.image_from_cdr(data)
         return deserialize_message(data, type_)
-    # No image; rclpy's RMWError; no UTF-8; lengths.
+    # Of image_from_cdr, rclpy's RMWError, text that is not UTF-8, and impossible lengths.
     except (MessageError, RuntimeError, ValueError, MemoryError) as error:
         name = f'{type_.__module__.partition(".")[0]}/{type_.__name__}'
         raise MessageError(
-            f'{topic}: {len(data)} bytes are no {name}: is the publisher built with the '
-            'same message definitions?'
+            f'{topic}: {len(data)} bytes are no {name}; check that the publisher is built with '
+            'the same message definitions'
         ) from error

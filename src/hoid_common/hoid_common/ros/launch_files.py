@@ -1,4 +1,4 @@
-"""What the suite's launch files share; needs ROS's launch packages."""
+"""Launch arguments and actions that the suite's launch files share."""
 
 from __future__ import annotations
 
@@ -14,53 +14,59 @@ from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from hoid_common import topics
-from hoid_common.process.entry import REFUSED
+from hoid_common.process.entry import EXIT_CONFIG
 from launch import LaunchContext, LaunchDescription
 
 _SWITCH = ('true', 'false', 'True', 'False')
 _LOG_LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
-_RESPAWN_DELAY_S = 0.5
+_RESPAWN_DELAY_S = 0.5  # chosen: a node that fails at once does not take a whole processor
 
 
 def switch(name: str, description: str, *, default: bool = False) -> Argument:
-    """Return a launch argument that is true or false."""
+    """Return a boolean launch argument."""
     return Argument(
         name, default_value=str(default).lower(), description=description, choices=list(_SWITCH)
     )
 
 
 def common_arguments(package: str, params_file: str) -> list[Argument]:
-    """Return the launch arguments that all launch files take.
+    """Return the launch arguments of every launch file.
 
     Args:
-        package: Whose parameter file is the default.
+        package: Package of the default parameter file.
         params_file: Its name in the package's folder `config`.
     """
     params = PathJoinSubstitution([FindPackageShare(package), 'config', params_file])
     return [
-        Argument('namespace', default_value='', description='of nodes, topics and frame tree'),
-        Argument('params_file', default_value=params, description='parameters, YAML'),
-        switch('use_sim_time', 'take the time from /clock'),
-        switch('respawn', 'start a node that died anew, unless it refused what it was given'),
+        Argument(
+            'namespace', default_value='', description='namespace of nodes, topics and frame tree'
+        ),
+        Argument('params_file', default_value=params, description='parameter file (YAML)'),
+        switch('use_sim_time', 'whether to take the time from /clock'),
         switch(
-            'autostart', 'become active at once; false waits for a lifecycle manager', default=True
+            'respawn', 'whether to restart a node that died, unless its parameters are invalid'
+        ),
+        switch(
+            'autostart',
+            'whether nodes activate themselves; set it to false for a lifecycle manager',
+            default=True,
         ),
         Argument(
             'log_level',
             default_value='info',
-            description='of the nodes',
+            description='log level of the nodes',
             choices=list(_LOG_LEVELS),
         ),
     ]
 
 
 def value(context: LaunchContext, name: str) -> str:
-    """Return what a launch argument was set to."""
+    """Return the value of a launch argument."""
     return str(LaunchConfiguration(name).perform(context))
 
 
 def is_on(context: LaunchContext, name: str) -> bool:
-    """Return what a switch was set to."""
+    """Return whether a boolean launch argument is true."""
     return value(context, name).lower() == 'true'
 
 
@@ -70,20 +76,20 @@ def suite_node(
     parameters: Mapping[str, str],
     remappings: Sequence[tuple[str, str]],
 ) -> LifecycleNode:
-    """Return the node of a package, as the common launch arguments ask for.
+    """Return the launch action of a package's node, by the common launch arguments.
 
-    It is required: when it refuses what it was given, or dies and is not to be started anew, the
-    launch ends.
+    The node is required: the launch ends when the node rejects its parameters, or dies and is not
+    restarted.
 
     Args:
         context: Of the launch.
-        package: That has it.
-        parameters: Text by name, on top of the parameter file.
-        remappings: Of its topics, but for the frame tree's, which follows the namespace.
+        package: Package of the node, whose executable is `<package>_node`.
+        parameters: Text by parameter name, which overrides the parameter file.
+        remappings: Of topics (from, to). /tf and /tf_static follow the namespace in any case.
     """
     respawn = is_on(context, 'respawn')
     switches = {name: is_on(context, name) for name in ('use_sim_time', 'autostart')}
-    # Text stays text, also when it looks like a number.
+    # The value stays a string even if it looks like a number.
     texts = {name: ParameterValue(text, value_type=str) for name, text in parameters.items()}
     return LifecycleNode(
         package=package,
@@ -104,16 +110,24 @@ def suite_node(
 
 
 def camera_arguments() -> list[Argument]:
-    """Return the launch arguments that name a camera's topics, as one node's launch file does."""
+    """Return the launch arguments that name the topics of a camera."""
     return [
-        Argument('image', default_value=topics.RGB_IMAGE, description='colour topic'),
-        Argument('depth', default_value=topics.DEPTH_IMAGE, description='registered depth topic'),
-        Argument('camera_info', default_value=topics.CAMERA_INFO, description='of the colour'),
+        Argument('image', default_value=topics.RGB_IMAGE, description='topic of color images'),
+        Argument(
+            'depth',
+            default_value=topics.DEPTH_IMAGE,
+            description='topic of depth images, registered to the color images',
+        ),
+        Argument(
+            'camera_info',
+            default_value=topics.CAMERA_INFO,
+            description='topic of the camera_info of the color images',
+        ),
     ]
 
 
 def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
-    """Return the remaps that `camera_arguments` ask for."""
+    """Return the remappings (from, to) by the launch arguments of `camera_arguments`."""
     names = [value(context, name) for name in ('image', 'depth', 'camera_info')]
     return topics.camera_remappings(*names)
 
@@ -121,12 +135,12 @@ def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
 def one_node(
     package: str, parameters: Mapping[str, str], arguments: Sequence[Argument]
 ) -> LaunchDescription:
-    """Return the launch description of one node alone.
+    """Return the launch description of a single node.
 
     Args:
-        package: That has it.
-        parameters: Launch argument by name of the parameter that it sets.
-        arguments: Those launch arguments.
+        package: Package of the node.
+        parameters: Name of a launch argument by name of the parameter that it sets.
+        arguments: Declarations of these launch arguments.
     """
 
     def node(context: LaunchContext) -> list[LifecycleNode]:
@@ -143,8 +157,8 @@ def _ending_launch(
     package: str, *, respawn: bool
 ) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
     def on_exit(event: ProcessExited, _context: LaunchContext) -> list[Any]:
-        if event.returncode == REFUSED:
-            return [Shutdown(reason=f'{package} refused to start; its last line says why')]
+        if event.returncode == EXIT_CONFIG:
+            return [Shutdown(reason=f'{package} refused to start; see its last line of output')]
         if event.returncode != 0 and not respawn:
             return [Shutdown(reason=f'{package} ended with status {event.returncode}')]
         return []

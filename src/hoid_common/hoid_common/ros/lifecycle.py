@@ -1,11 +1,11 @@
-"""Nodes that a lifecycle manager can drive, and that otherwise become active by themselves."""
+"""Lifecycle nodes that activate themselves, unless a lifecycle manager does."""
 
 from __future__ import annotations
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from hoid_common.errors import ConfigError, HoidError
-from hoid_common.process.shared_memory import missing_shared_memory
+from hoid_common.process.shared_memory import shared_memory_problem
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.logs import bridge_logging
 
@@ -13,37 +13,43 @@ _PROBLEM, _SHARED_MEMORY = 'configuring', 'shared memory'
 
 
 class ManagedNode(LifecycleNode):
-    """A node of the suite: `Inputs` take messages only while it is active.
+    """Base class of the suite's nodes: `Inputs` process messages only while it is active.
 
-    What it publishes and subscribes to is made once; a subclass gets ready in `configure` and
-    forgets in `clean_up`. There is no bond: of Nav2's manager, `bond_timeout` is to be 0.
+    Publishers and subscriptions exist during the node's whole life. A subclass loads what it needs
+    in `configure` and drops its state in `clean_up`. The node makes no bond: set `bond_timeout` of
+    Nav2's lifecycle manager to 0.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         bridge_logging(self)
         self.diagnostics = Diagnostics(self)
-        if problem := missing_shared_memory():
+        if problem := shared_memory_problem():
             self.diagnostics.set_problem(_SHARED_MEMORY, problem, severe=True)
         self.is_active = False
         self._autostart = True
         self._failure: HoidError | None = None
 
     def configure(self) -> None:
-        """Get ready to take messages; raises HoidError when that cannot be."""
+        """Prepare the node to process messages; raises HoidError when that fails."""
 
     def clean_up(self) -> None:
-        """Forget what came, as if the node were new."""
+        """Reset the node to its state before `configure`."""
 
     def pause(self) -> None:
-        """Drop what waits, as no more messages are taken."""
+        """Drop all waiting messages, since the node becomes inactive."""
 
     def begin(self, *, autostart: bool) -> None:
-        """Become active, or wait for a manager; to be called when all is made.
+        """Configure and activate the node, or wait for a lifecycle manager.
+
+        The constructor of a subclass calls this last.
+
+        Args:
+            autostart: Whether the node activates itself.
 
         Raises:
-            HoidError: `configure` raised it, and the node is destroyed. A manager is told by a
-                failed transition instead.
+            HoidError: With autostart, `configure` has failed. The node is destroyed. (Without it,
+                the lifecycle manager sees a failed transition.)
         """
         self._autostart = autostart
         if not autostart:
@@ -54,33 +60,33 @@ class ManagedNode(LifecycleNode):
                 try:
                     raise self._failure or ConfigError(f'{self.get_name()} stays inactive')
                 finally:
-                    self.destroy_node()  # it has threads and processes already
+                    self.destroy_node()  # a subclass may have started threads and processes
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Get ready."""
+        """Configure the node; the transition fails when `configure` raises HoidError."""
         try:
             self.configure()
         except HoidError as error:
             self._failure = error
-            if not self._autostart:  # else the process ends with it
+            if not self._autostart:  # otherwise the process ends and prints the error
                 self.diagnostics.set_problem(_PROBLEM, str(error), severe=True)
             return TransitionCallbackReturn.FAILURE
         self.diagnostics.clear_problem(_PROBLEM)
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Take messages."""
+        """Start processing messages."""
         self.is_active = True
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Take no more messages."""
+        """Stop processing messages."""
         self.is_active = False
         self.pause()
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget what came."""
+        """Reset the node."""
         self.clean_up()
         return TransitionCallbackReturn.SUCCESS
 

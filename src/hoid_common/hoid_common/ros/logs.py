@@ -1,4 +1,4 @@
-"""Core modules log through `logging`; a node's own logger carries it on to /rosout."""
+"""Forwarding of Python's `logging`, which modules without ROS use, to a node's logger."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class _NodeHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         text = self.format(record)
-        # One line of code each: rclpy ties a severity to the place of the call.
+        # A line of code for each severity, since rclpy allows only one severity per line of code.
         if record.levelno >= logging.CRITICAL:
             self._logger.fatal(text)
         elif record.levelno >= logging.ERROR:
@@ -28,10 +28,10 @@ class _NodeHandler(logging.Handler):
 
 
 def bridge_logging(node: Node) -> None:
-    """Send what this process logs through `logging` to the node's logger, at its log level."""
+    """Forward this process's `logging` records to the node's logger, from its log level on."""
     root = logging.getLogger()
     for handler in [h for h in root.handlers if isinstance(h, _NodeHandler)]:
         root.removeHandler(handler)
     root.addHandler(_NodeHandler(node))
-    # rclpy numbers its severities as `logging` does.
+    # rclpy's severities have the same numbers as `logging`'s levels.
     root.setLevel(int(node.get_logger().get_effective_level()))

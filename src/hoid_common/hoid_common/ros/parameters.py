@@ -1,10 +1,10 @@
-"""ROS parameters generated from a `Config`, where names, defaults and ranges stand.
+"""Declaration of a node's ROS parameters from a `Config`, which has names, defaults and ranges.
 
-The node is to be made with `automatically_declare_parameters_from_overrides=True`, which lets a
-misspelt name in a parameter file be noticed.
+The node must be made with `automatically_declare_parameters_from_overrides=True`: only then are
+the overrides known of which no parameter exists, such as misspelled names.
 
-A parameter for experts is declared only where `expert` is true. An empty list has no type in a
-parameter file and is written as a list of one empty name, `['']`, here and in a dump.
+Expert parameters are declared only when `expert` is true. An empty list has no type in a parameter
+file, so that it is written as a list of one empty string, `['']`.
 """
 
 from __future__ import annotations
@@ -29,17 +29,21 @@ from hoid_common.errors import ConfigError
 C = TypeVar('C', bound=Config)
 
 _INT64_MAX = 2**63 - 1
-_OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+_ROS_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 class Parameters(Generic[C]):
-    """Keeps a config and a node's parameters the same.
+    """Declares the parameters of a node, and updates its config when they are set.
 
     Args:
-        defaults: the config whose leaves become parameters.
-        on_change: called with the new config after parameters were set at run time.
-        approve: called before with what is to be the new config, all values of which are of their
-            type and within their range; raises ConfigError to refuse it.
+        node: Node that gets the parameters.
+        defaults: The config whose fields become parameters.
+        on_change: Called with the new config after parameters were set at run time.
+        approve: Called with the new config before parameters are set at run time. It raises
+            ConfigError to reject them; types and ranges were checked before.
+
+    Raises:
+        ConfigError: A parameter has a value of the wrong type or out of range.
     """
 
     def __init__(
@@ -58,7 +62,8 @@ class Parameters(Generic[C]):
         self._config = defaults.updated({n: v for n, v in given.items() if n in self._leaves})
         for leaf in self._config.params():
             if leaf.name in self._leaves:
-                # What was given was judged above; as it came it may be of another type.
+                # `updated` has checked and converted the override; the original may be an int
+                # where a float is declared, which rclpy would reject.
                 node.declare_parameter(
                     leaf.name, _to_ros(leaf.value), _descriptor(leaf), ignore_override=True
                 )
@@ -69,11 +74,11 @@ class Parameters(Generic[C]):
 
     @property
     def config(self) -> C:
-        """Return the config as it is now."""
+        """Return the current config."""
         return self._config
 
     def _typed(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Give whole numbers and empty lists the type that is declared."""
+        """Convert whole numbers and empty lists to the declared type."""
         return [self._retyped(p) for p in parameters]
 
     def _retyped(self, parameter: Parameter) -> Parameter:
@@ -107,24 +112,24 @@ class Parameters(Generic[C]):
 
 
 def _take_overrides(node: Node) -> dict[str, Any]:
-    """Return what was given to the node, apart from ROS's own, and undeclare it."""
+    """Undeclare the node's parameters, except for ROS's own, and return their values by name."""
     given = node.get_parameters_by_prefix('')
-    names = [name for name in given if not name.startswith(_OF_ROS)]
+    names = [name for name in given if not name.startswith(_ROS_PREFIXES)]
     for name in names:
         node.undeclare_parameter(name)
     return {name: _from_ros(given[name].value) for name in names}
 
 
 def _warn(node: Node, names: Iterable[str], leaves: Mapping[str, Param]) -> None:
-    """Say which given parameters have no effect."""
+    """Log which of the given parameters have no effect."""
     hidden = sorted(name for name in names if name in leaves)
     if hidden:
         node.get_logger().warning(
-            f'for experts, without effect unless {EXPERT}:=true is given: {", ".join(hidden)}'
+            f'expert parameters have no effect unless {EXPERT}:=true is set: {", ".join(hidden)}'
         )
     for name in sorted(name for name in names if name not in leaves):
         meant = did_you_mean(name, leaves)
-        node.get_logger().warning(f'no parameter is called "{name}": no effect{meant}')
+        node.get_logger().warning(f'no parameter is called "{name}", it has no effect{meant}')
 
 
 def _from_ros(value: Any) -> Any:
@@ -140,7 +145,7 @@ def _descriptor(leaf: Param) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=spec.description,
         read_only=spec.read_only,
-        # Of a list the config checks the type, and names the parameter, which rclpy does not.
+        # rclpy's error for a list of the wrong type does not name the parameter; `Config`'s does.
         dynamic_typing=isinstance(leaf.value, tuple),
         additional_constraints=f'one of {", ".join(spec.choices)}' if spec.choices else '',
     )

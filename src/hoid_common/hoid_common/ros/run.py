@@ -1,4 +1,4 @@
-"""The entry point of every node."""
+"""Running of a node: start, spinning, signals and exit status."""
 
 from __future__ import annotations
 
@@ -18,46 +18,50 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from hoid_common.errors import ConfigError, HoidError
-from hoid_common.process.entry import INTERRUPTED, REFUSED
-from hoid_common.process.signals import ENDING
-from hoid_common.ros.clocks import refuse_times_before_1970
+from hoid_common.process.entry import EXIT_CONFIG, EXIT_INTERRUPTED
+from hoid_common.process.signals import TERMINATION_SIGNALS
+from hoid_common.ros.clocks import ignore_negative_clock_times
 from hoid_common.ros.execution.executor import SteadyExecutor
 
-_EXIT_LIMIT_S = 10
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
-_KEPT_BYTES = 64 << 20
+_EXIT_LIMIT_S = 10  # chosen, not tuned: twice the time that a child process gets to end
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # options of mallopt, from glibc's malloc.h
+_KEPT_BYTES = 64 << 20  # chosen: a 1080p image with its depth takes 15 MB (decision 17)
 
 
 def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Spin a node until SIGINT, SIGTERM or shutdown, and return the exit status.
+    """Make a node, spin it until SIGINT, SIGTERM or shutdown, and return the exit status.
 
-    The first signal ends the node and the others do nothing. While the node is made it interrupts
-    that, with status 130; later it lets the callback that runs return, so that nothing is left
-    half done, with status 0. A HoidError from making the node and arguments that ROS refuses are
-    said in one line, with status REFUSED.
+    The first signal ends the node; later ones are ignored. A signal while the node is being made
+    interrupts that, and the status is EXIT_INTERRUPTED. Afterwards the running callback returns
+    normally before the node ends, and the status is 0. After a HoidError from `make_node`, or
+    arguments that ROS rejects, one line is printed, and the status is EXIT_CONFIG.
+
+    Args:
+        make_node: Constructor of the node.
+        args: Command-line arguments; by default those of the process.
     """
-    _take_no_more_than_needed()
-    refuse_times_before_1970()
+    _reduce_processor_load()
+    ignore_negative_clock_times()
     interrupt = _Interrupt()
     try:
         _init(args)
         return _run(make_node, interrupt)
     except BaseException as error:
-        if interrupt.came:  # whatever the interrupted code has made of it
-            return INTERRUPTED
+        if interrupt.came:  # the interrupted code may have raised another error
+            return EXIT_INTERRUPTED
         if isinstance(error, HoidError):
             sys.stderr.write(f'error: {" ".join(str(error).split())}\n')
-            return REFUSED
+            return EXIT_CONFIG
         raise
     finally:
-        # A handler in Python would be gone before the interpreter is, and the default one kills.
+        # While the interpreter shuts down, Python handlers are gone and the default would kill it.
         _handle(signal.SIG_IGN)
 
 
 def _init(args: Sequence[str] | None) -> None:
     try:
-        # rclpy's own handlers end the context in another thread while this one takes the node
-        # apart; of 1200 exits one crashed of that and three wrote of it.
+        # rclpy's handlers shut down the context in another thread while this one destroys the
+        # node. Of 1200 exits with them, one crashed and three printed an error.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's RCLError
         raise ConfigError(str(error)) from error
@@ -73,7 +77,7 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
     except ExternalShutdownException:
         return 0
     except RuntimeError:
-        # Another thread may end the context just as the executor makes its wait set.
+        # Another thread may shut down the context while the executor makes its wait set.
         if rclpy.ok():
             raise
         return 0
@@ -87,11 +91,11 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
 
 
 class _Interrupt:
-    """Lets the first SIGINT or SIGTERM raise KeyboardInterrupt, until `_handle` is called."""
+    """Makes the first SIGINT or SIGTERM raise KeyboardInterrupt, until `_handle` is called."""
 
     def __init__(self) -> None:
         self.came = False
-        sys.unraisablehook = self._forgive
+        sys.unraisablehook = self._ignore_interrupt
         _handle(self._raise)
 
     def _raise(self, _sign: int, _frame: FrameType | None) -> None:
@@ -100,8 +104,8 @@ class _Interrupt:
         raise KeyboardInterrupt
 
     @staticmethod
-    def _forgive(error: sys.UnraisableHookArgs) -> None:
-        """Say nothing of an interrupt that hit code which cannot raise; `came` tells of it."""
+    def _ignore_interrupt(error: sys.UnraisableHookArgs) -> None:
+        """Print nothing for a KeyboardInterrupt in code that cannot raise; `came` is set."""
         if not issubclass(error.exc_type, KeyboardInterrupt):
             sys.__unraisablehook__(error)
 
@@ -111,20 +115,20 @@ def _do_nothing(_sign: int, _frame: FrameType | None) -> None:
 
 
 def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
-    for sign in (signal.SIGINT, *ENDING):
+    for sign in (signal.SIGINT, *TERMINATION_SIGNALS):
         if sign != signal.SIGHUP or signal.getsignal(sign) is not signal.SIG_IGN:  # `nohup`
             signal.signal(sign, handler)
 
 
-def _take_no_more_than_needed() -> None:
-    """Keep this process from costing others time for nothing.
+def _reduce_processor_load() -> None:
+    """Limit OpenCV to one thread, and let glibc keep freed memory (decision 17).
 
-    Idle threads of OpenCV ask for the processor 3000 times a second. glibc gives a freed image
-    back to the kernel, which then clears and maps every page of the next: twice the time that it
-    takes to receive an image.
+    Idle threads of OpenCV wake up 3000 times a second. By default, glibc returns the memory of
+    each freed image to the kernel, which clears and maps all pages again for the next image: this
+    doubles the processor time for receiving an image.
     """
     cv2.setNumThreads(1)
-    with contextlib.suppress(OSError, AttributeError):  # not glibc
+    with contextlib.suppress(OSError, AttributeError):  # another C library
         glibc = ctypes.CDLL('libc.so.6')
         for option in (_M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD):
             glibc.mallopt(option, _KEPT_BYTES)
@@ -142,11 +146,12 @@ def _spin(executor: SteadyExecutor, interrupt: _Interrupt) -> int:
         limit_exit_time()
         executor.wake()
 
-    # A Python handler would not run while this thread waits for messages; a byte comes through.
+    # Python handlers do not run while this thread waits for messages in C code. The wake-up file
+    # descriptor is written at once, and another thread reads it.
     signal.set_wakeup_fd(tell_fd, warn_on_full_buffer=False)
     _handle(_do_nothing)
-    if interrupt.came:  # in code that let nothing through
-        return INTERRUPTED
+    if interrupt.came:  # in code that has swallowed the KeyboardInterrupt
+        return EXIT_INTERRUPTED
     Thread(target=end, name='signals', daemon=True).start()
     while rclpy.ok() and not ended.is_set():
         executor.spin_once()
@@ -154,9 +159,10 @@ def _spin(executor: SteadyExecutor, interrupt: _Interrupt) -> int:
 
 
 def limit_exit_time() -> None:
-    """Have this process ended by SIGALRM in 10 s; `signal.alarm(0)` takes that back.
+    """Let SIGALRM end this process in 10 s, unless `signal.alarm(0)` is called before.
 
-    Fast DDS 2.14 deadlocks in DomainParticipant::set_listener() when another participant's news
-    come just as this one is destroyed. rclpy holds the GIL there, so only a signal ends that.
+    Fast DDS 2.14 can deadlock in DomainParticipant::set_listener() when another participant is
+    discovered while this one is destroyed. rclpy holds the GIL there, so that only a signal whose
+    default action ends the process helps.
     """
     signal.alarm(_EXIT_LIMIT_S)

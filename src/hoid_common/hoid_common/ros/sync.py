@@ -1,4 +1,4 @@
-"""The stamp matcher on topics."""
+"""Synchronization of subscriptions by the stamps of their messages."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from hoid_common.sync import Match, StampMatcher
 
 
 class Stamped(NamedTuple):
-    """What was made of a message, with its header."""
+    """The converted content of a message, with the message's header."""
 
     header: Header
     value: Any
 
 
 class Synchronizer:
-    """Calls back with what belongs together, and keeps count of what was dropped.
+    """Calls a function for each match of messages, and counts the dropped ones in diagnostics.
 
     Args:
-        matcher: its streams are named as in the diagnostics, such as "colour", "depth".
-        callback: gets a match of `Stamped` values; may raise HoidError, which is counted and
-            logged, and the next match comes all the same.
+        matcher: Its streams are named as in the diagnostics, such as "color" and "depth".
+        callback: Called with each match of `Stamped` values. A HoidError that it raises is counted
+            and logged.
+        diagnostics: Of the node.
     """
 
     def __init__(
@@ -37,18 +38,18 @@ class Synchronizer:
         self._diagnostics = diagnostics
 
     def input(self, name: str, convert: Callable[[Any], Any]) -> Callable[[Any], None]:
-        """Return the callback of the subscription that feeds a stream.
+        """Return the subscription callback of a stream.
 
         Args:
-            name: the stream.
-            convert: called with each message before it is matched, so that what it raises is
-                said of this stream and not of the one that completes the match.
+            name: Name of the stream.
+            convert: Converts each message before it is matched, so that its errors are reported
+                for this stream and not for the one that completes the match.
         """
 
         def on_message(msg: Any) -> None:
             value = Stamped(msg.header, convert(msg))
             matches = self._matcher.add(name, stamp_from_msg(msg.header.stamp), value)
-            self._say_counts(name)
+            self._update_counts(name)
             for match in matches:
                 self._call(match)
 
@@ -60,7 +61,7 @@ class Synchronizer:
         except HoidError as error:
             self._diagnostics.report(error, 'matched images refused')
 
-    def _say_counts(self, name: str) -> None:
+    def _update_counts(self, name: str) -> None:
         counts = self._matcher.counts[name]
         dropped = counts.unmatched + counts.overflowed + counts.late
         self._diagnostics.set_count(f'{name} dropped', dropped)

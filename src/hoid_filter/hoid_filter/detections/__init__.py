@@ -1,4 +1,4 @@
-"""Boxes over time: which belong to an image, tracks, prediction across misses.
+"""Detected boxes over time: checks, tracks, and prediction to the stamp of an image.
 
-Nothing here decides what is dynamic.
+Nothing here decides which objects are dynamic.
 """

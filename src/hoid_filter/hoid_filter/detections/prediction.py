@@ -1,4 +1,4 @@
-"""Boxes brought to the stamp of an image that the detector has not seen (yet)."""
+"""Prediction of detected boxes to the stamp of an image without detections."""
 
 from __future__ import annotations
 
@@ -7,34 +7,34 @@ import numpy as np
 from hoid_common.values import Detections, IntArray
 from hoid_native import intersections_over_union
 
-_MIN_IOU = 0.2  # of the same object in two detections in a row
+_MIN_IOU = 0.2  # chosen: of one object in two successive detections
 
 
 class BoxPredictor:
-    """Remembers the last two detections and extends the motion of their boxes."""
+    """Extrapolates the boxes of the last two detections at constant velocity."""
 
     def __init__(self, limit_s: float) -> None:
-        """Take how long boxes are predicted after the last detection."""
+        """Take the longest time from the last detections for which boxes are predicted."""
         self.limit_s = limit_s
         self._last: Detections | None = None
-        self._before: Detections | None = None
+        self._previous: Detections | None = None
 
     def observe(self, detections: Detections) -> None:
-        """Take note of new detections; ones not newer than the last are ignored."""
+        """Store new detections. Detections that are not newer than the last ones are ignored."""
         if self._last is None or detections.stamp_ns > self._last.stamp_ns:
-            self._before, self._last = self._last, detections
+            self._previous, self._last = self._last, detections
 
     def predict(self, stamp_ns: int) -> Detections:
-        """Return the boxes expected at the stamp; none when the last detections are too old."""
+        """Return the boxes predicted for a stamp; none when the last detections are too old."""
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)
         last = self._last
         boxes = last.boxes_xyxy_px.astype(np.float64)
-        if self._before is not None:
-            i, k = match_boxes(last, self._before, _MIN_IOU)
-            span_ns = last.stamp_ns - self._before.stamp_ns
+        if self._previous is not None:
+            i, k = match_boxes(last, self._previous, _MIN_IOU)
+            span_ns = last.stamp_ns - self._previous.stamp_ns
             step = (stamp_ns - last.stamp_ns) / span_ns
-            boxes[i] += step * (boxes[i] - self._before.boxes_xyxy_px[k])
+            boxes[i] += step * (boxes[i] - self._previous.boxes_xyxy_px[k])
         boxes[:, 2:] = np.maximum(boxes[:, 2:], boxes[:, :2])
         return Detections(stamp_ns, boxes.astype(np.float32), last.class_names, last.scores)
 
@@ -42,14 +42,14 @@ class BoxPredictor:
 def match_boxes(
     detections: Detections, others: Detections, min_iou: float
 ) -> tuple[IntArray, IntArray]:
-    """Return indices (K,), (K,) of the same objects in two detections, greedily by overlap."""
+    """Return the indices (K,), (K,) of the same objects in two detections, greedily by IoU."""
     iou = intersections_over_union(detections.boxes_xyxy_px, others.boxes_xyxy_px)
     same = np.array(detections.class_names)[:, None] == np.array(others.class_names)[None]
     return match_greedily(np.where(same, iou, 0.0), min_iou)
 
 
 def match_greedily(score: np.ndarray, minimum: float) -> tuple[IntArray, IntArray]:
-    """Return rows (K,) and columns (K,) of an (N, M) score, best first, each used once."""
+    """Return the rows (K,) and columns (K,) of greedy matches of an (N, M) score, best first."""
     rows, columns = np.nonzero(score >= minimum)
     order = np.argsort(-score[rows, columns], kind='stable')
     free_row, free_column = set(rows.tolist()), set(columns.tolist())

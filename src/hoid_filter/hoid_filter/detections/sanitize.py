@@ -1,4 +1,4 @@
-"""What the filter accepts from a detector, and what it refuses or clips."""
+"""Validation of detections: unusable boxes are refused, boxes beyond the image clipped."""
 
 from __future__ import annotations
 
@@ -8,28 +8,27 @@ import numpy as np
 
 from hoid_common.values import Detections
 from hoid_filter.detections.overlap import areas_px2, clip_boxes
-from hoid_native import are_boxes_fit
+from hoid_native import are_boxes_valid
 
 
 class Sanitized(NamedTuple):
-    """Detections fit for use, and how many were not."""
+    """Valid detections, and the numbers of refused and clipped boxes."""
 
     detections: Detections
-    num_refused: int  # not a number, inverted, without area inside the image, or too many
+    num_refused: int  # NaN, inverted, without area inside the image, or too many
     num_clipped: int  # partly outside the image, or a score outside [0, 1]
 
 
 def sanitize(
     detections: Detections, width_px: int, height_px: int, max_detections: int
 ) -> Sanitized:
-    """Return the detections with boxes inside the image and scores in [0, 1].
+    """Return the detections with boxes clipped to the image and scores clipped to [0, 1].
 
-    Refused: boxes or scores that are not numbers, inverted boxes, boxes without area inside the
-    image, and all but the `max_detections` best. Boxes that reach beyond the image and scores
-    beyond [0, 1] are clipped.
+    NaN and infinite boxes or scores, inverted boxes, boxes outside the image, and all but the
+    `max_detections` of highest score are refused.
     """
     raw, scores = detections.boxes_xyxy_px, detections.scores
-    if len(raw) <= max_detections and are_boxes_fit(raw, scores, (height_px, width_px)):
+    if len(raw) <= max_detections and are_boxes_valid(raw, scores, (height_px, width_px)):
         return Sanitized(detections, 0, 0)
     boxes = clip_boxes(raw, width_px, height_px).astype(np.float32)
     clipped = (boxes != raw).any(axis=1) | (scores < 0) | (scores > 1)
@@ -40,10 +39,10 @@ def sanitize(
         best = np.argsort(-scores[kept], kind='stable')[:max_detections]
         kept = np.sort(kept[best])
     names = detections.class_names
-    fit = Detections(
+    valid = Detections(
         detections.stamp_ns,
         boxes[kept],
         tuple(names[k] for k in kept.tolist()),
         np.clip(scores[kept], 0.0, 1.0),
     )
-    return Sanitized(fit, len(detections) - len(kept), int(np.count_nonzero(clipped[kept])))
+    return Sanitized(valid, len(detections) - len(kept), int(np.count_nonzero(clipped[kept])))

@@ -1,4 +1,4 @@
-"""People and objects followed over time in the image, through missed detections."""
+"""Multi-object tracking of boxes in the image, through missed detections."""
 
 from __future__ import annotations
 
@@ -13,166 +13,178 @@ from hoid_filter.detections.overlap import areas_px2, clip_boxes
 from hoid_filter.detections.prediction import match_greedily
 from hoid_native import intersections_over_union
 
-_MIN_IOU = 0.2  # of a predicted box and the detection of the same thing
-_MIN_IOU_DOUBTFUL = 0.5
-# Detectors waver between classes of objects, with much the same box; another box is another thing.
-_MIN_IOU_OTHER_CLASS = 0.5
-_OTHER_CLASS_PENALTY = 0.15
-_VELOCITY_GAIN = 0.3  # of the alpha-beta filter: detected boxes jump by some pixels
-_MIN_VISIBLE = 0.15  # share of a box inside the image, else it has left
-_KNOWN_HITS = 3  # a thing seen less often ...
-_UNKNOWN_COAST_SHARE = 0.3  # ... is believed for less long when it is missed
+_MIN_IOU = 0.2  # chosen: of a predicted box and a detection of the same object
+_MIN_IOU_UNSURE = 0.5  # chosen: an unsure detection must continue a track closely
+# Detectors waver between classes with nearly the same box; a different box is a different object.
+_MIN_IOU_OTHER_CLASS = 0.5  # decision 11
+_OTHER_CLASS_PENALTY = 0.15  # chosen: at equal overlap, the same class is preferred
+_VELOCITY_GAIN = 0.3  # chosen: beta of an alpha-beta filter with alpha = 1; box edges are noisy
+_MIN_VISIBLE_SHARE = 0.15  # chosen: with less of its box inside the image, an object has left it
+# Chosen: an object with fewer detections may be a false one. It is predicted for a shorter time.
+_ESTABLISHED_HITS = 3
+_NEW_TRACK_COAST_SHARE = 0.3
 
 
 @dataclass
 class BoxTrack:
-    """One thing: its box, its motion in the image, and what is known of it."""
+    """One tracked person or object: its box, image velocity and state of interaction."""
 
     track_id: int
     class_name: str
     score: float
     box_xyxy_px: list[float]  # as last detected
     seen_ns: int  # when last detected
-    hits_needed: int = 0  # to be believed; 0 = it was seen for sure
-    hits: int = 1
-    missed: bool = False  # among the last detections
-    # Of the box as a whole: its edges jump, and so would the size that is predicted from them.
+    hits_to_confirm: int = 0  # 0 = one of its detections was sure
+    hits: int = 1  # number of detections
+    is_missed: bool = False  # in the last detections
+    # Of the box as a whole: predicted boxes keep their size, because edges jump (decision 11).
     velocity_px_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
     torso_m: float = float('nan')  # depth of a person's torso
-    handled: bool = False
-    untouched_s: float = float('inf')  # time seen since it was last handled
+    is_handled: bool = False
+    untouched_s: float = float('inf')  # observed time since it was last handled
 
     @property
     def is_person(self) -> bool:
-        """Return whether it moves by itself."""
+        """Return whether it is a person."""
         return self.class_name == PERSON
 
     @property
-    def is_known(self) -> bool:
-        """Return whether it was seen often enough to be more than a whim of the detector."""
-        return self.hits >= _KNOWN_HITS
+    def is_established(self) -> bool:
+        """Return whether it has enough detections not to be a false one."""
+        return self.hits >= _ESTABLISHED_HITS
 
     @property
-    def doubtful(self) -> bool:
-        """Return whether it is not to be believed yet."""
-        return self.hits < self.hits_needed
+    def is_confirmed(self) -> bool:
+        """Return whether a sure detection, or enough unsure ones in a row, support it."""
+        return self.hits >= self.hits_to_confirm
 
     def observe(
         self, box: list[float], expected: list[float], class_name: str, score: float, stamp_ns: int
     ) -> None:
-        """Take in a detection of a thing whose box was expected elsewhere."""
+        """Update the track with a detection.
+
+        Args:
+            box: x1, y1, x2, y2 of the detection.
+            expected: The box that was predicted for its stamp.
+            class_name: Its class.
+            score: Its score.
+            stamp_ns: Its stamp.
+        """
         step_s = (stamp_ns - self.seen_ns) * S_PER_NS
         if step_s > 0:
-            off_px = [new - old for new, old in zip(box, expected, strict=True)]
-            moved_px = (off_px[0] + off_px[2]) / 2, (off_px[1] + off_px[3]) / 2
-            pairs = zip(self.velocity_px_s, moved_px, strict=True)
+            error_px = [new - old for new, old in zip(box, expected, strict=True)]
+            center_error_px = (error_px[0] + error_px[2]) / 2, (error_px[1] + error_px[3]) / 2
+            pairs = zip(self.velocity_px_s, center_error_px, strict=True)
             self.velocity_px_s = [v + _VELOCITY_GAIN * px / step_s for v, px in pairs]
             self.untouched_s += step_s
         self.box_xyxy_px, self.seen_ns = box, stamp_ns
         self.class_name, self.score, self.hits = class_name, score, self.hits + 1
-        self.missed = False
+        self.is_missed = False
 
 
 @dataclass(frozen=True)
-class Patience:
-    """What the tracker believes without, or against, a detection."""
+class TrackLimits:
+    """How long tracks are kept without a detection, and when an unsure one is confirmed."""
 
-    late_s: float  # how long boxes are predicted while the detector says nothing
-    coast_s: float  # how long something known that is missed is predicted
-    rest_s: float  # how long an object is suspect after it was handled
-    doubt_hits: int  # detections that make a doubtful thing believed
+    silent_s: float  # prediction while the detector sends nothing
+    coast_s: float  # prediction of an established track that the detector misses
+    rest_s: float  # time after which a handled object counts as static
+    hits_to_confirm: int  # unsure detections in a row that confirm a track
 
 
 class BoxTracker:
     """Associates detections with tracks by overlap and predicts the tracks that are missed."""
 
-    def __init__(self, patience: Patience) -> None:
-        self._patience = patience
+    def __init__(self, limits: TrackLimits) -> None:
+        self._limits = limits
         self._tracks: list[BoxTrack] = []
         self._next_id = 0
-        self._heard_ns: int | None = None  # stamp of the last detections
+        self._newest_ns: int | None = None  # stamp of the last detections
 
-    def observe(self, detections: Detections, doubtful: BoolArray) -> None:
-        """Update the tracks with what was detected at a stamp; what is not newer is ignored.
+    def observe(self, detections: Detections, is_unsure: BoolArray) -> None:
+        """Update the tracks with N detections. Detections that are not newer are ignored.
 
         Args:
-            doubtful: (N,), True for detections to be believed only where they go on a track.
+            detections: Of one image.
+            is_unsure: (N,) detections that count only where they continue a track.
         """
         stamp_ns = detections.stamp_ns
-        if self._heard_ns is not None and stamp_ns <= self._heard_ns:
+        if self._newest_ns is not None and stamp_ns <= self._newest_ns:
             return
-        self._heard_ns = stamp_ns
+        self._newest_ns = stamp_ns
         boxes = detections.boxes_xyxy_px.astype(np.float64)
         expected = boxes_at(self._tracks, stamp_ns)
-        least = np.where(doubtful, _MIN_IOU_DOUBTFUL, _MIN_IOU)
-        likeness = self._likeness(expected, detections, boxes)
-        i, k = match_greedily(np.where(likeness >= least, likeness, 0.0), _MIN_IOU)
+        min_iou = np.where(is_unsure, _MIN_IOU_UNSURE, _MIN_IOU)
+        similarity = self._similarity(expected, detections, boxes)
+        i, k = match_greedily(np.where(similarity >= min_iou, similarity, 0.0), _MIN_IOU)
         names, scores = detections.class_names, detections.scores.tolist()
         box_rows, expected_rows = boxes.tolist(), expected.tolist()
         for track in self._tracks:
-            track.missed = True
+            track.is_missed = True
         for at_track, at in zip(i.tolist(), k.tolist(), strict=True):
             track = self._tracks[at_track]
             track.observe(box_rows[at], expected_rows[at_track], names[at], scores[at], stamp_ns)
-            track.hits_needed *= bool(doubtful[at])
+            track.hits_to_confirm *= bool(is_unsure[at])
         for at in sorted(set(range(len(names))) - set(k.tolist())):
-            needed = self._patience.doubt_hits * bool(doubtful[at])
+            needed = self._limits.hits_to_confirm * bool(is_unsure[at])
             self._tracks.append(
                 BoxTrack(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, needed)
             )
             self._next_id += 1
-        # What was never sure has to be seen again and again without a gap, also once believed.
-        self._tracks = [t for t in self._tracks if not (t.missed and t.hits_needed)]
+        # A track of unsure detections only must be detected in every image, even once confirmed.
+        self._tracks = [t for t in self._tracks if not (t.is_missed and t.hits_to_confirm)]
 
-    def _likeness(
+    def _similarity(
         self, expected: FloatArray, detections: Detections, boxes: FloatArray
     ) -> FloatArray:
-        """Return the (T, N) overlaps of predicted and detected boxes of the same kind."""
+        """Return the (T, N) IoU of predicted and detected boxes; 0 between people and objects."""
         if not self._tracks or not len(boxes):
             return np.zeros((len(self._tracks), len(boxes)))
-        number = defaultdict(count(1).__next__, {PERSON: 0})  # of a class: quick to compare
-        known = np.array([number[track.class_name] for track in self._tracks])
-        seen = np.array([number[name] for name in detections.class_names])
-        other_class = known[:, None] != seen
-        same_kind = (known == 0)[:, None] == (seen == 0)
+        number = defaultdict(
+            count(1).__next__, {PERSON: 0}
+        )  # of a class, faster to compare than names
+        tracked = np.array([number[track.class_name] for track in self._tracks])
+        detected = np.array([number[name] for name in detections.class_names])
+        is_other_class = tracked[:, None] != detected
+        is_same_kind = (tracked == 0)[:, None] == (detected == 0)
         iou = intersections_over_union(expected, boxes)
-        alike = same_kind & ~(other_class & (iou < _MIN_IOU_OTHER_CLASS))
-        return np.where(alike, iou - _OTHER_CLASS_PENALTY * other_class, 0.0)
+        may_match = is_same_kind & ~(is_other_class & (iou < _MIN_IOU_OTHER_CLASS))
+        return np.where(may_match, iou - _OTHER_CLASS_PENALTY * is_other_class, 0.0)
 
     def advance(
         self, stamp_ns: int, width_px: int, height_px: int
     ) -> tuple[tuple[BoxTrack, ...], FloatArray]:
-        """Forget what was not seen for too long or left the image.
+        """Predict the tracks to a stamp, and delete those missed for too long or out of the image.
 
         Returns:
-            The tracks to be believed at the stamp, those of the last detections first, and their
-            (T, 4) boxes, clipped. One that is missed and not believed is remembered all the same,
-            so that it is known when it is seen again.
+            The active tracks, those in the last detections first, and their (T, 4) boxes, clipped
+            to the image. A missed static object is not active, but keeps its track for when it is
+            detected again.
         """
         boxes = boxes_at(self._tracks, stamp_ns)
         inside = clip_boxes(boxes, width_px, height_px)
-        visible = areas_px2(inside) > _MIN_VISIBLE * areas_px2(boxes)
-        remembered = [
+        is_visible = areas_px2(inside) > _MIN_VISIBLE_SHARE * areas_px2(boxes)
+        kept = [
             n
             for n, track in enumerate(self._tracks)
-            if visible[n] and _unseen_s(track, stamp_ns) <= self._limit_s(track)
+            if is_visible[n] and _unseen_s(track, stamp_ns) <= self._limit_s(track)
         ]
-        believed = [n for n in remembered if self._is_believed(self._tracks[n])]
-        believed.sort(key=lambda n: self._tracks[n].missed)
-        tracks = tuple(self._tracks[n] for n in believed)
-        self._tracks = [self._tracks[n] for n in remembered]
-        return tracks, inside[believed]
+        active = [n for n in kept if self._is_active(self._tracks[n])]
+        active.sort(key=lambda n: self._tracks[n].is_missed)
+        tracks = tuple(self._tracks[n] for n in active)
+        self._tracks = [self._tracks[n] for n in kept]
+        return tracks, inside[active]
 
     def _limit_s(self, track: BoxTrack) -> float:
-        if not track.missed:
-            return self._patience.late_s
-        share = 1.0 if track.is_known else _UNKNOWN_COAST_SHARE
-        return share * self._patience.coast_s
+        if not track.is_missed:
+            return self._limits.silent_s
+        share = 1.0 if track.is_established else _NEW_TRACK_COAST_SHARE
+        return share * self._limits.coast_s
 
-    def _is_believed(self, track: BoxTrack) -> bool:
-        """Return whether it was not missed, or moved when last seen."""
-        suspect = track.is_known and track.untouched_s < self._patience.rest_s
-        return not track.missed or track.is_person or suspect
+    def _is_active(self, track: BoxTrack) -> bool:
+        """Return whether it was detected, or is missed but was dynamic when last detected."""
+        was_handled = track.is_established and track.untouched_s < self._limits.rest_s
+        return not track.is_missed or track.is_person or was_handled
 
 
 def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
@@ -180,7 +192,7 @@ def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
 
 
 def boxes_at(tracks: list[BoxTrack], stamp_ns: int) -> FloatArray:
-    """Return the (T, 4) boxes expected at a stamp: where they were seen, moved on since."""
+    """Return the (T, 4) boxes predicted for a stamp at constant image velocity."""
     seen = np.array([track.box_xyxy_px for track in tracks]).reshape(-1, 4)
     velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 2)
     since_s = np.array([stamp_ns - track.seen_ns for track in tracks]) * S_PER_NS

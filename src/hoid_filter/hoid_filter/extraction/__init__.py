@@ -1,4 +1,4 @@
-"""ORB features: pyramid, corners, spread, descriptors.
+"""ORB features: image pyramid, FAST corners, their distribution over the image, descriptors.
 
-Nothing here knows boxes.
+Nothing here knows about objects.
 """

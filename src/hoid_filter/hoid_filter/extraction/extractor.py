@@ -1,4 +1,4 @@
-"""ORB features of an RGB-D image, spread evenly over the part of the image that may be used."""
+"""ORB features of an RGB-D image, distributed evenly over its unmasked part."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from hoid_common.values import (
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.extraction.pyramid import Corners, Int32Array, build_pyramid, find_corners
 from hoid_native import (
-    corner_peaks_px,
     depths_off_edges_m,
     orb_descriptors,
     orientations_deg,
     spread_evenly,
+    subpixel_offsets_px,
 )
 
 _NO_BOXES: Float32Array = np.empty((0, 4), np.float32)
-_SMOOTHING = cv2.getGaussianKernel(7, 2.0)  # of what descriptors compare, as in OpenCV
+_SMOOTHING = cv2.getGaussianKernel(7, 2.0)  # before BRIEF comparisons, as in OpenCV's ORB
 
 
 class OrbExtractor:
-    """Finds corners in a pyramid, masks, spreads and describes them (Rublee et al., 2011)."""
+    """Detects, distributes and describes corners of an image pyramid (Rublee et al., 2011)."""
 
     def __init__(self, config: ExtractionConfig) -> None:
         self._config = config
@@ -50,6 +50,7 @@ class OrbExtractor:
             image_gray: (H, W).
             depth_m: (H, W); 0 or NaN = no reading.
             keep_mask: (H, W), 0 where no feature may lie; None for the whole image.
+            stamp_ns: Of the image.
         """
         corners = self.detect(image_gray)
         if keep_mask is None:
@@ -66,15 +67,19 @@ class OrbExtractor:
         return find_corners(pyramid, config.fast_threshold, config.border_px)
 
     def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
-        """Return the indices, ascending, of corners to describe, spread over what is static.
+        """Return the ascending indices of the corners to describe, distributed evenly.
+
+        With `refill` the budget is distributed over the static area (decision 14), otherwise over
+        the whole image.
 
         Args:
-            kept: indices, ascending, of the corners there; None for all.
-            static_area_px: of the image.
+            corners: Of the image.
+            kept: Ascending indices of the corners on static surface; None for all.
+            static_area_px: Unmasked area of the image.
         """
         uv_px, octave, score = corners.uv_px, corners.octave, corners.score
         if kept is not None and self._config.refill:
-            uv_px = uv_px.take(kept, axis=0)  # 40 times as fast as an index
+            uv_px = uv_px.take(kept, axis=0)  # 40 times as fast as indexing
             octave, score = octave[kept], score[kept]
             return kept[spread_evenly(uv_px, octave, score, self._budgets, static_area_px)]
         size_px = corners.pyramid.levels[0].size
@@ -87,20 +92,28 @@ class OrbExtractor:
         chosen: IntArray,
         depth_m: Float32Array,
         stamp_ns: int,
-        moving_xyxy_px: Float32Array = _NO_BOXES,
+        dynamic_xyxy_px: Float32Array = _NO_BOXES,
     ) -> Features:
-        """Return the features at the chosen corners, which are in order of octave.
+        """Return the features of the chosen corners.
 
-        A corner outside the boxes (N, 4) of what moves gives a feature outside of them.
+        Args:
+            corners: Of the image.
+            chosen: Ascending indices of corners, hence in order of octave.
+            depth_m: (H, W); 0 or NaN = no reading.
+            stamp_ns: Of the image.
+            dynamic_xyxy_px: (N, 4) boxes of dynamic objects. Subpixel refinement moves no corner
+                into a box.
         """
         octave = corners.octave[chosen]
-        angle_deg, offset_px, descriptors = _measure(
+        angle_deg, offset_px, descriptors = _describe(
             corners.pyramid.levels, corners.xy_px[chosen], octave
         )
         uv_px = corners.uv_px.take(chosen, axis=0)
         peak_px = uv_px + offset_px * corners.pyramid.steps_px[octave]
-        if len(moving_xyxy_px):
-            entering = (_inside(peak_px, moving_xyxy_px) & ~_inside(uv_px, moving_xyxy_px)).any(1)
+        if len(dynamic_xyxy_px):
+            entering = (_inside(peak_px, dynamic_xyxy_px) & ~_inside(uv_px, dynamic_xyxy_px)).any(
+                1
+            )
             peak_px[entering] = uv_px[entering]
         nearest_px = np.rint(peak_px).astype(np.int32)
         edge_radius_px = int(self._config.edge_radius * depth_m.shape[1])
@@ -118,15 +131,15 @@ class OrbExtractor:
         )
 
 
-def _measure(
+def _describe(
     levels: Sequence[ByteArray], xy_px: Int32Array, octave: ByteArray
 ) -> tuple[Float32Array, Float32Array, ByteArray]:
-    """Return angles (N,), offsets (N, 2) of peaks and descriptors (N, 32) of pixels by level.
+    """Return the angles (N,), subpixel offsets (N, 2) and descriptors (N, 32) of corners.
 
     Args:
-        levels: of the pyramid, in whose images all is measured.
+        levels: Of the pyramid.
         xy_px: (N, 2) pixels of their own level.
-        octave: (N,) in ascending order.
+        octave: (N,) level of each, ascending.
     """
     x, y = np.ascontiguousarray(xy_px.T)
     angle_deg = np.empty(len(octave), np.float32)
@@ -134,17 +147,19 @@ def _measure(
     descriptors = np.empty((len(octave), DESCRIPTOR_BYTES), np.uint8)
     ends = np.searchsorted(octave, np.arange(len(levels) + 1)).tolist()
     for level, first, end in zip(levels, ends, ends[1:], strict=False):
-        of = slice(first, end)
+        on_level = slice(first, end)
         smooth = np.asarray(cv2.sepFilter2D(level, cv2.CV_8U, _SMOOTHING, _SMOOTHING), np.uint8)
-        angle_deg[of] = orientations_deg(level, x[of], y[of])
-        offset_px[of] = corner_peaks_px(level, x[of], y[of])
-        descriptors[of] = orb_descriptors(smooth, x[of], y[of], angle_deg[of])
+        angle_deg[on_level] = orientations_deg(level, x[on_level], y[on_level])
+        offset_px[on_level] = subpixel_offsets_px(level, x[on_level], y[on_level])
+        descriptors[on_level] = orb_descriptors(
+            smooth, x[on_level], y[on_level], angle_deg[on_level]
+        )
     return angle_deg, offset_px, descriptors
 
 
 def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
-    """Return (K, N): whether the centre of each position's pixel is in each box."""
-    # A coordinate at a time: `all` over an axis of two takes ten times as long.
+    """Return (K, N) flags: whether the nearest pixel of each position is in each box."""
+    # One coordinate at a time, as `all` over an axis of length 2 takes ten times as long.
     u, v = np.rint(uv_px).T[:, :, None]
     left, top, right, bottom = boxes_xyxy_px.T
     inside: BoolArray = (u >= left) & (u < right) & (v >= top) & (v < bottom)
@@ -152,7 +167,7 @@ def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
 
 
 def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> IntArray:
-    """Return the features of each octave, (num_levels,), in proportion to 1 / scale."""
+    """Return the (num_levels,) numbers of features per octave, in proportion to 1 / scale."""
     weights = scale_factor ** -np.arange(num_levels, dtype=np.float64)
     ends = np.round(np.cumsum(weights) / weights.sum() * num_features).astype(np.int64)
     return np.concatenate([ends[:1], ends[1:] - ends[:-1]])

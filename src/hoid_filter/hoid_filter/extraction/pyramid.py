@@ -1,4 +1,4 @@
-"""An image at several scales, and its corners at each."""
+"""The image pyramid, and the FAST corners on all its levels."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ Int32Array = NDArray[np.int32]
 
 
 class Pyramid(NamedTuple):
-    """Levels of an image, level 0 being the image itself."""
+    """An image at several scales; level 0 is the image itself."""
 
     levels: tuple[ByteArray, ...]  # L of (H_l, W_l)
     steps_px: Float32Array  # (L, 2) level-0 pixels per pixel of each level, in x and y
 
 
 class Corners(NamedTuple):
-    """Corners of all levels in order of level, before any choice."""
+    """The K corners of all levels, in order of level."""
 
     pyramid: Pyramid
     xy_px: Int32Array  # (K, 2) pixels of their own level
     uv_px: FloatArray  # (K, 2) level-0 pixels
-    pixel: IntArray  # (K,) indices of the nearest level-0 pixels in the flat image
+    pixel: IntArray  # (K,) nearest level-0 pixels, as indices into the flattened image
     octave: ByteArray  # (K,)
-    score: ByteArray  # (K,), largest threshold at which each still is a corner
+    score: ByteArray  # (K,) greatest FAST threshold at which each is a corner
 
     def __len__(self) -> int:
         return len(self.octave)
 
 
 def build_pyramid(image_gray: ByteArray, num_levels: int, scale_factor: float) -> Pyramid:
-    """Return an (H, W) image in `num_levels` sizes, each made from the one before."""
+    """Return the pyramid of an (H, W) image; each level is resized from the one below."""
     height, width = image_gray.shape
     levels = [image_gray]
     for octave in range(1, num_levels):
@@ -49,5 +49,5 @@ def build_pyramid(image_gray: ByteArray, num_levels: int, scale_factor: float) -
 
 
 def find_corners(pyramid: Pyramid, threshold: int, border_px: int) -> Corners:
-    """Return the FAST corners of every level."""
+    """Return the FAST corners of all levels, at least `border_px` inside their level."""
     return Corners(pyramid, *fast_corners(*pyramid, threshold, border_px))

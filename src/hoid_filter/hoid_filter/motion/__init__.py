@@ -1,4 +1,5 @@
-"""What moves, told without a detector: regions of the depth image that do not rest in the world.
+"""Motion segmentation without a detector: regions of the depth image that move in the world.
 
-Nothing here knows a class. Positions in small images are of an ideal camera without distortion.
+Nothing here knows object classes. The low-resolution images are those of a pinhole camera without
+lens distortion.
 """

@@ -1,4 +1,4 @@
-"""The camera's motion among points of which some move: poses judged by the area they hold."""
+"""The camera's motion among points of which some move: the pose that explains most image area."""
 
 from __future__ import annotations
 
@@ -8,173 +8,178 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
-from hoid_filter.motion.small_camera import SmallCamera
+from hoid_filter.motion.downscaled_camera import DownscaledCamera
 from hoid_native import Gates, StereoParams, align_triples, optimize_pose, score_poses
 
-MIN_POINTS = 10
-_DISPARITY_PX = 0.2  # noise of it at the grey image's scale
-_LIMIT = 3.0  # standard deviations that a resting point may be off
-_GATES = Gates(_LIMIT**2, _LIMIT**2)
-_LEAST_PX, _MOST_PX = 0.25, 0.8  # noise of followed points; what it is shows in the images
-_PX_OF_MEDIAN = 1.3  # noise by the median of the residuals, which have a long tail
-_LEARNING = 0.1  # share of what one image says
-_WIDE = 1.5  # times the limit: what a hypothesis may bring into its fit
-_CLEAR = 0.92  # share of the area that leaves nothing to ask
-_REGIONS = 4  # largest, each of which may be what rests
-_REGION_POINTS = 8
-_SAMPLES = 32
-_SWITCH = 0.15  # of the area, by which a pose without belief must hold more than one with it
+MIN_POINTS = 10  # chosen: a pose has 6 unknowns, and a point gives 2 or 3 equations
+_DISPARITY_NOISE_PX = 0.2  # chosen: of the depth as a disparity, in gray-image pixels
+_GATE_SIGMAS = 3.0  # inlier limit: 99.7 % of a normal distribution
+_GATES = Gates(_GATE_SIGMAS**2, _GATE_SIGMAS**2)
+_MIN_NOISE_PX, _MAX_NOISE_PX = 0.25, 0.8  # chosen: limits of the noise that is measured
+# Standard deviation over the median of residuals. For a 2-D normal distribution it is 0.85;
+# chosen higher because the residuals of tracked points have a heavy tail.
+_NOISE_PER_MEDIAN = 1.3
+_NOISE_GAIN = 0.1  # chosen: the estimated noise follows an average over about 10 images
+_REFINE_FACTOR = 1.5  # chosen: points within this many gates enter the refinement of a hypothesis
+_SUFFICIENT_SHARE = 0.92  # chosen: a pose that explains so much area needs no other hypothesis
+_MAX_REGION_HYPOTHESES, _MIN_REGION_POINTS = 4, 8  # chosen: the largest regions, by points
+# RANSAC triples. With half of the points static, the chance that none is all static is 1.4 %.
+_NUM_SAMPLES = 32
+# Chosen: how much more area a pose without the prior must explain to replace one with it. In a
+# trial without this comparison, a wrong prior confirmed itself on one of four runs.
+_SWITCH_SHARE = 0.15
 
 
-class Points(NamedTuple):
-    """N points with a place in the world, as an image shows them."""
+class PointObservations(NamedTuple):
+    """N points with a known world position, as observed in one image."""
 
     world_m: FloatArray  # (N, 3)
-    measured_px: FloatArray  # (N, 3) u, v, u_right; NaN u_right: no depth
-    camera_m: FloatArray  # (N, 3) where the depth has them
+    observed_px: FloatArray  # (N, 3) u, v, u_right in gray-image pixels; NaN u_right: no depth
+    camera_m: FloatArray  # (N, 3) observed position in the camera frame, where there is depth
     has_depth: BoolArray  # (N,)
-    region: IntArray  # (N,) of smooth depth; -1 = none
-    rests: FloatArray  # (N,) probability
-    weights: FloatArray  # (N, 2) the area that each stands for: as far as it rests, and all
+    region: IntArray  # (N,) smooth depth region that each lies on; -1 = none
+    static_probability: FloatArray  # (N,) prior, from the images before
+    weights: FloatArray  # (N, 2) area that each represents: times `static_probability`, and whole
 
-    def select(self, keep: BoolArray) -> Points:
-        """Return the points at a (N,) mask."""
-        return Points(
-            world_m=self.world_m[keep],
-            measured_px=self.measured_px[keep],
-            camera_m=self.camera_m[keep],
-            has_depth=self.has_depth[keep],
-            region=self.region[keep],
-            rests=self.rests[keep],
-            weights=self.weights[keep],
+    def select(self, mask: BoolArray) -> PointObservations:
+        """Return the points of an (N,) mask."""
+        return PointObservations(
+            world_m=self.world_m[mask],
+            observed_px=self.observed_px[mask],
+            camera_m=self.camera_m[mask],
+            has_depth=self.has_depth[mask],
+            region=self.region[mask],
+            static_probability=self.static_probability[mask],
+            weights=self.weights[mask],
         )
 
 
-class Motion(NamedTuple):
-    """A pose, and how much speaks for it."""
+class EgoMotionEstimate(NamedTuple):
+    """A camera pose and its support."""
 
     T_camera_world: FloatArray  # (4, 4)
     share: float  # of the area that it explains
-    doubted: bool  # the belief in what rests was wrong
+    contradicts_prior: bool  # what counted as static so far is not
 
 
 class EgoMotion:
-    """Finds the pose that explains most of the image, not most of the points."""
+    """Estimates the pose that explains most of the image area, instead of most of the points."""
 
-    def __init__(self, camera: SmallCamera) -> None:
+    def __init__(self, camera: DownscaledCamera) -> None:
         self._camera = camera
         self._random = np.random.default_rng(0)
-        self._noise_px = _MOST_PX
+        self._noise_px = _MAX_NOISE_PX
 
     @property
     def noise_px(self) -> float:
-        """Return the standard deviation of where points at rest are found, in the grey image."""
+        """Return the standard deviation of observed static points, in gray-image pixels."""
         return self._noise_px
 
-    def learn_noise(self, residuals_px: FloatArray) -> None:
-        """Take note of how far (N,) points that rest, for the most part, were off."""
+    def update_noise(self, residuals_px: FloatArray) -> None:
+        """Update the noise estimate by the (N,) residuals of mostly static points."""
         if len(residuals_px) < MIN_POINTS:
             return
         middle = len(residuals_px) // 2
         median_px = float(np.partition(residuals_px, middle)[middle])
-        now_px = min(max(_PX_OF_MEDIAN * median_px, _LEAST_PX), _MOST_PX)
-        self._noise_px += _LEARNING * (now_px - self._noise_px)
+        now_px = min(max(_NOISE_PER_MEDIAN * median_px, _MIN_NOISE_PX), _MAX_NOISE_PX)
+        self._noise_px += _NOISE_GAIN * (now_px - self._noise_px)
 
-    def estimate(self, points: Points, guesses: list[FloatArray]) -> Motion:
-        """Return the camera's motion.
+    def estimate(self, points: PointObservations, guesses: list[FloatArray]) -> EgoMotionEstimate:
+        """Return the camera pose.
 
-        What is believed to rest counts in full. As a belief may be wrong, and keep itself alive,
-        the best pose without it is looked for, too, and taken when it clearly holds more area.
+        Area counts in proportion to its prior probability of being static. A wrong prior would
+        confirm itself, so the best pose without it is estimated as well, and replaces the other
+        when it explains clearly more area.
 
         Args:
-            points: `MIN_POINTS` or more.
-            guesses: (4, 4) T_camera_world, the likeliest first.
+            points: At least `MIN_POINTS`.
+            guesses: (4, 4) predicted T_camera_world, the most probable first.
         """
-        resting = points.rests > 0.5
-        if np.count_nonzero(resting) < _REGION_POINTS:
-            resting = np.ones_like(resting)
-        poses = [*guesses, self._fit(points, resting, guesses[0])]
+        is_static = points.static_probability > 0.5
+        if np.count_nonzero(is_static) < _MIN_REGION_POINTS:
+            is_static = np.ones_like(is_static)
+        poses = [*guesses, self._fit(points, is_static, guesses[0])]
         shares = self._shares(points, poses)
-        if shares[:, 1].max() >= _CLEAR:
-            return self._best(points, poses, shares, 0)
+        if shares[:, 1].max() >= _SUFFICIENT_SHARE:
+            return self._refine_best(points, poses, shares, 0)
         poses += self._hypotheses(points, guesses[0])
         shares = self._shares(points, poses)
-        believed = self._best(points, poses, shares, 0)
-        if shares[:, 1].max() <= believed.share:
-            return believed
-        free = self._best(points, poses, shares, 1)
-        if free.share > believed.share + _SWITCH:
-            return free._replace(doubted=True)
-        return believed
+        with_prior = self._refine_best(points, poses, shares, 0)
+        if shares[:, 1].max() <= with_prior.share:
+            return with_prior
+        without_prior = self._refine_best(points, poses, shares, 1)
+        if without_prior.share > with_prior.share + _SWITCH_SHARE:
+            return without_prior._replace(contradicts_prior=True)
+        return with_prior
 
-    def residuals_px(self, points: Points, T_camera_world: FloatArray) -> FloatArray:
-        """Return how far, (N,), each point is from where a pose expects it."""
-        seen = self._camera.gray_pinhole
+    def residuals_px(self, points: PointObservations, T_camera_world: FloatArray) -> FloatArray:
+        """Return the (N,) reprojection errors of points at a pose, in gray-image pixels."""
+        pinhole = self._camera.gray_pinhole
         x, y, z = se3.transform(T_camera_world, points.world_m).T
-        scale = 1 / np.maximum(z, 1e-3)
-        du = x * scale * seen.fx_px + seen.cx_px - points.measured_px[:, 0]
-        dv = y * scale * seen.fy_px + seen.cy_px - points.measured_px[:, 1]
-        off_px: FloatArray = np.hypot(du, dv)
-        return off_px
+        inverse_z = 1 / np.maximum(z, 1e-3)
+        du = x * inverse_z * pinhole.fx_px + pinhole.cx_px - points.observed_px[:, 0]
+        dv = y * inverse_z * pinhole.fy_px + pinhole.cy_px - points.observed_px[:, 1]
+        errors_px: FloatArray = np.hypot(du, dv)
+        return errors_px
 
-    def _hypotheses(self, points: Points, guess: FloatArray) -> list[FloatArray]:
-        """Return poses of which each takes another part of the image for what rests."""
+    def _hypotheses(self, points: PointObservations, guess: FloatArray) -> list[FloatArray]:
+        """Return poses that each take another part of the image for static."""
         counts = np.bincount(points.region + 1)[1:]
-        largest = np.argsort(-counts, kind='stable')[:_REGIONS]
-        enough = largest[counts[largest] >= _REGION_POINTS]
+        largest = np.argsort(-counts, kind='stable')[:_MAX_REGION_HYPOTHESES]
+        enough = largest[counts[largest] >= _MIN_REGION_POINTS]
         poses = [self._fit(points, points.region == region, guess) for region in enough]
         known = np.flatnonzero(points.has_depth)
         if len(known) >= MIN_POINTS:
-            triples = known[self._random.integers(0, len(known), (_SAMPLES, 3))]
+            triples = known[self._random.integers(0, len(known), (_NUM_SAMPLES, 3))]
             poses += list(align_triples(points.world_m, points.camera_m, triples))
         return poses
 
-    def _best(
-        self, points: Points, poses: list[FloatArray], shares: FloatArray, weights: int
-    ) -> Motion:
-        """Return the best pose by one of two sets of weights, fitted to all that it explains."""
-        T = poses[int(shares[:, weights].argmax())]
-        off_px = self.residuals_px(points, T)
-        near = off_px < _WIDE * _LIMIT * self._noise_px
+    def _refine_best(
+        self, points: PointObservations, poses: list[FloatArray], shares: FloatArray, column: int
+    ) -> EgoMotionEstimate:
+        """Return the pose with the greatest share in a column, refined on its inliers."""
+        T = poses[int(shares[:, column].argmax())]
+        errors_px = self.residuals_px(points, T)
+        near = errors_px < _REFINE_FACTOR * _GATE_SIGMAS * self._noise_px
         refined = self._fit(points, near, T) if np.count_nonzero(near) >= MIN_POINTS else T
         both = self._shares(points, [refined, T])
-        k = int(both[:, weights].argmax())
-        return Motion((refined, T)[k], float(both[k, 1]), doubted=False)
+        k = int(both[:, column].argmax())
+        return EgoMotionEstimate((refined, T)[k], float(both[k, 1]), contradicts_prior=False)
 
-    def _shares(self, points: Points, poses: list[FloatArray]) -> FloatArray:
-        """Return the (M, 2) shares of the area: of what is believed to rest, and of all."""
-        weights = points.weights
+    def _shares(self, points: PointObservations, poses: list[FloatArray]) -> FloatArray:
+        """Return (M, 2): the shares that poses explain of the static area, and of all area."""
         scores = score_poses(
             self._stereo(),
             self._noise_px,
-            _LIMIT,
+            _GATE_SIGMAS,
             np.array(poses),
             points.world_m,
-            points.measured_px,
-            weights,
+            points.observed_px,
+            points.weights,
         )
-        shares: FloatArray = scores / np.maximum(weights.sum(axis=0), 1e-9)
+        shares: FloatArray = scores / np.maximum(points.weights.sum(axis=0), 1e-9)
         return shares
 
-    def _fit(self, points: Points, among: BoolArray, guess: FloatArray) -> FloatArray:
-        k = np.flatnonzero(among)
+    def _fit(self, points: PointObservations, mask: BoolArray, guess: FloatArray) -> FloatArray:
+        """Return the robust least-squares pose of the points of a mask."""
+        k = np.flatnonzero(mask)
         return optimize_pose(
             self._stereo(),
             _GATES,
             points.world_m.take(k, 0),
-            points.measured_px.take(k, 0),
+            points.observed_px.take(k, 0),
             np.full(len(k), self._noise_px**-2),
             guess,
         ).T_camera_map
 
     def _stereo(self) -> StereoParams:
-        seen = self._camera.gray_pinhole
+        pinhole = self._camera.gray_pinhole
         return StereoParams(
-            seen.fx_px,
-            seen.fy_px,
-            seen.cx_px,
-            seen.cy_px,
+            pinhole.fx_px,
+            pinhole.fy_px,
+            pinhole.cx_px,
+            pinhole.cy_px,
             self._camera.disparity_px_m,
-            _DISPARITY_PX / self._noise_px,
+            _DISPARITY_NOISE_PX / self._noise_px,
             0.0,
         )

@@ -1,38 +1,39 @@
-"""Points followed over images, each with the place in the world where it was seen first."""
+"""Points tracked by optical flow, each with its anchor: its world position at an earlier image."""
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, Float32Array, FloatArray
-from hoid_filter.motion.small_camera import SmallCamera
-from hoid_filter.motion.small_view import FLOW_LEVELS
-from hoid_native import FlowPyramid, FlowSearch, follow_points
+from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray
+from hoid_filter.motion.downscaled_camera import DownscaledCamera
 
-_SEARCH = FlowSearch(
-    num_levels=FLOW_LEVELS,
-    back_levels=FLOW_LEVELS - 1,  # it is known about where to
-    num_steps=8,
-    least_step_px=0.03,
-    margin_px=3.0,
-    return_px=0.5,
-)
-_MAX_STEP_PX = 40.0  # that is expected from one image to the next
+# Lucas-Kanade optical flow (IJCAI 1981) from a predicted start, which allows few steps. Chosen:
+# the 9 px window reaches 16 px on the coarsest of 3 levels; tracking back starts near its end.
+_WINDOW_PX = 9
+_MAX_LEVEL, _MAX_LEVEL_BACK = 2, 1
+_STOP_AT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 8, 0.03)  # steps, px
+# Without the eigenvalues OpenCV computes an error that nothing uses, in one more pass.
+_FLAGS = cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
+_MAX_RETURN_ERROR_PX = 0.5  # chosen: a point that tracking back misses by more has slipped
+_MARGIN_PX = 3.0  # chosen: nearer to the border most of the window is outside
+_MAX_PREDICTED_PX = 40.0  # chosen: 1/8 of the image; a wrong prediction must not lead further
+_MIN_DEPTH_M = 0.05  # avoids a division by zero for points at the camera
 
 
 @dataclass(frozen=True, eq=False)
 class PointTracks:
-    """N points in the small grey image, and where they were when they were anchored."""
+    """N tracked points: their pixels in the gray image, and their anchors in the world."""
 
-    uv_px: Float32Array  # (N, 2) in the grey image
-    anchor_m: FloatArray  # (N, 3) in the world
-    anchored_s: FloatArray  # (N,) when
-    renew_s: FloatArray  # (N,) when they are to be anchored anew
-    depth_m: FloatArray  # (N,) where they were last, as far as it is known
+    uv_px: Float32Array  # (N, 2) in the downscaled gray image
+    anchor_m: FloatArray  # (N, 3) world position when they were anchored
+    anchored_s: FloatArray  # (N,) time of anchoring
+    renew_s: FloatArray  # (N,) time to anchor them anew
+    depth_m: FloatArray  # (N,) last known depth
 
     @staticmethod
     def none() -> PointTracks:
@@ -43,49 +44,86 @@ class PointTracks:
     def __len__(self) -> int:
         return len(self.anchored_s)
 
-    def select(self, keep: BoolArray) -> PointTracks:
-        """Return the points at a (N,) mask."""
-        kept = np.flatnonzero(keep)
-        return PointTracks(**{name: values.take(kept, 0) for name, values in vars(self).items()})
+    def select(self, mask: BoolArray) -> PointTracks:
+        """Return the points of an (N,) mask."""
+        index = np.flatnonzero(mask)
+        return PointTracks(**{name: values.take(index, 0) for name, values in vars(self).items()})
 
-    def joined(self, other: PointTracks) -> PointTracks:
-        """Return these points and the others."""
+    def concatenate(self, other: PointTracks) -> PointTracks:
+        """Return these points followed by the other ones."""
         mine, theirs = vars(self), vars(other)
         return PointTracks(**{n: np.concatenate([mine[n], theirs[n]]) for n in mine})
 
-    def anchored_anew(
-        self, due: BoolArray, points_world_m: FloatArray, now_s: float, for_s: float
+    def anchor(
+        self, mask: BoolArray, points_world_m: FloatArray, now_s: float, for_s: float
     ) -> PointTracks:
-        """Return the tracks with (N,) those that are due anchored where they are, (N, 3), now."""
+        """Return the tracks, those of an (N,) mask anchored now at `points_world_m` (N, 3)."""
         return dataclasses.replace(
             self,
-            anchor_m=np.where(due[:, None], points_world_m, self.anchor_m),
-            anchored_s=np.where(due, now_s, self.anchored_s),
-            renew_s=np.where(due, now_s + for_s, self.renew_s),
+            anchor_m=np.where(mask[:, None], points_world_m, self.anchor_m),
+            anchored_s=np.where(mask, now_s, self.anchored_s),
+            renew_s=np.where(mask, now_s + for_s, self.renew_s),
         )
 
 
-def expected_px(
-    tracks: PointTracks, T_camera_world: FloatArray, T_next_world: FloatArray, camera: SmallCamera
+def predict_px(
+    tracks: PointTracks,
+    T_camera_world: FloatArray,
+    T_next_world: FloatArray,
+    camera: DownscaledCamera,
 ) -> Float32Array:
-    """Return where the points go if they rest and the camera moves on to the next pose."""
+    """Return the (N, 2) gray pixels where static points appear after the camera motion."""
     focal_px = camera.gray_pinhole.fx_px, camera.gray_pinhole.fy_px
     before, after = (
-        _on_plane(se3.transform(T, tracks.anchor_m)) for T in (T_camera_world, T_next_world)
+        _normalized(se3.transform(T, tracks.anchor_m)) for T in (T_camera_world, T_next_world)
     )
-    step_px = (after - before) * focal_px
-    limited_px = np.minimum(np.maximum(step_px, -_MAX_STEP_PX), _MAX_STEP_PX)
-    return tracks.uv_px + limited_px.astype(np.float32)
+    flow_px = (after - before) * focal_px
+    # np.clip takes three times as long.
+    clipped_px = np.minimum(np.maximum(flow_px, -_MAX_PREDICTED_PX), _MAX_PREDICTED_PX)
+    return tracks.uv_px + clipped_px.astype(np.float32)
 
 
-def _on_plane(points_m: FloatArray) -> FloatArray:
-    on_plane: FloatArray = points_m[:, :2] / np.maximum(points_m[:, 2:], 0.05)
-    return on_plane
+def _normalized(points_m: FloatArray) -> FloatArray:
+    """Return the (N, 2) coordinates x / z, y / z."""
+    normalized: FloatArray = points_m[:, :2] / np.maximum(points_m[:, 2:], _MIN_DEPTH_M)
+    return normalized
 
 
-def follow(
-    before: FlowPyramid, now: FlowPyramid, tracks: PointTracks, guess_px: Float32Array
+def track(
+    previous: ByteArray, current: ByteArray, tracks: PointTracks, predicted_px: Float32Array
 ) -> tuple[PointTracks, BoolArray]:
-    """Return the points found again in the grey image of now, and which of the (N,) they are."""
-    uv_px, found = follow_points(before, now, tracks.uv_px, guess_px, _SEARCH)
+    """Return the points found in the current gray image, and the (N,) mask of which those are.
+
+    A point is found when tracking it back leads to where it was.
+    """
+    if not len(tracks):
+        return tracks, np.empty(0, np.bool_)
+    uv_px, found = _optical_flow(previous, current, tracks.uv_px, predicted_px, _MAX_LEVEL)
+    start_px = uv_px - (predicted_px - tracks.uv_px)
+    back_px, returned = _optical_flow(current, previous, uv_px, start_px, _MAX_LEVEL_BACK)
+    limit_px = np.array(current.shape[::-1], np.float32) - 1 - _MARGIN_PX
+    inside = ((uv_px >= _MARGIN_PX) & (uv_px <= limit_px)).all(axis=1)
+    error_px = np.abs(back_px - tracks.uv_px).max(axis=1)
+    found &= returned & inside & (error_px < _MAX_RETURN_ERROR_PX)
     return dataclasses.replace(tracks, uv_px=uv_px).select(found), found
+
+
+def _optical_flow(
+    previous: ByteArray,
+    current: ByteArray,
+    from_px: Float32Array,
+    start_px: Float32Array,
+    max_level: int,
+) -> tuple[Float32Array, BoolArray]:
+    """Return the (N, 2) pixels of points in the current image, and whether each was found."""
+    uv_px, found, _ = cv2.calcOpticalFlowPyrLK(
+        previous,
+        current,
+        from_px,
+        start_px.copy(),
+        winSize=(_WINDOW_PX, _WINDOW_PX),
+        maxLevel=max_level,
+        criteria=_STOP_AT,
+        flags=_FLAGS,
+    )
+    return np.asarray(uv_px, np.float32), found.ravel() > 0

@@ -1,4 +1,4 @@
-"""What of the filter knows ROS beside its node: what it publishes.
+"""The publishers of the filter node.
 
 No decision of the method belongs here.
 """

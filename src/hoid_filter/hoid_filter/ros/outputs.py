@@ -1,4 +1,4 @@
-"""What the filter publishes: features, verdicts; pictures and points while someone listens."""
+"""The publishers of the filter: features and verdicts always, images and points on demand."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages, MaskedImages
 from hoid_common.values import CameraModel, DynamicObject, FilterResult, Float32Array, RgbdFrame
 from hoid_filter.drawing import draw_result
-from hoid_filter.feature_filter import FinalWord
+from hoid_filter.feature_filter import FinalVerdict
 from hoid_filter.masked_images import pixel_masks, points_m, static_depth_m
 
 
 class FilterOutputs:
-    """Publishes what the filter makes of an image, with the image's header."""
+    """Publishes the results for an image, with the header of its color message."""
 
     def __init__(self, node: Node) -> None:
         self._features = node.create_publisher(FeaturesMsg, topics.FEATURES, qos.OUTPUT)
@@ -37,12 +37,12 @@ class FilterOutputs:
 
     @property
     def wants_picture(self) -> bool:
-        """Return whether someone listens to the debug image."""
+        """Return whether anybody subscribes to the debug image."""
         return self._debug_images.is_watched
 
     @property
     def wants_masks(self) -> bool:
-        """Return whether someone listens to the masked images or the points."""
+        """Return whether anybody subscribes to the masked images or the points."""
         return self._masked_images.is_watched or bool(self._watched_clouds())
 
     def publish(
@@ -53,13 +53,13 @@ class FilterOutputs:
         *,
         provisional: bool,
     ) -> None:
-        """Publish features and verdicts, then the picture if it is wanted.
+        """Publish features and verdicts, then the debug image if anybody subscribes to it.
 
         Args:
             frame: The image.
-            result: What the filter made of it.
+            result: Of the filter.
             header: Of the image.
-            provisional: Whether `publish_final` is to follow.
+            provisional: Whether `publish_final` follows.
         """
         counts = conversions.FeatureCounts(
             result.num_features_in,
@@ -76,29 +76,33 @@ class FilterOutputs:
             self._debug_images.publish(draw_result(frame.image_bgr, result), header)
 
     def publish_masks(
-        self, word: FinalWord, depth_m: Float32Array, header: Header, camera: CameraModel | None
+        self,
+        final: FinalVerdict,
+        depth_m: Float32Array,
+        header: Header,
+        camera: CameraModel | None,
     ) -> None:
-        """Publish the masked images and the points that are wanted.
+        """Publish the masked images and the point clouds that anybody subscribes to.
 
         Args:
-            word: What is known of the image by now.
+            final: The verdict on the image.
             depth_m: (H, W) of the image.
             header: Of the image.
-            camera: That took it; without it, or with one of another size, there are no points.
+            camera: Of the image; if it is None or of another size, there are no points.
         """
-        masks = pixel_masks(word.verdict, depth_m.shape[::-1])
+        masks = pixel_masks(final.verdict, depth_m.shape[::-1])
         self._masked_images.publish(masks.static, static_depth_m(depth_m, masks.static), header)
         if camera is None or camera.size_px != depth_m.shape[::-1]:
             return
         for publisher in self._watched_clouds():
-            wanted = masks.moving if publisher is self._moving_points else ~masks.moving
+            wanted = masks.dynamic if publisher is self._moving_points else ~masks.dynamic
             cloud = conversions.Cloud(points_m(depth_m, wanted, camera))
             publisher.publish(conversions.cloud_to_msg(cloud, header))
 
-    def publish_final(self, word: FinalWord, header: Header, size_px: tuple[int, int]) -> None:
-        """Publish the final word on an image of which only a provisional one is known."""
-        self._verdicts.publish(conversions.feature_verdicts_to_msg(word.verdicts, header))
-        self._publish_objects(word.objects, header, size_px, provisional=False)
+    def publish_final(self, final: FinalVerdict, header: Header, size_px: tuple[int, int]) -> None:
+        """Publish the final verdict on an image that was published provisionally."""
+        self._verdicts.publish(conversions.feature_verdicts_to_msg(final.feature_verdicts, header))
+        self._publish_objects(final.objects, header, size_px, provisional=False)
 
     def _publish_objects(
         self,

@@ -1,5 +1,5 @@
-// Arrays at the door: what kernels are given is of one dtype and shape and has no gaps, or is
-// refused.
+// NumPy arrays as arguments and results. An argument has the kernel's dtype and shape and is
+// contiguous, or a TypeError is raised.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -17,11 +17,22 @@ namespace nb = nanobind;
 
 namespace hoid::bindings {
 
-// An argument of exactly this dtype and shape (-1: any length); one with gaps is copied.
+// Template arguments of nb::shape; the oldest nanobind, of Ubuntu 24.04, has unsigned ones.
+#if NB_VERSION_MAJOR < 2
+using Extent = std::size_t;
+#else
+using Extent = nb::ssize_t;
+#endif
+
+template <int... kShape>
+using Shape = nb::shape<static_cast<Extent>(kShape)...>;
+
+// An argument of exactly this dtype and shape (-1: any length). An array that is not contiguous is
+// copied.
 template <typename T, int... kShape>
 struct Array
 {
-  using Imported = nb::ndarray<const T, nb::shape<kShape...>, nb::c_contig, nb::device::cpu>;
+  using Imported = nb::ndarray<const T, Shape<kShape...>, nb::c_contig, nb::device::cpu>;
 
   Imported array;
 
@@ -29,7 +40,7 @@ struct Array
   int size(int axis = 0) const { return static_cast<int>(array.shape(axis)); }
 };
 
-// An argument of any real dtype, which is converted to double.
+// An argument of any real dtype, converted to double.
 template <int... kShape>
 struct RealArray : Array<double, kShape...>
 {
@@ -54,7 +65,7 @@ inline Boxes view(const BoxArray& array)
   return {array.data(), array.size()};
 }
 
-// Give an array of results to Python, without a copy.
+// Return an array to Python without a copy.
 template <typename T, typename Element = T, std::size_t kDimensions>
 nb::ndarray<nb::numpy, Element, nb::ndim<kDimensions>> give(
   std::vector<T>&& values, const std::array<std::size_t, kDimensions>& shape)
@@ -72,7 +83,7 @@ nb::ndarray<nb::numpy, T, nb::ndim<1>> give(std::vector<T>&& values)
   return give<T>(std::move(values), shape);
 }
 
-// Make a named tuple of hoid_native.results; `Result` says which.
+// Make the named tuple of hoid_native.results that `Result` names.
 template <typename Result, typename... Fields>
 Result make(Fields&&... fields)
 {
@@ -80,7 +91,7 @@ Result make(Fields&&... fields)
   return nb::steal<Result>(type(std::forward<Fields>(fields)...).release());
 }
 
-// Run a kernel while other Python threads run.
+// Run a kernel without Python's global lock.
 template <typename Kernel>
 auto unlocked(Kernel kernel)
 {
@@ -90,7 +101,7 @@ auto unlocked(Kernel kernel)
 
 }  // namespace hoid::bindings
 
-// A named tuple of hoid_native.results as a return type.
+// Declares a named tuple of hoid_native.results as a return type.
 #define HOID_RESULT(Class)                                                              \
   struct Class : nb::object                                                             \
   {                                                                                     \
@@ -105,9 +116,9 @@ template <typename T, int... kShape>
 struct type_caster<hoid::bindings::Array<T, kShape...>>
 {
   using Argument = hoid::bindings::Array<T, kShape...>;
-  using Strided = ndarray<const T, shape<kShape...>, device::cpu>;
+  using Strided = ndarray<const T, hoid::bindings::Shape<kShape...>, device::cpu>;
 
-  NB_TYPE_CASTER(Argument, (make_caster<ndarray<const T, shape<kShape...>>>::Name))
+  NB_TYPE_CASTER(Argument, (make_caster<ndarray<const T, hoid::bindings::Shape<kShape...>>>::Name))
 
   bool from_python(handle source, auto flags, cleanup_list* cleanup) noexcept
   {

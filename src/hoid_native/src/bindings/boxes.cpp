@@ -15,9 +15,9 @@ namespace {
 
 using namespace nb::literals;
 
-HOID_RESULT(Judged);
+HOID_RESULT(ClassifiedBoxes);
 
-auto of_pairs(
+auto pairwise(
   void (*kernel)(const Boxes&, const Boxes&, double*), const BoxArray& boxes,
   const BoxArray& others)
 {
@@ -29,24 +29,24 @@ auto of_pairs(
 
 auto overlap_ratios(const BoxArray& boxes, const BoxArray& others)
 {
-  return of_pairs(&masks::overlap_ratios, boxes, others);
+  return pairwise(&masks::overlap_ratios, boxes, others);
 }
 
 auto intersections_over_union(const BoxArray& boxes, const BoxArray& others)
 {
-  return of_pairs(&masks::intersections_over_union, boxes, others);
+  return pairwise(&masks::intersections_over_union, boxes, others);
 }
 
-bool are_boxes_fit(
+bool are_boxes_valid(
   const Array<float, -1, 4>& boxes, const Vector<float>& scores,
   const std::tuple<int, int>& shape_hw)
 {
   require_length("scores", scores, boxes.size());
-  return masks::are_boxes_fit(
+  return masks::are_boxes_valid(
     std::get<1>(shape_hw), std::get<0>(shape_hw), boxes.size(), boxes.data(), scores.data());
 }
 
-Judged judge_boxes(
+ClassifiedBoxes classify_boxes(
   const ImageArray<float>& depth_m, const Vector<int64_t>& pixels, const BoxArray& boxes,
   const Vector<uint8_t>& roles, int side_px, double min_share, double apart_m, double reach_px)
 {
@@ -56,14 +56,14 @@ Judged judge_boxes(
   require_length("roles", roles, boxes.size());
   require(side_px >= 1, "side_px: must be at least 1");
   const masks::HandlingRule rule{min_share, apart_m, reach_px};
-  auto judged = unlocked([&] {
-    return masks::judge_boxes(
+  auto classified = unlocked([&] {
+    return masks::classify_boxes(
       view(depth_m), view(boxes), roles.data(), side_px, rule, pixels.data(), pixels.size());
   });
-  return make<Judged>(
-    give(std::move(judged.depth_m)), give(std::move(judged.overlap)),
-    give(std::move(judged.gap_m)), give(std::move(judged.moves)), give(std::move(judged.outside)),
-    judged.area_px);
+  return make<ClassifiedBoxes>(
+    give(std::move(classified.depth_m)), give(std::move(classified.overlap)),
+    give(std::move(classified.gap_m)), give(std::move(classified.moves)),
+    give(std::move(classified.outside)), classified.area_px);
 }
 
 }  // namespace
@@ -71,9 +71,9 @@ Judged judge_boxes(
 void bind_boxes(nb::module_& module)
 {
   module.def("overlap_ratios", &overlap_ratios, "boxes_xyxy_px"_a, "others_xyxy_px"_a, R"(
-Return the (N, M) shares of each box's own area that lie in each of the others.
+Return the (N, M) shares in [0, 1] of each box's area that lie in each of the others.
 
-In [0, 1]; 0 for a box without area. This is the interaction area of the HOID paper.
+This is the interaction area of the HOID paper. It is 0 for a box without area.
 
 Args:
     boxes_xyxy_px: (N, 4), finite.
@@ -81,37 +81,37 @@ Args:
   module.def(
     "intersections_over_union", &intersections_over_union, "boxes_xyxy_px"_a, "others_xyxy_px"_a,
     R"(
-Return the (N, M) ratios in [0, 1] of shared area to joint area; 0 without area.
+Return the (N, M) intersections over union, in [0, 1]; 0 for boxes without area.
 
 Args:
     boxes_xyxy_px: (N, 4), finite.
     others_xyxy_px: (M, 4), finite.)");
-  module.def("are_boxes_fit", &are_boxes_fit, "boxes_xyxy_px"_a, "scores"_a, "shape_hw"_a, R"(
-Return whether boxes have areas inside the image and scores are in [0, 1].
+  module.def("are_boxes_valid", &are_boxes_valid, "boxes_xyxy_px"_a, "scores"_a, "shape_hw"_a, R"(
+Return whether all boxes have an area and lie inside the image, and all scores are in [0, 1].
 
 Args:
     boxes_xyxy_px: (N, 4) float32.
     scores: (N,) float32.
-    shape_hw: of the image.
+    shape_hw: height and width of the image.
 
 Raises:
     ValueError: Lengths differ.)");
   module.def(
-    "judge_boxes", &judge_boxes, "depth_m"_a, "pixels"_a, "boxes_xyxy_px"_a, "roles"_a,
+    "classify_boxes", &classify_boxes, "depth_m"_a, "pixels"_a, "boxes_xyxy_px"_a, "roles"_a,
     "side_px"_a, "min_share"_a, "apart_m"_a,
     "reach_px"_a = std::numeric_limits<double>::quiet_NaN(), R"(
-Return which of N boxes move, people and what people handle, and what lies outside them.
+Return which of N boxes are dynamic (people and the objects they handle), and what is outside them.
 
 Args:
     depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
-    pixels: (K,) int64, indices in the flat image.
+    pixels: (K,) int64 flat indices of image corners.
     boxes_xyxy_px: (N, 4), finite.
-    roles: (N,) uint8: `PERSON`, `MAY_BE_HANDLED` or 0.
-    side_px: as of `sample_depths_m`.
-    min_share: a person handles a box when covering more than this share of it ...
-    apart_m: ... and nearer than this in depth; a depth that is not known is near.
-    reach_px: instead of the share, where given: a pixel in the box has a part of the person's
-        within this reach along rows and columns.
+    roles: (N,) uint8: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
+    side_px: side of the square at a box's center whose median is its depth.
+    min_share: a person handles an object if the person's box covers more than this share of it ...
+    apart_m: ... and they are less than this apart in depth. An unknown depth counts as near.
+    reach_px: if it is not NaN, it replaces `min_share`: one of the pixels in the object's box must
+        be within this reach of the person's box, along rows and columns.
 
 Raises:
     ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths

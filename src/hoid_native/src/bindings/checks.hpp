@@ -1,4 +1,4 @@
-// What a kernel relies on and the types of arrays do not say. Failures become ValueError.
+// Checks of arguments beyond dtype and shape. A failed check raises ValueError.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -35,17 +35,18 @@ void require_length(const char* name, const A& array, int length)
   }
 }
 
-// All values must be in [low, end), which has less than 2^32 numbers for types of 32 bits.
+// All values must be in [low, end). For 32-bit types the range has less than 2^32 numbers.
 template <typename T, int... kShape>
 void require_range(const char* name, const Array<T, kShape...>& array, int64_t low, int64_t end)
 {
-  // One comparison a value and no early end: this way the loop is one of vectors, on any processor.
+  // One unsigned comparison per value and no early exit, so that the loop compiles to vector
+  // instructions.
   using Unsigned = std::conditional_t<sizeof(T) <= sizeof(uint32_t), uint32_t, uint64_t>;
-  const auto least = static_cast<Unsigned>(low), size = static_cast<Unsigned>(end - low);
+  const auto first_valid = static_cast<Unsigned>(low), size = static_cast<Unsigned>(end - low);
   const T *first = array.data(), *last = first + array.array.size();
   Unsigned num_outside = 0;
   for (const T* at = first; at != last; ++at) {
-    num_outside += static_cast<Unsigned>(*at) - least < size ? 0 : 1;
+    num_outside += static_cast<Unsigned>(*at) - first_valid < size ? 0 : 1;
   }
   if (num_outside > 0) {
     const auto [lowest, highest] = std::minmax_element(first, last);

@@ -17,13 +17,13 @@ using namespace nb::literals;
 
 HOID_RESULT(Corners);
 
-constexpr std::size_t kMostLevels = 256;
+constexpr std::size_t kMaxLevels = 256;  // an octave is a uint8_t
 
 Corners fast_corners(
   const std::vector<ImageArray<uint8_t>>& levels, const Array<float, -1, 2>& steps_px,
   int threshold, int border_px)
 {
-  require(levels.size() <= kMostLevels, "levels: there are too many");
+  require(levels.size() <= kMaxLevels, "levels: must be at most 256");
   require(threshold >= 1 && threshold <= 254, "threshold: must be from 1 to 254");
   require(border_px >= 0, "border_px: must not be negative");
   require_length("steps_px", steps_px, static_cast<int>(levels.size()));
@@ -38,8 +38,8 @@ Corners fast_corners(
     give(std::move(found.pixel)), give(std::move(found.octave)), give(std::move(found.score)));
 }
 
-// Pixels (x, y) that are far enough from the edge of an image.
-features::Pixels inside(
+// Return the pixels (x, y); refuse them if one is less than `border_px` from the image's edge.
+features::Pixels require_inside(
   const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y,
   int border_px)
 {
@@ -56,20 +56,20 @@ features::Pixels inside(
   return {x.data(), y.data(), x.size()};
 }
 
-auto corner_peaks_px(
+auto subpixel_offsets_px(
   const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y)
 {
-  const features::Pixels corners = inside(image, x, y, features::kPeakBorderPx);
+  const features::Pixels corners = require_inside(image, x, y, features::kSubpixelBorderPx);
   const auto count = static_cast<std::size_t>(corners.count);
   std::vector<float> offset(2 * count);
-  unlocked([&] { features::corner_peaks(view(image), corners, offset.data()); });
+  unlocked([&] { features::subpixel_offsets(view(image), corners, offset.data()); });
   return give(std::move(offset), std::array{count, std::size_t{2}});
 }
 
 auto orientations_deg(
   const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y)
 {
-  const features::Pixels corners = inside(image, x, y, features::kOrientationBorderPx);
+  const features::Pixels corners = require_inside(image, x, y, features::kOrientationBorderPx);
   std::vector<float> angle_deg(corners.count);
   unlocked([&] { features::orientations(view(image), corners, angle_deg.data()); });
   return give(std::move(angle_deg));
@@ -79,7 +79,7 @@ auto orb_descriptors(
   const ImageArray<uint8_t>& image, const Vector<int32_t>& x, const Vector<int32_t>& y,
   const Vector<float>& angle_deg)
 {
-  const features::Pixels corners = inside(image, x, y, features::kDescriptorBorderPx);
+  const features::Pixels corners = require_inside(image, x, y, features::kDescriptorBorderPx);
   require_length("angle_deg", angle_deg, corners.count);
   require_finite("angle_deg", angle_deg);
   const auto count = static_cast<std::size_t>(corners.count);
@@ -89,7 +89,7 @@ auto orb_descriptors(
   return give(std::move(bits), std::array{count, std::size_t{features::kDescriptorBytes}});
 }
 
-constexpr double kMostPx = 1 << 16;  // no image is larger
+constexpr double kMaxPx = 1 << 16;  // no image is larger
 
 auto spread_evenly(
   const RealArray<-1, 2>& uv_px, const Vector<uint8_t>& octave, const Vector<uint8_t>& score,
@@ -101,8 +101,8 @@ auto spread_evenly(
   require_range("budgets", budgets, 0, std::numeric_limits<int32_t>::max());
   require(area_px >= 0, "area_px: must not be negative");
   const double *first = uv_px.data(), *last = first + uv_px.array.size();
-  const auto is_fit = [](double at_px) { return at_px >= 0 && at_px < kMostPx; };
-  require(std::all_of(first, last, is_fit), "uv_px: must be in an image");
+  const auto is_inside = [](double at_px) { return at_px >= 0 && at_px < kMaxPx; };
+  require(std::all_of(first, last, is_inside), "uv_px: must be in an image");
   const features::ScoredCorners corners{uv_px.data(), octave.data(), score.data(), uv_px.size()};
   return give(unlocked(
     [&] { return features::spread_evenly(corners, budgets.data(), budgets.size(), area_px); }));
@@ -114,44 +114,45 @@ void bind_features(nb::module_& module)
 {
   module.def(
     "fast_corners", &fast_corners, "levels"_a, "steps_px"_a, "threshold"_a, "border_px"_a, R"(
-Return the FAST-9/16 corners of a pyramid's levels after 3x3 non-maximum suppression.
+Return the FAST-9/16 corners of an image pyramid after 3x3 non-maximum suppression.
 
-Source: Rosten and Drummond, ECCV 2006; the same corners and scores as OpenCV's.
+Source: Rosten and Drummond, ECCV 2006. Corners and scores equal OpenCV's.
 
 Args:
-    levels: L of (H_l, W_l) uint8, the finest first.
+    levels: L gray images (H_l, W_l) uint8, the finest first.
     steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
-    threshold: grey levels, from 1 to 254.
-    border_px: how far corners are from the edge of their level, at least; 3 where it is less.
+    threshold: gray levels, from 1 to 254.
+    border_px: least distance of a corner from the edge of its level; values below 3 count as 3.
 
 Raises:
-    ValueError: The threshold or the border is out of range, or not every level has its steps.)");
+    ValueError: The threshold or the border is out of range, there are more than 256 levels, or
+        `steps_px` has another number of rows than there are levels.)");
   module.def(
     "spread_evenly", &spread_evenly, "uv_px"_a, "octave"_a, "score"_a, "budgets"_a, "area_px"_a,
     R"(
-Return the indices (ascending) of the corners to keep, at most `budgets.sum()` of N.
+Return the ascending indices of at most `budgets.sum()` corners, spread evenly over the image.
 
-Each octave lays a grid of about as many cells as its budget over the area to fill. The strongest
-corner of every cell goes first, then the second of every cell, and so on until the octave's budget
-is spent; of equals, the first. What octaves with few corners leave over goes to the others.
+Each octave divides `area_px` into about as many grid cells as its budget. It takes the strongest
+corner of each cell, then the second strongest of each cell, and so on until its budget is used.
+Among equal scores the first corner wins. Octaves with too few corners leave the rest of their
+budget to the others.
 
 Args:
     uv_px: (N, 2) level-0 pixels, not negative.
     octave: (N,) uint8.
     score: (N,) uint8, higher is stronger.
-    budgets: (L,) int64 corners of each octave.
-    area_px: image area, in level-0 pixels, that the budget is to fill; no cell is smaller than a
-        pixel.
+    budgets: (L,) int64 number of corners wanted from each octave.
+    area_px: image area (level-0 pixels) to spread the corners over; a cell has at least one pixel.
 
 Raises:
-    ValueError: Lengths differ, an octave has no budget, or a budget, a position or
-        the area is negative.)");
-  module.def("corner_peaks_px", &corner_peaks_px, "image_gray"_a, "x"_a, "y"_a, R"(
-Return the (N, 2) offsets from FAST corners to where their score peaks between the pixels.
+    ValueError: Lengths differ, an octave has no budget, or a budget, a position or the area is
+        negative.)");
+  module.def("subpixel_offsets_px", &subpixel_offsets_px, "image_gray"_a, "x"_a, "y"_a, R"(
+Return the (N, 2) float32 offsets (x, y) in pixels from FAST corners to their subpixel peaks.
 
-The peak is that of the quadratic that fits the signed scores of a corner's pixel and its eight
-neighbours best, no further than the edge of the pixel: within [-0.5, 0.5] in x and in y, and 0
-where the quadratic has none.
+The peak is the maximum of the quadratic fitted to the signed FAST scores of the corner's pixel and
+its 8 neighbors (docs/decisions/008). Offsets are within [-0.5, 0.5]; they are 0 if the quadratic
+has no maximum.
 
 Args:
     image_gray: (H, W) uint8.
@@ -159,9 +160,9 @@ Args:
     y: (N,) int32.
 
 Raises:
-    ValueError: A pixel is less than 4 px from the edge, or there are more of x than of y.)");
+    ValueError: A pixel is less than 4 px from the image's edge, or lengths differ.)");
   module.def("orientations_deg", &orientations_deg, "image_gray"_a, "x"_a, "y"_a, R"(
-Return the (N,) intensity-centroid angles in [0, 360) of pixels, y down.
+Return the (N,) float32 intensity-centroid orientations of pixels, degrees in [0, 360), y down.
 
 Source: Rublee et al., ORB, ICCV 2011, sec. 3.2.
 
@@ -171,22 +172,22 @@ Args:
     y: (N,) int32.
 
 Raises:
-    ValueError: A pixel is less than 15 px from the edge, or there are more of x than of y.)");
+    ValueError: A pixel is less than 15 px from the image's edge, or lengths differ.)");
   module.def(
     "orb_descriptors", &orb_descriptors, "image_smooth"_a, "x"_a, "y"_a, "angle_deg"_a, R"(
-Return the (N, 32) descriptors of pixels, turned by their angles.
+Return the (N, 32) uint8 ORB descriptors of pixels, rotated by their orientations.
 
-Source: Rublee et al., ORB, ICCV 2011, sec. 4; the same bits as OpenCV's.
+Source: Rublee et al., ORB, ICCV 2011, sec. 4. The bits equal OpenCV's.
 
 Args:
-    image_smooth: (H, W) uint8.
+    image_smooth: (H, W) uint8, smoothed.
     x: (N,) int32.
     y: (N,) int32.
-    angle_deg: (N,) float32.
+    angle_deg: (N,) float32 orientations.
 
 Raises:
-    ValueError: A pixel is less than 19 px from the edge, an angle is not finite, or lengths
-        differ.)");
+    ValueError: A pixel is less than 19 px from the image's edge, an angle is not finite, or
+        lengths differ.)");
 }
 
 }  // namespace hoid::bindings

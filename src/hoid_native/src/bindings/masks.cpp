@@ -10,18 +10,28 @@ namespace {
 
 using namespace nb::literals;
 
+void require_inside(const char* name, bool inside, int width, int height)
+{
+  if (!inside) {
+    refuse(
+      std::string(name) + " must be inside the image of " + std::to_string(width) + " x " +
+      std::to_string(height) + " px");
+  }
+}
+
 std::array<std::size_t, 2> shape_of(const auto& image)
 {
   return {image.array.shape(0), image.array.shape(1)};
 }
 
-auto sample_depths_m(const ImageArray<float>& depth_m, const BoxArray& boxes, int side_px)
+auto box_center_depths_m(const ImageArray<float>& depth_m, const BoxArray& boxes, int side_px)
 {
   require_pixels("depth_m", depth_m);
   require_finite("boxes_xyxy_px", boxes);
   require(side_px >= 1, "side_px: must be at least 1");
   std::vector<double> median_m(boxes.size());
-  unlocked([&] { masks::sample_depths(view(depth_m), view(boxes), side_px, median_m.data()); });
+  unlocked(
+    [&] { masks::box_center_depths(view(depth_m), view(boxes), side_px, median_m.data()); });
   return give(std::move(median_m));
 }
 
@@ -35,11 +45,7 @@ auto depths_off_edges_m(
     const int x = pixels_xy.data()[2 * n], y = pixels_xy.data()[2 * n + 1];
     inside &= (x >= 0) & (x < width) & (y >= 0) & (y < height);
   }
-  if (!inside) {
-    refuse(
-      "pixels must be inside the image of " + std::to_string(width) + " x " +
-      std::to_string(height) + " px");
-  }
+  require_inside("pixels", inside, width, height);
   const int radius = std::clamp(radius_px, 0, std::max(width, height));
   std::vector<float> reading_m(pixels_xy.size());
   unlocked([&] {
@@ -49,33 +55,29 @@ auto depths_off_edges_m(
   return give(std::move(reading_m));
 }
 
-auto torso_depths_m(
+auto person_depths_m(
   const ImageArray<float>& depth_m, const BoxArray& boxes, const RealArray<-1>& known_m)
 {
   require_finite("boxes_xyxy_px", boxes);
   require_length("known_m", known_m, boxes.size());
-  std::vector<double> torso_m(boxes.size());
+  std::vector<double> person_m(boxes.size());
   unlocked(
-    [&] { masks::torso_depths(view(depth_m), view(boxes), known_m.data(), torso_m.data()); });
-  return give(std::move(torso_m));
+    [&] { masks::person_depths(view(depth_m), view(boxes), known_m.data(), person_m.data()); });
+  return give(std::move(person_m));
 }
 
 void require_areas(const Array<int32_t, -1, 4>& areas, int width, int height)
 {
+  bool inside = true;
   for (int n = 0; n < areas.size(); ++n) {
     const int32_t* area = areas.data() + 4 * static_cast<std::ptrdiff_t>(n);
-    const bool inside = std::min({area[0], area[1], area[2], area[3]}) >= 0 &&
-                        std::max(area[0], area[2]) <= width &&
-                        std::max(area[1], area[3]) <= height;
-    if (!inside) {
-      refuse(
-        "areas must be inside the image of " + std::to_string(width) + " x " +
-        std::to_string(height) + " px");
-    }
+    inside &= std::min({area[0], area[1], area[2], area[3]}) >= 0 &&
+              std::max(area[0], area[2]) <= width && std::max(area[1], area[3]) <= height;
   }
+  require_inside("areas", inside, width, height);
 }
 
-auto cover_things(
+auto segment_objects(
   const ImageArray<float>& depth_m, const Array<int32_t, -1, 4>& areas,
   const RealArray<-1>& depths_m, const RealArray<-1>& reaches_m,
   const Vector<uint8_t>& certainties, const Vector<bool>& seen)
@@ -86,7 +88,7 @@ auto cover_things(
   require_length("reaches_m", reaches_m, count);
   require_length("certainties", certainties, count);
   require_length("seen", seen, count);
-  const masks::Things things{
+  const masks::Objects objects{
     areas.data(),
     depths_m.data(),
     reaches_m.data(),
@@ -94,16 +96,8 @@ auto cover_things(
     reinterpret_cast<const uint8_t*>(seen.data()),
     count};
   std::vector<uint8_t> certainty(depth_m.array.size());
-  unlocked([&] { masks::cover_things(view(depth_m), things, certainty.data()); });
+  unlocked([&] { masks::segment_objects(view(depth_m), objects, certainty.data()); });
   return give(std::move(certainty), shape_of(depth_m));
-}
-
-auto widen(const ImageArray<uint8_t>& mask, int reach_px)
-{
-  const int reach = std::clamp(reach_px, 0, std::max(mask.size(0), mask.size(1)));
-  std::vector<uint8_t> wide(mask.array.size());
-  unlocked([&] { masks::widen(view(mask), reach, wide.data()); });
-  return give(std::move(wide), shape_of(mask));
 }
 
 auto values_at(
@@ -114,50 +108,52 @@ auto values_at(
   require_range("columns", columns, 0, values.size(1));
   require_range("pixels", pixels, 0, static_cast<int64_t>(rows.size()) * columns.size());
   std::vector<uint8_t> value(pixels.size());
-  const masks::Magnification magnification{rows.data(), columns.data(), columns.size()};
+  const masks::Upscaling scale{rows.data(), columns.data(), columns.size()};
   unlocked([&] {
-    masks::values_at(view(values), magnification, pixels.data(), pixels.size(), value.data());
+    masks::values_at(view(values), scale, pixels.data(), pixels.size(), value.data());
   });
   return give(std::move(value));
 }
 
 void bind_depths(nb::module_& module)
 {
-  module.def("sample_depths_m", &sample_depths_m, "depth_m"_a, "boxes_xyxy_px"_a, "side_px"_a, R"(
-Return the (N,) median readings of squares at the centres of boxes; NaN without any.
+  module.def(
+    "box_center_depths_m", &box_center_depths_m, "depth_m"_a, "boxes_xyxy_px"_a, "side_px"_a, R"(
+Return the (N,) median depths (m) of squares at the centers of boxes; NaN without a reading.
 
 Args:
     depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
     boxes_xyxy_px: (N, 4), finite.
-    side_px: side of a square, at least 1; beyond the image it sees the image's edge.
+    side_px: side of the squares, at least 1. Outside the image they repeat its edge.
 
 Raises:
     ValueError: The image is empty, a box is not finite, or the side is less than 1.)");
   module.def(
     "depths_off_edges_m", &depths_off_edges_m, "depth_m"_a, "pixels_xy"_a, "radius_px"_a, "step"_a,
     R"(
-Return the (N,) readings at pixels; 0 where there is none, or where an edge is near.
+Return the (N,) float32 depths (m) at pixels; 0 without a reading or near a depth edge.
 
-Beside an edge a depth camera may read the surface on the other side of it.
+Beside an edge a depth camera may measure the surface on the other side (docs/decisions/007).
 
 Args:
     depth_m: (H, W) float32; 0 or NaN = no reading.
     pixels_xy: (N, 2) int32 x, y.
-    radius_px: half the side of the square around a pixel in which no edge may be; 0: any may.
-    step: share of the reading by which others in the square differ where there is one.
+    radius_px: half side of the square around a pixel that must be free of edges; 0: no test.
+    step: the depths in the square differ by more than this share of the pixel's depth at an edge.
 
 Raises:
     ValueError: A pixel is not in the image.)");
-  module.def("torso_depths_m", &torso_depths_m, "depth_m"_a, "boxes_xyxy_px"_a, "known_m"_a, R"(
-Return the (N,) depths of the layers that fill the middles of people's boxes; NaN: none.
+  module.def("person_depths_m", &person_depths_m, "depth_m"_a, "boxes_xyxy_px"_a, "known_m"_a, R"(
+Return the (N,) depths (m) of the people in boxes; NaN without a reading.
 
-The nearest layer of about a torso's thickness that is not much smaller than the largest one is
-the person; readings near the known depth are looked at alone unless they are few.
+A person is the nearest layer of depths, as thick as a torso, in the middle of the box that is not
+much smaller than the largest layer. Only readings near the known depth are used, unless these are
+few.
 
 Args:
     depth_m: (H, W) float32; 0 or NaN = no reading.
     boxes_xyxy_px: (N, 4), finite, in pixels of this image.
-    known_m: (N,) depths of the same people a moment ago; NaN = unknown.
+    known_m: (N,) depths of the same people in an earlier image; NaN = unknown.
 
 Raises:
     ValueError: A box is not finite, or lengths differ.)");
@@ -169,40 +165,37 @@ void bind_masks(nb::module_& module)
 {
   bind_depths(module);
   module.def(
-    "cover_things", &cover_things, "depth_m"_a, "areas_xyxy_px"_a, "depths_m"_a, "reaches_m"_a,
-    "certainties"_a, "seen"_a, R"(
-Return how sure it is, (H, W) uint8, that each pixel shows something that moves; 0 = static.
+    "segment_objects", &segment_objects, "depth_m"_a, "areas_xyxy_px"_a, "depths_m"_a,
+    "reaches_m"_a, "certainties"_a, "seen"_a, R"(
+Return the (H, W) uint8 certainty that each pixel shows a dynamic object; 0 = static.
 
-The image is cut into regions along the jumps of depth. A thing is the regions that lie mostly
-in its area and near its depth, and the gaps without readings beside them. It may reach out of
-its area by a tenth of a side, as a box is not exact; what lies further out has only merged
-with it in depth, as a desk with who leans on it.
+The image is split into regions along depth jumps. An object is the regions that lie mostly in its
+area and near its depth, and the gaps without readings beside them. It may extend beyond its area
+by a tenth of a side, because boxes are not exact; parts of its regions further out have only
+merged with it in depth, like the desk that a person leans on (docs/decisions/010).
 
 Args:
     depth_m: (H, W) float32; 0 = no reading.
-    areas_xyxy_px: (N, 4) int32, whole pixels within the image, the last exclusive.
-    depths_m: (N,) of the things; NaN = unknown: then a thing is its whole area.
-    reaches_m: (N,) how far things reach before and behind their depth.
-    certainties: (N,) uint8, how sure it is that they move.
-    seen: (N,) bool, things that are there for sure: when a thing's regions are too little of its
-        area, it has merged with what it touches, and all pixels near its depth count.
+    areas_xyxy_px: (N, 4) int32 whole pixels within the image; x2 and y2 are exclusive.
+    depths_m: (N,) depths of the objects; NaN = unknown: the object is its whole area.
+    reaches_m: (N,) extents of the objects in depth, before and behind their own depth.
+    certainties: (N,) uint8 values that their pixels get; the largest wins.
+    seen: (N,) bool, whether each was detected in this image. If the regions of a detected object
+        fill too little of its area, it has merged with what it touches: all pixels of the area
+        near its depth count.
 
 Raises:
     ValueError: An area is not in the image, or lengths differ.)");
-  module.def("widen", &widen, "mask"_a, "reach_px"_a, R"(
-Return (H, W) uint8 flags of pixels with one that is not 0 within reach along rows and columns.
-
-Args:
-    mask: (H, W) uint8.
-    reach_px: 0: none.)");
   module.def("values_at", &values_at, "pixels"_a, "values"_a, "rows"_a, "columns"_a, R"(
-Return values[rows[v], columns[u]] for each (u, v) of K pixels.
+Return the (K,) uint8 values of a small image at pixels (u, v) of a large one.
+
+Each is `values[rows[v], columns[u]]`: nearest-neighbor upscaling of the pixels asked for.
 
 Args:
-    pixels: (K,) int64, indices in the flat (H, W) image.
-    values: (h, w) uint8.
-    rows: (H,) int64, in [0, h).
-    columns: (W,) int64, in [0, w).
+    pixels: (K,) int64 flat indices in the large (H, W) image.
+    values: (h, w) uint8 small image.
+    rows: (H,) int64 row of the small image for each of the large one.
+    columns: (W,) int64 column of the small image for each of the large one.
 
 Raises:
     ValueError: A pixel is not in the image, or a row or a column not in `values`.)");

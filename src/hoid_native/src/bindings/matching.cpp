@@ -78,7 +78,7 @@ private:
   std::optional<Vector<bool>> free_;
 };
 
-Pairs given(matching::Pairs&& pairs)
+Pairs give_pairs(matching::Pairs&& pairs)
 {
   return make<Pairs>(
     give(std::move(pairs.q)), give(std::move(pairs.k)), give(std::move(pairs.distance)));
@@ -86,33 +86,33 @@ Pairs given(matching::Pairs&& pairs)
 
 Pairs match_by_projection(
   const RealArray<3, -1>& projection_px, const RealArray<-1>& radius_px,
-  const QueryConstraints& wanted, const Candidates& candidates, const MatchThreshold& threshold)
+  const QueryConstraints& queries, const Candidates& candidates, const MatchThreshold& threshold)
 {
-  const int count = wanted.count();
+  const int count = queries.count();
   require_length("radius_px", radius_px, count);
   require(projection_px.size(1) == count, "projection_px: expected a column for each query");
   const double* u = projection_px.data();
   const matching::Windows windows{
     u, u + count, u + 2 * static_cast<std::ptrdiff_t>(count), radius_px.data()};
-  return given(unlocked([&] {
-    return matching::match_by_projection(windows, wanted.view(), candidates.view(), threshold);
+  return give_pairs(unlocked([&] {
+    return matching::match_by_projection(windows, queries.view(), candidates.view(), threshold);
   }));
 }
 
 Pairs match_along_segments(
   const RealArray<-1, 4>& segments_px, const RealArray<-1>& octave_radius_px,
-  const QueryConstraints& wanted, const Candidates& candidates, const MatchThreshold& threshold)
+  const QueryConstraints& queries, const Candidates& candidates, const MatchThreshold& threshold)
 {
-  require_length("segments_px", segments_px, wanted.count());
-  require_range("max_octave", wanted.max_octave(), 0, octave_radius_px.size());
+  require_length("segments_px", segments_px, queries.count());
+  require_range("max_octave", queries.max_octave(), 0, octave_radius_px.size());
   require_range("octave", candidates.octave(), 0, octave_radius_px.size());
   const matching::Segments segments{segments_px.data(), octave_radius_px.data()};
-  return given(unlocked([&] {
-    return matching::match_along_segments(segments, wanted.view(), candidates.view(), threshold);
+  return give_pairs(unlocked([&] {
+    return matching::match_along_segments(segments, queries.view(), candidates.view(), threshold);
   }));
 }
 
-nb::ndarray<nb::numpy, int64_t, nb::ndim<1>> typical_descriptors(
+nb::ndarray<nb::numpy, int64_t, nb::ndim<1>> distinctive_descriptors(
   const Array<uint8_t, -1, kDescriptorBytes>& descriptors, const Vector<int64_t>& starts)
 {
   require_range("starts", starts, 0, descriptors.size());
@@ -120,7 +120,7 @@ nb::ndarray<nb::numpy, int64_t, nb::ndim<1>> typical_descriptors(
   require(
     std::adjacent_find(first, last, std::greater_equal<>()) == last, "starts: must ascend");
   return give(unlocked([&] {
-    return matching::typical_descriptors(
+    return matching::distinctive_descriptors(
       descriptors.data(), descriptors.size(), first, starts.size());
   }));
 }
@@ -130,7 +130,7 @@ nb::ndarray<nb::numpy, int64_t, nb::ndim<1>> typical_descriptors(
 void bind_matching(nb::module_& module)
 {
   nb::class_<QueryConstraints>(module, "QueryConstraints", R"(
-What Q queries ask of a feature, wherever it lies.
+Octaves and descriptors of Q queries.
 
 Args:
     min_octave: (Q,) int8, inclusive.
@@ -143,14 +143,14 @@ Raises:
       nb::init<Vector<int8_t>, Vector<int8_t>, Array<uint8_t, -1, kDescriptorBytes>>(),
       "min_octave"_a, "max_octave"_a, "descriptors"_a);
   nb::class_<Candidates>(module, "Candidates", R"(
-N features among which queries look for theirs.
+N features to match.
 
 Args:
-    measurement_px: (N, 3) float32 u, v, u_right; NaN u_right: no depth. Features without a
-        position (NaN), or further out than any image is large, match nothing.
+    measurement_px: (N, 3) float32 u, v, u_right; NaN u_right: no depth. Features at NaN or beyond
+        16384 px match nothing.
     octave: (N,) uint8.
     descriptors: (N, 32) uint8.
-    free: (N,) bool, those that may be matched; None: all.
+    free: (N,) bool, whether each may be matched; None: all may.
 
 Raises:
     ValueError: Lengths differ.)")
@@ -160,53 +160,57 @@ Raises:
         std::optional<Vector<bool>>>(),
       "measurement_px"_a, "octave"_a, "descriptors"_a, "free"_a = nb::none());
   nb::class_<MatchThreshold>(module, "MatchThreshold", R"(
-How good a match must be.
+Threshold of a match.
 
 Args:
-    max_distance: Hamming.
-    ratio: by which the best must beat a second best of its octave; 1.0: no test.)")
+    max_distance: largest Hamming distance.
+    ratio: largest ratio of the best distance to the second best one of the same octave; 1.0: no
+        test.)")
     .def(nb::init<int, double>(), "max_distance"_a, "ratio"_a)
-    .def_ro("max_distance", &MatchThreshold::max_distance, "Hamming.")
+    .def_ro("max_distance", &MatchThreshold::max_distance, "Largest Hamming distance.")
     .def_ro(
-      "ratio", &MatchThreshold::ratio, "Of the best distance to the second best; 1.0: no test.");
+      "ratio", &MatchThreshold::ratio,
+      "Largest ratio of best to second best distance; 1.0: no test.");
   module.def(
-    "match_by_projection", &match_by_projection, "projection_px"_a, "radius_px"_a, "wanted"_a,
+    "match_by_projection", &match_by_projection, "projection_px"_a, "radius_px"_a, "queries"_a,
     "candidates"_a, "threshold"_a, R"(
-Return the best feature of each query near its expected pixel, one to one.
+Return one-to-one matches of queries and features within windows around expected positions.
 
 Args:
-    projection_px: (3, Q) u, v, u_right where each query is expected; NaN u_right: unknown.
+    projection_px: (3, Q) expected u, v, u_right of each query; NaN u_right: unknown.
     radius_px: (Q,) half sides of the square windows.
-    wanted: by each query.
-    candidates: which agree in u_right too where both know it.
+    queries: octaves and descriptors of the queries.
+    candidates: features; u_right must agree within the radius, too, if both are known.
     threshold: of a match.
 
 Raises:
     ValueError: Lengths differ.)");
   module.def(
     "match_along_segments", &match_along_segments, "segments_px"_a, "octave_radius_px"_a,
-    "wanted"_a, "candidates"_a, "threshold"_a, R"(
-Return the best feature of each query along the segment where it may be, one to one.
+    "queries"_a, "candidates"_a, "threshold"_a, R"(
+Return one-to-one matches of queries and features near image segments (of epipolar lines).
 
 Args:
-    segments_px: (Q, 4) u, v of both ends; NaN: nowhere.
-    octave_radius_px: (L,) how far from the segment a feature of each octave may lie.
-    wanted: by each query.
-    candidates: whose u_right is not looked at.
+    segments_px: (Q, 4) u, v of both ends; NaN: no segment.
+    octave_radius_px: (L,) largest distance from the segment of a feature of each octave.
+    queries: octaves and descriptors of the queries.
+    candidates: features; u_right is ignored.
     threshold: of a match.
 
 Raises:
     ValueError: Lengths differ, or an octave is not below L.)");
   module.def(
-    "typical_descriptors", &typical_descriptors, "descriptors"_a, "starts"_a, R"(
-Return the (G,) row of each group's descriptor with the least median distance to the others.
+    "distinctive_descriptors", &distinctive_descriptors, "descriptors"_a, "starts"_a, R"(
+Return the (G,) int64 rows of the descriptors with the smallest median distance in their groups.
+
+This is ComputeDistinctiveDescriptors of ORB-SLAM.
 
 Args:
-    descriptors: (M, 32), grouped; only the last eight of a larger group are compared.
+    descriptors: (M, 32) uint8, sorted by group; only the last 8 of a group are compared.
     starts: (G,) int64 first row of each group, ascending.
 
 Raises:
-    ValueError: A group starts beyond the descriptors, or where another one does.)");
+    ValueError: `starts` does not ascend, or a group starts beyond the descriptors.)");
 }
 
 }  // namespace hoid::bindings

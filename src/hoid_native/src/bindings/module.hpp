@@ -1,4 +1,4 @@
-// The parts of the Python module, one for each folder of kernels.
+// Each function binds the kernels of one folder.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -6,7 +6,6 @@
 namespace hoid::bindings {
 
 void bind_features(nanobind::module_& module);
-void bind_flow(nanobind::module_& module);
 void bind_matching(nanobind::module_& module);
 void bind_optimize(nanobind::module_& module);
 void bind_boxes(nanobind::module_& module);

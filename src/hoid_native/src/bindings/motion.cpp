@@ -18,9 +18,10 @@ using motion::Pinhole;
 
 HOID_RESULT(Segments);
 
+// A constant (m), and factors of the depth and of its square.
 using MarginTuple = std::tuple<float, float, float>;
 
-motion::Margin margin_of(const MarginTuple& values)
+motion::DepthMargin margin_of(const MarginTuple& values)
 {
   return {std::get<0>(values), std::get<1>(values), std::get<2>(values)};
 }
@@ -44,35 +45,35 @@ Segments depth_segments(const ImageArray<float>& depth_m, int cell_px)
     give(std::move(found.area_px)));
 }
 
-auto depths_around(const ImageArray<float>& depth_m)
+auto depth_ranges_3x3(const ImageArray<float>& depth_m)
 {
   std::vector<float> range_m(2 * depth_m.array.size());
-  unlocked([&] { motion::depths_around(view(depth_m), range_m.data()); });
+  unlocked([&] { motion::depth_ranges_3x3(view(depth_m), range_m.data()); });
   const std::array<std::size_t, 3> shape{depth_m.array.shape(0), depth_m.array.shape(1), 2};
   return give(std::move(range_m), shape);
 }
 
-// A view to hold another against: T_earlier_now, and the range of depths around its pixels.
-using Earlier = std::tuple<RealArray<4, 4>, Array<float, -1, -1, 2>, double>;
+// An earlier view: T_earlier_now, its 3x3 depth ranges, and the log-odds that agreement counts.
+using EarlierView = std::tuple<RealArray<4, 4>, Array<float, -1, -1, 2>, double>;
 
-auto front_evidence(
+auto occlusion_log_odds(
   const Pinhole& camera, const ImageArray<float>& depth_m, const ImageArray<int32_t>& label,
-  int num_segments, const std::vector<Earlier>& earlier, const MarginTuple& margin,
-  const std::tuple<double, double, double>& worth)
+  int num_segments, const std::vector<EarlierView>& earlier, const MarginTuple& margin,
+  const std::tuple<double, double, double>& evidence)
 {
   require_shape("label", label, depth_m);
   require(num_segments >= 0, "num_segments: must not be negative");
   require_range("label", label, -1, num_segments);
-  for (const auto& [T_earlier_now, range_m, rest] : earlier) {
+  for (const auto& [T_earlier_now, range_m, agreeing] : earlier) {
     require_shape("range_m", range_m, depth_m);
   }
   std::vector<double> log_odds(num_segments);
   unlocked([&] {
-    for (const auto& [T_earlier_now, range_m, rest] : earlier) {
-      motion::add_front_evidence(
+    for (const auto& [T_earlier_now, range_m, agreeing] : earlier) {
+      motion::add_occlusion_evidence(
         {camera, T_earlier_now.data(), view(depth_m)}, label.data(), range_m.data(),
-        margin_of(margin), {std::get<0>(worth), std::get<1>(worth), std::get<2>(worth), rest},
-        log_odds);
+        margin_of(margin),
+        {std::get<0>(evidence), std::get<1>(evidence), std::get<2>(evidence), agreeing}, log_odds);
     }
   });
   return give(std::move(log_odds));
@@ -85,25 +86,26 @@ auto depths_at(const ImageArray<float>& depth_m, const Vector<int64_t>& pixels)
     unlocked([&] { return motion::depths_at(view(depth_m), pixels.data(), pixels.size()); }));
 }
 
-auto carry_over(
-  const Pinhole& camera, const RealArray<4, 4>& T_before_now, const ImageArray<float>& depth_m,
-  const ImageArray<float>& before_m, const ImageArray<float>& log_odds, const MarginTuple& margin,
-  float fade, const ImageArray<int32_t>& label, const Vector<float>& evidence, float limit)
+auto propagate_log_odds(
+  const Pinhole& camera, const RealArray<4, 4>& T_previous_now, const ImageArray<float>& depth_m,
+  const ImageArray<float>& previous_m, const ImageArray<float>& log_odds,
+  const MarginTuple& margin, float decay, const ImageArray<int32_t>& label,
+  const Vector<float>& evidence, float limit)
 {
-  require_shape("before_m", before_m, depth_m);
+  require_shape("previous_m", previous_m, depth_m);
   require_shape("log_odds", log_odds, depth_m);
   require_shape("label", label, depth_m);
   require_range("label", label, -1, evidence.size());
   require(limit >= 0, "limit: must not be negative");
-  std::vector<float> carried(depth_m.array.size());
+  std::vector<float> propagated(depth_m.array.size());
   unlocked([&] {
-    motion::carry_over(
-      {camera, T_before_now.data(), view(depth_m)}, before_m.data(), log_odds.data(),
-      margin_of(margin), fade, {label.data(), evidence.data(), evidence.size(), limit},
-      carried.data());
+    motion::propagate_log_odds(
+      {camera, T_previous_now.data(), view(depth_m)}, previous_m.data(), log_odds.data(),
+      margin_of(margin), decay, {label.data(), evidence.data(), evidence.size(), limit},
+      propagated.data());
   });
   const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
-  return give(std::move(carried), shape);
+  return give(std::move(propagated), shape);
 }
 
 auto score_poses(
@@ -139,7 +141,7 @@ auto align_triples(
   return give(std::move(T), shape);
 }
 
-auto strongest_in_cells(
+auto strongest_corners_per_cell(
   const Vector<int64_t>& corner_pixels, const Vector<uint8_t>& corner_scores,
   const ImageArray<float>& depth_m, const Vector<int64_t>& small_of_pixel,
   const ImageArray<int32_t>& label, double cell_px, const ImageArray<uint8_t>& taken)
@@ -162,73 +164,79 @@ auto strongest_in_cells(
     static_cast<int64_t>(label.array.size())};
   const motion::CellGrid grid{
     cell_px, taken.size(1), taken.data(), static_cast<int>(taken.array.size())};
-  return give(unlocked([&] { return motion::strongest_in_cells(seen, grid); }));
+  return give(unlocked([&] { return motion::strongest_corners_per_cell(seen, grid); }));
 }
 
-void bind_views(nb::module_& module)
+void bind_segments(nb::module_& module)
 {
   module.def("depth_segments", &depth_segments, "depth_m"_a, "cell_px"_a, R"(
-Return the pieces of a depth image, cut along jumps of depth and along a grid of square cells.
+Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
 
 Args:
     depth_m: (H, W) float32; 0 = no reading.
-    cell_px: side of a cell, at least 1.
+    cell_px: side of a cell in pixels, at least 1.
 
 Raises:
     ValueError: The side is less than 1.)");
-  module.def("depths_around", &depths_around, "depth_m"_a, R"(
-Return the (H, W, 2) least and most depth in the 3x3 pixels around each; 0 without depth there.
+  module.def("depth_ranges_3x3", &depth_ranges_3x3, "depth_m"_a, R"(
+Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels around each pixel.
+
+Both are 0 at pixels without a reading.
 
 Args:
     depth_m: (H, W) float32; 0 = no reading.)");
   module.def(
-    "front_evidence", &front_evidence, "camera"_a, "depth_m"_a, "label"_a, "num_segments"_a,
-    "earlier"_a, "margin"_a, "worth"_a, R"(
-Return the (S,) log-odds that segments move, by what they are in front of in earlier views.
+    "occlusion_log_odds", &occlusion_log_odds, "camera"_a, "depth_m"_a, "label"_a,
+    "num_segments"_a, "earlier"_a, "margin"_a, "evidence"_a, R"(
+Return the (S,) log-odds that segments move, from their occlusion of the depth in earlier views.
 
-What is behind what was seen says nothing. Every other row is looked at.
+A segment in front of the depth that an earlier view shows has moved there. A segment behind it is
+no evidence. Only every other row is compared, to save time.
 
 Args:
     camera: of all images.
-    depth_m: (H, W) float32 now; 0 = no reading.
+    depth_m: (H, W) float32 current depth; 0 = no reading.
     label: (H, W) int32 segment of each pixel; -1 = none.
     num_segments: S.
-    earlier: of each view T_earlier_now (4, 4), the (H, W, 2) float32 least and most reading around
-        each pixel, 0 = none there, and the log-odds against a segment all of which is at them.
-    margin: a constant [m], and shares of the depth and of its square, by which a pixel must be
-        in front.
-    worth: the log-odds of a segment all of which is in front, the share in front up to which there
-        is no evidence, and that from which on what agrees is none.
+    earlier: for each earlier view T_earlier_now (4, 4), its `depth_ranges_3x3` (H, W, 2), and the
+        log-odds against motion of a segment that agrees with its depth everywhere.
+    margin: a pixel occludes if it is nearer by more than the sum of a constant (m) and these
+        shares of its depth (m) and of its squared depth.
+    evidence: the log-odds of a segment that occludes everywhere, the occluding share up to which
+        there is no evidence, and the occluding share from which agreement of the rest is none.
 
 Raises:
     ValueError: Images differ in size, or a label is not one of S.)");
   module.def("depths_at", &depths_at, "depth_m"_a, "pixels"_a, R"(
-Return the (K,) float32 depths at pixels; 0 where no number is, and for the index -1.
+Return the (K,) float32 depths (m) at pixels; 0 for index -1 and for depths that are not finite.
 
 Args:
     depth_m: (H, W) float32.
-    pixels: (K,) int64 indices in the flat image; -1 = none.
+    pixels: (K,) int64 flat indices; -1 = none.
 
 Raises:
     ValueError: An index is not in the image.)");
   module.def(
-    "carry_over", &carry_over, "camera"_a, "T_before_now"_a, "depth_m"_a, "before_m"_a,
-    "log_odds"_a, "margin"_a, "fade"_a, "label"_a, "evidence"_a, "limit"_a, R"(
-Return the (H, W) log-odds of pixels by those they had before and the evidence of now.
+    "propagate_log_odds", &propagate_log_odds, "camera"_a, "T_previous_now"_a, "depth_m"_a,
+    "previous_m"_a, "log_odds"_a, "margin"_a, "decay"_a, "label"_a, "evidence"_a, "limit"_a, R"(
+Return the (H, W) float32 log-odds of motion of the current pixels.
 
-Before, they had none where another depth was seen in their place. Without depth they have none.
+They are the decayed log-odds of the same surface in the previous image plus the evidence of the
+current one. A pixel starts at 0 if the previous image shows another depth there, and has 0 without
+a reading.
 
 Args:
     camera: of both images.
-    T_before_now: (4, 4).
-    depth_m: (H, W) float32 now; 0 = no reading.
-    before_m: (H, W) float32 depth of the image before.
-    log_odds: (H, W) float32 of its pixels.
-    margin: a constant [m], and shares of the depth and of its square, by which depths may differ.
-    fade: what is left of them.
+    T_previous_now: (4, 4).
+    depth_m: (H, W) float32 current depth; 0 = no reading.
+    previous_m: (H, W) float32 depth of the previous image.
+    log_odds: (H, W) float32 of the previous image's pixels.
+    margin: depths of one surface differ by less than the sum of a constant (m) and these shares of
+        the depth (m) and of its square.
+    decay: factor of the previous log-odds.
     label: (H, W) int32 segment of each pixel; -1 = none.
-    evidence: (S,) float32 log-odds that are added to segments.
-    limit: of the log-odds, either way.
+    evidence: (S,) float32 log-odds to add to the pixels of each segment.
+    limit: log-odds are clamped to [-limit, limit].
 
 Raises:
     ValueError: Images differ in size, a label is not one of S, or the limit is negative.)");
@@ -237,19 +245,20 @@ Raises:
 void bind_corners(nb::module_& module)
 {
   module.def(
-    "strongest_in_cells", &strongest_in_cells, "corner_pixels"_a, "corner_scores"_a, "depth_m"_a,
-    "small_of_pixel"_a, "label"_a, "cell_px"_a, "taken"_a, R"(
-Return the indices, in order of cell, of the strongest corner of each cell that is not taken.
+    "strongest_corners_per_cell", &strongest_corners_per_cell, "corner_pixels"_a,
+    "corner_scores"_a, "depth_m"_a, "small_of_pixel"_a, "label"_a, "cell_px"_a, "taken"_a, R"(
+Return the indices, in order of cells, of the strongest corner in each free cell of a grid.
 
-Only corners with depth, on a piece of the small depth image, are chosen; of equals, the first.
+Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
+corner wins.
 
 Args:
-    corner_pixels: (K,) int64 indices in the flat image.
+    corner_pixels: (K,) int64 flat indices.
     corner_scores: (K,) uint8, higher is stronger.
     depth_m: (H, W) float32; 0 or not finite = no reading.
-    small_of_pixel: (H * W,) int64 indices in the flat small image.
-    label: (h, w) int32 of the small image; -1 = no piece.
-    cell_px: side of a cell.
+    small_of_pixel: (H * W,) int64 flat index in the downscaled image of each pixel.
+    label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
+    cell_px: side of a cell in pixels.
     taken: (rows, columns) uint8 of the cells, which cover the image; 0 = free.
 
 Raises:
@@ -260,24 +269,24 @@ Raises:
 
 void bind_motion(nb::module_& module)
 {
-  nb::class_<Pinhole>(module, "Pinhole", "A camera without distortion.")
+  nb::class_<Pinhole>(module, "Pinhole", "A pinhole camera without distortion.")
     .def(nb::init<double, double, double, double>(), "fx_px"_a, "fy_px"_a, "cx_px"_a, "cy_px"_a)
-    .def_ro("fx_px", &Pinhole::fx_px, "Focal length along rows.")
-    .def_ro("fy_px", &Pinhole::fy_px, "Focal length along columns.")
+    .def_ro("fx_px", &Pinhole::fx_px, "Horizontal focal length.")
+    .def_ro("fy_px", &Pinhole::fy_px, "Vertical focal length.")
     .def_ro("cx_px", &Pinhole::cx_px, "Column of the principal point.")
     .def_ro("cy_px", &Pinhole::cy_px, "Row of the principal point.");
-  bind_views(module);
+  bind_segments(module);
   module.def(
     "score_poses", &score_poses, "camera"_a, "pixel_px"_a, "limit"_a, "T_camera_world"_a,
     "points_m"_a, "measured_px"_a, "weights"_a, R"(
-Return the (M, 2) weights of the points that each pose explains, by two sets of weights.
+Return the (M, 2) weight sums of the points that each pose explains, for two sets of weights.
 
-A point counts less the worse it fits.
+A point counts 1 - (residual / limit)^2 of its weight, and nothing beyond the limit.
 
 Args:
     camera: of the image.
     pixel_px: standard deviation of pixels.
-    limit: standard deviations beyond which a point counts nothing.
+    limit: of residuals, in standard deviations.
     T_camera_world: (M, 4, 4).
     points_m: (N, 3).
     measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
@@ -286,12 +295,12 @@ Args:
 Raises:
     ValueError: Lengths differ, or the noise or the limit is not positive.)");
   module.def("align_triples", &align_triples, "from_m"_a, "to_m"_a, "triples"_a, R"(
-Return the (M, 4, 4) rigid transforms that bring three points each nearest to three others.
+Return the (M, 4, 4) least-squares rigid transforms T_to_from of point triples.
 
 Args:
     from_m: (N, 3).
     to_m: (N, 3).
-    triples: (M, 3) int64 indices; three points on a line give the identity.
+    triples: (M, 3) int64 indices of points; three points on a line give the identity.
 
 Raises:
     ValueError: Lengths differ, or an index is not one of N.

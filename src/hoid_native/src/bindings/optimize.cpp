@@ -20,8 +20,8 @@ using optimize::StereoParams;
 
 HOID_RESULT(PoseFit);
 HOID_RESULT(BundleFit);
-HOID_RESULT(MatchJudgement);
-HOID_RESULT(MovingPart);
+HOID_RESULT(MatchEvaluation);
+HOID_RESULT(BiasingRegion);
 
 template <typename Values>
 std::vector<double> copy(const Values& values)
@@ -72,32 +72,33 @@ PoseFit optimize_pose(
     give(copy(fit.information), std::array<std::size_t, 2>{6, 6}));
 }
 
-MatchJudgement judge_matches(
+MatchEvaluation evaluate_matches(
   const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
   const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2,
   const RealArray<4, 4>& T_camera_map)
 {
   const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
   const auto pose = pose_array(T_camera_map);
-  auto judged = unlocked([&] { return optimize::judge_matches(camera, gates, problem, pose); });
-  const std::array<std::size_t, 1> length{judged.inliers.size()};
-  return make<MatchJudgement>(
-    give(std::move(judged.cost)), give<uint8_t, bool>(std::move(judged.inliers), length));
+  auto evaluation =
+    unlocked([&] { return optimize::evaluate_matches(camera, gates, problem, pose); });
+  const std::array<std::size_t, 1> length{evaluation.inliers.size()};
+  return make<MatchEvaluation>(
+    give(std::move(evaluation.cost)), give<uint8_t, bool>(std::move(evaluation.inliers), length));
 }
 
-MovingPart heaviest_part(
+BiasingRegion most_biasing_region(
   const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
   const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2,
   const RealArray<4, 4>& T_camera_map, double noise_scale)
 {
   const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
   const auto pose = pose_array(T_camera_map);
-  auto part = unlocked(
-    [&] { return optimize::heaviest_part(camera, gates, problem, pose, noise_scale); });
-  const std::array<std::size_t, 1> length{part.mask.size()};
-  return make<MovingPart>(
-    give<uint8_t, bool>(std::move(part.mask), length), give(copy(part.low)),
-    give(copy(part.high)), part.gain);
+  auto region = unlocked(
+    [&] { return optimize::most_biasing_region(camera, gates, problem, pose, noise_scale); });
+  const std::array<std::size_t, 1> length{region.mask.size()};
+  return make<BiasingRegion>(
+    give<uint8_t, bool>(std::move(region.mask), length), give(copy(region.low)),
+    give(copy(region.high)), region.gain);
 }
 
 BundleFit adjust_bundle(
@@ -188,17 +189,17 @@ Args:
 Raises:
     ValueError: Lengths differ.)");
   module.def(
-    "judge_matches", &judge_matches, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
+    "evaluate_matches", &evaluate_matches, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
     "inv_sigma2"_a, "T_camera_map"_a, R"(
 Return how well each match fits a pose.
 
-Errors of pixels and of disparities are each cut off where they become outliers: their sum over
-matches compares poses, whatever is an outlier of which (MSAC).
+The squared errors of pixel and disparity are truncated at their gates (MSAC, Torr and Zisserman,
+CVIU 2000), so that sums over matches compare poses with different outliers.
 
 Args:
-    camera: Of the image, with its measured noise.
-    gates: Of outliers.
-    points_m: (N, 3) in the map's frame.
+    camera: of the image, with its measured noise.
+    gates: chi-square limits of outliers.
+    points_m: (N, 3) in the map frame.
     measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
     T_camera_map: (4, 4).
@@ -206,21 +207,21 @@ Args:
 Raises:
     ValueError: Lengths differ.)");
   module.def(
-    "heaviest_part", &heaviest_part, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
-    "inv_sigma2"_a, "T_camera_map"_a, "noise_scale"_a, R"(
-Return the part of the matches without which the rest would fit best.
+    "most_biasing_region", &most_biasing_region, "camera"_a, "gates"_a, "points_m"_a,
+    "measured_px"_a, "inv_sigma2"_a, "T_camera_map"_a, "noise_scale"_a, R"(
+Return the region of the view without whose matches the others would fit best.
 
-Parts are of a sixteenth to a quarter of the matches, near each other in direction and depth. There
-is none, with a gain of 0, where a point or the pose is not finite.
+Regions are cells of a k-d tree over direction and depth, with 1/16 to 1/4 of the matches each
+(docs/decisions/036). The region is empty, with a gain of 0, if a point or the pose is not finite.
 
 Args:
-    camera: Of the image, with its measured noise.
-    gates: Of outliers, which tell nothing; pixels and disparities have gates of their own.
-    points_m: (N, 3) in the map's frame.
+    camera: of the image, with its measured noise.
+    gates: chi-square limits of outliers, which are ignored.
+    points_m: (N, 3) in the map frame.
     measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-    T_camera_map: (4, 4) that fits them.
-    noise_scale: Variances in units of those of the camera.
+    T_camera_map: (4, 4) pose fitted to all matches.
+    noise_scale: actual variances as a multiple of those of the camera.
 
 Raises:
     ValueError: Lengths differ.)");
@@ -228,24 +229,26 @@ Raises:
     "adjust_bundle", &adjust_bundle, "lens"_a, "gates"_a, "T_camera_map"_a, "num_free"_a,
     "points_m"_a, "camera"_a, "point"_a, "measured_px"_a, "inv_sigma2"_a, "rounds"_a,
     "iterations"_a, R"(
-Adjust with a Huber kernel, in rounds after each of which what does not fit is left out.
+Return adjusted camera poses and points: Levenberg-Marquardt with Huber kernels, in rounds.
+
+After each round outliers are left out of the next ones.
 
 Args:
-    lens: Of all images.
-    gates: Of outliers, and of the kernel.
-    T_camera_map: (C, 4, 4), the first `num_free` are moved.
-    num_free: How many cameras move.
-    points_m: (P, 3) in the map's frame.
-    camera: (M,) int64, which camera observes.
-    point: (M,) int64, which point; once a camera at most.
+    lens: camera model of all images.
+    gates: chi-square limits of outliers, and of the Huber kernels.
+    T_camera_map: (C, 4, 4); the first `num_free` are optimized, the others fixed.
+    num_free: number of optimized cameras.
+    points_m: (P, 3) in the map frame.
+    camera: (M,) int64 index of the camera of each observation.
+    point: (M,) int64 index of the point of each observation; at most one for each camera.
     measured_px: (M, 3) u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
-    rounds: How many, at least one.
-    iterations: Of each round, at most.
+    rounds: number of rounds, at least 1.
+    iterations: largest number of iterations in each round.
 
 Raises:
-    ValueError: Lengths differ, or a camera or a point is not there.
-    MemoryError: The cameras that move are too many for a dense system.)");
+    ValueError: Lengths differ, or an index is out of range.
+    MemoryError: The dense system of the optimized cameras does not fit in memory.)");
 }
 
 }  // namespace hoid::bindings

@@ -1,4 +1,4 @@
-// What kernels are given: views of memory that somebody else keeps.
+// Views of images and boxes that the caller owns.
 #pragma once
 
 #include <cstddef>
@@ -6,7 +6,7 @@
 
 namespace hoid {
 
-// An image without gaps between its rows.
+// A row-major image without padding between its rows.
 template <typename T>
 struct Image
 {
@@ -16,8 +16,9 @@ struct Image
   const T* row(int y) const { return data + static_cast<std::ptrdiff_t>(y) * width; }
 };
 
-// Tells the rows of flat pixels: half a pixel from every border of rows, which is more than the
-// error of the product; faster than a division.
+// Computes the row of a flat pixel index by a multiplication, which is faster than a division. The
+// half pixel keeps the product away from the whole numbers, so its rounding error cannot change
+// the row.
 class RowOfPixel
 {
 public:
@@ -32,7 +33,7 @@ private:
   double per_width_;
 };
 
-// Boxes (x1, y1, x2, y2), finite.
+// Finite boxes (x1, y1, x2, y2), in pixels.
 struct Boxes
 {
   const double* data;

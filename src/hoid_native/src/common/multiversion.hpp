@@ -1,6 +1,6 @@
-// Functions compiled for newer processors as well: the loader takes what the machine at hand can
-// run. With HOID_ONE_VERSION there is only the one for every processor, which tests compare with
-// the others.
+// Compiles a function twice: for any x86-64 processor and for those with an extension such as
+// AVX2. The loader picks the one that this processor runs. HOID_ONE_VERSION leaves only the first,
+// and test_dispatch.py checks that both return the same bits.
 #pragma once
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(HOID_ONE_VERSION)
@@ -9,5 +9,5 @@
 #define MULTIVERSION(extension)
 #endif
 
-// What such a function calls is compiled like it only where it is inlined.
+// A function called by a MULTIVERSION function gets the extension only if it is inlined.
 #define ALWAYS_INLINE __attribute__((always_inline)) inline

@@ -1,6 +1,5 @@
-// ORB's descriptor: which of two pixels is brighter, for 256 pairs that turn with the corner.
-//
-// Steered BRIEF of Rublee et al., ICCV 2011, sec. 4; bit by bit OpenCV's for the same image.
+// ORB's descriptor, steered BRIEF (Rublee et al., ICCV 2011, sec. 4): 256 comparisons of two
+// pixels each, rotated by the corner's orientation. The bits equal OpenCV's for the same image.
 
 #include <cmath>
 #include <cstddef>
@@ -14,7 +13,7 @@ namespace hoid::features {
 
 namespace {
 
-// The pattern's pixels by coordinate, all first ones before all second ones.
+// The pattern by coordinate: the first pixels of all pairs, then the second ones.
 struct Pattern
 {
   float x[2 * kPairs], y[2 * kPairs];
@@ -30,8 +29,8 @@ struct Pattern
   }
 };
 
-// The nearest integer, half to even, of a small number: a sum that has no bits left for fractions.
-// std::lrint says the same, but not for several numbers at once.
+// Round a small number to the nearest integer, half to even, as std::lrint does. Adding 1.5 * 2^23
+// leaves no bits for a fraction; unlike std::lrint this compiles to vector instructions.
 ALWAYS_INLINE int32_t nearest(float value)
 {
   constexpr float kShift = 12582912;  // 1.5 * 2^23

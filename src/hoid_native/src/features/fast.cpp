@@ -1,6 +1,5 @@
-// FAST-9/16 corners with their score and 3x3 non-maximum suppression, on each pyramid level.
-//
-// The score is the largest threshold at which a pixel still is a corner.
+// FAST-9/16 corners with scores and 3x3 non-maximum suppression on each pyramid level. The score
+// is the largest threshold at which the pixel is still a corner.
 
 #include <algorithm>
 #include <bit>
@@ -17,9 +16,9 @@ namespace hoid::features {
 
 namespace {
 
-constexpr int kLanes = 32, kWordLanes = 8;
+constexpr int kLanes = 32, kWordLanes = 8;  // bytes of an AVX2 register, and of a word
 
-// One byte for each of the pixels of a block.
+// A block of 32 pixels in a row, one byte each.
 using Lanes = uint8_t __attribute__((vector_size(kLanes)));
 using Words = uint64_t __attribute__((vector_size(kLanes)));
 
@@ -36,7 +35,7 @@ ALWAYS_INLINE bool any(Lanes lanes)
   return (words[0] | words[1] | words[2] | words[3]) != 0;
 }
 
-// a - b, not below 0.
+// a - b, saturated at 0.
 ALWAYS_INLINE Lanes excess(Lanes a, Lanes b)
 {
   return larger(a, b) - b;
@@ -47,7 +46,7 @@ ALWAYS_INLINE Lanes contrast(Lanes center, Lanes brightest, Lanes darkest)
   return larger(excess(brightest, center), excess(center, darkest));
 }
 
-// Call `visit` for each lane that is not 0, all of whose bits are set.
+// Call `visit` with the index of each set lane. The bits of a lane are all set or all clear.
 template <typename Visit>
 ALWAYS_INLINE void for_each_lane(Lanes lanes, Visit visit)
 {
@@ -61,13 +60,13 @@ ALWAYS_INLINE void for_each_lane(Lanes lanes, Visit visit)
   }
 }
 
-// The scores, plus one, of the pixels of a block that are corners at a threshold; 0 of others.
+// Return score + 1 of the block's pixels that are corners at the threshold, 0 of the others.
 ALWAYS_INLINE Lanes scores_of(const uint8_t* at, const int* offset, Lanes threshold)
 {
   const Lanes center = load(at);
   const Lanes above = load(at + offset[0]), right = load(at + offset[4]),
               below = load(at + offset[8]), left = load(at + offset[12]);
-  // Of any 9 contiguous circle pixels at least two neighbouring compass points are members.
+  // Any 9 contiguous circle pixels include two neighboring compass points: a cheap upper bound.
   const Lanes bound = contrast(
     center, smaller(larger(above, below), larger(left, right)),
     larger(smaller(above, below), smaller(left, right)));
@@ -82,19 +81,19 @@ ALWAYS_INLINE Lanes scores_of(const uint8_t* at, const int* offset, Lanes thresh
   return score > threshold ? score : Lanes{};
 }
 
-// Write the scores of a line within a margin.
+// Write the scores of an image row, without the margin at either end.
 ALWAYS_INLINE void score_line(
   const uint8_t* line, int width, int margin, const int* offset, Lanes threshold, uint8_t* out)
 {
   const int last = width - margin - kLanes;
   for (int x = margin; x < width - margin; x += kLanes) {
-    const int start = std::min(x, last);  // the last block overlaps its neighbour
+    const int start = std::min(x, last);  // the last block overlaps the one before
     const Lanes score = scores_of(line + start, offset, threshold);
     std::memcpy(out + start, &score, kLanes);
   }
 }
 
-// Add the pixels of a line that score higher than all around them.
+// Append the row's pixels that score higher than their 8 neighbors.
 ALWAYS_INLINE void add_peaks(
   const uint8_t* above, const uint8_t* line, const uint8_t* below, int width, int margin, int y,
   Corners& out)
@@ -121,7 +120,7 @@ ALWAYS_INLINE void add_peaks(
   }
 }
 
-// Add the corners of one level.
+// Append the corners of one pyramid level (xy_px and score).
 MULTIVERSION("avx2")
 void add_corners(const Image<uint8_t>& image, int threshold, int border, Corners& corners)
 {
@@ -133,7 +132,8 @@ void add_corners(const Image<uint8_t>& image, int threshold, int border, Corners
   for (int k = 0; k < kCircle; ++k) {
     offset[k] = kOffsetY[k] * image.width + kOffsetX[k];
   }
-  // Suppression runs one row behind detection; a corner outside the border does not compete.
+  // Suppression runs one row behind scoring, on three rows of scores. Corners outside the border
+  // have score 0 and suppress none.
   std::vector<uint8_t> scores(3 * static_cast<std::size_t>(image.width));
   const auto row = [&](int y) {
     return scores.data() + static_cast<std::ptrdiff_t>(y % 3) * image.width;
@@ -151,11 +151,11 @@ void add_corners(const Image<uint8_t>& image, int threshold, int border, Corners
   }
 }
 
-// Say where the corners that were added last are on level 0.
-void place(double step_x_px, double step_y_px, int width, Corners& corners)
+// Append the level-0 positions of the corners that have none yet.
+void add_positions(double step_x_px, double step_y_px, int width, Corners& corners)
 {
   for (std::size_t k = corners.pixel.size(); k < corners.score.size(); ++k) {
-    // Pixel centres, not corners, are whole numbers: a level's pixel (0, 0) lies at (s - 1) / 2.
+    // Integer coordinates are pixel centers, so a level's pixel (0, 0) lies at (step - 1) / 2.
     const double u = (corners.xy_px[2 * k] + 0.5) * step_x_px - 0.5,
                  v = (corners.xy_px[2 * k + 1] + 0.5) * step_y_px - 0.5;
     corners.uv_px.insert(corners.uv_px.end(), {u, v});
@@ -171,7 +171,7 @@ Corners detect_fast(const Pyramid& pyramid, int threshold, int border)
   for (std::size_t octave = 0; octave < pyramid.levels.size(); ++octave) {
     const float* step_px = pyramid.steps_px + 2 * octave;
     add_corners(pyramid.levels[octave], threshold, border, corners);
-    place(step_px[0], step_px[1], pyramid.levels[0].width, corners);
+    add_positions(step_px[0], step_px[1], pyramid.levels[0].width, corners);
     corners.octave.resize(corners.score.size(), static_cast<uint8_t>(octave));
   }
   return corners;

@@ -12,7 +12,7 @@ constexpr int kRadius = 3;
 constexpr int kOffsetX[kCircle] = {0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1};
 constexpr int kOffsetY[kCircle] = {-3, -3, -2, -1, 0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3};
 
-// Lanes hold one number for each of some pixels; operators work on all of them at once.
+// `Lanes` is a vector type with one number per pixel; its operators work on all pixels at once.
 template <typename Lanes>
 ALWAYS_INLINE Lanes smaller(Lanes a, Lanes b)
 {
@@ -25,19 +25,19 @@ ALWAYS_INLINE Lanes larger(Lanes a, Lanes b)
   return a > b ? a : b;
 }
 
-// The lesser of two where kBright, else the greater.
+// The smaller value if kBright, else the larger.
 template <bool kBright, typename Lanes>
 ALWAYS_INLINE Lanes weaker(Lanes a, Lanes b)
 {
   return kBright ? smaller(a, b) : larger(a, b);
 }
 
-// For each pixel, the darkest of its brightest arc of 9 contiguous circle pixels or, where not
-// kBright, the brightest of its darkest arc; `ring` holds the circle.
+// kBright: over all arcs of 9 contiguous circle pixels, the largest minimum. Otherwise the
+// smallest maximum. `ring` holds the 16 circle pixels.
 template <bool kBright, typename Lanes>
 ALWAYS_INLINE Lanes best_arc(const Lanes* ring)
 {
-  constexpr int kPairs = kCircle / 2;  // of arcs, which have 8 pixels in common
+  constexpr int kPairs = kCircle / 2;  // of neighboring arcs, which share 8 pixels
   Lanes two[kPairs], four[kPairs];
   for (int k = 0; k < kPairs; ++k) {
     two[k] = weaker<kBright>(ring[2 * k + 1], ring[(2 * k + 2) % kCircle]);

@@ -1,5 +1,5 @@
-// ORB features: FAST corners, which of them to take, where between the pixels they peak, which way
-// they point, and what they look like.
+// ORB features (Rublee et al., ICCV 2011): FAST corners, an even selection of them, subpixel
+// positions, orientations and descriptors.
 #pragma once
 
 #include <cstdint>
@@ -9,9 +9,10 @@
 
 namespace hoid::features {
 
-constexpr int kPeakBorderPx = 4;  // what each kernel reads around a pixel
-constexpr int kOrientationBorderPx = 15;
-constexpr int kDescriptorBorderPx = 19;
+// Distance from the image's edge that each kernel needs, from the pixels that it reads.
+constexpr int kSubpixelBorderPx = 4;    // FAST circle (3 px) around each of the 3x3 pixels
+constexpr int kOrientationBorderPx = 15;  // radius of ORB's disc
+constexpr int kDescriptorBorderPx = 19;   // ORB's pattern of +-13 px, rotated and rounded
 constexpr int kDescriptorBytes = 32;
 
 struct Pyramid
@@ -20,37 +21,38 @@ struct Pyramid
   const float* steps_px;  // (levels, 2) level-0 pixels per pixel of each level, in x and y
 };
 
-// FAST corners of the levels of a pyramid, level by level in raster order; a score is the largest
-// threshold at which a pixel still is a corner.
+// FAST corners of a pyramid, level by level in raster order. The score is the largest threshold at
+// which the pixel is still a corner.
 struct Corners
 {
   std::vector<int32_t> xy_px;  // (count, 2) pixels of their own level
   std::vector<double> uv_px;   // (count, 2) pixels of level 0
-  std::vector<int64_t> pixel;  // nearest in the flat level 0
+  std::vector<int64_t> pixel;  // flat index of the nearest level-0 pixel
   std::vector<uint8_t> octave, score;
 };
 
-// Pixels of an image, far enough from its edge.
+// Pixels (x, y) of an image. The caller checks their distance from its edge.
 struct Pixels
 {
   const int32_t *x, *y;
   int count;
 };
 
-// The corners that are at least `border` (>= 3) pixels from the edge of their level.
+// Return the corners at least `border` (>= 3) pixels from the edge of their level.
 Corners detect_fast(const Pyramid& pyramid, int threshold, int border);
 
-// Write the offset (x, y) from each corner to the peak of its score.
-void corner_peaks(const Image<uint8_t>& image, const Pixels& corners, float* offset_out);
+// Write the (count, 2) offset (x, y) from each corner to the subpixel peak of its score, in
+// pixels.
+void subpixel_offsets(const Image<uint8_t>& image, const Pixels& corners, float* offset_out);
 
-// Write the angle (degrees, [0, 360), y down) of each corner.
+// Write the (count,) orientation of each corner: degrees in [0, 360), y down.
 void orientations(const Image<uint8_t>& image, const Pixels& corners, float* angle_deg_out);
 
-// Write the descriptor of each corner of a smoothed image.
+// Write the (count, 32) descriptor of each corner of a smoothed image.
 void orb_descriptors(
   const Image<uint8_t>& image, const Pixels& corners, const float* angle_deg, uint8_t* out);
 
-// Corners of several octaves, by their place on the finest.
+// Corners of several octaves, with positions on level 0.
 struct ScoredCorners
 {
   const double* uv_px;  // (count, 2), not negative
@@ -58,8 +60,8 @@ struct ScoredCorners
   int count;
 };
 
-// Return the indices, ascending, of as many corners as the budgets of octaves, which are not
-// negative, add up to, spread over an area.
+// Return the ascending indices of the corners to keep, spread evenly over `area_px`. Their number
+// is at most the sum of the octaves' budgets (not negative).
 std::vector<int64_t> spread_evenly(
   const ScoredCorners& corners, const int64_t* budgets, int num_octaves, double area_px);
 

@@ -1,6 +1,6 @@
-// The 256 pairs of pixels that ORB compares: found by Rublee et al. (ORB, ICCV 2011, sec. 4.3) to
-// be uncorrelated and of high variance over photographs; in OpenCV's order, so that descriptors
-// are its.
+// The 256 pairs of pixels that ORB compares, chosen by Rublee et al. (ICCV 2011, sec. 4.3) for low
+// correlation and high variance over photographs. They are in OpenCV's order, so that descriptors
+// equal OpenCV's.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@ constexpr int kPairs = 256;
 
 struct Pair
 {
-  int8_t first_x, first_y, second_x, second_y;  // from the corner; y down
+  int8_t first_x, first_y, second_x, second_y;  // pixels from the corner, y down
 };
 
 constexpr Pair kPattern[kPairs] = {

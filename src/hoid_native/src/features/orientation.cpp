@@ -1,6 +1,5 @@
-// Orientation of a corner by the intensity centroid of its disc.
-//
-// Rosin, "Measuring corner properties", CVIU 1999, as used by ORB (Rublee et al., ICCV 2011).
+// Corner orientation by the intensity centroid of a disc (Rosin, "Measuring corner properties",
+// CVIU 1999), as in ORB (Rublee et al., ICCV 2011, sec. 3.2).
 
 #include <cmath>
 #include <cstddef>
@@ -16,9 +15,9 @@ namespace {
 
 constexpr int kRadius = kOrientationBorderPx;
 constexpr int kRows = 2 * kRadius + 1;
-constexpr int kColumns = kRows + 1;  // the last one pads to whole vectors
+constexpr int kColumns = kRows + 1;  // one more, so that a row fills whole vectors
 
-// What each pixel of a square counts for in the moments; 0 outside the disc of radius 15.5.
+// Weights of the square's pixels in the first moments; 0 outside the disc of radius 15.5 px.
 struct Weights
 {
   int16_t x[kRows * kColumns] = {}, y[kRows * kColumns] = {};

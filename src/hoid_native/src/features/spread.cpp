@@ -1,4 +1,4 @@
-// An even choice of corners: many in, a budget of well-spread ones out.
+// Selects a budget of corners that are spread evenly over the image.
 
 #include <algorithm>
 #include <cmath>
@@ -16,7 +16,7 @@ namespace {
 
 using Indices = std::vector<int32_t>;
 
-// Sort indices by a key, which is small and not negative; equals stay in order.
+// Counting sort of indices by a small, nonnegative key; equal keys keep their order.
 template <typename Key>
 void sort_by(Key key, Indices& indices)
 {
@@ -34,9 +34,9 @@ void sort_by(Key key, Indices& indices)
   indices = std::move(sorted);
 }
 
-// Sort the corners of an octave: the strongest of every cell, then the second of every cell, and
-// so on, by strength each.
-void queue_up(const ScoredCorners& corners, float cells_per_px, Indices& queue)
+// Sort an octave's corners: the strongest of each cell first, then the second of each cell, and so
+// on; by descending score among those of equal rank.
+void sort_by_rank(const ScoredCorners& corners, float cells_per_px, Indices& queue)
 {
   const auto cell = [&](int32_t k, int axis) {
     const double at_px = corners.uv_px[2 * static_cast<std::ptrdiff_t>(k) + axis];
@@ -70,7 +70,7 @@ std::vector<int64_t> spread_evenly(
   for (int octave = 0; octave < num_octaves; ++octave) {
     Indices& queue = queues[octave];
     const auto cells = static_cast<double>(std::max<int64_t>(budgets[octave], 1));
-    queue_up(corners, std::min(static_cast<float>(std::sqrt(cells / area_px)), 1.0F), queue);
+    sort_by_rank(corners, std::min(static_cast<float>(std::sqrt(cells / area_px)), 1.0F), queue);
     int64_t left = budgets[octave];
     for (const int32_t k : queue) {
       surplus[k] = static_cast<int32_t>(std::max<int64_t>(-(--left), 0));

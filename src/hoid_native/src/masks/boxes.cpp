@@ -1,4 +1,4 @@
-// Boxes (x1, y1, x2, y2): how much of them lies in others, and what the HOID paper says of them.
+// Overlap of boxes (x1, y1, x2, y2), and their classification by the rules of the HOID paper.
 
 #include <algorithm>
 #include <cmath>
@@ -56,38 +56,37 @@ std::vector<int> people_among(int count, const uint8_t* roles)
   return people;
 }
 
-// When a person touches an object: by the share of the object that the person covers, or where a
-// reach is given (not NaN), because a pixel of the object has a part of the person within reach
-// along rows and columns.
-struct Touch
+// Tests whether a person's box touches an object's box, by share or by reach (see HandlingRule).
+struct TouchTest
 {
   HandlingRule rule;
   PixelSet pixels;
 
-  bool at(const double* object, const double* person, double overlap) const
+  bool is_true(const double* object, const double* person, double overlap) const
   {
     if (std::isnan(rule.reach_px)) {
       return overlap > rule.min_share;
     }
-    const double both[] = {
+    const double within_reach[] = {
       std::max(object[0], person[0] - rule.reach_px),
       std::max(object[1], person[1] - rule.reach_px),
       std::min(object[2], person[2] + rule.reach_px),
       std::min(object[3], person[3] + rule.reach_px)};
-    return pixels.has_any_in(both);
+    return pixels.has_any_in(within_reach);
   }
 };
 
-// How an object stands to the person who handles it and covers most of it.
+// The interaction of an object with one person: of those who handle it (if any, else of all
+// people) the one whose box covers most of it.
 struct Interaction
 {
-  bool handled = false;  // by anybody
+  bool handled = false;  // by any person
   double overlap = 0, gap_m = std::numeric_limits<double>::quiet_NaN();
 };
 
-Interaction interaction(
+Interaction find_interaction(
   int object, const Boxes& boxes, const double* depths_m, const std::vector<int>& people,
-  const Touch& touch)
+  const TouchTest& touch)
 {
   Interaction found;
   const double* box = boxes[object];
@@ -95,8 +94,8 @@ Interaction interaction(
   for (const int person : people) {
     const double overlap = ratio(shared_area(box, boxes[person]), area(box));
     const double gap_m = std::abs(depths_m[object] - depths_m[person]);
-    const bool apart = gap_m >= touch.rule.apart_m;  // NaN: not
-    const bool by_this = touch.at(box, boxes[person], overlap) && !apart;
+    const bool apart = gap_m >= touch.rule.apart_m;  // false for an unknown depth (NaN)
+    const bool by_this = touch.is_true(box, boxes[person], overlap) && !apart;
     if (overlap + by_this > most) {
       most = overlap + by_this;
       found = {found.handled, overlap, gap_m};
@@ -123,37 +122,41 @@ void intersections_over_union(const Boxes& boxes, const Boxes& others, double* r
   });
 }
 
-bool are_boxes_fit(int width, int height, int count, const float* boxes, const float* scores)
+bool are_boxes_valid(int width, int height, int count, const float* boxes, const float* scores)
 {
-  bool fit = true;
+  bool valid = true;
   for (int n = 0; n < count; ++n) {
     const float* box = boxes + 4 * static_cast<std::ptrdiff_t>(n);
-    fit &= 0 <= box[0] && box[0] < box[2] && box[2] <= width;  // false for NaN
-    fit &= 0 <= box[1] && box[1] < box[3] && box[3] <= height;
-    fit &= 0 <= scores[n] && scores[n] <= 1;
+    valid &= 0 <= box[0] && box[0] < box[2] && box[2] <= width;  // false for NaN
+    valid &= 0 <= box[1] && box[1] < box[3] && box[3] <= height;
+    valid &= 0 <= scores[n] && scores[n] <= 1;
   }
-  return fit;
+  return valid;
 }
 
 MULTIVERSION("avx2")
-Judged judge_boxes(
+ClassifiedBoxes classify_boxes(
   const Image<float>& depth_m, const Boxes& boxes, const uint8_t* roles, int side_px,
   const HandlingRule& rule, const int64_t* pixels, int num_pixels)
 {
   const int count = boxes.count;
   constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-  Judged out{std::vector<double>(count),           std::vector<double>(count, 0.0),
-             std::vector<double>(count, kUnknown), std::vector<uint8_t>(count, 0),
-             std::vector<int64_t>(num_pixels),     0};
-  sample_depths(depth_m, boxes, side_px, out.depth_m.data());
+  ClassifiedBoxes out{
+    std::vector<double>(count),
+    std::vector<double>(count, 0.0),
+    std::vector<double>(count, kUnknown),
+    std::vector<uint8_t>(count, 0),
+    std::vector<int64_t>(num_pixels),
+    0};
+  box_center_depths(depth_m, boxes, side_px, out.depth_m.data());
   const std::vector<int> people = people_among(count, roles);
-  Touch touch{rule, PixelSet(depth_m.width, depth_m.height)};
+  TouchTest touch{rule, PixelSet(depth_m.width, depth_m.height)};
   for (int k = 0; k < num_pixels && !std::isnan(rule.reach_px); ++k) {
     touch.pixels.add(pixels[k]);
   }
   PixelSet moving(depth_m.width, depth_m.height);
   for (int n = 0; n < count; ++n) {
-    const Interaction found = interaction(n, boxes, out.depth_m.data(), people, touch);
+    const Interaction found = find_interaction(n, boxes, out.depth_m.data(), people, touch);
     const bool is_person = roles[n] == kPerson;
     if (!is_person) {
       out.overlap[n] = found.overlap;
@@ -167,8 +170,8 @@ Judged judge_boxes(
   out.area_px = static_cast<int64_t>(depth_m.width) * depth_m.height - moving.size();
   std::size_t num_outside = 0;
   for (int k = 0; k < num_pixels; ++k) {
-    out.outside[num_outside] =
-      k;  // overwritten by the next when this one is inside: no branch to predict
+    // Without a branch to predict: the next position overwrites this one if this pixel is inside.
+    out.outside[num_outside] = k;
     num_outside += static_cast<std::size_t>(!moving.has(pixels[k]));
   }
   out.outside.resize(num_outside);

@@ -1,5 +1,4 @@
-// Depths where they can be believed: the median at the centre of a box, and pixels away from
-// edges.
+// Robust depths: the median at the center of a box, and readings away from depth edges.
 
 #include <algorithm>
 #include <cmath>
@@ -15,11 +14,11 @@ namespace hoid::masks {
 
 namespace {
 
-// A square of a depth image; beyond the image it sees the image's edge.
+// A square window of a depth image. Outside the image it repeats the image's edge.
 class Square
 {
 public:
-  // Ask for the pixels ahead of time: the image was last touched before the corners were found.
+  // Prefetches the pixels: the image is no longer in the cache, as corner detection came between.
   ALWAYS_INLINE Square(const Image<float>& depth_m, const double* box, int side)
   : depth_m_(depth_m),
     side_(side),
@@ -27,8 +26,7 @@ public:
     top_(first((box[1] + box[3] - side) / 2, depth_m.height))
   {
 #ifdef __GNUC__
-    // Not in a function of its own: GCC drops the call of one that returns nothing and only
-    // prefetches.
+    // Not in its own function: GCC drops calls of a function that only prefetches.
     for (int v = top_; v < top_ + side_; ++v) {
       __builtin_prefetch(at(v, left_));
       __builtin_prefetch(at(v, left_ + side_ - 1));
@@ -36,8 +34,8 @@ public:
 #endif
   }
 
-  // Write the readings, as bits: those of positive floats are in the order of their values. Return
-  // how many.
+  // Write the bits of the readings and return their number. The bits of positive floats are
+  // ordered like their values.
   ALWAYS_INLINE int read(uint32_t* bits) const
   {
     int count = 0;
@@ -45,9 +43,8 @@ public:
       const float* row = at(v, 0);
       for (int u = left_; u < left_ + side_; ++u) {
         const float reading = row[std::clamp(u, 0, depth_m_.width - 1)];
-        std::memcpy(
-          bits + count, &reading,
-          sizeof(*bits));  // overwritten by the next when it is none: no branch
+        // Without a branch: the next pixel overwrites this one if it is no reading.
+        std::memcpy(bits + count, &reading, sizeof(*bits));
         count += static_cast<int>(reading > 0);
       }
     }
@@ -55,8 +52,7 @@ public:
   }
 
 private:
-  // The first pixel along a side of the image; a square wholly beyond it sees the same from
-  // anywhere there.
+  // Return the first row or column, clamped: all windows fully outside the image are equal.
   ALWAYS_INLINE int first(double place_px, int size) const
   {
     return static_cast<int>(std::clamp<double>(std::nearbyint(place_px), -side_, size));
@@ -75,7 +71,7 @@ private:
 }  // namespace
 
 MULTIVERSION("avx2")
-void sample_depths(
+void box_center_depths(
   const Image<float>& depth_m, const Boxes& boxes, int side_px, double* median_m_out)
 {
   std::vector<Square> squares;
@@ -107,8 +103,8 @@ void depths_off_edges(
         farthest = row[u] > farthest ? row[u] : farthest;
       }
     }
-    const bool believed = reading > 0 && farthest - nearest <= step * reading;
-    depth_m_out[n] = believed ? reading : 0.0F;
+    const bool is_reliable = reading > 0 && farthest - nearest <= step * reading;
+    depth_m_out[n] = is_reliable ? reading : 0.0F;
   }
 }
 

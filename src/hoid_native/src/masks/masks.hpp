@@ -1,5 +1,5 @@
-// What moves in an image: boxes and how they touch, how far away what they show is, and the pixels
-// that show it.
+// Detection boxes: their overlap and interaction, the depth of their objects, and the pixels that
+// show dynamic objects. Images are row-major; pixels given as one number are flat indices.
 #pragma once
 
 #include <cstdint>
@@ -9,99 +9,95 @@
 
 namespace hoid::masks {
 
-// Roles of boxes; any other number is none.
+// Roles of boxes: a person, and an object of a class that people may handle. Any other number:
+// none.
 constexpr uint8_t kPerson = 1, kMayBeHandled = 2;
 
-// Write the (count, count_others) shares of each box's own area that lie in each of the others; 0
-// without area.
+// Write the (count, count_others) shares of each box's area that lie in each of the others: the
+// interaction area of the HOID paper. 0 for a box without area.
 void overlap_ratios(const Boxes& boxes, const Boxes& others, double* ratio_out);
 
-// Write the (count, count_others) ratios of shared area to joint area; 0 without area.
+// Write the (count, count_others) intersections over union; 0 without area.
 void intersections_over_union(const Boxes& boxes, const Boxes& others, double* ratio_out);
 
-// Return whether all boxes (x1, y1, x2, y2) have an area, lie inside the image and have scores in
-// [0, 1].
-bool are_boxes_fit(int width, int height, int count, const float* boxes, const float* scores);
+// Return whether all boxes (x1, y1, x2, y2) have an area and lie inside the image, and all scores
+// are in [0, 1].
+bool are_boxes_valid(int width, int height, int count, const float* boxes, const float* scores);
 
-// When a person handles an object: by covering more than `min_share` of it, or, where a reach is
-// given (not NaN), when a pixel of the object has a part of the person within reach along rows and
-// columns; and when both are less than `apart_m` apart in depth. A depth that is not known is
-// near.
+// When a person handles an object. Both are less than `apart_m` apart in depth (an unknown depth
+// counts as near), and the person's box covers more than `min_share` of the object's box. If
+// `reach_px` is not NaN it replaces the share: a given pixel in the object's box must be within
+// this reach of the person's box along rows and columns.
 struct HandlingRule
 {
   double min_share, apart_m, reach_px;
 };
 
-struct Judged
+struct ClassifiedBoxes
 {
-  std::vector<double> depth_m;  // median at the centre of each box; NaN without readings
-  std::vector<double> overlap;  // with the person who handles an object and covers most of it
-  std::vector<double> gap_m;    // in depth to the same; NaN = unknown
-  std::vector<uint8_t> moves;   // roles of those that move; 0 = static
-  std::vector<int64_t>
-    outside;        // of the pixels, ascending, those with their centre in no moving box
-  int64_t area_px;  // how many pixels of the whole image are outside
+  std::vector<double> depth_m;  // (count) median at each box's center; NaN without readings
+  std::vector<double> overlap;  // (count) share covered by the handling person, else by any
+  std::vector<double> gap_m;    // (count) depth difference to the same person; NaN = unknown
+  std::vector<uint8_t> moves;   // (count) role of each dynamic box; 0 = static
+  std::vector<int64_t> outside;  // ascending positions (in `pixels`) of those in no dynamic box
+  int64_t area_px;               // number of image pixels in no dynamic box
 };
 
-// Judge boxes by the rules of the HOID paper. Pixels are given as indices in the flat image.
-Judged judge_boxes(
+// Classify boxes as dynamic or static by the rules of the HOID paper.
+ClassifiedBoxes classify_boxes(
   const Image<float>& depth_m, const Boxes& boxes, const uint8_t* roles, int side_px,
   const HandlingRule& rule, const int64_t* pixels, int num_pixels);
 
-// Write the median reading of a square at the centre of each box. Readings are positive; 0 and NaN
-// are none.
-void sample_depths(
+// Write the median depth (m) of a square at the center of each box, NaN without a reading. Depths
+// of 0 and NaN are no readings.
+void box_center_depths(
   const Image<float>& depth_m, const Boxes& boxes, int side_px, double* median_m_out);
 
-// Write the reading at each pixel (x, y) of the image, or 0 where there is none or an edge is
-// near: where readings in the square around it differ by more than a share of it. Readings are
-// positive; 0 and NaN are none.
+// Write the depth (m) at each pixel (x, y); 0 without a reading or near a depth edge. An edge is
+// near if the depths in the square around the pixel differ by more than `step` times its own
+// depth.
 void depths_off_edges(
   const Image<float>& depth_m, const int32_t* pixels_xy, int count, int radius_px, double step,
   float* depth_m_out);
 
-// Write the depth of the person in each box, or NaN when there is no reading. A person was known
-// to be at some depth a moment ago, or not (NaN).
-void torso_depths(
-  const Image<float>& depth_m, const Boxes& boxes, const double* known_m, double* torso_m_out);
+// Write the depth (m) of the person in each box, NaN without a reading. `known_m` is the person's
+// depth in an earlier image, NaN = unknown.
+void person_depths(
+  const Image<float>& depth_m, const Boxes& boxes, const double* known_m, double* depth_m_out);
 
-// Things that may move.
-struct Things
+// Dynamic objects, from the boxes of a strategy.
+struct Objects
 {
-  const int32_t* areas;        // (count, 4) x1, y1, x2, y2 of whole pixels within the image
+  const int32_t* areas;        // (count, 4) whole pixels x1, y1, x2, y2 within the image
   const double* depths_m;      // NaN = unknown
-  const double* reaches_m;     // how far they reach before and behind their depth
-  const uint8_t* certainties;  // how sure it is that they move
-  const uint8_t* seen;         // not 0: there, not only expected there
+  const double* reaches_m;     // extent in depth, before and behind their own depth
+  const uint8_t* certainties;  // how certain it is that they move, above 0
+  const uint8_t* seen;         // not 0: detected in this image; 0: predicted
   int count;
 };
 
-// Write how sure it is, for each pixel of a depth image, that it shows something that moves; 0 =
+// Write for each pixel of a depth image how certain it is that it shows a dynamic object; 0 =
 // static.
 //
-// A thing is the regions that lie mostly in its area and near its depth, with the gaps between
-// them; it may reach a little out of its area, no further: a box misses a hand, and what lies
-// beyond is the desk that the hand has merged with. When its regions are too little of an area
-// where it was seen, it has merged as a whole: then every pixel of the area within reach counts.
-// Without a depth a thing is its area.
-void cover_things(const Image<float>& depth_m, const Things& things, uint8_t* certainty_out);
+// An object is the union of the regions that lie mostly in its area and near its depth, and the
+// gaps without readings between them. It may extend beyond its area by a tenth of a side (decision
+// 010): boxes cut off hands, but further out a region is the desk that a hand has merged with. If
+// the regions fill too little of the area of a detected object, the object has merged with its
+// surroundings; then every pixel of the area near its depth counts. An object of unknown depth is
+// its whole area.
+void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_t* certainty_out);
 
-// Write 1 for the pixels that have one that is not 0 within reach along rows and columns, 0 for
-// the others.
-void widen(const Image<uint8_t>& mask, int reach, uint8_t* out);
-
-// How a small image covers a larger one: which of its rows and columns each row and column of that
-// shows.
-struct Magnification
+// Nearest-neighbor upscaling: the row and column of a small image for each row and column of a
+// large one.
+struct Upscaling
 {
   const int64_t *rows, *columns;
-  int width;  // of the large image
+  int width;  // of the large image, pixels
 };
 
-// Write the values of the small image at pixels of the large one, given as indices in its flat
-// form.
+// Write the values of the small image at flat pixels of the large one.
 void values_at(
-  const Image<uint8_t>& values, const Magnification& magnification, const int64_t* pixels,
+  const Image<uint8_t>& values, const Upscaling& scale, const int64_t* pixels,
   int num_pixels, uint8_t* value_out);
 
 }  // namespace hoid::masks

@@ -1,7 +1,5 @@
-// Medians of positive floats, given by their bits, whose order is that of the values.
-//
-// They are found by counting, in loops without a branch to predict that the compiler turns into
-// vectors.
+// Medians of positive floats, given as bits, which are ordered like the values. They are found by
+// counting in branchless loops that compile to vector instructions.
 #pragma once
 
 #include <algorithm>
@@ -20,8 +18,8 @@ ALWAYS_INLINE double value(uint32_t bits)
   return number;
 }
 
-// The number with `rank` smaller ones (of at least one), found bit by bit below those that all
-// have in common.
+// Return the element with `rank` smaller ones, found bit by bit below the bits that all elements
+// share. `count` is at least 1.
 ALWAYS_INLINE uint32_t select(const uint32_t* bits, int count, int rank)
 {
   uint32_t in_all = ~uint32_t{0}, in_any = 0;
@@ -45,7 +43,7 @@ ALWAYS_INLINE uint32_t select(const uint32_t* bits, int count, int rank)
   return found;
 }
 
-// The middle one, or the mean of the two in the middle; NaN when there are none.
+// Return the median (the mean of the middle two for an even count); NaN for none.
 ALWAYS_INLINE double median(const uint32_t* bits, int count)
 {
   if (count == 0) {
@@ -56,7 +54,7 @@ ALWAYS_INLINE double median(const uint32_t* bits, int count)
     return value(upper);
   }
   int num_below = 0;
-  int32_t below = 0;  // the largest one below the upper of the two
+  int32_t below = 0;  // the largest element below the upper middle one
   for (int k = 0; k < count; ++k) {
     const auto number = static_cast<int32_t>(bits[k]);
     const bool is_below = number < static_cast<int32_t>(upper);

@@ -1,4 +1,4 @@
-// A set of pixels of an image, as a bit for each: small enough for the fastest cache.
+// A set of the pixels of an image: one bit per pixel, which fits the level-1 cache.
 #pragma once
 
 #include <algorithm>
@@ -21,7 +21,7 @@ public:
   {
   }
 
-  // Pixels are given as indices in the flat image.
+  // `pixel` is a flat index.
   void add(int64_t pixel) { words_[pixel >> 6] |= uint64_t{1} << (pixel & 63); }
 
   ALWAYS_INLINE bool has(int64_t pixel) const
@@ -29,7 +29,7 @@ public:
     return (words_[pixel >> 6] >> (pixel & 63) & 1) != 0;
   }
 
-  // Add the pixels whose centre is in a box (x1, y1, x2, y2), which may reach beyond the image.
+  // Add the pixels with their center in a box (x1, y1, x2, y2), which may extend beyond the image.
   void add_box(const double* box)
   {
     each_word(*this, box, [](uint64_t& word, uint64_t mask) {
@@ -47,7 +47,8 @@ public:
   {
     int64_t total = 0;
     for (uint64_t word : words_) {
-      // Hacker's Delight, fig. 5-2: unlike the builtin it needs no newer processor to be fast.
+      // Population count (Warren, Hacker's Delight, fig. 5-2), fast on any processor, unlike the
+      // builtin, which needs the POPCNT extension.
       word -= word >> 1 & 0x5555555555555555;
       word = (word & 0x3333333333333333) + (word >> 2 & 0x3333333333333333);
       word = (word + (word >> 4)) & 0x0f0f0f0f0f0f0f0f;
@@ -59,13 +60,14 @@ public:
   }
 
 private:
-  // The first pixel of a row or column whose centre is not before a place.
+  // Return the first row or column with its center at or after a position, clamped to the image.
   static int first_from(double place_px, int size)
   {
     return static_cast<int>(std::clamp(std::ceil(place_px), 0.0, static_cast<double>(size)));
   }
 
-  // Visit the words that pixels of a box lie in, with the bits of those; stop when told so.
+  // Visit the words that hold a box's pixels, with a mask of these pixels, until `visit` returns
+  // true.
   template <typename Set, typename Visit>
   static bool each_word(Set& set, const double* box, Visit visit)
   {

@@ -1,4 +1,4 @@
-// Regions of a depth image: smooth pixels side by side, cut apart along the jumps of depth.
+// Regions of a depth image: connected smooth pixels, separated by depth jumps.
 #pragma once
 
 #include <algorithm>
@@ -11,13 +11,13 @@
 
 namespace hoid::masks {
 
-constexpr float kJumpM = 0.02F;  // a jump is more than this ...
-constexpr float kJumpShare =
-  0.03F;  // ... plus this share of the depth: surfaces seen at a slant must not break
+// Chosen: a depth jump is more than 0.02 m plus 3 % of the depth over 3x3 pixels, so that noise
+// and slanted surfaces do not split a region.
+constexpr float kJumpM = 0.02F, kJumpShare = 0.03F;
 
-// Write flags of the pixels of a row that have a reading and are no jump away from any of their 8
-// neighbours. `low` and `high` have room for the least and the most of each column and one more at
-// either end.
+// Write for each pixel of a row whether it is smooth: it has a reading, and there is no depth jump
+// in the 3x3 pixels around it. `low` and `high` are buffers of width + 2 for the minimum and
+// maximum of each column.
 ALWAYS_INLINE void find_smooth(
   const float* above, const float* row, const float* below, int width, float* low, float* high,
   uint8_t* smooth)
@@ -35,22 +35,22 @@ ALWAYS_INLINE void find_smooth(
   }
 }
 
-// Smooth pixels side by side in a row: columns [first, last), all of one region.
+// Consecutive smooth pixels of a row: columns [first, last), all in one region.
 struct Run
 {
   int first, last, region;
 
-  int shared(int x1, int x2) const { return std::min(last, x2) - std::max(first, x1); }
+  int overlap(int x1, int x2) const { return std::min(last, x2) - std::max(first, x1); }
 };
 
-// The connected components (4 neighbours) of smooth pixels.
+// The connected components (4 neighbors) of smooth pixels, by runs and union-find.
 class Regions
 {
 public:
   ALWAYS_INLINE Regions(const float* depth_m, int width, int height) : row_start_(1, 0)
   {
     std::vector<float> low(width + 2), high(width + 2);
-    std::vector<uint8_t> smooth(width + 1, 0);  // the last one ends the last run
+    std::vector<uint8_t> smooth(width + 1, 0);  // a zero at the end closes the last run
     for (int y = 0; y < height; ++y) {
       const float* row = depth_m + static_cast<std::ptrdiff_t>(y) * width;
       const float *above = y > 0 ? row - width : row, *below = y + 1 < height ? row + width : row;
@@ -63,12 +63,12 @@ public:
 
   int count() const { return static_cast<int>(size.size()); }
 
-  // The runs of a row.
+  // The runs of row y, from left to right.
   const Run* begin(int y) const { return runs_.data() + row_start_[y]; }
   const Run* end(int y) const { return runs_.data() + row_start_[y + 1]; }
 
-  std::vector<int> size;       // pixels of each region
-  std::vector<double> mean_m;  // depth of each region
+  std::vector<int> size;       // number of pixels of each region
+  std::vector<double> mean_m;  // mean depth of each region
 
 private:
   void add_runs(const uint8_t* smooth, int width)
@@ -107,7 +107,7 @@ private:
     parent_[std::max(a, b)] = std::min(a, b);
   }
 
-  // Replace parents by numbers of regions without gaps; a parent comes before its children.
+  // Number the regions without gaps. A parent always precedes its children.
   void number_roots()
   {
     int num = 0;
@@ -135,7 +135,7 @@ private:
     }
   }
 
-  std::vector<int> parent_;  // of each run's label
+  std::vector<int> parent_;  // union-find parent of each label; a run starts with its own label
   std::vector<Run> runs_;
   std::vector<std::size_t> row_start_;
 };

@@ -1,4 +1,4 @@
-// The best two candidates of a query, and the one-to-one assignment.
+// The two best candidates of a query, and the one-to-one assignment of features to queries.
 #pragma once
 
 #include <cstddef>
@@ -11,22 +11,22 @@
 
 namespace hoid::matching {
 
-constexpr int kFar = 257;  // farther than any two descriptors
+constexpr int kMaxDistance = 257;  // more than the largest Hamming distance of 256 bits
 
 struct Best
 {
   int feature = -1;
-  int distance = kFar;
+  int distance = kMaxDistance;
   int second_feature = -1;
-  int second_distance = kFar;
+  int second_distance = kMaxDistance;
 
-  void consider(int k, int its_distance)
+  void update(int k, int new_distance)
   {
-    if (its_distance < distance) {
-      *this = {k, its_distance, feature, distance};
-    } else if (its_distance < second_distance) {
+    if (new_distance < distance) {
+      *this = {k, new_distance, feature, distance};
+    } else if (new_distance < second_distance) {
       second_feature = k;
-      second_distance = its_distance;
+      second_distance = new_distance;
     }
   }
 };
@@ -40,43 +40,48 @@ ALWAYS_INLINE int hamming(const uint8_t* a, const uint8_t* b)
          __builtin_popcountll(x[2] ^ y[2]) + __builtin_popcountll(x[3] ^ y[3]);
 }
 
-// What is matched, and how near it must be.
+// Queries, candidates and the threshold of a match.
 struct Problem
 {
-  QueryConstraints wanted;
+  QueryConstraints queries;
   Candidates candidates;
   MatchThreshold threshold;
 
   ALWAYS_INLINE bool may_match(int q, int k) const
   {
-    return candidates.octave[k] >= wanted.min_octave[q] &&
-           candidates.octave[k] <= wanted.max_octave[q] &&
+    return candidates.octave[k] >= queries.min_octave[q] &&
+           candidates.octave[k] <= queries.max_octave[q] &&
            (candidates.free == nullptr || candidates.free[k] != 0);
   }
 
   ALWAYS_INLINE int distance(int q, int k) const
   {
     return hamming(
-      wanted.descriptors + static_cast<std::size_t>(q) * kDescriptorBytes,
+      queries.descriptors + static_cast<std::size_t>(q) * kDescriptorBytes,
       candidates.descriptors + static_cast<std::size_t>(k) * kDescriptorBytes);
   }
 
-  bool is_clear(const Best& best) const
+  // Whether the best candidate passes the threshold. Lowe's ratio test (IJCV 2004) applies if the
+  // second best has the same octave, as in ORB-SLAM.
+  bool is_match(const Best& best) const
   {
     if (best.feature < 0 || best.distance > threshold.max_distance) {
       return false;
     }
-    const bool rivalled = best.second_feature >= 0 && candidates.octave[best.second_feature] ==
-                                                        candidates.octave[best.feature];
-    return !(rivalled && best.distance > threshold.ratio * best.second_distance);
+    const bool needs_ratio_test =
+      best.second_feature >= 0 &&
+      candidates.octave[best.second_feature] == candidates.octave[best.feature];
+    return !(needs_ratio_test && best.distance > threshold.ratio * best.second_distance);
   }
 };
 
-// Gives each feature to the nearest of the queries that want it.
+// Assigns each feature to the query with the smallest descriptor distance.
 class Assignment
 {
 public:
-  explicit Assignment(int num_features) : winner_(num_features, -1), distance_(num_features, kFar)
+  explicit Assignment(int num_features)
+  : winner_(num_features, -1),
+    distance_(num_features, kMaxDistance)
   {
   }
 

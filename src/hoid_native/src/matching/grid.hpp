@@ -1,4 +1,4 @@
-// A grid over features, so that a query looks at those around it alone.
+// A grid over features, so that a query visits only those around it.
 #pragma once
 
 #include <algorithm>
@@ -10,12 +10,12 @@
 
 namespace hoid::matching {
 
-constexpr float kCellPx = 24.0F;
-// Features further out than any image is large come from a distortion that diverges; they, and
-// those that are nowhere (NaN), are in no cell and match nothing.
-constexpr float kFarthestPx = 16384.0F;
+constexpr float kCellPx = 24.0F;  // chosen: about the radius of a search window
+// Positions beyond any image's size come from a diverging distortion model. They and NaN are in no
+// cell and match nothing.
+constexpr float kMaxPositionPx = 16384.0F;
 
-// Features by cell of a grid over their own extent.
+// Features sorted by the cells of a grid over their bounding box.
 class Grid
 {
 public:
@@ -25,7 +25,7 @@ public:
     placed.reserve(count);
     for (int k = 0; k < count; ++k) {
       const float u = measurement_px[3 * k], v = measurement_px[3 * k + 1];
-      if (!(std::abs(u) <= kFarthestPx && std::abs(v) <= kFarthestPx)) {
+      if (!(std::abs(u) <= kMaxPositionPx && std::abs(v) <= kMaxPositionPx)) {
         continue;
       }
       const bool first = placed.empty();
@@ -38,7 +38,7 @@ public:
     sort_into_cells(measurement_px, placed);
   }
 
-  // Visit the features of all cells that a rectangle touches.
+  // Visit the features of all cells that overlap a rectangle.
   template <typename Visit>
   ALWAYS_INLINE void visit(
     double u_min, double v_min, double u_max, double v_max, Visit visit_feature) const

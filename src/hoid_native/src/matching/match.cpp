@@ -1,4 +1,4 @@
-// Matching: each query looks in a region, in an octave range and among what is free.
+// Matching: each query searches a region of the image, an octave range and the available features.
 
 #include <algorithm>
 #include <cmath>
@@ -26,7 +26,7 @@ ALWAYS_INLINE double square_from_segment(double u, double v, double du, double d
   return apart_u * apart_u + apart_v * apart_v;
 }
 
-// Where one query looks: around a pixel ...
+// The search region of one query: a square window around a pixel ...
 struct Window
 {
   double u, v, u_right, radius;
@@ -41,16 +41,16 @@ struct Window
 
   Rectangle extent() const { return {u - radius, v - radius, u + radius, v + radius}; }
 
-  ALWAYS_INLINE bool has(const Problem& problem, int q, int k) const
+  ALWAYS_INLINE bool contains(const Problem& problem, int q, int k) const
   {
     const float* at = problem.candidates.measurement_px + 3 * static_cast<std::size_t>(k);
     const bool inside = std::abs(at[0] - u) < radius && std::abs(at[1] - v) < radius;
-    // A missing right coordinate is NaN, and agrees.
+    // A missing right coordinate is NaN and passes.
     return inside && problem.may_match(q, k) && !(std::abs(at[2] - u_right) > radius);
   }
 };
 
-// ... or along a segment.
+// ... or the surroundings of a segment.
 struct Segment
 {
   const double *at, *octave_radius_px;
@@ -61,7 +61,7 @@ struct Segment
     octave_radius_px(segments.octave_radius_px),
     du(at[2] - at[0]),
     dv(at[3] - at[1]),
-    reach(octave_radius_px[problem.wanted.max_octave[q]])
+    reach(octave_radius_px[problem.queries.max_octave[q]])
   {
   }
 
@@ -72,7 +72,7 @@ struct Segment
       std::max(at[0], at[2]) + reach, std::max(at[1], at[3]) + reach};
   }
 
-  ALWAYS_INLINE bool has(const Problem& problem, int q, int k) const
+  ALWAYS_INLINE bool contains(const Problem& problem, int q, int k) const
   {
     if (!problem.may_match(q, k)) {
       return false;
@@ -83,46 +83,46 @@ struct Segment
   }
 };
 
-// The best candidate of each query within `max_distance` that, when the second best is of the same
-// octave, beats it by `ratio`. A feature goes to the nearest of the queries that want it.
+// Return the best candidate of each query if it passes the threshold. A feature queries by several
+// queries goes to that with the smallest distance.
 template <typename Region, typename Regions>
 ALWAYS_INLINE Pairs match(const Regions& regions, const Problem& problem)
 {
   const Grid grid(problem.candidates.measurement_px, problem.candidates.count);
   Assignment assignment(problem.candidates.count);
-  for (int q = 0; q < problem.wanted.count; ++q) {
+  for (int q = 0; q < problem.queries.count; ++q) {
     Best best;
     const Region region(regions, problem, q);
     const Rectangle box = region.extent();
     grid.visit(
       box.u_min, box.v_min, box.u_max, box.v_max, [&](int k) __attribute__((always_inline)) {
-        if (region.has(problem, q, k)) {
-          best.consider(k, problem.distance(q, k));
+        if (region.contains(problem, q, k)) {
+          best.update(k, problem.distance(q, k));
         }
       });
-    if (problem.is_clear(best)) {
+    if (problem.is_match(best)) {
       assignment.offer(q, best);
     }
   }
-  return assignment.pairs(problem.wanted.count);
+  return assignment.pairs(problem.queries.count);
 }
 
 }  // namespace
 
 MULTIVERSION("popcnt")
 Pairs match_by_projection(
-  const Windows& windows, const QueryConstraints& wanted, const Candidates& candidates,
+  const Windows& windows, const QueryConstraints& queries, const Candidates& candidates,
   const MatchThreshold& threshold)
 {
-  return match<Window>(windows, Problem{wanted, candidates, threshold});
+  return match<Window>(windows, Problem{queries, candidates, threshold});
 }
 
 MULTIVERSION("popcnt")
 Pairs match_along_segments(
-  const Segments& segments, const QueryConstraints& wanted, const Candidates& candidates,
+  const Segments& segments, const QueryConstraints& queries, const Candidates& candidates,
   const MatchThreshold& threshold)
 {
-  return match<Segment>(segments, Problem{wanted, candidates, threshold});
+  return match<Segment>(segments, Problem{queries, candidates, threshold});
 }
 
 }  // namespace hoid::matching

@@ -8,7 +8,7 @@ namespace hoid::motion {
 
 namespace {
 
-// The cell in which each of so many pixels in a row lies.
+// Return the cell of each of `count` consecutive pixels.
 std::vector<int> cells_of(int count, double cell_px)
 {
   const double per_px = 1 / cell_px;
@@ -21,10 +21,10 @@ std::vector<int> cells_of(int count, double cell_px)
 
 }  // namespace
 
-std::vector<int64_t> strongest_in_cells(const CornersOnDepth& seen, const CellGrid& grid)
+std::vector<int64_t> strongest_corners_per_cell(const CornersOnDepth& seen, const CellGrid& grid)
 {
   std::vector<int64_t> best(grid.count, -1);
-  // The cells of rows and columns: a table is quicker than two multiplications a corner.
+  // Tables of the cells of rows and columns: faster than two multiplications per corner.
   const int width = seen.depth_m.width;
   const RowOfPixel row_of(width);
   const std::vector<int> cell_of_column = cells_of(seen.depth_m.width, grid.cell_px),

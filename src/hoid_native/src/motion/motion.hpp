@@ -1,5 +1,5 @@
-// What moves, seen in depth images of different times: pieces of an image, what they are in front
-// of, and poses held against points.
+// Motion segmentation from depth images of different times: depth segments, their occlusion of
+// earlier depth, log-odds of motion, and pose hypotheses (decision 027).
 #pragma once
 
 #include <cstdint>
@@ -10,39 +10,40 @@
 
 namespace hoid::motion {
 
-// A camera without distortion.
+// A pinhole camera without distortion.
 struct Pinhole
 {
   double fx_px, fy_px, cx_px, cy_px;
 };
 
-// Two depth images of one camera and size; 0 = no reading.
-struct Views
+// A current depth image and the pose of an earlier image of the same camera and size; 0 = no
+// reading.
+struct ViewPair
 {
   Pinhole camera;
   const double* T_earlier_now;  // (4, 4)
-  Image<float> depth_m;         // of now
+  Image<float> depth_m;         // the current image
 };
 
-// Pieces of a depth image: smooth regions, cut along a grid of square cells.
+// Segments of a depth image: smooth regions, cut along a grid of square cells.
 struct Segments
 {
-  std::vector<int32_t> label;   // of each pixel; -1: on a jump of depth, or no reading
-  std::vector<int32_t> region;  // of each segment
+  std::vector<int32_t> label;   // segment of each pixel; -1: on a depth jump, or no reading
+  std::vector<int32_t> region;  // smooth region of each segment
   std::vector<int32_t> area_px;
 };
 
-// What it is worth that so large a share of a segment is in front of what was seen earlier.
-struct FrontWorth
+// Evidence of motion from the share of a segment that occludes earlier depth.
+struct OcclusionEvidence
 {
-  double front;        // log-odds of a segment all of which is
-  double least_front;  // share that is more than a segment's edges
-  double mixed;        // share from which on what agrees says nothing
-  double rest;         // log-odds against a segment all of which is where something was seen
+  double occluding;            // log-odds of a segment that occludes with all its pixels
+  double min_occluding_share;  // a smaller share comes from the segment's edges: no evidence
+  double mixed_share;          // from this share on, agreement of the rest is no evidence
+  double agreeing;             // log-odds against a segment that agrees with the earlier depth
 };
 
-// How far depths may be apart: a constant and shares of the depth and of its square.
-struct Margin
+// Tolerated depth difference: a polynomial in the depth.
+struct DepthMargin
 {
   float constant_m, linear, square_per_m;
 
@@ -52,38 +53,41 @@ struct Margin
   }
 };
 
+// Return the segments of a depth image for square cells of `cell_px`.
 Segments depth_segments(const Image<float>& depth_m, int cell_px);
 
-// Hold the pixels of segments, in every other row, against an earlier view: the least and the most
-// depth around each of its pixels, 0 where nothing was measured. Labels are less than the number of
-// segments, to whose log-odds of moving the evidence is added.
-void add_front_evidence(
-  const Views& views, const int32_t* label, const float* range_m, const Margin& margin,
-  const FrontWorth& worth, std::vector<double>& log_odds);
+// Add to the log-odds of segments the evidence of one earlier view. A segment that is in front of
+// the depth seen there has moved in; what is behind it is no evidence. Only every other row is
+// compared, to save time. `range_m` (H, W, 2) is the earlier view's `depth_ranges_3x3`; labels are
+// below the number of log-odds.
+void add_occlusion_evidence(
+  const ViewPair& views, const int32_t* label, const float* range_m, const DepthMargin& margin,
+  const OcclusionEvidence& evidence, std::vector<double>& log_odds);
 
-// Return the depth at each of some flat pixels, 0 at those of -1 and where it is not finite.
+// Return the (count) depths at flat pixels; 0 for pixel -1 and for depths that are not finite.
 std::vector<float> depths_at(const Image<float>& depth_m, const int64_t* pixels, int count);
 
-// What speaks for or against segments.
-struct Evidence
+// Log-odds of motion to add to the segments of an image.
+struct SegmentEvidence
 {
-  const int32_t* label;     // of each pixel; -1: nothing
-  const float* of_segment;  // log-odds
+  const int32_t* label;  // segment of each pixel; -1: none
+  const float* log_odds;  // (num_segments)
   int num_segments;
-  float limit;  // of the log-odds of pixels
+  float limit;  // the log-odds of a pixel stay within [-limit, limit]
 };
 
-// Write log-odds of pixels: what they had in the view before, unless that showed something else in
-// their place, times `fade`, and the evidence; 0 without depth.
-void carry_over(
-  const Views& views, const float* before_m, const float* odds, const Margin& margin, float fade,
-  const Evidence& evidence, float* odds_out);
+// Write the (H, W) log-odds of motion of the current pixels: those of the same surface in the
+// previous image times `decay`, plus the evidence. Pixels whose previous image showed another
+// depth start at 0; pixels without depth have 0.
+void propagate_log_odds(
+  const ViewPair& views, const float* previous_m, const float* log_odds, const DepthMargin& margin,
+  float decay, const SegmentEvidence& evidence, float* log_odds_out);
 
-// Write the least and the most depth, side by side, in the 3x3 pixels around each that has depth;
-// 0 around others.
-void depths_around(const Image<float>& depth_m, float* range_m);
+// Write the (H, W, 2) minimum and maximum depth in the 3x3 pixels around each pixel with depth; 0
+// at the others.
+void depth_ranges_3x3(const Image<float>& depth_m, float* range_m);
 
-// Points as an image shows them.
+// Points with their measurements in one image.
 struct Points
 {
   const double* points_m;     // (count, 3)
@@ -92,26 +96,27 @@ struct Points
   int count;
 };
 
-// Write the (num_poses, 2) weights that poses explain, by two sets of weights. A point counts less
-// the worse it fits, and nothing beyond so many standard deviations.
+// Write the (num_poses, 2) sums of the weights of the points that each pose explains, for two sets
+// of weights. A point counts 1 - (residual / limit)^2, and nothing beyond `limit` standard
+// deviations.
 void score_poses(
   const optimize::StereoParams& camera, double pixel_px, double limit,
   const double* T_camera_world, int num_poses, const Points& points, double* score_out);
 
-// Write the (count, 4, 4) rigid transforms that bring three of some points nearest to the same of
-// others, in the least squares sense; that of three on a line is the identity.
+// Write the (count, 4, 4) rigid transforms T_to_from that align point triples in the least-squares
+// sense (Umeyama, PAMI 1991, without scale); the identity for three points on a line.
 void align_triples(
   const double* from_m, const double* to_m, const int64_t* triples, int count, double* T_out);
 
-// Corners of an image, its depth, and the pieces of its small image.
+// The corners of an image, its depth, and the segments of its downscaled image.
 struct CornersOnDepth
 {
-  const int64_t* pixel;  // (count,) flat
+  const int64_t* pixel;  // (count) flat indices
   const uint8_t* score;
   int count;
   Image<float> depth_m;           // 0 or not finite = no reading
-  const int64_t* small_of_pixel;  // flat, of each pixel
-  const int32_t* label;           // of each pixel of the small image; -1 = no piece
+  const int64_t* small_of_pixel;  // flat index in the downscaled image of each pixel
+  const int32_t* label;           // segment of each pixel of the downscaled image; -1 = none
   int64_t label_count;
 
   bool is_smooth(int64_t at) const
@@ -121,17 +126,17 @@ struct CornersOnDepth
   }
 };
 
-// Square cells of an image, row by row.
+// A grid of square cells over an image, row by row.
 struct CellGrid
 {
-  double cell_px;
+  double cell_px;  // side of a cell
   int columns;
-  const uint8_t* taken;
+  const uint8_t* taken;  // (count) not 0: no corner wanted
   int count;
 };
 
-// Return the strongest corner with smooth depth of each cell that is not taken, in order of cell;
-// of equals, the first.
-std::vector<int64_t> strongest_in_cells(const CornersOnDepth& seen, const CellGrid& grid);
+// Return the index of the strongest corner on a segment in each free cell, in order of cells.
+// Among equal scores the first corner wins.
+std::vector<int64_t> strongest_corners_per_cell(const CornersOnDepth& seen, const CellGrid& grid);
 
 }  // namespace hoid::motion

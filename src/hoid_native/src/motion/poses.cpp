@@ -12,10 +12,12 @@ namespace hoid::motion {
 
 namespace {
 
-constexpr double kNearestM = 0.1;      // a point nearer to the camera fits no pose
-constexpr double kLeastAreaM2 = 1e-9;  // of three points, else they lie on a line
+constexpr double kMinDepthM = 0.1;  // chosen: below the range of any depth camera
+// Norm of the cross product (twice the area) below which three points count as on a line,
+// numerically.
+constexpr double kMinCrossM2 = 1e-9;
 
-// The columns of an (N, 3) array one by one, as loops of vectors read them.
+// The columns of an (N, 3) array, contiguous for vector instructions.
 struct Columns
 {
   std::vector<double> x, y, z;
@@ -30,18 +32,18 @@ struct Columns
   }
 };
 
-// What a residual counts.
+// Inverse variances that residuals are weighted with.
 struct Noise
 {
   double per_limit2, per_disparity2;
 };
 
-// Write how well each point fits a pose, from 0 to 1.
+// Write how well each point fits a pose: 1 - (residual / limit)^2, at least 0.
 ALWAYS_INLINE void write_fits(
   const optimize::StereoParams camera, const Noise noise, const double* pose,
   const Columns& points_m, const Columns& measured_px, double* __restrict fit_out)
 {
-  double T[12];  // a copy: a loop of vectors must not fear that it writes what it reads
+  double T[12];  // a copy: shows the compiler that the loop's output cannot alias it
   std::copy_n(pose, 12, T);
   const auto count = static_cast<int>(points_m.x.size());
   const double *__restrict x = points_m.x.data(), *__restrict y = points_m.y.data(),
@@ -49,16 +51,16 @@ ALWAYS_INLINE void write_fits(
                *__restrict v = measured_px.y.data(), *__restrict u_right = measured_px.z.data();
   for (int k = 0; k < count; ++k) {
     const double ahead = T[8] * x[k] + T[9] * y[k] + T[10] * z[k] + T[11];
-    const double scale = 1 / (ahead > kNearestM ? ahead : kNearestM);
+    const double scale = 1 / (ahead > kMinDepthM ? ahead : kMinDepthM);
     const double du = (T[0] * x[k] + T[1] * y[k] + T[2] * z[k] + T[3]) * scale * camera.fx_px +
                       camera.cx_px - u[k];
     const double dv = (T[4] * x[k] + T[5] * y[k] + T[6] * z[k] + T[7]) * scale * camera.fy_px +
                       camera.cy_px - v[k];
-    const double off = camera.disparity_px_m * scale - (u[k] - u_right[k]);
-    const double d = u_right[k] == u_right[k] ? off : 0.0;
+    const double error = camera.disparity_px_m * scale - (u[k] - u_right[k]);
+    const double d = u_right[k] == u_right[k] ? error : 0.0;
     const double fit =
       1 - (du * du + dv * dv + d * d * noise.per_disparity2) * noise.per_limit2;
-    fit_out[k] = (ahead > kNearestM) & (fit > 0) ? fit : 0.0;
+    fit_out[k] = (ahead > kMinDepthM) & (fit > 0) ? fit : 0.0;
   }
 }
 
@@ -93,25 +95,25 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// The mean of three points, and the axes of the plane that they span.
+// Three points relative to their mean, and the axes of their plane.
 struct Triple
 {
-  Vector3d middle;
-  Matrix3d axes;       // columns: to the first point, across in the plane, the normal
-  Vector3d points[3];  // from the middle
-  bool is_flat;        // they lie on a line
+  Vector3d mean;
+  Matrix3d axes;       // columns: towards the first point, perpendicular in the plane, normal
+  Vector3d points[3];  // relative to the mean
+  bool is_degenerate;  // they lie on a line
 
   Triple(const double* points_m, const int64_t* indices)
   {
     for (int n = 0; n < 3; ++n) {
       points[n] = Eigen::Map<const Vector3d>(points_m + 3 * indices[n]);
     }
-    middle = (points[0] + points[1] + points[2]) / 3;
+    mean = (points[0] + points[1] + points[2]) / 3;
     for (Vector3d& point : points) {
-      point -= middle;
+      point -= mean;
     }
     const Vector3d normal = points[0].cross(points[1]);
-    is_flat = !(normal.norm() > kLeastAreaM2);
+    is_degenerate = !(normal.norm() > kMinCrossM2);
     axes.col(0) = points[0].normalized();
     axes.col(2) = normal.normalized();
     axes.col(1) = axes.col(2).cross(axes.col(0));
@@ -129,11 +131,11 @@ void align_triples(
     T.setIdentity();
     const int64_t* indices = triples + static_cast<std::ptrdiff_t>(3) * m;
     const Triple from(from_m, indices), to(to_m, indices);
-    if (from.is_flat || to.is_flat) {
+    if (from.is_degenerate || to.is_degenerate) {
       continue;
     }
-    // Three points span a plane: the least squares turn takes one's normal to the other's, and in
-    // the plane by the angle that the points agree on.
+    // In closed form: the least-squares rotation maps one plane's normal to the other's, and
+    // rotates within the plane by the angle that minimizes the squared distances of the points.
     double along = 0, across = 0;
     for (int n = 0; n < 3; ++n) {
       const Vector3d a = from.axes.transpose() * from.points[n],
@@ -142,11 +144,11 @@ void align_triples(
       across += a[0] * b[1] - a[1] * b[0];
     }
     const double length = std::hypot(along, across);
-    Matrix3d turn;
-    turn << along / length, -across / length, 0, across / length, along / length, 0, 0, 0, 1;
-    const Matrix3d R = to.axes * turn * from.axes.transpose();
+    Matrix3d in_plane;
+    in_plane << along / length, -across / length, 0, across / length, along / length, 0, 0, 0, 1;
+    const Matrix3d R = to.axes * in_plane * from.axes.transpose();
     T.topLeftCorner<3, 3>() = R;
-    T.topRightCorner<3, 1>() = to.middle - R * from.middle;
+    T.topRightCorner<3, 1>() = to.mean - R * from.mean;
   }
 }
 

@@ -40,18 +40,18 @@ MULTIVERSION("avx2") void label_cells(const Image<float>& depth_m, int cell_px, 
 }  // namespace
 
 MULTIVERSION("avx2")
-void depths_around(const Image<float>& depth_m, float* __restrict range_m)
+void depth_ranges_3x3(const Image<float>& depth_m, float* __restrict range_m)
 {
   constexpr float kNone = std::numeric_limits<float>::infinity();
   const int width = depth_m.width, last = depth_m.height - 1;
-  // Of a column of three each, with one more at either end.
+  // Minimum and maximum of three rows in each column, padded by one column at either end.
   std::vector<float> least(width + 2, kNone), most(width + 2, 0.0F);
   for (int v = 0; v <= last; ++v) {
-    const float *__restrict over = depth_m.row(std::max(v - 1, 0)),
+    const float *__restrict above = depth_m.row(std::max(v - 1, 0)),
                 *__restrict row = depth_m.row(v),
-                *__restrict under = depth_m.row(std::min(v + 1, last));
+                *__restrict below = depth_m.row(std::min(v + 1, last));
     for (int u = 0; u < width; ++u) {
-      const float a = over[u], b = row[u], c = under[u];
+      const float a = above[u], b = row[u], c = below[u];
       least[u + 1] =
         std::min(std::min(a > 0 ? a : kNone, b > 0 ? b : kNone), c > 0 ? c : kNone);
       most[u + 1] = std::max(std::max(a, b), c);

@@ -15,13 +15,15 @@ namespace hoid::optimize {
 
 namespace {
 
+// Levenberg-Marquardt, chosen: damping relative to the diagonal, and the relative decrease of the
+// cost below which a round ends.
 constexpr double kFirstDamping = 1e-5, kMinDamping = 1e-9, kMaxDamping = 1e3;
-constexpr double kConverged = 1e-4;  // relative decrease of the cost
+constexpr double kConverged = 1e-4;
 
-// The system of the cameras once points are eliminated; its upper triangle is not used.
+// The reduced camera system, after the Schur complement. Only its lower triangle is used.
 using Reduced = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Solve for cameras, then points, and move; false when the system cannot be solved.
+// Solve the damped system and update cameras and points; false if it cannot be solved.
 bool take_step(const Window& window, const System& system, double damping, State& state)
 {
   const Eigen::Index n = kPose * static_cast<Eigen::Index>(window.num_free);
@@ -62,7 +64,7 @@ public:
     system_.H_pc.resize(18 * window_.weight.size());
   }
 
-  // Returns the cost before.
+  // Run at most `iterations` steps; return the cost before them.
   double minimize(int iterations)
   {
     double damping = kFirstDamping, cost = update();
@@ -91,7 +93,7 @@ public:
     return before;
   }
 
-  // Leave out the observations beyond their gates from now on.
+  // Ignore the observations beyond their gates from now on.
   void drop_outliers()
   {
     update();
@@ -113,7 +115,7 @@ private:
   std::vector<double> chi2_;
 };
 
-// The place of each observation once all are sorted by point, those of a point as they come.
+// Return the position of each observation when all are sorted by point (stable).
 std::vector<int32_t> places_by_point(const BundleProblem& problem)
 {
   std::vector<int32_t> next(static_cast<std::size_t>(problem.num_points) + 1, 0);
@@ -128,8 +130,9 @@ std::vector<int32_t> places_by_point(const BundleProblem& problem)
   return place;
 }
 
-// Sort observations by point.
-Window sorted(const StereoParams& camera, const Gates& gates, const BundleProblem& problem)
+// Return the observations sorted by point.
+Window sorted_by_point(
+  const StereoParams& camera, const Gates& gates, const BundleProblem& problem)
 {
   const auto count = static_cast<std::size_t>(problem.num_observations);
   const std::vector<int32_t> place = places_by_point(problem);
@@ -156,7 +159,7 @@ BundleFit adjust_bundle(
 {
   const double *T = problem.T_camera_map, *points = problem.points_m;
   Adjustment adjustment(
-    sorted(camera, gates, problem),
+    sorted_by_point(camera, gates, problem),
     {{T, T + kPoseSize * static_cast<std::ptrdiff_t>(problem.num_cameras)},
      {points, points + kPoint * static_cast<std::ptrdiff_t>(problem.num_points)}});
   BundleFit fit;

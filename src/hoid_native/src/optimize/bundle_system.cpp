@@ -7,9 +7,11 @@ namespace hoid::optimize {
 
 namespace {
 
-constexpr double kCostBehind = 1e3;  // of a point behind a camera that observes it
+// Chosen: cost of a point behind its camera, far above any Huber cost, so that such steps are
+// rejected.
+constexpr double kCostBehind = 1e3;
 
-// J_map = J_point R: derivatives by the point in the map's frame.
+// J_map = J_point R: derivatives by the point in the map frame.
 ALWAYS_INLINE void rotated(
   const double J[kRows][kPoint], const double* T, double out[kRows][kPoint])
 {
@@ -44,7 +46,7 @@ ALWAYS_INLINE void add_gradient(
   }
 }
 
-// The inverse of a symmetric 3x3, damped on its diagonal.
+// Write the inverse of a symmetric 3x3 matrix with its diagonal damped (Levenberg-Marquardt).
 ALWAYS_INLINE void inverse_of(const double* H, double damping, double out[3][3])
 {
   const double xx = H[0] * (1 + damping) + kPivot, yy = H[4] * (1 + damping) + kPivot;
@@ -59,7 +61,7 @@ ALWAYS_INLINE void inverse_of(const double* H, double damping, double out[3][3])
   out[2][2] = (xx * yy - xy * xy) * inv;
 }
 
-// S[i, h] -= Y_i^T W_h for one point and two cameras.
+// S[i, h] -= Y_i^T W_h, for one point and two cameras.
 ALWAYS_INLINE void subtract_block(
   const double Y[3][kPose], const double* W, std::ptrdiff_t n, double* S)
 {
@@ -114,7 +116,8 @@ void eliminate(
 namespace {
 
 template <bool kJoint>
-ALWAYS_INLINE void sum_system(const Window& window, const State& state, const uint8_t* used, System& system)
+ALWAYS_INLINE void sum_system(
+  const Window& window, const State& state, const uint8_t* used, System& system)
 {
   for (int m = 0; m < window.count(); ++m) {
     const int i = window.camera_of[m], j = window.point_of[m];

@@ -1,5 +1,5 @@
-// The parts of a bundle adjustment whose points are eliminated by the Schur complement (Triggs et
-// al., Bundle Adjustment - A Modern Synthesis, 2000, sec. 6.1).
+// Steps of bundle adjustment with the points eliminated by the Schur complement (Triggs et al.,
+// Bundle Adjustment - A Modern Synthesis, 2000, sec. 6.1).
 #pragma once
 
 #include <cstddef>
@@ -10,15 +10,15 @@
 
 namespace hoid::optimize {
 
-constexpr double kPivot = 1e-12;
+constexpr double kPivot = 1e-12;  // keeps blocks without observations invertible
 constexpr int kPoseSize = 16;  // a row-major 4x4
 
-// What is seen of a window of keyframes, sorted by point.
+// The observations of a window of keyframes, sorted by point.
 struct Window
 {
   StereoParams camera;
   Gates gates;
-  int num_free;  // cameras that move, the first ones
+  int num_free;  // the first cameras are optimized, the others fixed
   std::vector<int32_t> camera_of, point_of;
   std::vector<double> measured, weight;  // (M, 3), (M)
 
@@ -30,31 +30,33 @@ struct Window
   }
 };
 
+// The variables of the adjustment.
 struct State
 {
   std::vector<double> T, points;  // (C, 16), (P, 3)
 };
 
-// The normal equations of one linearisation.
+// The normal equations of one linearization.
 struct System
 {
   std::vector<double> H_cc, g_c;  // (free, 6, 6), (free, 6)
   std::vector<double> H_pp, g_p;  // (P, 3, 3), (P, 3)
-  std::vector<double> H_pc;       // (M, 3, 6), of observations by free cameras
+  std::vector<double> H_pc;       // (M, 3, 6), for observations by free cameras
 };
 
-// Return the Huber cost of the observations in use, and write all their squared normalised
-// residuals (M); infinite behind a camera.
+// Return the Huber cost of the observations in use, and write the (M) squared normalized residuals
+// of all observations; infinite behind the camera.
 double cost_of(const Window& window, const State& state, const uint8_t* used, double* chi2_out);
 
+// Write the normal equations at the current state.
 void linearize(const Window& window, const State& state, const uint8_t* used, System& system);
 
-// S -= Y^T W and right -= Y^T g_p with Y = H_pp^-1 W, W = H_pc, over all points; the upper
-// triangle of S is left alone.
+// Schur complement: S -= Y^T W and right -= Y^T g_p, with W = H_pc and Y = H_pp^-1 W, summed over
+// the points. Only the lower triangle of S is written.
 void eliminate(
   const Window& window, const System& system, double damping, double* S, double* right);
 
-// Move the points as a step of the cameras asks for.
+// Update the points by back-substitution of a step of the cameras.
 void move_points(
   const Window& window, const System& system, double damping, const double* step, State& state);
 

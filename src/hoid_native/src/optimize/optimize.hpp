@@ -1,7 +1,8 @@
-// Least squares on pixels and disparities: the pose of one image, or poses and points of many.
+// Nonlinear least squares on pixels and disparities: the pose of one image, or bundle adjustment.
 //
-// Pixels and the disparity u - u_right are independent measurements with robust kernels of their
-// own; outliers are told on (u, v, u_right) (Mur-Artal and Tardos, T-RO 2017).
+// Pixels and the disparity u - u_right are independent measurements, each with its own robust
+// kernel (decision 002). Outliers are identified on (u, v, u_right), as by Mur-Artal and Tardos,
+// T-RO 2017.
 #pragma once
 
 #include <array>
@@ -15,13 +16,13 @@ namespace hoid::optimize {
 struct StereoParams
 {
   double fx_px, fy_px, cx_px, cy_px, disparity_px_m;
-  double disparity_noise_px,
-    relative_noise;    // of a disparity: what does not depend on it, and what does
-  double pixel_noise;  // standard deviation of pixels, in units of that of their weights
-  bool joint_noise;    // u_right is as noisy as u and v, all under one kernel, as in ORB-SLAM
+  double disparity_noise_px;  // standard deviation of a disparity: constant part
+  double relative_noise;      // and part proportional to the disparity
+  double pixel_noise;         // standard deviation of pixels, in units of that in their weights
+  bool joint_noise;           // u, v and u_right have equal noise and one kernel, as in ORB-SLAM
 };
 
-// Squared normalised residuals beyond which an observation is an outlier.
+// Squared normalized residuals (chi-square) beyond which an observation is an outlier.
 struct Gates
 {
   double mono, stereo;  // without depth and with it
@@ -49,39 +50,39 @@ PoseFit optimize_pose(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
   const PoseArray& start);
 
-struct MatchJudgement
+struct MatchEvaluation
 {
-  std::vector<double> cost;  // squared errors at the measured noise, cut off at the gates
+  std::vector<double> cost;  // squared errors normalized by the measured noise, at most the gates
   std::vector<uint8_t> inliers;
 };
 
-// Say how well each observation fits a pose.
-MatchJudgement judge_matches(
+// Evaluate how well each observation fits a pose.
+MatchEvaluation evaluate_matches(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
   const PoseArray& T_camera_map);
 
-// Matches in one place, and what it would mean to leave them out.
-struct MovingPart
+// A region of the view, and the effect of leaving its matches out.
+struct BiasingRegion
 {
   std::vector<uint8_t> mask;
-  std::array<double, 3> low, high;  // of x / z, y / z and log z in the camera
-  double gain;                      // by how much the cost of the rest would fall, to first order
+  std::array<double, 3> low, high;  // bounds of x / z, y / z and log z (m) in the camera frame
+  double gain;                      // first-order cost reduction of the other matches
 };
 
-// Return the part without which the rest would fit best; variances are `noise_scale` times those
-// of the camera.
-MovingPart heaviest_part(
+// Return the region without which the other matches fit best. Variances are `noise_scale` times
+// those of the camera.
+BiasingRegion most_biasing_region(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
   const PoseArray& T_camera_map, double noise_scale);
 
-// Observations are in any order; one of a point by a camera at most.
+// Observations of map points by cameras, in any order; at most one for each pair.
 struct BundleProblem
 {
-  const double* T_camera_map;  // (num_cameras, 4, 4), the first `num_free` are moved
+  const double* T_camera_map;  // (num_cameras, 4, 4); the first `num_free` are optimized
   int num_cameras, num_free;
   const double* points_m;  // (num_points, 3)
   int num_points;
-  const int64_t *camera, *point;  // which camera observes which point
+  const int64_t *camera, *point;  // (num_observations) indices
   const double* measured_px;      // (num_observations, 3) u, v, u_right; NaN u_right: no depth
   const double* inv_sigma2;
   int num_observations;
@@ -90,11 +91,12 @@ struct BundleProblem
 struct BundleFit
 {
   std::vector<double> T_camera_map, points_m;
-  std::vector<double> chi2;  // of the observations; infinite behind a camera
+  std::vector<double> chi2;  // of each observation; infinite behind the camera
   double cost_before, cost_after;
 };
 
-// Adjust with a Huber kernel, in rounds after each of which what does not fit is left out.
+// Bundle adjustment (Levenberg-Marquardt, Huber kernels) in rounds; outliers are dropped between
+// them.
 BundleFit adjust_bundle(
   const StereoParams& camera, const Gates& gates, const BundleProblem& problem, int rounds,
   int iterations);

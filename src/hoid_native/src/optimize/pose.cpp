@@ -49,8 +49,8 @@ struct Sums
   Row rows[kPose];
 };
 
-// Whether a row of the derivatives is 0 for a part of the twist: u does not go with a step along y,
-// v not with one along x, and disparity with neither, nor with a turn about z.
+// Whether a row of the derivatives is 0 for a part of the twist: u does not go with a step along
+// y, v not with one along x, and disparity with neither, nor with a turn about z.
 template <bool kJoint>
 constexpr bool is_none(int row, int a)
 {
@@ -208,12 +208,12 @@ PoseFit optimize_pose(
   return fit;
 }
 
-MatchJudgement judge_matches(
+MatchEvaluation evaluate_matches(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
   const PoseArray& T_camera_map)
 {
   const Scene scene{camera, gates, problem};
-  MatchJudgement out{std::vector<double>(problem.count), std::vector<uint8_t>(problem.count)};
+  MatchEvaluation out{std::vector<double>(problem.count), std::vector<uint8_t>(problem.count)};
   truncated_costs(scene, T_camera_map.data(), out.cost.data());
   tell_outliers(scene, T_camera_map.data(), out.inliers.data());
   return out;

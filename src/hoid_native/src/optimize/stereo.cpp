@@ -17,7 +17,7 @@ Matrix3d skew(const Vector3d& w)
   return W;
 }
 
-// One step of Newton's iteration to the nearest rotation.
+// One Newton iteration towards the nearest rotation matrix.
 Matrix3d orthonormalized(const Matrix3d& R)
 {
   return 1.5 * R - 0.5 * (R * R.transpose()) * R;

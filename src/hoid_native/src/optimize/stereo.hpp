@@ -1,9 +1,9 @@
-// A camera with a virtual right column, its projection and its derivatives.
+// Stereo camera model with a virtual right image (decision 002): projection, residuals,
+// derivatives.
 //
-// A map point x_map is at x = R x_map + t in the camera, and projects to u, v and
-// u_right = u - disparity / z (Mur-Artal and Tardos, T-RO 2017, eq. 1). A twist (rotation first)
-// moves the pose from the left, so that x moves by -hat(x) w + v (Barfoot, State Estimation for
-// Robotics, eq. 7.180).
+// A map point x_map has camera coordinates x = R x_map + t and projects to u, v and
+// u_right = u - disparity_px_m / z (Mur-Artal and Tardos, T-RO 2017, eq. 1). A left twist (w, v),
+// rotation first, changes x by -hat(x) w + v (Barfoot, State Estimation for Robotics, eq. 7.180).
 #pragma once
 
 #include <cmath>
@@ -15,12 +15,12 @@
 
 namespace hoid::optimize {
 
-constexpr int kPose = 6;
+constexpr int kPose = 6;   // degrees of freedom
 constexpr int kPoint = 3;
-constexpr int kRows = 3;  // u, v, and disparity, or u_right where noise is joint
-constexpr double kMinDepthM = 0.05;
-constexpr double kGateDisparity = 3.841;  // 95 % of one degree of freedom
-constexpr double kSmallAngleRad = 1e-4;
+constexpr int kRows = 3;  // u, v, and the disparity (or u_right with joint noise)
+constexpr double kMinDepthM = 0.05;       // chosen: nearer points count as behind the camera
+constexpr double kGateDisparity = 3.841;  // 95 % quantile of chi-square, one degree of freedom
+constexpr double kSmallAngleRad = 1e-4;   // below: Taylor series, exact to double precision
 
 using Vector6 = Eigen::Matrix<double, kPose, 1>;
 using Matrix6 = Eigen::Matrix<double, kPose, kPose, Eigen::RowMajor>;
@@ -28,8 +28,8 @@ using Matrix6 = Eigen::Matrix<double, kPose, kPose, Eigen::RowMajor>;
 // Row-major 4x4, T_camera_map.
 using Pose = double*;
 
-// The limit in place of NaN, as std::fmax and std::fmin have it: these are calls of functions, for
-// which all sums leave their registers.
+// Like std::fmax and std::fmin these return the limit for NaN. The library functions are calls
+// that spill the sums from the registers.
 ALWAYS_INLINE double at_least(double value, double limit)
 {
   return value > limit ? value : limit;
@@ -40,7 +40,8 @@ ALWAYS_INLINE double at_most(double value, double limit)
   return value < limit ? value : limit;
 }
 
-// What an observation says: NaN u_right is no depth. `weight` is 1 / variance.
+// One measurement (u, v, u_right); NaN u_right: no depth. `weight` is the inverse variance of
+// pixels.
 struct Observation
 {
   const double* measured;
@@ -62,11 +63,11 @@ ALWAYS_INLINE void to_camera(const double* T, const double* p, double* x)
   }
 }
 
-// What follows is of one model of noise, which callers choose once for all observations: kJoint
-// holds u_right to the noise of u and v, under one kernel, as ORB-SLAM does.
+// The noise model is a template argument, so that it is chosen once for all observations. kJoint:
+// as in ORB-SLAM u_right has the noise of u and v, and all three share one kernel.
 
-// Write measured - expected of u, v and the disparity u - u_right, or u_right itself where noise
-// is joint; 0 without depth. Depth is held at its minimum.
+// Write measured - expected for u, v and the disparity u - u_right (kJoint: u_right); the third is
+// 0 without depth. Depths are clamped to kMinDepthM.
 template <bool kJoint>
 ALWAYS_INLINE void residual(
   const StereoParams& camera, const double* x, const Observation& seen, double* out)
@@ -78,7 +79,8 @@ ALWAYS_INLINE void residual(
   out[2] = !seen.has_depth() ? 0.0 : kJoint ? out[0] - disparity : disparity;
 }
 
-// What tells outliers: u_right is held to the same noise as u and v.
+// Return the statistic of the outlier test: squared residuals of u, v and u_right at the pixel
+// noise.
 template <bool kJoint>
 ALWAYS_INLINE double chi2(const Observation& seen, const double* e)
 {
@@ -96,12 +98,20 @@ ALWAYS_INLINE double huber_weight(double chi2, double gate)
   return chi2 <= gate ? 1.0 : std::sqrt(gate / chi2);
 }
 
-// What an observation counts in the sums: pixel and disparity have kernels of their own, as a
-// depth reading beside an edge is wrong while the pixel is right. All is in units of the weights,
-// whatever the noise: what the pixels of an image err by together does not average out.
+// Return the variance of a measured disparity, in px^2.
+ALWAYS_INLINE double disparity_variance(const StereoParams& camera, const Observation& seen)
+{
+  const double part = camera.relative_noise * seen.disparity();
+  return camera.disparity_noise_px * camera.disparity_noise_px + part * part;
+}
+
+// The weights of an observation in the normal equations, and its robust cost. Pixel and disparity
+// have separate kernels, because a depth beside an edge can be wrong while the pixel is right.
+// Both are in units of `Observation::weight`: pixel errors that all points of an image share do
+// not average out.
 struct Weights
 {
-  double pixel, depth, cost;  // of u and v, and of the third row
+  double pixel, depth, cost;  // weight of u and v, weight of the third row, cost of all
 };
 
 template <bool kJoint>
@@ -118,9 +128,7 @@ ALWAYS_INLINE Weights weights_of(
   Weights out{
     seen.weight * huber_weight(pixel2, gates.mono), 0.0, unit * huber_cost(pixel2, gates.mono)};
   if (seen.has_depth()) {
-    const double part = camera.relative_noise * seen.disparity();
-    const double weight =
-      1.0 / (camera.disparity_noise_px * camera.disparity_noise_px + part * part);
+    const double weight = 1.0 / disparity_variance(camera, seen);
     const double disparity2 = weight * e[2] * e[2];
     out.depth = unit * weight * huber_weight(disparity2, kGateDisparity);
     out.cost += unit * huber_cost(disparity2, kGateDisparity);
@@ -128,8 +136,8 @@ ALWAYS_INLINE Weights weights_of(
   return out;
 }
 
-// What an observation costs in units of the measured noise, pixel and disparity each cut off at
-// its gate; all that it can cost without residuals, as behind the camera.
+// Return the squared error of an observation normalized by the measured noise; pixel and disparity
+// are truncated at their gates. Without residuals (`e` null, behind the camera): both gates.
 template <bool kJoint>
 ALWAYS_INLINE double truncated_cost(
   const StereoParams& camera, const Gates& gates, const Observation& seen, const double* e)
@@ -144,14 +152,12 @@ ALWAYS_INLINE double truncated_cost(
   }
   double cost = at_most(seen.weight * (e[0] * e[0] + e[1] * e[1]) / unit, gates.mono);
   if (seen.has_depth()) {
-    const double part = camera.relative_noise * seen.disparity();
-    const double variance = camera.disparity_noise_px * camera.disparity_noise_px + part * part;
-    cost += at_most(e[2] * e[2] / variance, kGateDisparity);
+    cost += at_most(e[2] * e[2] / disparity_variance(camera, seen), kGateDisparity);
   }
   return cost;
 }
 
-// Derivatives of the three rows by the point in the camera's frame, [row][coordinate].
+// Derivatives of the expected measurement by the point in the camera frame, [row][coordinate].
 template <bool kJoint>
 ALWAYS_INLINE void point_jacobian(
   const StereoParams& camera, const double* x, double J[kRows][kPoint])
@@ -173,7 +179,7 @@ ALWAYS_INLINE void point_jacobian(
   }
 }
 
-// Derivatives by the pose's twist, [row][rotation, then translation], from those by the point.
+// Derivatives by the left twist of the pose, [row][rotation, then translation].
 ALWAYS_INLINE void pose_jacobian(
   const double* x, const double J_point[kRows][kPoint], double J[kRows][kPose])
 {
@@ -188,7 +194,7 @@ ALWAYS_INLINE void pose_jacobian(
   }
 }
 
-// T <- exp(twist) T, with the rotation kept orthonormal.
+// T <- exp(twist) T; the rotation stays orthonormal.
 void move_pose(const Vector6& twist, Pose T);
 
 }  // namespace hoid::optimize

@@ -1,4 +1,4 @@
-"""Parameters of every stage as frozen dataclasses, the one place of names and defaults.
+"""Parameters of every stage as frozen dataclasses: the only place of their names and defaults.
 
-No algorithm, and nothing of another room, belongs here.
+Algorithms, and anything that depends on another package folder, do not belong here.
 """

@@ -1,4 +1,4 @@
-"""Configuration of the dense map and the navigation grid."""
+"""Parameters of the dense map and the navigation grid."""
 
 from __future__ import annotations
 
@@ -9,51 +9,74 @@ from hoid_common.config import Config, param, section
 from hoid_common.errors import ConfigError
 
 FILE_MODES = ('trinary', 'scale', 'raw')
-"""Of Nav2's map server."""
+"""The modes of Nav2's map server."""
 
 
 @dataclass(frozen=True)
 class GridConfig(Config):
-    """Projection of the dense map to a grid for navigation."""
+    """Projection of the dense map onto a grid for navigation."""
 
     resolution_m: float = param(
-        0.05, 'Side of a grid cell (m).',
-        minimum=0.01, maximum=1.0, read_only=False, expert=True,
-    )  # fmt: skip
+        0.05,  # the default of Nav2's costmaps
+        'Side of a grid cell (m). Larger cells make a smaller message and close narrow passages.',
+        minimum=0.01,
+        maximum=1.0,
+        read_only=False,
+        expert=True,
+    )
     min_height_m: float = param(
-        0.10, 'Height above the floor below which points are no obstacle (m).',
-        minimum=0.0, read_only=False, expert=True,
-    )  # fmt: skip
+        0.10,  # chosen: above the noise of the floor, and above thresholds and carpets
+        'Height above the floor below which points are not obstacles (m). A larger value hides '
+        'low obstacles, a smaller one turns noise of the floor into obstacles.',
+        minimum=0.0,
+        read_only=False,
+        expert=True,
+    )
     max_height_m: float = param(
         1.80,
-        'Height above the floor above which points are no obstacle (m). Set it to a little more '
+        'Height above the floor above which points are not obstacles (m). Set it to a little more '
         'than the height of the robot.',
         minimum=0.05,
         read_only=False,
     )
     clear_height_m: float = param(
-        0.8, 'Height up to which the space over a cell must be seen empty for it to be free (m).',
-        minimum=0.0, maximum=3.0, read_only=False, expert=True,
-    )  # fmt: skip
+        0.8,  # chosen: a little more than a table, under which the floor is seen before its top
+        'Height up to which the space above a cell must be seen empty before the cell is free '
+        '(m). A larger value leaves more cells unknown, a smaller one may call space under tables '
+        'free.',
+        minimum=0.0,
+        maximum=3.0,
+        read_only=False,
+        expert=True,
+    )
     obstacle_margin_m: float = param(
-        0.0, 'How much farther than their points, means over voxels, obstacles reach (m).',
-        minimum=0.0, maximum=1.0, read_only=False, expert=True,
-    )  # fmt: skip
+        0.0,  # chosen: Nav2 inflates obstacles itself
+        'Distance by which obstacles extend beyond their voxels in the grid (m). A larger value '
+        'keeps the robot farther away from obstacles.',
+        minimum=0.0,
+        maximum=1.0,
+        read_only=False,
+        expert=True,
+    )
     min_obstacle_points: int = param(
-        1, 'Number of voxels in a cell that make it occupied.',
-        minimum=1, read_only=False, expert=True,
-    )  # fmt: skip
+        1,  # chosen: a voxel has already been confirmed by `dense.min_views` images
+        'Number of voxels in a cell from which the cell is occupied. A larger number removes '
+        'noise and thin obstacles.',
+        minimum=1,
+        read_only=False,
+        expert=True,
+    )
 
     file_mode: str = param(
         'trinary',
-        "Mode of Nav2's map server in which grids are saved. Choose raw for numbers as in the "
-        'message, scale for a picture whose unknown cells are transparent.',
+        "Mode of Nav2's map server in which grids are saved: trinary stores occupied, free and "
+        'unknown, scale an image with transparent unknown cells, raw the values of the message.',
         choices=FILE_MODES,
         expert=True,
     )
 
     def __post_init__(self) -> None:
-        """Raise ConfigError when nothing could be an obstacle."""
+        """Raise ConfigError if the range of heights of obstacles is empty."""
         super().__post_init__()
         if self.min_height_m >= self.max_height_m:
             raise ConfigError(
@@ -64,44 +87,80 @@ class GridConfig(Config):
 
 @dataclass(frozen=True)
 class DenseConfig(Config):
-    """Fusion of depth images into coloured voxels."""
+    """Fusion of depth images into colored voxels (decision 022)."""
 
     enabled: bool = param(
         default=True,
-        description='Fuses depth images into cloud_map and grid_map, in a process of their own. '
+        description='Fuses depth images into cloud_map and grid_map, in a separate process. '
         'Set it to false to save time and memory where only poses are needed.',
     )
     rate_hz: float = param(
-        3.0, 'Images that are fused per second, at most (Hz).',
-        minimum=0.1, maximum=30.0, read_only=False, expert=True,
-    )  # fmt: skip
-    voxel_m: float = param(0.025, 'Side of a voxel (m).', minimum=0.005, maximum=0.5, expert=True)
+        3.0,  # chosen: an image costs 20 ms (decision 022), so 6 % of a core
+        'Largest rate at which images are fused (Hz). A higher rate completes the map sooner and '
+        'takes more time.',
+        minimum=0.1,
+        maximum=30.0,
+        read_only=False,
+        expert=True,
+    )
+    voxel_m: float = param(
+        0.025,  # chosen: half a cell of the grid
+        'Side of a voxel (m). Larger voxels take less memory and show less detail.',
+        minimum=0.005,
+        maximum=0.5,
+        expert=True,
+    )
     max_depth_m: float = param(
-        3.5, 'Depth beyond which readings are left out, as noise grows with its square (m).',
-        minimum=0.5, expert=True,
-    )  # fmt: skip
+        3.5,  # chosen: the noise of depth grows with its square (decision 002)
+        'Depth beyond which readings are ignored (m). A larger value maps more of a large room, '
+        'with more noise.',
+        minimum=0.5,
+        expert=True,
+    )
     pixel_stride: int = param(
-        2, 'Every n-th pixel and row of the depth image is fused (pixels).',
-        minimum=1, maximum=8, expert=True,
-    )  # fmt: skip
+        2,  # chosen: at 3.5 m two pixels of a 640-pixel image are 1.3 cm apart, half a voxel
+        'Step between the columns and rows of the depth image that are fused (pixels). A larger '
+        'step saves time and leaves holes in distant surfaces.',
+        minimum=1,
+        maximum=8,
+        expert=True,
+    )
     min_views: int = param(
-        3, 'Number of images that must agree before a voxel is shown.', minimum=1, expert=True
+        3,  # not tuned
+        'Number of images that must agree before a voxel is published. A larger number removes '
+        'noise and passers-by, and shows surfaces later.',
+        minimum=1,
+        expert=True,
     )
     max_voxels: int = param(
-        3_000_000, 'Largest number of voxels, to bound the memory; the least seen are dropped.',
-        minimum=1000, expert=True,
-    )  # fmt: skip
+        3_000_000,  # chosen, to bound the memory of the scene process
+        'Largest number of voxels; beyond it the least observed ones are removed. A larger number '
+        'maps a larger area and takes more memory.',
+        minimum=1000,
+        expert=True,
+    )
     max_views: int = param(
-        150, 'Number of images kept for fusing anew after a loop closure, about 0.6 MB each.',
-        minimum=1, expert=True,
-    )  # fmt: skip
+        150,  # chosen: 90 MB
+        'Number of images that are kept to fuse the map again after a loop closure, with about '
+        '0.6 MB each. A larger number keeps more of a large map when the trajectory is corrected.',
+        minimum=1,
+        expert=True,
+    )
     publish_period_s: float = param(
-        2.0, 'Shortest time between two clouds or grids that are published (s).',
-        minimum=0.1, maximum=3600.0, read_only=False, expert=True,
-    )  # fmt: skip
+        2.0,  # chosen, for a display; a cloud of a room has several MB
+        'Shortest time between two published clouds or grids (s). A longer period saves time and '
+        'bandwidth.',
+        minimum=0.1,
+        maximum=3600.0,
+        read_only=False,
+        expert=True,
+    )
     grid: GridConfig = section(GridConfig)
 
-    mask_margin_px: ClassVar[int] = 16  # this near to a dynamic box, pixels are left out as well
-    carve_margin_m: ClassVar[float] = 0.05  # free space ends this far before the surface
-    # Share of the images looking at a voxel that must have measured it.
+    # Not tuned: pixels this near to the box of a dynamic object are not fused.
+    mask_margin_px: ClassVar[int] = 16
+    # Chosen: two voxels; free space ends this far before the measured surface, so that the noise
+    # of depth does not carve the surface itself.
+    carve_margin_m: ClassVar[float] = 0.05
+    # Not tuned: share of the images looking at a voxel that must have measured a surface there.
     min_hit_share: ClassVar[float] = 0.5

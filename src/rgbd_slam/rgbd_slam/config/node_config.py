@@ -1,4 +1,4 @@
-"""Parameters of the SLAM node: those of the core, and how it meets a robot."""
+"""Parameters of the SLAM node: those of the core, the frames, and the scene mapper."""
 
 from __future__ import annotations
 
@@ -19,36 +19,41 @@ class FrameConfig(Config):
     map: str = param('map', 'Name of the map frame.', expert=True)
     odom: str = param(
         'odom',
-        'Name of the odometry frame. Set it to that of the wheels where they send odom -> base.',
+        'Name of the odometry frame. If the wheels send odom -> base, it is their frame.',
         expert=True,
     )
     base: str = param(
         '',
-        "Name of the robot's base frame, which is found from the camera's frame on /tf_static; "
-        "empty takes the camera's own optical frame. Set it on every robot, often to base_link.",
+        "Name of the robot's base frame, whose pose relative to the camera is read from "
+        "/tf_static; empty uses the camera's own optical frame. Set it on every robot, often to "
+        'base_link.',
     )
     publish_map_to_odom: bool = param(
         default=True,
-        description='Sends map -> odom on /tf; false where another node localises the robot.',
+        description='Sends map -> odom on /tf. It is off where another node localizes the robot.',
         read_only=False,
         expert=True,
     )
     publish_odom_to_base: bool = param(
         default=True,
-        description='Sends odom -> base on /tf. Set it to false where the wheels or a filter of '
-        'poses send it already: map -> odom then fits theirs, and the own odometry is on '
-        'visual_odom.',
+        description='Sends odom -> base on /tf. Set it to false if the wheels or a filter of '
+        'poses send it already: map -> odom is then relative to theirs, and the visual odometry '
+        'is published on visual_odom.',
         read_only=False,
     )
     transform_tolerance_s: float = param(
-        0.1,
-        'Time by which map -> odom is dated ahead when somebody else sends odom -> base (s), so '
-        'that it holds until the next one comes.',
-        minimum=0.0, maximum=10.0, read_only=False, expert=True,
-    )  # fmt: skip
+        0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0
+        'Time by which map -> odom is dated into the future while another node sends odom -> base '
+        '(s). A longer time keeps the transform valid over missing images, and delays a '
+        'correction by as much.',
+        minimum=0.0,
+        maximum=10.0,
+        read_only=False,
+        expert=True,
+    )
     planar: bool = param(
         default=False,
-        description='Keeps the base on a plane: no height, no roll, no pitch. Set it for a robot '
+        description='Keeps the base on a plane, without height, roll or pitch. Set it for a robot '
         'on wheels on a level floor.',
     )
 
@@ -59,32 +64,37 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
 
     map_directory: str = param(
         '~/.ros/hoid',
-        'Folder of the files that services read and write; none lie outside. Set it to keep maps '
-        'elsewhere.',
+        'Folder of the files that services read and write; they use no other one. Set it to store '
+        'maps elsewhere.',
     )
     map_file: str = param(
         '',
-        'Map in that folder to start with, saved before by save_map; empty starts an empty map. '
-        'Set it to go on in a known place.',
+        'Map in map_directory that is loaded at the start, as saved by save_map; empty starts '
+        'with an empty map. Set it to continue in a mapped place.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),
-        'Whether to extend the map (mapping) or only to look for poses in that of map_file '
-        '(localization). Choose the latter once the map is good.',
+        'Whether the map is extended (mapping) or only used to localize the robot '
+        '(localization). Choose localization once the map is good.',
         choices=tuple(mode.name.lower() for mode in SlamMode),
     )
     checkpoint_period_s: float = param(
-        10.0,
-        'Time between two copies of the map that changes, in map_directory, which a node that '
-        'starts after a crash goes on in (s). Set it to 0 for none.',
+        10.0,  # decision 030
+        'Time between two checkpoints of the map, from which a node resumes after a crash (s); 0 '
+        'writes none. A longer period loses more of the map in a crash.',
         minimum=0.0,
         maximum=3600.0,
         expert=True,
     )
     map_period_s: float = param(
-        1.0, 'Shortest time between two maps, paths and keyframes that are published (s).',
-        minimum=0.05, maximum=3600.0, read_only=False, expert=True,
-    )  # fmt: skip
+        1.0,  # chosen, for a display
+        'Shortest time between two published maps, paths and keyframes (s). A longer period saves '
+        'time and bandwidth.',
+        minimum=0.05,
+        maximum=3600.0,
+        read_only=False,
+        expert=True,
+    )
     frames: FrameConfig = section(FrameConfig)
     dense: DenseConfig = section(DenseConfig)
     objects: ObjectTrackerConfig = section(ObjectTrackerConfig)

@@ -10,38 +10,61 @@ from hoid_common.config import Config, param
 
 @dataclass(frozen=True)
 class ObjectTrackerConfig(Config):
-    """Tracking of people and objects in the map frame."""
+    """Tracking of people and objects in the map frame.
+
+    Where no other source is named, the values were chosen for people and things in rooms and are
+    not tuned.
+    """
 
     enabled: bool = param(
         default=True,
-        description='Follows people and objects in 3-D and publishes them as tracked_objects. Set '
-        'it to false to save time where nobody listens.',
+        description='Tracks people and objects in 3-D and publishes them as tracked_objects. Set '
+        'it to false to save time where nobody subscribes.',
     )
     rate_hz: float = param(
-        10.0, 'Images that are looked at per second, at most (Hz).',
-        minimum=0.1, maximum=60.0, read_only=False, expert=True,
-    )  # fmt: skip
+        10.0,
+        'Largest rate of the images in which objects are tracked (Hz). A higher rate follows fast '
+        'people better and takes more time.',
+        minimum=0.1,
+        maximum=60.0,
+        read_only=False,
+        expert=True,
+    )
     reach_m: float = param(
-        1.0, 'An object is handled only this near to a person, over the floor (m).',
-        minimum=0.1, expert=True,
-    )  # fmt: skip
+        1.0,  # chosen: the reach of an arm and a step
+        'Distance over the floor up to which a person can handle an object (m). A larger value '
+        'marks more objects near people as handled.',
+        minimum=0.1,
+        expert=True,
+    )
     rest_s: float = param(
-        0.8, 'How long an object is seen still before it counts as at rest (s).',
-        minimum=0.0, expert=True,
-    )  # fmt: skip
+        0.8,
+        'Time for which an object must be seen at one place before it counts as at rest (s). A '
+        'longer time marks objects as at rest later, and more reliably.',
+        minimum=0.0,
+        expert=True,
+    )
     min_sightings: int = param(
-        3, 'Number of sightings before a track is published.', minimum=1, expert=True
+        3,
+        'Number of sightings before a track is published. A larger number suppresses false '
+        'detections and delays new tracks.',
+        minimum=1,
+        expert=True,
     )
     max_objects: int = param(
-        200, 'Largest number of tracks, which bounds the memory.', minimum=1, expert=True
+        200,  # chosen, to bound the memory
+        'Largest number of tracks; beyond it the ones unseen for longest are removed. A '
+        'larger number takes more memory and time.',
+        minimum=1,
+        expert=True,
     )
 
-    gate_m: ClassVar[float] = 0.7  # a sighting farther from a track starts a new one,
-    rest_gate_m: ClassVar[float] = 0.35  # and farther from what nobody handles
-    measurement_sigma_m: ClassVar[float] = 0.08  # noise of a measured centre
-    acceleration_sigma_mps2: ClassVar[float] = 3.0  # how abruptly people move
-    forget_moving_s: ClassVar[float] = 1.0  # unseen people and handled objects end,
-    forget_resting_s: ClassVar[float] = 600.0  # and unseen resting ones
-    # How long an object that went out of sight is known again when put down.
+    gate_m: ClassVar[float] = 0.7  # a sighting farther from a track starts a new track
+    rest_gate_m: ClassVar[float] = 0.35  # the same for a track that nobody handles
+    measurement_sigma_m: ClassVar[float] = 0.08  # standard deviation of a measured center
+    acceleration_sigma_mps2: ClassVar[float] = 3.0  # process noise: how abruptly people move
+    forget_moving_s: ClassVar[float] = 1.0  # after which unseen people and handled objects end
+    forget_resting_s: ClassVar[float] = 600.0  # after which unseen objects at rest end
+    # Time for which an object that was carried out of sight is recognized when it is put down.
     forget_taken_s: ClassVar[float] = 60.0
-    moved_m: ClassVar[float] = 0.12  # farther from its place than this, an object was moved
+    moved_m: ClassVar[float] = 0.12  # displacement from which an object counts as moved

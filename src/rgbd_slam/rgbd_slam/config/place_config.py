@@ -1,4 +1,4 @@
-"""Parameters of recognising places, of verifying them and of closing loops."""
+"""Parameters of place recognition, geometric verification and loop closing."""
 
 from __future__ import annotations
 
@@ -10,95 +10,152 @@ from hoid_common.config import Config, param, section
 
 @dataclass(frozen=True)
 class IndexConfig(Config):
-    """How keyframes are indexed and looked up."""
+    """How keyframes are indexed by their descriptors and looked up."""
 
     num_tables: int = param(
-        4, 'Number of hash tables; more find more matches.', minimum=1, maximum=16
+        4,  # places_and_loops.md: recall at 1 of 0.975 against 0.650 of binary words
+        'Number of hash tables. More tables find more matches and take more time and memory.',
+        minimum=1,
+        maximum=16,
     )
-    key_bits: int = param(20, 'Number of descriptor bits in a key.', minimum=8, maximum=30)
+    key_bits: int = param(
+        20,  # places_and_loops.md, as above
+        'Number of descriptor bits in a hash key. Longer keys find fewer and better matches.',
+        minimum=8,
+        maximum=30,
+    )
     max_features: int = param(
-        400, 'Number of features that are used of a keyframe or a query.', minimum=50
+        400,  # not tuned
+        'Number of features of a keyframe that are indexed and looked up. A larger number '
+        'recognizes more places and takes more time.',
+        minimum=50,
     )
     max_bucket: int = param(
-        200, 'Number of descriptors that make a key too common to use.', minimum=8
+        200,  # not tuned
+        'Number of descriptors with one key beyond which the key is ignored as too common. A '
+        'larger number finds repeated textures and takes more time.',
+        minimum=8,
     )
 
-    max_hamming: ClassVar[int] = 40  # bits by which a match may differ
+    # Not tuned; ORB-SLAM3's strict limit is 50 (ORBmatcher.cc, TH_LOW).
+    max_hamming: ClassVar[int] = 40  # largest distance of two matching descriptors [bits]
 
 
 @dataclass(frozen=True)
 class AlignmentConfig(Config):
     """RANSAC over feature matches."""
 
-    hypotheses: int = param(200, 'Number of samples that are tried.', minimum=10, maximum=5000)
-    min_inliers: int = param(15, 'Number of matches that must agree.', minimum=6)
+    hypotheses: int = param(
+        200,  # three matches all fit with 99 % probability if 28 % of all matches do
+        'Number of pose hypotheses that are sampled. A larger number finds the pose among more '
+        'wrong matches and takes more time.',
+        minimum=10,
+        maximum=5000,
+    )
+    min_inliers: int = param(
+        15,  # not tuned
+        'Number of matches that must agree with a pose. A larger number accepts fewer wrong poses '
+        'and fails more often.',
+        minimum=6,
+    )
 
-    max_error_px: ClassVar[float] = 4.0  # of an inlier in octave 0
+    # Not tuned; the 95 % limit of the chi-square table is 2.4 px at a noise of 1 px.
+    max_error_px: ClassVar[float] = 4.0  # reprojection error of an inlier in octave 0
 
 
 @dataclass(frozen=True)
 class VerificationConfig(Config):
-    """What it takes to believe that two views show one place."""
+    """The geometric evidence that two views show the same place.
+
+    The values are not tuned: with all of them together, no false loop was closed on the recordings
+    of docs/results/places_and_loops.md, one with repeated identical furniture among them.
+    """
 
     neighbours: int = param(
-        6, 'Number of keyframes around the candidate whose points are used.', minimum=0
+        6,
+        'Number of keyframes around the candidate whose points are matched as well. A larger '
+        'number finds places seen from farther away and takes more time.',
+        minimum=0,
     )
     ratio: float = param(
-        0.85, 'Largest ratio of the best to the second best distance of a match, a share.',
-        minimum=0.1, maximum=1.0,
-    )  # fmt: skip
-    min_inliers: int = param(40, 'Number of points that must be found.', minimum=10)
+        0.85,
+        'Largest ratio of the best to the second best descriptor distance of a match with a '
+        'candidate place, as a share. A larger ratio gives more matches, of which more are wrong.',
+        minimum=0.1,
+        maximum=1.0,
+    )
+    min_inliers: int = param(
+        40,
+        'Number of map points that must be found at a recognized place. A larger number rejects '
+        'more false places and more true ones.',
+        minimum=10,
+    )
     min_found_share: float = param(
-        0.5, 'Share of the points that should be seen which must be found.',
-        minimum=0.0, maximum=1.0,
-    )  # fmt: skip
+        0.5,
+        'Share of the points expected in view that must be found, which tells a place from '
+        'another one with identical furniture. A larger share rejects more false places and more '
+        'true ones.',
+        minimum=0.0,
+        maximum=1.0,
+    )
     alignment: AlignmentConfig = section(AlignmentConfig)
 
-    max_candidates: ClassVar[int] = 3  # places tried for one image
+    max_candidates: ClassVar[int] = 3  # places that are verified for one image
     min_votes: ClassVar[int] = 10  # matching features that make a keyframe a candidate
-    max_hamming: ClassVar[int] = 60  # bits by which a match may differ
-    # Share of the points in view that depth may look through.
+    max_hamming: ClassVar[int] = 60  # largest distance of two matching descriptors [bits]
+    # Share of the points in view that a depth reading behind them may contradict.
     max_contradicted_share: ClassVar[float] = 0.1
-    # Share of the points found at the best place that another may have too.
+    # A second place may have at most this share of the points found at the best place.
     max_rival_share: ClassVar[float] = 0.6
 
 
 @dataclass(frozen=True)
 class LoopConfig(Config):
-    """When a loop is closed and how."""
+    """When a loop is closed, and how the map is corrected."""
 
     enabled: bool = param(
-        default=True, description='Looks for loops and for other maps of the same place.'
+        default=True,  # places_and_loops.md: 0.30 of the ATE is left, in the median
+        description='Closes loops, and merges maps that show the same place.',
     )
-    long_way_m: float = param(
-        5.0, 'Length of a way on which drift may hide even if its ends fit by chance (m).',
+    long_path_m: float = param(
+        5.0,  # not tuned
+        'Length of a loop from which the whole map is adjusted even if its ends already fit (m). '
+        'With a longer one, fewer loops are adjusted, and drift inside them may stay.',
         minimum=0.0,
-    )  # fmt: skip
+    )
 
-    # Of adjusting the whole map after a loop, a round.
-    global_iterations: ClassVar[int] = 6
-    min_support: ClassVar[int] = 2  # keyframes around that must see the place too
+    # Not tuned, except where another source is named.
+    global_iterations: ClassVar[int] = 6  # of each round of the global bundle adjustment
+    # Keyframes near the new one that must recognize the place as well; ORB-SLAM asks for three
+    # consistent groups of keyframes.
+    min_support: ClassVar[int] = 2
     merge_inliers: ClassVar[int] = 60  # points that must be found to merge two maps
-    # Drift believed possible anywhere, and the same per metre of path; of the heading as well.
+    # A loop that would correct more drift than this is rejected: a constant part and one that
+    # grows with the length of the path, for position and heading.
     drift_m: ClassVar[float] = 0.1
     drift_share: ClassVar[float] = 0.04
     drift_deg: ClassVar[float] = 4.0
     drift_deg_per_m: ClassVar[float] = 1.0
-    # Points that two keyframes share to be tied in the pose graph.
+    # Shared points that make an edge of the essential graph (Mur-Artal et al., T-RO 2015, theta).
     essential_shared: ClassVar[int] = 100
-    # Below both, at the end of a short way, the whole map needs no adjustment.
+    # A short loop with a smaller correction than both needs no global adjustment.
     small_m: ClassVar[float] = 0.03
     small_deg: ClassVar[float] = 1.5
 
 
 @dataclass(frozen=True)
 class PlaceConfig(Config):
-    """All of it."""
+    """Place recognition, loop closing and the start of new maps."""
 
     new_map_after_s: float = param(
-        3.0, 'How long it is lost, while images come, before a new map is started (s).',
-        minimum=0.1, maximum=3600.0, read_only=False,
-    )  # fmt: skip
+        3.0,  # not tuned
+        'Time for which the camera must be lost, while images arrive, before a new map is started '
+        '(s). A longer time leaves more images without a pose, a shorter one makes more maps that '
+        'must be merged.',
+        minimum=0.1,
+        maximum=3600.0,
+        read_only=False,
+    )
     index: IndexConfig = section(IndexConfig)
     verification: VerificationConfig = section(VerificationConfig)
     loops: LoopConfig = section(LoopConfig)

@@ -12,96 +12,147 @@ from rgbd_slam.config.place_config import AlignmentConfig, PlaceConfig
 
 @dataclass(frozen=True)
 class CameraConfig(Config):
-    """How the optimisers see the camera and its features."""
+    """The model of the camera and its features in tracking and mapping."""
 
     baseline_m: float = param(
-        0.075, 'Baseline of the virtual stereo pair that stands for depth (m).',
-        minimum=0.001, maximum=1.0,
-    )  # fmt: skip
+        0.075,  # a Kinect's distance of projector and camera (0.077 in ORB-SLAM3's TUM1.yaml)
+        'Baseline of the virtual stereo camera that stands for the depth camera (m). It is the '
+        'distance of projector and camera; with a larger one, near depth weighs more.',
+        minimum=0.001,
+        maximum=1.0,
+    )
     disparity_noise_px: float = param(
-        0.3, 'Standard deviation of a depth reading, as a disparity of that pair (pixels).',
-        minimum=0.01, maximum=10.0,
-    )  # fmt: skip
+        0.3,  # decision 003: 0.07 px in rendered images to 0.6 px in fr1_xyz
+        'Standard deviation of a depth reading as a disparity of the virtual stereo camera '
+        '(pixels), until it has been measured. A larger one accepts more outliers in depth.',
+        minimum=0.01,
+        maximum=10.0,
+    )
     relative_depth_noise: float = param(
-        0.03, 'Standard deviation of the scale of depth, as a share of the disparity.',
-        minimum=0.0, maximum=0.5,
-    )  # fmt: skip
+        0.03,  # not tuned
+        'Standard deviation of the scale of depth readings, as a share of the disparity. A larger '
+        'share trusts near depth less.',
+        minimum=0.0,
+        maximum=0.5,
+    )
     joint_noise: bool = param(
-        default=False,
-        description='Takes u_right to be as noisy as u and v, with one robust kernel over the '
-        'three, as ORB-SLAM3 does; otherwise depth has a noise and a kernel of its own.',
+        default=False,  # decision 021: the rule of ORB-SLAM3
+        description='Gives u_right the noise of u and v and applies one robust kernel to all '
+        'three, as ORB-SLAM3 does. When it is off, depth has its own noise and kernel.',
     )
     rolling_shutter: bool = param(
-        default=True,
-        description='Measures how long the rows of an image take, and takes it out of what is '
-        'tracked; false leaves images as they are, as ORB-SLAM3 does.',
+        default=True,  # decision 033; ablation: fr1_xyz by `motion` 0.0098 m without it, 0.0066 m
+        description='Estimates the readout time of the image rows and compensates for it. When it '
+        'is off, all rows count as taken at once, as in ORB-SLAM3.',
     )
     close_baselines: float = param(
-        40.0, 'Number of baselines up to which depth is trusted to make points.',
-        minimum=1.0, maximum=1000.0,
-    )  # fmt: skip
+        40.0,  # ORB-SLAM3, TUM1.yaml, Stereo.ThDepth
+        'Number of baselines up to which a depth reading alone creates a map point. A larger '
+        'number creates more points, of which the far ones are noisy.',
+        minimum=1.0,
+        maximum=1000.0,
+    )
     scale_factor: float = param(
-        1.2, 'Ratio of the scales of two octaves, a plain number, as in extraction.',
-        minimum=1.01, maximum=2.0,
-    )  # fmt: skip
+        1.2,  # as extraction.scale_factor of the filter
+        'Ratio of the scales of two successive octaves (a plain number), the same as in '
+        'extraction.',
+        minimum=1.01,
+        maximum=2.0,
+    )
     num_octaves: int = param(
-        8, 'Number of octaves, at least the levels of extraction.', minimum=1, maximum=16
+        8,  # as extraction.num_levels of the filter
+        'Number of octaves, at least the number of levels in extraction.',
+        minimum=1,
+        maximum=16,
     )
 
     @property
     def close_limit_m(self) -> float:
-        """Return the depth up to which readings are trusted to make points."""
+        """Return the depth [m] up to which a reading alone creates a map point."""
         return self.close_baselines * self.baseline_m
 
 
 @dataclass(frozen=True)
 class TrackingConfig(Config):
-    """From the features of one image to its pose."""
+    """Estimation of the pose of one image from its features."""
 
     few_matches: int = param(
-        40, 'Number of matches below which the search window is widened.', minimum=4, maximum=1000
+        40,  # not tuned; ORB-SLAM3 has 20 (Tracking.cc, TrackWithMotionModel)
+        'Number of matches with the last frame below which the search window is widened. A larger '
+        'number widens it more often, which takes time.',
+        minimum=4,
+        maximum=1000,
     )
     few_points: int = param(
-        100, 'Number of map points in the last frame below which its depth readings help.',
-        minimum=0, maximum=5000,
-    )  # fmt: skip
+        100,  # ORB-SLAM3 adds depth readings to as many (Tracking.cc, UpdateLastFrame)
+        'Number of map points in the last frame below which its depth readings are matched as '
+        'well. A larger number uses them more often, where a moving object may be among them.',
+        minimum=0,
+        maximum=5000,
+    )
     min_inliers: int = param(
-        30, 'Number of matches below which the frame is not tracked.', minimum=4, maximum=1000
+        30,  # ORB-SLAM3, Tracking.cc, TrackLocalMap
+        'Number of inliers below which a frame is not tracked. A larger number gives up earlier, '
+        'a smaller one accepts worse poses.',
+        minimum=4,
+        maximum=1000,
     )
     convincing_share: float = param(
-        0.5, 'Share of fitting matches below which, with fewer points than before, more is tried.',
-        minimum=0.0, maximum=1.0,
-    )  # fmt: skip
+        0.5,  # not tuned
+        'Share of the matches that must be inliers, unless as large a share of the last points is '
+        'seen again; otherwise further pose hypotheses are tried. A larger share tries them more '
+        'often, which takes time.',
+        minimum=0.0,
+        maximum=1.0,
+    )
     max_local_keyframes: int = param(
-        24, 'Number of keyframes whose points make the local map.', minimum=2, maximum=500
+        24,  # chosen: ORB-SLAM3 has 80, which takes longer
+        'Number of keyframes whose points make up the local map. A larger number matches more '
+        'points and takes more time.',
+        minimum=2,
+        maximum=500,
     )
     reference_max_hamming: int = param(
-        60, 'Largest distance of a match with the reference keyframe by descriptors alone (bits).',
-        minimum=1, maximum=256,
-    )  # fmt: skip
+        60,  # not tuned; ORB-SLAM3 has 50 (ORBmatcher.cc, TH_LOW)
+        'Largest descriptor distance of a match with the reference keyframe (bits). A larger one '
+        'gives more matches, of which more are wrong.',
+        minimum=1,
+        maximum=256,
+    )
     reference_ratio: float = param(
-        0.8, 'Largest ratio of the best to the second best distance of such a match, a share.',
-        minimum=0.1, maximum=1.0,
-    )  # fmt: skip
+        0.8,  # not tuned; ORB-SLAM3 has 0.7 (Tracking.cc, TrackReferenceKeyFrame)
+        'Largest ratio of the best to the second best descriptor distance of a match with the '
+        'reference keyframe, as a share. A larger ratio gives more matches, of which more are '
+        'wrong.',
+        minimum=0.1,
+        maximum=1.0,
+    )
     max_speed_mps: float = param(
-        3.0, 'Fastest that the camera can move where such matches are believed (m/s).',
-        minimum=0.0, maximum=100.0,
-    )  # fmt: skip
+        3.0,  # chosen: twice the speed of walking
+        'Largest speed of the camera that matches with the reference keyframe may imply (m/s). A '
+        'larger one accepts more wrong poses, a smaller one loses a fast camera.',
+        minimum=0.0,
+        maximum=100.0,
+    )
     max_turn_dps: float = param(
-        400.0, 'Fastest that the camera can turn where such matches are believed (degrees/s).',
-        minimum=0.0, maximum=5000.0,
-    )  # fmt: skip
+        400.0,  # chosen: a hand-held camera that is turned as fast as possible
+        'Largest angular speed of the camera that such matches may imply (degrees/s). A larger '
+        'one accepts more wrong poses, a smaller one loses a fast camera.',
+        minimum=0.0,
+        maximum=5000.0,
+    )
     alignment: AlignmentConfig = section(AlignmentConfig)
     consensus: ConsensusConfig = section(ConsensusConfig)
 
-    # Search windows around points of the last frame at octave 0, and when matches are few.
+    # ORB-SLAM3, Tracking.cc, TrackWithMotionModel: radius of the search in octave 0, and doubled.
     last_frame_radius_px: ClassVar[float] = 15.0
     wide_radius_px: ClassVar[float] = 30.0
-    local_map_radius: ClassVar[float] = 3.0  # search window of the local map, as in ORB-SLAM
-    local_map_ratio: ClassVar[float] = 0.8  # best over second best distance, same octave
-    max_hamming: ClassVar[int] = 100  # descriptors that differ by more bits never match
-    # Reference matches are believed when the last frame was tracked not longer ago than this, and
-    # the camera moved no more at once than this, beside its largest speed.
+    local_map_radius: ClassVar[float] = 3.0  # ORB-SLAM3, Tracking.cc, SearchLocalPoints, RGB-D
+    local_map_ratio: ClassVar[float] = 0.8  # as there: best to second best distance, same octave
+    max_hamming: ClassVar[int] = 100  # ORB-SLAM3, ORBmatcher.cc, TH_HIGH [bits]
+    # Not tuned: matches with the reference keyframe are used only if the last frame was tracked
+    # within this time, and if the motion exceeds `max_speed_mps` and `max_turn_dps` by no more
+    # than these jumps.
     reference_within_s: ClassVar[float] = 0.4
     jump_m: ClassVar[float] = 0.1
     jump_deg: ClassVar[float] = 10.0
@@ -109,108 +160,168 @@ class TrackingConfig(Config):
 
 @dataclass(frozen=True)
 class KeyframeConfig(Config):
-    """When a frame becomes a keyframe."""
+    """When a frame becomes a keyframe (decision 004)."""
 
     reference_share: float = param(
-        0.75, "Share of the reference keyframe's points; one is made when fewer are tracked.",
-        minimum=0.1, maximum=1.0, read_only=False,
-    )  # fmt: skip
+        0.75,  # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame
+        'A frame becomes a keyframe if it sees less than this share of the points of its '
+        'reference keyframe. A larger share makes more keyframes.',
+        minimum=0.1,
+        maximum=1.0,
+        read_only=False,
+    )
     min_close_tracked: int = param(
-        60, 'Number of close points; one is made when fewer are tracked and many could be.',
-        minimum=0, maximum=5000,
-    )  # fmt: skip
+        60,  # not tuned; ORB-SLAM3 has 100 (Tracking.cc, NeedNewKeyFrame)
+        'A frame that tracks less than this number of near points, and could add many, becomes a '
+        'keyframe. A larger number makes more keyframes.',
+        minimum=0,
+        maximum=5000,
+    )
     min_gap_s: float = param(
-        0.2, 'Shortest time between two keyframes while tracking is good (s).',
-        minimum=0.0, maximum=10.0, read_only=False,
-    )  # fmt: skip
+        0.2,  # not tuned; ORB-SLAM3 has 0
+        'Shortest time between two keyframes while tracking is good (s). A longer time makes '
+        'fewer keyframes.',
+        minimum=0.0,
+        maximum=10.0,
+        read_only=False,
+    )
     fewer_share: float = param(
-        0.85, 'Share of the points tracked after the last keyframe; with fewer in a new view, one '
-        'is made.', minimum=0.0, maximum=1.0, read_only=False,
-    )  # fmt: skip
+        0.85,  # decision 004
+        'A frame with a new view becomes a keyframe if it sees less than this share of the points '
+        'tracked after the last keyframe. A larger share makes more keyframes.',
+        minimum=0.0,
+        maximum=1.0,
+        read_only=False,
+    )
     fallen_share: float = param(
-        0.6, 'Share of the same points; with fewer, one is made at once, in a known view, too.',
-        minimum=0.0, maximum=1.0, read_only=False,
-    )  # fmt: skip
+        0.6,  # not tuned
+        'A frame becomes a keyframe at once, even with a known view, if it sees less than this '
+        'share of the points tracked after the last keyframe. A larger share makes more '
+        'keyframes.',
+        minimum=0.0,
+        maximum=1.0,
+        read_only=False,
+    )
     skip_known_views: bool = param(
-        default=True,
-        description='Makes none where the map shows the same view, so that it does not grow with '
-        'time; ORB-SLAM3 has no such rule.',
+        default=True,  # decision 004: 136 passes over one path make 43 keyframes instead of 39
+        description='Makes no keyframe where the map already has the same view, so that the map '
+        'does not grow with time. ORB-SLAM3 has no such rule.',
     )
     keep_outliers: bool = param(
-        default=False,
-        description='Keeps matches that do not fit the pose, for adjustment to judge, as '
-        'ORB-SLAM3 does.',
+        default=False,  # decision 021: the rule of ORB-SLAM3
+        description='Stores the outliers of the pose in the keyframe as well and leaves their '
+        'rejection to bundle adjustment, as ORB-SLAM3 does.',
     )
     min_new_points: int = param(
-        400, 'Number of depth points to make in a keyframe even beyond the close limit.',
-        minimum=0, maximum=5000,
-    )  # fmt: skip
+        400,  # not tuned; ORB-SLAM3 has 100 (Tracking.cc, CreateNewKeyFrame)
+        'Number of points with depth that a keyframe must have, if need be from beyond '
+        'camera.close_baselines. A larger number makes a denser map with more distant points.',
+        minimum=0,
+        maximum=5000,
+    )
 
-    min_close_new: ClassVar[int] = 70  # close features without a point that count as many
+    # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: so many near features without a point are many.
+    min_close_new: ClassVar[int] = 70
 
 
 @dataclass(frozen=True)
 class TriangulationConfig(Config):
-    """New points from two keyframes."""
+    """Creation of points from two keyframes (decision 009)."""
 
     neighbours: int = param(
-        6, 'Number of keyframes to triangulate with; 0 makes points from depth only.',
-        minimum=0, maximum=50,
-    )  # fmt: skip
+        6,  # decision 009
+        'Number of keyframes to triangulate with; 0 creates points from depth only. A larger '
+        'number creates more points and takes more time.',
+        minimum=0,
+        maximum=50,
+    )
     min_baseline_m: float = param(
-        0.03, 'Distance below which two keyframes are not used (m).', minimum=0.0, maximum=10.0
+        0.03,  # not tuned; ORB-SLAM3 asks for a stereo baseline
+        'Shortest distance between two keyframes that are triangulated (m). A longer one skips '
+        'more pairs, whose points would be inaccurate.',
+        minimum=0.0,
+        maximum=10.0,
     )
     min_parallax_deg: float = param(
-        0.6, 'Angle between two rays that tells a depth (degrees).', minimum=0.01, maximum=30.0
+        0.6,  # not tuned; ORB-SLAM3 asks for 1.15 degrees (cosine of 0.9998)
+        'Smallest angle between the two rays to a new point (degrees). A larger angle creates '
+        'fewer and more accurate points.',
+        minimum=0.01,
+        maximum=30.0,
     )
     ratio: float = param(
-        0.9, 'Largest ratio of the best to the second best distance of a match, a share.',
-        minimum=0.1, maximum=1.0,
-    )  # fmt: skip
+        0.9,  # not tuned; ORB-SLAM3 has 0.6 (LocalMapping.cc, CreateNewMapPoints)
+        'Largest ratio of the best to the second best descriptor distance of a match to be '
+        'triangulated, as a share. A larger ratio gives more points, of which more are wrong.',
+        minimum=0.1,
+        maximum=1.0,
+    )
 
-    min_depth_m: ClassVar[float] = 0.4  # nothing without a depth reading is nearer
-    max_hamming: ClassVar[int] = 50  # bits by which a match may differ
+    min_depth_m: ClassVar[float] = 0.4  # the shortest range of depth cameras (decision 009)
+    max_hamming: ClassVar[int] = 50  # ORB-SLAM3, ORBmatcher.cc, TH_LOW [bits]
 
 
 @dataclass(frozen=True)
 class MappingConfig(Config):
-    """What is done with a keyframe."""
+    """Local mapping: what follows the insertion of a keyframe."""
 
     neighbours: int = param(
-        10, 'Number of keyframes into which points are fused.', minimum=1, maximum=100
+        10,  # ORB-SLAM3, LocalMapping.cc, SearchInNeighbors
+        "Number of keyframes with which a keyframe's points are fused. A larger number finds more "
+        'duplicates and takes more time.',
+        minimum=1,
+        maximum=100,
     )
     window: int = param(
-        8, 'Number of keyframes that local bundle adjustment moves.', minimum=2, maximum=100
+        8,  # chosen: ORB-SLAM3 moves all covisible keyframes, which takes longer
+        'Number of keyframes that local bundle adjustment moves. A larger number spreads '
+        'corrections over more keyframes and takes more time.',
+        minimum=2,
+        maximum=100,
     )
     fixed_window: int = param(
-        12, 'Number of keyframes that it holds and whose observations it uses.',
-        minimum=1, maximum=200,
-    )  # fmt: skip
+        12,  # chosen: ORB-SLAM3 takes all keyframes that see the points
+        'Number of further keyframes that local bundle adjustment keeps fixed. A larger number '
+        'ties the window to more of the map and takes more time.',
+        minimum=1,
+        maximum=200,
+    )
     rounds: int = param(
-        2, 'Number of its rounds; what does not fit is left out of the next one.',
-        minimum=1, maximum=5,
-    )  # fmt: skip
+        2,  # not tuned; ORB-SLAM3 has one
+        'Number of rounds of local bundle adjustment; outliers of a round are left out of the '
+        'next one. A larger number rejects outliers better and takes more time.',
+        minimum=1,
+        maximum=5,
+    )
     iterations: int = param(
-        5, 'Number of iterations of each round, at most.', minimum=1, maximum=50
+        5,  # ORB-SLAM's first round (Optimizer.cc); ORB-SLAM3 has ten in one round
+        'Largest number of iterations in each round. A larger number converges further and takes '
+        'more time.',
+        minimum=1,
+        maximum=50,
     )
     redundant_share: float = param(
-        0.8, 'Share of a keyframe that three others must see as well for it to go.',
-        minimum=0.5, maximum=1.0,
-    )  # fmt: skip
+        0.8,  # not tuned; ORB-SLAM3 has 0.9 (LocalMapping.cc, KeyFrameCulling)
+        'A keyframe is removed if three others see at least this share of its points. A larger '
+        'share keeps more keyframes.',
+        minimum=0.5,
+        maximum=1.0,
+    )
     triangulation: TriangulationConfig = section(TriangulationConfig)
 
-    fuse_radius_px: ClassVar[float] = 3.0  # search window of fusing
-    max_hamming: ClassVar[int] = 50  # bits by which a match of fusing may differ
-    # Young points tracked in less of the frames that should see them go.
+    fuse_radius_px: ClassVar[float] = 3.0  # ORB-SLAM3, ORBmatcher.h, Fuse
+    max_hamming: ClassVar[int] = 50  # ORB-SLAM3, ORBmatcher.cc, TH_LOW [bits]
+    # ORB-SLAM3, LocalMapping.cc, MapPointCulling: a new point is removed if it is found in less
+    # than this share of the frames that should see it.
     min_found_ratio: ClassVar[float] = 0.25
 
 
 @dataclass(frozen=True)
 class SlamConfig(Config):
-    """All of it."""
+    """All parameters of the core."""
 
     seed: int = param(
-        0, 'Number that seeds everything which samples at random.', minimum=0, expert=True
+        0, 'Number that seeds all random sampling, so that runs repeat.', minimum=0, expert=True
     )
     camera: CameraConfig = section(CameraConfig, expert=True)
     tracking: TrackingConfig = section(TrackingConfig, expert=True)

@@ -133,7 +133,7 @@ class LoopCloser:
         turn_rad, way_m = self._detector.correction(i, match)
         around_m = path_length_m(self._atlas, c, i)
         small = way_m < config.small_m and turn_rad < np.deg2rad(config.small_deg)
-        small &= around_m < config.long_way_m
+        small &= around_m < config.long_path_m
         alive = set(keyframes.uid[keyframes.alive].tolist())
         self._loops = [loop for loop in self._loops if {loop.uid_a, loop.uid_b} <= alive]
         self._loops.append(Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i))

@@ -1,4 +1,4 @@
-"""Maps as files: writing, reading, and refusing what is damaged or foreign.
+"""Map files: written whole, read with checks, refused in one line if damaged or foreign.
 
-Nothing here changes a running map.
+Code that changes a running map does not belong here.
 """

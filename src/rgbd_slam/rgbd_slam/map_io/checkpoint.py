@@ -1,8 +1,8 @@
-"""A map written at intervals, for the node that starts after one that was killed.
+"""The checkpoint file: the map of a node that was killed, for the node that replaces it.
 
-The time of the file is the stamp of the last image that was tracked in its map, on the camera's
-clock: a camera that goes on is later by as long as the node was away, while a recording that is
-played again is earlier, and another one far off.
+The modification time of the file is the stamp of the last image that was tracked in its map, on
+the camera's clock. The stamp of a running camera is later by as long as the node was away; that of
+a recording that is played again is earlier, and that of another recording is far off.
 """
 
 from __future__ import annotations
@@ -13,38 +13,40 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_common.errors import MapFileError
+from hoid_common.values import NS_PER_S
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import SUFFIX, MapFile
 
-_MAX_AWAY_NS = 600 * 10**9  # longer, and the robot may be anywhere
+# Chosen: after more than ten minutes without SLAM the robot may be anywhere.
+_MAX_AWAY_NS = 600 * NS_PER_S
 
 
 class Checkpoint(NamedTuple):
-    """What was read."""
+    """A map and the time until which it was extended."""
 
     content: MapFile
     stamp_ns: int  # of the last image tracked in it
 
-    def is_of(self, stamp_ns: int) -> bool:
-        """Return whether the camera whose image has this stamp may well be in the map."""
+    def is_recent(self, stamp_ns: int) -> bool:
+        """Return whether a camera whose image has this stamp is probably still in the map."""
         return 0 <= stamp_ns - self.stamp_ns <= _MAX_AWAY_NS
 
 
 class CheckpointFile:
-    """The file of one node.
+    """The checkpoint file of one node.
 
     Args:
-        directory: Of all maps; `~` is the home folder.
-        owner: Name of the node, another one for each that may run beside it.
+        directory: The folder of all maps; `~` is the home folder.
+        owner: Name of the node, which no other node on this machine has.
     """
 
     def __init__(self, directory: str, owner: str) -> None:
         plain = ''.join(c if c.isalnum() else '-' for c in owner)
-        # Hidden, and so no name that a service takes.
+        # A hidden file, which no service accepts as a name.
         self.path = Path(directory).expanduser() / f'.checkpoint-{plain}{SUFFIX}'
 
     def read(self) -> Checkpoint | None:
-        """Return what there is, if anything.
+        """Return the checkpoint, or None if there is none.
 
         Raises:
             MapFileError: It cannot be read.
@@ -54,25 +56,27 @@ class CheckpointFile:
         return Checkpoint(map_file.load(self.path), self.path.stat().st_mtime_ns)
 
     def write(self, checkpoint: Checkpoint) -> int:
-        """Replace the file once a whole one is there; return its size in bytes.
+        """Replace the file and return its size in bytes.
 
         Raises:
-            MapFileError: It cannot be written; what was there still is.
+            MapFileError: It cannot be written; the old file is unchanged.
         """
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise MapFileError(f'{self.path.parent}: cannot be made: {error.strerror}') from error
+            raise MapFileError(
+                f'{self.path.parent}: cannot be created: {error.strerror}'
+            ) from error
         size = map_file.save(self.path, checkpoint.content)
         self.touch(checkpoint.stamp_ns)
         return size
 
     def touch(self, stamp_ns: int) -> None:
-        """Say that the map is still the same after the image with this stamp."""
+        """Record that the map is unchanged after the image with this stamp."""
         with suppress(OSError):
             os.utime(self.path, ns=(stamp_ns, stamp_ns))
 
     def remove(self) -> None:
-        """Leave nothing to resume."""
+        """Delete the file, so that nothing is resumed."""
         with suppress(OSError):
             self.path.unlink(missing_ok=True)

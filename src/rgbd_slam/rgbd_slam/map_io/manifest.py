@@ -1,4 +1,4 @@
-"""What a map file says of itself: its camera, its features, and the lengths of its arrays."""
+"""The manifest of a map file: its camera, its features, and the lengths of its arrays."""
 
 from __future__ import annotations
 
@@ -6,26 +6,25 @@ import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import NamedTuple, TypeGuard
+from typing import Any, NamedTuple
 
 from hoid_common.errors import MapFileError
-from hoid_common.io.record import Record
 from hoid_common.values import CameraModel
 from rgbd_slam.model.map_state import MapState
+from rgbd_slam.records.record import Record
 from rgbd_slam.scene.dense_state import DenseState
 
 VERSION = 1
 FORMAT = 'hoid map'
 MANIFEST = 'manifest.json'
 SECTIONS: dict[str, type[Record]] = {'map': MapState, 'dense': DenseState}
-MOST_DISTORTION = 14  # coefficients of OpenCV's models
-_INTRINSICS = ('fx_px', 'fy_px', 'cx_px', 'cy_px')
-_MOST_MANIFEST_BYTES = 10_000
-_MOST_ROWS = 2**31
+MAX_DISTORTION = 14  # coefficients of the largest of OpenCV's lens models
+_MAX_MANIFEST_BYTES = 10_000  # chosen: a manifest has less than 1 kB
+_MAX_ROWS = 2**31
 
 
 class Manifest(NamedTuple):
-    """What a file says of itself."""
+    """The contents of a manifest."""
 
     camera: CameraModel
     scale_factor: float
@@ -37,57 +36,73 @@ def read_manifest(archive: zipfile.ZipFile, infos: Mapping[str, zipfile.ZipInfo]
     """Return the manifest of a map file of this version.
 
     Raises:
-        MapFileError: It is of something else, of another version, or damaged.
+        MapFileError: The file is not a map, of another version, or damaged.
     """
-    if MANIFEST not in infos or infos[MANIFEST].file_size > _MOST_MANIFEST_BYTES:
+    if MANIFEST not in infos or infos[MANIFEST].file_size > _MAX_MANIFEST_BYTES:
         raise MapFileError('is no map file: it has no manifest')
-    said = json.loads(archive.read(MANIFEST))
-    if not isinstance(said, dict) or said.get('format') != FORMAT:
+    content = json.loads(archive.read(MANIFEST))
+    if not isinstance(content, dict) or content.get('format') != FORMAT:
         raise MapFileError('is no map file: its manifest is of something else')
-    if said.get('version') != VERSION:
+    if content.get('version') != VERSION:
         raise MapFileError(
-            f'is of version {said.get("version")!r:.20}, and this program reads version '
+            f'is of version {content.get("version")!r:.20}, and this program reads version '
             f'{VERSION}: save the map anew with the program that made it'
         )
-    scale_factor, num_octaves = said.get('scale_factor'), said.get('num_octaves')
-    if not _is_number(scale_factor) or not _is_count(num_octaves):
-        raise MapFileError('is damaged: its manifest does not say which features it has')
-    lengths = _lengths(said.get('lengths'))
-    return Manifest(_camera(said.get('camera')), float(scale_factor), num_octaves, lengths)
+    for name, schema in _schema(content.get('lengths')).items():
+        if not _conforms(content.get(name), schema):
+            raise MapFileError(f'is damaged: "{name}" in its manifest is invalid')
+    camera = content['camera'] | {'distortion': tuple(content['camera']['distortion'])}
+    return Manifest(
+        CameraModel(**camera),
+        float(content['scale_factor']),
+        content['num_octaves'],
+        content['lengths'],
+    )
 
 
-def _camera(said: object) -> CameraModel:
-    """Return the camera that a manifest speaks of."""
-    names = {field.name for field in fields(CameraModel)}
-    if not isinstance(said, dict) or said.keys() != names:
-        raise MapFileError('is damaged: its manifest names no camera')
-    size_px, distortion = (said['width_px'], said['height_px']), said['distortion']
-    is_lens = isinstance(distortion, list) and len(distortion) <= MOST_DISTORTION
-    numbers = [said[name] for name in _INTRINSICS]
-    is_camera = is_lens and all(map(_is_number, (*numbers, *distortion)))
-    if not is_camera or not all(map(_is_count, size_px)):
-        raise MapFileError('is damaged: the camera in its manifest is none')
-    fx_px, fy_px, cx_px, cy_px = numbers
-    return CameraModel(*size_px, fx_px, fy_px, cx_px, cy_px, tuple(distortion))
+def _schema(sections: object) -> dict[str, Any]:
+    """Return the schema of a manifest: nested dictionaries of predicates.
+
+    Args:
+        sections: The sections that the manifest names, of which only `dense` is optional.
+    """
+    camera = {field.name: _is_number for field in fields(CameraModel)}
+    size = {'width_px': _is_count, 'height_px': _is_count}
+    has_dense = isinstance(sections, dict) and 'dense' in sections
+    return {
+        'camera': camera | size | {'distortion': _is_distortion},
+        'scale_factor': _is_number,
+        'num_octaves': _is_count,
+        'lengths': {
+            name: dict.fromkeys(_axes(record), _is_count)
+            for name, record in SECTIONS.items()
+            if name == 'map' or has_dense
+        },
+    }
 
 
-def _lengths(said: object) -> dict[str, dict[str, int]]:
-    """Return the lengths of the axes of each section that a manifest speaks of."""
-    if not isinstance(said, dict) or not said.keys() <= SECTIONS.keys():
-        raise MapFileError('is damaged: its manifest does not say what it holds')
-    if 'map' not in said:
-        raise MapFileError('holds no map')
-    for name, lengths in said.items():
-        axes = {a for c in SECTIONS[name].columns().values() for a in c.axes if isinstance(a, str)}
-        is_table = isinstance(lengths, dict) and lengths.keys() == axes
-        if not is_table or not all(map(_is_count, lengths.values())):
-            raise MapFileError(f'the lengths of section "{name}" are none')
-    return said
+def _axes(record: type[Record]) -> set[str]:
+    columns = record.columns().values()
+    return {axis for column in columns for axis in column.axes if isinstance(axis, str)}
 
 
-def _is_number(value: object) -> TypeGuard[float]:
-    return type(value) in (int, float)  # truth values are none
+def _conforms(value: object, schema: Any) -> bool:
+    if not isinstance(schema, dict):
+        return bool(schema(value))
+    if not isinstance(value, dict) or value.keys() != schema.keys():
+        return False
+    return all(_conforms(value[name], inner) for name, inner in schema.items())
 
 
-def _is_count(value: object) -> TypeGuard[int]:
-    return type(value) is int and 0 <= value < _MOST_ROWS
+def _is_number(value: object) -> bool:
+    return type(value) in (int, float)  # `bool` is a subclass of `int`, and no number
+
+
+def _is_count(value: object) -> bool:
+    return type(value) is int and 0 <= value < _MAX_ROWS
+
+
+def _is_distortion(value: object) -> bool:
+    if not isinstance(value, list) or len(value) > MAX_DISTORTION:
+        return False
+    return all(map(_is_number, value))

@@ -1,29 +1,29 @@
-"""Whether the arrays of a map file make a map: whatever a file says, the tracker stays safe."""
+"""Checks that the arrays of a map file form a map, so that no file can harm the tracker."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from hoid_common.errors import MapFileError
-from hoid_common.io.record import Array
 from hoid_common.values import NS_PER_S, CameraModel, FloatArray
 from rgbd_slam.model.map_state import NONE, MapState
+from rgbd_slam.records.record import Array
 from rgbd_slam.scene.dense_state import DenseState
 
-_MOST_M = 1e5  # from the origin
-_MOST_INTRINSICS = 18
-_MOST_IMAGES = 2.0  # that undistortion may move a pixel
-_MOST_STAMP_NS = 2**31 * NS_PER_S  # of ROS: seconds in 32 bits
-_MOST_COUNT = 2**40
-_ORTHONORMAL = 1e-6
-_NEAREST_M = 1e-3
+_MAX_M = 1e5  # chosen: from the origin of the map
+_MAX_INTRINSICS = 18  # four, and OpenCV's 14 distortion coefficients
+_MAX_IMAGES = 2.0  # chosen: image sizes by which undistortion may move a pixel
+_MAX_STAMP_NS = 2**31 * NS_PER_S  # of ROS: seconds in 32 bits
+_MAX_COUNT = 2**40  # chosen: no sum of two counts overflows
+_ORTHONORMAL = 1e-6  # chosen: of the entries of R R^T - I; poses are stored in 64 bits
+_MIN_DEPTH_M = 1e-3  # chosen: no depth camera reads nearer, and disparities stay finite
 
 
 def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
-    """Raise MapFileError with what is wrong, if anything is."""
+    """Raise MapFileError with the first rule that the arrays break."""
     lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
-    is_lens = len(lens) <= _MOST_INTRINSICS and np.isfinite(lens).all()
-    _require(is_lens, 'its camera is none')
+    is_lens = len(lens) <= _MAX_INTRINSICS and np.isfinite(lens).all()
+    _require(is_lens, 'its camera is invalid')
     _require(len(state) > 0 and len(state.position_m) > 0, 'it has no keyframes or no points')
     _check_keyframes(state)
     _check_tree(state)
@@ -33,11 +33,11 @@ def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
 
 
 def check_dense(state: DenseState, num_keyframes: int) -> None:
-    """Raise MapFileError with what is wrong, if anything is."""
-    _require(_within(state.keyframe, 0, num_keyframes), 'an image hangs on no keyframe')
-    _require(_are_poses(state.T_keyframe_camera), "an image's pose is none")
+    """Raise MapFileError with the first rule that the arrays break."""
+    _require(_within(state.keyframe, 0, num_keyframes), 'an image has no keyframe')
+    _require(_are_poses(state.T_keyframe_camera), "an image's pose is invalid")
     whole, half = state.flagged_mm.shape[1:], state.image_bgr.shape[1:3]
-    _require(half == tuple((n + 1) // 2 for n in whole), 'depth and colour differ in size')
+    _require(half == tuple((n + 1) // 2 for n in whole), 'depth and color differ in size')
 
 
 def _require(holds: bool | np.bool_, otherwise: str) -> None:
@@ -46,12 +46,12 @@ def _require(holds: bool | np.bool_, otherwise: str) -> None:
 
 
 def _within(values: Array, low: float, end: float) -> bool:
-    """Return whether all are numbers in [low, end)."""
+    """Return whether all values are in [low, end), which NaN is not."""
     return bool(((values >= low) & (values < end)).all())
 
 
 def _are_poses(T: FloatArray) -> bool:
-    if not (np.abs(T) < _MOST_M).all():  # neither is NaN
+    if not (np.abs(T) < _MAX_M).all():  # neither is NaN
         return False
     R = T[:, :3, :3]
     errors = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3))
@@ -60,56 +60,59 @@ def _are_poses(T: FloatArray) -> bool:
 
 
 def _check_keyframes(state: MapState) -> None:
-    _require(_within(state.stamp_ns, 0, _MOST_STAMP_NS), 'a time stamp is out of range')
-    _require(_are_poses(state.T_map_camera), "a keyframe's pose is none")
+    _require(_within(state.stamp_ns, 0, _MAX_STAMP_NS), 'a time stamp is out of range')
+    _require(_are_poses(state.T_map_camera), "a keyframe's pose is invalid")
     _require((state.num_features >= 0).all(), 'a number of features is negative')
     total = int(state.num_features.sum(dtype=np.int64))
-    _require(total == len(state.point), 'keyframes and features disagree in number')
+    _require(total == len(state.point), 'the numbers of features do not add up')
 
 
 def _check_tree(state: MapState) -> None:
-    """The keyframes of each map hang on one of them, its root."""
+    """Check that the parents of the keyframes of each map form a tree with one root."""
     count = len(state)
-    _require(_within(state.parent, NONE, count), 'a keyframe hangs on none that is there')
+    _require(_within(state.parent, NONE, count), 'a parent does not exist')
     is_root = state.parent == NONE
     ids = state.map_id[is_root]
-    _require(np.array_equal(np.sort(ids), np.arange(len(ids))), 'maps and roots disagree')
+    _require(
+        np.array_equal(np.sort(ids), np.arange(len(ids))),
+        'the number of maps is not that of roots',
+    )
     _require(np.isin(state.map_id, ids).all(), 'a map has no root')
     above = np.where(is_root, np.arange(count), state.parent)
-    _require((state.map_id == state.map_id[above]).all(), 'a keyframe hangs on one of another map')
+    _require((state.map_id == state.map_id[above]).all(), 'a parent is in another map')
     for _ in range(count.bit_length()):
         above = above[above]
-    _require(is_root[above].all(), 'keyframes hang on each other in a circle')
+    _require(is_root[above].all(), 'the parents of keyframes form a circle')
 
 
 def _check_features(state: MapState, camera: CameraModel, num_octaves: int) -> None:
     size_px = np.array([camera.width_px, camera.height_px])
-    is_near = (np.abs(state.uv_px - size_px / 2) < _MOST_IMAGES * size_px).all()
+    is_near = (np.abs(state.uv_px - size_px / 2) < _MAX_IMAGES * size_px).all()
     _require(is_near, "a feature's pixel is out of range")
-    near = (state.depth_m > 0) & (state.depth_m < _NEAREST_M)
-    _require(_within(state.depth_m, 0, _MOST_M) and not near.any(), "a feature's depth is none")
+    near = (state.depth_m > 0) & (state.depth_m < _MIN_DEPTH_M)
+    _require(_within(state.depth_m, 0, _MAX_M) and not near.any(), "a feature's depth is invalid")
     _require(_within(state.octave, 0, num_octaves), "a feature's octave is out of range")
     _require(_within(state.angle_deg, -360, 361), "a feature's angle is out of range")
 
 
 def _check_observations(state: MapState) -> None:
     count = len(state.position_m)
-    _require(_within(state.point, NONE, count), 'a feature sees a point that is not there')
+    _require(_within(state.point, NONE, count), 'a feature observes a point that does not exist')
     seen = state.point != NONE
     keyframe, point = state.keyframe[seen], state.point[seen]
     pairs = keyframe * count + point
-    _require(len(np.unique(pairs)) == len(pairs), 'a keyframe sees one point twice')
-    _require((np.bincount(point, minlength=count) > 0).all(), 'a point is seen by no keyframe')
+    _require(len(np.unique(pairs)) == len(pairs), 'a keyframe observes one point twice')
+    _require((np.bincount(point, minlength=count) > 0).all(), 'a point is observed by no keyframe')
     ray = state.position_m[point] - state.T_map_camera[keyframe, :3, 3]
-    _require((np.abs(ray).max(axis=1) > _NEAREST_M).all(), 'a point lies in the camera')
+    _require((np.abs(ray).max(axis=1) > _MIN_DEPTH_M).all(), 'a point lies in the camera')
     map_id = state.map_id[state.reference]
     _require((map_id[point] == state.map_id[keyframe]).all(), 'two maps share a point')
     of_reference = point[keyframe == state.reference[point]]
-    _require(len(of_reference) == count, 'a point is not seen by its reference')
+    _require(len(of_reference) == count, 'a point is not observed by its reference keyframe')
 
 
 def _check_points(state: MapState) -> None:
-    _require((np.abs(state.position_m) < _MOST_M).all(), 'a point is out of range')
-    _require(_within(state.reference, 0, len(state)), 'a point has a reference that is not there')
-    _require(_within(state.num_found, 0, _MOST_COUNT), 'a count is out of range')
-    _require(_within(state.num_visible, 0, _MOST_COUNT), 'a count is out of range')
+    _require((np.abs(state.position_m) < _MAX_M).all(), 'a point is out of range')
+    _require(_within(state.reference, 0, len(state)), 'a reference does not exist')
+    _require(_within(state.num_found, 0, _MAX_COUNT), 'a count is out of range')
+    _require(_within(state.num_visible, 0, _MAX_COUNT), 'a count is out of range')

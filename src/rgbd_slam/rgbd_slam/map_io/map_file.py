@@ -1,7 +1,7 @@
-"""One file with a whole map: a zip of NumPy arrays with a manifest, as `numpy.load` opens too.
+"""A whole map in one file: a zip of NumPy arrays with a manifest, which `numpy.load` opens too.
 
-Every array's type and shape follow from the schema (`Record`) and from the lengths in the
-manifest, and are checked before anything is unpacked; nothing in a file is ever executed.
+The type and shape of every array follow from the schema (`Record`) and the lengths in the
+manifest. They are checked before an array is unpacked, and nothing in a file is ever executed.
 """
 
 from __future__ import annotations
@@ -22,44 +22,55 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from hoid_common.errors import HoidError, MapFileError
-from hoid_common.io.record import Array, Column
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.map_io.manifest import (
     FORMAT,
     MANIFEST,
-    MOST_DISTORTION,
+    MAX_DISTORTION,
     SECTIONS,
     VERSION,
     read_manifest,
 )
 from rgbd_slam.map_io.map_check import check_dense, check_map
 from rgbd_slam.model.map_state import MapState
+from rgbd_slam.records.record import Array, Column
 from rgbd_slam.scene.dense_state import DenseState
 
 SUFFIX = '.hoidmap'
 _HEADER_BYTES = 128
-_SAME = 1e-6  # of intrinsics
-_MOST_UNPACKED = 50  # times the file's size; a map unpacks to about twice
-_SMALL_BYTES = 1_000_000  # that many are harmless whatever they are packed to
-_MOST_SAID = 120  # characters of an error, which may repeat what the file says
-_PIECE_BYTES = 1 << 20  # an array packed as a whole is in memory a second time, packed
-_LEVEL = 1  # more takes three times as long and saves a tenth
-# What the libraries say of files that are none of theirs.
-_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, KeyError,
-           TypeError, NotImplementedError, RuntimeError, OverflowError)  # fmt: skip
+_SAME = 1e-6  # chosen: intrinsics [px] that differ by less are the same
+# Protection from zip bombs: a map unpacks to about twice the size of its file.
+_MAX_EXPANSION = 50
+_SMALL_BYTES = 1_000_000  # chosen: so many unpacked bytes are harmless in any case
+_MAX_QUOTED = 120  # chosen: characters of an error, which may quote the file
+_PIECE_BYTES = 1 << 20  # arrays are packed piecewise, so that no packed copy is in memory
+_LEVEL = 1  # of compression; a higher one takes three times as long and saves a tenth
+# The errors that zipfile, zlib, json and NumPy raise for damaged files.
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    ValueError,
+    KeyError,
+    TypeError,
+    NotImplementedError,
+    RuntimeError,
+    OverflowError,
+)
 
 
 class MapFile(NamedTuple):
-    """What a file holds; poses are in the map frame that was published, z up."""
+    """The contents of a file; poses are in the published map frame, z up."""
 
     camera: CameraModel
-    scale_factor: float  # between octaves of the features
+    scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     map: MapState
     dense: DenseState | None = None
 
     def check_fits(self, camera: CameraModel, scale_factor: float, num_octaves: int) -> None:
-        """Raise MapFileError when the map is of another camera or of other features."""
+        """Raise MapFileError if the map was made with another camera or with other features."""
         size_px = self.camera.width_px, self.camera.height_px
         here, there = _intrinsics(camera), _intrinsics(self.camera)
         is_size = size_px == (camera.width_px, camera.height_px)
@@ -76,7 +87,7 @@ class MapFile(NamedTuple):
 
 
 def _intrinsics(camera: CameraModel) -> FloatArray:
-    out = np.zeros(4 + MOST_DISTORTION)
+    out = np.zeros(4 + MAX_DISTORTION)
     values = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
     out[: len(values)] = values
     return out
@@ -88,10 +99,10 @@ def _listed(size_px: tuple[int, int], intrinsics: FloatArray) -> str:
 
 
 def save(path: Path, content: MapFile) -> int:
-    """Write a file, or replace one when the new one is on the disk; return its size in bytes.
+    """Write a file, or replace one once the new one is on the disk; return its size in bytes.
 
     Raises:
-        MapFileError: It cannot be written, or would not load; what was there before still is.
+        MapFileError: It cannot be written, or would not load; an existing file is unchanged.
     """
     _check(content)
     aside = path.with_name(f'.partial-{secrets.token_hex(4)}-{path.name}')
@@ -117,10 +128,8 @@ def load(path: Path) -> MapFile:
     Raises:
         MapFileError: There is none, or it is foreign, damaged, of another version, or no map.
     """
-    if not path.exists():
+    if not path.is_file():  # also refuses pipes, whose opening would wait
         raise MapFileError(f'{path}: there is no such file')
-    if not path.is_file():
-        raise MapFileError(f'{path}: is no file')
     try:
         with zipfile.ZipFile(path) as archive:
             return _read(archive, path.stat().st_size)
@@ -130,14 +139,9 @@ def load(path: Path) -> MapFile:
         raise MapFileError(f'{path}: does not fit into memory') from error
     except OSError as error:
         raise MapFileError(f'{path}: cannot be read: {error.strerror}') from error
-    except zipfile.BadZipFile as error:
-        raise MapFileError(f'{path}: is no map file, or damaged: {_line(error)}') from error
     except _DAMAGE as error:
-        raise MapFileError(f'{path}: is damaged: {_line(error)}') from error
-
-
-def _line(error: Exception) -> str:
-    return ' '.join(str(error).split())[:_MOST_SAID]
+        text = ' '.join(str(error).split())[:_MAX_QUOTED]
+        raise MapFileError(f'{path}: is no map file, or is damaged: {text}') from error
 
 
 def _write(file: IO[bytes], content: MapFile) -> None:
@@ -164,7 +168,7 @@ def _write(file: IO[bytes], content: MapFile) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the rename last; some file systems cannot, and then it is as safe as they make it."""
+    """Store the rename on the disk, where the file system can."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -178,7 +182,7 @@ def _member(section: str, name: str) -> str:
 
 
 def _header(column: Column, lengths: Mapping[str, int]) -> bytes:
-    """Return what the file of an array begins with (NPY format 1.0): there is but one way."""
+    """Return the only accepted header of an array's file (NPY format 1.0)."""
     shape = column.shape(lengths)
     text = f"{{'descr': {column.dtype.str!r}, 'fortran_order': False, 'shape': {shape}, }}"
     return struct.pack('<6sBBH', b'\x93NUMPY', 1, 0, _HEADER_BYTES - 10) + (
@@ -190,15 +194,15 @@ def _read(archive: zipfile.ZipFile, file_bytes: int) -> MapFile:
     infos = {info.filename: info for info in archive.infolist()}
     for name, info in infos.items():  # before anything is unpacked
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise MapFileError(f'"{name:.40}" is packed in an unknown way')
+            raise MapFileError(f'"{name:.40}" is compressed by an unknown method')
     manifest = read_manifest(archive, infos)
     unpacked = sum(info.file_size for info in archive.infolist())
-    if unpacked > _SMALL_BYTES + _MOST_UNPACKED * file_bytes:
-        raise MapFileError(f'unpacks to {unpacked} bytes, which no map does')
+    if unpacked > _SMALL_BYTES + _MAX_EXPANSION * file_bytes:
+        raise MapFileError(f'unpacks to {unpacked} bytes, more than any map of this size')
     parts = manifest.lengths
     names = [_member(part, name) for part in parts for name in SECTIONS[part].columns()]
     if sorted(info.filename for info in archive.infolist()) != sorted([*names, MANIFEST]):
-        raise MapFileError('lacks parts or has foreign ones')
+        raise MapFileError('is incomplete, or has foreign parts')
     records = {part: _section(archive, part, parts[part]) for part in parts}
     content = MapFile(manifest.camera, manifest.scale_factor, manifest.num_octaves, **records)
     _check(content)
@@ -206,7 +210,7 @@ def _read(archive: zipfile.ZipFile, file_bytes: int) -> MapFile:
 
 
 def _check(content: MapFile) -> None:
-    with np.errstate(all='ignore'):  # whatever numbers there are, the checks see them
+    with np.errstate(all='ignore'):  # NaN and infinity fail the checks
         check_map(content.map, content.camera, content.num_octaves)
         if content.dense is not None:
             check_dense(content.dense, len(content.map))
@@ -225,15 +229,15 @@ def _section(archive: zipfile.ZipFile, section: str, lengths: Mapping[str, int])
 def _array(
     archive: zipfile.ZipFile, name: str, column: Column, lengths: Mapping[str, int]
 ) -> Array:
-    """Return an array, read only, once the file proves to have just its bytes."""
+    """Return an array, read-only, after checking its size and header."""
     shape = column.shape(lengths)
     info = archive.getinfo(name)
     if info.file_size != _HEADER_BYTES + math.prod(shape) * column.dtype.itemsize:
-        raise MapFileError(f'"{name}" is of another size than the manifest says')
+        raise MapFileError(f'"{name}" has another size than its manifest requires')
     data = archive.read(info)
     if len(data) != info.file_size or data[:_HEADER_BYTES] != _header(column, lengths):
-        raise MapFileError(f'"{name}" is not what the manifest says')
+        raise MapFileError(f'"{name}" has another type or shape than its manifest requires')
     array: Array = np.frombuffer(data, column.dtype, offset=_HEADER_BYTES).reshape(shape)
     if column.dtype == np.bool_ and (array.view(np.uint8) > 1).any():
-        raise MapFileError(f'"{name}" has truth values other than 0 and 1')
+        raise MapFileError(f'"{name}" has Boolean values other than 0 and 1')
     return array

@@ -1,4 +1,4 @@
-"""What SLAM knows: frames, keyframes, map points, the atlas of them, trajectories.
+"""The data model: frames, keyframes, map points, the atlas that holds them, and trajectories.
 
-No matching, optimisation or decision about them belongs here.
+Matching, optimization and decisions do not belong here.
 """

@@ -1,9 +1,9 @@
-"""The map: keyframes, points, and the rules that keep the two consistent.
+"""The atlas: keyframes and points of all maps, and the operations that keep them consistent.
 
-`Atlas` has one writer. Offline that is the mapper in the same process. Live the mapper owns the
-map in a process of its own and sends `MapChange`s (the rows that changed since the last one); the
-tracker applies them to its copy between two frames. Observations are `(i, k, j)`: keyframe i sees
-point j in its feature k.
+An `Atlas` has one writer. Offline this is the mapper in the same process. Live the mapper has its
+own atlas in a separate process and sends `MapChange`s (the rows that changed since the last one),
+which the tracker applies to its copy between two frames. An observation is a triple `(i, k, j)`:
+keyframe i observes point j in its feature k.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rgbd_slam.model.soa_table import DEAD, Column
 
 
 class Atlas:
-    """Keyframes and points of all maps; a new map (`map_id`) starts after a loss."""
+    """Keyframes and points of all maps; after a loss, a new map (`map_id`) may be started."""
 
     def __init__(self, scale_factor: float, num_octaves: int) -> None:
         self.keyframes = KeyframeTable()
@@ -33,7 +33,7 @@ class Atlas:
         self.redirects = Redirects()
 
     def clear(self) -> None:
-        """Take everything out; what hangs on a keyframe hangs on nothing then."""
+        """Remove all keyframes and points; poses relative to them become undefined."""
         keyframes, points = self.keyframes, self.points
         keyframes.covisibility[:] = 0
         keyframes.release(keyframes.indices(), self.version)
@@ -45,7 +45,7 @@ class Atlas:
     def add_keyframe(
         self, frame: Frame, T_map_camera: FloatArray, map_id: int, parent: int | None = None
     ) -> int:
-        """Store a keyframe that observes nothing yet and return its index."""
+        """Store a keyframe without observations and return its row."""
         kf = self.keyframes
         i = int(kf.allocate(1, self.version)[0])
         kf.store_features(i, frame)
@@ -57,24 +57,25 @@ class Atlas:
         return i
 
     def set_poses(self, i: IntArray, T_map_camera: FloatArray) -> None:
-        """Move keyframes: (N,) indices, (N, 4, 4) poses."""
+        """Set the poses (N, 4, 4) of keyframes (N,)."""
         self.keyframes.T_map_camera[i] = T_map_camera
         self.keyframes.version[i] = self.version
 
     def set_parent(self, i: int, parent: int) -> None:
-        """Hang a keyframe on another in the spanning tree."""
+        """Set the parent of a keyframe in the spanning tree."""
         self.keyframes.parent_uid[i] = self.keyframes.uid[parent]
         self.keyframes.version[i] = self.version
 
     def set_map_id(self, i: IntArray, j: IntArray, map_id: int) -> None:
-        """Make keyframes (N,) and points (M,) part of a map."""
+        """Assign keyframes (N,) and points (M,) to a map."""
         self.keyframes.map_id[i] = self.points.map_id[j] = map_id
         self.keyframes.version[i] = self.points.version[j] = self.version
 
     def remove_keyframe(self, i: int) -> None:
-        """Take a keyframe out; its children, and the frames relative to it, pass to its parent.
+        """Remove a keyframe; its children and the frames relative to it move to its parent.
 
-        The first keyframe of a map has no parent and must stay.
+        Raises:
+            ValueError: The keyframe is the root of its map, which has no parent.
         """
         kf = self.keyframes
         parent = kf.index_of(int(kf.parent_uid[i]))
@@ -91,7 +92,7 @@ class Atlas:
         kf.release(np.array([i]), self.version)
 
     def update_connections(self, i: int) -> None:
-        """Count anew how many points keyframe `i` shares with every other one."""
+        """Recount the points that keyframe `i` shares with every other keyframe."""
         kf = self.keyframes
         seen = kf.point_of_feature[i]
         rows = kf.indices()
@@ -105,7 +106,7 @@ class Atlas:
         kf.version[i] = self.version
 
     def covisible(self, i: int, min_shared: int = 1, limit: int | None = None) -> IntArray:
-        """Return keyframes that share at least `min_shared` points with `i`, most first."""
+        """Return (N,) keyframes that share at least `min_shared` points with `i`, most first."""
         weight = self.keyframes.covisibility[i]
         rows = np.flatnonzero(weight >= min_shared)
         return rows[np.argsort(-weight[rows], kind='stable')][:limit]
@@ -113,7 +114,7 @@ class Atlas:
     # ---- points and observations
 
     def add_points(self, i: int, k: IntArray, position_m: FloatArray) -> IntArray:
-        """Make points (N,) at (N, 3) that keyframe `i` observes in its features `k`."""
+        """Create points at (N, 3), observed in features `k` of keyframe `i`; return their rows."""
         points = self.points
         j = points.allocate(len(k), self.version)
         points.position_m[j] = position_m
@@ -128,12 +129,12 @@ class Atlas:
         return j
 
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
-        """Move points: (N,) indices, (N, 3) positions."""
+        """Set the positions (N, 3) of points (N,)."""
         self.points.position_m[j] = position_m
         self.points.version[j] = self.version
 
     def observe(self, i: int, k: IntArray, j: IntArray) -> None:
-        """Record that keyframe `i` sees points `j` in features `k`, both free before."""
+        """Add the observations of points `j` in features `k` of keyframe `i`, both free before."""
         kf, points = self.keyframes, self.points
         kf.point_of_feature[i, k] = j
         points.num_observations[j] += 1
@@ -141,7 +142,7 @@ class Atlas:
         points.version[j] = kf.version[i] = self.version
 
     def unobserve(self, i: int, k: IntArray) -> None:
-        """Forget what features `k` of `i` observe; a point nothing observes is removed."""
+        """Remove the observations of features `k` of `i`, and points that have none left."""
         kf, points = self.keyframes, self.points
         k = k[kf.point_of_feature[i, k] != NO_POINT]
         j = kf.point_of_feature[i, k]
@@ -152,30 +153,31 @@ class Atlas:
         points.release(j[points.num_observations[j] == 0], self.version)
 
     def forbid_seeds(self, i: int, k: IntArray) -> None:
-        """Let no point be made of features `k` of `i` from now on."""
+        """Forbid that features `k` of `i` create points from now on."""
         self.keyframes.may_seed[i, k] = False
         self.keyframes.version[i] = self.version
 
     def observations_of(self, j: IntArray, keyframes: IntArray | None = None) -> Observations:
-        """Return who sees points `j`, of the given keyframes or all, in order of i and k."""
+        """Return the observations of points `j` by `keyframes` (or all), sorted by i and k."""
         kf = self.keyframes
         rows = kf.indices() if keyframes is None else keyframes
         seen = kf.point_of_feature[rows]
-        n = np.flatnonzero(self._mask(j).take(seen))  # in a third of the time that two axes take
+        n = np.flatnonzero(self._mask(j).take(seen))  # three times as fast as on two axes
         at, k = np.divmod(n, seen.shape[1])
         return Observations(rows[at], k, seen.take(n).astype(np.int64))
 
     def remove_points(self, j: IntArray) -> None:
-        """Take points out, with all their observations."""
+        """Remove points with all their observations."""
         seen = self.observations_of(j)
         self.keyframes.point_of_feature[seen.i, seen.k] = NO_POINT
         self.keyframes.version[np.unique(seen.i)] = self.version
         self.points.release(j, self.version)
 
     def replace_points(self, old: IntArray, new: IntArray) -> None:
-        """Fuse points: what observes `old[n]` observes `new[n]` from now on, but not twice.
+        """Fuse points: observations of `old[n]` become observations of `new[n]`.
 
-        `old` and `new` are disjoint, and `old` has no repetition.
+        A keyframe that observes both keeps its observation of `new[n]` alone. `old` and `new` are
+        disjoint, and `old` has no repetitions.
         """
         if len(old) == 0:
             return
@@ -201,7 +203,7 @@ class Atlas:
         points.release(old, self.version)
 
     def refresh(self, j: IntArray) -> None:
-        """Derive the viewing direction, scale range and descriptor of live points `j` anew."""
+        """Recompute viewing direction, scale range and descriptor of the live points among `j`."""
         points = self.points
         seen = self.observations_of(j[points.uid[j] != DEAD])
         if len(seen.j) == 0:
@@ -215,7 +217,7 @@ class Atlas:
         points.version[new.rows] = self.version
 
     def count_sightings(self, counts: PointCounts) -> None:
-        """Add how often frames should have seen points, and did; those gone since are left out."""
+        """Add how often points were visible and found; points that were removed are skipped."""
         points = self.points
         same = points.uid[counts.points] == counts.uids
         j = counts.points[same]
@@ -233,7 +235,7 @@ class Atlas:
     # ---- saved maps
 
     def make_younger(self, by: int) -> None:
-        """Raise the ids of all maps, so that older ones can be laid beside them."""
+        """Increase the ids of all maps, so that older maps can be added with lower ids."""
         keyframes, points = self.keyframes, self.points
         i, j = keyframes.indices(), points.indices()
         keyframes.map_id[i] += by
@@ -241,7 +243,7 @@ class Atlas:
         keyframes.version[i] = points.version[j] = self.version
 
     def append_keyframes(self, saved: SavedKeyframes) -> IntArray:
-        """Store keyframes of an earlier session and return their (N,) rows."""
+        """Add keyframes of an earlier session and return their (N,) rows."""
         kf = self.keyframes
         i = kf.append(saved.columns, self.version)
         kf.is_loaded[i] = True
@@ -255,7 +257,12 @@ class Atlas:
         return i
 
     def append_points(self, columns: Mapping[str, Column], reference: IntArray) -> IntArray:
-        """Store points, (N, ...) columns, made by keyframes (N,), and return their rows."""
+        """Add points of an earlier session and return their (N,) rows.
+
+        Args:
+            columns: (N, ...) columns of the points.
+            reference: (N,) rows of their reference keyframes.
+        """
         points, kf = self.points, self.keyframes
         j = points.append(columns, self.version)
         points.reference_keyframe_uid[j] = points.first_keyframe_uid[j] = kf.uid[reference]
@@ -263,14 +270,14 @@ class Atlas:
         return j
 
     def append_observations(self, seen: Observations) -> None:
-        """Record who sees the points stored last, whose columns count these observations."""
+        """Add the observations of appended points, whose columns already count them."""
         self.keyframes.point_of_feature[seen.i, seen.k] = seen.j
         self.refresh(np.unique(seen.j))
 
     # ---- copies in other processes
 
     def changes_since(self, version: int) -> MapChange:
-        """Return the rows changed after `version`, and open a new version for what follows."""
+        """Return the rows changed after `version`, and start a new version for later changes."""
         change = MapChange(
             self.version,
             self.keyframes.rows_since(version),
@@ -281,12 +288,12 @@ class Atlas:
         return change
 
     def whole(self) -> MapChange:
-        """Return what makes an empty map equal to this one."""
+        """Return the change that makes an empty atlas equal to this one."""
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)
         return MapChange(self.version, *everything, ())
 
     def apply(self, change: MapChange) -> None:
-        """Bring this copy up to date; its own redirects become those of the change."""
+        """Apply a change to this copy, and add the redirects of the change to its own."""
         self.keyframes.put_rows(change.keyframes)
         self.points.put_rows(change.points)
         self.version = change.version

@@ -1,8 +1,8 @@
-"""One image's features as the tracker uses them: undistorted, with a virtual right column.
+"""The features of one image for tracking: undistorted, with a virtual right column.
 
-The virtual stereo coordinate is that of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017, eq. 1): a
-depth reading z at column u is what a rectified stereo pair of baseline b would see at u_right = u
-- fx * b / z.
+The stereo coordinate is that of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017, eq. 1; decision 002):
+a rectified stereo camera of baseline b would see a point of depth z and column u in its right
+image at u_right = u - fx * b / z.
 """
 
 from __future__ import annotations
@@ -27,24 +27,23 @@ from rgbd_slam.config.slam_config import CameraConfig
 
 @dataclass(frozen=True)
 class StereoCamera:
-    """The camera as the optimisers see it: a rectified pair with a virtual baseline."""
+    """The camera model of the optimizers: a rectified stereo camera with a virtual baseline."""
 
     fx_px: float
     fy_px: float
     cx_px: float
     cy_px: float
     baseline_px_m: float  # fx * b: disparity = baseline_px_m / depth_m
-    disparity_noise_px: float  # standard deviation of disparities: a constant part,
-    relative_noise: float  # and one that grows with the disparity
-    bounds_px: tuple[
-        float, float, float, float
-    ]  # u_min, v_min, u_max, v_max of the undistorted image
-    pixel_noise: float = 1.0  # standard deviation of a pixel in octave 0 [px]
-    joint_noise: bool = False  # u_right is as noisy as u and v, and judged with them
+    disparity_noise_px: float  # standard deviation of disparities: the constant part
+    relative_noise: float  # and the part that grows with the disparity, as a share of it
+    # u_min, v_min, u_max, v_max of the undistorted image
+    bounds_px: tuple[float, float, float, float]
+    pixel_noise: float = 1.0  # standard deviation of u and v in octave 0
+    joint_noise: bool = False  # True: u, v and u_right share one noise and one robust kernel
 
     @classmethod
     def from_model(cls, camera: CameraModel, config: CameraConfig) -> StereoCamera:
-        """Return the virtual pair of a depth camera, and where the image's edges land."""
+        """Return the stereo camera for a depth camera."""
         u = np.linspace(0, camera.width_px - 1, 9, dtype=np.float32)
         v = np.linspace(0, camera.height_px - 1, 9, dtype=np.float32)
         edge = np.concatenate(
@@ -67,7 +66,7 @@ class StereoCamera:
 
     @cached_property
     def lens(self) -> StereoParams:
-        """Return what the optimisers need of it."""
+        """Return the parameters of the camera for the native optimizers."""
         return StereoParams(
             self.fx_px,
             self.fy_px,
@@ -81,14 +80,15 @@ class StereoCamera:
         )
 
     def disparity_sigma_px(self, disparity_px: FloatArray) -> FloatArray:
-        """Return (N,) standard deviations of disparities."""
+        """Return the (N,) standard deviations [px] of disparities."""
         sigma: FloatArray = np.hypot(self.disparity_noise_px, self.relative_noise * disparity_px)
         return sigma
 
     def project_rows(self, points_camera_m: FloatArray) -> FloatArray:
         """Return (3, N) u, v, u_right of (3, N) points in front of the camera.
 
-        Rows of coordinates keep every operation contiguous: 3 times faster than (N, 3) here.
+        With coordinates as rows, every operation is contiguous, which is 3 times as fast as with
+        (N, 3).
         """
         x, y, z = points_camera_m
         inv_z = 1.0 / z
@@ -110,7 +110,7 @@ class StereoCamera:
     def back_project(
         self, uv_px: Float32Array | FloatArray, depth_m: Float32Array | FloatArray
     ) -> FloatArray:
-        """Return (N, 3) points in the camera's frame of undistorted pixels with depth."""
+        """Return (N, 3) points in the camera frame for undistorted pixels and depths (N,)."""
         z = depth_m.astype(np.float64)
         out = np.empty((len(z), 3))
         out[:, 0] = (uv_px[:, 0] - self.cx_px) / self.fx_px * z
@@ -120,10 +120,10 @@ class StereoCamera:
 
 
 def check_octaves(features: Features, num_octaves: int) -> None:
-    """Refuse what the tables of scales and weights, here and in native code, do not hold.
+    """Check that all octaves of features are in the tables of scales and weights.
 
     Raises:
-        MessageError: A feature is of a higher octave.
+        MessageError: A feature has an octave of `num_octaves` or above.
     """
     highest = int(features.octave.max(initial=0))
     if highest >= num_octaves:
@@ -135,7 +135,7 @@ def check_octaves(features: Features, num_octaves: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One image's features, undistorted."""
+    """The undistorted features (N) of one image."""
 
     stamp_ns: int
     measurement_px: Float32Array  # (N, 3) u, v, u_right; u_right is NaN without depth
@@ -143,11 +143,11 @@ class Frame:
     octave: ByteArray  # (N,)
     angle_deg: Float32Array  # (N,) in [0, 360)
     descriptors: ByteArray  # (N, 32)
-    may_seed: BoolArray  # (N,); False: tracks, but makes no new map point
+    may_seed: BoolArray  # (N,); False: may be matched, but may not create a map point
 
     @classmethod
     def from_features(cls, features: Features, model: CameraModel, camera: StereoCamera) -> Frame:
-        """Undistort the key points and add the virtual right coordinate."""
+        """Return a frame with undistorted key points and virtual right columns."""
         uv = model.undistort_px(features.uv_px)
         depth = features.depth_m
         readable = np.isfinite(depth) & (depth > 0)

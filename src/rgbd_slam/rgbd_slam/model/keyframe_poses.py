@@ -1,4 +1,4 @@
-"""Where the keyframes of all maps are, at one version of the map."""
+"""The poses of all keyframes at one version of the map."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from hoid_common.values import BoolArray, FloatArray, IntArray
 
 
 class KeyframePoses(NamedTuple):
-    """Where the keyframes of all maps are, as the map says at one time; by ascending uid.
+    """Snapshot of the poses of all keyframes, sorted by ascending uid.
 
-    Only the main map's poses are in the map frame: nothing says where other maps lie.
+    Only the poses of the main map are in the map frame. Other maps have frames of their own, whose
+    poses relative to the map frame are unknown.
     """
 
-    version: int  # of the map; grows
+    version: int  # of the map; increases with every change
     uids: IntArray  # (N,)
     map_ids: IntArray  # (N,)
     main_map: int
@@ -23,11 +24,11 @@ class KeyframePoses(NamedTuple):
 
     @property
     def is_main(self) -> BoolArray:
-        """Return the (N,) mask of keyframes in the main map."""
+        """Return the (N,) mask of the keyframes in the main map."""
         return np.equal(self.map_ids, self.main_map)
 
     def rows_of(self, uids: IntArray) -> IntArray:
-        """Return the (M,) rows of keyframes that are there."""
+        """Return the (M,) rows of keyframes (M,), all of which must be in the snapshot."""
         return np.searchsorted(self.uids, uids)
 
 

@@ -1,4 +1,4 @@
-"""The map's keyframes as a structure of arrays: poses, features, and the points they observe."""
+"""The keyframes as a structure of arrays: poses, features, and the points they observe."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _FEATURE_COLUMNS = (
 
 
 class Observations(NamedTuple):
-    """Parallel arrays (M,): keyframe i sees point j in its feature k."""
+    """Observations as parallel arrays (M,): keyframe i observes point j in its feature k."""
 
     i: IntArray
     k: IntArray
@@ -36,23 +36,23 @@ class Observations(NamedTuple):
 
 
 class SavedKeyframes(NamedTuple):
-    """Keyframes (N,) of another map, and their features (F,)."""
+    """The keyframes (N) of an earlier session, and their features (F)."""
 
     columns: dict[str, Column]  # (N, ...) each
-    parent: IntArray  # (N,) which of them, or DEAD
+    parent: IntArray  # (N,) index of the parent among them, or DEAD for a root
     covisibility: NDArray[np.int32]  # (N, N)
-    keyframe: IntArray  # (F,) which of them a feature belongs to
-    feature: IntArray  # (F,) which one it is there
+    keyframe: IntArray  # (F,) index of the keyframe of each feature
+    feature: IntArray  # (F,) number of each feature within its keyframe
     features: dict[str, Column]  # (F, ...) each
 
 
 class KeyframeTable(SoaTable):
-    """Rows are keyframes, index letter i; feature columns are (capacity, max features, ...).
+    """The table of keyframes (index letter i); feature columns are (capacity, max features, ...).
 
-    Columns are written by `Atlas` alone.
+    Only `Atlas` writes to the columns.
 
-    `point_of_feature` is the one record of what observes what; it is searched by masks over whole
-    rows, which costs 0.3 ms for 200 keyframes and needs no second list to be kept in step.
+    `point_of_feature` is the only record of observations. It is searched with masks over whole
+    rows, which takes 0.3 ms for 200 keyframes and needs no second list to be kept consistent.
     """
 
     columns: ClassVar[tuple[str, ...]] = (
@@ -78,21 +78,16 @@ class KeyframeTable(SoaTable):
         super().__init__(n)
         self.stamp_ns: IntArray = np.zeros(n, np.int64)
         self.T_map_camera: FloatArray = np.zeros((n, 4, 4))
-        self.map_id: IntArray = np.zeros(
-            n, np.int64
-        )  # maps that share no keyframe have frames of their own
-        self.parent_uid: IntArray = np.zeros(
-            n, np.int64
-        )  # spanning tree; DEAD for the first of a map
+        self.map_id: IntArray = np.zeros(n, np.int64)  # each map has a frame of its own
+        # Parent in the spanning tree; DEAD for the root of a map.
+        self.parent_uid: IntArray = np.zeros(n, np.int64)
         self.num_features: IntArray = np.zeros(n, np.int64)
-        self.is_loaded: BoolArray = np.zeros(n, np.bool_)  # from a file, of an earlier session
-        self.covisibility: NDArray[np.int32] = np.zeros(
-            (n, n), np.int32
-        )  # points shared by two keyframes
+        self.is_loaded: BoolArray = np.zeros(n, np.bool_)  # True: from an earlier session
+        # Number of points that two keyframes share.
+        self.covisibility: NDArray[np.int32] = np.zeros((n, n), np.int32)
         self.point_of_feature: NDArray[np.int32] = np.full((n, f), NO_POINT, np.int32)
-        self.measurement_px: Float32Array = np.zeros(
-            (n, f, 3), np.float32
-        )  # u, v, u_right (NaN: no depth)
+        # u, v, u_right; u_right is NaN without depth.
+        self.measurement_px: Float32Array = np.zeros((n, f, 3), np.float32)
         self.depth_m: Float32Array = np.zeros((n, f), np.float32)
         self.octave: ByteArray = np.zeros((n, f), np.uint8)
         self.angle_deg: Float32Array = np.zeros((n, f), np.float32)
@@ -101,11 +96,11 @@ class KeyframeTable(SoaTable):
 
     @property
     def max_features(self) -> int:
-        """Return how many features a row holds."""
+        """Return the number of features that a row can hold."""
         return int(self.point_of_feature.shape[1])
 
     def grow(self, capacity: int) -> None:
-        """Enlarge every column; the covisibility matrix grows both ways."""
+        """Enlarge all columns to `capacity` rows, the covisibility in both dimensions."""
         old = self.capacity
         super().grow(capacity)
         wide = np.zeros((capacity, capacity), np.int32)
@@ -114,7 +109,7 @@ class KeyframeTable(SoaTable):
         self.point_of_feature[old:] = NO_POINT
 
     def grow_features(self, max_features: int) -> None:
-        """Widen the feature columns."""
+        """Widen the feature columns to `max_features`."""
         for name in _FEATURE_COLUMNS:
             old = getattr(self, name)
             new = np.zeros((old.shape[0], max_features, *old.shape[2:]), old.dtype)
@@ -124,7 +119,7 @@ class KeyframeTable(SoaTable):
             setattr(self, name, new)
 
     def store_features(self, i: int, frame: Frame) -> None:
-        """Copy a frame's features into row `i`; none observes a point yet."""
+        """Copy the features of a frame into row `i`, without observations."""
         n = len(frame)
         if n > self.max_features:
             self.grow_features(max(n, self.max_features + self.max_features // 2))
@@ -137,14 +132,14 @@ class KeyframeTable(SoaTable):
     def append_features(
         self, i: IntArray, k: IntArray, columns: Mapping[str, Column], num_features: IntArray
     ) -> None:
-        """Fill rows with (F, ...) features: feature n is the `k[n]`-th of keyframe `i[n]`."""
+        """Store (F, ...) features: feature n becomes number `k[n]` of keyframe `i[n]`."""
         if num_features.max() > self.max_features:
             self.grow_features(int(num_features.max()))
         for name, values in columns.items():
             getattr(self, name)[i, k] = values
 
     def frame(self, i: int) -> Frame:
-        """Return row `i`'s features as a frame (views, not copies)."""
+        """Return the features of row `i` as a frame of views, not copies."""
         n = int(self.num_features[i])
         return Frame(
             int(self.stamp_ns[i]),
@@ -157,11 +152,11 @@ class KeyframeTable(SoaTable):
         )
 
     def points_of(self, i: int) -> IntArray:
-        """Return (N,) copies of what the features of row `i` observe, NO_POINT for nothing."""
+        """Return a copy of the points (N,) that the features of row `i` observe, or NO_POINT."""
         return self.point_of_feature[i, : self.num_features[i]].astype(np.int64)
 
     def children(self, i: int) -> IntArray:
-        """Return the keyframes whose parent in the spanning tree is `i`."""
+        """Return the rows of the keyframes whose parent in the spanning tree is `i`."""
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
 
     def put_rows(self, change: SoaTableRows) -> None:

@@ -1,4 +1,4 @@
-"""What changed in a map since: rows for its copies, and what hangs elsewhere now."""
+"""Changes of a map: the changed rows for its copies, and redirects of removed keyframes."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from typing import NamedTuple
 from hoid_common.values import FloatArray
 from rgbd_slam.model.soa_table import SoaTableRows
 
-_REMEMBERED = 256  # removed keyframes: more than can be removed while a request is under way
+# Chosen: more keyframes than can be removed while a request to the mapper is queued.
+_MAX_REMEMBERED = 256
 
 
 class Redirect(NamedTuple):
-    """Where the poses that were relative to a removed keyframe hang now."""
+    """Replaces a removed keyframe, as the reference of relative poses, by its parent."""
 
     uid: int
     parent_uid: int
-    T_parent_camera: FloatArray  # (4, 4), camera of the removed keyframe
+    T_parent_camera: FloatArray  # (4, 4) pose of the removed keyframe relative to its parent
 
 
 class MapChange(NamedTuple):
-    """What brings a copy of the map up to date."""
+    """The difference between two versions of a map, to be applied to a copy."""
 
     version: int
     keyframes: SoaTableRows
@@ -30,30 +31,30 @@ class MapChange(NamedTuple):
 
 
 class Redirects:
-    """Those of a map: each is handed out once, and the last ones are remembered."""
+    """The redirects of a map: each is returned once by `take`; `resolve` knows the latest ones."""
 
     def __init__(self) -> None:
         self._to_take: list[Redirect] = []
-        self._removed: deque[Redirect] = deque(maxlen=_REMEMBERED)
+        self._removed: deque[Redirect] = deque(maxlen=_MAX_REMEMBERED)
 
     def clear(self) -> None:
-        """Forget all, with the map."""
+        """Delete all redirects, as the map is cleared."""
         self._to_take = []
         self._removed.clear()
 
     def add(self, redirects: Iterable[Redirect]) -> None:
-        """Take note of removed keyframes."""
+        """Add the redirects of removed keyframes."""
         known = tuple(redirects)
         self._to_take.extend(known)
         self._removed.extend(known)
 
     def take(self) -> tuple[Redirect, ...]:
-        """Return, once, the redirects of keyframes removed since the last call."""
+        """Return the redirects of the keyframes removed since the last call."""
         redirects, self._to_take = tuple(self._to_take), []
         return redirects
 
     def resolve(self, uid: int, T_keyframe_camera: FloatArray) -> tuple[int, FloatArray]:
-        """Return where a pose (4, 4) hangs now that was given relative to a keyframe."""
+        """Return the uid of the present reference, and the pose (4, 4) relative to it."""
         for redirect in self._removed:
             if redirect.uid == uid:
                 uid = redirect.parent_uid

@@ -1,6 +1,7 @@
-"""A map as it is kept outside the running one: only what does not follow from something else.
+"""A saved map: only the data from which everything else can be derived.
 
-Keyframes and points are named by their rows here, keyframes in the order in which they were made.
+Keyframes and points are identified by their rows here. Keyframes are sorted by the order of their
+creation.
 """
 
 from __future__ import annotations
@@ -13,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common import se3
-from hoid_common.io.record import Array, Record, column
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import Observations, SavedKeyframes
 from rgbd_slam.model.soa_table import DEAD
+from rgbd_slam.records.record import Array, Record, column
 
 Int32Array = NDArray[np.int32]
 NONE = -1
@@ -27,28 +28,24 @@ _COPIED = ('depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
 
 @dataclass(frozen=True, eq=False)
 class MapState(Record):
-    """Keyframes (K), their features (F in all, one keyframe's after the other's), points (P)."""
+    """Keyframes (K), their features (F in all, sorted by keyframe) and points (P)."""
 
     stamp_ns: Annotated[IntArray, column('i8', 'keyframes')]
     T_map_camera: Annotated[FloatArray, column('f8', 'keyframes', 4, 4)]
-    map_id: Annotated[
-        Int32Array, column('i4', 'keyframes')
-    ]  # 0 the oldest of maps in different frames
-    parent: Annotated[
-        Int32Array, column('i4', 'keyframes')
-    ]  # in the spanning tree; NONE: root of its map
+    map_id: Annotated[Int32Array, column('i4', 'keyframes')]  # 0 is the oldest map
+    # Parent in the spanning tree; NONE for the root of a map.
+    parent: Annotated[Int32Array, column('i4', 'keyframes')]
     num_features: Annotated[Int32Array, column('i4', 'keyframes')]
     uv_px: Annotated[Float32Array, column('f4', 'features', 2)]  # undistorted
-    depth_m: Annotated[Float32Array, column('f4', 'features')]  # 0 = no reading
+    depth_m: Annotated[Float32Array, column('f4', 'features')]  # 0: no reading
     octave: Annotated[ByteArray, column('u1', 'features')]
     angle_deg: Annotated[Float32Array, column('f4', 'features')]
     descriptors: Annotated[ByteArray, column('u1', 'features', 32)]
     may_seed: Annotated[BoolArray, column('?', 'features')]
-    point: Annotated[Int32Array, column('i4', 'features')]  # that the feature sees, or NONE
+    point: Annotated[Int32Array, column('i4', 'features')]  # that the feature observes, or NONE
     position_m: Annotated[FloatArray, column('f8', 'points', 3)]
-    reference: Annotated[
-        Int32Array, column('i4', 'points')
-    ]  # keyframe whose octave set the scale range
+    # Reference keyframe, whose octave determines the scale range.
+    reference: Annotated[Int32Array, column('i4', 'points')]
     num_visible: Annotated[IntArray, column('i8', 'points')]
     num_found: Annotated[IntArray, column('i8', 'points')]
 
@@ -57,11 +54,11 @@ class MapState(Record):
 
     @property
     def keyframe(self) -> IntArray:
-        """Return (F,) the keyframe of each feature."""
+        """Return the (F,) row of the keyframe of each feature."""
         return np.repeat(np.arange(len(self)), self.num_features)
 
     def moved(self, T_new_map: FloatArray) -> MapState:
-        """Return the same in another frame."""
+        """Return the map transformed into another frame."""
         return replace(
             self,
             T_map_camera=T_new_map @ self.T_map_camera,
@@ -70,7 +67,7 @@ class MapState(Record):
 
 
 def snapshot(atlas: Atlas) -> MapState:
-    """Copy a map, which takes little longer than copying its bytes: 0.04 ms a keyframe."""
+    """Return a copy of the map; takes 0.04 ms per keyframe, little more than copying the bytes."""
     keyframes, points = atlas.keyframes, atlas.points
     i = keyframes.indices()
     i = i[np.argsort(keyframes.uid[i])]
@@ -81,7 +78,7 @@ def snapshot(atlas: Atlas) -> MapState:
     row_of_point[j] = np.arange(len(j))
     point = row_of_point[_joined(keyframes.point_of_feature, features)]
     reference = _rows_of(keyframes.uid[i], points.reference_keyframe_uid[j])
-    reference = _that_see(reference, np.repeat(np.arange(len(i)), num_features), point)
+    reference = _observing_references(reference, np.repeat(np.arange(len(i)), num_features), point)
     _, map_id = np.unique(keyframes.map_id[i], return_inverse=True)
     return MapState.of(
         {
@@ -102,13 +99,14 @@ def snapshot(atlas: Atlas) -> MapState:
 
 
 def restore(atlas: Atlas, state: MapState, camera: StereoCamera, *, keep: bool) -> IntArray:
-    """Lay a saved map over a running one and return the (K,) rows of its keyframes.
+    """Load a saved map into an atlas and return the (K,) rows of its keyframes.
 
     Args:
         atlas: The running map.
-        state: What was saved, of the same camera.
+        state: The saved map, made with the same camera.
         camera: The camera.
-        keep: Keep the running map beside it, as a younger one; otherwise it is gone.
+        keep: Keep the running map beside the saved one, with higher map ids; otherwise the
+            running map is removed.
     """
     if keep:
         atlas.make_younger(1 + int(state.map_id.max()))
@@ -123,7 +121,7 @@ def restore(atlas: Atlas, state: MapState, camera: StereoCamera, *, keep: bool) 
 
 
 def _joined(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
-    """Return the first entries of some rows, one row's after the other's: a row is one copy."""
+    """Return the first n entries of rows i, concatenated; `rows` holds pairs (i, n)."""
     empty = table[:0].reshape(0, *table.shape[2:])
     return np.concatenate([empty, *(table[i, :n] for i, n in rows)])
 
@@ -161,7 +159,7 @@ def _saved_points(state: MapState) -> dict[str, Array]:
 
 
 def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
-    """Return (F, 3) u, v, u_right; u_right is NaN without depth."""
+    """Return the (F, 3) u, v, u_right of all features; u_right is NaN without depth."""
     out = np.full((len(state.uv_px), 3), np.nan, np.float32)
     out[:, :2] = state.uv_px
     read = state.depth_m > 0
@@ -170,14 +168,14 @@ def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
 
 
 def shared_points(state: MapState) -> NDArray[np.int32]:
-    """Return (K, K) how many points two keyframes share; 0 on the diagonal."""
+    """Return the (K, K) numbers of points that two keyframes share, with a zero diagonal."""
     seen = state.point != NONE
-    # SciPy's sparse product does the same, and takes a third of a node's start to import.
+    # A sparse product of SciPy does the same, but its import takes a third of a node's start.
     order = np.argsort(state.point[seen], kind='stable')
     point, keyframe = state.point[seen][order], state.keyframe[seen][order]
     shared = np.zeros((len(state), len(state)), np.int32)
     first, apart = np.arange(len(point)), 0
-    while first.size:  # pairs of sightings of one point, by how far apart they stand
+    while first.size:  # pairs of observations of one point, by their distance in the sorted list
         apart += 1
         first = first[: np.searchsorted(first, len(point) - apart)]
         first = first[point[first] == point[first + apart]]
@@ -187,10 +185,11 @@ def shared_points(state: MapState) -> NDArray[np.int32]:
     return shared
 
 
-def _that_see(reference: IntArray, keyframe: IntArray, point: IntArray) -> IntArray:
-    """Return the keyframe of each point, (P,), or another that sees it, where that one does not.
+def _observing_references(reference: IntArray, keyframe: IntArray, point: IntArray) -> IntArray:
+    """Return the (P,) reference keyframes, replaced where they do not observe their point.
 
-    Removed, or no longer seeing the point, it stands in the map until the point is refreshed.
+    The map keeps a reference keyframe that was removed, or that no longer observes the point,
+    until the point is refreshed.
     """
     keyframe, point = keyframe[point != NONE], point[point != NONE]
     sees = np.zeros(len(reference), np.bool_)
@@ -201,12 +200,12 @@ def _that_see(reference: IntArray, keyframe: IntArray, point: IntArray) -> IntAr
 
 
 def _feature_rows(state: MapState) -> IntArray:
-    """Return (F,) the number of each feature within its keyframe."""
+    """Return the (F,) number of each feature within its keyframe."""
     first = np.cumsum(state.num_features) - state.num_features
     return np.arange(len(state.point)) - np.repeat(first, state.num_features)
 
 
 def _rows_of(uids: IntArray, wanted: IntArray) -> Any:
-    """Return where ascending `uids` have each of the wanted ones, or NONE."""
+    """Return the index of each wanted uid among the ascending `uids`, or NONE."""
     at = np.minimum(np.searchsorted(uids, wanted), max(len(uids) - 1, 0))
     return np.where(uids[at] == wanted, at, NONE) if len(uids) else np.full(len(wanted), NONE)

@@ -1,4 +1,4 @@
-"""What follows from a point's observations: viewing direction, scale range, descriptor."""
+"""Viewing direction, scale range and descriptor of points, derived from their observations."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
-from hoid_native import typical_descriptors
+from hoid_native import distinctive_descriptors
 from rgbd_slam.model.keyframes import KeyframeTable, Observations
 from rgbd_slam.model.points import PointTable
 
 
 class PointStatistics(NamedTuple):
-    """Columns of points (P,) that follow from their observations."""
+    """Columns of points (P,) that are derived from their observations."""
 
     rows: IntArray  # (P,) ascending
     view_direction: FloatArray  # (P, 3) unit
@@ -25,10 +25,17 @@ class PointStatistics(NamedTuple):
 def point_statistics(
     keyframes: KeyframeTable, points: PointTable, seen: Observations, octave_scale: FloatArray
 ) -> PointStatistics:
-    """Derive columns of points from all their observations, at least one (ORB-SLAM's MapPoint).
+    """Return the statistics of all observed points, as ORB-SLAM's MapPoint derives them.
 
-    The scale range is that in which an ORB octave can see the point: its distance in the reference
-    keyframe times the scale of the octave it was seen in there, down to that of the finest octave.
+    `max_distance_m` is the largest distance at which some octave can detect the point: its
+    distance in the reference keyframe times the scale of the octave in which it was observed
+    there.
+
+    Args:
+        keyframes: The keyframes.
+        points: The points.
+        seen: All observations of the points, at least one of each.
+        octave_scale: Scales of the octaves.
     """
     order = np.argsort(seen.j, kind='stable')
     i, k, of = seen.i[order], seen.k[order], seen.j[order]
@@ -50,12 +57,12 @@ def point_statistics(
         view_direction,
         keyframes.uid[i[reference]],
         (distance[reference] * scale).astype(np.float32),
-        descriptors.take(typical_descriptors(descriptors, starts), 0),
+        descriptors.take(distinctive_descriptors(descriptors, starts), 0),
     )
 
 
 def _first_true(flags: np.ndarray[tuple[int], np.dtype[np.bool_]], starts: IntArray) -> IntArray:
-    """Return per group the offset of its first True, 0 when it has none."""
+    """Return the offset of the first True in each group, or 0 if a group has none."""
     lengths = np.diff(np.r_[starts, len(flags)])
     offset = np.arange(len(flags)) - np.repeat(starts, lengths)
     candidate = np.where(flags, offset, len(flags))

@@ -1,4 +1,4 @@
-"""The map's points as a structure of arrays, and how often frames see them."""
+"""The map points as a structure of arrays, and counts of how often frames observe them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _INITIAL_CAPACITY = 4096
 
 
 class PointTable(SoaTable):
-    """Rows are map points, index letter j. Columns are written by `Atlas` alone."""
+    """The table of map points (index letter j). Only `Atlas` writes to the columns."""
 
     columns: ClassVar[tuple[str, ...]] = (
         *SoaTable.columns,
@@ -34,35 +34,32 @@ class PointTable(SoaTable):
     def __init__(self) -> None:
         n = _INITIAL_CAPACITY
         super().__init__(n)
-        self.position_m: FloatArray = np.zeros((n, 3))  # in the map's frame
-        self.view_direction: Float32Array = np.zeros(
-            (n, 3), np.float32
-        )  # unit, mean, from camera to point
-        self.min_distance_m: Float32Array = np.zeros(
-            n, np.float32
-        )  # ORB scale range, see point_statistics
+        self.position_m: FloatArray = np.zeros((n, 3))  # in the frame of its map
+        # Unit vector: the mean direction from the cameras to the point.
+        self.view_direction: Float32Array = np.zeros((n, 3), np.float32)
+        # Range of distances at which some octave can detect the point; see `point_statistics`.
+        self.min_distance_m: Float32Array = np.zeros(n, np.float32)
         self.max_distance_m: Float32Array = np.zeros(n, np.float32)
         self.descriptors: ByteArray = np.zeros((n, 32), np.uint8)
-        self.num_observations: IntArray = np.zeros(n, np.int64)  # keyframes that see the point
-        self.num_stereo: IntArray = np.zeros(n, np.int64)  # of them, those that read its depth
-        self.num_visible: IntArray = np.zeros(n, np.int64)  # frames whose view it should be in
-        self.num_found: IntArray = np.zeros(n, np.int64)  # frames that tracked it
-        self.first_keyframe_uid: IntArray = np.zeros(n, np.int64)  # the keyframe that made it
-        self.reference_keyframe_uid: IntArray = np.zeros(
-            n, np.int64
-        )  # whose octave set the scale range
+        self.num_observations: IntArray = np.zeros(n, np.int64)  # keyframes that observe it
+        self.num_stereo: IntArray = np.zeros(n, np.int64)  # of these, with a depth reading
+        self.num_visible: IntArray = np.zeros(n, np.int64)  # frames that should show it
+        self.num_found: IntArray = np.zeros(n, np.int64)  # frames in which it was found
+        self.first_keyframe_uid: IntArray = np.zeros(n, np.int64)  # its creator
+        # The keyframe whose octave determines that range.
+        self.reference_keyframe_uid: IntArray = np.zeros(n, np.int64)
         self.map_id: IntArray = np.zeros(n, np.int64)
 
 
 class PointTally(NamedTuple):
-    """Map points that a frame should see, and those it does; no point occurs twice in either."""
+    """Rows of the points that should be visible in a frame and of those found in it, each once."""
 
     visible: IntArray
     found: IntArray
 
 
 class PointCounts(NamedTuple):
-    """Sums of tallies, as parallel arrays over points."""
+    """Sums of tallies over frames, as parallel arrays over points."""
 
     points: IntArray
     uids: IntArray
@@ -71,7 +68,7 @@ class PointCounts(NamedTuple):
 
 
 class PointTallies:
-    """Sums tallies up; takes no more room however long no keyframe is made."""
+    """Sums up the tallies of frames, in memory that does not grow with the number of frames."""
 
     def __init__(self, points: PointTable) -> None:
         self._points = points
@@ -84,7 +81,7 @@ class PointTallies:
         self._found: IntArray = np.zeros(n, np.int64)
 
     def add(self, tally: PointTally) -> None:
-        """Add what one frame saw; counts of points that have left the map since are dropped."""
+        """Add the tally of one frame; the counts of points removed from the map are dropped."""
         uid = self._points.uid
         if len(uid) > len(self._uid):
             more = (0, len(uid) - len(self._uid))
@@ -97,7 +94,7 @@ class PointTallies:
         self._found[tally.found] += 1
 
     def take(self) -> PointCounts:
-        """Return the sums and begin anew."""
+        """Return the sums, and reset them to zero."""
         rows = np.flatnonzero(self._visible | self._found)
         counts = PointCounts(rows, self._uid[rows], self._visible[rows], self._found[rows])
         self._clear()

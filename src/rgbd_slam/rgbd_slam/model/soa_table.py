@@ -1,4 +1,4 @@
-"""A growing structure of arrays: freed rows are used again, changed rows can be traced."""
+"""A growing structure of arrays that reuses freed rows and records which rows have changed."""
 
 from __future__ import annotations
 
@@ -11,62 +11,63 @@ from numpy.typing import NDArray
 from hoid_common.values import BoolArray, IntArray
 
 Column = NDArray[Any]
-DEAD = -1  # uid of a row that holds nothing
+DEAD = -1  # uid of an empty row
 
 
 class SoaTableRows(NamedTuple):
-    """A copy of some rows of a table, as sent from one copy of a map to another."""
+    """Copies of some rows of a table, to be sent to another copy of the map."""
 
     capacity: int
     rows: IntArray  # (M,)
     columns: dict[str, Column]  # (M, ...) each
-    new_rows: IntArray  # (L,) of them, those that hold another element than before
+    new_rows: IntArray  # (L,) of these, the rows that hold a new element
     fixed_columns: dict[str, Column]  # (L, ...) each
     next_uid: int
 
 
 class SoaTable:
-    """Rows in parallel arrays, addressed by index; `uid` tells if a row is still the same.
+    """Elements as rows of parallel arrays; `uid` identifies an element beyond the life of a row.
 
-    Indices are reused after `release`, so whoever keeps one across a change of the map keeps the
-    `uid` beside it.
+    Rows are reused after `release`. Code that keeps a row across a change of the map must keep
+    the `uid` with it, and compare it later.
     """
 
     columns: ClassVar[tuple[str, ...]] = ('uid', 'version', 'born')
-    fixed: ClassVar[tuple[str, ...]] = ()  # of them, those that never change while a row lives
+    fixed: ClassVar[
+        tuple[str, ...]
+    ] = ()  # of these, columns that never change while a row is alive
 
     def __init__(self, capacity: int) -> None:
-        self.uid: IntArray = np.full(capacity, DEAD, np.int64)  # (N,) unique for all time
-        self.version: IntArray = np.zeros(
-            capacity, np.int64
-        )  # (N,) of the map at the row's last change
-        self.born: IntArray = np.zeros(capacity, np.int64)  # (N,) version that allocated the row
+        self.uid: IntArray = np.full(capacity, DEAD, np.int64)  # (N,) never used twice
+        # (N,) version of the map at the last change of the row
+        self.version: IntArray = np.zeros(capacity, np.int64)
+        self.born: IntArray = np.zeros(capacity, np.int64)  # (N,) version of its allocation
         self._next_uid = 0
 
     @property
     def capacity(self) -> int:
-        """Return the number of rows, dead ones included."""
+        """Return the number of rows, including empty ones."""
         return len(self.uid)
 
     @property
     def alive(self) -> BoolArray:
-        """Return the (capacity,) mask of rows that hold an element."""
+        """Return the (capacity,) mask of the rows that hold an element."""
         return np.not_equal(self.uid, DEAD)
 
     def indices(self) -> IntArray:
-        """Return the live rows in ascending order."""
+        """Return the (N,) rows that hold an element, in ascending order."""
         return np.flatnonzero(self.uid != DEAD)
 
     def __len__(self) -> int:
         return int(np.count_nonzero(self.uid != DEAD))
 
     def index_of(self, uid: int) -> int | None:
-        """Return the row of an element, or None when it is gone."""
+        """Return the row of an element, or None if it was removed."""
         rows = np.flatnonzero(self.uid == uid)
         return int(rows[0]) if uid != DEAD and len(rows) else None
 
     def allocate(self, count: int, version: int) -> IntArray:
-        """Take (count,) dead rows, lowest first so that runs repeat, and give them new uids."""
+        """Return (count,) empty rows, lowest first so that runs repeat, and give them new uids."""
         rows = np.flatnonzero(self.uid == DEAD)[:count]
         while len(rows) < count:
             self.grow(2 * self.capacity)
@@ -77,19 +78,19 @@ class SoaTable:
         return rows
 
     def append(self, columns: Mapping[str, Column], version: int) -> IntArray:
-        """Make N elements of (N, ...) columns; other columns keep what their rows held."""
+        """Add elements with the given (N, ...) columns and return their (N,) rows."""
         rows = self.allocate(len(next(iter(columns.values()))), version)
         for name, values in columns.items():
             getattr(self, name)[rows] = values
         return rows
 
     def release(self, rows: IntArray, version: int) -> None:
-        """Mark rows as dead."""
+        """Mark rows as empty."""
         self.uid[rows] = DEAD
         self.version[rows] = version
 
     def grow(self, capacity: int) -> None:
-        """Enlarge every column to `capacity` rows; new rows are dead."""
+        """Enlarge every column to `capacity` rows; the new rows are empty."""
         for name in self.columns:
             old: Column = getattr(self, name)
             new = np.zeros((capacity, *old.shape[1:]), old.dtype)
@@ -98,7 +99,7 @@ class SoaTable:
         self.uid[np.arange(capacity) >= len(old)] = DEAD
 
     def rows_since(self, version: int) -> SoaTableRows:
-        """Return copies of the rows that changed after `version` (dead ones too)."""
+        """Return copies of the rows that changed after `version`, including emptied ones."""
         rows = np.flatnonzero(self.version > version)
         new_rows = rows[self.born[rows] > version]
         changing = [name for name in self.columns if name not in self.fixed]

@@ -1,4 +1,4 @@
-"""A frame with a pose and the map points it sees."""
+"""A frame with its estimated pose and the map points that it observes."""
 
 from __future__ import annotations
 
@@ -17,26 +17,23 @@ from rgbd_slam.model.map_change import Redirect
 
 @dataclass(frozen=True, eq=False)
 class TrackedFrame:
-    """What the tracker knows of a frame after tracking it.
-
-    Map rows may be reused later: `points` come with their uids, the reference keyframe is a uid.
-    """
+    """A frame after tracking. Rows of the map may be reused later, hence the uids."""
 
     frame: Frame
-    T_map_camera: FloatArray  # (4, 4), by the map as it was then
-    points: IntArray  # (N,) point seen by each feature, or NO_POINT
+    T_map_camera: FloatArray  # (4, 4), by the map at the time of tracking
+    points: IntArray  # (N,) row of the point that each feature observes, or NO_POINT
     point_uids: IntArray  # (N,)
-    reference_uid: int  # keyframe
+    reference_uid: int  # the reference keyframe
     T_reference_camera: FloatArray  # (4, 4)
 
     def current_points(self, atlas: Atlas) -> IntArray:
-        """Return `points` without those that have left the map since."""
+        """Return `points`, with NO_POINT for those that have been removed from the map."""
         points = self.points
         stale = atlas.points.uid[points] != self.point_uids
         return np.where(stale | (points == NO_POINT), NO_POINT, points)
 
     def current_pose(self, atlas: Atlas) -> FloatArray:
-        """Return T_map_camera by the map as it is now."""
+        """Return T_map_camera (4, 4) by the current map."""
         keyframes = atlas.keyframes
         i = keyframes.index_of(self.reference_uid)
         if i is None:
@@ -45,7 +42,7 @@ class TrackedFrame:
         return pose
 
     def redirected(self, redirects: Iterable[Redirect]) -> TrackedFrame:
-        """Return the frame hung on what took the place of removed keyframes."""
+        """Return the frame relative to the parent, if its reference keyframe was removed."""
         uid, T = self.reference_uid, self.T_reference_camera
         for redirect in redirects:
             if redirect.uid == uid:
@@ -56,7 +53,7 @@ class TrackedFrame:
 def tracked_frame(
     frame: Frame, T_map_camera: FloatArray, points: IntArray, atlas: Atlas, reference: int
 ) -> TrackedFrame:
-    """Return a frame whose pose hangs on keyframe `reference`."""
+    """Return a tracked frame whose pose is relative to keyframe `reference`."""
     keyframes = atlas.keyframes
     return TrackedFrame(
         frame,
@@ -71,10 +68,13 @@ def tracked_frame(
 def tracked_keyframe(
     frame: Frame, atlas: Atlas, i: int, unseen: BoolArray | None = None
 ) -> TrackedFrame:
-    """Return a frame as the map has it, as keyframe `i`.
+    """Return the tracked frame of keyframe `i`, with the pose and points that the map has.
 
     Args:
-        unseen: (N,) mask of features whose points only the map is to know of.
+        frame: The frame that became the keyframe.
+        atlas: The map.
+        i: Row of the keyframe.
+        unseen: (N,) mask of features whose observations are left out, although the map has them.
     """
     points = atlas.keyframes.points_of(i)
     if unseen is not None:

@@ -1,4 +1,4 @@
-"""Where the camera was: poses as published at the time, and as the map says now."""
+"""The trajectory of the camera: online poses as published, and final poses by the map."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from hoid_common import se3
 from hoid_common.errors import ConfigError
-from hoid_common.io.record_store import RecordStore
 from hoid_common.values import FloatArray, IntArray, Trajectory
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframe_poses import KeyframePoses
@@ -17,12 +16,13 @@ from rgbd_slam.model.keyframes import KeyframeTable
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.soa_table import DEAD
 from rgbd_slam.model.tracked_frame import TrackedFrame
+from rgbd_slam.records.record_store import RecordStore
 
 _FRAME = np.dtype(
     [
         ('stamp_ns', np.int64),
         ('reference_uid', np.int64),
-        # Without their last rows (0, 0, 0, 1): 208 bytes a frame, as a session may last for days.
+        # Without the last rows (0, 0, 0, 1): 208 bytes per frame, as a session may run for days.
         ('T_map_camera', np.float64, (3, 4)),
         ('T_reference_camera', np.float64, (3, 4)),
     ]
@@ -30,14 +30,14 @@ _FRAME = np.dtype(
 _REMOVED = np.dtype(
     [('uid', np.int64), ('parent_uid', np.int64), ('T_parent_camera', np.float64, (4, 4))]
 )
-_NOWHERE = 0  # row of what hangs on nothing that is there
+_UNKNOWN = 0  # row of the sentinel, for poses whose reference keyframe was removed
 
 
 class TrajectoryRecorder:
-    """Stores frames relative to their reference keyframes: later corrections reach them.
+    """Stores poses relative to their reference keyframes, whose corrections they follow.
 
     Args:
-        keyframes: Of the map.
+        keyframes: The keyframes of the map.
     """
 
     def __init__(self, keyframes: KeyframeTable) -> None:
@@ -50,11 +50,11 @@ class TrajectoryRecorder:
 
     @property
     def num_unwritten(self) -> int:
-        """Return how many old frames are in memory because no file takes them."""
+        """Return the number of old frames kept in memory because no file can store them."""
         return self._frames.num_unwritten
 
     def add(self, tracked: TrackedFrame) -> None:
-        """Record a frame; its poses are copied."""
+        """Add a frame; its poses are copied."""
         self._frames.append(
             (
                 tracked.frame.stamp_ns,
@@ -65,46 +65,47 @@ class TrajectoryRecorder:
         )
 
     def pose(self, n: int) -> FloatArray | None:
-        """Return T_map_camera (4, 4) of frame `n` as the map says now; None once that is gone.
+        """Return T_map_camera (4, 4) of frame `n` by the current map, or None if it is unknown.
 
-        Of the keyframes removed, only the last thousand are looked at.
+        It is unknown if the reference keyframe was removed long ago: only the latest thousand
+        removed keyframes are searched.
         """
         frame = self._frames[n]
         row, T_map_reference = self._reference(frame)
-        if row == _NOWHERE:
+        if row == _UNKNOWN:
             return None
         return np.asarray(T_map_reference @ _whole(frame['T_reference_camera'][None])[0])
 
     def revise(self, n: int, T_map_camera: FloatArray) -> None:
-        """Say anew where frame `n` was; what was known at the time stays as it was said."""
+        """Replace the final pose of frame `n`; its online pose stays as it was published."""
         frame = self._frames[n]
         _, T_map_reference = self._reference(frame)
         frame['T_reference_camera'] = (se3.inverse(T_map_reference) @ T_map_camera)[:3]
         self._frames[n] = frame
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
-        """Hang frames of removed keyframes on those that took their place."""
+        """Attach the frames of removed keyframes to the parents of these."""
         for redirect in redirects:
             self._removed.append(redirect)
 
     def online(self) -> Trajectory:
-        """Return the poses as they were known when each frame was tracked."""
+        """Return the poses as they were published when each frame was tracked."""
         return Trajectory.joined(self.parts('online'))
 
     def final(self) -> Trajectory:
-        """Return the poses that follow from where the keyframes of the main map are now.
+        """Return the poses that follow from the current keyframe poses of the main map.
 
-        Frames of other maps are left out: nothing says where those maps lie.
+        Frames of other maps are left out, because the poses of these maps are unknown.
         """
         return Trajectory.joined(self.parts('final'))
 
     def parts(self, kind: str) -> Iterator[Trajectory]:
-        """Return what `final`, `online` or `keyframes` does, by that name, bit by bit.
+        """Return the trajectory of a kind (`final`, `online` or `keyframes`) in parts.
 
-        The parts may be taken in any thread, while recording goes on.
+        Any thread may iterate over the parts while frames are added.
 
         Raises:
-            ConfigError: Another kind.
+            ConfigError: There is no such kind.
         """
         if kind == 'final':
             return self._final()
@@ -116,7 +117,7 @@ class TrajectoryRecorder:
         raise ConfigError(f'no trajectory "{kind}"; use one of final, online, keyframes')
 
     def keyframes(self) -> Trajectory:
-        """Return the poses of this session's keyframes in the main map, in order of time."""
+        """Return the poses of this session's keyframes in the main map, sorted by time."""
         keyframes = self._keyframes
         rows = keyframes.indices()
         rows = rows[(keyframes.map_id[rows] == main_map(keyframes)) & ~keyframes.is_loaded[rows]]
@@ -124,29 +125,29 @@ class TrajectoryRecorder:
         return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
 
     def _final(self) -> Iterator[Trajectory]:
-        places, num_removed = _Places(self._keyframes), len(self._removed)
+        snapshot, num_removed = _PoseSnapshot(self._keyframes), len(self._removed)
         parts = self._frames.blocks(len(self))
 
-        def placed() -> Iterator[Trajectory]:
+        def final_parts() -> Iterator[Trajectory]:
             removed = _by_uid(self._removed.blocks(num_removed))
             for part in parts:
                 uids, which = np.unique(part['reference_uid'], return_inverse=True)
-                rows, T_map_reference = places.of(uids, removed)
+                rows, T_map_reference = snapshot.of(uids, removed)
                 poses = T_map_reference[which] @ _whole(part['T_reference_camera'])
-                known = places.is_main[rows[which]]
+                known = snapshot.is_main[rows[which]]
                 yield Trajectory(part['stamp_ns'][known], poses[known])
 
-        return placed()
+        return final_parts()
 
     def _reference(self, frame: np.void) -> tuple[int, FloatArray]:
-        """Return the row among places of what a frame hangs on, and T_map_reference (4, 4)."""
+        """Return the row of a frame's reference in a snapshot, and T_map_reference (4, 4)."""
         removed = _by_uid([self._removed.newest()])
-        rows, poses = _Places(self._keyframes).of(frame['reference_uid'][None], removed)
+        rows, poses = _PoseSnapshot(self._keyframes).of(frame['reference_uid'][None], removed)
         return int(rows[0]), poses[0]
 
 
-class _Places:
-    """Where keyframes are at one time; first one that is nowhere, for those that are gone."""
+class _PoseSnapshot:
+    """Snapshot of all keyframe poses. Row 0 is a sentinel for removed keyframes."""
 
     def __init__(self, keyframes: KeyframeTable) -> None:
         rows = keyframes.indices()
@@ -156,14 +157,19 @@ class _Places:
         self.is_main = np.append(False, keyframes.map_id[rows] == main_map(keyframes))
 
     def of(self, uids: IntArray, removed: NDArray[np.void]) -> tuple[IntArray, FloatArray]:
-        """Return the rows (K,) that keyframes hang on, and T_map_keyframe (K, 4, 4).
+        """Return the rows (K,) of keyframes or their nearest existing ancestors, and their poses.
 
         Args:
-            uids: (K,) of keyframes, removed ones too.
-            removed: As `_by_uid` returns them.
+            uids: (K,) of keyframes, including removed ones.
+            removed: Removed keyframes, as returned by `_by_uid`.
+
+        Returns:
+            The rows (K,), and T_map_keyframe (K, 4, 4) of the keyframes themselves.
         """
         T_parent_camera = np.tile(np.eye(4), (len(uids), 1, 1))
-        while (n := _find(removed['uid'], uids)).any():  # up the tree
+        while (
+            n := _find(removed['uid'], uids)
+        ).any():  # from child to parent in the spanning tree
             T_parent_camera = np.where(
                 n[:, None, None] > 0,
                 removed['T_parent_camera'][n] @ T_parent_camera,
@@ -175,7 +181,7 @@ class _Places:
 
 
 def _by_uid(parts: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
-    """Return removed keyframes in order of their uids; the first of them is none."""
+    """Return removed keyframes sorted by uid, after a sentinel with the uid DEAD."""
     none = np.zeros(1, _REMOVED)
     none['uid'] = DEAD
     removed = np.concatenate([none, *parts])
@@ -183,33 +189,37 @@ def _by_uid(parts: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 def _find(ascending: IntArray, uids: IntArray) -> IntArray:
-    """Return where uids (K,) stand among ascending ones, the last of equals; 0 if they do not."""
+    """Return the index of each uid (K,) among ascending ones (the last of equals), or 0."""
     n = np.searchsorted(ascending, uids, side='right') - 1
     return np.where(ascending[n] == uids, n, 0)
 
 
 def main_map(keyframes: KeyframeTable) -> int:
-    """Return the map with most keyframes, the older of equals.
+    """Return the id of the map with most keyframes, of equal ones the oldest.
 
-    After a loss there may be several, each in a frame of its own until a known place joins them.
+    After a loss there may be several maps, each in a frame of its own until a recognized place
+    merges them.
     """
     ids = keyframes.map_id[keyframes.indices()]
     return int(np.bincount(ids).argmax()) if len(ids) else 0
 
 
 def keyframe_poses(atlas: Atlas) -> KeyframePoses:
-    """Return where the keyframes of all maps are."""
+    """Return a snapshot of the keyframe poses of all maps."""
     keyframes = atlas.keyframes
     rows = keyframes.indices()
     rows = rows[np.argsort(keyframes.uid[rows])]
     return KeyframePoses(
-        atlas.version, keyframes.uid[rows], keyframes.map_id[rows], main_map(keyframes),
+        atlas.version,
+        keyframes.uid[rows],
+        keyframes.map_id[rows],
+        main_map(keyframes),
         keyframes.T_map_camera[rows],
-    )  # fmt: skip
+    )
 
 
 def _whole(upper: FloatArray) -> FloatArray:
-    """Return poses (N, 4, 4) of their first three rows (N, 3, 4)."""
+    """Return the poses (N, 4, 4) with the given first three rows (N, 3, 4)."""
     poses = np.zeros((len(upper), 4, 4))
     poses[:, :3], poses[:, 3, 3] = upper, 1.0
     return poses

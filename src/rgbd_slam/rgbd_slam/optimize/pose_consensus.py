@@ -16,9 +16,8 @@ import numpy as np
 
 import hoid_native
 from hoid_common import se3
-from hoid_common.median import median
 from hoid_common.values import BoolArray, FloatArray
-from hoid_native.results import MatchJudgement
+from hoid_native.results import MatchEvaluation
 from rgbd_slam.config.consensus_config import ConsensusConfig
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.optimize.moving_part import Region
@@ -132,7 +131,7 @@ class PoseConsensus:
         if not self._config.enabled:
             return Consensus(usual)
         is_core = is_established
-        if np.count_nonzero(is_established) < self._config.min_established:
+        if np.count_nonzero(is_established) < self._config.min_well_observed:
             is_core = np.ones(len(problem), np.bool_)
         core = problem.select(is_core)
         best = self._hypothesis(core, core, usual.T_camera_map)
@@ -168,7 +167,7 @@ class PoseConsensus:
         if len(core) < 2 * _MIN_HALF:
             return []
         depth_m = core.points_m @ best.T_camera_map[2, :3]
-        is_far = depth_m >= median(depth_m)
+        is_far = depth_m >= np.median(depth_m)
         found = (self._objection(core, half, best) for half in (is_far, ~is_far))
         return [hypothesis for hypothesis in found if hypothesis is not None]
 
@@ -179,7 +178,7 @@ class PoseConsensus:
         on_half = core.select(half)
         fit = optimize_pose(self._camera, on_half, best.T_camera_map)
         least = self._judge(on_half, fit.T_camera_map)[0]
-        if self._agree(best.cost[half], least, self._config.objection):
+        if self._agree(best.cost[half], least, self._config.max_cost_increase):
             return None
         used = half.copy()
         used[half] = fit.inliers
@@ -191,9 +190,9 @@ class PoseConsensus:
     def _freed(self, core: PoseProblem, dragged: _Hypothesis) -> tuple[_Hypothesis, Region] | None:
         """Return the pose of the core without a part that drags it, and where that is."""
         config = self._config
-        if not config.leave_out_parts or len(core) < config.min_established:
+        if not config.leave_out_parts or len(core) < config.min_well_observed:
             return None
-        part = hoid_native.heaviest_part(
+        part = hoid_native.most_biasing_region(
             self._camera.lens,
             GATES,
             *core.arrays,
@@ -202,10 +201,10 @@ class PoseConsensus:
         )
         rest = ~part.mask
         cost, _ = _rescaled(dragged.cost[rest], dragged.cost[rest])
-        if part.gain < _LIKELY * (config.margin + config.drag * cost.sum()):
+        if part.gain < _LIKELY * (config.cost_margin + config.min_cost_decrease * cost.sum()):
             return None
         found = self._hypothesis(core, core.select(rest), dragged.T_camera_map)
-        if self._agree(dragged.cost[rest], found.cost[rest], config.drag):
+        if self._agree(dragged.cost[rest], found.cost[rest], config.min_cost_decrease):
             return None
         return found._replace(inliers=found.inliers & rest), Region(part.low, part.high)
 
@@ -218,7 +217,7 @@ class PoseConsensus:
         judged = self._judge(problem, best.T_camera_map)
         fits = judged.inliers & (judged.cost <= CHI2_STEREO * _noise_scale(best.cost))
         wider = optimize_pose(self._camera, problem.select(fits), best.T_camera_map)
-        is_wider = self._suits(problem, is_core, best, wider, self._config.objection)
+        is_wider = self._suits(problem, is_core, best, wider, self._config.max_cost_increase)
         T, information = wider[::2] if is_wider else best[:2]
         inliers = self._judge(problem, T)[1]
         return PoseEstimate(T, inliers, information, usual.own_share)
@@ -238,10 +237,12 @@ class PoseConsensus:
 
     def _agree(self, cost: FloatArray, least: FloatArray, tolerance: float) -> bool:
         cost, least = _rescaled(cost, least)
-        return bool(cost.sum() <= self._config.margin + (1 + tolerance) * least.sum())
+        return bool(cost.sum() <= self._config.cost_margin + (1 + tolerance) * least.sum())
 
-    def _judge(self, problem: PoseProblem, T_camera_map: FloatArray) -> MatchJudgement:
-        return hoid_native.judge_matches(self._camera.lens, GATES, *problem.arrays, T_camera_map)
+    def _judge(self, problem: PoseProblem, T_camera_map: FloatArray) -> MatchEvaluation:
+        return hoid_native.evaluate_matches(
+            self._camera.lens, GATES, *problem.arrays, T_camera_map
+        )
 
 
 def _is_better(one: _Hypothesis, other: _Hypothesis) -> bool:
@@ -261,7 +262,7 @@ def _noise_scale(cost: FloatArray) -> float:
     A new map's noise is not measured yet. At one assumed too large what moves would fit a pose
     halfway, and few that do count more than many that rest.
     """
-    middle = float(median(cost)) if len(cost) else np.inf
+    middle = float(np.median(cost)) if len(cost) else np.inf
     return min(max(middle / _MEDIAN_COST, _MIN_SCALE), 1.0)
 
 

@@ -1,4 +1,4 @@
-"""Where the mapper runs: in this process, or in one of its own.
+"""Where the mapper runs: in the tracker's process or in one of its own.
 
-No step of mapping belongs here.
+Steps of mapping do not belong here; see `rgbd_slam.mapper`.
 """

@@ -1,8 +1,9 @@
-"""The mapper in a process of its own: the tracker never waits for it, and no lock is shared.
+"""The mapper in a separate process: tracking never waits for it, and no lock is shared.
 
-The mapper owns the map. Keyframes go to it, and the rows that changed come back and are laid over
-the tracker's copy between two frames. That copy is whole: when the process dies, a new one goes on
-with it, and only the keyframes under way are lost.
+The reason is GTSAM, which holds Python's interpreter lock for 100 to 250 ms (decision 020). The
+mapping process owns the map. The tracker sends it keyframes, receives the rows that changed, and
+applies these to its own copy between two frames. That copy is complete: when the process dies, a
+new one continues with it, and only the keyframes that were queued are lost.
 """
 
 from __future__ import annotations
@@ -30,23 +31,24 @@ from rgbd_slam.processes.mapper_worker import (
     run_mapper,
 )
 
-_START_S = 30.0  # for a new process to load its libraries on a busy machine
-_WORK_S = 60.0  # for the longest piece of work, and a new process before it
-_SETTLE_S = 20.0  # for adjusting the whole map, in the end
+# Chosen: many times the usual durations, so that they expire only on a machine that is overloaded.
+_START_S = 30.0  # a new process loads its libraries in about 1 s
+_WORK_S = 60.0  # the longest request, and the start of a replacement process before it
+_SETTLE_S = 20.0  # global adjustment at the end; 4.7 s for 309 keyframes (places_and_loops.md)
 
 _logger = logging.getLogger(__name__)
 
 
 class MapperStoppedError(HoidError):
-    """The mapping process is gone, or does not answer."""
+    """The mapping process has ended for good, or does not respond."""
 
 
 class MapperProcess:
-    """The tracker's end: hands keyframes over and keeps a copy of the map up to date.
+    """The tracker's end: sends keyframes and keeps its copy of the map up to date.
 
     Raises:
-        MapperStoppedError: The process does not start; from every method, when it cannot be kept
-            running.
+        MapperStoppedError: The process does not start. Every method raises it as well, once the
+            process cannot be kept running.
     """
 
     def __init__(self, camera: StereoCamera, atlas: Atlas, config: SlamConfig) -> None:
@@ -64,91 +66,93 @@ class MapperProcess:
         except ChildTimeoutError:
             self._worker.close()
             raise MapperStoppedError(
-                f'the mapping process did not start in {_START_S:g} s: the machine is too busy; '
-                'free it and start the node again'
+                f'the mapping process did not start within {_START_S:g} s because the machine is '
+                'too busy; free it and start the node again'
             ) from None
 
     @property
     def num_restarts(self) -> int:
-        """Return how often a process that had died was replaced."""
+        """Return how often the process died and was replaced."""
         return self._worker.num_restarts
 
     @property
     def process_id(self) -> int | None:
-        """Return the id of the process."""
+        """Return the operating system's id of the process."""
         return self._worker.process_id
 
     @property
     def queue_length(self) -> int:
-        """Return how many keyframes wait for the mapper or are being taken in."""
+        """Return the number of requests that the process has not completed yet."""
         return self._num_sent - self._num_done
-
-    def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
-        """Make the first keyframe of a map, wait for it, and return its row."""
-        row = None
-        while row is None:  # more than once only when the process dies over it
-            self._hand_over(Start(frame, T_map_camera, map_id))
-            row = self._drain()
-        return row
-
-    def insert(self, request: KeyframeRequest) -> int | None:
-        """Hand a keyframe over; it will be in the map after some later `update`."""
-        self._hand_over(request)
-        return None
-
-    def take_back(self, verdicts: FeatureVerdicts) -> None:
-        """Have what a keyframe saw forgotten by some later `update`, where it moves after all."""
-        self._hand_over(verdicts)
-
-    def load(self, state: MapState, *, keep: bool) -> None:
-        """Lay a saved map over the running one, which is kept beside it or gone; waits for it."""
-        row = None
-        while row is None:
-            self._hand_over(Load(state, keep))
-            row = self._drain()
 
     @property
     def is_settled(self) -> bool:
-        """Return whether the map stays as it is unless something is handed over."""
+        """Return whether the map will stay as it is until the next request."""
         return self.queue_length == 0 and self._is_settled
 
+    def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
+        """Create the first keyframe of a map, wait for it, and return its row."""
+        return self._wait_for_row(Start(frame, T_map_camera, map_id))
+
+    def insert(self, request: KeyframeRequest) -> int | None:
+        """Queue a keyframe; a later `update` brings it into the tracker's map."""
+        self._send(request)
+        return None
+
+    def retract(self, verdicts: FeatureVerdicts) -> None:
+        """Queue the removal of the observations of a keyframe's dynamic features."""
+        self._send(verdicts)
+
+    def load(self, state: MapState, *, keep: bool) -> int:
+        """Load a saved map, wait for it, and return the row of its first keyframe."""
+        return self._wait_for_row(Load(state, keep))
+
     def update(self) -> None:
-        """Lay what has come over the map."""
+        """Apply the reports that have arrived to the tracker's map."""
         while self._worker.has_report:
-            self._take(0.0)
+            self._receive(0.0)
 
     def settle(self) -> None:
-        """Ask for a last adjustment of what has grown; without waiting, see `is_settled`."""
-        self._hand_over(Settle(0.0))
+        """Request a final adjustment of the whole map; poll `is_settled` for its end."""
+        self._send(Settle(0.0))
+
+    def wait(self) -> int | None:
+        """Wait until the queue is empty; return the row that the last report names, if any."""
+        row = None
+        while self.queue_length:
+            row = self._receive(_WORK_S)
+        return row
 
     def finish(self) -> None:
-        """Wait until everything handed over is in the map, and the whole map is adjusted."""
-        self._hand_over(Settle(_SETTLE_S))
-        self._drain()
+        """Wait until the queue is empty and the whole map has been adjusted."""
+        self._send(Settle(_SETTLE_S))
+        self.wait()
         if not self._is_settled:
             _logger.warning(
-                'the whole map is still being adjusted after %g s; what is saved now is the map '
-                'before that', _SETTLE_S,
-            )  # fmt: skip
+                'the global adjustment of the map has not ended within %g s; the map that is '
+                'saved now lacks it',
+                _SETTLE_S,
+            )
         self.update()
 
     def close(self) -> None:
-        """End the process; keyframes still under way are lost."""
+        """End the process; queued keyframes are lost."""
         self._worker.close()
 
-    def _hand_over(self, request: Request) -> None:
+    def _send(self, request: Request) -> None:
         self._num_sent += 1
         self._worker.send(request)
 
-    def _drain(self) -> int | None:
-        """Wait for all answers and return the last row that one speaks of."""
+    def _wait_for_row(self, request: Start | Load) -> int:
+        """Send a request until it is completed: again only when the process died over it."""
         row = None
-        while self.queue_length:
-            row = self._take(_WORK_S)
+        while row is None:
+            self._send(request)
+            row = self.wait()
         return row
 
-    def _take(self, timeout_s: float) -> int | None:
-        """Lay the next report over the map and return the row that it speaks of."""
+    def _receive(self, timeout_s: float) -> int | None:
+        """Apply the next report to the map and return the row that it names, if any."""
         try:
             report = self._worker.receive(timeout_s)
         except ChildEndedError:
@@ -156,32 +160,29 @@ class MapperProcess:
             return None
         except ChildTimeoutError:
             raise MapperStoppedError(
-                f'the mapping process gives no answer in {timeout_s:g} s: the machine is too busy '
-                'for it; free it and restart the node'
+                f'the mapping process did not respond within {timeout_s:g} s because the machine '
+                'is too busy; free it and restart the node'
             ) from None
         if isinstance(report, Ready):
             return None
-        self._apply(report)
-        return report.row
-
-    def _apply(self, report: MapperReport) -> None:
         self._atlas.apply(report.change)
         self.loops = report.loops
-        self._num_done += report.is_answer
+        self._num_done += report.completes_request
         self._is_settled = report.is_settled
+        return report.row
 
     def _restart(self) -> None:
-        """Let a new process go on with the map; one that ends before it did anything is not."""
+        """Replace the process, unless it ended before it completed a single request."""
         if self._num_done == 0:
             self._give_up()
         how = self._worker.restart()
-        _logger.warning('the mapping process has ended (%s); a new one goes on', how)
+        _logger.warning('the mapping process has ended (%s); a new one continues its map', how)
         self._num_sent = self._num_done = 0
-        self._hand_over(Resume(self._atlas.whole(), self.loops))
+        self._send(Resume(self._atlas.whole(), self.loops))
 
     def _give_up(self) -> NoReturn:
         how = self._worker.close()
         raise MapperStoppedError(
             f'the mapping process ends at its start ({how}); see its output above, '
-            'mend that and start the node again'
+            'fix the cause and start the node again'
         ) from None

@@ -1,6 +1,6 @@
-"""The process that maps: it takes keyframes and sends back the rows of the map that changed.
+"""The mapping process: it receives keyframes and sends back the rows of the map that changed.
 
-It ends when the pipe from the tracker does, so that it outlives neither `close` nor a killed
+It ends when the pipe from the tracker closes, and so outlives neither `close` nor a killed
 tracker.
 """
 
@@ -19,12 +19,12 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_change import MapChange
 from rgbd_slam.model.map_state import MapState
 
-_NICE = 5  # below tracking, which does not wait for it
-_IDLE_S = 0.2  # between looks for results of the background
+_NICE = 5  # lower priority than tracking, which does not wait for the mapper (decision 016)
+_IDLE_S = 0.2  # chosen: how often an idle mapper polls its background adjustment for a result
 
 
 class Start(NamedTuple):
-    """Asks for the first keyframe of a map."""
+    """Request: create the first keyframe of a map."""
 
     frame: Frame
     T_map_camera: FloatArray  # (4, 4)
@@ -32,46 +32,46 @@ class Start(NamedTuple):
 
 
 class Resume(NamedTuple):
-    """Asks to go on with the map that a process before this one has left."""
+    """Request: continue with the map of a mapping process that has died."""
 
     whole: MapChange
     loops: LoopCounts
 
 
 class Settle(NamedTuple):
-    """Asks to wait for what runs in the background."""
+    """Request: wait for the background adjustment."""
 
     limit_s: float
 
 
 class Load(NamedTuple):
-    """Asks to lay a saved map over the running one."""
+    """Request: load a saved map."""
 
     state: MapState
-    keep: bool  # the running one, beside it
+    keep: bool  # keep the running map beside it
 
 
 Request = Start | Load | Resume | Settle | KeyframeRequest | FeatureVerdicts
 
 
 class Ready(NamedTuple):
-    """Says that requests are taken from now on."""
+    """Report: the process has started and accepts requests."""
 
 
 class MapperReport(NamedTuple):
-    """What the mapper sends after each request, and after changes of its own."""
+    """Report: what changed since the last report, sent after each request and adjustment."""
 
     change: MapChange
-    row: int | None  # of the keyframe that a request made first
+    row: int | None  # of the first keyframe that the request created
     loops: LoopCounts
-    is_answer: bool
-    is_settled: bool  # whether nothing runs in the background
+    completes_request: bool  # False: the report follows from a background adjustment
+    is_settled: bool  # whether no adjustment is running in the background
 
 
 def run_mapper(
     requests: Connection, reports: Connection, camera: StereoCamera, config: SlamConfig
 ) -> None:
-    """Take keyframes in until the pipe ends; the main function of the process."""
+    """Serve requests until the pipe closes; the main function of the process."""
     os.nice(_NICE)
     atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
     mapper = Mapper(camera, atlas, config, background=True)
@@ -79,29 +79,29 @@ def run_mapper(
     reports.send(Ready())
     try:
         while True:
-            is_answer, row = requests.poll(_IDLE_S), None
-            if is_answer:
-                row = _do(mapper, requests.recv())
+            has_request, row = requests.poll(_IDLE_S), None
+            if has_request:
+                row = _serve(mapper, requests.recv())
             elif not mapper.poll():
                 continue
             change = atlas.changes_since(version)
             version = change.version
             settled = not mapper.is_adjusting
-            reports.send(MapperReport(change, row, mapper.loops, is_answer, settled))
+            reports.send(MapperReport(change, row, mapper.loops, has_request, settled))
     except (EOFError, BrokenPipeError):
         pass  # the tracker has ended
     finally:
         mapper.close()
 
 
-def _do(mapper: Mapper, request: Request) -> int | None:
+def _serve(mapper: Mapper, request: Request) -> int | None:
     match request:
         case KeyframeRequest():
             return mapper.insert(request)
         case FeatureVerdicts():
-            mapper.take_back(request)
+            mapper.retract(request)
         case Settle(limit_s):
-            mapper.settle(limit_s)
+            mapper.finish_adjustment(limit_s)
         case Resume(whole, loops):
             mapper.resume(whole, loops)
         case Load(state, keep):

@@ -1,1 +1,1 @@
-"""What the node needs of ROS beside itself: outputs and services."""
+"""The ROS side of the SLAM node: outputs, services, checkpoints and the session's life cycle."""

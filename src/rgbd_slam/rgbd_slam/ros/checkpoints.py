@@ -1,4 +1,4 @@
-"""SLAM that was killed goes on: its map is kept in a file, and taken up by who starts next."""
+"""Checkpoints of the map, with which a node that was killed resumes (decision 030)."""
 
 from __future__ import annotations
 
@@ -13,37 +13,37 @@ from rclpy.node import Node
 from hoid_common.errors import HoidError, MapFileError
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamState
-from hoid_common.values import IntArray
+from hoid_common.values import NS_PER_S, IntArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFile
-from rgbd_slam.map_transfer import LoadedMap
-from rgbd_slam.ros.between_messages import BetweenMessages
+from rgbd_slam.robot_map import LoadedMap
+from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.statistics import SlamStats
 
-_FIRST_S = 1.0  # a young map is written sooner, and each time half as often
-_MAX_SHARE = 0.05  # of the time that writing may take
-_NICE = 10  # of the thread that writes: tracking comes first
-_LOOK_NS = 30 * 10**9  # for the camera; then a map is begun beside the one of the checkpoint
-_NS = 1e9
+_FIRST_S = 1.0  # chosen: a young map is written after 1 s, and then at doubling intervals
+_MAX_SHARE = 0.05  # chosen: the share of the time that may be spent on writing
+_NICE = 10  # lower priority than tracking and mapping (decision 016)
+# Chosen: how long the camera is relocalized in the old map before a new map is started beside it.
+_RELOCALIZE_NS = 30 * NS_PER_S
 _MS = 1e3
-_LOOKING = 'resumed after a crash: looking for the camera in the map from before'
+_SEARCHING = 'resumed after a crash: relocalizing the camera in the map from before'
 _FOUND = 'resumed after a crash: the camera is found in the map from before; mapping goes on'
-_NOT_FOUND = 'not found in the map from before the crash: a new one is begun beside it'
+_NOT_FOUND = 'not found in the map from before the crash: a new map is started beside it'
 _VALUE, _FAILED = 'checkpoint', 'checkpoints that failed'
 
 
 class Checkpoints:
-    """Writes the map at intervals, and resumes one that a killed node has left.
+    """Writes the map at intervals, and resumes the map that a killed node has left.
 
     Args:
         node: The SLAM node.
         config: Its parameters.
         diagnostics: Of the node.
-        session: Gives the session, or None while there is none.
-        views: Gives the images of the dense map, their colour at half the resolution of depth.
+        session: Returns the session, or None while there is none.
+        views: Returns the images of the dense map, with color at half the resolution of depth.
     """
 
     def __init__(
@@ -57,17 +57,17 @@ class Checkpoints:
         self._logger = node.get_logger()
         self._diagnostics = diagnostics
         self._find_session, self._find_views = session, views
-        self._between = BetweenMessages(node)
+        self._node_thread = NodeThread(node)
         self._period_s = config.checkpoint_period_s
-        # Who localises in a given map has nothing to lose.
+        # A node that localizes in a given map has nothing to lose.
         self._is_on = self._period_s > 0 and config.mode == SlamMode.MAPPING.name.lower()
         domain = os.environ.get('ROS_DOMAIN_ID', '0')
         self._file = CheckpointFile(
             config.map_directory, f'{domain}{node.get_fully_qualified_name()}'
         )
-        self._written: SlamStats | None = None
+        self._written: SlamStats | None = None  # statistics of the map in the file
         self._lock = Lock()  # of the file
-        self._found_by_ns: int | None = None  # while the camera is looked for
+        self._search_end_ns: int | None = None  # while the camera is relocalized in the old map
         self._stored = self._read() if self._is_on else None
         self._is_ended = Event()
         self._thread = Thread(target=self._run, name='checkpoints', daemon=True)
@@ -79,65 +79,73 @@ class Checkpoints:
     def resume(
         self, session: SlamSession, stamp_ns: int
     ) -> tuple[LoadedMap, DenseState | None] | None:
-        """Load what a killed node has left, if the camera may be in it.
+        """Load the map that a killed node has left; None if there is none or it is too old.
 
         Args:
-            session: A new one; it does not map until the camera is found.
-            stamp_ns: Of what the camera sent first.
+            session: A new session; it only localizes until the camera is found in the map.
+            stamp_ns: Stamp of the camera's first message.
         """
         stored = self._stored
-        if stored is None or not stored.is_of(stamp_ns):
+        if stored is None or not stored.is_recent(stamp_ns):
             return None
         try:
-            loaded = session.load(stored.content)
+            loaded = session.robot_map.load(stored.content)
         except MapFileError as error:
-            self._logger.warning(f'the checkpoint is left: {error}')
-            return None  # it may be of the next camera, where this one is corrected
+            self._logger.warning(f'the checkpoint is not used: {error}')
+            return None  # a corrected camera info that follows may fit
         self._stored = None
         session.set_mode(SlamMode.LOCALIZATION)
-        self._found_by_ns = stamp_ns + _LOOK_NS
-        away_s = (stamp_ns - stored.stamp_ns) / _NS
+        self._search_end_ns = stamp_ns + _RELOCALIZE_NS
+        away_s = (stamp_ns - stored.stamp_ns) / NS_PER_S
         self._logger.warning(
-            f'SLAM ended unasked {away_s:.1f} s ago: looking for the camera in its map of '
+            f'SLAM ended unexpectedly {away_s:.1f} s ago: relocalizing the camera in its map of '
             f'{len(stored.content.map)} keyframes'
         )
         return loaded, stored.content.dense
 
-    def followed(self, session: SlamSession, done: Processed) -> Processed:
-        """Go on mapping once the camera is found; return what is to be said of the image."""
-        if self._found_by_ns is None:
+    def finish_resume(self, session: SlamSession, done: Processed) -> Processed:
+        """Return to mapping once the camera is found or the search has taken too long.
+
+        Args:
+            session: The session.
+            done: The results of the latest image, which are returned with the mode and the
+                message of the resume.
+        """
+        if self._search_end_ns is None:
             return done
         is_found = done.status.state is SlamState.TRACKING
-        if is_found or session.stamp_ns > self._found_by_ns:
-            self._found_by_ns = None
+        message = _SEARCHING
+        if is_found or session.stamp_ns > self._search_end_ns:
+            self._search_end_ns = None
             session.set_mode(SlamMode.MAPPING)
-            self._logger.warning(_FOUND if is_found else _NOT_FOUND)
-            return _saying(done, session.mode, _FOUND if is_found else _NOT_FOUND)
-        return _saying(done, session.mode, _LOOKING)
+            message = _FOUND if is_found else _NOT_FOUND
+            self._logger.warning(message)
+        return done._replace(status=replace(done.status, mode=session.mode, message=message))
 
-    def forget(self) -> None:
-        """Leave nothing to resume, as after a reset."""
-        self._stored = self._found_by_ns = None
+    def discard(self) -> None:
+        """Delete the checkpoint, so that nothing is resumed, as after a reset."""
+        self._stored = self._search_end_ns = None
         with self._lock:
-            self._written = None  # what is copied just now is not to be written any more
+            self._written = None  # a copy that is being written now must not reach the file
             if self._is_on:
                 self._file.remove()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """End writing.
+        """End the thread, and delete the checkpoint if the end was requested.
 
         Args:
-            is_asked_for: Whether somebody ended the node, who then wants no more of its map.
+            is_asked_for: True when an operator or launch ended the node; False after an error,
+                when the next node must resume the map.
         """
         self._is_ended.set()
         if is_asked_for:
-            self.forget()
+            self.discard()
 
     def _read(self) -> Checkpoint | None:
         try:
             return self._file.read()
         except HoidError as error:
-            self._logger.warning(f'the checkpoint is left: {error}')
+            self._logger.warning(f'the checkpoint is not used: {error}')
             return None
 
     def _run(self) -> None:
@@ -148,13 +156,13 @@ class Checkpoints:
             try:
                 took_s = self._write()
             except Exception as error:  # noqa: BLE001 - the next one may be written
-                self._failed(error)
+                self._report_failure(error)
             usual_s = min(2 * usual_s, self._period_s)
             pause_s = max(usual_s, took_s / _MAX_SHARE)
 
     def _write(self) -> float:
-        """Write the map if it has changed, and return how long that took, in s."""
-        copied = self._between.call(self._copy)
+        """Write the map if it has changed, and return how many seconds that took."""
+        copied = self._node_thread.call(self._copy)
         if copied is None:
             return 0.0
         checkpoint, uids, copy_ms = copied
@@ -176,26 +184,27 @@ class Checkpoints:
         return time.monotonic() - start_s
 
     def _copy(self) -> tuple[Checkpoint, IntArray, float] | None:
-        """Copy the map between two images, if it has changed."""
+        """Return a copy of the map, the uids of its keyframes and the ms spent; None if unchanged.
+
+        Runs between two images. While the camera is relocalized, the old file is left alone.
+        """
         session = self._find_session()
-        if session is None or session.map.is_empty or self._found_by_ns is not None:
+        if session is None or session.slam.map.is_empty or self._search_end_ns is not None:
             return None
-        stats = session.stats
+        stats = session.slam.stats
         if stats == self._written:
             self._file.touch(session.stamp_ns)
             return None
         start_s = time.perf_counter()
-        content, uids = session.saved_map(), session.all_keyframes().uids
+        content, uids = session.robot_map.export(), session.robot_map.keyframes().uids
         self._written = stats
         copy_ms = _MS * (time.perf_counter() - start_s)
         return Checkpoint(content, session.stamp_ns), uids, copy_ms
 
-    def _failed(self, error: Exception) -> None:
+    def _report_failure(self, error: Exception) -> None:
         self._written = None
         self._diagnostics.count(_FAILED)
         text = ' '.join(str(error).split())
-        self._diagnostics.set_problem(_FAILED, f'the map is not kept for after a crash: {text}')
-
-
-def _saying(done: Processed, mode: SlamMode, message: str) -> Processed:
-    return done._replace(status=replace(done.status, mode=mode, message=message))
+        self._diagnostics.set_problem(
+            _FAILED, f'the map cannot be stored to resume it after a crash: {text}'
+        )

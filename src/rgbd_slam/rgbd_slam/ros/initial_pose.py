@@ -1,4 +1,4 @@
-"""Where somebody says that the robot is, as a click in RViz does."""
+"""The topic `initialpose`: an operator tells where the robot is, as by a click in RViz."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from rgbd_slam.session import SlamSession
 
 
 class InitialPose:
-    """Has the session look there first.
+    """Subscribes to initial poses and lets the session relocalize near them first.
 
     Args:
         inputs: Of the node.
-        session: Gives the session, or raises InputError while there is none.
-        find_in_map: Returns T_map_frame (4, 4) of a frame's name, or None where it is unknown.
+        session: Returns the session, or raises InputError while there is none.
+        find_in_map: Returns T_map_frame (4, 4) for the name of a frame, or None if it is unknown.
     """
 
     def __init__(
@@ -34,11 +34,15 @@ class InitialPose:
         self._session = session
         self._find_in_map = find_in_map
         inputs.messages(
-            PoseWithCovarianceStamped, topics.INITIAL_POSE, self._take, 'initial poses',
-            reliability=RELIABLE, is_occasional=True,
-        )  # fmt: skip
+            PoseWithCovarianceStamped,
+            topics.INITIAL_POSE,
+            self._on_pose,
+            'initial poses',
+            reliability=RELIABLE,
+            is_occasional=True,
+        )
 
-    def _take(self, msg: PoseWithCovarianceStamped) -> None:
+    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
         try:
             T_frame_base, sigma_m, sigma_rad = pose_with_sigmas_from_msg(msg.pose)
         except MessageError as error:
@@ -47,7 +51,7 @@ class InitialPose:
         T_map_frame = self._find_in_map(frame)
         if T_map_frame is None:
             raise MessageError(
-                f'frame "{frame}" of {topics.INITIAL_POSE} is not joined with the map by any '
-                'transform; give the pose in the map frame'
+                f'no transform connects frame "{frame}" of {topics.INITIAL_POSE} with the map; '
+                'give the pose in the map frame'
             )
-        self._session().look_first_at(np.asarray(T_map_frame @ T_frame_base), sigma_m, sigma_rad)
+        self._session().relocalize_near(np.asarray(T_map_frame @ T_frame_base), sigma_m, sigma_rad)

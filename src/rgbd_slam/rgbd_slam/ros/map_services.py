@@ -1,7 +1,7 @@
-"""Services that save maps and trajectory, load a map, and end or go on with mapping.
+"""The services that save and load maps, save the trajectory, and set the mode.
 
-They have a thread of their own: the tracker copies the map, or takes one over, between two images,
-and waits neither for files nor for the mapper: that thread does.
+They run in a thread of their own. The tracker only copies or replaces the map, between two images
+(`NodeThread`); waiting for files and for the mapper is left to the thread of the services.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from rgbd_slam.map_io.map_directory import (
     TRAJECTORY,
     FileKind,
     path_in,
-    shown,
+    printable,
     write_whole,
 )
 from rgbd_slam.map_io.map_file import MapFile
-from rgbd_slam.ros.answers import Responder
-from rgbd_slam.ros.between_messages import BetweenMessages
+from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.link import SceneLink
+from rgbd_slam.ros.service_handlers import ServiceHandlers
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.session import SlamSession
@@ -44,19 +44,19 @@ from rgbd_slam.session import SlamSession
 T = TypeVar('T')
 
 _MODES = {mode.name.lower(): mode for mode in SlamMode}
-_SETTLE_S = 40.0
-_LOOK_S = 0.05
+_SETTLE_S = 40.0  # chosen: twice the limit of the mapping process for a global adjustment
+_POLL_S = 0.05  # chosen: between two looks whether the mapper is done; tracking goes on meanwhile
 _MB = 1e6
 
 
 class MapServices:
-    """Answers in a thread of its own, which no request can end.
+    """Offers the map services in a thread of their own, which no request can end.
 
     Args:
         node: The SLAM node.
         config: Its parameters.
-        session: Gives the session, or raises InputError while there is none.
-        room: The dense map's process.
+        session: Returns the session, or raises InputError while there is none.
+        scene: The scene mapper's process, which has the dense map.
         diagnostics: Of the node.
     """
 
@@ -65,16 +65,16 @@ class MapServices:
         node: Node,
         config: SlamNodeConfig,
         session: Callable[[], SlamSession],
-        room: SceneLink,
+        scene: SceneLink,
         diagnostics: Diagnostics,
     ) -> None:
         self._config = config
         self._session = session
-        self._scene = room
-        self._between = BetweenMessages(node)
+        self._scene = scene
+        self._node_thread = NodeThread(node)
         self._thread = ServiceThread(node)
-        responder = Responder(node, diagnostics, self._thread.group)
-        for type_, topic, act in (
+        handlers = ServiceHandlers(node, diagnostics, self._thread.group)
+        for type_, topic, handle in (
             (SaveMap, topics.SAVE_MAP, self._save),
             (SaveTrajectory, topics.SAVE_TRAJECTORY, self._save_trajectory),
             (SaveMap, topics.SAVE_CLOUD, self._save_cloud),
@@ -82,11 +82,11 @@ class MapServices:
             (LoadMap, topics.LOAD_MAP, self._load),
             (SetMode, topics.SET_MODE, self._set_mode),
         ):
-            responder.serve(type_, topic, act)
-        self._thread.start(responder.failed)
+            handlers.add(type_, topic, handle)
+        self._thread.start(handlers.report_fault)
 
     def close(self) -> None:
-        """End the thread, unless it is at work; then the process' end ends it."""
+        """End the thread; one that is still working ends with the node's process."""
         self._thread.close()
 
     def _path(self, name: str, kind: FileKind) -> Path:
@@ -100,86 +100,86 @@ class MapServices:
 
     def _save(self, request: SaveMap.Request) -> str:
         path = self._path(request.name, MAP)
-        content, uids, views = self._between.call(self._copy)
-        kept = views() if views is not None else []
-        dense = DenseState.of_views(kept, uids, is_halved=True) if kept else None
-        whole = content._replace(dense=dense)
-        size = map_file.save(path, whole)
-        return f'{_said(whole)} written to {path}, {size / _MB:.1f} MB'
+        content, uids, receive_views = self._node_thread.call(self._copy)
+        views = receive_views() if receive_views is not None else []
+        dense = DenseState.of_views(views, uids, is_halved=True) if views else None
+        content = content._replace(dense=dense)
+        size = map_file.save(path, content)
+        return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
 
     def _copy(self) -> tuple[MapFile, IntArray, Callable[[], list[StoredView]] | None]:
-        session = self._session()
-        keyframes = session.all_keyframes()
-        return session.saved_map(), keyframes.uids, self._scene.views(keyframes)
+        """Return the map, the uids of its keyframes, and a function that waits for the images."""
+        robot_map = self._session().robot_map
+        keyframes = robot_map.keyframes()
+        return robot_map.export(), keyframes.uids, self._scene.views(keyframes)
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
         path, note = self._path(request.name, TRAJECTORY), ''
         if kind == SaveTrajectory.Request.FINAL and not self._settle():
             note = '; the map was still being adjusted'
-        parts = self._between.call(lambda: self._session().trajectory_parts(kind))
+        parts = self._node_thread.call(lambda: self._session().robot_map.trajectory_parts(kind))
         num_poses = write_whole(path, lambda aside: write_tum_parts(aside, parts))
         return f'{num_poses} poses written to {path}{note}'
 
     def _settle(self) -> bool:
-        """Have the map adjusted as a whole, once what runs has ended; return whether it is."""
+        """Adjust the whole map once queued requests are done; return whether that has ended."""
         end_s = time.monotonic() + _SETTLE_S
         if not self._is_settled_by(end_s):
             return False
-
-        def settle() -> None:
-            self._session().map.settle()
-
-        self._between.call(settle)
+        self._node_thread.call(self._request_settle)
         return self._is_settled_by(end_s)
 
+    def _request_settle(self) -> None:
+        self._session().slam.map.mapper.settle()
+
     def _is_settled_by(self, end_s: float) -> bool:
+        """Wait until the map is settled, at most until `end_s`; return whether it is."""
+
         def settled() -> bool | None:
-            control = self._session().map
-            control.update()
-            return control.is_settled or None
+            slam_map = self._session().slam.map
+            slam_map.update()
+            return slam_map.mapper.is_settled or None
 
-        return self._until(settled, end_s) is not None
+        return self._poll(settled, end_s) is not None
 
-    def _until(self, act: Callable[[], T | None], end_s: float) -> T | None:
-        """Call an act between messages until it gives something; return that, or None at the end.
-
-        Images are tracked meanwhile; this thread waits.
-        """
-        while (given := self._between.call(act)) is None and time.monotonic() < end_s:
-            time.sleep(_LOOK_S)
-        return given
+    def _poll(self, function: Callable[[], T | None], end_s: float) -> T | None:
+        """Call a function in the node's thread until it returns a value; None after `end_s`."""
+        while (value := self._node_thread.call(function)) is None and time.monotonic() < end_s:
+            time.sleep(_POLL_S)
+        return value
 
     def _load(self, request: LoadMap.Request) -> str:
         path, keep = self._path(request.name, MAP), request.merge
         content = map_file.load(path)
 
-        def take_over() -> str | None:
+        def load() -> str | None:
             session = self._session()
-            session.map.update()
-            if session.map.queue_length > 0:
-                return None  # the node would wait for all that is queued
-            loaded = session.load(content, keep=keep)
+            session.slam.map.update()
+            if session.slam.map.mapper.queue_length > 0:
+                return None  # tracking would stop until the mapper has emptied its queue
+            loaded = session.robot_map.load(content, keep=keep)
             return self._scene.load(content.dense, loaded, keep=keep)
 
-        note = self._until(take_over, time.monotonic() + _SETTLE_S)
+        note = self._poll(load, time.monotonic() + _SETTLE_S)
         if note is None:
-            raise InputError('keyframes still wait for the mapper; ask again')
-        return f'{_said(content)} loaded from {path}{note}'
+            raise InputError('keyframes still wait for the mapper; try again')
+        return f'{_summary(content)} loaded from {path}{note}'
 
     def _set_mode(self, request: SetMode.Request) -> str:
         mode = _MODES.get(request.mode)
         if mode is None:
-            raise InputError(f'no mode "{shown(request.mode)}"; use one of {", ".join(_MODES)}')
-        self._between.call(lambda: self._session().set_mode(mode))
+            name = printable(request.mode)
+            raise InputError(f'no mode "{name}"; use one of {", ".join(_MODES)}')
+        self._node_thread.call(lambda: self._session().set_mode(mode))
         if mode is SlamMode.MAPPING:
             return 'mapping: the map grows and is corrected'
         if not self._is_settled_by(time.monotonic() + _SETTLE_S):
-            raise InputError('the map is still being adjusted; ask again')
+            raise InputError('the map is still being adjusted; try again')
         return 'localization: the map stays as it is'
 
 
-def _said(content: MapFile) -> str:
+def _summary(content: MapFile) -> str:
     views = 0 if content.dense is None else len(content.dense)
     keyframes, points = len(content.map), len(content.map.position_m)
     return f'{keyframes} keyframes, {points} points and {views} images of the dense map'

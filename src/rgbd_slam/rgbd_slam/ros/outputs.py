@@ -1,4 +1,4 @@
-"""Everything that the node publishes."""
+"""Everything that the SLAM node publishes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _WHEELS = 'wheels'
 
 
 class SlamOutputs:
-    """Publishers of the node; every message carries the stamp of the image it came from."""
+    """The publishers of the node; every message has the stamp of the image it follows from."""
 
     def __init__(
         self, node: Node, frames: FrameConfig, static: StaticFrames, diagnostics: Diagnostics
@@ -45,27 +45,27 @@ class SlamOutputs:
         self._keyframes = node.create_publisher(MarkerArray, topics.KEYFRAMES, qos.LATCHED)
 
     def reconfigure(self, frames: FrameConfig) -> None:
-        """Take over names of frames, and which edges are sent."""
+        """Apply the parameters that may change at run time: the transforms that are sent."""
         self.frames = frames
         if not frames.publish_odom_to_base and self._wheels is None:
             self._wheels = WheelOdometry(self._node, frames.odom, self._static, self._diagnostics)
 
     def publish_pose(self, pose: RobotPose | None, header: Header) -> None:
-        """Publish where an image was taken, if that is known; the header is its features'."""
+        """Publish odometry and transforms of an image; `header` is that of its features."""
         if pose is not None:
             self._publish_odometry(pose, header)
         self._publish_tree(pose, header)
 
     def publish_status(self, status: SlamStatus, header: Header) -> None:
-        """Publish how all is doing; the header as above."""
+        """Publish the status; `header` is that of the image's features."""
         self._status.publish(slam_status_to_msg(status, header))
 
     def find_in_map(self, frame: str) -> FloatArray | None:
-        """Return T_map_frame (4, 4) by the frame tree as it was last said, or None."""
+        """Return T_map_frame (4, 4) by the latest transforms, or None if it is not connected."""
         return self._static.with_edges(self._transforms.sent).find(self.frames.map, frame)
 
     def wheel_motion(self, first_ns: int, second_ns: int, base: str) -> FloatArray | None:
-        """Return how the base moved (4, 4) between two stamps, by somebody else's odometry."""
+        """Return T_first_second (4, 4) of the base by external odometry, or None if unknown."""
         if self._wheels is None or self.frames.publish_odom_to_base:
             return None
         T_odom_first, T_odom_second = (self._wheels.at(ns, base) for ns in (first_ns, second_ns))
@@ -74,12 +74,16 @@ class SlamOutputs:
         return se3.inverse(T_odom_first) @ T_odom_second
 
     def publish_map(self, session: SlamSession) -> None:
-        """Publish path, points and keyframes as the map says now."""
+        """Publish path, points and keyframes of the main map."""
         header = conversions.header_to_msg(session.stamp_ns, self.frames.map)
-        path, cloud = session.path(), conversions.Cloud(session.map_points_m().astype(np.float32))
+        robot_map = session.robot_map
+        path, keyframes = robot_map.base_path(), robot_map.keyframes()
+        cloud = conversions.Cloud(robot_map.points_m().astype(np.float32))
         self._path.publish(conversions.path_to_msg(path.stamps_ns, path.T_world_camera, header))
         self._points.publish(conversions.cloud_to_msg(cloud, header))
-        self._keyframes.publish(keyframes_to_msg(session.keyframe_poses(), header))
+        self._keyframes.publish(
+            keyframes_to_msg(keyframes.T_map_camera[keyframes.is_main], header)
+        )
 
     def _publish_odometry(self, pose: RobotPose, header: Header) -> None:
         self._odom.publish(
@@ -111,14 +115,15 @@ class SlamOutputs:
     def _map_to_wheels(
         self, pose: RobotPose | None, stamp_ns: int, base: str
     ) -> FloatArray | None:
-        """Return T_map_odom for the wheels' odometry, which bridges what the camera cannot see.
+        """Return T_map_odom (4, 4) for the odometry frame of the wheels.
 
-        It is None until both have said where the base is, at the time of one image.
+        While the camera is lost, the latest value is returned, so that the wheels bridge the gap.
+        It is None until camera and wheels have both given a pose of the base for one image.
         """
         T_wheels_base = None if self._wheels is None else self._wheels.at(stamp_ns, base)
         if T_wheels_base is None:
             self._diagnostics.set_problem(
-                _WHEELS, f'/tf does not say where {base} is in {self.frames.odom}, by the wheels'
+                _WHEELS, f'/tf has no transform of the wheels from {self.frames.odom} to {base}'
             )
             return self._T_map_wheels
         self._diagnostics.clear_problem(_WHEELS)

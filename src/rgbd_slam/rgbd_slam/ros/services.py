@@ -1,4 +1,4 @@
-"""The node's short services; each answers with success and a line of text."""
+"""The services that reset, pause and resume the session."""
 
 from __future__ import annotations
 
@@ -7,36 +7,35 @@ from collections.abc import Callable
 from std_srvs.srv import Trigger
 
 from hoid_common import topics
-from rgbd_slam.ros.answers import Responder
+from rgbd_slam.ros.service_handlers import ServiceHandlers
 from rgbd_slam.session import SlamSession
 
 
 class SlamServices:
-    """Lets others reset, pause and resume the session.
+    """Offers the services that reset, pause and resume the session.
 
     Args:
-        responder: Makes the services.
-        session: Gives the session, or raises InputError while there is none.
-        reset: Starts anew.
+        handlers: Offers the services.
+        session: Returns the session, or raises InputError while there is none.
+        reset: Discards the map and starts a new session.
     """
 
     def __init__(
-        self, responder: Responder, session: Callable[[], SlamSession], reset: Callable[[], None]
+        self,
+        handlers: ServiceHandlers,
+        session: Callable[[], SlamSession],
+        reset: Callable[[], None],
     ) -> None:
         self._session = session
-        self._reset_all = reset
-        responder.serve(Trigger, topics.RESET, lambda _: self._reset())
-        responder.serve(Trigger, topics.PAUSE, lambda _: self._set_paused(paused=True))
-        responder.serve(Trigger, topics.RESUME, lambda _: self._set_paused(paused=False))
+        self._reset_session = reset
+        handlers.add(Trigger, topics.RESET, lambda _: self._reset())
+        handlers.add(Trigger, topics.PAUSE, lambda _: self._set_paused(is_paused=True))
+        handlers.add(Trigger, topics.RESUME, lambda _: self._set_paused(is_paused=False))
 
     def _reset(self) -> str:
-        self._reset_all()
+        self._reset_session()
         return 'the map is empty; the next image starts a new one'
 
-    def _set_paused(self, *, paused: bool) -> str:
-        session = self._session()
-        if paused:
-            session.pause()
-            return 'paused: images are ignored'
-        session.resume()
-        return 'running'
+    def _set_paused(self, *, is_paused: bool) -> str:
+        self._session().is_paused = is_paused
+        return 'paused: images are ignored' if is_paused else 'running'

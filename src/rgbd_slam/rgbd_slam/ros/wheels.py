@@ -1,4 +1,4 @@
-"""Odometry that somebody else sends on /tf, such as that of the wheels."""
+"""External odometry on /tf, such as that of the wheels."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from hoid_common.pose_buffer import PoseBuffer
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.ros.inputs import guarded
-from hoid_common.static_frames import StaticFrames, check_number
+from hoid_common.ros.inputs import checked_callback
+from hoid_common.static_frames import StaticFrames, check_frame_limit
 from hoid_common.values import FloatArray
 
-_MAX_CHILDREN = 16  # of the odometry frame; each has poses of ten seconds
+# Chosen, to bound the memory: a robot has one child of its odometry frame; each buffer holds ten
+# seconds of poses.
+_MAX_CHILDREN = 16
 
 
 class WheelOdometry:
-    """Keeps where the odometry frame's child has been, which may sit anywhere on the robot.
+    """Buffers the poses of the odometry frame's child, which may be any frame of the robot.
 
     Args:
-        node: That listens.
+        node: The node that subscribes to /tf.
         odom: Name of the odometry frame.
-        static: Joins that child with the base.
-        diagnostics: Gets what is refused.
+        static: The static transforms, which connect that child with the base.
+        diagnostics: Of the node; refused transforms are counted there.
     """
 
     def __init__(
@@ -39,13 +41,13 @@ class WheelOdometry:
         self._subscription = node.create_subscription(
             TFMessage,
             topics.TF,
-            guarded(self._on_transforms, TFMessage, topic, 'transforms', diagnostics),
+            checked_callback(self._on_transforms, TFMessage, topic, 'transforms', diagnostics),
             qos.TF,
             raw=True,
         )
 
     def at(self, stamp_ns: int, base: str) -> FloatArray | None:
-        """Return T_odom_base (4, 4) at the time of an image, or None when it is not known."""
+        """Return T_odom_base (4, 4) at a stamp, or None if it is unknown."""
         for child, poses in self._poses.items():
             T_child_base = self._static.find(child, base)
             T_odom_child = poses.at(stamp_ns)
@@ -67,6 +69,6 @@ class WheelOdometry:
 
     def _poses_of(self, child: str) -> PoseBuffer:
         if child not in self._poses:
-            check_number(f'children of {self._odom}', child, len(self._poses), _MAX_CHILDREN)
+            check_frame_limit(f'children of {self._odom}', child, len(self._poses), _MAX_CHILDREN)
             self._poses[child] = PoseBuffer()
         return self._poses[child]

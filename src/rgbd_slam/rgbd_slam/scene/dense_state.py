@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.io.record import Array, Record, column
 from hoid_common.values import ByteArray, CameraModel, FloatArray, IntArray
+from rgbd_slam.records.record import Array, Record, column
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.voxel_map import DepthView
 

@@ -84,7 +84,7 @@ class FirstFrames:
         j = points[k]
         T_map_camera = self._trajectory.pose(n)
         config = self._config.consensus
-        if T_map_camera is None or np.count_nonzero(rests[j]) < config.min_established:
+        if T_map_camera is None or np.count_nonzero(rests[j]) < config.min_well_observed:
             return
         problem = PoseProblem(
             self._atlas.points.position_m[j],

@@ -85,7 +85,7 @@ class Odometry:
             self._move(T_last_camera)
         self._jitter.add(tracked.frame.stamp_ns, self.T_odom_camera)
         self._judge(consensus)
-        self.go_on_from(tracked)
+        self.restart_from(tracked)
 
     def bridge(self) -> Bridge | None:
         """Go on by the wheels, with no image; None where they say nothing."""
@@ -103,7 +103,7 @@ class Odometry:
             float(np.linalg.norm(T_last_now[:3, 3])),
         )
 
-    def go_on_from(self, tracked: TrackedFrame | None) -> None:
+    def restart_from(self, tracked: TrackedFrame | None) -> None:
         """Take another last frame, or none, without a motion to it."""
         self.last = tracked
         self._T_odom_last, self._is_bridged = self.T_odom_camera, False

@@ -34,7 +34,7 @@ class Relocalizer:
         self._num_looked = 0  # frames, at the pose given
         self._note = self._logged = ''
 
-    def look_first_at(self, hint: PoseHint) -> None:
+    def relocalize_near(self, hint: PoseHint) -> None:
         """Look at a pose before anywhere else, until the camera is found."""
         self._hint, self._num_looked, self._logged = hint, 0, ''
 

@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.median import median
 from hoid_common.values import Float32Array, FloatArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -60,7 +59,7 @@ class RollingShutter:
         if self.readout_s == 0 or not frame.has_depth.any() or not twist.any():
             return frame
         has_depth = frame.has_depth
-        depth_m = np.where(has_depth, frame.depth_m, median(frame.depth_m[has_depth]))
+        depth_m = np.where(has_depth, frame.depth_m, np.median(frame.depth_m[has_depth]))
         x = camera.back_project(frame.measurement_px[:, :2], depth_m).T
         late_s = self.readout_s * self._rows(frame.measurement_px[:, 1])
         x -= late_s * (se3.hat(twist[:3]) @ x + twist[3:, None])

@@ -18,7 +18,7 @@ from hoid_benchmarks.faults.live.services import ANSWER_S
 from hoid_benchmarks.faults.live.stage import Seen, Stage
 from hoid_bringup.live.node_specs import SLAM
 from hoid_common import topics
-from hoid_common.io.files import leftovers
+from hoid_common.io.files import abandoned_scratch_folders
 from hoid_common.ros import qos
 
 FULL, READ_ONLY, SLOW = 'disk full', 'disk read-only', 'disk slow'
@@ -140,7 +140,7 @@ class Saves:
             is_right = answer.success == is_new and (is_new or not are_done)
             if not is_right or not answer.message or '\n' in answer.message:
                 return f'{client.srv_name} answers {answer.success}: {answer.message}'
-        if left := leftovers(self._maps):
+        if left := abandoned_scratch_folders(self._maps):
             return f'{left[0].name} was left'
         if are_done:
             return ''
@@ -172,7 +172,7 @@ def _bag_complaint(stage: Stage, command: tuple[str, ...]) -> str:
     lines = [line for line in said.splitlines() if line.startswith('hoid ')]
     if child.returncode != 1 or len(lines) != 1 or 'Traceback' in said:
         return f'{" ".join(command[2:])} ends with {child.returncode}: {said[-300:]}'
-    left = [*leftovers(stage.maps), *stage.maps.glob('bag*')]
+    left = [*abandoned_scratch_folders(stage.maps), *stage.maps.glob('bag*')]
     return f'{left[0].name} was left' if left else ''
 
 

@@ -24,7 +24,7 @@ from hoid_benchmarks.faults.live.sender import CAMERA, FRAME, Scene
 from hoid_bringup.live.node_specs import FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_common import topics
-from hoid_common.process.signals import end_as_by_interrupt
+from hoid_common.process.signals import interrupt_on_termination
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.execution.executor import SteadyExecutor
 
@@ -89,7 +89,7 @@ def _listen(node: Node, say: Callable[[str], None]) -> None:
 
 def main(role: str, folder: Path) -> None:
     """Play a role until interrupted, and write what happens into a folder."""
-    end_as_by_interrupt()
+    interrupt_on_termination()
     rclpy.init()
     with (folder / role).open('a', encoding='utf-8', buffering=1) as file:
 

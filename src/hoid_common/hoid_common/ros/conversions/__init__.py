@@ -1,7 +1,7 @@
-"""Messages to values and back: `x_from_msg` and `x_to_msg` pairs.
+"""Conversions between messages and values, as pairs `x_from_msg` and `x_to_msg`.
 
-`from` functions raise MessageError with one line that names the field at fault; `to` functions
-take a Header, as every output carries the stamp and frame of the image it came from.
+The `from` functions raise MessageError with one line that names the wrong field. The `to`
+functions take a Header, since every output has the stamp and frame of the image it belongs to.
 """
 
 from hoid_common.ros.conversions.camera import camera_from_msg, camera_to_msg
@@ -25,7 +25,6 @@ from hoid_common.ros.conversions.geometry import (
     path_from_msg,
     path_to_msg,
     pose_from_msg,
-    pose_stamped_to_msg,
     pose_to_msg,
     pose_with_sigmas_from_msg,
     transform_from_msg,
@@ -79,7 +78,6 @@ __all__ = [
     'path_from_msg',
     'path_to_msg',
     'pose_from_msg',
-    'pose_stamped_to_msg',
     'pose_to_msg',
     'pose_with_sigmas_from_msg',
     'stamp_from_msg',

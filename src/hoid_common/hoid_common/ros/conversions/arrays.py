@@ -1,7 +1,7 @@
-"""Arrays to and from the flat array fields of messages.
+"""Conversions between NumPy arrays and the array fields of messages.
 
-Fields are set from `array.array`: rclpy checks every element of anything else, which takes 54 ms
-for one VGA picture.
+Fields are set from `array.array`. rclpy checks every element of any other type, which takes 54 ms
+for a VGA image (rosidl_python issue 156).
 """
 
 from __future__ import annotations
@@ -17,26 +17,35 @@ from hoid_common.values import ByteArray, Float32Array
 
 
 def bytes_field(values: NDArray[Any] | bytes) -> array[int]:
-    """Return the raw bytes of an array, for a uint8[] field."""
+    """Return the raw bytes of an array of any type, as the value of a uint8[] field."""
     field = array('B')
     field.frombytes(values if isinstance(values, bytes) else values.tobytes())
     return field
 
 
 def floats_field(values: NDArray[Any]) -> array[float]:
-    """Return the values as float32, for a float32[] field."""
+    """Return an array's elements as the value of a float32[] field."""
     field = array('f')
     field.frombytes(values.astype(np.float32, copy=False).tobytes())
     return field
 
 
 def float_array(field: Any, name: str, length: int) -> Float32Array:
-    """Return a (length,) copy of a float32[] field; another length raises MessageError."""
+    """Return a float32 copy (length,) of a float32[] field.
+
+    Args:
+        field: Value of the field.
+        name: Name of the field, for the error.
+        length: Expected number of elements.
+
+    Raises:
+        MessageError: The field has another length.
+    """
     return _array(field, name, length, np.dtype(np.float32))
 
 
 def byte_array(field: Any, name: str, length: int) -> ByteArray:
-    """Return a (length,) copy of a uint8[] field; another length raises MessageError."""
+    """Return a uint8 copy (length,) of a uint8[] field; see `float_array`."""
     return _array(field, name, length, np.dtype(np.uint8))
 
 

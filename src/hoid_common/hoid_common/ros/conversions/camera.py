@@ -1,4 +1,4 @@
-"""sensor_msgs/CameraInfo."""
+"""Conversion of camera intrinsics: sensor_msgs/CameraInfo."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from hoid_common.values import CameraModel
 
 
 def camera_from_msg(msg: CameraInfo) -> CameraModel:
-    """Return the camera that took the pictures; see `camera_info.camera_from_info`."""
+    """Return the camera model of the raw image; see `io.camera_info.camera_from_info`."""
     return camera_from_info(msg)
 
 
 def camera_to_msg(camera: CameraModel, header: Header) -> CameraInfo:
-    """Return the message of a camera whose pictures are not rectified."""
+    """Return the message of a camera whose images are not rectified (R = I, P = [K 0])."""
     K = camera.matrix.ravel().tolist()
     P = np.hstack([camera.matrix, np.zeros((3, 1))]).ravel().tolist()
     distortion = list(camera.distortion) or [0.0] * 5

@@ -1,4 +1,7 @@
-"""sensor_msgs/PointCloud2, with or without colour."""
+"""Conversion of point clouds, with or without color: sensor_msgs/PointCloud2.
+
+sensor_msgs_py has the same, but is missing from the wheels of rclpy.
+"""
 
 from __future__ import annotations
 
@@ -16,19 +19,25 @@ _XYZ = [
     PointField(name=n, offset=4 * i, datatype=PointField.FLOAT32, count=1)
     for i, n in enumerate('xyz')
 ]
-# Colour is 0x00RRGGBB in the bits of a float32, RViz's and PCL's custom.
+# Color is 0x00RRGGBB in the bits of a float32, as in PCL and RViz.
 _RGB = PointField(name='rgb', offset=12, datatype=PointField.FLOAT32, count=1)
 
 
 class Cloud(NamedTuple):
-    """Points in the header's frame."""
+    """N points in the header's frame, with or without color."""
 
     points_m: Float32Array  # (N, 3)
-    colors_bgr: ByteArray | None = None  # (N, 3)
+    colors_bgr: ByteArray | None = None  # (N, 3) uint8
 
 
 def cloud_from_msg(msg: PointCloud2) -> Cloud:
-    """Return x, y, z and, when there, rgb; other fields are passed over."""
+    """Return the points of a cloud, and their colors when it has a field rgb.
+
+    Other fields are ignored.
+
+    Raises:
+        MessageError: x, y, z are no little-endian float32, or the data has the wrong length.
+    """
     offsets = {
         field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32
     }
@@ -39,12 +48,12 @@ def cloud_from_msg(msg: PointCloud2) -> Cloud:
     n = msg.width * msg.height
     if len(msg.data) != n * msg.point_step:
         raise MessageError(
-            f'cloud holds {len(msg.data)} bytes, {n} points take {n * msg.point_step}'
+            f'cloud has {len(msg.data)} bytes, but {n} points need {n * msg.point_step}'
         )
     names = [name for name in ('x', 'y', 'z', 'rgb') if name in offsets]
     needed = max(offsets[name] for name in names) + 4
     if needed > msg.point_step:
-        raise MessageError(f'cloud has point_step {msg.point_step}, but its fields take {needed}')
+        raise MessageError(f'cloud has point_step {msg.point_step}, but its fields need {needed}')
     layout = np.dtype(
         {
             'names': names,
@@ -62,7 +71,7 @@ def cloud_from_msg(msg: PointCloud2) -> Cloud:
 
 
 def cloud_to_msg(cloud: Cloud, header: Header) -> PointCloud2:
-    """Return an unordered cloud with fields x, y, z and, when there are colours, rgb."""
+    """Return an unordered cloud with the fields x, y, z and, when there are colors, rgb."""
     n = len(cloud.points_m)
     step = 12 if cloud.colors_bgr is None else 16
     table = np.zeros((n, step), np.uint8)

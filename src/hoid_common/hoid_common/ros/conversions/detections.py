@@ -1,4 +1,4 @@
-"""hoid_msgs/DetectionArray."""
+"""Conversion of detections: hoid_msgs/DetectionArray."""
 
 from __future__ import annotations
 
@@ -12,11 +12,16 @@ from hoid_common.errors import MessageError
 from hoid_common.ros.conversions.headers import stamp_from_msg
 from hoid_common.values import Detections
 
-MAX_DETECTIONS = 1000  # more than any detector gives; keeps a hostile message from stalling a node
+MAX_DETECTIONS = 1000
+"""Most boxes of a message. Chosen: COCO's evaluation uses 100; more would only stall a node."""
 
 
 def detections_from_msg(msg: DetectionArray) -> Detections:
-    """Return the boxes as they are; more than MAX_DETECTIONS raise MessageError."""
+    """Return the detections of a message.
+
+    Raises:
+        MessageError: There are more than MAX_DETECTIONS, or a class name is too long.
+    """
     boxes = msg.detections
     if len(boxes) > MAX_DETECTIONS:
         raise MessageError(f'detections has {len(boxes)} elements, more than {MAX_DETECTIONS}')
@@ -36,11 +41,14 @@ def detections_to_msg(
     class_names: Sequence[str] = (),
     inference_ms: float = 0.0,
 ) -> DetectionArray:
-    """Return the message.
+    """Return the message of detections.
 
     Args:
-        image_size_px: width, height of the image that the boxes refer to.
-        class_names: the model's list of classes, for `class_id`; classes outside it get -1.
+        detections: Boxes, classes and scores.
+        header: Of the color image.
+        image_size_px: Width and height of the image that the boxes refer to.
+        class_names: Classes of the model, whose index is `class_id`; other classes get -1.
+        inference_ms: Duration of the detection; 0 when no network ran.
     """
     ids = {name: i for i, name in enumerate(class_names)}
     return DetectionArray(

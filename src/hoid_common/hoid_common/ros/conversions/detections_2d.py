@@ -1,4 +1,4 @@
-"""vision_msgs/Detection2DArray, which other detectors and whoever listens to them speak."""
+"""Conversion of detections: vision_msgs/Detection2DArray, the message of other detectors."""
 
 from __future__ import annotations
 
@@ -23,10 +23,13 @@ Row = tuple[float, float, float, float]
 
 
 def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
-    """Return the upright boxes around those of the message, each with its likeliest class.
+    """Return the detections of a message, each with its class of highest score.
 
-    What is no number, or too large for one, is none or infinite then. Boxes without a class, and
-    more than MAX_DETECTIONS, raise MessageError.
+    Rotated boxes become the upright boxes around them. NaN stays NaN, and numbers beyond float32
+    become infinite; `hoid_filter.detections.sanitize` drops such boxes.
+
+    Raises:
+        MessageError: There are more than MAX_DETECTIONS, or a box has no class.
     """
     found = msg.detections
     if len(found) > MAX_DETECTIONS:
@@ -44,7 +47,7 @@ def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
 
 
 def detections_2d_to_msg(detections: Detections, header: Header) -> Detection2DArray:
-    """Return the message; a class is given by its name."""
+    """Return the message of detections, with the class name as `class_id`."""
     rows = zip(
         detections.boxes_xyxy_px.tolist(),
         detections.class_names,

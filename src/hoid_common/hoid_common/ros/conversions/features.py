@@ -1,4 +1,4 @@
-"""hoid_msgs/Features, and what is said of them later."""
+"""Conversion of features and their final verdicts: hoid_msgs/Features and FeatureVerdicts."""
 
 from __future__ import annotations
 
@@ -14,20 +14,26 @@ from hoid_common.ros.conversions.arrays import byte_array, bytes_field, float_ar
 from hoid_common.ros.conversions.headers import stamp_from_msg
 from hoid_common.values import DESCRIPTOR_BYTES, Features, FeatureVerdicts
 
-_MAX_FEATURES = 65_536  # of an image, three times what the filter can be asked for
+# Most features of an image. Chosen: three times the maximum of the filter's parameter.
+_MAX_FEATURES = 65_536
 
 
 class FeatureCounts(NamedTuple):
-    """What is said about the features beside themselves."""
+    """Numbers and durations of the filter that hoid_msgs/Features contains."""
 
-    num_detected: int = 0
-    num_removed: int = 0
-    extract_ms: float = 0.0
-    filter_ms: float = 0.0
+    num_detected: int = 0  # features that were found before filtering
+    num_removed: int = 0  # features that were removed as dynamic
+    extract_ms: float = 0.0  # duration of detection and description
+    filter_ms: float = 0.0  # duration of finding and removing dynamic features
 
 
 def features_from_msg(msg: FeaturesMsg) -> Features:
-    """Return the features; lengths that disagree and values that cannot be raise MessageError."""
+    """Return the features of a message.
+
+    Raises:
+        MessageError: Arrays have different lengths, a pixel is outside the image, or a depth is
+            negative or not finite.
+    """
     n = len(msg.octave)
     features = Features(
         stamp_from_msg(msg.header.stamp),
@@ -48,7 +54,7 @@ def features_from_msg(msg: FeaturesMsg) -> Features:
 
 
 def feature_counts_from_msg(msg: FeaturesMsg) -> FeatureCounts:
-    """Return what the message says beside the features."""
+    """Return the filter's numbers and durations of a features message."""
     return FeatureCounts(msg.num_detected, msg.num_removed, msg.extract_ms, msg.filter_ms)
 
 
@@ -58,7 +64,14 @@ def features_to_msg(
     image_size_px: tuple[int, int],
     counts: FeatureCounts = FeatureCounts(),  # noqa: B008 (immutable)
 ) -> FeaturesMsg:
-    """Return the message; `image_size_px` is width, height of the image of the features."""
+    """Return the message of features.
+
+    Args:
+        features: The static features.
+        header: Of the color image.
+        image_size_px: Width and height of the image that the features were extracted from.
+        counts: The filter's numbers and durations.
+    """
     seeds_all = bool(features.may_seed.all())
     return FeaturesMsg(
         header=header,
@@ -79,10 +92,10 @@ def features_to_msg(
 
 
 def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
-    """Return the verdicts; an empty message, which says that nothing moves, gives none.
+    """Return the verdicts of a message; it has none when no feature is dynamic.
 
     Raises:
-        MessageError: They are more than an image can have features.
+        MessageError: There are more verdicts than an image can have features.
     """
     if len(msg.dynamic) > _MAX_FEATURES:
         raise MessageError(
@@ -93,14 +106,14 @@ def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
 
 
 def feature_verdicts_to_msg(verdicts: FeatureVerdicts, header: Header) -> FeatureVerdictsMsg:
-    """Return the message; the header is that of the features."""
+    """Return the message of verdicts; the header is that of the features."""
     flags = verdicts.is_dynamic if verdicts.is_dynamic.any() else verdicts.is_dynamic[:0]
     return FeatureVerdictsMsg(header=header, dynamic=bytes_field(flags))
 
 
 def _check_values(features: Features, width_px: int, height_px: int) -> None:
     uv = features.uv_px
-    # Half a pixel beyond the outermost centres still lies on the sensor.
+    # Pixel centers are integers, so that the sensor ends half a pixel beyond the outermost ones.
     inside = (uv >= -0.5) & (uv <= np.array([width_px, height_px]) - 0.5)
     if not inside.all():  # also False for NaN
         k = int(np.argmin(inside.all(axis=1)))

@@ -1,7 +1,7 @@
-"""Poses, transforms, odometry and paths.
+"""Conversions of poses, transforms, twists, odometry and paths.
 
-The suite orders twists and covariances rotation first; ROS orders them translation first. Only
-this module reorders.
+The suite orders twists and covariances rotation first, as GTSAM does; ROS orders them translation
+first. This module is the only place that reorders.
 """
 
 from __future__ import annotations
@@ -27,47 +27,46 @@ from hoid_common.errors import MessageError
 from hoid_common.ros.conversions.headers import stamp_from_msg, stamp_to_msg
 from hoid_common.values import FloatArray, IntArray
 
-_ROS_ORDER = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # its own inverse
+_ROS_ORDER = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # the permutation is its own inverse
 
 
 def pose_from_msg(msg: Pose) -> FloatArray:
-    """Return the (4, 4) transform; a quaternion of norm 0 or a NaN raises MessageError."""
+    """Return T_a_b (4, 4) of the pose of frame b in frame a; translation in m.
+
+    Raises:
+        MessageError: A value is not finite, or the quaternion is not normalized.
+    """
     return _transform(msg.orientation, msg.position, 'pose')
 
 
 def pose_to_msg(T_a_b: FloatArray) -> Pose:
-    """Return the pose of frame b in frame a, for a (4, 4) transform."""
+    """Return the pose of frame b in frame a of a transform T_a_b (4, 4)."""
     x, y, z = T_a_b[:3, 3].tolist()
     return Pose(position=Point(x=x, y=y, z=z), orientation=_quaternion(T_a_b))
 
 
-def pose_stamped_to_msg(T_a_b: FloatArray, header: Header) -> PoseStamped:
-    """Return the stamped pose of frame b in the header's frame a."""
-    return PoseStamped(header=header, pose=pose_to_msg(T_a_b))
-
-
 def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, float, float]:
-    """Return the (4, 4) transform, and its largest standard deviations [m] and [rad].
+    """Return the transform (4, 4) and its largest standard deviations in m and in rad.
 
     Raises:
-        MessageError: It is no rigid motion, or a variance is negative or no number.
+        MessageError: The pose is no rigid transform, or a variance is negative or not finite.
     """
     variances = np.array(msg.covariance).reshape(6, 6).diagonal()
     if not (np.isfinite(variances) & (variances >= 0)).all():
-        raise MessageError(f'pose has variances that are none: {variances.tolist()}')
-    way, turn = np.sqrt(variances.reshape(2, 3).max(axis=1)).tolist()
-    return pose_from_msg(msg.pose), way, turn
+        raise MessageError(f'pose has negative or infinite variances: {variances.tolist()}')
+    sigma_m, sigma_rad = np.sqrt(variances.reshape(2, 3).max(axis=1)).tolist()
+    return pose_from_msg(msg.pose), sigma_m, sigma_rad
 
 
 def transform_from_msg(msg: TransformStamped) -> FloatArray:
-    """Return T_parent_child, (4, 4)."""
+    """Return T_parent_child (4, 4), translation in m; raises as `pose_from_msg`."""
     return _transform(msg.transform.rotation, msg.transform.translation, 'transform')
 
 
 def transform_to_msg(
     T_parent_child: FloatArray, stamp_ns: int, parent: str, child: str
 ) -> TransformStamped:
-    """Return an edge of the frame tree."""
+    """Return the message of T_parent_child (4, 4), an edge of the frame tree."""
     msg = TransformStamped(child_frame_id=child)
     msg.header.stamp = stamp_to_msg(stamp_ns)
     msg.header.frame_id = parent
@@ -78,19 +77,22 @@ def transform_to_msg(
 
 
 def twist_from_msg(msg: Twist) -> FloatArray:
-    """Return (6,): angular (rad/s), then linear (m/s) velocity."""
+    """Return the twist (6,): angular velocity in rad/s, then linear velocity in m/s."""
     w, v = msg.angular, msg.linear
     return np.array([w.x, w.y, w.z, v.x, v.y, v.z])
 
 
 def twist_to_msg(twist: FloatArray) -> Twist:
-    """Return the message of (6,): angular (rad/s), then linear (m/s) velocity."""
+    """Return the message of a twist (6,): angular velocity in rad/s, then linear in m/s."""
     wx, wy, wz, vx, vy, vz = twist.tolist()
     return Twist(linear=Vector3(x=vx, y=vy, z=vz), angular=Vector3(x=wx, y=wy, z=wz))
 
 
 def odometry_from_msg(msg: Odometry) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return T_odom_base (4, 4), its covariance and the twist, as `odometry_to_msg` takes them."""
+    """Return T_odom_base (4, 4), its covariance (6, 6) and the twist (6,).
+
+    They are expressed as in `odometry_to_msg`.
+    """
     T_odom_base = pose_from_msg(msg.pose.pose)
     covariance = np.array(msg.pose.covariance).reshape(6, 6)[_ROS_ORDER]
     A = _block_rotation(T_odom_base)
@@ -105,39 +107,41 @@ def odometry_to_msg(
     header: Header,
     child_frame_id: str,
 ) -> Odometry:
-    """Return the message.
+    """Return the odometry message of the base's pose and velocity.
 
     Args:
-        covariance: (6, 6) of a small motion in the base frame, rotation (rad²) first, then
-            translation (m²), as GTSAM gives it for T_odom_base. ROS wants it along the axes of
-            the header's frame: it is turned here.
-        twist: (6,) in the base frame: angular (rad/s), then linear (m/s).
-        twist_covariance: (6, 6) of it.
-        header: stamp of the image; frame_id is the odometry's frame.
+        T_odom_base: (4, 4), translation in m.
+        covariance: (6, 6) of a small motion expressed in the base frame, rotation (rad²) first,
+            then translation (m²), as GTSAM computes it for T_odom_base. ROS expresses it along
+            the axes of the header's frame, to which it is rotated here.
+        twist: (6,) in the base frame: angular velocity in rad/s, then linear velocity in m/s.
+        twist_covariance: (6, 6) of the twist, in the same order.
+        header: The stamp of the image; frame_id is the odometry frame.
+        child_frame_id: Name of the base frame.
     """
     A = _block_rotation(T_odom_base)
-    turned = (A @ covariance @ A.T)[_ROS_ORDER]
+    rotated = (A @ covariance @ A.T)[_ROS_ORDER]
     msg = Odometry(header=header, child_frame_id=child_frame_id)
     msg.pose.pose = pose_to_msg(T_odom_base)
-    msg.pose.covariance = turned.ravel()
+    msg.pose.covariance = rotated.ravel()
     msg.twist.twist = twist_to_msg(twist)
     msg.twist.covariance = twist_covariance[_ROS_ORDER].ravel()
     return msg
 
 
 def path_from_msg(msg: Path) -> tuple[IntArray, FloatArray]:
-    """Return stamps in ns (N,) and transforms (N, 4, 4)."""
+    """Return the stamps (N,) in ns and the poses (N, 4, 4) of a path, in the header's frame."""
     stamps = np.array([stamp_from_msg(pose.header.stamp) for pose in msg.poses], np.int64)
     T = [pose_from_msg(pose.pose) for pose in msg.poses]
     return stamps, np.array(T, np.float64).reshape(-1, 4, 4)
 
 
 def path_to_msg(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> Path:
-    """Return the path of poses (N, 4, 4) at stamps (N,) in the header's frame."""
+    """Return the path of poses (N, 4, 4) at stamps (N,) in ns, in the header's frame."""
     quats = se3.quat_xyzw_from_rotation(T_map_base[:, :3, :3]).tolist()
-    places = T_map_base[:, :3, 3].tolist()
+    positions_m = T_map_base[:, :3, 3].tolist()
     msg = Path(header=header)
-    # One check of the whole list when it is set, none per pose.
+    # Setting the whole list checks its elements once; appending poses would check each time.
     msg.poses = [
         PoseStamped(
             header=Header(stamp=stamp_to_msg(stamp), frame_id=header.frame_id),
@@ -146,7 +150,7 @@ def path_to_msg(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> 
             ),
         )
         for stamp, (x, y, z), (qx, qy, qz, qw) in zip(
-            stamps_ns.tolist(), places, quats, strict=True
+            stamps_ns.tolist(), positions_m, quats, strict=True
         )
     ]
     return msg
@@ -154,12 +158,13 @@ def path_to_msg(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> 
 
 def _transform(rotation: Quaternion, translation: Any, what: str) -> FloatArray:
     quat = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
-    place = np.array([translation.x, translation.y, translation.z])
-    if not (np.isfinite(place).all() and 0.5 < np.linalg.norm(quat) < 2.0):  # False for NaN
+    position_m = np.array([translation.x, translation.y, translation.z])
+    # Chosen: rounding leaves the norm near 1. The comparison is False for NaN.
+    if not (np.isfinite(position_m).all() and 0.5 < np.linalg.norm(quat) < 2.0):
         raise MessageError(
-            f'{what} is no rigid motion: quaternion {quat.tolist()} at {place.tolist()}'
+            f'{what} is no rigid transform: quaternion {quat.tolist()} at {position_m.tolist()}'
         )
-    return se3.from_quat_translation(quat, place)
+    return se3.from_quat_translation(quat, position_m)
 
 
 def _quaternion(T: FloatArray) -> Quaternion:

@@ -1,4 +1,4 @@
-"""Stamps and headers."""
+"""Conversion of stamps and headers."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from hoid_common.values import NS_PER_S
 
 
 def stamp_from_msg(stamp: Time) -> int:
-    """Return nanoseconds."""
+    """Return the nanoseconds of a stamp."""
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def stamp_to_msg(stamp_ns: int) -> Time:
-    """Return the message of nanoseconds."""
+    """Return the stamp of nanoseconds."""
     sec, nanosec = divmod(stamp_ns, NS_PER_S)
     return Time(sec=sec, nanosec=nanosec)
 
 
 def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
-    """Return a header, for what has no message that it came from."""
+    """Return a header, for outputs that belong to no input message."""
     return Header(stamp=stamp_to_msg(stamp_ns), frame_id=frame_id)

@@ -1,4 +1,4 @@
-"""Colour and depth pictures; the pixels themselves are `hoid_common.io.images`' matter."""
+"""Conversion of color and depth images; `hoid_common.io.images` decodes the pixels."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from hoid_common.values import ByteArray, Float32Array
 
 
 def color_from_msg(msg: images.RawImage | CompressedImage) -> ByteArray:
-    """Return the (H, W, 3) BGR picture; see `images.decode_color` for the encodings."""
+    """Return the (H, W, 3) uint8 BGR image; see `io.images.decode_color` for the encodings."""
     if isinstance(msg, CompressedImage):
         return images.decode_compressed_color(msg.data)
     return images.decode_color(msg)
 
 
 def color_to_msg(image_bgr: ByteArray, header: Header) -> Image:
-    """Return a bgr8 message of a (H, W, 3) picture."""
+    """Return the bgr8 message of a (H, W, 3) uint8 BGR image."""
     return _image_to_msg(image_bgr, 'bgr8', header)
 
 
 def mask_to_msg(mask: ByteArray, header: Header) -> Image:
-    """Return a mono8 message of an (H, W) mask."""
+    """Return the mono8 message of a (H, W) uint8 mask."""
     return _image_to_msg(mask, 'mono8', header)
 
 
 def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) -> CompressedImage:
-    """Return a JPEG message of a (H, W, 3) picture; quality in [1, 100]."""
+    """Return the JPEG message of a (H, W, 3) uint8 BGR image; quality in [1, 100]."""
     jpeg = images.encode_jpeg(image_bgr, quality)
     return CompressedImage(header=header, format=images.JPEG_FORMAT, data=bytes_field(jpeg))
 
 
 def depth_from_msg(msg: images.RawImage | CompressedImage) -> Float32Array:
-    """Return (H, W) metres; 0 = no reading. See `images.decode_depth` for the encodings."""
+    """Return the (H, W) float32 depth in m, 0 = no reading; see `io.images.decode_depth`."""
     if isinstance(msg, CompressedImage):
         return images.decode_compressed_depth(msg.format, msg.data)
     return images.decode_depth(msg)
 
 
 def depth_to_msg(depth_m: Float32Array, header: Header) -> Image:
-    """Return a 16UC1 message where whole millimetres say the same as the (H, W) m, else 32FC1."""
+    """Return the message of (H, W) float32 depth in m: 16UC1 (mm) if that is exact, else 32FC1."""
     depth_mm = images.depth_mm_or_none(depth_m)
     if depth_mm is None:
         return _image_to_msg(depth_m, '32FC1', header)
@@ -50,10 +50,14 @@ def depth_to_msg(depth_m: Float32Array, header: Header) -> Image:
 
 
 def compressed_depth_to_msg(depth_m: Float32Array, header: Header) -> CompressedImage:
-    """Return a compressedDepth message of (H, W) m; other than whole mm raise MessageError."""
+    """Return the compressedDepth message of (H, W) float32 depth in m.
+
+    Raises:
+        MessageError: A depth is not a whole number of millimeters, which would be lost.
+    """
     depth_mm = images.depth_mm_or_none(depth_m)
     if depth_mm is None:
-        raise MessageError('depth is not in whole millimetres; send it raw to keep it exact')
+        raise MessageError('depth is not in whole millimeters; send it raw to keep it exact')
     return CompressedImage(
         header=header,
         format=images.COMPRESSED_DEPTH_FORMAT,

@@ -1,4 +1,4 @@
-"""hoid_msgs/DynamicObjectArray."""
+"""Conversion of the filter's verdicts on objects: hoid_msgs/DynamicObjectArray."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from hoid_common.errors import MessageError
 from hoid_common.ros.conversions.detections import MAX_DETECTIONS
 from hoid_common.values import MAX_NAME_LENGTH, DynamicObject, Reason
 
-_MOST_PX = 1e5  # beyond any image
+_MAX_COORDINATE_PX = 1e5  # chosen beyond any image, to refuse only garbage
 
 
 def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ...]:
-    """Return the filter's verdicts.
+    """Return the objects of a message, with the filter's verdict on each.
 
     Raises:
-        MessageError: There are more than MAX_DETECTIONS, a reason is unknown, a name too long, or
-            a box or score is none.
+        MessageError: There are more than MAX_DETECTIONS, a reason is unknown, a class name is too
+            long, or a box or score is out of range.
     """
     if len(msg.objects) > MAX_DETECTIONS:
         raise MessageError(
@@ -34,7 +34,14 @@ def dynamic_objects_to_msg(
     *,
     provisional: bool = False,
 ) -> DynamicObjectArray:
-    """Return the message; `image_size_px` is width, height of the image of the boxes."""
+    """Return the message of objects.
+
+    Args:
+        objects: With the filter's verdict on each.
+        header: Of the color image.
+        image_size_px: Width and height of the image that the boxes refer to.
+        provisional: Whether a final message with the same stamp follows.
+    """
     return DynamicObjectArray(
         header=header,
         image_width=image_size_px[0],
@@ -53,9 +60,10 @@ def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
             f'more than {MAX_NAME_LENGTH}'
         )
     box_xyxy_px = (msg.x_min, msg.y_min, msg.x_max, msg.y_max)
-    if not all(abs(edge) <= _MOST_PX for edge in box_xyxy_px) or not 0 <= msg.score <= 1:
+    is_box = all(abs(edge) <= _MAX_COORDINATE_PX for edge in box_xyxy_px)  # False for NaN
+    if not is_box or not 0 <= msg.score <= 1:
         raise MessageError(
-            f'dynamic_objects: box {box_xyxy_px} px with score {msg.score} is none of an image'
+            f'dynamic_objects: box {box_xyxy_px} px or score {msg.score} is out of range'
         )
     x, y, z = (float(value) for value in msg.center_camera_m)
     width, height = (float(value) for value in msg.size_m)

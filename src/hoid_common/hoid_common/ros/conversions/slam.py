@@ -1,4 +1,4 @@
-"""hoid_msgs/SlamStatus, and keyframes as markers."""
+"""Conversion of the SLAM's status (hoid_msgs/SlamStatus), and of keyframes to markers."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from hoid_common.errors import MessageError
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import FloatArray
 
+# Half width, half height and depth of the pyramid that stands for a keyframe. Chosen to look like
+# a camera of aspect ratio 4:3 in RViz.
 _WIDTH_M, _HEIGHT_M, _DEPTH_M = 0.05, 0.0375, 0.05
-_LINE_M = 0.003
+_LINE_M = 0.003  # width of its lines
 _COLOR = ColorRGBA(r=0.35, g=0.75, b=1.0, a=0.8)
 _CORNERS = np.array(
     [
@@ -26,7 +28,11 @@ _CORNERS = np.array(
 
 
 def slam_status_from_msg(msg: SlamStatusMsg) -> SlamStatus:
-    """Return the report; an unknown state and times without names raise MessageError."""
+    """Return the status of a message.
+
+    Raises:
+        MessageError: The state or mode is unknown, or stage names and durations differ in number.
+    """
     if len(msg.stage_names) != len(msg.stage_ms):
         raise MessageError(
             f'slam_status has {len(msg.stage_names)} stage_names and {len(msg.stage_ms)} stage_ms'
@@ -55,7 +61,7 @@ def slam_status_from_msg(msg: SlamStatusMsg) -> SlamStatus:
 
 
 def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
-    """Return the message of an image's report."""
+    """Return the message of the status after an image."""
     return SlamStatusMsg(
         header=header,
         state=status.state.value,
@@ -78,11 +84,16 @@ def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
 
 
 def keyframes_to_msg(T_map_camera: FloatArray, header: Header) -> MarkerArray:
-    """Return the (N, 4, 4) cameras as one marker of small pyramids that open along their view."""
+    """Return one marker with a pyramid for each keyframe, which opens in the viewing direction.
+
+    Args:
+        T_map_camera: (N, 4, 4) poses of the keyframes' optical frames.
+        header: frame_id is the map frame.
+    """
     lines_m = _pyramid_lines()
     placed = lines_m @ np.swapaxes(T_map_camera[:, :3, :3], 1, 2) + T_map_camera[:, None, :3, 3]
     marker = Marker(header=header, ns='keyframes', id=0, type=Marker.LINE_LIST)
-    # An empty list of lines is an error to RViz.
+    # RViz reports an error for an empty list of lines.
     marker.action = Marker.ADD if len(T_map_camera) else Marker.DELETE
     marker.pose.orientation.w = 1.0
     marker.scale = Vector3(x=_LINE_M, y=0.0, z=0.0)
@@ -92,7 +103,7 @@ def keyframes_to_msg(T_map_camera: FloatArray, header: Header) -> MarkerArray:
 
 
 def _pyramid_lines() -> FloatArray:
-    """Return (16, 3): the ends of eight lines in the optical frame."""
+    """Return the ends (16, 3) of the pyramid's eight lines, in the optical frame, in m."""
     base = np.hstack([_CORNERS, np.full((4, 1), _DEPTH_M)])
     sides = np.stack([np.zeros((4, 3)), base], axis=1)
     rim = np.stack([base, np.roll(base, -1, axis=0)], axis=1)

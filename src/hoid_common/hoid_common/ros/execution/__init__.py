@@ -1,4 +1,4 @@
-"""Executors and threads that run callbacks.
+"""Executors and threads that run the callbacks of nodes.
 
-Nothing here knows what they do.
+Nothing here depends on what the callbacks do.
 """

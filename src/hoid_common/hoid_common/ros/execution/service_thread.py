@@ -1,4 +1,4 @@
-"""Services of a node that take long, answered in a thread of their own."""
+"""A thread for a node's services that take long, such as saving a map."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from rclpy.node import Node
 
 from hoid_common.ros.execution.executor import GroupExecutor, ThreadCallbackGroup
 
-_PAUSE_S = 0.1  # after a failure, which may come again at once
-_END_S = 2.0
+_PAUSE_S = 0.1  # chosen: after an error, so that a permanent one does not take a whole processor
+_JOIN_TIMEOUT_S = 2.0  # chosen: for the running service to return at the end of the node
 
 
 class ServiceThread:
-    """A thread that lives as long as the node: no request, whatever it asks for, can end it.
+    """Runs the services of a callback group in a thread, so that they do not block the node.
 
-    Make the services with `group` as their callback group, then `start`.
+    Make the services with `group` as their callback group, then call `start`. The thread runs
+    until the node ends; errors of services do not end it.
 
     Args:
-        node: Whose services they are; its own executor leaves them alone.
+        node: Node of the services.
     """
 
     def __init__(self, node: Node) -> None:
@@ -34,24 +35,24 @@ class ServiceThread:
 
     @property
     def group(self) -> CallbackGroup:
-        """Return the callback group to make services with."""
+        """Return the callback group of the services."""
         return self._group
 
     def start(self, on_failure: Callable[[Exception], None]) -> None:
-        """Begin to answer.
+        """Start the thread; all services must exist.
 
         Args:
-            on_failure: Told, in the thread, of what a callback raised.
+            on_failure: Called in the thread with each error that a service raises.
         """
         self._on_failure = on_failure
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread, unless it is at work; then the process' end ends it."""
+        """End the thread. A service that does not return in two seconds ends with the process."""
         self._is_ended.set()
         self._executor.shutdown(timeout_sec=0.0)
         if self._thread.is_alive():
-            self._thread.join(_END_S)
+            self._thread.join(_JOIN_TIMEOUT_S)
 
     def _run(self) -> None:
         self._group.thread_id = get_ident()
@@ -60,7 +61,7 @@ class ServiceThread:
                 self._executor.spin_once()
             except ExternalShutdownException:
                 return
-            except Exception as error:  # noqa: BLE001 - whatever it is, the next one is answered
+            except Exception as error:  # noqa: BLE001 - the next request must be served
                 if not self._node.context.ok():
                     return
                 self._on_failure(error)

@@ -13,8 +13,8 @@ from hoid_common.errors import InputError
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.values import CameraModel
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.map_transfer import LoadedMap
 from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.ros.scene.messages import Output, SceneSetup
 from rgbd_slam.ros.scene.outputs import TOPICS
 from rgbd_slam.ros.scene.process import SceneProcess

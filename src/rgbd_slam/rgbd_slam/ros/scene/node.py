@@ -26,7 +26,6 @@ from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.ros.periods import set_period
 from rgbd_slam.ros.scene.files import save_cloud, save_grid
 from rgbd_slam.ros.scene.messages import (
     Answer,
@@ -38,6 +37,7 @@ from rgbd_slam.ros.scene.messages import (
     SceneSetup,
 )
 from rgbd_slam.ros.scene.outputs import SceneOutputs
+from rgbd_slam.ros.timers import set_period
 from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.scene_mapper import SceneMapper
@@ -200,7 +200,7 @@ class SceneNode(Node):
             self._outputs.publish_objects(tracks, pose.stamp_ns)
         if pose.keyframes is not None:
             image_bgr = conversions.color_from_msg(color)
-            self._check_size(image_bgr, 'colour')
+            self._check_size(image_bgr, 'color')
             self._scene.fuse(pose, depth_m, image_bgr, objects)
             self._stamp_ns, self._is_shown = pose.stamp_ns, False
             self._report_views()

@@ -1,0 +1,68 @@
+"""Rate limits for repeated log lines: at a fixed period, or with exponential back-off.
+
+rclpy's `throttle_duration_sec` limits each line of code; these limit each kind of message.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+
+class LogThrottle:
+    """Passes one message of each kind per period, and counts the suppressed ones."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._next_s: dict[str, float] = {}
+        self._skipped: dict[str, int] = {}
+
+    def allow(self, kind: str, now_s: float) -> int | None:
+        """Return the number of messages suppressed since the last one, or None to suppress this.
+
+        Args:
+            kind: Messages of different kinds do not suppress each other.
+            now_s: Time of a steady clock.
+        """
+        if now_s < self._next_s.get(kind, now_s):
+            self._skipped[kind] = self._skipped.get(kind, 0) + 1
+            return None
+        self._next_s[kind] = now_s + self._period_s
+        return self._skipped.pop(kind, 0)
+
+
+class Backoff:
+    """Reports a lasting problem at once, and again after intervals that double up to a limit.
+
+    A problem that was resolved and returns is reported as a new one, but not before the first
+    interval has passed since its last report.
+
+    Args:
+        first_s: First interval between two reports.
+        longest_s: Longest interval between two reports.
+    """
+
+    def __init__(self, first_s: float, longest_s: float) -> None:
+        self._first_s, self._longest_s = first_s, longest_s
+        self._reported_s: dict[str, float] = {}  # time of the last report
+        self._interval_s: dict[str, float] = {}  # of active problems, until the next report
+
+    def due(self, active: Collection[str], now_s: float) -> list[str]:
+        """Return those of the active problems that are to be reported now.
+
+        Args:
+            active: All problems that exist now; those that are missing count as resolved.
+            now_s: Time of a steady clock.
+        """
+        self._interval_s = {kind: self._interval_s.get(kind, 0.0) for kind in active}
+        due = [kind for kind in active if now_s >= self._earliest_s(kind)]
+        for kind in due:
+            self._reported_s[kind] = now_s
+            doubled_s = max(2 * self._interval_s[kind], self._first_s)
+            self._interval_s[kind] = min(doubled_s, self._longest_s)
+        return due
+
+    def _earliest_s(self, kind: str) -> float:
+        if kind not in self._reported_s:
+            return -math.inf
+        return self._reported_s[kind] + max(self._interval_s[kind], self._first_s)

@@ -1,0 +1,371 @@
+"""The live filter: when each image is published, re-evaluated and given its final verdict."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple, Protocol
+
+from hoid_common.errors import HoidError, MessageError
+from hoid_common.sync import RESTART_NS
+from hoid_common.values import (
+    NS_PER_S,
+    CameraModel,
+    Detections,
+    Features,
+    FilterResult,
+    Float32Array,
+    RgbdFrame,
+)
+from hoid_filter.feature_filter import DetectedCorners, FeatureFilter, FinalVerdict
+from hoid_filter.node_config import STOP, DetectionInputConfig
+
+# Chosen: at 30 images/s on a busy processor, motion is still segmented in 7 of them (decision 31).
+_MAX_IMAGES_WITHOUT_MOTION = 3
+_MAX_QUEUED = 30  # chosen: one second of images or detections
+# Chosen, far above what occurs: detections arrive before their image when its depth is late.
+_MAX_LEAD_S = 1.0
+_DETECTOR_LOST = 'detector lost'
+
+
+class LiveOutputs(Protocol):
+    """Publishes the results for one image. `header` is the header of its color message."""
+
+    @property
+    def wants_picture(self) -> bool:
+        """Return whether anybody subscribes to the debug image."""
+
+    @property
+    def wants_masks(self) -> bool:
+        """Return whether anybody subscribes to the masked images or point clouds."""
+
+    def publish(
+        self, frame: RgbdFrame, result: FilterResult, header: Any, *, provisional: bool
+    ) -> None:
+        """Publish features and verdicts. A provisional one is followed by `publish_final`."""
+
+    def publish_final(self, final: FinalVerdict, header: Any, size_px: tuple[int, int]) -> None:
+        """Publish the final verdict on an image that was published provisionally."""
+
+    def publish_masks(
+        self, final: FinalVerdict, depth_m: Float32Array, header: Any, camera: CameraModel | None
+    ) -> None:
+        """Publish the masked images and point clouds that anybody subscribes to."""
+
+
+class LiveDiagnostics(Protocol):
+    """Counters and problems for the diagnostics of the node."""
+
+    def count(self, name: str, number: int = 1) -> None:
+        """Increase a counter."""
+
+    def set_count(self, name: str, number: int) -> None:
+        """Set a counter."""
+
+    def report(self, error: HoidError, what: str) -> None:
+        """Count and log an error."""
+
+    def set_problem(self, name: str, text: str, *, severe: bool) -> None:
+        """Report a problem until `clear_problem`."""
+
+    def clear_problem(self, name: str) -> None:
+        """End a problem."""
+
+
+class _Held(NamedTuple):
+    """An image that waits for the detector's first message."""
+
+    header: Any
+    frame: RgbdFrame
+    since_s: float
+
+
+class _Published(NamedTuple):
+    """The newest published image, in which motion has not been segmented yet."""
+
+    header: Any
+    corners: DetectedCorners
+    features: Features
+    detections: Detections | None
+    has_final_detections: bool  # no later message can improve them
+    is_final: bool
+
+
+class _Awaiting(NamedTuple):
+    """A provisionally published image that waits for its own detections."""
+
+    header: Any
+    depth_m: Float32Array
+    features: Features
+    since_s: float
+
+
+class LiveFilter:
+    """The state machine of the live filter.
+
+    Each image passes these states in order:
+
+    1. *Held*, only until the detector has sent its first message or counts as lost, at most
+       `wait_s`: earlier there is no box to predict from, and a map that starts with people in it
+       has nothing to recognize them by. Nothing is computed for these images, which leaves the
+       processor to the detector.
+    2. *Published* with the boxes and moving regions known by then. The verdict is provisional
+       unless the image's own detections and motion are already known.
+    3. *Motion segmented*, as soon as no message waits (`on_idle`) or detections arrive. An image
+       that the next one overtakes skips this state, but not more than three in a row.
+    4. *Awaiting detections*, until its own or later ones arrive, `wait_s` has passed or the
+       detector is lost.
+    5. *Final*: the verdict on the published features is published (decision 31).
+
+    Args:
+        config: How images and detections are combined.
+        feature_filter: Filters the images.
+        outputs: Publishes the results.
+        diagnostics: Counts images and reports a lost detector.
+        request_idle: Has `on_idle` called once the messages received by then are served.
+        clock: A steady clock, in seconds.
+    """
+
+    def __init__(
+        self,
+        config: DetectionInputConfig,
+        feature_filter: FeatureFilter,
+        outputs: LiveOutputs,
+        diagnostics: LiveDiagnostics,
+        request_idle: Callable[[], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.config = config
+        self._filter, self._outputs, self._diagnostics = feature_filter, outputs, diagnostics
+        self._request_idle, self._clock = request_idle, clock
+        self._has_published = False  # since `on_idle` was called last
+        self._num_without_motion = 0  # images in a row
+        self._clear()
+
+    def _clear(self) -> None:
+        self._held: deque[_Held] = deque()
+        self._newest: _Published | None = None
+        self._awaiting: deque[_Awaiting] = deque()
+        self._unused_detections = _bounded()  # not yet given to an image
+        self._num_without_detections = 0  # images that never had detections of their own
+        self._has_detector_answered = False  # since the start of the stream
+        self._unanswered_since_s: float | None = None  # first image after the last detections
+        self._newest_image_s = 0.0
+        self._newest_image_ns: int | None = None
+
+    def forget(self) -> None:
+        """Drop all images, detections and tracked objects."""
+        self._filter.reset()
+        self._clear()
+
+    def add_image(self, header: Any, frame: RgbdFrame) -> None:
+        """Publish an image now, or hold it until the detector has sent its first message."""
+        if not self._filter.needs_detections:
+            self._publish(header, frame, None, has_final_detections=True)
+            return
+        newest_ns = self._newest_image_ns
+        if newest_ns is not None and newest_ns - frame.stamp_ns >= RESTART_NS:
+            self._restart(frame.stamp_ns)
+        self._held.append(_Held(header, frame, self._clock()))
+        self._publish_held()
+
+    def add_detections(self, detections: Detections) -> None:
+        """Give the images that these detections answer their final verdict.
+
+        Raises:
+            MessageError: The stamp is later than that of any image that can exist by now.
+        """
+        self.segment_motion()  # first, because the verdicts below are final
+        self._check_lead(detections)
+        self._unanswered_since_s, self._has_detector_answered = None, True
+        answered = []
+        while self._awaiting and self._awaiting[0].features.stamp_ns <= detections.stamp_ns:
+            image = self._awaiting.popleft()
+            self._num_without_detections += image.features.stamp_ns != detections.stamp_ns
+            answered.append(image)
+        newest_ns = self._newest_image_ns
+        if not answered or newest_ns is None or detections.stamp_ns > newest_ns:
+            self._unused_detections.append(detections)
+        self._report_loss()
+        self._finish(answered, detections)
+        self._publish_held()
+
+    def poll(self) -> None:
+        """Stop waiting for detections that are too late; to be called every few milliseconds."""
+        overdue = []
+        while self._awaiting and self._is_overdue(self._awaiting[0]):
+            overdue.append(self._awaiting.popleft())
+        self._num_without_detections += len(overdue)
+        self._finish(overdue, None)
+        self._publish_held()
+
+    def on_idle(self) -> None:
+        """Segment motion in the newest image, unless it was published in this very turn.
+
+        In that case the next image may have arrived meanwhile: its features go first.
+        """
+        if self._has_published:
+            self._has_published = False
+            self._request_idle()
+        else:
+            self.segment_motion()
+
+    def segment_motion(self) -> None:
+        """Segment motion in the newest published image, unless that has been done."""
+        if self._newest is not None:
+            image, self._newest = self._newest, None
+            self._num_without_motion = 0
+            self._filter.detect_motion(image.corners)
+            self._follow_up(image)
+
+    def _restart(self, stamp_ns: int) -> None:
+        """Forget the past, but keep detections of the restarted stream that came first."""
+        self._awaiting.clear()
+        self._held.clear()
+        self._unused_detections = _bounded(self._unused_until(stamp_ns))
+        self._has_detector_answered = bool(self._unused_detections)
+        self._filter.reset()
+        error = MessageError('stamps went back by a second or more: all objects are forgotten')
+        self._diagnostics.report(error, 'times that stamps went back')
+
+    def _publish_held(self) -> None:
+        """Publish the oldest held image if it need not wait.
+
+        One image per call, because a burst would overflow the short queue of the SLAM node.
+        """
+        if not self._held or self._must_wait(self._held[0]):
+            return
+        header, frame, _ = self._held.popleft()
+        detections, is_final = self._detections_for(frame.stamp_ns)
+        self._report_loss()
+        if not self._is_stopped:
+            self._publish(header, frame, detections, has_final_detections=is_final)
+
+    def _must_wait(self, held: _Held) -> bool:
+        is_first = not self._has_detector_answered and not self._is_detector_lost
+        return is_first and self._clock() - held.since_s < self.config.wait_s
+
+    def _detections_for(self, stamp_ns: int) -> tuple[Detections | None, bool]:
+        """Return the newest unused detections up to an image's stamp, and whether they are final.
+
+        They are final when detections of this or a later image have arrived (a detector may skip
+        images) or when the detector is lost.
+        """
+        self._newest_image_s, self._newest_image_ns = self._clock(), stamp_ns
+        if self._unanswered_since_s is None:
+            self._unanswered_since_s = self._newest_image_s
+        is_answered = any(found.stamp_ns >= stamp_ns for found in self._unused_detections)
+        past = self._unused_until(stamp_ns)
+        self._unused_detections = _bounded(
+            found for found in self._unused_detections if found.stamp_ns > stamp_ns
+        )
+        newest = max(past, key=lambda found: found.stamp_ns, default=None)
+        is_own = newest is not None and newest.stamp_ns == stamp_ns
+        is_final = is_answered or self._is_detector_lost
+        self._num_without_detections += is_final and not is_own
+        return newest, is_final
+
+    def _unused_until(self, stamp_ns: int) -> list[Detections]:
+        return [found for found in self._unused_detections if found.stamp_ns <= stamp_ns]
+
+    def _publish(
+        self,
+        header: Any,
+        frame: RgbdFrame,
+        detections: Detections | None,
+        *,
+        has_final_detections: bool,
+    ) -> None:
+        self._has_published = True
+        self._request_idle()
+        self._overtake(frame.stamp_ns)
+        corners = self._filter.detect_corners(frame)
+        result = self._filter.select_and_describe(
+            corners, detections, for_picture=self._outputs.wants_picture
+        )
+        is_final = has_final_detections and self._filter.is_motion_known(frame.stamp_ns)
+        self._outputs.publish(frame, result, header, provisional=not is_final)
+        self._newest = _Published(
+            header, corners, result.features, detections, has_final_detections, is_final
+        )
+
+    def _overtake(self, stamp_ns: int) -> None:
+        """Move the newest image to its next state before a newer one is published."""
+        if self._newest is not None and self._newest.features.stamp_ns > stamp_ns:
+            self._newest = None  # the stamps went back
+        if self._num_without_motion == _MAX_IMAGES_WITHOUT_MOTION:
+            self.segment_motion()
+        elif self._newest is not None:
+            image, self._newest = self._newest, None
+            self._num_without_motion += 1
+            self._follow_up(image)
+            self._diagnostics.count('images without motion segmentation')
+
+    def _follow_up(self, image: _Published) -> None:
+        """Publish the masks, then the final verdict, or let the image await its detections."""
+        depth_m = image.corners.frame.depth_m
+        if self._outputs.wants_masks:
+            verdict = self._filter.reevaluate(image.features, depth_m, None)
+            self._outputs.publish_masks(verdict, depth_m, image.header, self._filter.camera)
+        if not image.is_final:
+            awaiting = _Awaiting(image.header, depth_m, image.features, self._clock())
+            if image.has_final_detections:
+                self._finish([awaiting], image.detections)
+            else:
+                self._awaiting.append(awaiting)
+        self._diagnostics.count('images filtered')
+        for name, number in self._filter.counters.items():
+            self._diagnostics.set_count(name, number)
+
+    def _finish(self, images: Iterable[_Awaiting], detections: Detections | None) -> None:
+        """Publish the final verdict on images."""
+        for image in images:
+            verdict = self._filter.reevaluate(image.features, image.depth_m, detections)
+            height, width = image.depth_m.shape
+            self._outputs.publish_final(verdict, image.header, (width, height))
+        self._diagnostics.set_count('images without detections', self._num_without_detections)
+
+    def _is_overdue(self, image: _Awaiting) -> bool:
+        return (
+            self._clock() - image.since_s >= self.config.wait_s
+            or self._is_detector_lost
+            or len(self._awaiting) > _MAX_QUEUED
+        )
+
+    def _check_lead(self, detections: Detections) -> None:
+        """Raise MessageError for detections of an image that cannot have been taken yet."""
+        if self._newest_image_ns is None:
+            return
+        lead_s = (detections.stamp_ns - self._newest_image_ns) / NS_PER_S
+        if lead_s > self._clock() - self._newest_image_s + _MAX_LEAD_S:
+            raise MessageError(f'detections are {lead_s:.1f} s ahead of the newest image')
+
+    @property
+    def _silent_s(self) -> float:
+        """Return for how long images have been sent without an answer of the detector."""
+        since_s = self._unanswered_since_s
+        return 0.0 if since_s is None else self._newest_image_s - since_s
+
+    @property
+    def _is_detector_lost(self) -> bool:
+        return self._silent_s > self.config.timeout_s
+
+    @property
+    def _is_stopped(self) -> bool:
+        return self.config.on_loss == STOP and self._is_detector_lost
+
+    def _report_loss(self) -> None:
+        if not self._is_detector_lost:
+            self._diagnostics.clear_problem(_DETECTOR_LOST)
+            return
+        action = 'nothing is published' if self._is_stopped else 'features are unfiltered'
+        self._diagnostics.set_problem(
+            _DETECTOR_LOST,
+            f'no detections for {self._silent_s:.1f} s: is the detector alive? {action}',
+            severe=True,
+        )
+
+
+def _bounded(detections: Iterable[Detections] = ()) -> deque[Detections]:
+    return deque(detections, maxlen=_MAX_QUEUED)

@@ -1,0 +1,182 @@
+"""Strategies that classify each image on its own: the rules of the HOID paper and baselines."""
+
+from __future__ import annotations
+
+import functools
+import math
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.values import PERSON, ByteArray, Detections, IntArray, Reason
+from hoid_filter.config import FilterConfig
+from hoid_filter.detections.prediction import BoxPredictor
+from hoid_filter.detections.sanitize import sanitize
+from hoid_filter.strategy import FilterInput, Verdict
+from hoid_native import box_center_depths_m, classify_boxes
+from hoid_native.boxes import MAY_BE_HANDLED as ROLE_CANDIDATE
+from hoid_native.boxes import PERSON as ROLE_PERSON
+
+_MAX_CLASSES = 256  # whose roles are cached; detectors for COCO have 80
+# Of the semantic descriptor: side of the window around a keypoint, and greatest depth difference.
+# Chosen, not tuned: the strategy is a baseline of the experiments.
+_WINDOW_PX, _MAX_DEPTH_GAP_M = 40, 0.3
+# The reason of a dynamic box by its role; a static box has role 0.
+_DETECTED = {0: Reason.STATIC, ROLE_PERSON: Reason.PERSON, ROLE_CANDIDATE: Reason.HANDLED}
+_PREDICTED = {0: Reason.STATIC, ROLE_PERSON: Reason.PREDICTED, ROLE_CANDIDATE: Reason.PREDICTED}
+
+
+class Rule(NamedTuple):
+    """The condition under which a person handles an object."""
+
+    min_overlap: float  # the person's box covers more than this share of the object's box
+    max_depth_gap_m: float  # and their depths differ by less; an unknown depth fits
+    # If given, replaces the overlap: a keypoint on the object has a pixel of the person's box
+    # within this distance along rows and columns.
+    reach_px: float = math.nan
+
+
+class AlignedDetections(NamedTuple):
+    """Boxes brought to the stamp of an image."""
+
+    detections: Detections  # at the image's stamp, inside the image
+    is_detected: bool  # False: the boxes are predicted from detections of older images
+
+
+class ImageRule(ABC):
+    """Base of strategies without memory: people are dynamic, and objects that fulfill `rule`."""
+
+    needs_detections, senses_motion = True, False
+
+    def __init__(self, config: FilterConfig) -> None:
+        self.config = config
+        self._role_of = functools.lru_cache(_MAX_CLASSES)(self._role)
+        self._predictor = BoxPredictor(config.prediction_limit_s)
+
+    @abstractmethod
+    def rule(self) -> Rule:
+        """Return the condition under which a person handles an object."""
+
+    def classify(self, image: FilterInput) -> Verdict:
+        """Return the verdict on all detections of an image."""
+        aligned = align_detections(image, self._predictor)
+        found = aligned.detections
+        names = found.class_names
+        judged = classify_boxes(
+            image.depth_m,
+            image.corner_pixels,
+            found.boxes_xyxy_px,
+            np.fromiter(map(self._role_of, names), np.uint8, len(names)),
+            self.config.sample_box_px,
+            *self.rule(),
+        )
+        return Verdict(
+            boxes_xyxy_px=found.boxes_xyxy_px,
+            class_names=names,
+            scores=found.scores,
+            track_ids=_no_tracks(len(names)),
+            reasons=_reasons(judged.moves, aligned.is_detected),
+            overlap_ratios=judged.overlap,
+            depths_m=judged.depth_m,
+            depth_gaps_m=judged.gap_m,
+            static_area_px=judged.area_px,
+            kept=None if judged.area_px == image.depth_m.size else judged.outside,
+        )
+
+    def _role(self, class_name: str) -> int:
+        if class_name == PERSON:
+            return ROLE_PERSON
+        return ROLE_CANDIDATE if self.config.may_be_handled(class_name) else 0
+
+
+class NoFilter:
+    """Keeps all features, also those on people."""
+
+    needs_detections, senses_motion = False, False
+
+    def __init__(self, config: FilterConfig) -> None:
+        self._predictor = BoxPredictor(config.prediction_limit_s)
+        self._sample_box_px = config.sample_box_px
+
+    def classify(self, image: FilterInput) -> Verdict:
+        """Return the verdict that all objects are static."""
+        found = align_detections(image, self._predictor).detections
+        num = len(found)
+        boxes = found.boxes_xyxy_px
+        return Verdict(
+            boxes_xyxy_px=boxes,
+            class_names=found.class_names,
+            scores=found.scores,
+            track_ids=_no_tracks(num),
+            reasons=(Reason.STATIC,) * num,
+            overlap_ratios=np.zeros(num),
+            depths_m=box_center_depths_m(image.depth_m, boxes, self._sample_box_px),
+            depth_gaps_m=np.full(num, np.nan),
+            static_area_px=image.depth_m.size,
+            kept=None,
+        )
+
+
+class PersonOnly(ImageRule):
+    """Drops the features on people, and keeps those on all objects."""
+
+    def rule(self) -> Rule:
+        """Return a condition that no object fulfills."""
+        return Rule(math.inf, math.inf)
+
+
+class Hoid2d(ImageRule):
+    """The paper's 2-D rule: a person's box covers more than a share of the object's box."""
+
+    def rule(self) -> Rule:
+        """Return the minimum overlap, at any depth."""
+        return Rule(self.config.min_interaction_area, math.inf)
+
+
+class Hoid3d(ImageRule):
+    """The paper's 3-D rule: the 2-D rule, and person and object are at nearly the same depth.
+
+    Where one of their sample boxes has no depth the 2-D rule decides alone: a moving object in the
+    map does harm, a static one that is masked only costs a few features.
+    """
+
+    def rule(self) -> Rule:
+        """Return the minimum overlap and the maximum depth difference."""
+        return Rule(self.config.min_interaction_area, self.config.depth_limit_m)
+
+
+class Descriptor(ImageRule):
+    """The semantic descriptor of keypoints by Fang et al., Pattern Recognition 113 (2021).
+
+    A square window around each keypoint on a movable object is searched for a person. The object
+    is dynamic when there is one in any of its windows, and their depths are nearly the same.
+    """
+
+    def rule(self) -> Rule:
+        """Return the window of keypoints and the maximum depth difference, inclusive."""
+        return Rule(math.inf, math.nextafter(_MAX_DEPTH_GAP_M, math.inf), _WINDOW_PX / 2)
+
+
+def align_detections(image: FilterInput, predictor: BoxPredictor) -> AlignedDetections:
+    """Return the boxes at the stamp of an image: detected there, or else predicted."""
+    detections = image.detections
+    is_detected = detections is not None and detections.stamp_ns == image.stamp_ns
+    if detections is not None:
+        predictor.observe(detections)
+    if detections is None or not is_detected:
+        height, width = image.depth_m.shape
+        predicted = predictor.predict(image.stamp_ns)
+        detections = sanitize(predicted, width, height, len(predicted)).detections
+    return AlignedDetections(detections, is_detected)
+
+
+def _no_tracks(num: int) -> IntArray:
+    ids = np.empty(num, np.int64)
+    ids.fill(-1)  # `np.full` takes three times as long
+    return ids
+
+
+def _reasons(dynamic_roles: ByteArray, is_detected: bool) -> tuple[Reason, ...]:
+    reason_of = _DETECTED if is_detected else _PREDICTED
+    return tuple([reason_of[role] for role in dynamic_roles.tolist()])

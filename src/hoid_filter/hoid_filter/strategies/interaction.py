@@ -1,0 +1,112 @@
+"""Which objects people handle, with hysteresis, memory and chains of objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hoid_common.values import BoolArray, FloatArray, Reason
+from hoid_filter.config import FilterConfig
+from hoid_filter.detections.tracks import BoxTrack
+from hoid_native import overlap_ratios
+
+
+@dataclass(frozen=True, eq=False)
+class Interactions:
+    """The interaction of each of N tracks with people."""
+
+    reasons: tuple[Reason, ...]  # N
+    overlap_ratios: FloatArray  # (N,), with the person (or handled object) that covers most
+    depth_gaps_m: FloatArray  # (N,), to the same; NaN = unknown
+
+
+@dataclass(frozen=True, eq=False)
+class TrackSnapshot:
+    """N tracks at the stamp of an image."""
+
+    stamp_ns: int
+    tracks: tuple[BoxTrack, ...]
+    boxes_xyxy_px: FloatArray  # (N, 4)
+    depths_m: FloatArray  # (N,), of the torso for people; NaN = unknown
+
+    @property
+    def is_person(self) -> BoolArray:
+        """Return the (N,) flags of confirmed people."""
+        return _flags(track.is_person and track.is_confirmed for track in self.tracks)
+
+
+def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Interactions:
+    """Return the interaction of each track, and store on the tracks what must be remembered.
+
+    An object becomes handled when a person covers more than `min_interaction_area` of its box and
+    stays handled while this is more than `release_area` (hysteresis). The object may be up to
+    `reach_m` before the torso or `depth_limit_m` behind it; unknown depth counts as near.
+    """
+    plus = config.plus
+    tracks = snapshot.tracks
+    num = len(tracks)
+    is_person = snapshot.is_person
+    can_be_handled = _flags(config.may_be_handled(track.class_name) for track in tracks)
+    overlap = overlap_ratios(snapshot.boxes_xyxy_px, snapshot.boxes_xyxy_px)
+    behind_m = snapshot.depths_m[:, None] - snapshot.depths_m
+    gap_m = np.abs(behind_m)
+    min_overlap = np.full(num, config.min_interaction_area)
+    if plus.remember:
+        min_overlap[_flags(track.is_handled for track in tracks)] = plus.release_area
+    # Negated comparisons, so that NaN counts as near.
+    is_near = ~((behind_m > config.depth_limit_m) | (behind_m < -plus.reach_m))
+    touches = (overlap > min_overlap[:, None]) & is_near & can_be_handled[:, None]
+    is_handled = np.asarray((touches & is_person).any(axis=1))
+    is_mover = is_person
+    if plus.chains:
+        is_handled = _spread(is_handled, touches & ~(gap_m > config.depth_limit_m))
+        is_mover = is_person | is_handled
+    score = np.where(is_mover & ~np.eye(num, dtype=np.bool_), overlap + touches, -1.0)
+    partner = score.argmax(axis=1) if num else np.empty(0, np.int64)
+    has_no_partner = (score.max(axis=1, initial=-1.0) < 0) | is_person
+    index = np.arange(num)
+    return Interactions(
+        _reasons(snapshot, is_handled, config),
+        np.where(has_no_partner, 0.0, overlap[index, partner]),
+        np.where(has_no_partner, np.nan, gap_m[index, partner]),
+    )
+
+
+def _spread(is_handled: BoolArray, touches: BoolArray) -> BoolArray:
+    """Return the (N,) flags of objects that touch a handled one, directly or through others."""
+    while True:
+        spread = is_handled | (touches & is_handled).any(axis=1)
+        if np.array_equal(spread, is_handled):
+            return is_handled
+        is_handled = spread
+
+
+def _reasons(
+    snapshot: TrackSnapshot, is_handled: BoolArray, config: FilterConfig
+) -> tuple[Reason, ...]:
+    """Return the reason for each track, and update the memory of the tracks."""
+    reasons = []
+    for track, handled in zip(snapshot.tracks, is_handled.tolist(), strict=True):
+        track.is_handled = handled
+        if handled:
+            track.untouched_s = 0.0
+        is_remembered = config.plus.remember and track.untouched_s < config.plus.rest_s
+        is_dynamic = (track.is_person and track.is_confirmed) or handled or is_remembered
+        reasons.append(_reason(track, snapshot.stamp_ns, is_dynamic, handled))
+    return tuple(reasons)
+
+
+def _reason(track: BoxTrack, stamp_ns: int, is_dynamic: bool, is_handled: bool) -> Reason:
+    if not is_dynamic:
+        return Reason.STATIC
+    if track.seen_ns != stamp_ns:
+        return Reason.PREDICTED
+    if track.is_person:
+        return Reason.PERSON
+    return Reason.HANDLED if is_handled else Reason.REMEMBERED
+
+
+def _flags(values: Iterable[bool]) -> BoolArray:
+    return np.array(list(values), np.bool_)

@@ -1,0 +1,343 @@
+"""The states of an image in the live filter: held, published, re-evaluated, final."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hoid_common.errors import MessageError
+from hoid_common.values import Detections, RgbdFrame
+from hoid_filter.live_filter import LiveFilter
+from hoid_filter.node_config import STOP, DetectionInputConfig
+
+MS = 1_000_000
+S = 1_000_000_000
+Row = tuple[int, int | None]  # stamps of an image and of the detections it is classified with
+
+
+class FakeFilter:
+    """Returns the stamps of the image and of the detections it was given, instead of features."""
+
+    camera = None
+
+    def __init__(self, *, needs_detections: bool = True, senses_motion: bool = False) -> None:
+        self.needs_detections, self._senses_motion = needs_detections, senses_motion
+        self.counters: dict[str, int] = {}
+        self.motion_ns: list[int] = []
+        self.num_resets = 0
+
+    def reset(self) -> None:
+        self.num_resets += 1
+
+    def detect_corners(self, frame: RgbdFrame) -> Any:
+        return SimpleNamespace(frame=frame)
+
+    def select_and_describe(self, corners: Any, detections: Any, *, for_picture: bool) -> Any:
+        del for_picture
+        stamp_ns = corners.frame.stamp_ns
+        features = SimpleNamespace(stamp_ns=stamp_ns)
+        return SimpleNamespace(features=features, row=(stamp_ns, stamp_of(detections)))
+
+    def detect_motion(self, corners: Any) -> None:
+        self.motion_ns.append(corners.frame.stamp_ns)
+
+    def is_motion_known(self, stamp_ns: int) -> bool:
+        return not self._senses_motion or stamp_ns in self.motion_ns
+
+    def reevaluate(self, features: Any, depth_m: Any, detections: Any) -> Any:
+        del depth_m
+        return features.stamp_ns, stamp_of(detections)
+
+
+class Bench:
+    """A live filter with a clock that the test sets; it records what is published."""
+
+    @property
+    def wants_picture(self) -> bool:
+        return False
+
+    @property
+    def wants_masks(self) -> bool:
+        return False
+
+    def publish_masks(self, final: Any, depth_m: Any, header: Any, camera: Any) -> None:
+        raise AssertionError(final, depth_m, header, camera)
+
+    def __init__(self, feature_filter: FakeFilter | None = None, **values: Any) -> None:
+        self.now_s = 0.0
+        self.filter = feature_filter or FakeFilter()
+        self.published: list[tuple[Row, bool]] = []  # with whether the verdict was provisional
+        self.final: list[Row] = []
+        self.counts: dict[str, int] = {}
+        self.problems: dict[str, str] = {}
+        self.num_idle_requests = 0
+        stand_in: Any = self.filter
+        self.live = LiveFilter(
+            DetectionInputConfig().updated(values),
+            stand_in,
+            self,
+            self,
+            self._request_idle,
+            lambda: self.now_s,
+        )
+
+    def _request_idle(self) -> None:
+        self.num_idle_requests += 1
+
+    def publish(self, frame: Any, result: Any, header: Any, *, provisional: bool) -> None:
+        del frame, header
+        self.published.append((result.row, provisional))
+
+    def publish_final(self, final: Any, header: Any, size_px: tuple[int, int]) -> None:
+        del header, size_px
+        self.final.append(final)
+
+    def count(self, name: str, number: int = 1) -> None:
+        self.counts[name] = self.counts.get(name, 0) + number
+
+    def set_count(self, name: str, number: int) -> None:
+        self.counts[name] = number
+
+    def report(self, error: Exception, what: str) -> None:
+        del error
+        self.count(what)
+
+    def set_problem(self, name: str, text: str, *, severe: bool) -> None:
+        assert severe
+        self.problems[name] = text
+
+    def clear_problem(self, name: str) -> None:
+        self.problems.pop(name, None)
+
+    @property
+    def num_without_detections(self) -> int:
+        return self.counts.get('images without detections', 0)
+
+    def add_image(self, stamp_ns: int, now_s: float) -> list[tuple[Row, bool]]:
+        """Add an image, let the node become idle, and return what was published at once."""
+        self.now_s = now_s
+        before = len(self.published)
+        self.live.add_image(None, frame_at(stamp_ns))
+        self.live.on_idle()
+        self.live.on_idle()
+        return self.published[before:]
+
+    def detect(self, stamp_ns: int, now_s: float) -> list[Row]:
+        """Add empty detections and return the final verdicts that they cause."""
+        self.now_s = now_s
+        before = len(self.final)
+        self.live.add_detections(Detections.none(stamp_ns))
+        return self.final[before:]
+
+    def poll(self, now_s: float) -> list[Row]:
+        """Return the final verdicts that are published because the wait is over."""
+        self.now_s = now_s
+        before = len(self.final)
+        self.live.poll()
+        return self.final[before:]
+
+
+def stamp_of(detections: Detections | None) -> int | None:
+    return None if detections is None else detections.stamp_ns
+
+
+def started(**values: Any) -> Bench:
+    """Return a bench whose detector has answered the image of stamp 1."""
+    bench = Bench(**values)
+    bench.detect(1, 0.0)
+    assert bench.add_image(1, 0.0) == [((1, 1), False)]
+    return bench
+
+
+def test_an_image_is_published_at_once_and_gets_a_final_verdict_by_its_own_detections() -> None:
+    bench = started()
+    assert bench.add_image(10, 0.0) == [((10, None), True)]
+    assert bench.detect(10, 0.05) == [(10, 10)]
+    assert bench.num_without_detections == 0
+    assert bench.add_image(20, 0.06) == [((20, None), True)]  # each detections are given once
+
+
+def test_the_first_images_are_held_until_the_detector_answers_and_published_one_by_one() -> None:
+    bench = Bench(wait_s=1.0)
+    for i in range(3):
+        assert bench.add_image(10 + i, 0.1 * i) == []
+    bench.detect(10, 0.3)
+    assert bench.published == [((10, 10), False)]
+    bench.poll(0.35)
+    assert bench.published[1:] == [((11, None), True)]
+    bench.poll(0.4)
+    assert bench.published[2:] == [((12, None), True)]
+
+
+def test_a_held_image_is_published_when_the_wait_is_over() -> None:
+    bench = Bench(wait_s=0.5)
+    assert bench.add_image(10, 0.0) == []
+    bench.poll(0.49)
+    assert bench.published == []
+    bench.poll(0.5)
+    assert bench.published == [((10, None), True)]
+
+
+def test_images_are_held_again_after_the_stamps_restart() -> None:
+    bench = started()
+    bench.add_image(10 * S, 0.1)
+    assert bench.add_image(2, 0.2) == []
+    assert bench.counts['times that stamps went back'] == 1
+    assert bench.filter.num_resets == 1
+
+
+def test_detections_that_come_first_are_final() -> None:
+    bench = Bench()
+    assert bench.detect(10, 0.0) == []
+    assert bench.add_image(10, 0.01) == [((10, 10), False)]
+    assert bench.poll(9.0) == []
+
+
+def test_detections_of_a_later_image_answer_the_skipped_one() -> None:
+    bench = started()
+    for i in (1, 2, 3):
+        bench.add_image(10 * i, 0.03 * i)
+    assert bench.detect(20, 0.1) == [(10, 20), (20, 20)]
+    assert bench.num_without_detections == 1
+    assert bench.detect(30, 0.12) == [(30, 30)]
+
+
+def test_the_wait_has_a_limit_and_late_detections_go_to_the_next_image() -> None:
+    bench = started(wait_s=0.1)
+    bench.add_image(10, 0.0)
+    assert bench.poll(0.09) == []
+    assert bench.poll(0.1) == [(10, None)]
+    assert bench.num_without_detections == 1
+    assert bench.detect(10, 0.15) == []
+    assert bench.add_image(20, 0.16) == [((20, 10), True)]
+    assert bench.add_image(30, 0.19) == [((30, None), True)]
+
+
+def test_no_image_waits_for_a_lost_detector_until_it_answers() -> None:
+    bench = started(timeout_s=1.0, wait_s=10.0)
+    for i in range(1, 13):
+        ((_, is_provisional),) = bench.add_image(i * 100 * MS, 0.1 * i)
+        assert is_provisional == (i < 11)
+    assert 'no detections for 1.2 s' in bench.problems['detector lost']
+    assert len(bench.poll(1.21)) == 10
+    assert bench.num_without_detections == 12
+    bench.detect(1_300 * MS, 1.31)
+    assert bench.problems == {}
+    assert bench.add_image(1_400 * MS, 1.4) == [((1_400 * MS, 1_300 * MS), True)]
+
+
+def test_a_pause_between_images_is_no_loss() -> None:
+    bench = started(timeout_s=1.0)
+    bench.add_image(10, 0.0)
+    bench.detect(10, 0.01)
+    bench.add_image(20, 60.0)
+    assert bench.problems == {}
+
+
+def test_nothing_is_published_without_a_detector_where_that_is_configured() -> None:
+    bench = started(timeout_s=1.0, on_loss=STOP)
+    assert bench.add_image(10, 0.0) != []
+    assert bench.add_image(20, 1.5) == []
+    assert 'nothing is published' in bench.problems['detector lost']
+    bench.detect(30, 2.0)
+    assert bench.add_image(30, 2.0) == [((30, 30), False)]
+
+
+def test_detections_far_ahead_of_the_images_are_refused() -> None:
+    bench = started()
+    bench.add_image(10 * S, 0.0)
+    with pytest.raises(MessageError, match=r'detections are 3600.0 s ahead of the newest image'):
+        bench.detect(3610 * S, 0.01)
+    assert bench.detect(10 * S, 0.02) == [(10 * S, 10 * S)]
+
+
+def test_detections_somewhat_ahead_are_kept_for_their_image() -> None:
+    bench = started()
+    bench.add_image(10 * S, 0.0)
+    ahead_ns = 10 * S + 66 * MS
+    assert bench.detect(ahead_ns, 0.01) == [(10 * S, ahead_ns)]
+    skipped_ns = 10 * S + 33 * MS
+    assert bench.add_image(skipped_ns, 0.03) == [((skipped_ns, None), False)]
+    assert bench.add_image(ahead_ns, 0.06) == [((ahead_ns, ahead_ns), False)]
+    bench.poll(0.07)
+    assert bench.num_without_detections == 2
+
+
+def test_after_a_pause_detections_may_come_before_their_image() -> None:
+    bench = started()
+    bench.add_image(10 * S, 0.0)
+    bench.detect(10 * S, 0.01)
+    assert bench.detect(70 * S, 60.0) == []
+    assert bench.add_image(70 * S, 60.01) == [((70 * S, 70 * S), False)]
+
+
+def test_stamps_may_start_anew() -> None:
+    bench = started()
+    bench.add_image(60 * S, 0.0)
+    bench.detect(60 * S + 33 * MS, 0.01)
+    bench.add_image(60 * S + 66 * MS, 0.06)  # awaits detections, and is forgotten
+    assert bench.detect(10 * S, 0.07) == []  # they come before their image
+    assert bench.add_image(10 * S, 0.08) == [((10 * S, 10 * S), False)]
+    assert bench.counts['times that stamps went back'] == 1
+    next_ns = 10 * S + 33 * MS
+    assert bench.add_image(next_ns, 0.1) == [((next_ns, None), True)]
+    with pytest.raises(MessageError, match='ahead'):  # late, of the stream before
+        bench.detect(60 * S + 66 * MS, 0.11)
+    assert bench.detect(next_ns, 0.12) == [(next_ns, next_ns)]
+
+
+@pytest.mark.parametrize('back_ns', [0, 5 * MS, 999 * MS])
+def test_stamps_that_go_back_a_little_start_nothing_anew(back_ns: int) -> None:
+    bench = started()
+    bench.add_image(10 * S, 0.0)
+    bench.add_image(10 * S - back_ns, 0.1)
+    assert 'times that stamps went back' not in bench.counts
+
+
+def test_motion_is_segmented_when_no_image_follows_at_once() -> None:
+    bench = Bench(FakeFilter(needs_detections=False, senses_motion=True))
+    bench.live.add_image(None, frame_at(10))
+    bench.live.on_idle()  # in the same turn: the next image may be there already
+    assert bench.filter.motion_ns == []
+    assert bench.final == []
+    assert bench.num_idle_requests == 2
+    bench.live.on_idle()
+    assert bench.filter.motion_ns == [10]
+    assert (bench.published, bench.final) == ([((10, None), True)], [(10, None)])
+
+
+def test_an_overtaken_image_goes_without_motion_but_not_more_than_three_in_a_row() -> None:
+    bench = Bench(FakeFilter(needs_detections=False, senses_motion=True))
+    for i in range(9):
+        bench.live.add_image(None, frame_at(i))
+    assert bench.filter.motion_ns == [3, 7]
+    assert bench.final == [(i, None) for i in range(8)]
+    assert bench.counts['images without motion segmentation'] == 6
+
+
+def test_motion_is_segmented_before_a_final_verdict_by_detections() -> None:
+    bench = Bench(FakeFilter(senses_motion=True))
+    bench.detect(10, 0.0)
+    bench.live.add_image(None, frame_at(10))
+    assert bench.published == [((10, 10), True)]
+    bench.live.add_image(None, frame_at(20))
+    bench.detect(20, 0.1)
+    assert bench.filter.motion_ns == [20]
+    assert bench.final == [(10, 10), (20, 20)]
+
+
+def test_forgetting_drops_all_images() -> None:
+    bench = started()
+    bench.add_image(10, 0.0)
+    bench.live.forget()
+    assert bench.filter.num_resets == 1
+    assert bench.detect(10, 0.1) == []
+    assert bench.add_image(20, 0.2) == [((20, 10), True)]
+
+
+def frame_at(stamp_ns: int) -> RgbdFrame:
+    image_bgr, depth_m = np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1), np.float32)
+    return RgbdFrame(stamp_ns, image_bgr, depth_m)

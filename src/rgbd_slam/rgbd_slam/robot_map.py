@@ -1,0 +1,111 @@
+"""The running map in the robot's map frame, as it is published, saved and loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from hoid_common import se3
+from hoid_common.errors import ConfigError
+from hoid_common.values import CameraModel, FloatArray, IntArray, Trajectory
+from rgbd_slam.config.slam_config import CameraConfig
+from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.model.map_state import snapshot
+from rgbd_slam.model.trajectory import keyframe_poses, main_map
+from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.statistics import SlamStats
+
+
+class LoadedMap(NamedTuple):
+    """The keyframes of a saved map after it was loaded."""
+
+    keyframe_uids: IntArray  # (K,) of the saved keyframes
+    keyframes: KeyframePoses  # all keyframes of the running map now, in the map frame
+
+
+class RobotMap:
+    """Reads the map of `slam` in the robot's map frame (REP 105, z up), and replaces it.
+
+    Args:
+        slam: The running SLAM; its map frame is the optical frame of the first camera pose.
+        frames: Where the camera is mounted on the robot.
+        camera: The camera.
+        config: Parameters of the camera and its features.
+    """
+
+    def __init__(
+        self, slam: RgbdSlam, frames: RobotFrames, camera: CameraModel, config: CameraConfig
+    ) -> None:
+        self._slam, self._frames = slam, frames
+        self._camera, self._config = camera, config
+        self.has_changed = False  # since `take_change`, in a way that the statistics do not show
+        self._last_stats: SlamStats | None = None
+
+    def take_change(self) -> bool:
+        """Return whether the map has changed since the last call."""
+        stats = self._slam.stats
+        changed = self.has_changed or stats != self._last_stats
+        self.has_changed, self._last_stats = False, stats
+        return changed
+
+    def keyframes(self) -> KeyframePoses:
+        """Return the keyframe poses of all maps; those of the main map are in the map frame."""
+        return self._frames.keyframes(keyframe_poses(self._slam.map.atlas))
+
+    def points_m(self) -> FloatArray:
+        """Return the (N, 3) points of the main map."""
+        points = self._slam.map.atlas.points
+        is_main = points.map_id == main_map(self._slam.map.atlas.keyframes)
+        return self._frames.points_m(points.position_m[points.alive & is_main])
+
+    def base_path(self) -> Trajectory:
+        """Return the poses of the robot's base at the keyframes, by the current map."""
+        return self._frames.bases(self._slam.trajectory.keyframes())
+
+    def trajectory(self, kind: str) -> Trajectory:
+        """Return the camera poses of a kind: `final`, `online` or `keyframes`.
+
+        Final poses follow from the current map. To have them by the adjusted map, call
+        `slam.map.finish` before.
+
+        Raises:
+            ConfigError: There is no such kind.
+        """
+        return Trajectory.joined(self.trajectory_parts(kind))
+
+    def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
+        """Return the poses of `trajectory` in parts that any thread may iterate over."""
+        # Before final poses the map is settled, which moves keyframes but changes no statistics.
+        self.has_changed |= kind == 'final'
+        return map(self._frames.cameras, self._slam.trajectory.parts(kind))
+
+    def export(self) -> MapFile:
+        """Copy the map, without a dense one, for a file; takes a few ms.
+
+        Raises:
+            ConfigError: There is no map.
+        """
+        if self._slam.map.is_empty:
+            raise ConfigError('nothing has been mapped yet: there is nothing to save')
+        state = snapshot(self._slam.map.atlas).moved(self._frames.T_map_core)
+        return MapFile(self._camera, self._config.scale_factor, self._config.num_octaves, state)
+
+    def load(self, content: MapFile, *, keep: bool = False) -> LoadedMap:
+        """Load a saved map between two images; the map frame becomes that of the saved map.
+
+        Args:
+            content: The saved map.
+            keep: Continue in the running map until a place of the saved map is recognized.
+                Otherwise the running map is discarded, and the camera is relocalized in the saved
+                map.
+
+        Raises:
+            MapFileError: The map was made with another camera; the running map is unchanged.
+        """
+        content.check_fits(self._camera, self._config.scale_factor, self._config.num_octaves)
+        state = content.map.moved(se3.inverse(self._frames.T_map_core))
+        uids = self._slam.load(state, keep=keep)
+        self.has_changed = True
+        return LoadedMap(uids, self.keyframes())

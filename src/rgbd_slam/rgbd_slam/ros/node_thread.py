@@ -1,0 +1,50 @@
+"""Lets other threads call functions in the thread that spins the node, between two messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import SimpleQueue
+from typing import TypeVar
+
+from rclpy.node import Node
+
+from hoid_common.errors import InputError
+
+T = TypeVar('T')
+
+_LIMIT_S = 60.0  # chosen: a load may block the node as long as the mapping process may work
+
+
+class NodeThread:
+    """Calls functions of other threads in the thread that spins the node."""
+
+    def __init__(self, node: Node) -> None:
+        self._calls: SimpleQueue[tuple[Callable[[], object], Future[object]]] = SimpleQueue()
+        self._wake = node.create_guard_condition(self._run_calls)
+
+    def call(self, function: Callable[[], T]) -> T:
+        """Return what a function returns, or raise what it raises, in the node's thread.
+
+        Raises:
+            InputError: The node was busy for too long; the function will not be called later.
+        """
+        done: Future[object] = Future()
+        self._calls.put((function, done))
+        self._wake.trigger()
+        try:
+            return done.result(_LIMIT_S)  # type: ignore[return-value]  # it is the function's
+        except TimeoutError:
+            if not done.cancel():  # the call has begun: wait for its result
+                return done.result()  # type: ignore[return-value]
+            raise InputError(f'the node has been busy for {_LIMIT_S:g} s; try again') from None
+
+    def _run_calls(self) -> None:
+        while not self._calls.empty():
+            function, done = self._calls.get()
+            if not done.set_running_or_notify_cancel():
+                continue
+            try:
+                done.set_result(function())
+            except Exception as error:  # noqa: BLE001 - it is raised in the calling thread
+                done.set_exception(error)

@@ -1,0 +1,72 @@
+"""Service handlers that always respond: success and a line of text, also after an error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol, TypeVar
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+
+from hoid_common.errors import HoidError
+from hoid_common.ros.diagnostics import Diagnostics
+
+_FAILURES = 'requests that failed by a fault of this program'
+
+
+class Response(Protocol):
+    """The fields that the responses of all services have."""
+
+    success: bool
+    message: str
+
+
+R = TypeVar('R', bound=Response)
+
+
+class ServiceHandlers:
+    """Offers services whose handlers return a line of text for success, or raise.
+
+    Args:
+        node: The node that offers the services.
+        diagnostics: Of the node; faults are counted and logged there.
+        group: Callback group of the services; None for that of the node.
+    """
+
+    def __init__(
+        self, node: Node, diagnostics: Diagnostics, group: CallbackGroup | None = None
+    ) -> None:
+        self._node = node
+        self._diagnostics = diagnostics
+        self._group = group
+        diagnostics.count(_FAILURES, 0)
+
+    def add(self, type_: type[Any], topic: str, handle: Callable[[Any], str]) -> None:
+        """Offer a service; `handle` receives the request."""
+
+        def respond(request: Any, response: Any) -> Any:
+            return self._fill(response, lambda: handle(request))
+
+        self._node.create_service(type_, topic, respond, callback_group=self._group)
+
+    def report_fault(self, error: Exception) -> None:
+        """Count and log an error that no handler should raise."""
+        self._diagnostics.count(_FAILURES)
+        self._node.get_logger().error(f'a request failed: {_one_line(error)}')
+
+    def _fill(self, response: R, handle: Callable[[], str]) -> R:
+        try:
+            text, response.success = handle(), True
+        except HoidError as error:
+            text, response.success = str(error), False
+        except Exception as error:  # noqa: BLE001 - every request gets a response
+            self.report_fault(error)
+            text = f'failed, which is a fault of rgbd_slam: {_one_line(error)}'
+            response.success = False
+        # A path may not be UTF-8, which a message must be.
+        response.message = text.encode(errors='replace').decode()
+        return response
+
+
+def _one_line(error: Exception) -> str:
+    return f'{type(error).__name__}: {" ".join(str(error).split())}'

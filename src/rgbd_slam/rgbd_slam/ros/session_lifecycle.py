@@ -1,0 +1,203 @@
+"""The life cycle of the node's session: started once camera and base are known, reset, ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from hoid_common.errors import ConfigError, InputError, MapFileError
+from hoid_common.ros.conversions import stamp_from_msg
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.slam_status import SlamMode, SlamStatus
+from hoid_common.static_frames import StaticFrames
+from hoid_common.values import CameraModel, FloatArray
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.map_directory import MAP, path_in
+from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.processes.mapper_process import MapperStoppedError
+from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.ros.camera_info_check import CameraInfoCheck
+from rgbd_slam.ros.checkpoints import Checkpoints
+from rgbd_slam.ros.scene.link import SceneLink
+from rgbd_slam.session import Processed, SlamSession
+
+
+class SessionLifecycle:
+    """Starts, resets and ends the node's session (`session`), which the node feeds itself.
+
+    Args:
+        node: The SLAM node.
+        config: Its parameters.
+        frames: The static transforms of `/tf_static`.
+        scene: The scene mapper's process, which is started and cleared with the session.
+        diagnostics: Of the node.
+        publish_status: Publishes the status of a session that has started, before its first image.
+        wheel_motion: Returns the motion (4, 4) of a frame between two stamps [ns] by external
+            odometry, or None if that is unknown.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: SlamNodeConfig,
+        frames: StaticFrames,
+        scene: SceneLink,
+        diagnostics: Diagnostics,
+        publish_status: Callable[[SlamStatus, Header], None],
+        wheel_motion: Callable[[int, int, str], FloatArray | None],
+    ) -> None:
+        self._config, self._frames, self._scene = config, frames, scene
+        self._diagnostics, self._publish_status = diagnostics, publish_status
+        self._wheel_motion = wheel_motion
+        self.session: SlamSession | None = None
+        self._cameras = CameraInfoCheck()
+        self._last_camera: tuple[CameraModel, Header] | None = None  # the latest camera info
+        self._first_map: MapFile | None = None  # loaded into the next session
+        self._is_reset = False  # a reset also discards the map to start with
+        self.checkpoints = Checkpoints(
+            node, config, diagnostics, lambda: self.session, scene.small_views
+        )
+
+    def require_session(self) -> SlamSession:
+        """Return the session; raise InputError while there is none."""
+        if self.session is None:
+            raise InputError('nothing has been tracked yet: no camera info and features so far')
+        return self.session
+
+    def configure(self) -> None:
+        """Read the map to start with; raises HoidError, which ends the node, if it is unusable."""
+        self._first_map, self._is_reset = self._read_first_map(), False
+
+    def reconfigure(self, config: SlamNodeConfig) -> None:
+        """Apply the parameters that may change at run time."""
+        self._config = config
+        if self.session is not None:
+            self.session.reconfigure(config, self._scene.fusion_scheduler())
+
+    def update_camera(self, camera: CameraModel, header: Header) -> None:
+        """Take a camera info; start the session once it is confirmed and the base is known."""
+        self._last_camera = camera, header
+        is_confirmed = self._cameras.update(camera)
+        self._report_camera()
+        if is_confirmed and self.session is not None:
+            self._end()
+            self._scene.clear()
+            self._first_map = None if self._is_reset else self._read_first_map()
+        if self.session is None and camera == self._cameras.camera:
+            self.session = self._start(camera, header)
+
+    def check_image(self, size_px: tuple[int, int]) -> None:
+        """Raise MessageError for features of images that have another size than the camera's."""
+        try:
+            self._cameras.check_image(size_px)
+        finally:
+            self._report_camera()
+
+    def reset(self) -> None:
+        """Discard the map, and start a new session with the latest camera info."""
+        self._end()
+        self._first_map, self._is_reset = None, True
+        self.checkpoints.discard()
+        self._scene.clear()
+        self._cameras = CameraInfoCheck()
+        if self._last_camera is not None:
+            self.update_camera(*self._last_camera)
+
+    def clean_up(self) -> None:
+        """Discard the map and the camera, as for the lifecycle transition of this name."""
+        self._last_camera = None
+        self.reset()
+
+    def close(self, *, is_asked_for: bool) -> None:
+        """End all background work; a checkpoint stays unless the end was asked for."""
+        self.checkpoints.close(is_asked_for=is_asked_for)
+        self._end()
+
+    def _end(self) -> None:
+        if self.session is not None:
+            self.session.close()
+            self.session = None
+
+    def _report_camera(self) -> None:
+        if self._cameras.problem:
+            self._diagnostics.set_problem('camera', self._cameras.problem)
+        else:
+            self._diagnostics.clear_problem('camera')
+
+    def _robot_frames(self, header: Header) -> RobotFrames | None:
+        """Return where the camera is mounted on the robot, or None while that is unknown."""
+        names = self._config.frames
+        T_base_camera = self._frames.find(names.base, header.frame_id) if names.base else None
+        if names.base and T_base_camera is None:
+            self._diagnostics.set_problem(
+                'base', f'/tf_static does not join frames "{names.base}" and "{header.frame_id}"'
+            )
+            return None
+        self._diagnostics.clear_problem('base')
+        if names.planar and not names.base:
+            self._diagnostics.set_problem(
+                'planar', 'frames.planar needs frames.base, the frame that moves on the plane'
+            )
+        return RobotFrames(T_base_camera, planar=names.planar)
+
+    def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
+        """Return a new session, or None while the base is unknown; takes a second or two."""
+        frames = self._robot_frames(header)
+        if frames is None:
+            return None
+        base = self._config.frames.base or header.frame_id
+
+        def camera_motion(first_ns: int, second_ns: int) -> FloatArray | None:
+            T_first_second = self._wheel_motion(first_ns, second_ns, base)
+            return None if T_first_second is None else frames.camera_motion(T_first_second)
+
+        scheduler = self._scene.fusion_scheduler()
+        with exiting_without_mapper():
+            session = SlamSession(
+                camera,
+                self._config,
+                frames,
+                background=True,
+                fusion_scheduler=scheduler,
+                wheels=camera_motion,
+            )
+        self._scene.start_map(camera)
+        resumed = self.checkpoints.resume(session, stamp_from_msg(header.stamp))
+        if resumed is not None:
+            loaded, dense = resumed
+            self._scene.load(dense, loaded, keep=False)
+        elif self._first_map is not None:
+            self._load_first_map(session, self._first_map)
+        done = Processed(session.status(), None)
+        self._publish_status(self.checkpoints.finish_resume(session, done).status, header)
+        return session
+
+    def _read_first_map(self) -> MapFile | None:
+        config = self._config
+        if config.map_file:
+            return map_file.load(path_in(config.map_directory, config.map_file, MAP))
+        if SlamMode[config.mode.upper()] is SlamMode.LOCALIZATION:
+            raise ConfigError('mode is localization, which needs a map_file')
+        return None
+
+    def _load_first_map(self, session: SlamSession, content: MapFile) -> None:
+        self._first_map = None
+        try:
+            loaded = session.robot_map.load(content)
+        except MapFileError as error:
+            raise SystemExit(f'error: {self._config.map_file}: {error}') from error
+        session.set_mode(SlamMode[self._config.mode.upper()])
+        self._scene.load(content.dense, loaded, keep=False)
+
+
+@contextmanager
+def exiting_without_mapper() -> Iterator[None]:
+    """Exit the node when the mapping process cannot be kept running; a supervisor restarts it."""
+    try:
+        yield
+    except MapperStoppedError as error:
+        raise SystemExit(f'error: {error}') from error

@@ -1,0 +1,74 @@
+"""Which calibration is used when camera_info messages contradict each other or the images."""
+
+from dataclasses import replace
+
+import pytest
+
+from hoid_common.errors import MessageError
+from hoid_common.values import CameraModel
+from rgbd_slam.ros.camera_info_check import CameraInfoCheck
+
+RIGHT = CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0)
+TWICE = CameraModel(1280, 960, 1000.0, 1000.0, 640.0, 480.0)
+OTHER = replace(RIGHT, fx_px=700.0)
+SIZE = RIGHT.size_px
+
+
+def with_kept_calibration() -> CameraInfoCheck:
+    """Return a check that has used the right calibration for longer than its trial."""
+    check = CameraInfoCheck()
+    assert check.update(RIGHT)
+    for _ in range(100):
+        check.check_image(SIZE)
+    return check
+
+
+def test_first_calibration_is_used_at_once_and_reported_once() -> None:
+    check = CameraInfoCheck()
+    assert [check.update(RIGHT) for _ in range(3)] == [True, False, False]
+    assert check.camera == RIGHT
+    assert check.problem == ''
+
+
+def test_first_calibration_of_wrong_size_is_replaced() -> None:
+    check = CameraInfoCheck()
+    assert check.update(TWICE)
+    for _ in range(50):
+        with pytest.raises(MessageError, match='1280x960 px, images are of 640x480 px'):
+            check.check_image(SIZE)
+    assert '1280x960' in check.problem
+    assert not check.update(TWICE)
+    assert check.problem
+    assert check.update(RIGHT)
+    check.check_image(SIZE)
+    assert (check.camera, check.problem) == (RIGHT, '')
+
+
+def test_calibration_on_trial_is_replaced_after_two_messages() -> None:
+    check = CameraInfoCheck()
+    check.update(OTHER)
+    check.check_image(SIZE)
+    assert not check.update(RIGHT)  # a single message may be wrong
+    check.check_image(SIZE)
+    assert check.update(RIGHT)
+    assert check.camera == RIGHT
+
+
+@pytest.mark.parametrize('stray', [TWICE, OTHER])
+def test_another_calibration_after_the_trial_is_only_reported(stray: CameraModel) -> None:
+    check = with_kept_calibration()
+    for _ in range(5):
+        assert not check.update(stray)
+        assert check.problem
+        check.check_image(SIZE)
+    assert not check.update(RIGHT)
+    assert (check.camera, check.problem) == (RIGHT, '')
+
+
+def test_images_of_another_size_are_refused_until_the_calibration_follows() -> None:
+    check = with_kept_calibration()
+    with pytest.raises(MessageError):
+        check.check_image(TWICE.size_px)
+    assert check.update(TWICE)
+    check.check_image(TWICE.size_px)
+    assert check.problem == ''
