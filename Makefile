@@ -1,13 +1,17 @@
-.PHONY: reference demo test lint check docs format stubs sanitize lock
+.PHONY: reference demo test test-all lint check docs format stubs sanitize lock
 
 demo:  ## Render a scene, replay it live through the three nodes, print the result
 	@./hoid demo
 
-test:  ## Unit tests, then the tests on topics and of whole replays
+test:  ## Unit tests, then each node, topic and replay once; five minutes
 	@./hoid dev python -m pytest -n auto --dist worksteal -m 'not slow' src bags lab
+	@./hoid dev python -m pytest -n 2 --dist loadfile -m 'not alone and not thorough' tests
+	@./hoid dev python -m pytest -m 'alone and not thorough' tests
+
+test-all:  ## What `make test` leaves out: slow units, faults, kills, many seeds, browsers
 	@./hoid dev python -m pytest -n auto -m slow src bags lab
-	@./hoid dev python -m pytest -n 2 --dist loadfile -m 'not alone' tests
-	@./hoid dev python -m pytest -m alone tests
+	@./hoid dev python -m pytest -n 2 --dist loadfile -m 'thorough and not alone' tests
+	@./hoid dev python -m pytest -m 'thorough and alone' tests
 
 lint:  ## Style, spelling and types
 	@./hoid dev ruff check .

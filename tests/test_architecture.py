@@ -31,15 +31,15 @@ LAYERS = {
         errors log_throttle sync topics slam_status < config values < se3 process
         < inputs pose_buffer io static_frames < ros
     """,
-    'hoid_detector': 'config drawing newest_wins < model < onnx_detector < node',
+    'hoid_detector': 'drawing newest_wins < model < config < onnx_detector < node',
     'hoid_filter': """
         strategy_registry < config drawing < extraction < motion < strategy < detections
         < node_config < strategies masked_images < feature_filter < live_filter < ros < node
     """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < tracking local_mapping
-        < loops < scene < map_io < mapper < processes < slam_map statistics < robot_frames slam late_verdicts
-        < robot_map < session < ros < node
+        < loops < scene < map_io < mapper < processes < slam_map statistics
+        < robot_frames slam late_verdicts < robot_map < session < ros < node
     """,
     'hoid_bags': """
         images progress < mcap < tum < bag < options sequence convert < live < commands
@@ -53,7 +53,8 @@ LAYERS = {
         < command_reference message_reference < __main__
     """,
     'hoid_benchmarks': """
-        plan < jobs < rooms faults < report < publish demo_picture < commands demo
+        consistency plan < jobs < rooms faults < report < publish demo_picture pictures
+        < commands demo
     """,
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')

@@ -15,6 +15,8 @@ import pytest
 
 from hoid_system_tests.browser import headless_browser, shown_on_a_phone
 
+pytestmark = pytest.mark.thorough
+
 PLAN = """
 experiments:
   - id: compare

@@ -14,7 +14,7 @@ from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
 from hoid_system_tests.documented import ROOT, shape, shown_commands
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 SECONDS, LIMIT_S = 2, 300
 HOID = (sys.executable, '-m', 'hoid_bringup')
 

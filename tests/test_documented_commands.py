@@ -1,4 +1,4 @@
-"""Every command that README and the documents show: accepted as written, and run where cheap.
+"""Every command in README and documents is accepted as written, and run where that is cheap.
 
 The others run elsewhere: `nodes`, `replay`, `play`, `record`, `bench`, `demo`, `view` and launch
 files have tests of their own, over topics and in processes.
@@ -22,7 +22,7 @@ import yaml
 from hoid_benchmarks.commands import REPORTS
 from hoid_benchmarks.jobs.speed import STAGES
 from hoid_benchmarks.plan.plan import load_plan
-from hoid_bringup.cli import _parser, main
+from hoid_bringup.cli import argument_parser, main
 from hoid_bringup.live.node_specs import NODE_CONFIGS
 from hoid_common.config import EXPERT
 from hoid_common.io.trajectory_io import write_tum
@@ -32,23 +32,29 @@ from hoid_synth.scene import render
 from hoid_system_tests import launch_stand_in
 from hoid_system_tests.documented import PAGES, ROOT, Shown, shape, shown_commands
 
+pytestmark = pytest.mark.thorough
+
 ALL = [shown for page in PAGES for shown in shown_commands(page)]
 OFFLINE = ('run', 'convert', 'info', 'evaluate')  # these are cheap on a second of images
-NEEDS_MORE = ('my_model.onnx', 'FILE', '--set NAME=VALUE')  # than this repository holds
-ROS2_TOOLS = ('ros2 bag', 'ros2 param', 'ros2 topic')  # ROS's own, on names that other tests hold
+NEEDS_MORE = ('my_model.onnx', 'FILE', '--set NAME=VALUE')  # files that are not in the repository
+ROS2_TOOLS = (
+    'ros2 bag',
+    'ros2 param',
+    'ros2 topic',
+)  # tools of ROS, with names that other tests check
 FOREIGN = ('rtabmap_launch',)
 FRAMES, PERIOD_NS = 10, 125_000_000  # longer than the second of a relative error
-# What stands in a command for a reader's own: here, a folder that the test renders.
+# Replacements for placeholders in commands; the recording is a folder that the test renders.
 OWN = {
     'fr1_xyz': '{tum}', 'FOLDER': '{tum}', 'SEQUENCE': '{tum}', 'SEQ': '{tum}',
     'BAG': 'a.bag', 'DIR': 'out', 'PRESET': 'realsense', 'NAME': 'hoid2d', 'R': '1', 'S': '1',
     'N': '1', 'MODEL': 'model.onnx', 'FILE': 'out/a.hoidmap', '...': 'x', 'CASE': 'pasted-yolox',
-    'PROGRAM': 'true',
+    'PROGRAM': 'true', 'touching': 'hoid2d',
 }  # fmt: skip
 
 
 def words_of(command: str, tum: Path = Path('tum')) -> list[str]:
-    """Return a command's words, with what a reader may leave out, and own names filled in."""
+    """Return the words of a command, with optional parts and with placeholders replaced."""
     text = re.sub(r'[\[\]]', '', command)
     text = re.sub(r'(\S+?)\|\S+', r'\1', text)
     words = [OWN.get(word, word) for word in shlex.split(text)]
@@ -60,7 +66,7 @@ def words_of(command: str, tum: Path = Path('tum')) -> list[str]:
 
 
 def of(*beginning: str) -> list[Shown]:
-    """Return the commands that begin with some words, each once."""
+    """Return the commands that begin with these words, without duplicates."""
     length = len(beginning)
     found = {s.command: s for s in ALL if tuple(s.command.split()[:length]) == beginning}
     return list(found.values())
@@ -77,7 +83,7 @@ def test_hoid_accepts_it(shown: Shown) -> None:
         program, *rest = words[1:]
         assert program != 'python' or (ROOT / rest[0]).is_file()
     elif words[0] not in ('setup', '--help', '-v', 'view') and words[1:] not in ([], ['--help']):
-        args = _parser(words[0]).parse_args(words)
+        args = argument_parser(words[0]).parse_args(words)
         if words[0] == 'bench' and args.what not in (*STAGES, *REPORTS):
             load_plan('quick' if args.quick else args.what).only(args.only)
 
@@ -129,7 +135,7 @@ def test_the_service_takes_the_request(shown: Shown) -> None:
 @pytest.mark.parametrize('shown', of('ros2', 'run'), ids=ids)
 def test_the_node_has_the_parameters(shown: Shown) -> None:
     package, *rest = words_of(shown.command)[2:]
-    known = {EXPERT, *(leaf.name for leaf in NODE_CONFIGS[package].params())}
+    known = {EXPERT, *(leaf.name for leaf in NODE_CONFIGS[package].node_params())}
     assert {word.partition(':=')[0] for word in rest if ':=' in word} <= known
 
 

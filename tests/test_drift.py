@@ -14,6 +14,8 @@ from hoid_common.io.trajectory_io import read_tum
 from hoid_common.values import Trajectory
 from hoid_system_tests.drift import end_drift_m, interpolated
 
+pytestmark = pytest.mark.thorough
+
 SHARED = Path(__file__).resolve().parents[1].parent / 'shared'
 HALFSPHERE = SHARED / 'data' / 'fr3_walking_halfsphere_a'
 TWIST = np.array([0.3, -0.2, 0.1, 0.5, 0.1, -0.4])  # of a second

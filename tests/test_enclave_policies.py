@@ -11,6 +11,8 @@ import pytest
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 
+pytestmark = pytest.mark.thorough
+
 POLICIES = Path(__file__).parents[1] / 'src/hoid_bringup/policies/hoid.policy.xml'
 NODES: dict[str, list[dict[str, Any]]] = {  # with all that parameters make of each
     'hoid_detector': [{'model': 'synthetic'}],

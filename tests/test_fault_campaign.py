@@ -16,7 +16,7 @@ from hoid_common.errors import ModelError
 from hoid_detector.config import DetectorConfig
 from hoid_detector.onnx_detector import OnnxDetector
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 SEED = 1
 LIMIT_S = 300.0  # a third of it on a quiet machine

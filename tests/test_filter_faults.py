@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from hoid_msgs.msg import Detection, DetectionArray
 from hoid_msgs.msg import DynamicObject as ObjectMsg
 from rclpy.serialization import serialize_message
@@ -22,6 +23,8 @@ from hoid_system_tests.filter_peer import (
     FilterRunner,
     num_inside,
 )
+
+pytestmark = pytest.mark.thorough
 
 NAN, INF = float('nan'), float('inf')
 

@@ -19,7 +19,7 @@ from hoid_system_tests.point_world import PointWorld
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import (
-    NO_ROOM,
+    NO_SCENE,
     PERIOD_NS,
     START_NS,
     SlamPeer,
@@ -76,7 +76,7 @@ def poses(odom: list[Any]) -> FloatArray:
 
 def test_a_planar_robot_stays_on_the_floor_and_upright(start: Start, probe: Probe) -> None:
     parameters = {'frames.base': 'base_link', 'frames.planar': True}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
     peer = Peer(probe)
     peer.say_where_the_camera_sits()
     peer.play()
@@ -93,7 +93,7 @@ def test_a_planar_robot_stays_on_the_floor_and_upright(start: Start, probe: Prob
 
 
 def test_map_to_odom_is_left_to_somebody_else(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_map_to_odom': False} | NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_map_to_odom': False} | NO_SCENE)
     peer = Peer(probe)
     peer.play()
     assert peer.edges() == {('odom', OPTICAL)}
@@ -126,7 +126,7 @@ def test_wheels_that_slip_do_not_move_the_pose_and_bridge_a_covered_lens(
     start: Start, probe: Probe
 ) -> None:
     parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
     own = probe.collect(Odometry, 'visual_odom', wait=False)
     peer, wheels, world = Peer(probe), Wheels(probe), PointWorld()
     peer.say_where_the_camera_sits()
@@ -191,7 +191,7 @@ def leap(i: float) -> FloatArray:
 
 def test_wheels_tell_where_to_look(start: Start, probe: Probe) -> None:
     parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
     own = probe.collect(Odometry, 'visual_odom', wait=False)
     peer, wheels, world = Peer(probe), GoodWheels(probe), PointWorld()
     peer.say_where_the_camera_sits()
@@ -207,7 +207,7 @@ def test_wheels_tell_where_to_look(start: Start, probe: Probe) -> None:
 
 
 def test_wheels_that_say_nothing_are_missed(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_odom_to_base': False} | NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_odom_to_base': False} | NO_SCENE)
     peer = Peer(probe)
     peer.begin()
     peer.answer_to(features_msg(PointWorld().features(camera_at(0), START_NS)))
@@ -218,7 +218,7 @@ def test_wheels_that_say_nothing_are_missed(start: Start, probe: Probe) -> None:
 def test_planar_motion_without_a_base_is_said_to_have_no_effect(
     start: Start, probe: Probe
 ) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {'frames.planar': True} | NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', {'frames.planar': True} | NO_SCENE)
     peer = Peer(probe)
     peer.play()
     peer.probe.spin_until(

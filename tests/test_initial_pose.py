@@ -15,7 +15,7 @@ from hoid_common.values import FloatArray
 from hoid_system_tests.point_world import PointWorld, walked
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_ROOM, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 AWAY = se3.exp(np.array([0.0, 0.0, 0.1, 0.3, 0.0, 0.0]))  # along x, forward, turned left
@@ -63,7 +63,7 @@ def pose(place: int, frame: str = 'map', off: FloatArray = AWAY) -> PoseWithCova
 
 
 def test_the_camera_is_looked_for_there_first(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
     peer = Peer(probe)
     for frame in ('odom', 'map'):  # the same, until the camera is found elsewhere
         peer.log.clear()
@@ -87,7 +87,7 @@ def test_the_camera_is_looked_for_there_first(start: Start, probe: Probe) -> Non
 
 
 def test_what_is_no_pose_is_refused_in_a_line(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
     peer = Peer(probe)
     assert peer.refused(pose(20, 'kitchen')) == (
         'no transform connects frame "kitchen" of initialpose with the map; give the pose in '

@@ -20,6 +20,8 @@ from hoid_system_tests import launch_stand_in
 from hoid_system_tests.launch_stand_in import DeclareLaunchArgument, Node
 from hoid_system_tests.probe import Probe
 
+pytestmark = pytest.mark.thorough
+
 SRC = Path(__file__).parents[1] / 'src'
 SUITE = SRC / 'hoid_bringup/launch/hoid.launch.py'
 OWN = sorted(p for p in SRC.glob('*/launch/*.launch.py') if p != SUITE)

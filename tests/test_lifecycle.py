@@ -11,7 +11,7 @@ from hoid_system_tests.filter_peer import FilterRunner
 from hoid_system_tests.point_world import PointWorld, walked
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_ROOM, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
 
 _SILENCE_S = 0.7
 
@@ -69,7 +69,7 @@ def test_the_filter_takes_images_only_while_active(run_filter: FilterRunner) -> 
 
 
 def test_slam_forgets_the_map_when_it_is_cleaned_up(probe: Probe, start: Start) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {**NO_ROOM, 'autostart': False})
+    start('rgbd_slam', 'rgbd_slam_node', {**NO_SCENE, 'autostart': False})
     peer, manager, world = SlamPeer(probe), Manager(probe, 'rgbd_slam'), PointWorld()
 
     def send(i: int) -> None:
@@ -99,7 +99,7 @@ def test_slam_forgets_the_map_when_it_is_cleaned_up(probe: Probe, start: Start) 
 
 @pytest.mark.usefixtures('domain_id')
 def test_a_map_that_cannot_be_read_fails_the_manager(probe: Probe, start: Start) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {**NO_ROOM, 'autostart': False, 'map_file': 'none'})
+    start('rgbd_slam', 'rgbd_slam_node', {**NO_SCENE, 'autostart': False, 'map_file': 'none'})
     manager, peer = Manager(probe, 'rgbd_slam'), SlamPeer(probe)
     assert manager.change(Transition.TRANSITION_CONFIGURE) == [False]
     assert manager.state == 'unconfigured'

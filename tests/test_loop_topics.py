@@ -18,7 +18,7 @@ from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, mapper_of
 from hoid_system_tests.slam_peer import (
-    NO_ROOM,
+    NO_SCENE,
     PERIOD_NS,
     START_NS,
     SlamPeer,
@@ -26,7 +26,7 @@ from hoid_system_tests.slam_peer import (
 )
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 STEP_RAD = np.deg2rad(3.0)
 LAP = 120  # steps
@@ -102,7 +102,7 @@ def distance_m(T_a: FloatArray, T_b: FloatArray) -> float:
 
 @pytest.fixture
 def node(start: Start) -> Supervisor:
-    return start('rgbd_slam', 'rgbd_slam_node', NO_ROOM)
+    return start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
 
 
 @pytest.mark.usefixtures('node')

@@ -25,7 +25,7 @@ from hoid_system_tests.point_world import CAMERA, PointWorld, walked
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, mapper_of
 from hoid_system_tests.slam_peer import (
-    NO_ROOM,
+    NO_SCENE,
     PERIOD_NS,
     START_NS,
     SlamPeer,
@@ -34,6 +34,8 @@ from hoid_system_tests.slam_peer import (
 from rgbd_slam.map_io import map_file
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
+
+pytestmark = pytest.mark.thorough
 
 
 def camera_at(i: int) -> FloatArray:
@@ -78,7 +80,7 @@ def begin(start: Start, probe: Probe, folder: Path) -> Callable[..., tuple[Peer,
         probe.spin_until(
             lambda: probe.node.count_subscribers('features') == 0, 'the node before stays', 30.0
         )
-        given = {'map_directory': str(folder)} | NO_ROOM | params
+        given = {'map_directory': str(folder)} | NO_SCENE | params
         supervisor = start('rgbd_slam', 'rgbd_slam_node', given)
         return Peer(probe), supervisor
 
@@ -305,8 +307,8 @@ def test_faulty_files_leave_the_running_map_alone(begin: Begin, folder: Path) ->
         ('cut', 'damaged'),
         ('flipped', 'damaged'),
         ('foreign', 'no map file'),
-        ('folder', 'is no file'),
-        ('pipe', 'is no file'),
+        ('folder', 'there is no such file'),
+        ('pipe', 'there is no such file'),
         ('link', 'is a link'),
         ('other', 'another camera'),
         ('octaves', 'camera.num_octaves'),

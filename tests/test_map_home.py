@@ -16,11 +16,11 @@ from hoid_synth.room_truth import RoomTruth
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import recording
-from hoid_system_tests.room_peer import RELIABLE, RoomPeer
+from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
 from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 SCENE = SceneConfig(num_frames=90, width_px=320)
 LATER = SceneConfig(num_frames=30, width_px=320, people_seed=3, start_s=2.0)  # other people
@@ -37,7 +37,7 @@ def test_a_home_is_known_again_with_other_people_in_it(
     params = {'map_directory': str(folder), 'dense.publish_period_s': 0.2} | RELIABLE
     first = list(recording(SCENE, 'hoid+'))
     supervisor = start('rgbd_slam', 'rgbd_slam_node', params)
-    peer = RoomPeer(probe)
+    peer = ScenePeer(probe)
     peer.begin(first[0].camera)
     peer.play(first)
     peer.cloud_m()
@@ -50,7 +50,7 @@ def test_a_home_is_known_again_with_other_people_in_it(
 
     later = list(recording(LATER, 'hoid+'))
     start('rgbd_slam', 'rgbd_slam_node', params)
-    peer = RoomPeer(probe)
+    peer = ScenePeer(probe)
     peer.begin(later[0].camera)
     answer = peer.load('home')
     assert answer.success, answer.message
@@ -72,7 +72,7 @@ def test_a_home_is_known_again_with_other_people_in_it(
     assert after.dense.digest() == saved.dense.digest()
 
 
-def check_truth(peer: RoomPeer, stamps_ns: list[int]) -> None:
+def check_truth(peer: ScenePeer, stamps_ns: list[int]) -> None:
     """Poses are within 2 cm and 1 degree of the truth, in the frame of the first session.
 
     The first one is, and most: of the small images some stray at the edge of what was mapped.

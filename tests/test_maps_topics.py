@@ -1,4 +1,4 @@
-"""Dense map, grid and tracked objects on real topics, against the truth of a rendered room."""
+"""Dense map, grid and tracked objects on topics, compared with the truth of a rendered room."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from hoid_synth.truth import people_centers
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import Messages, recording
-from hoid_system_tests.room_peer import RELIABLE, RoomPeer
-from hoid_system_tests.slam_peer import NO_ROOM, SlamPeer
+from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
+from hoid_system_tests.slam_peer import NO_SCENE, SlamPeer
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 pytestmark = pytest.mark.alone
 
 SCENE = SceneConfig(num_frames=150)
-ROOM = '/rgbd_slam_scene'  # the process of the room's maps
+SCENE_NODE = '/rgbd_slam_scene'
 
 
 @pytest.fixture(scope='module')
@@ -44,8 +44,8 @@ def messages() -> list[Messages]:
     return list(recording(SCENE, 'hoid+'))
 
 
-class Peer(RoomPeer):
-    """Plays a recording and keeps what is said of the room."""
+class Peer(ScenePeer):
+    """Plays a recording and collects all outputs of the scene."""
 
     def __init__(self, probe: Probe) -> None:
         self.grids = probe.collect(OccupancyGrid, 'grid_map', qos.LATCHED, wait=False)
@@ -57,11 +57,11 @@ class Peer(RoomPeer):
         super().__init__(probe)
 
     def track(self, images: list[Messages]) -> None:
-        """Show images, of which none may be lost."""
+        """Play images, all of which must be tracked."""
         assert {status.state for status in self.play(images)} == {SlamStatus.TRACKING}
 
     def await_map(self, stamp_ns: int) -> None:
-        """Wait until cloud and grid show an image this new."""
+        """Wait for a cloud and a grid that include the image with this stamp."""
 
         def is_new(received: list[Any]) -> bool:
             return bool(received) and stamp_of(received[-1]) >= stamp_ns
@@ -110,7 +110,7 @@ def check_cloud(peer: Peer, truth: RoomTruth) -> None:
 
 def check_grid(peer: Peer, truth: RoomTruth) -> None:
     msg = peer.grids[-1]
-    assert msg.header.frame_id == 'map_level'  # no base is known that the map were level with
+    assert msg.header.frame_id == 'map_level'  # without a base frame, the map frame is not level
     (edge,) = peer.level[-1].transforms
     assert (edge.header.frame_id, edge.child_frame_id) == ('map', 'map_level')
     T_map_level = conversions.transform_from_msg(edge)
@@ -128,7 +128,7 @@ def check_grid(peer: Peer, truth: RoomTruth) -> None:
 
 
 def check_patches(peer: Peer) -> None:
-    """The grid grows in steps; what changes between is said, and makes the same grid."""
+    """The grid grows in steps; each update turns the previous grid into the next one."""
     sizes = {(m.info.width, m.info.height, m.info.origin.position.x) for m in peer.grids}
     assert len(sizes) <= 6
     assert all(m.info.width % 40 == 0 and m.info.height % 40 == 0 for m in peer.grids)
@@ -163,7 +163,7 @@ def check_objects(peer: Peer, truth: RoomTruth) -> None:
 
 
 def check_people(peer: Peer) -> None:
-    """They are the people among the objects."""
+    """The people are those of the tracked objects."""
     people = {stamp_of(msg): msg for msg in peer.people}
     assert len(people) == len(peer.tracked)
     for msg in peer.tracked:
@@ -181,15 +181,15 @@ def check_people(peer: Peer) -> None:
 
 def check_files(peer: Peer, folder: Path) -> None:
     points = len(peer.cloud_m())
-    for name in ('', 'room.pcd'):
+    for name in ('', 'scene.pcd'):
         answer = peer.save(name, 'cloud')
         assert answer.success, answer.message
         assert str(points) in answer.message
     assert f'element vertex {points}\n'.encode() in (folder / 'cloud.ply').read_bytes()
-    assert f'POINTS {points}\n'.encode() in (folder / 'room.pcd').read_bytes()
-    answer = peer.save('room', 'grid')
+    assert f'POINTS {points}\n'.encode() in (folder / 'scene.pcd').read_bytes()
+    answer = peer.save('scene', 'grid')
     assert answer.success, answer.message
-    document = yaml.safe_load((folder / 'room.yaml').read_text())
+    document = yaml.safe_load((folder / 'scene.yaml').read_text())
     image = cv2.imread(str(folder / document['image']), cv2.IMREAD_UNCHANGED)
     assert image is not None
     assert image.shape == (peer.grids[-1].info.height, peer.grids[-1].info.width)
@@ -199,12 +199,12 @@ def check_files(peer: Peer, folder: Path) -> None:
         assert not answer.success
         assert '"' in answer.message
     assert sorted(p.name for p in folder.glob('[!.]*')) == [
-        'cloud.ply', 'room.pcd', 'room.pgm', 'room.yaml',
+        'cloud.ply', 'scene.pcd', 'scene.pgm', 'scene.yaml',
     ]  # fmt: skip
 
 
 def check_run_time(peer: Peer) -> None:
-    """Another grid and another rate are had without a new image, and without waiting."""
+    """Changed parameters of the grid take effect at once, without a new image."""
     occupied = np.count_nonzero(np.array(peer.grids[-1].data) == 100)
     peer.probe.set_parameters('rgbd_slam', {'dense.publish_period_s': 3600.0})
     peer.probe.set_parameters(
@@ -215,15 +215,17 @@ def check_run_time(peer: Peer) -> None:
         cells = np.array(peer.grids[-1].data)
         return bool(np.count_nonzero(cells == 100) < 0.9 * occupied)
 
-    peer.probe.spin_until(is_lower, 'the grid is as high as before')
+    peer.probe.spin_until(is_lower, 'the grid has not become lower')
     peer.probe.set_parameters('rgbd_slam', {'dense.grid.resolution_m': 0.1})
     peer.probe.spin_until(
         lambda: peer.grids[-1].info.resolution == pytest.approx(0.1),
-        'the grid is as fine as before',
+        'the grid has not become coarser',
     )
 
 
-def test_reset_empties_the_maps_and_mapping_goes_on(peer: Peer, messages: list[Messages]) -> None:
+def test_reset_empties_the_maps_and_mapping_continues(
+    peer: Peer, messages: list[Messages]
+) -> None:
     assert not peer.save('', 'cloud').success
     peer.track(messages[:40])
     peer.await_map(messages[20].stamp_ns)
@@ -242,7 +244,7 @@ def test_no_process_outlives_a_killed_node(
     supervisor = start('rgbd_slam', 'rgbd_slam_node', RELIABLE)
     peer = Peer(probe)
     peer.begin(messages[0].camera)
-    pid = int(peer.diagnosis(ROOM)[1]['process'])
+    pid = int(peer.diagnosis(SCENE_NODE)[1]['process'])
     (node,) = supervisor.pids.values()
     assert node in {parent.pid for parent in psutil.Process(pid).parents()}
     scene_process = os.pidfd_open(pid)
@@ -253,9 +255,9 @@ def test_no_process_outlives_a_killed_node(
     supervisor.stop()
 
 
-def test_without_dense_map_and_objects_there_is_no_room_process(
+def test_without_dense_map_and_objects_there_is_no_scene_process(
     start: Start, probe: Probe, messages: list[Messages]
 ) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
     SlamPeer(probe).begin(messages[0].camera)
     assert probe.node.count_publishers('/cloud_map') == 0

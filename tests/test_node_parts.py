@@ -279,7 +279,10 @@ def test_missing_inputs_are_said(bench: Bench) -> None:
 def test_a_qos_mismatch_is_said(domain_id: int) -> None:
     bench = Bench(domain_id, '-p', 'input.reliability:=reliable')
     bench.probe.publisher(Image, 'depth/image', qos.input_qos('best_effort', 1), wait=False)
-    expected = 'on /depth/image: 1 publisher, reliability best_effort, but the subscription requests reliable'
+    expected = (
+        'on /depth/image: 1 publisher, reliability best_effort, '
+        'but the subscription requests reliable'
+    )
     bench.probe.spin_until(lambda: expected in bench.status().message, 'nothing is said')
     bench.close()
 

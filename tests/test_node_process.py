@@ -16,6 +16,8 @@ from hoid_common.process.entry import EXIT_CONFIG, EXIT_INTERRUPTED
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import executable
 
+pytestmark = pytest.mark.thorough
+
 NODE = """
 import sys, time
 from rclpy.node import Node

@@ -16,6 +16,8 @@ from hoid_benchmarks.report.page import Page as Content
 from hoid_benchmarks.report.tables import Cell, Table
 from hoid_system_tests.browser import headless_browser, shown_on_a_phone
 
+pytestmark = pytest.mark.thorough
+
 JOBS = tuple(Job('a', 'none', '', seed) for seed in range(3))
 _INK_IS_THE_TEXT_COLOR = (
     "() => getComputedStyle(document.querySelector('.xtitle')).fill"

@@ -17,19 +17,21 @@ from hoid_system_tests.detector_bench import write_model
 from hoid_system_tests.parameter_client import ParameterClient
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_ROOM
+from hoid_system_tests.slam_peer import NO_SCENE
+
+pytestmark = pytest.mark.thorough
 
 OF_ROS = {'use_sim_time', 'start_type_description_service'}
 # A user's choice for each node, among it integers for doubles and empty lists.
 CHOSEN: dict[str, dict[str, Any]] = {
     'hoid_detector': {'score_threshold': 1, 'threads': 2, 'classes': ['']},
     'hoid_filter': {'depth_limit_m': 1, 'dynamic_classes': [''], 'strategy': 'none'},
-    'rgbd_slam': {**NO_ROOM, 'dense.grid.max_height_m': 2, 'map_file': '', 'frames.base': ''},
+    'rgbd_slam': {**NO_SCENE, 'dense.grid.max_height_m': 2, 'map_file': '', 'frames.base': ''},
 }
 FOR_EXPERTS: dict[str, dict[str, Any]] = {
     'hoid_detector': {'max_detections': 7, 'input_size_px': 320},
-    'hoid_filter': {'detections.wait_s': 1, 'plus.chains': False},
-    'rgbd_slam': {'camera.close_baselines': 30, 'places.loops.enabled': False},
+    'hoid_filter': {'detections.wait_s': 1, 'plus.remember': False},
+    'rgbd_slam': {'camera.disparity_noise_px': 1, 'places.loops.enabled': False},
 }
 Launch = Callable[..., ParameterClient]
 
@@ -56,7 +58,7 @@ def launch(node: str, start: Start, probe: Probe, tmp_path: Path) -> Launch:
 
 
 def names_of(node: str, *, expert: bool) -> set[str]:
-    leaves = NODE_CONFIGS[node].params()
+    leaves = NODE_CONFIGS[node].node_params()
     return {leaf.name for leaf in leaves if expert or not leaf.spec.expert}
 
 
@@ -127,7 +129,7 @@ def test_whole_numbers_and_empty_lists_are_taken_at_run_time(node: str, launch: 
         'hoid_filter': ('depth_limit_m', 1, 1.0),
         'rgbd_slam': ('dense.grid.max_height_m', 3, 3.0),
     }[node]
-    client = launch(NO_ROOM if node == 'rgbd_slam' else {})
+    client = launch(NO_SCENE if node == 'rgbd_slam' else {})
     (result,) = client.set({name: value})
     assert result.successful, result.reason
     (found,) = client.get([name])

@@ -29,7 +29,7 @@ def test_each_node_has_a_file_and_the_suite_one_for_all() -> None:
 )
 def test_shipped_values_are_the_defaults_of_user_parameters(path: Path, node: str) -> None:
     values = load_params(path, node)
-    users = {leaf.name for leaf in NODE_CONFIGS[node].params() if not leaf.spec.expert}
+    users = {leaf.name for leaf in NODE_CONFIGS[node].node_params() if not leaf.spec.expert}
     assert values
     assert values.keys() <= users
     assert NODE_CONFIGS[node].updated(values) == NODE_CONFIGS[node]
@@ -38,5 +38,5 @@ def test_shipped_values_are_the_defaults_of_user_parameters(path: Path, node: st
 @pytest.mark.parametrize('node', NODE_CONFIGS)
 def test_a_file_of_one_node_names_all_that_a_user_has(node: str) -> None:
     (path,) = (path for path in FILES if path.stem == node)
-    users = {leaf.name for leaf in NODE_CONFIGS[node].params() if not leaf.spec.expert}
+    users = {leaf.name for leaf in NODE_CONFIGS[node].node_params() if not leaf.spec.expert}
     assert users - load_params(path, node).keys() <= {'dynamic_classes'}  # thirty names

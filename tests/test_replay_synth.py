@@ -14,7 +14,7 @@ from hoid_common.io.trajectory_io import read_tum
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 FRAMES = 75  # two people walk past, close to the camera
 
@@ -55,7 +55,7 @@ def test_a_replay_agrees_with_the_offline_run(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     live = replay(scene, tmp_path / 'live', '--filter', 'hoid2d')
-    assert 'exact boxes' in capsys.readouterr().out
+    assert 'ground-truth boxes' in capsys.readouterr().out
     argv = ['run', str(scene), '--out', str(tmp_path / 'offline'), '--detector', 'truth']
     assert cli.main([*argv, '--filter', 'hoid2d']) == 0
     offline = json.loads((tmp_path / 'offline' / 'summary.json').read_text())

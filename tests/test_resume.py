@@ -21,10 +21,10 @@ from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.point_world import CAMERA, PointWorld, walked
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_ROOM, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 _BACK_S = 5.0  # from the kill to odometry in the same map
 _WRITTEN_S = 20.0
@@ -85,7 +85,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def run(start: Start, folder: Path) -> Callable[[], Supervisor]:
-    params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0} | NO_ROOM
+    params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0} | NO_SCENE
     return lambda: start('rgbd_slam', 'rgbd_slam_node', params)
 
 

@@ -20,10 +20,12 @@ from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
-from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
+from rgbd_slam.scene.scene_scheduler import SceneRequest
 from rgbd_slam.scene.voxel_map import ColoredCloud
+
+pytestmark = pytest.mark.thorough
 
 SCENE = SceneConfig(seed=1)
 OFFSET_M = np.array([0.03, 0.0, 0.04])
@@ -137,7 +139,7 @@ def test_somebody_undetected_is_mapped_and_gone_2_s_after_leaving() -> None:
     keyframes = KeyframePoses(1, one, one, 0, np.eye(4)[None])
     for i in range(0, scene.frames, 10):
         T = T_map_world @ truth.stage.T_world_camera[i]
-        pose = FusionRequest(scene.stamp_ns(i), T, 0, keyframes, track_objects=False)
+        pose = SceneRequest(scene.stamp_ns(i), T, 0, keyframes, track_objects=False)
         ghost.fuse(pose, RgbdFrame(scene.stamp_ns(i), image, wall_m), ())
     assert ghost.num_standing > 100
     assert ghost.num_left == 0

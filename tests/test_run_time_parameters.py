@@ -13,12 +13,14 @@ from hoid_system_tests.detector_bench import write_model
 from hoid_system_tests.parameter_client import ParameterClient
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_ROOM
+from hoid_system_tests.slam_peer import NO_SCENE
+
+pytestmark = pytest.mark.thorough
 
 GIVEN: dict[str, dict[str, Any]] = {
     'hoid_detector': {},
     'hoid_filter': {},
-    'rgbd_slam': NO_ROOM,
+    'rgbd_slam': NO_SCENE,
 }
 
 
@@ -55,7 +57,7 @@ def test_each_parameter_is_described_and_changes_or_is_refused(
     client: ParameterClient, request: pytest.FixtureRequest
 ) -> None:
     node = request.node.callspec.params['client']
-    leaves = {leaf.name: leaf for leaf in NODE_CONFIGS[node].params()}
+    leaves = {leaf.name: leaf for leaf in NODE_CONFIGS[node].node_params()}
     assert leaves.keys() <= set(client.names())
     for leaf, said in zip(leaves.values(), client.describe(list(leaves)), strict=True):
         check_description(leaf, said)

@@ -14,8 +14,10 @@ from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
 from hoid_system_tests.point_world import PointWorld, walked
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_ROOM, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
 from rgbd_slam.map_io import map_file
+
+pytestmark = pytest.mark.thorough
 
 LONG = ('x' * 247, 'x' * 248, 'x' * 256, 'ä' * 130, 'x' * 100_000)
 NAMES = (*LONG, '\n', '.', '../x', 'a.exe', '%s')
@@ -45,7 +47,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def peer(start: Start, probe: Probe, folder: Path) -> SlamPeer:
-    start('rgbd_slam', 'rgbd_slam_node', {'map_directory': str(folder)} | NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', {'map_directory': str(folder)} | NO_SCENE)
     peer = SlamPeer(probe)
     peer.begin()
     for i in range(10):

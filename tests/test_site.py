@@ -6,10 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import Page
 
 from hoid_system_tests.browser import headless_browser
 from hoid_system_tests.documented import ROOT
+
+pytestmark = pytest.mark.thorough
 
 _TABLE = 'table[data-sorts]'
 

@@ -25,7 +25,7 @@ from hoid_system_tests.point_world import PointWorld, walked
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import (
-    NO_ROOM,
+    NO_SCENE,
     PERIOD_NS,
     START_NS,
     SlamPeer,
@@ -73,7 +73,7 @@ class Peer(SlamPeer):
 def peer(start: Start, probe: Probe, tmp_path: Path) -> Peer:
     """Return a peer of a running node that knows its camera."""
     parameters = {'map_directory': str(tmp_path / 'my maps'), 'map_period_s': 0.2}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_ROOM)
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
     peer = Peer(probe)
     peer.begin()
     assert peer.status[-1].state == SlamStatus.NOT_INITIALIZED
@@ -251,7 +251,7 @@ def test_a_base_frame_is_found_on_tf_static(start: Start, probe: Probe) -> None:
     start(
         'rgbd_slam',
         'rgbd_slam_node',
-        {'frames.base': 'base_link', 'frames.map': 'world'} | NO_ROOM,
+        {'frames.base': 'base_link', 'frames.map': 'world'} | NO_SCENE,
     )
     peer = Peer(probe)
     peer.send_camera()

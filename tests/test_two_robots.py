@@ -25,7 +25,7 @@ from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.sliding_camera import CAMERA, PERIOD_NS, STEP_M, image_topics, write_sliding
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 FRAMES = 30
 LIMIT_S = 120.0

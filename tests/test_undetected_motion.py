@@ -10,6 +10,8 @@ from hoid_bringup import cli
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
 
+pytestmark = pytest.mark.thorough
+
 FRAMES = 45
 GROUP = SceneConfig(
     seed=1, path='xyz', num_people=3, near_m=1.2, together=True, num_frames=FRAMES, width_px=320

@@ -23,6 +23,8 @@ from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
 from rgbd_slam.scene.voxel_map import ColoredCloud
 
+pytestmark = pytest.mark.thorough
+
 _WHY = 'the viewer is an optional extra: requirements/view.lock'
 log = pytest.importorskip('hoid_bringup.view.view_log', reason=_WHY, exc_type=ModuleNotFoundError)
 RrdReader = pytest.importorskip('rerun.chunk', reason=_WHY).RrdReader
@@ -34,7 +36,7 @@ T_MAP_WORLD = se3.exp(np.array([0.3, -0.2, 1.0, 0.5, -1.0, 2.0]))
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rendered recording, with truth and exact boxes."""
+    """A rendered recording, with ground-truth poses and boxes."""
     path = tmp_path_factory.mktemp('view') / 'scene'
     write_bag(SceneConfig(num_frames=FRAMES, width_px=160, near_m=1.5), path, workers=1)
     return path
@@ -99,9 +101,9 @@ def test_a_recording_is_shown_image_by_image(bag: Path, tmp_path: Path) -> None:
     stamps_ns = truth.stamps_ns.tolist()
     for entity in (log.CAMERA, log.IMAGE, log.DEPTH, log.BOXES, log.KEPT, log.REMOVED):
         assert sorted(shown[entity]['time']) == stamps_ns
-    assert not {log.ESTIMATE, log.KEYFRAMES, log.POINTS, log.CLOUD} & shown.keys()
+    assert not {log.ESTIMATED_PATH, log.KEYFRAMES, log.POINTS, log.CLOUD} & shown.keys()
     np.testing.assert_allclose(
-        strip_m(shown, log.TRUTH), truth.T_world_camera[:, :3, 3], atol=1e-5
+        strip_m(shown, log.TRUE_PATH), truth.T_world_camera[:, :3, 3], atol=1e-5
     )
     frame = next(iter(sequence))
     blobs = shown[log.IMAGE]['EncodedImage:blob'] + shown[log.DEPTH]['EncodedDepthImage:blob']
@@ -128,9 +130,11 @@ def test_a_run_is_shown_with_map_keyframes_and_truth(run: Path, tmp_path: Path) 
     assert len(shown[log.KEYFRAMES]['LineStrips3D:strips'][0]) == 2
     assert len(shown[log.IMAGE]['EncodedImage:blob']) == FRAMES
     # The truth lies on the estimate, though it was given in another frame.
-    np.testing.assert_allclose(strip_m(shown, log.TRUTH), strip_m(shown, log.ESTIMATE), atol=1e-3)
+    np.testing.assert_allclose(
+        strip_m(shown, log.TRUE_PATH), strip_m(shown, log.ESTIMATED_PATH), atol=1e-3
+    )
     first_m = shown[log.CAMERA]['Transform3D:translation'][0][0]
-    np.testing.assert_allclose(first_m, strip_m(shown, log.ESTIMATE)[0], atol=1e-5)
+    np.testing.assert_allclose(first_m, strip_m(shown, log.ESTIMATED_PATH)[0], atol=1e-5)
 
 
 def test_a_run_whose_recording_is_gone_is_shown_without_images(
@@ -139,7 +143,7 @@ def test_a_run_whose_recording_is_gone_is_shown_without_images(
     summary = run / 'summary.json'
     summary.write_text(summary.read_text().replace('scene"', 'elsewhere"'))
     shown = saved([str(run)], tmp_path / 'run.rrd')
-    assert {log.ESTIMATE, log.POINTS, log.CLOUD, log.KEYFRAMES} <= shown.keys()
+    assert {log.ESTIMATED_PATH, log.POINTS, log.CLOUD, log.KEYFRAMES} <= shown.keys()
     assert log.IMAGE not in shown
     assert 'elsewhere' in capsys.readouterr().out
 
@@ -175,7 +179,7 @@ def test_what_cannot_be_shown_is_said_and_leaves_no_file(
     (run / 'map.ply').write_bytes(b'ply')
     assert 'map.ply: not a PLY' in complaint([str(run), *save], capsys)
     (run / 'summary.json').write_text('[]')
-    assert 'not the summary of a run' in complaint([str(run), *save], capsys)
+    assert 'is no summary of a run' in complaint([str(run), *save], capsys)
     assert 'cannot be written' in complaint([str(bag), '--save', '/proc/x/a.rrd'], capsys)
     assert [p.name for p in tmp_path.iterdir()] == ['run']
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 
-from hoid_benchmarks.faults.campaign import NIGHTLY, ROOMS, SLICE, Size, fault_report
+from hoid_benchmarks.faults.campaign import CAMPAIGNS, NIGHTLY, SLICE, Size, fault_report
 from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine
 from hoid_benchmarks.jobs.machine import Code
@@ -48,24 +48,58 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         f'{_MASKS}: judge the masks corner by corner; {_PAIRS}: of two real images each; '
         f'{_ROOMS}: dense map, grid and tracks; '
         f'{_COVARIANCES}: errors against what is published as uncertainty; '
-        f'{_FAULTS}: {", ".join(ROOMS)}',
+        f'{_FAULTS}: {", ".join(CAMPAIGNS)}',
     )
-    add('--quick', action='store_true', help='the same as "quick": a few minutes')
-    add('--only', action='append', default=[], metavar='ID', help='run just this; repeatable')
-    add('--seed', type=int, default=0, metavar='N', help='of the faults (default: %(default)s)')
-    add('--cases', type=int, metavar='N', help='of each kind of fault; minutes of the soak')
-    add('--job', metavar='KEY', help='run this one again, as its page says')
-    add('--report', action='store_true', help='run nothing: write the report of what has run')
-    add('--detector', metavar='MODEL', help='instead of every detector of the plan')
-    add('--data', type=Path, metavar='DIR', help='folder of unpacked official sequences')
-    add('--out', type=Path, default=_OUT, metavar='DIR', help='default: %(default)s')
-    add('--workers', type=int, default=0, metavar='N', help='runs at a time (default: one a core)')
-    add('--cluster', default='', metavar='ADDRESS', help='of a Dask scheduler that shares files')
-    add('--check', action='store_true', help='fail when a stored bound is broken by this code')
-    add('--renew', action='store_true', help='run again what other code has run')
+    add('--quick', action='store_true', help='run the plan "quick", which takes a few minutes')
+    add(
+        '--only',
+        action='append',
+        default=[],
+        metavar='ID',
+        help='run this experiment only; may be repeated',
+    )
+    add(
+        '--seed',
+        type=int,
+        default=0,
+        metavar='N',
+        help='seed of the faults (default: %(default)s)',
+    )
+    add(
+        '--cases',
+        type=int,
+        metavar='N',
+        help='number of cases of each fault, or minutes of the soak test',
+    )
+    add('--job', metavar='KEY', help='run this job again; the report names its key')
+    add('--report', action='store_true', help='only write the report of finished runs')
+    add('--detector', metavar='MODEL', help='detector model to use instead of those of the plan')
+    add('--data', type=Path, metavar='DIR', help='folder of the unpacked official sequences')
+    add(
+        '--out',
+        type=Path,
+        default=_OUT,
+        metavar='DIR',
+        help='folder for results (default: %(default)s)',
+    )
+    add(
+        '--workers',
+        type=int,
+        default=0,
+        metavar='N',
+        help='number of parallel runs (default: one per core)',
+    )
+    add(
+        '--cluster',
+        default='',
+        metavar='ADDRESS',
+        help='address of a Dask scheduler with shared files',
+    )
+    add('--check', action='store_true', help='fail if a result exceeds its stored bound')
+    add('--renew', action='store_true', help='repeat runs of other versions of the code')
     add(
         '--publish', action='store_true',
-        help='put what is complete into the tables of README and docs/results',
+        help='write complete results to the tables of README and docs/results',
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.demo_picture import DemoRun, Snapshot, draw_demo, write_animation
 from hoid_benchmarks.plan.plan import load_profile
-from hoid_bringup.commands import say_detections
+from hoid_bringup.commands import print_detection_note
 from hoid_bringup.evaluate.evaluation import align
 from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_bringup.live.replay_plan import ReplayConfig
@@ -47,23 +47,45 @@ _WITHOUT, _WITH = "ORB-SLAM3's rules, no filter", 'HOID'
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid demo`."""
     parser.add_argument(
-        '--out', type=Path, default=Path('out/demo'), metavar='DIR', help='default: %(default)s'
-    )
-    parser.add_argument('--seed', type=int, default=1, metavar='N', help='of the scene')
-    parser.add_argument(
-        '--frames', type=int, default=_FRAMES, metavar='N', help='at 30 Hz (%(default)s)'
-    )
-    parser.add_argument(
-        '--detector', metavar='MODEL', help=f'default: {SYNTHETIC}, or as in run with a camera'
+        '--out',
+        type=Path,
+        default=Path('out/demo'),
+        metavar='DIR',
+        help='folder for the results (default: %(default)s)',
     )
     parser.add_argument(
-        '--camera', choices=tuple(CAMERA_TOPICS), help='a driver that runs, not a rendered scene'
+        '--seed', type=int, default=1, metavar='N', help='seed of the rendered scene'
     )
     parser.add_argument(
-        '--camera-namespace', default='', metavar='NS', help='of the driver (default: its own)'
+        '--frames',
+        type=int,
+        default=_FRAMES,
+        metavar='N',
+        help='number of rendered frames at 30 Hz (default: %(default)s)',
     )
     parser.add_argument(
-        '--seconds', type=float, default=_SECONDS, metavar='S', help='of it (%(default)g)'
+        '--detector',
+        metavar='MODEL',
+        help=f'ONNX model of the detector, a file or a known name (default: {SYNTHETIC}; with a '
+        'camera, search for a model)',
+    )
+    parser.add_argument(
+        '--camera',
+        choices=tuple(CAMERA_TOPICS),
+        help='running camera driver to use instead of a rendered scene',
+    )
+    parser.add_argument(
+        '--camera-namespace',
+        default='',
+        metavar='NS',
+        help='namespace of the camera driver (default: its own default)',
+    )
+    parser.add_argument(
+        '--seconds',
+        type=float,
+        default=_SECONDS,
+        metavar='S',
+        help='time to record from the camera in s (default: %(default)g)',
     )
 
 
@@ -80,7 +102,7 @@ def demo_command(args: argparse.Namespace) -> None:
         write_bag(_scene(args), bag_path, _WORKERS, show_progress=True)
     bag = BagSequence(bag_path)
     configs = _configs(args)
-    say_detections(configs[_WITH])
+    print_detection_note(configs[_WITH])
     print(f'2/3  every image offline, so that the mapper is never late: {_WITHOUT}')
     summaries = {_WITHOUT: run_offline(bag, configs[_WITHOUT], args.out / _folder(_WITHOUT))}
     print(f'3/3  replaying it in real time through the live nodes: {_WITH}')

@@ -106,11 +106,10 @@ def run(sequence: Sequence, config: RunConfig) -> Outcome:
         for frame in sequence:
             pipeline.process(frame)
         result = pipeline.finish(sequence, {})
-    final = evaluate(result.final, truth, len(sequence))
     return Outcome(
-        final.ate_rmse_m,
+        evaluate(result.final, truth).ate_rmse_m,
         evaluate(result.online, truth).ate_rmse_m,
-        final.coverage,
+        len(result.final) / len(sequence),
         result.map_counts.keyframes,
         [checked(join, truth) for join in joins],
     )

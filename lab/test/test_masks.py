@@ -79,7 +79,7 @@ def test_a_job_judges_every_variant_and_its_page_shows_the_shares(
 def test_every_switch_and_strategy_is_a_variant() -> None:
     names = variants()
     assert names['hoid+'] == FilterConfig()
-    assert not names['without chains'].plus.chains
+    assert not names['without remember'].plus.remember
     assert {'none', 'person', 'hoid2d', 'hoid3d', 'descriptor'} < set(names)
 
 

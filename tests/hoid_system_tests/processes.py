@@ -47,13 +47,13 @@ def node_spec(
 def with_switch(package: str, params: Mapping[str, Any]) -> dict[str, Any]:
     """Return a node's parameters, with the switch where one of them is for experts."""
     config = NODE_CONFIGS.get(package)
-    leaves = [] if config is None else config.params()
+    leaves = [] if config is None else config.node_params()
     needs_switch = any(leaf.spec.expert and leaf.name in params for leaf in leaves)
     return {EXPERT: True, **params} if needs_switch else dict(params)
 
 
 def mapper_of(node: Supervisor) -> psutil.Process:
-    """Return the mapper of a SLAM node without a room: all that its server has forked."""
+    """Return the mapper of a SLAM node without a scene process: its only child."""
     (process,) = (
         worker
         for pid in node.pids.values()

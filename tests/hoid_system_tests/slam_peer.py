@@ -19,8 +19,8 @@ from hoid_system_tests.frame_tree import OPTICAL, edges
 from hoid_system_tests.point_world import CAMERA
 from hoid_system_tests.probe import Probe
 
-NO_ROOM = {'dense.enabled': False, 'objects.enabled': False}
-"""Parameters without the room's maps, for which the node would want images."""
+NO_SCENE = {'dense.enabled': False, 'objects.enabled': False}
+"""Parameters that switch the scene mapper off, which needs images."""
 START_NS, PERIOD_NS = 1_305_031_102_175_304_123, 33_333_333
 _READY_S = 60.0  # it starts processes
 _RESEND_S = 3.0

@@ -17,12 +17,12 @@ from hoid_common.errors import ConfigError, HoidError
 REPORT = 'faults.md'
 FILES, KILLS, NETWORK, MESSAGES = 'files', 'kills', 'network', 'messages'
 CONDITIONS, CAMERAS, DEATHS, SOAK = 'conditions', 'cameras', 'deaths', 'soak'
-ROOMS = (FILES, KILLS, NETWORK, MESSAGES, CONDITIONS, CAMERAS, DEATHS, SOAK)
+CAMPAIGNS = (FILES, KILLS, NETWORK, MESSAGES, CONDITIONS, CAMERAS, DEATHS, SOAK)
 
 
 @dataclass(frozen=True)
 class Size:
-    """How many cases of each room."""
+    """Number of cases of each kind of fault."""
 
     files: int  # of each kind
     kills: int  # of each kind
@@ -46,17 +46,17 @@ def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:
     Args:
         seed: Of the first case; another one gives other cases.
         size: How many.
-        only: Rooms to run; empty means all.
+        only: Kinds of fault to run; empty means all.
         out: The folder.
 
     Raises:
-        ConfigError: A room does not exist.
+        ConfigError: There is no such kind of fault.
         HoidError: A case did not end as it must.
     """
     for name in only:
-        if name not in ROOMS:
-            raise ConfigError(f'--only {name}: the campaign has {", ".join(ROOMS)}')
-    outcomes = list(_outcomes(seed, size, only or ROOMS))
+        if name not in CAMPAIGNS:
+            raise ConfigError(f'--only {name}: the campaign has {", ".join(CAMPAIGNS)}')
+    outcomes = list(_outcomes(seed, size, only or CAMPAIGNS))
     text = table(outcomes)
     out.mkdir(parents=True, exist_ok=True)
     (out / REPORT).write_text(text, encoding='utf-8')
@@ -65,11 +65,11 @@ def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:
     return text
 
 
-def _outcomes(seed: int, size: Size, rooms: Sequence[str]) -> Iterator[Outcome]:
+def _outcomes(seed: int, size: Size, kinds: Sequence[str]) -> Iterator[Outcome]:
     seeds = {
-        room: range(seed, seed + number)
-        for room, number in vars(size).items()
-        if room in rooms and number
+        kind: range(seed, seed + number)
+        for kind, number in vars(size).items()
+        if kind in kinds and number
     }
     with tempfile.TemporaryDirectory(prefix='hoid faults ') as scratch:
         folder = Path(scratch)
@@ -94,7 +94,7 @@ def _live_outcomes(samples: Samples, folder: Path, seeds: dict[str, range]) -> I
 
     if found := seeds.get(NETWORK):
         yield from network_cases(folder / NETWORK, found)
-    messages, conditions = (seeds.get(room, range(0)) for room in (MESSAGES, CONDITIONS))
+    messages, conditions = (seeds.get(kind, range(0)) for kind in (MESSAGES, CONDITIONS))
     if messages or conditions:
         yield from standing_cases(samples, folder, messages, conditions)
     if found := seeds.get(CAMERAS):

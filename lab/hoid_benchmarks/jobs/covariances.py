@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from hoid_bags.sequence import Sequence, open_sequence
-from hoid_benchmarks.plan.sequences import Store
-from hoid_bringup.evaluate.consistency import (
+from hoid_benchmarks.consistency import (
     Consistency,
     Estimates,
     ReferenceNoise,
     consistency,
     reference_noise,
 )
+from hoid_benchmarks.plan.sequences import Store
 from hoid_bringup.run.offline import OfflinePipeline
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import InputError

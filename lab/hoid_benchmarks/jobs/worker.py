@@ -142,7 +142,7 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     if known is not None:
         known.save()
         pipeline.stage_ms.pop('detect', None)  # of reading a file, mostly
-    summary = write_outputs(out, pipeline.finish(sequence, config.noted()))
+    summary = write_outputs(out, pipeline.finish(sequence, config.summary_options()))
     (out / 'features.csv').write_text('\n'.join(lines) + '\n')
     if sequence.ground_truth is not None:
         write_tum(out / _TRUTH, sequence.ground_truth)

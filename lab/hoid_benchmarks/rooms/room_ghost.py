@@ -11,8 +11,8 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.values import DynamicObject, Float32Array, FloatArray, RgbdFrame
 from hoid_synth.room_truth import RoomTruth
-from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.scene_mapper import SceneMapper
+from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 _STAY_FRAMES, _AFTER_FRAMES = 90, 60  # 3 s and 2 s
 _RADIUS_M, _HEIGHT_M = 0.2, 1.75
@@ -46,7 +46,7 @@ class Ghost:
         self._first, self._xy_m = self._place()
 
     def fuse(
-        self, pose: FusionRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
+        self, pose: SceneRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
     ) -> None:
         """Map an image, with somebody in it while he is there."""
         i = self._frame_of[frame.stamp_ns] - self._first

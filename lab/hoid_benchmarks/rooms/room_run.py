@@ -14,10 +14,10 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_common.values import DynamicObject, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler, Rate
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import TrackedObject
 from rgbd_slam.scene.scene_mapper import SceneMapper
+from rgbd_slam.scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
 from rgbd_slam.scene.voxel_map import ColoredCloud
 from rgbd_slam.session import SlamSession
 
@@ -29,7 +29,7 @@ class Onlooker(Protocol):
     """Sees the images that the dense map is made of."""
 
     def fuse(
-        self, pose: FusionRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
+        self, pose: SceneRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
     ) -> None:
         """Look at an image with the verdicts on its objects."""
 
@@ -53,14 +53,14 @@ def map_room(
         sequence.camera,
         config.slam,
         RobotFrames(),
-        fusion_scheduler=FusionScheduler(config.slam.dense.rate_hz, config.slam.objects.rate_hz),
+        scene_scheduler=SceneScheduler(config.slam.dense.rate_hz, config.slam.objects.rate_hz),
     )
     scene = SceneMapper(sequence.camera, config.slam.dense, config.slam.objects)
     publish = Rate(1 / config.slam.dense.publish_period_s)
     tracks: Tracks = {}
     for frame in tqdm(sequence, f'{sequence.name} {config.filter.strategy}', unit=' frames'):
         filtered = judge.process(frame, detect(frame))
-        request = session.process(filtered.features).fusion
+        request = session.process(filtered.features).scene_request
         if request is None:
             continue
         if request.track_objects:
@@ -73,6 +73,6 @@ def map_room(
             scene.grid(scene.cloud())  # finds the floor, on which people stand
     session.slam.map.finish()
     session.close()
-    scene.settle(session.robot_map.keyframes())
+    scene.ledger.correct(session.robot_map.keyframes(), force=True)
     cloud = scene.cloud()
     return MappedRoom(cloud, scene.grid(cloud), tracks)

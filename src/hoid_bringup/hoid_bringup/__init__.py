@@ -1,1 +1,1 @@
-"""Command line, offline pipeline, live replay, evaluation, launch files."""
+"""Command line, offline pipeline, live replay, evaluation and launch files of the suite."""

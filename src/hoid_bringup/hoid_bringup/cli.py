@@ -1,7 +1,7 @@
-"""`hoid`: one command line for the whole suite.
+"""The command line `hoid`.
 
-Each command's code is imported only when it is chosen, so that `hoid --help` and short commands
-start at once.
+The code of a command is imported only when that command is given, so that `hoid --help` and short
+commands start at once.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from hoid_common.io.untrusted import check_path_name
 from hoid_common.process.signals import interrupt_on_termination, termination_signals_blocked
 
 _OK, _FAILED, _INTERRUPTED = 0, 1, 130
-_NO_NAMES = ('set',)  # options whose text is of any length
+_FREE_TEXT = ('set',)  # options that name no file
 _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 
 
 @dataclass(frozen=True)
 class Command:
-    """A sub-command; its module has `add_<name>_arguments(parser)` and `<name>_command(args)`."""
+    """Sub-command, whose module has `add_<name>_arguments(parser)` and `<name>_command(args)`."""
 
     module: str
     help: str
@@ -36,41 +36,42 @@ class Command:
 
 COMMANDS = {
     'demo': Command(
-        'hoid_benchmarks.demo', 'show a rendered scene or a camera with and without the filter'
+        'hoid_benchmarks.demo',
+        'run SLAM with and without the filter, on a rendered scene or a camera',
     ),
-    'convert': Command('hoid_bags.commands', 'turn a TUM folder into an MCAP bag'),
-    'synth': Command('hoid_synth.commands', 'render a scene with people into a bag'),
-    'info': Command('hoid_bags.commands', "list a bag's topics"),
-    'play': Command('hoid_bags.commands', 'play a bag on topics'),
+    'convert': Command('hoid_bags.commands', 'convert a TUM folder to an MCAP bag'),
+    'synth': Command('hoid_synth.commands', 'render a bag of a scene with moving people'),
+    'info': Command('hoid_bags.commands', 'list the topics of a bag, or repair it'),
+    'play': Command('hoid_bags.commands', 'publish the messages of a bag'),
     'record': Command('hoid_bags.commands', 'record topics into a bag'),
-    'nodes': Command('hoid_bringup.live.nodes', 'run the three nodes for a live robot'),
-    'run': Command('hoid_bringup.commands', 'process a recording offline, every frame'),
-    'replay': Command('hoid_bringup.commands', 'play a recording through the live nodes'),
-    'evaluate': Command('hoid_bringup.commands', 'compare a trajectory with the truth'),
-    'bench': Command('hoid_benchmarks.commands', 'measure: speed of a stage, or all experiments'),
-    'view': Command('hoid_bringup.view.view', 'look at a recording or a finished run'),
-    'pictures': Command('hoid_bringup.view.pictures', 'draw what the filter sees and decides'),
+    'nodes': Command('hoid_bringup.live.nodes', 'run detector, filter and SLAM nodes on a robot'),
+    'run': Command('hoid_bringup.commands', 'run SLAM on every frame of a recording, offline'),
+    'replay': Command('hoid_bringup.commands', 'play a recording in real time to the nodes'),
+    'evaluate': Command('hoid_bringup.commands', 'compute the errors of a trajectory'),
+    'bench': Command('hoid_benchmarks.commands', 'run experiments, or measure a stage'),
+    'view': Command('hoid_bringup.view.view', 'show a recording or the results of a run in 3-D'),
+    'pictures': Command('hoid_benchmarks.pictures', 'draw the verdicts of the filter on images'),
 }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line and return its status: 1 for an error said in one line, 2 for usage."""
-    for variable in _THREAD_VARIABLES:  # small matrices: more threads only cost
+    """Run a command and return its exit status: 1 for an error of one line, 2 for wrong usage."""
+    for variable in _THREAD_VARIABLES:  # the matrices are small, so threads only cost time
         os.environ.setdefault(variable, '1')
     interrupt_on_termination()
     argv = list(sys.argv[1:] if argv is None else argv)
     chosen = next((word for word in argv if not word.startswith('-')), '')
     try:
-        args = _parser(chosen).parse_args(argv)
+        args = argument_parser(chosen).parse_args(argv)
         logging.basicConfig(
             level=logging.DEBUG if args.verbose else logging.WARNING,
             format='%(levelname)s %(name)s: %(message)s',
         )
         _check_names(args)
-        for line in _leftovers(args):
+        for line in _abandoned_folders(args):
             sys.stderr.write(f'hoid: {line}\n')
         getattr(_module(chosen), f'{chosen}_command')(args)
-        print(end='', flush=True)  # what has not gone out yet may fail to
+        print(end='', flush=True)  # buffered output may fail to be written
     except HoidError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)
         sys.stderr.write(f'hoid {chosen}: {error}\n')
@@ -79,51 +80,53 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.write(f'hoid {chosen}: interrupted\n')
         return _INTERRUPTED
     except BrokenPipeError:  # `hoid info BAG | head`
-        _say_no_more()
+        _discard_stdout()
         return _OK
-    except OSError as error:  # a full disk behind stdout, a working folder that is gone
+    except OSError as error:  # stdout on a full disk, or the working folder was removed
         logging.getLogger(__name__).debug('failed', exc_info=True)
         sys.stderr.write(f'hoid {chosen}: {InputError(error)}\n')
-        _say_no_more()
+        _discard_stdout()
         return _FAILED
     return _OK
 
 
-def _say_no_more() -> None:
-    """Let nothing that still waits for stdout fail at the end."""
+def _discard_stdout() -> None:
+    """Discard buffered output, which would raise another error when the interpreter exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def _check_names(args: argparse.Namespace) -> None:
-    """Raise ConfigError for a name that no file can have, before any work begins."""
+    """Raise ConfigError if an argument is no possible file name, before any work begins."""
     for option, value in vars(args).items():
-        what = option.replace('_', '-')
+        name = option.replace('_', '-')
         for item in value if isinstance(value, list) else [value]:
             if isinstance(item, Path):
-                check_path_name(str(item), what)
-                check_path_name(os.path.realpath(item), what)
-            elif isinstance(item, str) and item and option not in _NO_NAMES:
-                check_path_name(item, what)
+                check_path_name(str(item), name)
+                check_path_name(os.path.realpath(item), name)
+            elif isinstance(item, str) and item and option not in _FREE_TEXT:
+                check_path_name(item, name)
 
 
-def _leftovers(args: argparse.Namespace) -> Iterator[str]:
-    """Yield what is said of hidden folders that killed commands left beside the files named."""
+def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
+    """Yield a warning for each hidden folder that a killed command left beside the arguments."""
     paths = {value for value in vars(args).values() if isinstance(value, Path)}
     for folder in sorted({path.parent for path in paths} | {p for p in paths if p.is_dir()}):
         for left in abandoned_scratch_folders(folder):
             if left not in paths and any(left.glob('*/*.mcap')):
-                yield f'{left}: left by a killed recording; "hoid info --repair" makes a bag of it'
+                yield f'{left}: left by a killed recording; "hoid info --repair" restores the bag'
             elif left not in paths:
                 yield f'{left}: left by a killed command; it can be removed'
 
 
-def _parser(chosen: str) -> argparse.ArgumentParser:
-    """Build the parser; only the chosen command gets its arguments, which needs its module."""
+def argument_parser(chosen: str) -> argparse.ArgumentParser:
+    """Return the parser. Only the chosen command gets its arguments, as they need its module."""
     parser = argparse.ArgumentParser(prog='hoid', description='RGB-D SLAM among moving people.')
-    parser.add_argument('-v', '--verbose', action='store_true', help='say more, with tracebacks')
+    parser.add_argument(
+        '-v', '--verbose', action='store_true', help='show log messages and tracebacks'
+    )
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, command in COMMANDS.items():
-        # Half an option's name must not choose another one.
+        # Without abbreviations, a new option cannot change the meaning of an old command line.
         sub = commands.add_parser(
             name, help=command.help, description=f'{command.help}.', allow_abbrev=False
         )
@@ -140,10 +143,10 @@ def add_arguments(command: str, parser: argparse.ArgumentParser) -> None:
 def _module(command: str) -> ModuleType:
     """Import a command's code; raise InputError where a package that it needs is missing."""
     try:
-        with termination_signals_blocked():  # an import may swallow it
+        with termination_signals_blocked():  # an import may swallow KeyboardInterrupt
             return import_module(COMMANDS[command].module)
     except ModuleNotFoundError as error:
         raise InputError(
-            f'the Python package {error.name} is missing: start the command by ./hoid, '
+            f'the Python package {error.name} is missing: run the command through ./hoid, '
             'or "pip install -r requirements/experiments.lock"'
         ) from error

@@ -1,4 +1,4 @@
-"""The page that names every command, which `make reference` writes from their parsers."""
+"""Generator of the page of all commands, from their argument parsers (`make reference`)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ more.
 
 
 def command_reference() -> str:
-    """Return the page, in Markdown: a section for each command, its arguments in their order."""
+    """Return the page in Markdown, with a table of arguments for each command."""
     parts = [_HEAD]
     for name, command in COMMANDS.items():
         parser = argparse.ArgumentParser(prog=name, add_help=False)
@@ -30,14 +30,14 @@ def command_reference() -> str:
 
 
 def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
-    for action in parser._actions:  # noqa: SLF001 - argparse has no other list of them
+    for action in parser._actions:  # noqa: SLF001 - argparse has no public list of arguments
         if action.help != argparse.SUPPRESS:
-            said = (action.help or '') % {**vars(action), 'prog': parser.prog}
-            yield f'| {_code(_usage(action))} | {said.replace("|", chr(92) + "|")} |'
+            text = (action.help or '') % {**vars(action), 'prog': parser.prog}
+            yield f'| {_code(_usage(action))} | {text.replace("|", chr(92) + "|")} |'
 
 
 def _code(text: str) -> str:
-    """Return text as code in a table, where some readers take every bar for a border."""
+    """Return text as code in a table, where some Markdown readers take `|` for a cell border."""
     return f'<code>{text.replace("|", "&#124;")}</code>' if '|' in text else f'`{text}`'
 
 

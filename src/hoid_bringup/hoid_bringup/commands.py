@@ -9,13 +9,13 @@ from pathlib import Path
 
 from hoid_bringup.evaluate.evaluation import Evaluation, evaluate
 from hoid_bringup.live.replay_plan import ReplayConfig
+from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, STRATEGY, lacks_model
 from hoid_bringup.run.offline import run_offline
-from hoid_bringup.run.offline_maps import MapFiles
 from hoid_bringup.run.options import (
     add_method_arguments,
     add_recording_arguments,
-    asked_for,
+    given_parameters,
     playable_bag,
     recording,
     run_config,
@@ -29,7 +29,9 @@ from hoid_common.io.trajectory_io import read_tum
 
 def _add_shared_arguments(parser: argparse.ArgumentParser) -> None:
     add_recording_arguments(parser)
-    parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='results go here')
+    parser.add_argument(
+        '--out', type=Path, required=True, metavar='DIR', help='folder for the results'
+    )
     add_method_arguments(parser)
 
 
@@ -37,26 +39,33 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid run`."""
     _add_shared_arguments(parser)
     parser.add_argument(
-        '--dense', action='store_true', help='also write cloud.ply, and grid.pgm with grid.yaml'
+        '--dense',
+        action='store_true',
+        help='also write the dense map (cloud.ply) and the grid (grid.pgm, grid.yaml)',
     )
-    parser.add_argument('--map', type=Path, metavar='FILE', help='start with a saved map')
+    parser.add_argument('--map', type=Path, metavar='FILE', help='saved map to start with')
     parser.add_argument(
-        '--localize', action='store_true', help='leave that map as it is, and only look for poses'
+        '--localize',
+        action='store_true',
+        help='only localize in the map of --map and do not change it',
     )
-    parser.add_argument('--save-map', type=Path, metavar='FILE', help='save the map in the end')
+    parser.add_argument(
+        '--save-map', type=Path, metavar='FILE', help='file in which to save the map at the end'
+    )
 
 
 def run_command(args: argparse.Namespace) -> None:
-    """Process a recording offline."""
-    config = _runnable(args)
+    """Run SLAM on every frame of a recording."""
+    config = _config(args)
     if config.live_only:
-        raise ConfigError(f'only live nodes have {", ".join(config.live_only)}: see hoid replay')
+        names = ', '.join(config.live_only)
+        raise ConfigError(f'{names}: for live nodes only; use "hoid replay", or leave it out')
     sequence = recording(args)
     maps = MapFiles(args.map, args.localize, args.save_map)
     summary = run_offline(
         sequence, config, args.out, dense=args.dense, recording=args.input, maps=maps
     )
-    print(report(summary, args.out))
+    print(run_report(summary, args.out))
     if sequence.fault:
         raise InputError(sequence.fault)
 
@@ -65,39 +74,53 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid replay`."""
     _add_shared_arguments(parser)
     parser.add_argument(
-        '--rate', type=float, default=ReplayConfig().rate, metavar='R', help='times real time'
+        '--rate',
+        type=float,
+        default=ReplayConfig().rate,
+        metavar='R',
+        help='speed as a multiple of real time (default: %(default)g)',
     )
     parser.add_argument(
-        '--lockstep', action='store_true', help='wait for each image: slow machines lose none'
+        '--lockstep',
+        action='store_true',
+        help='publish each image only after the odometry of the one before, so that a slow '
+        'computer loses no image',
     )
 
 
 def replay_command(args: argparse.Namespace) -> None:
-    """Play a recording through the live nodes; a folder becomes a bag for the time of it."""
-    from hoid_bringup.live.replay import replay  # needs ROS, which the other commands do not
+    """Play a recording to the live nodes; a TUM folder is first converted to a temporary bag."""
+    from hoid_bringup.live.replay import replay  # imports ROS, which other commands do not need
 
-    config = ReplayConfig(rate=args.rate, lockstep=args.lockstep, run=_runnable(args))
+    config = ReplayConfig(rate=args.rate, lockstep=args.lockstep, run=_config(args))
     with playable_bag(args) as bag:
         summary = replay(bag, config, args.out, recording=args.input)
-    print(report(summary, args.out))
+    print(run_report(summary, args.out))
     if bag.fault:
         raise InputError(bag.fault)
 
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid evaluate`."""
-    parser.add_argument('estimate', type=Path, metavar='ESTIMATE', help='TUM-format trajectory')
-    parser.add_argument('groundtruth', type=Path, metavar='GROUNDTRUTH', help='the same, true')
     parser.add_argument(
-        '--frames', type=int, metavar='N', help='images in the recording, for the coverage'
+        'estimate', type=Path, metavar='ESTIMATE', help='estimated trajectory in TUM format'
     )
     parser.add_argument(
-        '--json', type=Path, metavar='FILE', help='write the numbers there as well'
+        'groundtruth', type=Path, metavar='GROUNDTRUTH', help='true trajectory in TUM format'
+    )
+    parser.add_argument(
+        '--frames',
+        type=int,
+        metavar='N',
+        help='number of frames of the recording; coverage is the share of them with a pose',
+    )
+    parser.add_argument(
+        '--json', type=Path, metavar='FILE', help='file in which to write the errors as well'
     )
 
 
 def evaluate_command(args: argparse.Namespace) -> None:
-    """Compare a trajectory with the truth."""
+    """Print the errors of a trajectory."""
     result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), args.frames)
     print(evaluation_report(result))
     if args.json is not None:
@@ -107,24 +130,24 @@ def evaluate_command(args: argparse.Namespace) -> None:
             raise write_error(args.json, error) from error
 
 
-def _runnable(args: argparse.Namespace) -> RunConfig:
-    """Return the configuration asked for, by motion alone without a model; say what is special."""
+def _config(args: argparse.Namespace) -> RunConfig:
+    """Return the configuration of the options; without a detector model, for motion alone."""
     config = run_config(args)
-    if lacks_model(config, asked_for(args)):
+    if lacks_model(config, given_parameters(args)):
         print(NO_DETECTOR)
         return config.updated({STRATEGY: MOTION})
-    say_detections(config)
+    print_detection_note(config)
     return config
 
 
-def say_detections(config: RunConfig) -> None:
-    """Say it when boxes are exact: such a result says nothing about a detector."""
+def print_detection_note(config: RunConfig) -> None:
+    """Print a note if ground-truth boxes are used: the result then shows no detector's errors."""
     if config.needs_detections and config.detector.model == TRUTH:
-        print("detections: the rendered scene's exact boxes, no detector runs")
+        print('detections: ground-truth boxes of the rendered scene; no detector runs')
 
 
-def report(summary: Summary, out_dir: Path) -> str:
-    """Return a run's result in a few lines."""
+def run_report(summary: Summary, out_dir: Path) -> str:
+    """Return the result of a run in a few lines."""
     s = summary
     lines = [
         f'tracked    {s.frames_tracked} of {s.frames_total} frames ({100 * s.coverage:.1f} %)',
@@ -133,8 +156,8 @@ def report(summary: Summary, out_dir: Path) -> str:
     ]
     if s.frames_in_other_maps:
         lines.append(
-            f'left out   {s.frames_in_other_maps} frames tracked after a loss, in maps that '
-            'no known place joined'
+            f'not merged {s.frames_in_other_maps} more frames, tracked in maps that were begun '
+            'after a loss of tracking'
         )
     if s.ate_rmse_m is not None:
         online = s.ate_online_rmse_m
@@ -158,8 +181,9 @@ def evaluation_report(result: Evaluation) -> str:
     """Return an evaluation in a few lines."""
     r = result
     spread = f'mean {r.ate_mean_m:.4f}, median {r.ate_median_m:.4f}, max {r.ate_max_m:.4f}'
+    coverage = '' if r.coverage is None else f', coverage {100 * r.coverage:.1f} %'
     lines = [
-        f'poses      {r.num_pairs} matched, coverage {100 * r.coverage:.1f} %',
+        f'poses      {r.num_pairs} matched{coverage}',
         f'ATE        RMSE {r.ate_rmse_m:.4f} m, {spread}',
     ]
     if r.rpe_trans_1s_rmse_m is not None:

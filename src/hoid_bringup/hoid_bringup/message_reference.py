@@ -1,4 +1,4 @@
-"""The page of all message and service fields, which `make reference` writes from their files."""
+"""Generator of the page of all messages and services, from their files (`make reference`)."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ _HEAD = """# Messages and services, field by field
 
 Written by `make reference` from the files of `src/hoid_msgs`.
 """
-_WIDTH = 110
-_FIELD = re.compile(r'(?P<type>\S+)\s+(?P<name>\w+)(?:=(?P<value>\S+))?\s*(?:#\s*(?P<said>.*))?$')
+_WIDTH = 110  # characters in a line of the page
+_FIELD = re.compile(r'(?P<type>\S+)\s+(?P<name>\w+)(?:=(?P<value>\S+))?\s*(?:#\s*(?P<text>.*))?$')
 
 
 def message_reference(package: Path) -> str:
-    """Return the page, in Markdown: a section for each message and service of a source package."""
+    """Return the page in Markdown, with the fields of each message and service of a package."""
     parts = [_HEAD]
     for path in sorted(package.glob('*/*.[ms][sr][gv]')):
-        about, *tables = _read(path.read_text(encoding='utf-8'))
-        parts.append(f'## {path.stem}\n\n{about}\n')
+        description, *tables = _read(path.read_text(encoding='utf-8'))
+        parts.append(f'## {path.stem}\n\n{description}\n')
         for title, table in zip(('field', 'answer'), tables, strict=False):
             parts.append(f'| {title} | type | what it is |\n|---|---|---|\n{table}\n')
     return '\n'.join(parts)
 
 
 def _read(text: str) -> Iterator[str]:
-    """Yield what an interface is for, and the rows of each of its parts."""
-    about, _, rest = text.partition('\n\n')
-    yield textwrap.fill(' '.join(line.lstrip('# ') for line in about.splitlines()), _WIDTH)
+    """Yield the description of an interface, and the table rows of each of its parts."""
+    description, _, rest = text.partition('\n\n')
+    yield textwrap.fill(' '.join(line.lstrip('# ') for line in description.splitlines()), _WIDTH)
     for part in rest.split('\n---\n'):
         yield '\n'.join(_rows(part.strip().splitlines()))
 
@@ -38,10 +38,10 @@ def _read(text: str) -> Iterator[str]:
 def _rows(lines: list[str]) -> Iterator[str]:
     cells: list[str] = []
     for line in filter(None, lines):
-        if line.startswith('#') or not cells:  # on the fields that follow
+        if line.startswith('#') or not cells:  # a comment on the fields that follow
             yield from _row(cells)
             cells = ['', '', line.lstrip('# ')] if line.startswith('#') else _cells(line)
-        elif line.lstrip().startswith('#'):  # goes on
+        elif line.lstrip().startswith('#'):  # the comment of a field continues
             cells[-1] += f' {line.lstrip(" #")}'
         else:
             yield from _row(cells)
@@ -52,9 +52,9 @@ def _rows(lines: list[str]) -> Iterator[str]:
 def _cells(line: str) -> list[str]:
     found = _FIELD.match(line)
     if found is None:
-        raise ValueError(f'no field of a message: {line}')
+        raise ValueError(f'is no field of a message: {line}')
     value = f' = {found["value"]}' if found['value'] else ''
-    return [f'`{found["name"]}{value}`', f'`{found["type"]}`', found['said'] or '']
+    return [f'`{found["name"]}{value}`', f'`{found["type"]}`', found['text'] or '']
 
 
 def _row(cells: list[str]) -> Iterator[str]:

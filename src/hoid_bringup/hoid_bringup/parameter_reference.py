@@ -1,9 +1,8 @@
-"""The page that names every parameter, which `make reference` writes from the nodes' configs."""
+"""Generator of the page of all parameters, from the nodes' configurations (`make reference`)."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
 from typing import Any
 
 from hoid_bringup.live.node_specs import NODE_CONFIGS
@@ -15,35 +14,32 @@ Written by `make reference` from the nodes' configurations; see
 [how to set them](../howto/parameters.md). Those for experts exist where a node is started with
 `{EXPERT}:=true`. What can change while the node runs says so.
 """
-_MOST_SHOWN = 3  # entries of a list
+_TABLE = '| parameter | default | values | what it does |\n|---|---|---|---|'
+_MAX_ENTRIES = 3  # of a list
 
 
 def parameter_reference() -> str:
-    """Return the page, in Markdown: a section for each node, its users' parameters first."""
+    """Return the page in Markdown, with two tables per node: for users and for experts."""
     parts = [_HEAD]
     for node, config in NODE_CONFIGS.items():
-        leaves = list(config.params())
         parts.append(f'\n## {node}\n')
-        parts += _table('For users', [leaf for leaf in leaves if not leaf.spec.expert])
-        parts += _table('For experts', [leaf for leaf in leaves if leaf.spec.expert])
+        for title, is_expert in (('For users', False), ('For experts', True)):
+            rows = [_row(p) for p in config.node_params() if p.spec.expert == is_expert]
+            parts += [f'### {title}\n', _TABLE, *rows, '']
     return '\n'.join(parts)
 
 
-def _table(title: str, leaves: Iterable[Param]) -> list[str]:
-    head = '| parameter | default | values | what it does |\n|---|---|---|---|'
-    return [f'### {title}\n', head, *(_row(leaf) for leaf in leaves), '']
-
-
 def _row(leaf: Param) -> str:
-    free = '' if leaf.spec.read_only else ' *Can change while the node runs.*'
-    said = leaf.spec.description.replace('|', '\\|')
-    return f'| `{leaf.name}` | {_default(leaf.value)} | {_values(leaf)} | {said}{free} |'
+    note = '' if leaf.spec.read_only else ' *Can change while the node runs.*'
+    description = leaf.spec.description.replace('|', '\\|')
+    return f'| `{leaf.name}` | {_default(leaf.value)} | {_values(leaf)} | {description}{note} |'
 
 
 def _default(value: Any) -> str:
     if isinstance(value, tuple):
-        more = f' and {len(value) - _MOST_SHOWN} more' if len(value) > _MOST_SHOWN else ''
-        return ', '.join(f'`{item}`' for item in value[:_MOST_SHOWN]) + more or '`[]`'
+        num_more = len(value) - _MAX_ENTRIES
+        more = f' and {num_more} more' if num_more > 0 else ''
+        return ', '.join(f'`{item}`' for item in value[:_MAX_ENTRIES]) + more or '`[]`'
     if isinstance(value, bool):
         return f'`{str(value).lower()}`'
     return f'`{value}`' if value != '' else "`''`"
@@ -53,16 +49,10 @@ def _values(leaf: Param) -> str:
     spec = leaf.spec
     if spec.choices:
         return ', '.join(f'`{choice}`' for choice in spec.choices)
-    if isinstance(leaf.value, bool):
-        return '`true`, `false`'
-    if isinstance(leaf.value, tuple):
-        return 'list of names'
-    if isinstance(leaf.value, str):
-        return 'text'
-    kind = 'whole number' if isinstance(leaf.value, int) else 'number'
+    kinds = {bool: '`true`, `false`', tuple: 'list of names', str: 'text', int: 'whole number'}
     ends = [f'from {spec.minimum}' if spec.minimum is not None else '']
     ends += [f'to {spec.maximum}' if spec.maximum is not None else '']
-    return ' '.join([kind, *filter(None, ends)])
+    return ' '.join([kinds.get(type(leaf.value), 'number'), *filter(None, ends)])
 
 
 if __name__ == '__main__':

@@ -1,15 +1,15 @@
-"""The whole suite: detector, filter and SLAM, in a namespace, for a camera chosen by name.
+"""Launches detector, filter and SLAM for a camera driver that is chosen by name.
 
 ros2 launch hoid_bringup hoid.launch.py camera:=realsense base_frame:=base_link
 
-`./hoid nodes` keeps discovery to this computer and takes the suite's transport profile; under
-launch both are the shell's matter:
+`./hoid nodes` limits discovery to this computer and uses the transport profile of the suite. With
+`ros2 launch`, set both in the shell:
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 share=$(ros2 pkg prefix --share hoid_common)
 export FASTRTPS_DEFAULT_PROFILES_FILE=$share/config/fastdds_profile.xml
 
-With the camera on another computer it is SUBNET and fastdds_network_profile.xml, on both.
+If the camera is on another computer, use SUBNET and fastdds_network_profile.xml on both.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from hoid_filter.strategy_registry import STRATEGIES
 from launch import LaunchContext, LaunchDescription
 
 RVIZ = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'rviz', 'hoid.rviz'])
-# Launch argument that names a topic: the suite's own name of it.
+# Launch arguments for topics of the camera, with the name that the suite has for each topic.
 CAMERA_ARGUMENTS = {
     'rgb_topic': topics.RGB_IMAGE,
     'depth_topic': topics.DEPTH_IMAGE,
@@ -46,31 +46,45 @@ ARGUMENTS = (
         'camera',
         default_value='bag',
         choices=list(CAMERA_TOPICS),
-        description='driver whose topics are taken',
+        description='camera driver whose topics the nodes subscribe to',
     ),
     Argument(
-        'camera_namespace', default_value='', description="of the driver; empty: the driver's own"
+        'camera_namespace',
+        default_value='',
+        description="namespace of the camera driver; empty: the driver's own default",
     ),
     *(
-        Argument(name, default_value='', description=f"in place of the camera's {topic}")
+        Argument(
+            name,
+            default_value='',
+            description=f'topic of the camera for {topic}; empty: that of the driver',
+        )
         for name, topic in CAMERA_ARGUMENTS.items()
     ),
-    Argument('map_topic', default_value=topics.GRID_MAP, description='of the occupancy grid'),
-    Argument('model', default_value='', description='ONNX file; empty: the usual places'),
+    Argument(
+        'map_topic', default_value=topics.GRID_MAP, description='topic of the occupancy grid'
+    ),
+    Argument(
+        'model', default_value='', description='ONNX model of the detector; empty: search for one'
+    ),
     Argument(
         'strategy',
         default_value=FilterConfig().strategy,
         choices=list(STRATEGIES),
-        description='how dynamic objects are told',
+        description='strategy that identifies dynamic objects',
     ),
-    Argument('base_frame', default_value='', description="the robot's; empty: the camera's own"),
-    switch('detector', 'run it here', default=True),
-    switch('rviz', 'open RViz'),
+    Argument(
+        'base_frame',
+        default_value='',
+        description='base frame of the robot; empty: the optical frame of the camera',
+    ),
+    switch('detector', 'whether to run the detector', default=True),
+    switch('rviz', 'whether to open RViz'),
 )
 
 
 def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
-    """Return the remaps of the camera's topics, each by its own argument or as the preset says."""
+    """Return the remaps of the camera topics, from their arguments or from the driver's preset."""
     preset = CAMERA_TOPICS[value(context, 'camera')]
     names = dict(preset.remappings(value(context, 'camera_namespace')))
     return topics.camera_remappings(
@@ -79,7 +93,7 @@ def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
 
 
 def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
-    """Make the nodes; the camera's name is known only now."""
+    """Return the nodes. This runs at launch time, when the arguments are known."""
     camera = camera_remappings(context)
     grid = (topics.GRID_MAP, value(context, 'map_topic'))
     parameters = {
@@ -90,13 +104,14 @@ def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
     if not is_on(context, 'detector'):
         del parameters['hoid_detector']
     nodes = [
-        suite_node(context, package, own, [*camera, grid]) for package, own in parameters.items()
+        suite_node(context, package, values, [*camera, grid])
+        for package, values in parameters.items()
     ]
     return [*nodes, rviz()] if is_on(context, 'rviz') else nodes
 
 
 def rviz() -> Node:
-    """Return RViz with the suite's displays."""
+    """Return RViz with the displays of the suite."""
     return Node(
         package='rviz2',
         executable='rviz2',

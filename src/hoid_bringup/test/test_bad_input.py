@@ -1,4 +1,4 @@
-"""What users get wrong: one line that names it, status 1, and no file left behind."""
+"""Wrong input gives one line that names the cause, status 1, and no new file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FR3 = ('run', 'fr3_room', *OUT)
 
 
 def write_lists(folder: Path, *kinds: str) -> None:
-    """Write a TUM folder's lists, and image files that nobody gets to open."""
+    """Write the lists of a TUM folder, and empty image files, which are never opened."""
     for kind in kinds:
         (folder / kind).mkdir(parents=True)
         rows = [f'{stamp_s} {kind}/{stamp_s}.png\n' for stamp_s in STAMPS_S]
@@ -38,7 +38,7 @@ def write_path(path: Path, start_ns: int) -> None:
 
 @pytest.fixture(scope='module')
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of things that are not what they are taken for."""
+    """A folder with invalid files of each kind."""
     place = tmp_path_factory.mktemp('bad input')
     write_lists(place / 'fr3_room', 'rgb', 'depth')
     write_lists(place / 'fr3_colour_only', 'rgb')
@@ -87,7 +87,7 @@ CASES = {
     # models and maps
     (*FR3, '--detector', 'text'): 'text is no usable ONNX model',
     (*FR3, '--detector', 'yolo99'): 'detector model yolo99 does not exist',
-    (*FR3, '--detector', 'truth'): 'has no exact boxes',
+    (*FR3, '--detector', 'truth'): 'has no ground-truth boxes',
     (*FR3, '--filter', 'none', '--map', 'text'): 'text: is no map file',
     (*FR3, '--localize'): '--localize needs --map',
     # parameters
@@ -103,13 +103,13 @@ CASES = {
     ('nodes', '--params', 'list.yaml'): 'list.yaml: is not a ROS parameter file',
     ('nodes', '--namespace', 'two words'): '--namespace two words: use letters',
     ('record', 'new', '--duration', '-1'): '--duration -1: must be at least 0',
-    # places to write to
+    # output paths
     ('run', 'fr3_room', '--out', 'text/new'): 'text/new: cannot be written: part of this path',
     ('replay', 'fr3_room', '--out', 'text'): 'text: cannot be written: part of this path',
     (*FR3, '--filter', 'none', '--save-map', 'text/map'): 'text: cannot be written: part of',
     ('synth', 'text/new', '--frames', '1'): 'text: cannot be written: part of this path',
     ('nodes', '--filter', 'none', '--log-dir', 'text/logs'): 'text/logs: cannot be written',
-    # names
+    # file names
     (*FR3, '--filter', 'none', '--save-map', ''): '--save-map .: is a folder',
     ('run', 'x' * 5000, *OUT): "input 'xxxx",
     ('run', 'fr3_room', '--out', 'x' * 5000): 'no file can have this name',
@@ -122,7 +122,7 @@ CASES = {
     ('play', 'x' * 5000): 'no file can have this name',
     ('info', 'caf\udce9'): 'not a UTF-8 name',
     ('evaluate', 'path.txt', 'x' * 300): 'no file can have this name',
-    # what never ends
+    # files without an end
     ('evaluate', '/dev/zero', 'path.txt'): '/dev/zero: not a regular file',
     ('evaluate', 'pipe', 'path.txt'): 'pipe: not a regular file',
     ('info', 'pipe.mcap'): 'pipe.mcap: not a regular file',
@@ -131,16 +131,16 @@ CASES = {
     ('evaluate', 'nowhere', 'path.txt'): 'nowhere: no such file',
     ('evaluate', 'text', 'path.txt'): 'text: line 1: "neither" is not a time in seconds',
     ('evaluate', 'later.txt', 'path.txt'): 'share 0 poses within 0.02 s',
-    ('evaluate', 'path.txt', 'path.txt', '--frames', '5'): 'has 9 poses, the recording 5 images',
+    ('evaluate', 'path.txt', 'path.txt', '--frames', '5'): 'has 9 poses, but --frames is 5',
     ('evaluate', 'path.txt', 'path.txt', '--json', 'text/new'): 'text/new: cannot be written',
 }
 
 
 @pytest.mark.parametrize(
-    ('argv', 'said'), CASES.items(), ids=[' '.join(argv)[:60] for argv in CASES]
+    ('argv', 'message'), CASES.items(), ids=[' '.join(argv)[:60] for argv in CASES]
 )
-def test_one_line_says_what_is_wrong(
-    argv: tuple[str, ...], said: str, place: Path, monkeypatch: pytest.MonkeyPatch,
+def test_the_error_is_one_line_that_names_the_cause(
+    argv: tuple[str, ...], message: str, place: Path, monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(place)
@@ -148,5 +148,5 @@ def test_one_line_says_what_is_wrong(
     assert cli.main(argv) == 1
     (line,) = (text for text in capfd.readouterr().err.splitlines() if '%|' not in text)
     assert line.startswith(f'hoid {argv[0]}: ')
-    assert said in line
+    assert message in line
     assert sorted(place.rglob('*')) == before

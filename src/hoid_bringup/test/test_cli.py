@@ -36,7 +36,7 @@ def test_evaluate_prints_and_writes_numbers(
 
 
 @pytest.mark.parametrize('argv', [[], ['fly'], ['run'], ['evaluate', 'one']])
-def test_wrong_usage_is_status_2(argv: list[str]) -> None:
+def test_wrong_usage_exits_with_status_2(argv: list[str]) -> None:
     with pytest.raises(SystemExit) as exit_info:
         cli.main(argv)
     assert exit_info.value.code == 2
@@ -52,7 +52,9 @@ def test_an_unknown_strategy_is_wrong_usage_in_every_command(
     assert "--filter: invalid choice: 'bogus'" in capsys.readouterr().err
 
 
-def test_interruption_is_status_130(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_an_interrupt_exits_with_status_130(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     def interrupted(_path: Path) -> None:
         raise KeyboardInterrupt
 
@@ -73,20 +75,20 @@ sys.exit(cli.main(['evaluate', 'a', 'b']))
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['SIGTERM', 'SIGHUP', 'SIGQUIT', 'SIGINT'])
-def test_signals_end_a_command_as_ctrl_c_does(name: str) -> None:
+def test_termination_signals_end_a_command_as_ctrl_c_does(name: str) -> None:
     argv = [sys.executable, '-c', BUSY]
     pipe = subprocess.PIPE
     with subprocess.Popen(argv, stdout=pipe, stderr=pipe, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == 'busy\n'
         process.send_signal(signal.Signals[name])
-        _, said = process.communicate(timeout=10)
+        _, stderr = process.communicate(timeout=10)
     assert process.returncode == 130
-    assert said == 'hoid evaluate: interrupted\n'
+    assert stderr == 'hoid evaluate: interrupted\n'
 
 
 @pytest.mark.slow
-def test_a_command_that_ignores_hang_ups_goes_on_doing_so() -> None:
+def test_a_command_that_ignores_sighup_still_does() -> None:
     code = 'import signal\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)' + BUSY
     argv = [sys.executable, '-c', code]
     with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as process:
@@ -98,7 +100,7 @@ def test_a_command_that_ignores_hang_ups_goes_on_doing_so() -> None:
         process.kill()
 
 
-def test_what_a_killed_command_left_is_named(
+def test_folders_of_killed_commands_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write_line(tmp_path / 'path.txt')
@@ -118,12 +120,12 @@ def test_an_interrupt_while_importing_gives_no_traceback() -> None:
         with subprocess.Popen(argv, stderr=subprocess.PIPE, text=True, process_group=0) as process:
             time.sleep(0.06 * i)
             os.killpg(process.pid, signal.SIGINT)
-            _, said = process.communicate(timeout=30)
-        assert said in ('', 'hoid info: interrupted\n', 'hoid info: nothing: no such bag\n')
+            _, stderr = process.communicate(timeout=30)
+        assert stderr in ('', 'hoid info: interrupted\n', 'hoid info: nothing: no such bag\n')
 
 
 @pytest.mark.slow
-def test_a_full_disk_behind_stdout_is_said_in_a_line(tmp_path: Path) -> None:
+def test_a_full_disk_for_stdout_gives_one_line(tmp_path: Path) -> None:
     path = write_line(tmp_path / 'path.txt')
     command = [sys.executable, '-m', 'hoid_bringup', 'evaluate', str(path), str(path)]
     with Path('/dev/full').open('w') as full:
@@ -133,7 +135,7 @@ def test_a_full_disk_behind_stdout_is_said_in_a_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_working_folder_that_is_gone_is_said_in_a_line(tmp_path: Path) -> None:
+def test_a_removed_working_folder_gives_one_line(tmp_path: Path) -> None:
     command = f'"{sys.executable}" -m hoid_bringup'
     argv = ['sh', '-c', f'rmdir ../gone && {command} convert recording bag']
     (tmp_path / 'gone').mkdir()

@@ -1,4 +1,4 @@
-"""Known answers: a trajectory with errors put in by hand must show exactly these."""
+"""A trajectory with known errors is evaluated to exactly these."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def test_a_rigid_motion_of_the_truth_has_no_error(twist: list[float]) -> None:
     assert result.rpe_trans_1s_rmse_m is not None
     assert result.rpe_trans_1s_rmse_m < 1e-9
     assert result.num_pairs == 100
-    assert result.coverage == 1.0
+    assert result.coverage is None
 
 
 def test_ate_of_known_offsets() -> None:
-    """Points on a regular cross, pushed outwards by 1 cm: no rigid motion can take that back."""
+    """Corners of a cross move outward by 1 cm, which no rigid motion can compensate."""
     corners = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
     T_true, T_estimate = np.tile(np.eye(4), (4, 1, 1)), np.tile(np.eye(4), (4, 1, 1))
     T_true[:, :3, 3], T_estimate[:, :3, 3] = corners, 1.01 * corners
@@ -52,7 +52,7 @@ def test_ate_of_known_offsets() -> None:
 
 
 def test_rpe_of_a_constant_drift() -> None:
-    """2 mm of extra motion along x every frame is 50 mm in the 25 frames of a second."""
+    """A drift of 2 mm per frame along x is 50 mm in the 25 frames of a second."""
     n = 60
     T = np.tile(np.eye(4), (n, 1, 1))
     T[:, 1, 3], T[:, 2, 3] = np.sin(np.arange(n) / 9), np.cos(np.arange(n) / 5)
@@ -83,14 +83,13 @@ def test_rpe_equals_evo_on_a_regular_trajectory() -> None:
         np.testing.assert_allclose(ours, rpe.error, atol=1e-9)
 
 
-def test_coverage_counts_missing_frames_and_missing_time() -> None:
+def test_coverage_is_the_share_of_frames_with_a_pose() -> None:
     truth = wavy()
     half = Trajectory(truth.stamps_ns[:50], truth.T_world_camera[:50])
     assert evaluation.evaluate(half, truth, frames_total=100).coverage == 0.5
-    assert evaluation.evaluate(half, truth).coverage == pytest.approx(0.5, abs=0.011)
 
 
-def test_relative_error_needs_a_second() -> None:
+def test_without_poses_a_second_apart_there_is_no_relative_error() -> None:
     truth = wavy()
     short = Trajectory(truth.stamps_ns[:10], truth.T_world_camera[:10])
     result = evaluation.evaluate(short, truth)
@@ -98,7 +97,7 @@ def test_relative_error_needs_a_second() -> None:
     assert result.ate_rmse_m < 1e-9
 
 
-def test_another_recordings_truth_is_refused() -> None:
+def test_ground_truth_of_another_recording_is_refused() -> None:
     truth = wavy()
     later = Trajectory(truth.stamps_ns + 10**12, truth.T_world_camera)
     with pytest.raises(InputError, match='of the same recording'):

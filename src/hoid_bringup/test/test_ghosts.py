@@ -1,4 +1,4 @@
-"""A board that nobody detects passes a camera at rest: it never stands in the dense map."""
+"""A board that no detector finds passes a camera at rest and leaves no ghost in the dense map."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
 WALL_M, BOARD_M = 2.0, 1.0
 STEP_PX, WIDTH_PX = 6, 90
 PERIOD_NS = 33_333_333
-HALF_WAY = 35  # images; then it is in the middle
+HALF_WAY = 35  # images until the board is in the middle
 
 
 def texture(seed: int, width_px: int) -> ByteArray:
@@ -36,7 +36,7 @@ WALL, BOARD = texture(1, 320), texture(2, WIDTH_PX)
 
 
 class Passing:
-    """The images, of which any number may be taken."""
+    """The images, of any number."""
 
     name = 'passing'
     camera = CAMERA
@@ -58,7 +58,7 @@ class Passing:
 
 
 def run(strategy: str) -> tuple[OfflinePipeline, int]:
-    """Return a pipeline after all images, and how many points of its cloud are off the wall."""
+    """Return a pipeline after all images, and the number of cloud points off the wall."""
     config = RunConfig().updated({'filter.strategy': strategy, 'slam.dense.rate_hz': 30})
     pipeline = OfflinePipeline(Passing(), config, lambda _: None, dense=True)
     for frame in Passing():
@@ -70,7 +70,7 @@ def run(strategy: str) -> tuple[OfflinePipeline, int]:
 
 
 @pytest.mark.slow
-def test_what_moves_undetected_leaves_no_ghost() -> None:
+def test_an_undetected_moving_object_leaves_no_ghost() -> None:
     pipeline, ghosts = run('motion')
     (board,) = pipeline.objects
     assert (board.class_name, board.reason) == (UNKNOWN, Reason.MOVING)

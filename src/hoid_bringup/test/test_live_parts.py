@@ -1,4 +1,4 @@
-"""The parts of a live replay that know no ROS."""
+"""The parts of a live replay that do not use ROS."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from hoid_bringup.run.summary import FilterCounts
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
 
-IMAGE, PACKED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
+IMAGE, COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 
 
 class FakeBag:
-    """What the plan looks at of a bag."""
+    """The parts of a bag that a replay plan uses."""
 
     path = Path('a bag')
     name = 'a bag'
@@ -63,11 +63,11 @@ def test_the_suites_own_bag_needs_no_remaps() -> None:
     options = plan(FakeBag())
     assert options.nodes == ('hoid_detector', 'hoid_filter', 'rgbd_slam')
     assert options.remappings == ()
-    assert not options.use_sim_time  # /clock would wake every node for nothing
+    assert not options.use_sim_time  # no node needs /clock, which would wake each of them
     assert options.parameters['rgbd_slam']['map_directory'] == 'folder'
 
 
-def test_foreign_and_packed_topics_are_remapped() -> None:
+def test_foreign_and_compressed_topics_are_remapped() -> None:
     bag = FakeBag('/cam/color/compressed', '/cam/depth/compressedDepth', '/cam/info')
     options = plan(bag)
     assert dict(options.remappings) == {
@@ -80,11 +80,11 @@ def test_foreign_and_packed_topics_are_remapped() -> None:
     assert options.parameters['hoid_filter']['input.compressed'] is True
 
 
-def test_exact_boxes_take_the_detectors_place() -> None:
+def test_ground_truth_boxes_replace_the_detector() -> None:
     options = plan(FakeBag(truth='/detections_gt'), model=TRUTH)
     assert options.nodes == ('hoid_filter', 'rgbd_slam')
     assert options.remappings == (('detections', 'detections_gt'),)
-    with pytest.raises(InputError, match='no exact boxes'):
+    with pytest.raises(InputError, match='no ground-truth boxes'):
         plan(FakeBag(), model=TRUTH)
 
 
@@ -96,18 +96,18 @@ def test_no_filter_needs_no_detector() -> None:
 
 
 @pytest.mark.parametrize(
-    ('bag', 'said'),
+    ('bag', 'message'),
     [
-        (FakeBag(info=None), 'no camera_info'),
-        (FakeBag(color='/rgb/image/compressed'), 'only one of colour and depth'),
+        (FakeBag(info=None), 'no camera_info topic'),
+        (FakeBag(color='/rgb/image/compressed'), 'only one of color and depth'),
     ],
 )
-def test_bags_that_nodes_cannot_hear_are_refused(bag: FakeBag, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_bags_without_the_topics_of_the_nodes_are_refused(bag: FakeBag, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         plan(bag)
 
 
-def test_the_player_waits_for_every_listener() -> None:
+def test_the_player_waits_for_every_subscriber() -> None:
     config = ReplayConfig(rate=2.0)
     argv = player_spec(cast('BagSequence', FakeBag()), config).argv
     # Detector, filter, and SLAM for its dense map.
@@ -115,7 +115,7 @@ def test_the_player_waits_for_every_listener() -> None:
     assert argv[argv.index('--rate') + 1] == '2.0'
 
 
-def test_only_what_the_nodes_hear_is_played() -> None:
+def test_only_topics_of_the_nodes_are_played() -> None:
     bag = cast('BagSequence', FakeBag(truth='/true_detections'))
     heard = ('/rgb/image', '/depth/image', '/rgb/camera_info')
     argv = player_spec(bag, ReplayConfig()).argv
@@ -124,20 +124,20 @@ def test_only_what_the_nodes_hear_is_played() -> None:
     assert argv[argv.index('--topics') + 1 :] == (*heard, '/true_detections')
 
 
-def test_the_gate_of_detections_is_set_by_its_own_names() -> None:
+def test_parameters_of_detections_keep_their_names() -> None:
     options = plan(FakeBag(), **{'detections.on_loss': 'stop', 'filter.strategy': 'hoid2d'})
     parameters = options.parameters['hoid_filter']
     assert parameters['detections.on_loss'] == 'stop'
     assert parameters['strategy'] == 'hoid2d'
 
 
-def test_a_summary_notes_what_makes_the_same_run_again() -> None:
+def test_the_options_in_a_summary_reproduce_the_configuration() -> None:
     changes = {'filter.strategy': 'person', 'slam.seed': 3, 'detector.classes': ('cup', 'person')}
-    noted = RunConfig().updated(changes).noted()
-    assert noted == {'filter': 'person', 'seed': 3, 'detector.classes': ('cup', 'person')}
-    read = {**json.loads(json.dumps(noted)), 'rate': 2.0, 'of.later.versions': 1}
-    assert RunConfig.from_noted(read) == RunConfig().updated(changes)
-    assert RunConfig().noted().keys() == {'filter', 'seed'}
+    options = RunConfig().updated(changes).summary_options()
+    assert options == {'filter': 'person', 'seed': 3, 'detector.classes': ('cup', 'person')}
+    read = {**json.loads(json.dumps(options)), 'rate': 2.0, 'of.later.versions': 1}
+    assert RunConfig.from_summary_options(read) == RunConfig().updated(changes)
+    assert RunConfig().summary_options().keys() == {'filter', 'seed'}
 
 
 def test_octaves_of_slam_follow_those_of_the_filter() -> None:
@@ -153,7 +153,7 @@ def test_octaves_of_slam_follow_those_of_the_filter() -> None:
 
 
 @pytest.mark.parametrize(
-    ('changes', 'said'),
+    ('changes', 'message'),
     [
         (
             {'filter.extraction.num_levels': 12, 'slam.camera.num_octaves': 10},
@@ -165,8 +165,8 @@ def test_octaves_of_slam_follow_those_of_the_filter() -> None:
         ),
     ],
 )
-def test_octaves_that_do_not_agree_are_refused(changes: dict[str, object], said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
+def test_contradicting_octaves_are_refused(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         RunConfig().updated(changes)
 
 
@@ -178,11 +178,11 @@ def test_in_lockstep_no_message_may_be_lost() -> None:
     assert '--lockstep' in player_spec(bag, config).argv
 
 
-def test_parameters_reach_nodes_through_files(tmp_path: Path) -> None:
+def test_parameters_are_passed_to_nodes_in_files(tmp_path: Path) -> None:
     options = NodeOptions(
         nodes=('rgbd_slam',),
         namespace='robot1',
-        parameters={'rgbd_slam': {'tracking.min_inliers': 20, 'frames.base': 'base: link'}},
+        parameters={'rgbd_slam': {'tracking.max_speed_mps': 2.0, 'frames.base': 'base: link'}},
         remappings=(('rgb/image', '/a b'),),
     )
     (spec,) = node_specs(options, tmp_path)
@@ -190,14 +190,20 @@ def test_parameters_reach_nodes_through_files(tmp_path: Path) -> None:
     assert 'rgb/image:=/a b' in spec.argv
     values = load_params(tmp_path / 'rgbd_slam.yaml', 'rgbd_slam')
     assert values == {
-        'tracking.min_inliers': 20,
+        'tracking.max_speed_mps': 2.0,
         'frames.base': 'base: link',
-        'expert': True,  # as the first of them asks for
+        'expert': True,  # as tracking.min_inliers is a parameter for experts
         'use_sim_time': False,
     }
 
 
-def test_a_parameter_file_says_lists_and_empty_ones() -> None:
+def test_an_internal_parameter_is_refused_by_nodes(tmp_path: Path) -> None:
+    options = NodeOptions(nodes=('rgbd_slam',), parameters={'rgbd_slam': {'mapping.rounds': 1}})
+    with pytest.raises(ConfigError, match=r'mapping\.rounds is no parameter of a node'):
+        node_specs(options, tmp_path)
+
+
+def test_a_parameter_file_has_lists_and_empty_lists() -> None:
     text = parameter_file({'classes': ('cup', 'book'), 'providers': (), 'a.b': True})
     assert yaml.safe_load(text)['/**']['ros__parameters'] == {
         'classes': ['cup', 'book'],
@@ -206,7 +212,7 @@ def test_a_parameter_file_says_lists_and_empty_ones() -> None:
     }
 
 
-def test_domains_are_kept_apart_and_a_chosen_one_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_free_domain_is_reserved_unless_one_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('ROS_DOMAIN_ID', raising=False)
     with own_domain() as domain:
         with socket.socket() as other, pytest.raises(OSError, match='in use'):
@@ -221,14 +227,14 @@ def test_domains_are_kept_apart_and_a_chosen_one_is_kept(monkeypatch: pytest.Mon
 
 def test_metrics_by_stamp_in_any_order() -> None:
     metrics = LiveMetrics()
-    metrics.note_odometry(1, 5_000_000)
-    metrics.note_sent(1, 2_000_000)
-    metrics.note_sent(2, 3_000_000)  # was dropped
-    metrics.note_odometry(3, 9_000_000)  # not seen leaving
+    metrics.odometry_ns[1] = 5_000_000
+    metrics.published_ns[1] = 2_000_000
+    metrics.published_ns[2] = 3_000_000  # never processed
+    metrics.odometry_ns[3] = 9_000_000  # its publication was not received
     assert metrics.latency_ms() == [3.0]
-    metrics.note_stages(1, {'track': 4.0, 'map': 7.0})
-    metrics.note_stages(1, {'extract': 8.0, 'filter': 0.5})
-    metrics.note_stages(2, {'extract': 9.0, 'filter': 0.5})
+    metrics.record_stages(1, {'track': 4.0, 'map': 7.0})
+    metrics.record_stages(1, {'extract': 8.0, 'filter': 0.5})
+    metrics.record_stages(2, {'extract': 9.0, 'filter': 0.5})
     assert metrics.stage_ms() == {
         'frame': [12.5],
         'track': [4.0],
@@ -236,12 +242,11 @@ def test_metrics_by_stamp_in_any_order() -> None:
         'extract': [8.0, 9.0],
         'filter': [0.5, 0.5],
     }
-    metrics.note_processed(1)
-    metrics.note_processed(1)
+    metrics.processed |= {1}
     assert metrics.num_processed == 1
-    metrics.note_features(1, 1000, 200)
-    metrics.note_features(2, 900, 100)
-    metrics.note_objects(2, 3)
+    metrics.num_features[1] = 1000, 200
+    metrics.num_features[2] = 900, 100
+    metrics.num_dynamic[2] = 3
     assert metrics.filter_counts() == FilterCounts(1900, 300, 3)
 
 

@@ -1,4 +1,4 @@
-"""A machine without a detector model goes by motion alone, and says so."""
+"""Without a detector model, the strategy falls back to motion, with a note."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def nodes(*words: str) -> argparse.Namespace:
     return parser.parse_args(words)
 
 
-def test_only_what_needs_a_model_by_default_goes_without(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_the_default_strategy_falls_back(monkeypatch: pytest.MonkeyPatch) -> None:
     finds(monkeypatch, NoModelError('none'))
     assert lacks_model(RunConfig(), ())
     assert lacks_model(RunConfig(), ['slam.seed'])
@@ -43,13 +43,13 @@ def test_only_what_needs_a_model_by_default_goes_without(monkeypatch: pytest.Mon
     assert not lacks_model(RunConfig(), ())
 
 
-def test_a_model_that_was_asked_for_in_vain_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_model_that_was_requested_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     finds(monkeypatch, ModelError('HOID_MODEL: gone does not exist'))
     with pytest.raises(ModelError, match='gone'):
         lacks_model(RunConfig(), ())
 
 
-def test_nodes_without_a_model_leave_the_detector_out(
+def test_without_a_model_no_detector_node_is_started(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     finds(monkeypatch, NoModelError('none'))
@@ -66,7 +66,7 @@ def test_nodes_without_a_model_leave_the_detector_out(
     assert without_detector(node_options(nodes('--only', DETECTOR))).nodes == (DETECTOR,)
 
 
-def test_a_parameter_file_may_ask_for_a_strategy(
+def test_a_strategy_in_the_parameter_file_is_kept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     finds(monkeypatch, NoModelError('none'))

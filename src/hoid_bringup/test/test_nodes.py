@@ -1,4 +1,4 @@
-"""What `hoid nodes` starts, by its options."""
+"""Nodes, names and parameters that the options of `hoid nodes` select."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ def options(*argv: str) -> NodeOptions:
         (('--only', DETECTOR), (DETECTOR,)),
     ],
 )
-def test_which_nodes(argv: tuple[str, ...], nodes: tuple[str, ...]) -> None:
+def test_options_select_the_nodes(argv: tuple[str, ...], nodes: tuple[str, ...]) -> None:
     assert options(*argv).nodes == nodes
 
 
-def test_names_of_a_camera_and_a_frame_tree_for_each_namespace() -> None:
+def test_camera_topics_and_frame_tree_are_remapped() -> None:
     assert options().remappings == FRAME_TREE
     chosen = options('--camera', 'realsense', '--namespace', 'robot')
     color = '/camera/camera/color/image_raw'
@@ -44,7 +44,7 @@ def test_names_of_a_camera_and_a_frame_tree_for_each_namespace() -> None:
     assert ('rgb/image', '/robot/d435/color/image_raw') in own.remappings
 
 
-def test_parameters_go_to_their_nodes() -> None:
+def test_options_set_the_parameters_of_their_nodes() -> None:
     chosen = options('--compressed', '--base', 'base_link', '--filter', 'person').parameters
     assert all(of_node['input.compressed'] is True for of_node in chosen.values())
     assert chosen[SLAM]['frames.base'] == 'base_link'
@@ -53,14 +53,14 @@ def test_parameters_go_to_their_nodes() -> None:
 
 
 @pytest.mark.parametrize('name', ['robot', '/robot/arm_2', 'a/b/'])
-def test_namespaces(name: str) -> None:
+def test_valid_namespaces_are_accepted(name: str) -> None:
     assert options('--namespace', name).namespace == name
 
 
 @pytest.mark.parametrize(
     'name', ['two words', '2nd', 'a//b', 'ärm', '/'.join(['a' * 20] * 20) + '-']
 )
-def test_what_is_no_namespace_is_said(name: str) -> None:
+def test_an_invalid_namespace_is_refused(name: str) -> None:
     with pytest.raises(ConfigError, match=f'--namespace {name}: use letters'):
         options('--namespace', name)
 

@@ -1,4 +1,4 @@
-"""The offline pipeline on a picture on a wall along which the camera slides: all is known."""
+"""The offline pipeline on a textured wall along which the camera slides, with known poses."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class WallSequence:
 
 @pytest.fixture(scope='module', autouse=True)
 def _no_pictures() -> Iterator[None]:
-    """Leave out the picture of each run, which takes longer than the run; see test_outputs."""
+    """Skip the plot of each run, which takes longer than the run and is tested in test_outputs."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr('hoid_bringup.run.outputs.plot_run', lambda *_: None)
         yield
@@ -76,7 +76,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return first, second
 
 
-def test_a_known_path_is_recovered(runs: tuple[Path, Path]) -> None:
+def test_a_known_trajectory_is_recovered(runs: tuple[Path, Path]) -> None:
     summary = json.loads((runs[0] / 'summary.json').read_text())
     assert summary['coverage'] == 1.0
     assert summary['frames_processed'] == FRAMES
@@ -84,10 +84,12 @@ def test_a_known_path_is_recovered(runs: tuple[Path, Path]) -> None:
     assert summary['map_points'] > 100
     timed = {name for name, spread in summary['stage_ms'].items() if spread is not None}
     assert timed == {'extract', 'filter', 'track', 'map', 'frame'}
-    assert summary['stage_ms']['detect'] is None  # nobody needs boxes: no detector was loaded
+    assert (
+        summary['stage_ms']['detect'] is None
+    )  # the strategy needs no detections, so no detector was loaded
 
 
-def test_equal_runs_are_equal_to_the_byte(runs: tuple[Path, Path]) -> None:
+def test_equal_runs_give_equal_bytes(runs: tuple[Path, Path]) -> None:
     for name in (
         'trajectory.txt',
         'trajectory_online.txt',
@@ -117,7 +119,7 @@ def test_the_dense_map_shows_the_wall_and_no_grid_without_a_floor(runs: tuple[Pa
     assert not (runs[0] / 'grid.pgm').exists()
 
 
-def test_a_dense_map_is_made_on_demand_only(tmp_path: Path) -> None:
+def test_a_dense_map_is_made_on_request_only(tmp_path: Path) -> None:
     config = RunConfig().updated({'filter.strategy': 'none'})
     run_offline(WallSequence(), config, tmp_path, show_progress=False)
     assert not (tmp_path / 'cloud.ply').exists()
@@ -137,8 +139,8 @@ def test_features_on_a_person_are_removed(tmp_path: Path) -> None:
     assert summary.filter.objects_dynamic == FRAMES
 
 
-def test_exact_boxes_of_a_recording_without_any_are_refused(tmp_path: Path) -> None:
+def test_ground_truth_boxes_need_a_recording_that_has_them(tmp_path: Path) -> None:
     config = RunConfig().updated({'detector.model': TRUTH})
-    with pytest.raises(InputError, match='no exact boxes'):
+    with pytest.raises(InputError, match='no ground-truth boxes'):
         run_offline(WallSequence(), config, tmp_path / 'out', show_progress=False)
     assert not (tmp_path / 'out').exists()

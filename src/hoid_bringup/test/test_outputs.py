@@ -89,7 +89,7 @@ def test_a_run_that_tracked_nothing_has_null_errors(tmp_path: Path, num_tracked:
     assert summary.frames_tracked == num_tracked
 
 
-def test_truth_of_another_time_is_said_to_give_no_errors(
+def test_ground_truth_of_another_time_gives_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     truth = spiral(100)
@@ -114,7 +114,7 @@ def write_until_full(out_dir: Path) -> None:
         raise OSError(28, 'No space left on device')
 
 
-def test_a_full_disk_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_full_disk_leaves_no_files(tmp_path: Path) -> None:
     (tmp_path / 'old.txt').write_text('kept')
     with pytest.raises(InputError, match='No space left'):
         write_until_full(tmp_path)

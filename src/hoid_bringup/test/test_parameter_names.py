@@ -1,4 +1,4 @@
-"""What parameters are called in `--set`: the same in run, replay and nodes."""
+"""Parameter names in `--set` are the same for run, replay and nodes."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ def test_a_parameter_has_the_same_names_everywhere(names: tuple[str, ...]) -> No
     for name in names:
         assert of_run(f'{name}={GIVEN[full]}').changed() == {full: GIVEN[full]}
         assert of_nodes(f'{name}={GIVEN[full]}').parameters[node] == {own: GIVEN[full]}
-        assert RunConfig.from_noted({name: GIVEN[full]}).changed() == {full: GIVEN[full]}
+        assert RunConfig.from_summary_options({name: GIVEN[full]}).changed() == {full: GIVEN[full]}
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'message'),
     [
-        ('max_detections=5', 'say detector.max_detections or filter.max_detections'),
-        ('input.compressed=true', 'several nodes have "input.compressed": say detector.input'),
+        ('max_detections=5', 'write detector.max_detections or filter.max_detections'),
+        ('input.compressed=true', 'several nodes have a parameter "input.compressed"'),
         ('voxel_m=0.1', r'no parameter is called "voxel_m"; did you mean slam\.dense\.voxel_m\?'),
         ('dense.voxel_n=0.1', r'did you mean slam\.dense\.voxel_m'),
         ('seed=1.5', r'slam\.seed must be int, got 1\.5'),
@@ -76,13 +76,13 @@ def test_a_parameter_has_the_same_names_everywhere(names: tuple[str, ...]) -> No
         ('seed=!!int x', '--set seed: is not YAML'),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_said_alike(text: str, said: str) -> None:
+def test_errors_are_the_same_in_run_and_nodes(text: str, message: str) -> None:
     for read in (of_run, of_nodes):
-        with pytest.raises(ConfigError, match=said):
+        with pytest.raises(ConfigError, match=message):
             read(text)
 
 
-def test_whole_numbers_and_lists_are_taken() -> None:
+def test_whole_numbers_and_lists_are_converted() -> None:
     config = of_run('dense.voxel_m=0.1', 'depth_limit_m=1', "classes=['']", 'providers=[]')
     assert config.changed() == {'filter.depth_limit_m': 1.0, 'slam.dense.voxel_m': 0.1}
     assert type(config.filter.depth_limit_m) is float
@@ -91,7 +91,7 @@ def test_whole_numbers_and_lists_are_taken() -> None:
     assert given[FILTER] == {'depth_limit_m': 1.0}
 
 
-def test_a_node_gets_the_switch_with_what_experts_have_and_the_given_default(
+def test_an_expert_parameter_is_passed_with_the_switch_expert(
     tmp_path: Path,
 ) -> None:
     options = of_nodes('strategy=hoid+', 'classes=[]', 'dense.voxel_m=0.025')
@@ -103,16 +103,16 @@ def test_a_node_gets_the_switch_with_what_experts_have_and_the_given_default(
     assert slam == {'dense.voxel_m': 0.025, 'expert': True, **always}
 
 
-def test_offline_what_only_live_nodes_have_is_refused(
+def test_offline_runs_refuse_parameters_of_live_nodes(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     argv = ['run', str(tmp_path), '--out', str(tmp_path / 'out'), '--set', 'frames.base=base']
     assert cli.main(argv) == 1
-    said = 'hoid run: only live nodes have slam.frames.base: see hoid replay\n'
-    assert capfd.readouterr().err == said
+    error = 'hoid run: slam.frames.base: for live nodes only; use "hoid replay", or leave it out\n'
+    assert capfd.readouterr().err == error
 
 
-def test_what_only_live_nodes_have_are_their_parameters() -> None:
+def test_parameters_for_live_nodes_exist() -> None:
     names = [leaf.name for leaf in RunConfig().params()]
     for part in RunConfig.LIVE_ONLY:
         assert any(name.startswith(part) for name in names), part

@@ -1,4 +1,4 @@
-"""What users read about parameters: complete sentences, and a page that is current."""
+"""Descriptions of parameters are complete sentences, and the reference pages are current."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ UNIT = re.compile(
 LEAVES = [
     pytest.param(leaf, id=f'{node}-{leaf.name}')
     for node, config in NODE_CONFIGS.items()
-    for leaf in config.params()
+    for leaf in config.node_params()
 ]
 
 
@@ -50,39 +50,41 @@ def test_the_page_names_every_parameter_of_every_node() -> None:
     assert list(sections) == list(NODE_CONFIGS)
     for node, config in NODE_CONFIGS.items():
         users, experts = sections[node].split('### For experts')
-        for leaf in config.params():
+        for leaf in config.node_params():
             assert f'| `{leaf.name}` |' in (experts if leaf.spec.expert else users)
 
 
 @pytest.mark.parametrize('node', NODE_CONFIGS)
 def test_a_user_sees_few_parameters(node: str) -> None:
-    users = [leaf.name for leaf in NODE_CONFIGS[node].params() if not leaf.spec.expert]
+    users = [leaf.name for leaf in NODE_CONFIGS[node].node_params() if not leaf.spec.expert]
     assert 'expert' in users
     assert len(users) <= MOST_OF_A_USER, users
 
 
 @pytest.mark.parametrize('leaf', LEAVES)
-def test_a_description_is_of_sentences_with_the_unit(leaf: Param) -> None:
-    said, value = leaf.spec.description, leaf.value
-    sentences = re.findall(r'[A-Z][^.]*(?:\.{3}[^.]*|\.\w[^.]*)*\.(?= |$)', said)
-    assert ' '.join(sentences) == said
+def test_a_description_has_full_sentences_and_the_unit(leaf: Param) -> None:
+    text, value = leaf.spec.description, leaf.value
+    sentences = re.findall(r'[A-Z][^.]*(?:\.{3}[^.]*|\.\w[^.]*)*\.(?= |$)', text)
+    assert ' '.join(sentences) == text
     assert all(len(sentence.split()) >= 3 for sentence in sentences)
     if isinstance(value, int | float) and not isinstance(value, bool):
-        assert UNIT.search(said), said
+        assert UNIT.search(text), text
     if not leaf.spec.expert:
         assert len(sentences) >= 2, 'what it does, and when to change it'
 
 
 def test_every_parameter_is_described_once() -> None:
-    said = [leaf.spec.description for c in NODE_CONFIGS.values() for leaf in c.params()]
-    shared = {'input', 'expert', 'autostart', 'alignment'}  # and sections that several have
+    descriptions = [
+        leaf.spec.description for c in NODE_CONFIGS.values() for leaf in c.node_params()
+    ]
+    shared = {'input', 'expert', 'autostart', 'alignment'}  # and sections of several nodes
     own = [
         leaf.spec.description
         for config in NODE_CONFIGS.values()
-        for leaf in config.params()
+        for leaf in config.node_params()
         if not shared & set(leaf.name.split('.'))
     ]
-    assert len(own) < len(said)
+    assert len(own) < len(descriptions)
     assert {text for text in own if own.count(text) > 1} <= {
         # of tracking, of places and of triangulation, which match for themselves
         'Largest ratio of the best to the second best distance of a match, a share.',
@@ -90,10 +92,10 @@ def test_every_parameter_is_described_once() -> None:
 
 
 def test_runs_have_the_parameters_of_the_nodes_by_the_same_names() -> None:
-    names = {leaf.name for leaf in RunConfig().params()}
+    names = {leaf.name for leaf in RunConfig().node_params()}
     stages = ('detector', 'filter', 'slam')
     assert names == {
         f'{stage}.{leaf.name}'
         for stage, config in zip(stages, NODE_CONFIGS.values(), strict=True)
-        for leaf in config.params()
+        for leaf in config.node_params()
     }

@@ -1,4 +1,4 @@
-"""What ships beside the launch files: pictures of the graph and parameters."""
+"""The RViz and Foxglove layouts use only topics that the suite publishes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_foxglove_shows_only_what_is_published() -> None:
 
 
 def panels(node: str | dict[str, Any]) -> Iterator[str]:
-    """Yield the panels of a Foxglove layout, whose branches split the window in two."""
+    """Yield the panels of a Foxglove layout, which is a tree of split windows."""
     if isinstance(node, str):
         yield node
         return

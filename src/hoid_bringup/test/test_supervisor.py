@@ -26,7 +26,7 @@ def python(name: str, code: str) -> ProcessSpec:
 def wait_for(path: Path, text: str) -> None:
     deadline_s = time.monotonic() + 60
     while not (path.exists() and text in path.read_text()):
-        assert time.monotonic() < deadline_s, f'{path} never said {text}'
+        assert time.monotonic() < deadline_s, f'{path} never had {text}'
         time.sleep(0.01)
 
 
@@ -38,7 +38,7 @@ def is_alive(pid: int) -> bool:
     return True
 
 
-def test_a_child_that_ignores_signals_is_killed_in_time(tmp_path: Path) -> None:
+def test_a_child_that_ignores_signals_is_killed(tmp_path: Path) -> None:
     supervisor = Supervisor([python('stubborn', STUBBORN)], log_dir=tmp_path)
     with supervisor:
         wait_for(tmp_path / 'stubborn.log', 'ready')
@@ -49,7 +49,7 @@ def test_a_child_that_ignores_signals_is_killed_in_time(tmp_path: Path) -> None:
     assert time.monotonic() - start_s < 4.0
 
 
-def test_an_early_end_is_reported_with_its_status() -> None:
+def test_the_end_of_a_child_is_reported_with_its_status() -> None:
     with Supervisor([python('short', 'raise SystemExit(3)'), python('long', 'input()')]) as group:
         exits: list[ProcessExit] = []
         while len(exits) < 2:
@@ -69,7 +69,7 @@ def test_a_dead_child_is_restarted(tmp_path: Path) -> None:
             time.sleep(0.01)
 
 
-def test_a_child_is_started_again_at_once_unless_it_has_just_been_started() -> None:
+def test_a_child_is_restarted_at_once_unless_it_was_just_started() -> None:
     with Supervisor([python('once', 'input()')], restart=True, restart_period_s=60.0) as group:
         while not group.poll():
             time.sleep(0.01)
@@ -111,7 +111,7 @@ def test_children_end_when_their_supervisor_is_killed(tmp_path: Path) -> None:
     wait_for(tmp_path / 'pid', ' ')
     pid = int((tmp_path / 'pid').read_text())
     assert is_alive(pid)
-    time.sleep(0.2)  # the child is a moment old before it can be told
+    time.sleep(0.2)  # until setpriv has set the signal
     parent.kill()
     parent.wait()
     deadline_s = time.monotonic() + 5
@@ -120,14 +120,14 @@ def test_children_end_when_their_supervisor_is_killed(tmp_path: Path) -> None:
         time.sleep(0.01)
 
 
-def test_a_folder_for_logs_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+def test_a_log_folder_that_cannot_be_created_is_an_error(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
     supervisor = Supervisor([python('any', '')], log_dir=tmp_path / 'file' / 'logs')
     with pytest.raises(InputError, match='file/logs: cannot be written'), supervisor:
         pytest.fail('it started')
 
 
-def test_processor_time_is_told_by_child(tmp_path: Path) -> None:
+def test_processor_time_is_measured_by_child(tmp_path: Path) -> None:
     busy, idle = python('busy', 'while True: pass'), python('idle', 'import time; time.sleep(60)')
     with Supervisor([busy, idle], log_dir=tmp_path) as group:
         end_s = time.monotonic() + 20

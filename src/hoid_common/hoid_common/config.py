@@ -37,6 +37,7 @@ class ParamSpec:
     choices: tuple[str, ...] = ()  # the only values of a string; empty = any
     read_only: bool = True  # whether it cannot change while the node runs
     expert: bool = False  # whether a node declares it only with `expert:=true`
+    is_internal: bool = False  # whether it is set from Python only and is no ROS parameter
 
 
 class Param(NamedTuple):
@@ -56,6 +57,7 @@ def param(
     choices: tuple[str, ...] = (),
     read_only: bool = True,
     expert: bool = False,
+    internal: bool = False,
 ) -> Any:
     """Declare a parameter as a field of a `Config`.
 
@@ -68,8 +70,10 @@ def param(
         choices: The only values of a string.
         read_only: False lets the parameter change at run time.
         expert: True hides it from users who do not know the method.
+        internal: True makes it no ROS parameter. Experiments set it from Python, by `hoid run
+            --set`, and by a profile, such as the one of ORB-SLAM3's rules.
     """
-    spec = ParamSpec(description, minimum, maximum, choices, read_only, expert)
+    spec = ParamSpec(description, minimum, maximum, choices, read_only, expert, internal)
     return field(default=default, metadata={_SPEC: spec})
 
 
@@ -113,6 +117,10 @@ class Config:
                 yield from map(_for_experts, inner) if is_expert else inner
             else:
                 yield Param(f'{prefix}{f.name}', value, f.metadata[_SPEC])
+
+    def node_params(self) -> Iterator[Param]:
+        """Yield the parameters that a node may declare: all but the internal ones."""
+        return (leaf for leaf in self.params() if not leaf.spec.is_internal)
 
     def updated(self, values: Mapping[str, Any]) -> Self:
         """Return a copy in which the parameters with these dotted names have these values.

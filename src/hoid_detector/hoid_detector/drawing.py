@@ -1,4 +1,4 @@
-"""Detections on a picture."""
+"""Drawing of detections."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def draw_detections(image_bgr: ByteArray, detections: Detections) -> ByteArray:
         cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), color, 2)
         text = f'{name} {score:.2f}'
         (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
-        top = max(y1, height + 4)  # a label above the picture would not be seen
+        top = max(y1, height + 4)  # a label above the picture would not be visible
         cv2.rectangle(picture, (x1, top - height - 4), (x1 + width + 2, top), color, cv2.FILLED)
         cv2.putText(picture, text, (x1 + 1, top - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _TEXT_BGR, 1)
     return picture

@@ -1,4 +1,4 @@
-"""Work in a thread of its own that is never late by a queue: the newest item wins."""
+"""Worker thread with room for one waiting item, which a newer item replaces."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ R = TypeVar('R')
 
 
 class NewestWins(Generic[T, R]):
-    """Works on one item at a time; of those that come meanwhile it keeps the newest.
+    """Processes one item at a time in a worker thread; meanwhile only the newest item waits.
 
-    All methods are to be called by one thread, so that no state needs a lock.
+    All methods must be called by the same thread, so no state needs a lock.
 
     Args:
-        work: called in the worker's thread.
-        wake: called in the worker's thread when it is done; has to get `finish` called.
+        work: Processes an item, in the worker thread.
+        wake: Called in the worker thread after each item; it must make the owner call `finish`.
     """
 
     def __init__(self, work: Callable[[T], R], wake: Callable[[], object]) -> None:
@@ -29,7 +29,7 @@ class NewestWins(Generic[T, R]):
         self.num_dropped = 0  # items that a newer one replaced
 
     def offer(self, item: T) -> None:
-        """Start on the item, or let it wait in the place of one that waits."""
+        """Start on the item, or let it wait in place of an older one."""
         if self._running is None:
             self._start(item)
         else:
@@ -37,7 +37,10 @@ class NewestWins(Generic[T, R]):
             self._waiting = item
 
     def finish(self) -> R | None:
-        """Return the result of a work that is done and start the next; raises what it raised."""
+        """Return the result of a finished item, or None, and start the waiting one.
+
+        An exception of `work` is raised here.
+        """
         if self._running is None or not self._running.done():
             return None
         done, self._running = self._running, None
@@ -47,14 +50,14 @@ class NewestWins(Generic[T, R]):
         return done.result()
 
     def clear(self) -> None:
-        """Forget the item that waits, and wait for the one in work, whose result is lost."""
+        """Discard the waiting item and the result of the running one, for whose end it waits."""
         self._waiting = None
         if self._running is not None:
             self._running.exception()
             self._running = None
 
     def close(self) -> None:
-        """End the thread when its work is done."""
+        """Discard the waiting item and end the thread after the running one."""
         self._waiting = None
         self._pool.shutdown()
 

@@ -1,4 +1,4 @@
-"""The node: color images in, detections out; the newest image wins."""
+"""Detector node: publishes the detections of color images; under load it skips to the newest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool
 from vision_msgs.msg import Detection2DArray
 
 from hoid_common import topics
-from hoid_common.errors import ConfigError, HoidError
+from hoid_common.errors import HoidError
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages
 from hoid_common.ros.inputs import Inputs
@@ -27,16 +27,16 @@ from hoid_detector.newest_wins import NewestWins
 from hoid_detector.onnx_detector import OnnxDetector
 
 
-class _Seen(NamedTuple):
+class _Result(NamedTuple):
     header: Header
     image_bgr: ByteArray  # (H, W, 3)
     detections: Detections
     detect_ms: float
-    is_watched: bool  # somebody listened to the debug image
+    is_watched: bool  # whether the debug image had a subscriber
 
 
 class DetectorNode(ManagedNode):
-    """Detects in a thread of its own; all that is ROS happens in the executor's."""
+    """Detector node. It detects and publishes detections in a worker thread of its own."""
 
     def __init__(self) -> None:
         super().__init__('hoid_detector')
@@ -56,7 +56,7 @@ class DetectorNode(ManagedNode):
         self.begin(autostart=self._settings.config.autostart)
 
     def destroy_node(self) -> None:
-        """End the worker first: it must not wake a node that is gone."""
+        """End the worker before the node, as it triggers a guard condition of the node."""
         self._worker.close()
         super().destroy_node()
 
@@ -69,63 +69,62 @@ class DetectorNode(ManagedNode):
             self.diagnostics.set_problem('provider', warning)
 
     def pause(self) -> None:
-        """Leave the image that waits."""
+        """Discard the image that waits for detection."""
         self._worker.clear()
 
     def _take(self, msg: conversions.ReceivedImage | CompressedImage) -> None:
         if self._enabled:
             self._worker.offer(msg)
 
-    def _detect(self, msg: conversions.ReceivedImage | CompressedImage) -> _Seen:
+    def _detect(self, msg: conversions.ReceivedImage | CompressedImage) -> _Result:
         assert self._detector is not None
         image_bgr = conversions.color_from_msg(msg)
         detections = self._detector.detect(image_bgr, conversions.stamp_from_msg(msg.header.stamp))
         size_px, names = image_bgr.shape[1::-1], self._detector.class_names
         detect_ms, is_watched = self._detector.detect_ms, self._debug_images.is_watched
-        # From this thread, as somebody waits for it.
+        # Published by this thread: the filter waits for the detections of its image.
         self._detections.publish(
             conversions.detections_to_msg(detections, msg.header, size_px, names, detect_ms)
         )
         if self._detections_2d.get_subscription_count():
             self._detections_2d.publish(conversions.detections_2d_to_msg(detections, msg.header))
-        return _Seen(msg.header, image_bgr, detections, detect_ms, is_watched)
+        return _Result(msg.header, image_bgr, detections, detect_ms, is_watched)
 
     def _finish(self) -> None:
         try:
-            seen = self._worker.finish()
+            result = self._worker.finish()
         except HoidError as error:
             self.diagnostics.report(error, 'images refused')
             return
-        if seen is None:
+        if result is None:
             return
-        if seen.is_watched:
-            picture = draw_detections(seen.image_bgr, seen.detections)
-            self._debug_images.publish(picture, seen.header)
+        if result.is_watched:
+            picture = draw_detections(result.image_bgr, result.detections)
+            self._debug_images.publish(picture, result.header)
         self.diagnostics.count('images processed')
-        self._say_numbers()
+        self._report_non_finite_outputs()
         self.diagnostics.set_count('images dropped for newer ones', self._worker.num_dropped)
-        self.diagnostics.set_value('time per image', f'{seen.detect_ms:.1f} ms')
+        self.diagnostics.set_value('time per image', f'{result.detect_ms:.1f} ms')
 
-    def _say_numbers(self) -> None:
-        """Say it while the network gives nothing to detect anything by."""
+    def _report_non_finite_outputs(self) -> None:
+        """Set or clear the diagnostic problem of a network whose outputs are NaN or Inf."""
         assert self._detector is not None
-        number = self._detector.num_without_numbers
-        self.diagnostics.set_count('images without a number from the network', number)
-        if self._detector.gives_numbers:
-            self.diagnostics.clear_problem('numbers')
+        number = self._detector.num_non_finite
+        self.diagnostics.set_count('images with non-finite network outputs', number)
+        if self._detector.has_finite_outputs:
+            self.diagnostics.clear_problem('outputs')
         else:
-            self.diagnostics.set_problem('numbers', self._detector.nonsense, severe=True)
+            self.diagnostics.set_problem('outputs', self._detector.non_finite_warning, severe=True)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
         response.success, response.message = True, 'detecting' if request.data else 'stopped'
-        self.diagnostics.set_value(f'asked for by {topics.ENABLE}', response.message)
+        self.diagnostics.set_value(f'requested by {topics.ENABLE}', response.message)
         return response
 
     def _approve(self, config: DetectorNodeConfig) -> None:
-        objection = self._detector.objection(config.classes) if self._detector else ''
-        if objection:
-            raise ConfigError(objection)
+        if self._detector is not None:
+            self._detector.check_classes(config.classes)
 
     def _reconfigure(self, config: DetectorNodeConfig) -> None:
         if self._detector is not None:

@@ -1,8 +1,8 @@
-"""The detector alone, also on another computer than the rest of the suite.
+"""Launches the detector alone, for example on another computer than the rest of the suite.
 
 ros2 launch hoid_detector hoid_detector.launch.py image:=/camera/color/image_raw
 
-How discovery is kept to one computer is said in hoid_bringup's hoid.launch.py.
+See hoid.launch.py of hoid_bringup for discovery and transport settings.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ from __future__ import annotations
 from hoid_common.ros.launch_files import Argument, one_node
 from launch import LaunchDescription
 
-ARGUMENT = Argument('model', default_value='', description='ONNX file or known name')
+ARGUMENT = Argument(
+    'model', default_value='', description='ONNX model of the detector, a file or a known name'
+)
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -1,4 +1,4 @@
-"""Tiny ONNX models whose answers are known exactly."""
+"""Small ONNX models with constant, known outputs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MakeModel = Callable[..., Path]
 
 @pytest.fixture
 def make_model(tmp_path: Path) -> MakeModel:
-    """Return a function that writes a model which answers every image with the given arrays."""
+    """Return a function that writes a model with the given arrays as outputs for every image."""
     onnx = pytest.importorskip('onnx', reason='builds its models with the onnx package')
 
     def make(
@@ -27,7 +27,7 @@ def make_model(tmp_path: Path) -> MakeModel:
         metadata: Mapping[str, str] | None = None,
         boxes_times_size: str = '',
     ) -> Path:
-        """Write it; the output `boxes_times_size` is multiplied by the input orig_target_sizes."""
+        """Write a model; the output `boxes_times_size` is multiplied by the input image size."""
         h = onnx.helper
         image = h.make_tensor_value_info(
             'images', h.np_dtype_to_tensor_dtype(np.dtype(dtype)), [1, 3, *size_wh[::-1]]

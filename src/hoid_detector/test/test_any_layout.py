@@ -1,4 +1,4 @@
-"""Whatever a network answers: known by its layout and decoded, or refused by a ModelError."""
+"""Any outputs of a network are either decoded or refused by a ModelError."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from hoid_common.errors import ModelError
-from hoid_detector.config import DetectorConfig
-from hoid_detector.model.layouts import Probe, recognize
+from hoid_detector.model.layouts import AUTO, LAYOUTS, Probe, recognize
 
 pytestmark = pytest.mark.slow
 
@@ -22,19 +21,16 @@ NAMES = st.sampled_from(['output0', 'boxes', 'pred_boxes', 'logits', 'labels', '
 SHAPES = st.lists(st.sampled_from([0, 1, 2, 4, 5, 6, 7, 20]), max_size=3).map(tuple)
 TYPES = st.sampled_from([np.float32, np.float16, np.int64])
 VALUES = st.sampled_from([0.0, 1.0, 0.5, -3.0, 700.0, np.nan, np.inf])
-KINDS = st.sampled_from(
-    ['auto', 'yolov8', 'yolov5', 'yolox', 'yolox_raw', 'rtdetr', 'end_to_end', 'detr']
-)
-
+REQUESTED = st.sampled_from([AUTO, *(layout.name for layout in LAYOUTS)])
 
 Shapes = dict[str, tuple[int, ...]]
-Answer = tuple[tuple[str, ...], tuple[NDArray[Any], ...]]
+Outputs = tuple[tuple[str, ...], tuple[NDArray[Any], ...]]
 
 
 @st.composite
 def known_shapes(draw: st.DrawFn) -> Shapes:
-    """Return the names and shapes of a layout that is known, now and then with one side wrong."""
-    num = draw(st.sampled_from([0, 1, 20, 126, 378]))  # 126 cells has a grid of this size
+    """Return output names and shapes of a known layout, sometimes with one wrong side length."""
+    num = draw(st.sampled_from([0, 1, 20, 126, 378]))  # a grid of this size has 126 cells
     classes = draw(st.sampled_from([0, 1, 3, 80]))
     forms: list[Shapes] = [
         {'output0': (1, 4 + classes, num)},
@@ -55,34 +51,34 @@ def known_shapes(draw: st.DrawFn) -> Shapes:
 
 
 @st.composite
-def answers(draw: st.DrawFn) -> Answer:
+def outputs(draw: st.DrawFn) -> Outputs:
     shapes = draw(known_shapes() | st.dictionaries(NAMES, SHAPES, min_size=1, max_size=4))
-    return tuple(shapes), tuple(draw(outputs(shape)) for shape in shapes.values())
+    return tuple(shapes), tuple(draw(output(shape)) for shape in shapes.values())
 
 
 @st.composite
-def outputs(draw: st.DrawFn, shape: tuple[int, ...]) -> NDArray[Any]:
+def output(draw: st.DrawFn, shape: tuple[int, ...]) -> NDArray[Any]:
     kind = draw(TYPES)
     if kind is np.int64:
         return draw(arrays.arrays(kind, shape, elements=st.integers(-1, 90), fill=st.just(0)))
     return draw(arrays.arrays(np.float32, shape, elements=VALUES, fill=VALUES)).astype(kind)
 
 
-def of_zeros(shapes: Shapes) -> Answer:
+def zeros(shapes: Shapes) -> Outputs:
     return tuple(shapes), tuple(np.zeros(shape, np.float32) for shape in shapes.values())
 
 
 @settings(max_examples=300)
-@example(of_zeros({'logits': (1, 5, 0), 'boxes': (1, 5, 4)}), 'auto', None)
-@example(of_zeros({'logits': (1, 5, 3), 'boxes': (1, 4, 4)}), 'auto', None)
-@example(of_zeros({'labels': (1, 5), 'scores': (1, 4), 'boxes': (1, 5, 4)}), 'auto', None)
-@given(answers(), KINDS, st.sampled_from([None, 1, 3, 80]))
-def test_an_answer_is_decoded_or_refused(
-    answer: Answer, kind: str, num_classes: int | None
+@example(zeros({'logits': (1, 5, 0), 'boxes': (1, 5, 4)}), AUTO, None)
+@example(zeros({'logits': (1, 5, 3), 'boxes': (1, 4, 4)}), AUTO, None)
+@example(zeros({'labels': (1, 5), 'scores': (1, 4), 'boxes': (1, 5, 4)}), AUTO, None)
+@given(outputs(), REQUESTED, st.sampled_from([None, 1, 3, 80]))
+def test_outputs_are_decoded_or_refused(
+    network: Outputs, requested: str, num_classes: int | None
 ) -> None:
-    probe = Probe(SIZE_WH, *answer, metadata={}, num_classes=num_classes)
+    probe = Probe(SIZE_WH, *network, metadata={}, num_classes=num_classes)
     try:
-        layout = recognize(probe, DetectorConfig(layout=kind))
+        layout = recognize(probe, requested)
     except ModelError:
         return
     event(layout.name)

@@ -1,4 +1,4 @@
-"""Class names in the forms that exporters leave them in."""
+"""Class names in all forms that exporters write, and names from a file."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def test_every_form_gives_the_names_in_order(text: str) -> None:
     assert names_in_metadata({'date': 'today', 'labels': text}) == ('person', 'cup')
 
 
-def test_no_names_are_none() -> None:
+def test_metadata_without_names_give_none() -> None:
     assert names_in_metadata({'names': '', 'date': 'today'}) is None
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'message'),
     [
         ("{0: 'person', 2: 'cup'}", r'class indices \[0, 2\] have gaps'),
         ("{'person': 'cup'}", r"class indices \['person'\] have gaps"),
@@ -34,12 +34,12 @@ def test_no_names_are_none() -> None:
         ("'person'", 'is no list of class names'),
     ],
 )
-def test_what_is_no_list_of_names_is_said(text: str, said: str) -> None:
-    with pytest.raises(ModelError, match=f'model metadata "names".*{said}'):
+def test_metadata_without_a_list_of_names_are_refused(text: str, message: str) -> None:
+    with pytest.raises(ModelError, match=f'model metadata "names".*{message}'):
         names_in_metadata({'names': text})
 
 
-def test_a_file_beats_the_model(tmp_path: Path) -> None:
+def test_names_in_a_file_replace_those_of_the_model(tmp_path: Path) -> None:
     path = tmp_path / 'names.txt'
     path.write_text('person\n\n  cup \n')
     assert known_names(str(path), {'names': '[1]'}) == ('person', 'cup')

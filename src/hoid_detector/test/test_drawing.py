@@ -1,4 +1,4 @@
-"""Boxes on pictures."""
+"""Drawing of detections."""
 
 from __future__ import annotations
 
@@ -20,6 +20,6 @@ def test_boxes_are_drawn_on_a_copy_and_people_are_red() -> None:
     assert not picture[40:80, 20:50].any()
 
 
-def test_nothing_to_draw_leaves_the_picture() -> None:
+def test_without_detections_the_picture_is_unchanged() -> None:
     image = np.full((10, 10, 3), 7, np.uint8)
     np.testing.assert_array_equal(draw_detections(image, Detections.none(0)), image)

@@ -1,4 +1,4 @@
-"""Every output layout: which one it is, and the exact boxes that come out."""
+"""Every output layout is recognized, and its boxes are decoded exactly."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from hoid_detector.model.decoders import cells
 from hoid_detector.onnx_detector import OnnxDetector
 
 SIZE_WH = (96, 64)  # network input
-IMAGE = np.full((128, 192, 3), 60, np.uint8)  # lies in it at scale 1/2, with no padding
+IMAGE = np.full((128, 192, 3), 60, np.uint8)  # fills the network input at scale 1/2
 NAMES = ('person', 'cup', 'box')
 METADATA = {'names': str(dict(enumerate(NAMES)))}
 STRIDES = (8, 16, 32)
 NUM_CELLS = 126
-# Two boxes of one object, another class in its place, another object: x1 y1 x2 y2 of the network.
+# Two boxes of one object, the same box with another class, and another object; x1 y1 x2 y2 in
+# pixels of the network input.
 FOUND = (
     ((10.0, 20.0, 30.0, 60.0), 'person', 0.9),
     ((11.0, 20.0, 31.0, 60.0), 'person', 0.8),
@@ -32,7 +33,7 @@ EXPECTED = [
     ((20.0, 40.0, 60.0, 120.0), 'cup', 0.7),
     ((100.0, 16.0, 180.0, 48.0), 'box', 0.6),
 ]
-EXPECTED_OF_FINISHED = [EXPECTED[0], ((22.0, 40.0, 62.0, 120.0), 'person', 0.8), *EXPECTED[1:]]
+EXPECTED_WITHOUT_NMS = [EXPECTED[0], ((22.0, 40.0, 62.0, 120.0), 'person', 0.8), *EXPECTED[1:]]
 
 Array = NDArray[Any]
 
@@ -43,7 +44,7 @@ def cxcywh(box: tuple[float, ...]) -> Array:
 
 
 def anchors(num_anchors: int, *, objectness: bool, per_cell: int = 1) -> Array:
-    """Return (N, C) with weak boxes on their cells and those found on arbitrary ones."""
+    """Return a (N, C) output with weak boxes in their cells and the boxes of FOUND at any rows."""
     cell, stride = cells(SIZE_WH, STRIDES)
     table = np.full((num_anchors, 4 + objectness + len(NAMES)), 0.01)
     if num_anchors == NUM_CELLS * per_cell:
@@ -120,7 +121,7 @@ LAYOUTS: dict[str, tuple[str, dict[str, Array]]] = {
     'YOLOX decoded': ('yolox', one(anchors(NUM_CELLS, objectness=True))),
     'RT-DETR by Ultralytics': ('rtdetr', one(rtdetr())),
     'YOLOv10': ('end_to_end', one(end_to_end())),
-    'YOLOv10 normalised': ('end_to_end', one(end_to_end() / np.array([*SIZE_WH * 2, 1, 1]))),
+    'YOLOv10 normalized': ('end_to_end', one(end_to_end() / np.array([*SIZE_WH * 2, 1, 1]))),
     'YOLOv7 end to end': ('end_to_end', {'output': yolov7_end_to_end()}),
     'boxes, labels, scores': ('end_to_end', split()),
     'logits and boxes': ('detr', logits()),
@@ -140,25 +141,25 @@ def check(found: Detections, expected: list[Any], tolerance_px: float) -> None:
 
 @pytest.mark.parametrize('dtype', ['float32', 'float16'])
 @pytest.mark.parametrize('case', LAYOUTS)
-def test_layout_is_recognised_and_decoded(case: str, dtype: str, make_model: Any) -> None:
+def test_a_layout_is_recognized_and_decoded(case: str, dtype: str, make_model: Any) -> None:
     layout, outputs = LAYOUTS[case]
     path = make_model(as_floats(outputs, dtype), dtype=dtype, metadata=METADATA)
     detector = OnnxDetector(path, DetectorConfig())
     found = detector.detect(IMAGE, 7)
     assert detector.layout.name == layout
     assert found.stamp_ns == 7
-    expected = EXPECTED if layout in SUPPRESSED else EXPECTED_OF_FINISHED
+    expected = EXPECTED if layout in SUPPRESSED else EXPECTED_WITHOUT_NMS
     check(found, expected, 0.001 if dtype == 'float32' else 0.4)
 
 
-def test_boxes_in_the_size_that_the_network_is_told(make_model: Any) -> None:
+def test_a_network_that_takes_the_image_size_returns_boxes_in_pixels(make_model: Any) -> None:
     outputs = as_floats(split(), 'float32')
     outputs['boxes'] = outputs['boxes'] / np.array(SIZE_WH * 2, np.float32)
     path = make_model(outputs, metadata=METADATA, boxes_times_size='boxes')
-    check(OnnxDetector(path, DetectorConfig()).detect(IMAGE, 0), EXPECTED_OF_FINISHED, 0.001)
+    check(OnnxDetector(path, DetectorConfig()).detect(IMAGE, 0), EXPECTED_WITHOUT_NMS, 0.001)
 
 
-def test_number_of_detections_cuts_the_rows(make_model: Any) -> None:
+def test_rows_beyond_the_number_of_detections_are_ignored(make_model: Any) -> None:
     parts = split()
     outputs = {
         'num_dets': np.array([[2]], np.int32),
@@ -167,7 +168,7 @@ def test_number_of_detections_cuts_the_rows(make_model: Any) -> None:
         'det_classes': parts['labels'].astype(np.int32),
     }
     detector = OnnxDetector(make_model(outputs, metadata=METADATA), DetectorConfig())
-    check(detector.detect(IMAGE, 0), EXPECTED_OF_FINISHED[:2], 0.001)
+    check(detector.detect(IMAGE, 0), EXPECTED_WITHOUT_NMS[:2], 0.001)
 
 
 @pytest.mark.parametrize(
@@ -180,12 +181,14 @@ def test_number_of_detections_cuts_the_rows(make_model: Any) -> None:
         ('boxes, labels, scores', 'RGB 0-1, stretch'),
     ],
 )
-def test_layout_decides_the_preprocessing(kind: str, preprocessing: str, make_model: Any) -> None:
+def test_the_layout_determines_the_preprocessing(
+    kind: str, preprocessing: str, make_model: Any
+) -> None:
     path = make_model(as_floats(LAYOUTS[kind][1], 'float32'), metadata=METADATA)
     assert str(OnnxDetector(path, DetectorConfig()).layout.preprocessing) == preprocessing
 
 
-def test_parameters_override_what_was_recognised(make_model: Any) -> None:
+def test_parameters_override_the_recognized_layout(make_model: Any) -> None:
     path = make_model(as_floats(LAYOUTS['YOLOX decoded'][1], 'float32'), metadata=METADATA)
     config = DetectorConfig(
         layout='yolov5', color_order='bgr', value_range='byte', letterbox='stretch'
@@ -205,11 +208,11 @@ def test_parameters_override_what_was_recognised(make_model: Any) -> None:
         ({'a': np.zeros((1, 7, 126)), 'b': np.zeros((1, 2, 3))}, 'a float32 1x7x126, b'),
     ],
 )
-def test_unknown_output_is_refused_with_what_was_found(
+def test_the_error_for_an_unknown_layout_names_the_outputs(
     outputs: dict[str, Array], found: str, make_model: Any
 ) -> None:
     path = make_model(as_floats(outputs, 'float32'), metadata=METADATA)
-    with pytest.raises(ModelError, match='output of no known detector') as error:
+    with pytest.raises(ModelError, match='unknown output layout') as error:
         OnnxDetector(path, DetectorConfig())
     assert found in str(error.value)
     assert '96x64' in str(error.value)

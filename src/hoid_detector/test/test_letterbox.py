@@ -1,4 +1,4 @@
-"""The network input, value by value, and boxes there and back."""
+"""Values of the network input, and boxes converted to it and back."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoid_detector.model.letterbox import Letterbox, Preprocessing, open_size, placed
+from hoid_detector.model.layouts import Preprocessing
+from hoid_detector.model.letterbox import Letterbox, open_size, placement
 
 SIDES = st.integers(8, 2000)
 
 
 @pytest.mark.parametrize(
-    ('rgb', 'unit', 'placement', 'rows', 'pixel'),
+    ('rgb', 'unit', 'mode', 'rows', 'pixel'),
     [
         (True, True, 'centered', slice(2, 6), (30 / 255, 20 / 255, 10 / 255)),
         (False, False, 'top_left', slice(0, 4), (10, 20, 30)),
         (True, False, 'stretch', slice(0, 8), (30, 20, 10)),
     ],
 )
-def test_input_has_the_image_in_its_place_and_grey_elsewhere(
-    rgb: bool, unit: bool, placement: str, rows: slice, pixel: tuple[float, ...]
+def test_the_input_holds_the_image_and_gray_padding(
+    rgb: bool, unit: bool, mode: str, rows: slice, pixel: tuple[float, ...]
 ) -> None:
-    letterbox = Letterbox(Preprocessing(rgb, unit, placement), np.float32)
+    letterbox = Letterbox(Preprocessing(rgb, unit, mode), np.float32)
     image = np.empty((4, 8, 3), np.uint8)
     image[:] = 10, 20, 30
     blob, _ = letterbox(image, (8, 8))
@@ -51,21 +52,21 @@ def test_half_floats_hold_the_same_values() -> None:
 
 
 @given(SIDES, SIDES, SIDES, SIDES, st.sampled_from(['centered', 'top_left', 'stretch']))
-def test_boxes_come_back(
-    width: int, height: int, to_width: int, to_height: int, placement: str
+def test_boxes_survive_the_conversion_to_the_input_and_back(
+    width: int, height: int, to_width: int, to_height: int, mode: str
 ) -> None:
-    place = placed((width, height), (to_width, to_height), placement)
+    place = placement((width, height), (to_width, to_height), mode)
     assert place.left_px + place.width_px <= to_width
     assert place.top_px + place.height_px <= to_height
     box = np.array([[0, 0, width, height], [width / 4, 0, width / 2, height / 3]])
     scale = np.array([place.scale_x, place.scale_y] * 2)
-    there = box * scale + np.array([place.left_px, place.top_px] * 2)
-    back = place.boxes_to_image(there.astype(np.float32))
+    in_input = box * scale + np.array([place.left_px, place.top_px] * 2)
+    back = place.boxes_to_image(in_input.astype(np.float32))
     np.testing.assert_allclose(back, box, atol=1e-3 * max(width, height))
 
 
 @given(SIDES, SIDES, st.integers(32, 1280))
-def test_open_input_holds_the_image_and_wastes_less_than_a_stride(
+def test_an_open_input_size_is_the_smallest_multiple_of_the_stride(
     width: int, height: int, longest: int
 ) -> None:
     got = open_size((width, height), longest)

@@ -1,4 +1,4 @@
-"""The order in which the model is looked for, and what is said when there is none."""
+"""The order in which the model file is searched, and the errors when there is none."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ def touch(path: Path) -> Path:
     return path
 
 
-def test_order(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_order(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cached = touch(tmp_path / 'cache' / 'hoid' / 'yolox_nano.onnx')
     assert find_model() == cached
-    accurate = touch(shared / 'yolov8n_int8.onnx')
-    assert find_model() == accurate
+    slower = touch(shared / 'yolov8n_int8.onnx')
+    assert find_model() == slower
     fast = touch(shared / 'yolox_nano.onnx')
     assert find_model() == fast
     assert find_model('') == fast
     monkeypatch.setenv('HOID_MODEL', str(cached))
     assert find_model() == cached
-    assert find_model('yolov8n_int8') == accurate
+    assert find_model('yolov8n_int8') == slower
 
 
-def test_names_stand_for_files(
+def test_a_model_is_found_by_name_or_path(
     shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     own = touch(shared / 'my_model.onnx')
@@ -68,7 +68,9 @@ def test_names_stand_for_files(
     assert find_model('shared/models/my_model.onnx') == Path('shared/models/my_model.onnx')
 
 
-def test_what_does_not_exist_is_named(shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_error_names_a_model_that_does_not_exist(
+    shared: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(
         ModelError, match=r'detector model gone\.onnx does not exist: give the path'
     ):
@@ -83,7 +85,7 @@ def test_what_does_not_exist_is_named(shared: Path, monkeypatch: pytest.MonkeyPa
     assert shared.is_dir()
 
 
-def test_offline_is_one_line_with_what_to_do(shared: Path) -> None:
+def test_the_error_without_network_is_one_line_and_names_a_way_out(shared: Path) -> None:
     with pytest.raises(ModelError, match='use --filter motion') as error:
         find_model()
     assert 'no network' in str(error.value)

@@ -1,4 +1,4 @@
-"""Never late by a queue: what is begun, what waits, what is dropped."""
+"""Which items the worker processes, keeps waiting and drops."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hoid_detector.newest_wins import NewestWins
 
 
 class Bench:
-    """A worker whose work ends when the test says so."""
+    """A worker whose items end when the test releases them."""
 
     def __init__(self) -> None:
         self.woken = threading.Semaphore(0)
@@ -39,11 +39,11 @@ def bench() -> Iterator[Bench]:
     bench.worker.close()
 
 
-def test_newest_of_those_that_came_meanwhile_is_next(bench: Bench) -> None:
+def test_the_newest_waiting_item_is_next(bench: Bench) -> None:
     for item in (1, 2, 3, 4):
         bench.worker.offer(item)
     assert bench.worker.num_dropped == 2
-    assert bench.worker.finish() is None  # still at work
+    assert bench.worker.finish() is None  # still running
     assert bench.end_one() == 10
     assert bench.end_one() == 40
     assert bench.worker.finish() is None
@@ -52,7 +52,7 @@ def test_newest_of_those_that_came_meanwhile_is_next(bench: Bench) -> None:
     assert bench.worker.num_dropped == 2
 
 
-def test_error_of_one_item_comes_out_and_the_next_is_worked_on(bench: Bench) -> None:
+def test_an_error_of_one_item_is_raised_and_the_next_is_processed(bench: Bench) -> None:
     bench.worker.offer(-1)
     bench.worker.offer(2)
     with pytest.raises(MessageError, match='negative'):
@@ -60,7 +60,7 @@ def test_error_of_one_item_comes_out_and_the_next_is_worked_on(bench: Bench) -> 
     assert bench.end_one() == 20
 
 
-def test_clear_forgets_all(bench: Bench) -> None:
+def test_clear_discards_all_items(bench: Bench) -> None:
     bench.worker.offer(1)
     bench.worker.offer(2)
     bench.may_end.release()

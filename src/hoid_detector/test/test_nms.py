@@ -1,4 +1,4 @@
-"""Suppression against its definition."""
+"""Non-maximum suppression, compared with its definition."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def by_definition(
 
 
 @given(st.integers(0, 40), st.integers(0, 10**6), st.sampled_from([0.2, 0.45, 0.7]))
-def test_keeps_what_the_definition_keeps(count: int, seed: int, limit: float) -> None:
+def test_the_same_boxes_are_kept_as_by_definition(count: int, seed: int, limit: float) -> None:
     rng = np.random.default_rng(seed)
     corner = rng.uniform(0, 40, (count, 2))  # no overlap is exactly at a limit
     size = rng.uniform(10, 30, (count, 2))
@@ -39,7 +39,7 @@ def test_keeps_what_the_definition_keeps(count: int, seed: int, limit: float) ->
     )
 
 
-def test_looks_at_the_strongest_candidates_only() -> None:
+def test_only_the_strongest_candidates_are_considered() -> None:
     count = 5 * MAX_CANDIDATES
     left = np.arange(count, dtype=np.float32) * 20
     boxes = np.stack([left, left * 0, left + 10, left * 0 + 10], axis=1)

@@ -1,4 +1,4 @@
-"""The detector around the network: input, class names, run-time changes, bad input."""
+"""The detector: boxes, class names, parameters that change at run time, and invalid input."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_unusable_boxes_are_dropped_and_the_others_clipped(make_model: Any) -> N
     np.testing.assert_array_equal(found.scores, np.array([1.0, 0.8], np.float32))
 
 
-def test_letterbox_padding_is_taken_off(make_model: Any) -> None:
+def test_boxes_are_corrected_for_the_padding(make_model: Any) -> None:
     detector = OnnxDetector(make_model(table((36.0, 0.0, 48.0, 32.0, 0.9, 0.0))), DetectorConfig())
     found = detector.detect(np.zeros((128, 64, 3), np.uint8), 0)  # 32 x 64, between 32 wide pads
     np.testing.assert_allclose(found.boxes_xyxy_px, [[8, 0, 32, 64]])
@@ -90,7 +90,7 @@ def test_class_names_come_from_metadata_file_or_coco(make_model: Any, tmp_path: 
 @pytest.mark.parametrize(
     ('metadata', 'names', 'message'),
     [
-        ({}, None, 'has 3 classes and does not name them: give class_names_file'),
+        ({}, None, 'has 3 classes and does not name them: set class_names_file'),
         ({'names': "{0: 'a', 2: 'b'}"}, None, r'class indices \[0, 2\] have gaps'),
         ({'names': '7'}, None, 'is no list of class names'),
         ({'names': "['a']"}, None, 'and 1 class names'),
@@ -122,7 +122,7 @@ def test_unreadable_model_is_refused(content: bytes | None, message: str, tmp_pa
 
 
 def test_a_model_for_huge_images_is_refused(make_model: Any) -> None:
-    with pytest.raises(ModelError, match='takes images of 100000x64 px, more than 4096 a side'):
+    with pytest.raises(ModelError, match='has an input of 100000x64 px, more than 4096 a side'):
         OnnxDetector(make_model(table(*ROWS), size_wh=(100_000, 64)), DetectorConfig())
 
 
@@ -134,7 +134,7 @@ def test_wrong_image_is_refused(make_model: Any) -> None:
         detector.detect(np.zeros((0, 4, 3), np.uint8), 0)
 
 
-def test_provider_that_is_not_there_is_said(make_model: Any) -> None:
+def test_a_missing_provider_is_reported(make_model: Any) -> None:
     path = make_model(table(*ROWS))
     network = OnnxDetector(path, DetectorConfig(providers=('tensorrt', 'cpu'))).network
     if network.provider == 'cpu':
@@ -150,7 +150,7 @@ def test_provider_that_is_not_there_is_said(make_model: Any) -> None:
 
 
 @pytest.mark.filterwarnings('ignore:Specified provider')
-def test_provider_that_fails_to_start_is_said(
+def test_a_provider_that_fails_to_start_is_reported(
     make_model: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     installed = ['TensorrtExecutionProvider', 'CPUExecutionProvider']
@@ -161,13 +161,13 @@ def test_provider_that_fails_to_start_is_said(
         assert network.provider_warning == expected
 
 
-def test_finished_output_may_have_no_rows(make_model: Any) -> None:
+def test_a_table_without_rows_has_no_detections(make_model: Any) -> None:
     path = make_model({'output': np.zeros((0, 7), np.float32)})
     assert len(OnnxDetector(path, DetectorConfig()).detect(IMAGE, 0)) == 0
 
 
-def test_model_of_open_size_gets_the_smallest_input_that_holds_the_image(make_model: Any) -> None:
-    """The network answers with the lower right quarter of whatever input it was given."""
+def test_a_model_of_any_input_size_gets_the_smallest_that_holds_the_image(make_model: Any) -> None:
+    """The network returns the lower right quarter of its input as a box."""
     onnx = pytest.importorskip('onnx')
     h = onnx.helper
     to_float = onnx.TensorProto.FLOAT
@@ -204,33 +204,33 @@ def test_time_of_the_network_is_within_that_of_detection(make_model: Any) -> Non
 
 def test_network_failure_is_one_line(make_model: Any) -> None:
     detector = OnnxDetector(make_model(table(*ROWS)), DetectorConfig())
-    with pytest.raises(ModelError, match='fails on input 1x3x7x7') as error:
+    with pytest.raises(ModelError, match='inference fails on input 1x3x7x7') as error:
         detector.network.run(np.zeros((1, 3, 7, 7), np.float32))
     assert '\n' not in str(error.value)
 
 
 @pytest.mark.parametrize('number', [np.nan, np.inf])
-def test_a_network_without_numbers_is_refused(make_model: Any, number: float) -> None:
+def test_a_network_with_non_finite_outputs_is_refused(make_model: Any, number: float) -> None:
     path = make_model({'output0': np.full((1, 84, 126), number, np.float32)})
-    with pytest.raises(ModelError, match=r'\.onnx: gives only NaN or Inf'):
+    with pytest.raises(ModelError, match=r'\.onnx: all outputs are NaN or Inf'):
         OnnxDetector(path, DetectorConfig())
 
 
-def test_images_of_which_a_network_gives_no_number_are_counted_and_said(
+def test_images_with_non_finite_outputs_are_counted_and_reported_once(
     make_model: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     detector = OnnxDetector(make_model(table(*ROWS)), DetectorConfig())
-    sound = detector.network.run
+    finite = detector.network.run
     monkeypatch.setattr(
-        detector.network, 'run', lambda blob: [np.full_like(o, np.nan) for o in sound(blob)]
+        detector.network, 'run', lambda blob: [np.full_like(o, np.nan) for o in finite(blob)]
     )
     for _ in range(3):
         assert len(detector.detect(IMAGE, 0)) == 0
-    assert not detector.gives_numbers
-    assert detector.num_without_numbers == 3
-    said = [record.message for record in caplog.records if 'NaN' in record.message]
-    assert len(said) == 1
-    monkeypatch.setattr(detector.network, 'run', sound)
+    assert not detector.has_finite_outputs
+    assert detector.num_non_finite == 3
+    warnings = [record.message for record in caplog.records if 'NaN' in record.message]
+    assert len(warnings) == 1
+    monkeypatch.setattr(detector.network, 'run', finite)
     assert len(detector.detect(IMAGE, 0)) == 3
-    assert detector.gives_numbers
-    assert detector.num_without_numbers == 3
+    assert detector.has_finite_outputs
+    assert detector.num_non_finite == 3

@@ -1,4 +1,4 @@
-"""Both real models on photographs, against boxes read off the pictures by eye."""
+"""Both real models on photographs, compared with boxes that a person read off."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ pytestmark = pytest.mark.skipif(
 )
 
 Box = tuple[int, int, int, int]
-# x1 y1 x2 y2 of the visible part as an eye sees it, to about 5 px, and the models that find it.
-BY_EYE: dict[str, tuple[tuple[str, Box, tuple[str, ...]], ...]] = {
+# x1 y1 x2 y2 of the visible part, read off to about 5 px, and the models that detect it.
+BOXES_BY_EYE: dict[str, tuple[tuple[str, Box, tuple[str, ...]], ...]] = {
     '000000009483': (
         ('person', (39, 62, 177, 480), MODELS),
         ('keyboard', (306, 317, 422, 361), MODELS),
@@ -89,13 +89,13 @@ def best_iou(found: Detections, name: str, box: Box) -> float:
     return float((shared / (areas - shared)).max(initial=0.0))
 
 
-@pytest.mark.parametrize('picture', BY_EYE)
-def test_finds_what_is_in_the_picture(picture: str, detector: OnnxDetector) -> None:
+@pytest.mark.parametrize('picture', BOXES_BY_EYE)
+def test_objects_are_detected_where_they_are(picture: str, detector: OnnxDetector) -> None:
     found = detector.detect(photograph(picture), 0)
     model = detector.network.path.stem
     ious = {
         f'{name} {box}': round(best_iou(found, name, box), 2)
-        for name, box, models in BY_EYE[picture]
+        for name, box, models in BOXES_BY_EYE[picture]
         if model in models
     }
     assert {what: value for what, value in ious.items() if value < 0.8} == {}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def test_onnxruntime_reports_nothing(tmp_path: Path) -> None:
-    """Where it would, it writes an identifier of the device."""
+    """When onnxruntime reports, it first writes an identifier of the device to a file."""
     unset = ('CI', 'ORT_DISABLE_TELEMETRY', 'XDG_CACHE_HOME')
     env = {name: value for name, value in os.environ.items() if name not in unset}
     code = 'import sys, hoid_detector.model.network; sys.exit("onnxruntime" not in sys.modules)'

@@ -44,13 +44,6 @@ class ExtractionConfig(Config):
         maximum=2.0,
         expert=True,
     )
-    fast_threshold: int = param(
-        7,  # ORB-SLAM3, TUM1.yaml: its lower threshold, for cells without strong corners
-        'Smallest contrast of a FAST corner (gray levels).',
-        minimum=1,
-        maximum=100,
-        expert=True,
-    )
     refill: bool = param(
         default=True,  # decision 14
         description='Distributes the number of features over the unmasked part of the image. '
@@ -58,18 +51,11 @@ class ExtractionConfig(Config):
         'paper.',
         expert=True,
     )
-    edge_radius: float = param(
-        0.0,  # decision 7
-        'Depth is ignored within this distance of a depth edge, as a share of the image width; '
-        '0 uses all depth. A few pixels are best in homes without people.',
-        minimum=0.0,
-        maximum=0.05,
-        expert=True,
-    )
 
-    # Chosen: at a depth edge, neighboring depths differ by more than this share of the depth.
-    edge_step: ClassVar[float] = 0.05
     border_px: ClassVar[int] = 19  # margin of all levels: the reach of a rotated descriptor patch
+    # Smallest contrast of a FAST corner [gray levels] (ORB-SLAM3, TUM1.yaml: its lower
+    # threshold, for cells without strong corners).
+    fast_threshold: ClassVar[int] = 7
 
 
 @dataclass(frozen=True)
@@ -100,24 +86,6 @@ class PlusConfig(Config):
         'rest, and lowers the overlap at which it stays handled.',
         read_only=False,
     )
-    rest_s: float = param(
-        1.0,  # chosen, not tuned
-        'An object is at rest after it has been seen untouched for this time (s).',
-        minimum=0.0,
-        maximum=60.0,
-    )
-    chains: bool = param(
-        default=True,  # no measurable effect on ATE (ablation); kept for stacked objects
-        description='Treats an object on a handled object as handled.',
-        read_only=False,
-    )
-    reach_m: float = param(
-        0.6,  # chosen: the length of an arm
-        'Greatest distance of a handled object before the torso of a person (m); behind it, '
-        'depth_limit_m holds.',
-        minimum=0.0,
-        maximum=10.0,
-    )
     keep_background: bool = param(
         default=True,  # ablation, carry-screen: ATE 0.0034 m with it, 0.0215 m without
         description='Masks only the part of a box that depth shows to be the person or object, '
@@ -144,6 +112,12 @@ class PlusConfig(Config):
     # Chosen: the mask is relaxed below this number of corners with depth, as a share of
     # num_features.
     min_static_share: ClassVar[float] = 0.1
+    # Greatest distance of a handled object before the torso of a person (m); behind it,
+    # depth_limit_m holds (chosen: the length of an arm).
+    reach_m: ClassVar[float] = 0.6
+    # An object is at rest after it has been seen untouched for this time [s] (chosen, not
+    # tuned).
+    rest_s: ClassVar[float] = 1.0
 
 
 @dataclass(frozen=True)
@@ -212,7 +186,7 @@ class FilterConfig(Config):
         'Greatest number of detections per image; those of lowest score beyond it are refused.',
         minimum=1,
         maximum=10000,
-        expert=True,
+        internal=True,
     )
     prediction_limit_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 31)

@@ -136,19 +136,6 @@ def test_depth_is_that_of_the_nearest_pixel(image_gray: ByteArray) -> None:
     np.testing.assert_array_equal(features.depth_m, ramp_m[row, column])
 
 
-@pytest.mark.parametrize('reach_px', [0, 3, 8])
-def test_depth_at_an_edge_of_depth_is_none(
-    image_gray: ByteArray, depth_m: Float32Array, reach_px: int
-) -> None:
-    depth_m[:, 320:] = 3.0
-    config = ExtractionConfig(edge_radius=(reach_px + 0.5) / WIDTH)
-    features = OrbExtractor(config).extract(image_gray, depth_m, None, 0)
-    column = np.rint(features.uv_px[:, 0])
-    near = (column >= 320 - reach_px) & (column < 320 + reach_px)
-    assert near.any() == bool(reach_px)
-    assert np.array_equal(features.depth_m == 0, near)
-
-
 def test_budgets_follow_inverse_scale() -> None:
     assert octave_budgets(1000, 8, 1.2).tolist() == [217, 181, 151, 126, 104, 88, 72, 61]
 

@@ -190,27 +190,6 @@ def test_an_object_put_down_is_dynamic_until_seen_at_rest() -> None:
         assert found[4] is Reason.STATIC
 
 
-def classify_chain(strategy: HoidPlus, cup_depth_m: float) -> dict[str, Reason]:
-    """A person covers half of the chair, on which a cup stands out of the person's reach."""
-    depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
-    depth_m[80:100, 62:78] = cup_depth_m
-    found = detections(
-        ('person', PERSON),
-        ('chair', (40.0, 40.0, 80.0, 110.0)),
-        ('cup', (62.0, 80.0, 78.0, 100.0)),
-    )
-    return reasons(strategy.classify(view(found, depth_m)))
-
-
-def test_object_on_a_handled_object_is_handled() -> None:
-    assert classify_chain(plus(), 2.0)['cup'] is Reason.HANDLED
-    assert classify_chain(plus(), 2.5)['cup'] is Reason.STATIC
-    unchained = classify_chain(plus(chains=False), 2.0)
-    assert unchained == {
-        'person': Reason.PERSON, 'chair': Reason.HANDLED, 'cup': Reason.STATIC
-    }  # fmt: skip
-
-
 def test_object_far_from_the_person_in_depth_is_not_handled() -> None:
     for cup_depth_m, reason in (
         (1.5, Reason.HANDLED),

@@ -521,27 +521,6 @@ def box_center_depths_m(
         ValueError: The image is empty, a box is not finite, or the side is less than 1.
     """
 
-def depths_off_edges_m(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    pixels_xy: Annotated[NDArray[numpy.int32], dict(shape=(None, 2), writable=False)],
-    radius_px: int,
-    step: float,
-) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
-    """
-    Return the (N,) float32 depths (m) at pixels; 0 without a reading or near a depth edge.
-
-    Beside an edge a depth camera may measure the surface on the other side (docs/decisions/007).
-
-    Args:
-        depth_m: (H, W) float32; 0 or NaN = no reading.
-        pixels_xy: (N, 2) int32 x, y.
-        radius_px: half side of the square around a pixel that must be free of edges; 0: no test.
-        step: the depths in the square differ by more than this share of the pixel's depth at an edge.
-
-    Raises:
-        ValueError: A pixel is not in the image.
-    """
-
 def person_depths_m(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     boxes_xyxy_px: numpy.typing.NDArray[Any],

@@ -133,7 +133,6 @@ def masks() -> dict[str, Any]:
     return {
         'box_center_depths_m': far_m,
         'person_depths_m': kernels.person_depths_m(depth_m, boxes, far_m),
-        'depths_off_edges_m': kernels.depths_off_edges_m(depth_m, areas[:, :2], 3, 0.05),
         'classify_boxes': kernels.classify_boxes(depth_m, pixels, boxes, roles, 10, 0.4, 0.2),
         'classify_boxes by reach': kernels.classify_boxes(
             depth_m, pixels[:50], boxes, roles, 10, 0.4, 0.2, 3.0

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hoid_native import box_center_depths_m, depths_off_edges_m
+from hoid_native import box_center_depths_m
 
 
 def test_median_of_the_readings_at_the_center() -> None:
@@ -55,45 +55,3 @@ def test_median_equals_numpys_to_the_bit(side_px: int) -> None:
 
 def test_no_boxes_no_depths() -> None:
     assert box_center_depths_m(np.ones((4, 4), np.float32), np.empty((0, 4)), 10).shape == (0,)
-
-
-def test_a_depth_near_an_edge_is_discarded() -> None:
-    depth_m = np.full((20, 30), 2.0, np.float32)
-    depth_m[:, 15:] = 2.2
-    row = np.stack([np.arange(30), np.full(30, 10)], 1).astype(np.int32)
-    depths_m = depths_off_edges_m(depth_m, row, 3, 0.05)
-    assert np.flatnonzero(depths_m == 0).tolist() == list(range(12, 18))
-    assert (depths_m[:12] == 2.0).all()
-    assert np.array_equal(depths_m[18:], depth_m[10, 18:])
-    for radius_px, step in ((3, 0.11), (0, 0.05)):
-        assert np.array_equal(depths_off_edges_m(depth_m, row, radius_px, step), depth_m[10])
-
-
-def test_missing_readings_are_no_edge() -> None:
-    depth_m = np.full((9, 9), 3.0, np.float32)
-    depth_m[4, 5], depth_m[3, 4], depth_m[5, 5] = 0.0, np.nan, -1.0
-    pixels = np.array([[4, 4], [5, 4], [4, 3], [5, 5]], np.int32)
-    assert depths_off_edges_m(depth_m, pixels, 3, 0.05).tolist() == [3.0, 0.0, 0.0, 0.0]
-
-
-def test_edges_equal_the_reference_up_to_the_border() -> None:
-    rng = np.random.default_rng(3)
-    depth_m = rng.uniform(2.0, 2.11, (60, 80)).astype(np.float32)
-    depth_m[rng.random(depth_m.shape) < 0.3] = 0.0
-    depth_m[30:, 40:] *= np.float32(1.5)
-    y, x = (grid.ravel() for grid in np.mgrid[:60, :80])
-    expected = np.zeros(len(x), np.float32)
-    for n, (u, v) in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
-        square = depth_m[max(v - 2, 0) : v + 3, max(u - 2, 0) : u + 3]
-        known = square[square > 0]
-        if depth_m[v, u] > 0 and np.ptp(known) <= 0.05 * float(depth_m[v, u]):
-            expected[n] = depth_m[v, u]
-    assert 0.1 < (expected > 0).mean() < 0.6
-    pixels = np.stack([x, y], 1).astype(np.int32)
-    np.testing.assert_array_equal(depths_off_edges_m(depth_m, pixels, 2, 0.05), expected)
-
-
-@pytest.mark.parametrize('pixel', [(-1, 0), (0, -1), (30, 0), (0, 20)])
-def test_pixels_outside_the_image_are_refused(pixel: tuple[int, int]) -> None:
-    with pytest.raises(ValueError, match='inside the image of 30 x 20 px'):
-        depths_off_edges_m(np.ones((20, 30), np.float32), np.array([pixel], np.int32), 3, 0.05)

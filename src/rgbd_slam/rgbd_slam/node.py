@@ -21,7 +21,7 @@ from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.ros.initial_pose import InitialPose
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
-from rgbd_slam.ros.scene.link import SceneLink
+from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
 from rgbd_slam.ros.services import SlamServices
 from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper
@@ -41,7 +41,7 @@ class RgbdSlamNode(ManagedNode):
         config = self._settings.config
         static = StaticFrameListener(self, self.diagnostics)
         self._outputs = SlamOutputs(self, config.frames, static.frames, self.diagnostics)
-        self._scene = SceneLink(self, config, self.diagnostics)
+        self._scene = SceneClient(self, config, self.diagnostics)
         self._lifecycle = SessionLifecycle(
             self,
             config,
@@ -104,7 +104,7 @@ class RgbdSlamNode(ManagedNode):
             self._outputs.publish_pose(tracked.pose, msg.header)
             done = session.learn(tracked)
         done = self._lifecycle.checkpoints.finish_resume(session, done)
-        self._scene.enqueue(done.fusion)
+        self._scene.enqueue(done.scene_request)
         self._outputs.publish_status(done.status, msg.header)
         self._diagnose(session, done.status)
 

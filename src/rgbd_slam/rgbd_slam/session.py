@@ -18,7 +18,7 @@ from rgbd_slam.late_verdicts import LateVerdicts
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
 from rgbd_slam.robot_map import RobotMap
-from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
+from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import status_message
 from rgbd_slam.tracking.motion import MotionSource
@@ -38,7 +38,7 @@ class Processed(NamedTuple):
 
     status: SlamStatus
     pose: RobotPose | None  # None while the pose is unknown
-    fusion: FusionRequest | None = None  # for the scene mapper, if this image is to be used there
+    scene_request: SceneRequest | None = None  # None: the scene mapper does not need this image
 
 
 class SlamSession:
@@ -52,7 +52,7 @@ class SlamSession:
         config: Parameters of the core.
         frames: Where the camera is mounted on the robot.
         background: Map in a separate process, which `close` ends.
-        fusion_scheduler: Selects the images for the scene mapper.
+        scene_scheduler: Selects the images for the scene mapper.
         wheels: External odometry (e.g. wheels), as motions of the camera.
     """
 
@@ -63,7 +63,7 @@ class SlamSession:
         frames: RobotFrames,
         *,
         background: bool = False,
-        fusion_scheduler: FusionScheduler | None = None,
+        scene_scheduler: SceneScheduler | None = None,
         wheels: MotionSource | None = None,
     ) -> None:
         self.camera = camera
@@ -72,14 +72,14 @@ class SlamSession:
         self.is_paused = False  # True: images are ignored
         self.stamp_ns = 0  # of the latest image that was tracked
         self._frames = frames
-        self._fusion_scheduler = fusion_scheduler or FusionScheduler(None, None)
+        self._scene_scheduler = scene_scheduler or SceneScheduler(None, None)
         self._gaps = StreamGaps()
         self._late = LateVerdicts()
         self._num_processed = 0
 
-    def reconfigure(self, config: SlamConfig, fusion_scheduler: FusionScheduler) -> None:
+    def reconfigure(self, config: SlamConfig, scene_scheduler: SceneScheduler) -> None:
         """Apply the parameters that may change at run time."""
-        self._fusion_scheduler = fusion_scheduler
+        self._scene_scheduler = scene_scheduler
         self.slam.reconfigure(config)
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ class SlamSession:
         if result.is_keyframe:
             self._late.note_keyframe()
         status = self._status(SlamState(result.state.value), result)
-        return Processed(status, tracked.pose, self._fusion_request(result))
+        return Processed(status, tracked.pose, self._scene_request(result))
 
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
         """Remove from the map what a keyframe observed on features that proved dynamic.
@@ -167,7 +167,7 @@ class SlamSession:
             result.image_covariance,
         )
 
-    def _fusion_request(self, result: TrackingResult) -> FusionRequest | None:
+    def _scene_request(self, result: TrackingResult) -> SceneRequest | None:
         """Return the request to the scene mapper for this image, or None if it is not needed.
 
         While the map grows, images are fused in every map, not only in the main one: the dense
@@ -180,20 +180,20 @@ class SlamSession:
         last = slam.odometry.last
         if result.state is not TrackingState.TRACKING or last is None:
             return None
-        fusion = self._fusion_scheduler.pick(
+        request = self._scene_scheduler.pick(
             result.stamp_ns,
             self._frames.T_map_core @ slam.odometry.pose(),
             last.reference_uid,
             self.robot_map.keyframes,
         )
-        if fusion is None:
+        if request is None:
             return None
-        fuse = fusion.keyframes is not None and slam.map.is_growing
-        track_objects = fusion.track_objects and slam.odometry.is_in_main_map
+        fuse = request.keyframes is not None and slam.map.is_growing
+        track_objects = request.track_objects and slam.odometry.is_in_main_map
         if not fuse and not track_objects:
             return None
-        return fusion._replace(
-            keyframes=fusion.keyframes if fuse else None, track_objects=track_objects
+        return request._replace(
+            keyframes=request.keyframes if fuse else None, track_objects=track_objects
         )
 
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:

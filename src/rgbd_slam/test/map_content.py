@@ -14,8 +14,8 @@ from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import MapState, snapshot
-from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.dense_state import DenseState
+from rgbd_slam.scene.stored_view import StoredView
 from rgbd_slam.scene.voxel_map import DepthView
 
 from .ring_world import MODEL, RingWorld, mapped, ring_poses

@@ -1,4 +1,4 @@
-"""Floor and grid of points whose room is known."""
+"""Floor and grid of the points of a known room."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from rgbd_slam.scene.grid import (
     UNKNOWN,
     Grid,
     project_grid,
-    without_unseen,
+    require_free_space,
     write_map_server,
 )
 
@@ -46,7 +46,7 @@ def test_a_table_alone_over_unseen_ground_is_no_floor_when_points_lie_below() ->
     assert find_floor(points, np.array([0, 0, 1.0])) is None
 
 
-def test_the_grid_knows_floor_obstacles_and_the_unseen() -> None:
+def test_the_grid_has_free_occupied_and_unknown_cells() -> None:
     points = room(np.random.default_rng(3))
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=0.1, obstacle_margin_m=0.0))
     assert grid.T_map_origin[:2, 3] == pytest.approx([0, 0])
@@ -56,13 +56,13 @@ def test_the_grid_knows_floor_obstacles_and_the_unseen() -> None:
     assert set(np.unique(grid.cells)) <= {FREE, OCCUPIED, UNKNOWN}
 
 
-def test_heights_limit_what_is_an_obstacle() -> None:
+def test_obstacles_are_between_two_heights() -> None:
     points = np.array([[0.5, 0.5, 0.05]] * 3 + [[1.5, 0.5, 0.5]] * 3 + [[2.5, 0.5, 2.2]] * 3)
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0))
     assert grid.cells.tolist() == [[FREE, OCCUPIED]]
 
 
-def test_obstacles_reach_a_little_farther_than_their_points() -> None:
+def test_obstacles_extend_beyond_their_points_by_the_margin() -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0], [1.005, 0.5, 0.5]])
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0, obstacle_margin_m=0.01))
     assert grid.cells.tolist() == [[OCCUPIED, OCCUPIED]]
@@ -70,24 +70,26 @@ def test_obstacles_reach_a_little_farther_than_their_points() -> None:
     assert grid.cells.tolist() == [[FREE, OCCUPIED]]
 
 
-def test_floor_below_something_doubtful_is_not_free() -> None:
+def test_the_floor_below_an_unconfirmed_point_is_not_free() -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]])
-    doubtful = np.array([[1.5, 0.5, 0.7], [0.5, 0.5, 2.5], [9.0, 9.0, 0.5]])
+    unconfirmed = np.array([[1.5, 0.5, 0.7], [0.5, 0.5, 2.5], [9.0, 9.0, 0.5]])
     config = GridConfig(resolution_m=1.0)
-    assert project_grid(points, np.eye(4), config, doubtful).cells.tolist() == [[FREE, UNKNOWN]]
+    assert project_grid(points, np.eye(4), config, unconfirmed).cells.tolist() == [[FREE, UNKNOWN]]
 
 
-def test_floor_is_not_free_before_the_space_over_it_was_seen() -> None:
+def test_the_floor_is_not_free_until_the_space_above_it_is() -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]])
     config = GridConfig(resolution_m=1.0, clear_height_m=0.8)
     grid = project_grid(points, np.eye(4), config)
-    low = without_unseen(grid, config, lambda p: (p[:, 0] < 1) | (p[:, 2] < 0.7))
+    low = require_free_space(grid, config, lambda p: (p[:, 0] < 1) | (p[:, 2] < 0.7))
     assert low.cells.tolist() == [[FREE, UNKNOWN]]
-    assert without_unseen(grid, config, lambda p: p[:, 2] < 0.8).cells.tolist() == [[FREE, FREE]]
+    assert require_free_space(grid, config, lambda p: p[:, 2] < 0.8).cells.tolist() == [
+        [FREE, FREE]
+    ]
 
 
 def nav2_cells(yaml_path: Path) -> tuple[list[list[int]], FloatArray]:
-    """Read a map by the rules that Nav2's map server publishes (nav2_map_server, map_io)."""
+    """Read a map as Nav2's map server does (nav2_map_server/src/map_io.cpp)."""
     document = yaml.safe_load(yaml_path.read_text())
     image = cv2.imread(str(yaml_path.parent / document['image']), cv2.IMREAD_UNCHANGED)
     assert image is not None
@@ -122,7 +124,7 @@ def test_nav2_reads_a_saved_grid_as_it_is(tmp_path: Path, mode: str) -> None:
 
 
 def test_a_tilted_floor_gives_a_level_grid() -> None:
-    """In a level frame of its own, or over a map that is all but level with x and y kept."""
+    """The frame of the grid is level: one of its own, or one with the map's x and y."""
     points = room(np.random.default_rng(3))
     T_map_room = se3.exp(np.array([0.01, -0.02, 0.0, 0.2, -0.3, -1.2]))
     points_m = se3.transform(T_map_room, points)
@@ -143,26 +145,26 @@ def test_a_tilted_floor_gives_a_level_grid() -> None:
     assert xy_m.tolist() == [1.0, 2.0]
 
 
-def test_a_steady_grid_grows_in_steps_and_says_what_changed() -> None:
+def test_a_steady_grid_grows_in_steps_and_returns_the_changed_cells() -> None:
     steady = SteadyGrid()
     cells = np.full((10, 15), FREE, np.int8)
     first = steady.place(Grid(cells, 0.1, np.eye(4), (-3, 5)))
     assert (first.low, first.cells.shape) == ((-20, 0), (20, 40))
     assert (first.cells[5:15, 17:32] == FREE).all()
     assert np.count_nonzero(first.cells == UNKNOWN) == first.cells.size - cells.size
-    assert steady.show(first) is None
+    assert steady.take_patch(first) is None
     cells = cells.copy()
     cells[2:4, 6] = OCCUPIED
     second = steady.place(Grid(cells, 0.1, np.eye(4), (-3, 5)))
     assert (second.low, second.cells.shape) == (first.low, first.cells.shape)
-    patch = steady.show(second)
+    patch = steady.take_patch(second)
     assert patch is not None
     assert (patch.column, patch.row, patch.cells.tolist()) == (23, 7, [[OCCUPIED], [OCCUPIED]])
     smaller = steady.place(Grid(cells[:2, :2], 0.1, np.eye(4), (0, 5)))
     assert (smaller.low, smaller.cells.shape) == (first.low, first.cells.shape)
     larger = steady.place(Grid(cells, 0.1, np.eye(4), (18, 5)))
     assert (larger.low, larger.cells.shape) == ((-20, 0), (20, 60))
-    assert steady.show(larger) is None
+    assert steady.take_patch(larger) is None
     steady.clear()
     assert steady.place(Grid(cells, 0.1, np.eye(4), (18, 5))).low == (0, 0)
 

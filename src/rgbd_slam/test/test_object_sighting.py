@@ -1,4 +1,4 @@
-"""Measuring of boxes on depth images with holes: never a crash, and no place without readings."""
+"""Measurement of detections on depth images with holes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hoid_common.values import CameraModel, DynamicObject, Reason
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
-from rgbd_slam.scene.object_sighting import DepthScene, sight
+from rgbd_slam.scene.object_sighting import DepthImage, measure
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 BOX_PX = (40.0, 40.0, 88.0, 88.0)
@@ -21,18 +21,18 @@ def box(class_name: str, box_px: tuple[float, float, float, float] = BOX_PX) -> 
 
 
 @pytest.mark.parametrize('class_name', NAMES)
-def test_readings_on_the_border_of_a_box_only_are_enough(class_name: str) -> None:
+def test_readings_only_at_the_border_of_a_box_are_enough(class_name: str) -> None:
     depth_m = np.full((120, 160), 2.0, np.float32)
     depth_m[44:84, 44:84] = 0
-    found = sight(box(class_name), DepthScene.of(CAMERA, depth_m, T_BODY_OPTICAL), None, None)
+    found = measure(box(class_name), DepthImage.of(CAMERA, depth_m, T_BODY_OPTICAL), None, None)
     assert found is not None
     assert found.position_map_m[0] == pytest.approx(2.0, abs=0.2)
 
 
 @pytest.mark.parametrize('class_name', NAMES)
-def test_without_readings_there_is_no_place(class_name: str) -> None:
-    scene = DepthScene.of(CAMERA, np.zeros((120, 160), np.float32), T_BODY_OPTICAL)
-    assert sight(box(class_name), scene, np.array([2.0, 0.0, 0.0]), None) is None
+def test_a_box_without_readings_gives_no_sighting(class_name: str) -> None:
+    image = DepthImage.of(CAMERA, np.zeros((120, 160), np.float32), T_BODY_OPTICAL)
+    assert measure(box(class_name), image, np.array([2.0, 0.0, 0.0]), None) is None
 
 
 @given(
@@ -43,7 +43,7 @@ def test_without_readings_there_is_no_place(class_name: str) -> None:
     corners=st.tuples(*[st.floats(-20, 180)] * 4),
     known_m=st.one_of(st.none(), st.floats(0.1, 6.0)),
 )
-def test_any_depth_gives_a_place_within_what_was_read_or_none(
+def test_any_depth_gives_a_place_within_the_range_of_the_readings_or_none(
     class_name: str,
     seed: int,
     filled: float,
@@ -57,7 +57,7 @@ def test_any_depth_gives_a_place_within_what_was_read_or_none(
     x1, y1, x2, y2 = corners
     seen = box(class_name, (min(x1, x2), min(y1, y2), max(x1, x2) + 1, max(y1, y2) + 1))
     known = None if known_m is None else np.array([known_m, 0.0, 0.0])
-    found = sight(seen, DepthScene.of(CAMERA, depth_m, T_BODY_OPTICAL), known, None)
+    found = measure(seen, DepthImage.of(CAMERA, depth_m, T_BODY_OPTICAL), known, None)
     if found is not None:
         assert np.isfinite(found.position_map_m).all()
         assert np.isfinite(found.size_m).all()

@@ -1,4 +1,4 @@
-"""Tracks of people and objects in rendered depth images, against motions that are known."""
+"""Tracks of people and objects in rendered depth images, compared with their true motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hoid_common.values import UNKNOWN, CameraModel, DynamicObject, FloatArray, 
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.scene.floor import Floor
-from rgbd_slam.scene.object_sighting import DepthScene, sight
+from rgbd_slam.scene.object_sighting import DepthImage, measure
 from rgbd_slam.scene.object_tracker import ObjectState, ObjectTracker, TrackedObject
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
@@ -23,7 +23,7 @@ FLOOR = Floor(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1.2], [0, 0, 0,
 
 
 class Thing(NamedTuple):
-    """A rectangle that faces the camera, its middle given in the body frame."""
+    """A rectangle that faces the camera, with its center in the body frame [m]."""
 
     class_name: str
     ahead: float
@@ -38,7 +38,7 @@ def person(ahead: float, left: float, up: float = -0.35, height: float = 1.7) ->
 
 
 class World:
-    """Draws rectangles into a depth image and boxes them, nearest on top."""
+    """Renders rectangles into depth images, with their boxes as detections."""
 
     def __init__(self, T_map_body: FloatArray | None = None) -> None:
         self.T_map_camera = (np.eye(4) if T_map_body is None else T_map_body) @ T_BODY_OPTICAL
@@ -47,7 +47,7 @@ class World:
 
     def show(self, *things: Thing, floor: Floor | None = None) -> tuple[TrackedObject, ...]:
         depth = np.full((240, 320), WALL_M, np.float32)
-        seen = []
+        detections = []
         for class_name, ahead, left, up, (width, height), reason in sorted(
             things, key=lambda t: -t.ahead
         ):
@@ -58,9 +58,9 @@ class World:
             depth[y1:y2, x1:x2] = ahead
             left_px, top_px, right_px, bottom_px = box.tolist()
             box_px = (left_px, top_px, right_px, bottom_px)
-            seen.append(DynamicObject(class_name, box_px, 0.9, -1, reason))
-        scene = DepthScene.of(CAMERA, depth, self.T_map_camera)
-        out = self.tracker.update(seen, scene, self.stamp_ns, floor)
+            detections.append(DynamicObject(class_name, box_px, 0.9, -1, reason))
+        image = DepthImage.of(CAMERA, depth, self.T_map_camera)
+        out = self.tracker.update(detections, image, self.stamp_ns, floor)
         self.stamp_ns += round(1e9 / RATE_HZ)
         return out
 
@@ -77,7 +77,7 @@ def test_a_walking_person_has_position_and_velocity_in_the_map() -> None:
     np.testing.assert_allclose(track.velocity_map_mps, T[:3, 1] * 1.2, atol=0.2)
 
 
-def test_somebody_behind_a_table_stands_on_the_floor() -> None:
+def test_a_person_whose_legs_are_hidden_stands_on_the_floor() -> None:
     world = World()
     for _ in range(5):
         tracks = world.show(person(3.0, 0, up=0.15, height=0.7), floor=FLOOR)
@@ -98,7 +98,7 @@ def test_a_missed_person_is_predicted_then_forgotten() -> None:
     assert tracks == ()
 
 
-def test_a_carried_object_gets_its_new_place_and_keeps_its_number() -> None:
+def test_a_carried_object_gets_its_new_place_and_keeps_its_id() -> None:
     world = World()
     for _ in range(10):
         tracks = world.show(Thing('cup', 2.0, 0.8, 0))
@@ -127,12 +127,12 @@ def test_what_moves_undetected_is_tracked_and_forgotten_where_it_rests() -> None
     assert (track.class_name, track.state) == (UNKNOWN, ObjectState.MOVING)
     np.testing.assert_allclose(track.position_map_m[1:], (-0.7, 0), atol=0.05)
     np.testing.assert_allclose(track.velocity_map_mps, (0, -1, 0), atol=0.2)
-    for _ in range(12):  # nobody says that it moves
+    for _ in range(12):  # no detection says that it moves
         tracks = world.show()
     assert tracks == ()
 
 
-def test_an_object_put_down_after_it_was_out_of_sight_is_known_again() -> None:
+def test_an_object_put_down_after_it_was_out_of_sight_keeps_its_track() -> None:
     world = World()
     for _ in range(10):
         tracks = world.show(Thing('cup', 2.0, 0.8, 0))
@@ -145,7 +145,7 @@ def test_an_object_put_down_after_it_was_out_of_sight_is_known_again() -> None:
     assert (moved.track_id, moved.state) == (rest.track_id, ObjectState.MOVED)
 
 
-def test_an_object_in_hands_far_from_where_it_was_hidden_keeps_its_number() -> None:
+def test_an_object_in_hands_far_from_where_it_was_hidden_keeps_its_id() -> None:
     world = World()
     cup, twin = Thing('cup', 2.0, 0.8, 0), Thing('cup', 2.0, -0.2, 0)
     for _ in range(10):
@@ -191,7 +191,7 @@ def test_a_box_behind_a_person_is_not_handled() -> None:
     np.testing.assert_allclose(track.position_map_m, rest.position_map_m, atol=0.02)
 
 
-def test_two_people_keep_their_numbers_and_a_blip_is_not_published() -> None:
+def test_two_people_keep_their_ids_and_a_blip_is_not_published() -> None:
     world = World()
     for i in range(10):
         first = world.show(person(2.5, -0.8 + 0.03 * i), person(3.5, 1.0))
@@ -203,12 +203,12 @@ def test_two_people_keep_their_numbers_and_a_blip_is_not_published() -> None:
 
 def test_objects_without_depth_are_left_out() -> None:
     depth = np.zeros((240, 320), np.float32)
-    scene = DepthScene.of(CAMERA, depth, T_BODY_OPTICAL)
+    image = DepthImage.of(CAMERA, depth, T_BODY_OPTICAL)
     cup = DynamicObject('cup', (100, 100, 150, 150), 0.9, -1, Reason.STATIC)
-    assert sight(cup, scene, None, None) is None
+    assert measure(cup, image, None, None) is None
 
 
-def test_the_middle_of_an_object_lies_behind_its_surface() -> None:
+def test_the_center_of_an_object_is_behind_its_surface() -> None:
     world = World()
     for _ in range(5):
         tracks = world.show(Thing('bottle', 2.0, 0.3, 0.1, size_m=(0.08, 0.3)))
@@ -217,7 +217,7 @@ def test_the_middle_of_an_object_lies_behind_its_surface() -> None:
     assert track.size_m[2] == pytest.approx(0.3, abs=0.06)
 
 
-def test_memory_is_bounded() -> None:
+def test_the_number_of_tracks_is_bounded() -> None:
     world = World()
     world.tracker = ObjectTracker(ObjectTrackerConfig(max_objects=5, min_sightings=1))
     crowd = [Thing('cup', 4.0, 0.45 * i - 2, 0) for i in range(9)]

@@ -11,7 +11,7 @@ from hoid_common.values import BoolArray, FeatureVerdicts
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.fusion_scheduler import FusionRequest, FusionScheduler
+from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.session import Processed, SlamSession
 
 from .world import CAMERA, PERIOD_NS, World, sway
@@ -22,9 +22,7 @@ EVERY = 1e9 / PERIOD_NS  # Hz
 
 def new_session(**changes: object) -> SlamSession:
     config = SlamConfig().updated(dict(changes))
-    return SlamSession(
-        CAMERA, config, RobotFrames(), fusion_scheduler=FusionScheduler(EVERY, EVERY)
-    )
+    return SlamSession(CAMERA, config, RobotFrames(), scene_scheduler=SceneScheduler(EVERY, EVERY))
 
 
 def see(session: SlamSession, world: World, n: int, covered: bool = False) -> Processed:
@@ -32,7 +30,7 @@ def see(session: SlamSession, world: World, n: int, covered: bool = False) -> Pr
     return session.process(features)
 
 
-def is_fused(request: FusionRequest | None) -> bool:
+def is_fused(request: SceneRequest | None) -> bool:
     return request is not None and request.keyframes is not None
 
 
@@ -40,7 +38,7 @@ def test_a_tracked_image_is_fused_and_its_objects_are_tracked() -> None:
     session, world = new_session(), World()
     done = [see(session, world, n) for n in range(5)]
     for n, each in enumerate(done):
-        request = each.fusion
+        request = each.scene_request
         assert request is not None
         assert is_fused(request)
         assert request.track_objects
@@ -66,12 +64,12 @@ def test_in_localization_objects_are_tracked_and_nothing_is_fused() -> None:
     session, world = new_session(), World()
     see(session, world, 0)
     session.set_mode(SlamMode.LOCALIZATION)
-    request = see(session, world, 1).fusion
+    request = see(session, world, 1).scene_request
     assert request is not None
     assert not is_fused(request)
     assert request.track_objects
     session.set_mode(SlamMode.MAPPING)
-    assert is_fused(see(session, world, 2).fusion)
+    assert is_fused(see(session, world, 2).scene_request)
 
 
 def test_a_map_beside_the_main_one_is_fused_and_its_objects_are_not_tracked() -> None:
@@ -79,11 +77,11 @@ def test_a_map_beside_the_main_one_is_fused_and_its_objects_are_not_tracked() ->
     for n in range(20):
         see(session, here, n)
     lost = [see(session, there, n, covered=True) for n in range(20, 24)]
-    assert [each.fusion for each in lost] == [None] * 4
+    assert [each.scene_request for each in lost] == [None] * 4
     done = [see(session, there, n) for n in range(24, 40)]
     assert session.slam.stats.num_maps == 2
     assert 'merged' in done[-1].status.message
-    request = done[-1].fusion
+    request = done[-1].scene_request
     assert request is not None
     assert is_fused(request)
     assert not request.track_objects
@@ -95,7 +93,7 @@ def test_a_paused_session_ignores_images_and_resumes_where_it_was() -> None:
     session.is_paused = True
     paused = see(session, world, 1)
     assert paused.status.state is SlamState.PAUSED
-    assert (paused.pose, paused.fusion) == (None, None)
+    assert (paused.pose, paused.scene_request) == (None, None)
     session.is_paused = False
     assert see(session, world, 2).status.state is SlamState.TRACKING
     assert session.robot_map.trajectory('online').stamps_ns.tolist() == [0, 2 * PERIOD_NS]

@@ -76,13 +76,16 @@ def test_a_place_that_shares_a_third_of_its_points_is_not_the_same(atlas: Atlas)
     assert 0.2 < match.found_share < 0.45
 
 
-def test_an_image_that_sees_through_the_map_is_contradicted() -> None:
+def test_an_image_that_sees_through_the_map_is_contradicted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Half of a wall of the map is gone, and what lies behind it shows."""
     atlas = _well_known(Atlas(1.2, 8), RingWorld(count=8000))
     opened = RingWorld(count=8000)
     opened.points_m[opened.points_m[:, 1] > 0] *= [1.6, 1.0, 1.6]
     frame, _ = opened.frame(TRUTH[5], 1)
-    match = _verifier(atlas, min_found_share=0.0).verify(frame, 5)
+    monkeypatch.setattr(VerificationConfig, 'min_found_share', 0.0)
+    match = _verifier(atlas).verify(frame, 5)
     assert match.status is PlaceStatus.CONTRADICTED
     assert match.contradicted_share > 0.15
 

@@ -39,7 +39,7 @@ def camera_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
     for seed in seeds:
         for i, camera in enumerate(_CAMERAS):
             scene = _sliding(camera)
-            setup = Setup((FILTER, SLAM), has_room=False, scene=scene, rate_hz=camera.rate_hz)
+            setup = Setup((FILTER, SLAM), has_scene=False, scene=scene, rate_hz=camera.rate_hz)
             kind = f'camera {camera.width_px} px wide, {camera.rate_hz:g} Hz'
             with staged(folder / f'{seed} {i}', setup) as stage:
                 yield stage.outcome(kind, seed, _slide(stage.sender, camera))

@@ -34,7 +34,7 @@ def clock_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
 
 def sim_time_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
     """Yield the same by a /clock that leaps as well."""
-    with staged(folder, Setup((FILTER, SLAM), has_room=False, sim_time=True)) as stage:
+    with staged(folder, Setup((FILTER, SLAM), has_scene=False, sim_time=True)) as stage:
         for seed in seeds:
             jump_s = _JUMPS_S[seed % len(_JUMPS_S)]
 

@@ -14,16 +14,16 @@ from sensor_msgs.msg import PointCloud2
 
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS
-from hoid_benchmarks.faults.live.stage import MAPPER, ROOM, Setup, Stage, member_pids, staged
+from hoid_benchmarks.faults.live.stage import MAPPER, SCENE, Setup, Stage, member_pids, staged
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
 
-VICTIMS = (DETECTOR, MAPPER, ROOM, FILTER, SLAM)
+VICTIMS = (DETECTOR, MAPPER, SCENE, FILTER, SLAM)
 _GAP_S = 0.2  # of odometry, when one dies that no pose waits for
-_SAME_MAP_S, _ROOM_S, _LIMIT_S = 5.0, 10.0, 30.0
+_SAME_MAP_S, _SCENE_S, _LIMIT_S = 5.0, 10.0, 30.0
 _QUIET_S = 2.0
-_LIVED_S = 21.0  # sooner after its start, a room is taken for one that cannot live
+_LIVED_S = 21.0  # sooner after its start, a scene process counts as unable to run
 
 
 def death_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
@@ -44,7 +44,7 @@ class _Deaths:
             PointCloud2, topics.CLOUD_MAP, self._on_cloud, qos.LATCHED
         )
         self._cloud_s = 0.0
-        self._room_since_s = time.monotonic()
+        self._scene_since_s = time.monotonic()
 
     def go_on_for(self, duration_s: float) -> None:
         """Send while nothing is wrong."""
@@ -52,12 +52,12 @@ class _Deaths:
 
     def outcome(self, victim: str, seed: int) -> Outcome:
         """Kill one, and wait until all is as before."""
-        if victim == ROOM:
-            self.go_on_for(self._room_since_s + _LIVED_S - time.monotonic())
+        if victim == SCENE:
+            self.go_on_for(self._scene_since_s + _LIVED_S - time.monotonic())
         sending_before_s = self._sender.sending_s
         killed_s = self._kill(victim)
-        if victim in (ROOM, SLAM):
-            self._room_since_s = killed_s
+        if victim in (SCENE, SLAM):
+            self._scene_since_s = killed_s
         is_back, limit_s = self._signs(victim, killed_s)
         self._until(is_back, _LIMIT_S)
         back_s = time.monotonic() - killed_s
@@ -89,8 +89,8 @@ class _Deaths:
         since_ns, newest_ns = self._sender.now_ns(), self._sender.newest_ns
         if victim == DETECTOR:
             return (lambda: newest_ns.get(OWN_DETECTIONS, 0) > since_ns), _SAME_MAP_S
-        if victim == ROOM:
-            return (lambda: self._cloud_s > killed_s), _ROOM_S
+        if victim == SCENE:
+            return (lambda: self._cloud_s > killed_s), _SCENE_S
 
         def is_tracked() -> bool:
             status = self._sender.status

@@ -30,7 +30,7 @@ _MEMORY_FACTOR = 1.3
 _YOUNG_MB = 60.0  # what nodes may grow by besides, before they have settled
 _SETTLE_S, _SETTLED_MB = 15.0, 1.0
 MAPS = 'maps'
-MAPPER, ROOM = 'mapper', 'room'
+MAPPER, SCENE = 'mapper', 'scene'
 _NAMES = {
     DETECTOR: ((topics.DETECTIONS, OWN_DETECTIONS),),
     SLAM: ((topics.VISUAL_ODOM, topics.ODOM),),
@@ -43,7 +43,7 @@ class Setup:
     """What runs and what it is sent."""
 
     nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM)
-    has_room: bool = True  # dense map and object tracks
+    has_scene: bool = True  # dense map and object tracks
     scene: Scene | None = None  # None: the still one
     rate_hz: float = RATE_HZ
     is_compressed: bool = False
@@ -55,7 +55,7 @@ class Setup:
     @property
     def outputs(self) -> tuple[str, ...]:
         """Return what comes of every image, or of every few."""
-        is_made = (True, DETECTOR in self.nodes, self.has_room)
+        is_made = (True, DETECTOR in self.nodes, self.has_scene)
         return tuple(o for o, made in zip(ALL_OUTPUTS, is_made, strict=True) if made)
 
     def options(self, maps: Path) -> Iterator[NodeOptions]:
@@ -69,7 +69,7 @@ class Setup:
             },
             SLAM: {
                 'map_directory': str(maps), 'checkpoint_period_s': 1.0,
-                'dense.enabled': self.has_room, 'objects.enabled': self.has_room,
+                'dense.enabled': self.has_scene, 'objects.enabled': self.has_scene,
                 'frames.publish_odom_to_base': not self.is_foreign, **image,
             },
         }  # fmt: skip
@@ -187,7 +187,7 @@ def member_pids(pids: Mapping[str, int]) -> dict[str, int]:
         for worker in server.children()
     ]
     # The mapper alone is nicer than what started it.
-    names = {ROOM if w.nice() == server.nice() else MAPPER: w.pid for server, w in pairs}
+    names = {SCENE if w.nice() == server.nice() else MAPPER: w.pid for server, w in pairs}
     return {**pids, **names}
 
 

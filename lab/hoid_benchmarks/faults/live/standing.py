@@ -30,7 +30,7 @@ def standing_cases(
     if conditions:
         yield from slow_disk_cases(folder / 'slow disk', conditions)
     if messages:
-        foreign = Setup((FILTER, SLAM), has_room=False, sim_time=True, is_foreign=True)
+        foreign = Setup((FILTER, SLAM), has_scene=False, sim_time=True, is_foreign=True)
         for name, setup in (('packed', Setup(is_compressed=True)), ('foreign', foreign)):
             with staged(folder / name, setup) as stage:
                 yield from message_cases(stage, messages)

@@ -1,4 +1,1 @@
-"""Trajectories against the truth, and their plots.
-
-Nothing here runs SLAM.
-"""
+"""Errors of trajectories with respect to ground truth, and their plots."""

@@ -1,8 +1,8 @@
-"""How far an estimated trajectory is from the truth: ATE and RPE, with evo underneath.
+"""Absolute and relative errors (ATE, RPE) of a trajectory with respect to ground truth, by evo.
 
-Conventions of the TUM RGB-D benchmark (Sturm et al., IROS 2012): poses are associated within
-0.02 s, the estimate is aligned by a rigid transform (no scale), and the relative error is taken
-over one second.
+The conventions are those of the TUM RGB-D benchmark (Sturm et al., IROS 2012): poses are
+associated within 0.02 s, the estimate is aligned by a rigid transform without scale, and the
+relative error is that of the motion over one second.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray, Trajec
 
 ASSOCIATION_S = 0.02
 RPE_INTERVAL_S = 1.0
-MIN_POSES = 3  # a rigid alignment of fewer is not unique
+MIN_POSES = 3  # fewer do not determine a rigid alignment
 
 
 @dataclass(frozen=True, eq=False)
 class AlignedTrajectory:
-    """An estimate moved onto the truth, pose by pose."""
+    """Estimated poses aligned to the associated true poses."""
 
     stamps_ns: IntArray  # (N,)
-    T_world_camera: FloatArray  # (N, 4, 4), estimate after alignment
+    T_world_camera: FloatArray  # (N, 4, 4), aligned estimate
     T_world_camera_true: FloatArray  # (N, 4, 4)
     T_world_map: FloatArray  # (4, 4), the alignment
-    error_m: FloatArray  # (N,), distance between the two camera centers
+    error_m: FloatArray  # (N,), distance between estimated and true camera center
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of one trajectory; RPE is None when it spans less than a second."""
+    """Errors of one trajectory; RPE is None if no two poses are a second apart."""
 
     num_pairs: int
-    coverage: float  # share of the reference that the estimate covers, in [0, 1]
+    coverage: float | None  # share of frames with a pose; None: number of frames unknown
     ate_rmse_m: float
     ate_mean_m: float
     ate_median_m: float
@@ -50,14 +50,14 @@ class Evaluation:
 
 
 def align(estimate: Trajectory, truth: Trajectory) -> AlignedTrajectory:
-    """Associate the poses and move the estimate rigidly onto the truth (Umeyama without scale).
+    """Associate the poses and align the estimate to the truth (Umeyama without scale).
 
     Raises:
-        InputError: Fewer than three poses can be associated, or they do not fix a rotation.
+        InputError: Fewer than three poses are associated, or they do not determine a rotation.
     """
     fewest = min(len(estimate), len(truth))
     if fewest < MIN_POSES:
-        raise InputError(f'{fewest} poses cannot be evaluated, {MIN_POSES} are needed')
+        raise InputError(f'a trajectory has {fewest} poses, but an evaluation needs {MIN_POSES}')
     try:
         true, moved = associate_trajectories(
             _to_evo(truth), _to_evo(estimate), max_diff=ASSOCIATION_S
@@ -69,7 +69,7 @@ def align(estimate: Trajectory, truth: Trajectory) -> AlignedTrajectory:
     try:
         R, t, _ = moved.align(true)
     except GeometryException as error:
-        raise InputError('camera centers on one line or point cannot be aligned') from error
+        raise InputError('trajectories on one line or point cannot be aligned') from error
     ape = APE(PoseRelation.translation_part)
     ape.process_data((true, moved))
     T_world_map = np.eye(4)
@@ -89,27 +89,23 @@ def evaluate(
     """Return all errors of an estimate.
 
     Args:
-        frames_total: Images in the recording; coverage is then the share that has a pose.
-            Without it, the share of the truth's time that the estimate covers.
+        estimate: Estimated trajectory.
+        truth: Ground truth.
+        frames_total: Number of frames of the recording, for the coverage.
 
     Raises:
-        InputError: The two do not overlap in time, or there are more poses than images.
+        InputError: The two do not overlap in time, or there are more poses than frames.
     """
     if frames_total is not None and frames_total < len(estimate):
         raise InputError(
-            f'the estimate has {len(estimate)} poses, the recording {frames_total} images: '
-            'give the number of all its images'
+            f'the estimate has {len(estimate)} poses, but --frames is {frames_total}: give the '
+            'number of all frames of the recording'
         )
     aligned = align(estimate, truth)
     rpe_m, rpe_deg = relative_errors(aligned)
-    covered = (
-        len(estimate) / frames_total
-        if frames_total is not None
-        else _covered_share(estimate, truth)
-    )
     return Evaluation(
         num_pairs=len(aligned.error_m),
-        coverage=covered,
+        coverage=None if frames_total is None else len(estimate) / frames_total,
         ate_rmse_m=float(_rms(aligned.error_m)),
         ate_mean_m=float(aligned.error_m.mean()),
         ate_median_m=float(np.median(aligned.error_m)),
@@ -119,16 +115,14 @@ def evaluate(
     )
 
 
-def relative_errors(
-    aligned: AlignedTrajectory, interval_s: float = RPE_INTERVAL_S
-) -> tuple[FloatArray, FloatArray]:
-    """Return the errors of the motion over an interval, (M,) m and (M,) degrees.
+def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]:
+    """Return the errors of the motion over a second, (M,) in m and (M,) in degrees.
 
-    evo counts intervals in frames only, and a trajectory with gaps needs them in time: pose i is
-    paired with the one nearest to t_i + interval, if there is one within the association limit.
+    evo has intervals in frames only, but a trajectory with gaps needs intervals in time. A pose
+    is paired with the pose nearest to a second later, if that is within the association limit.
     """
     stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / NS_PER_S
-    first, second = _pairs_at_interval(stamps_s, interval_s)
+    first, second = _pairs_at_interval(stamps_s)
     if not len(first):
         return np.empty(0), np.empty(0)
     motion = _relative(aligned.T_world_camera, first, second)
@@ -138,8 +132,8 @@ def relative_errors(
     return translation_m, np.degrees(np.linalg.norm(error[:, :3], axis=1))
 
 
-def _pairs_at_interval(stamps_s: FloatArray, interval_s: float) -> tuple[IntArray, IntArray]:
-    target = stamps_s + interval_s
+def _pairs_at_interval(stamps_s: FloatArray) -> tuple[IntArray, IntArray]:
+    target = stamps_s + RPE_INTERVAL_S
     right = np.clip(np.searchsorted(stamps_s, target), 1, len(stamps_s) - 1)
     nearer_left = target - stamps_s[right - 1] < stamps_s[right] - target
     nearest = right - nearer_left
@@ -149,18 +143,6 @@ def _pairs_at_interval(stamps_s: FloatArray, interval_s: float) -> tuple[IntArra
 
 def _relative(T_world_camera: FloatArray, first: IntArray, second: IntArray) -> FloatArray:
     return se3.inverse(T_world_camera[first]) @ T_world_camera[second]
-
-
-def _covered_share(estimate: Trajectory, truth: Trajectory) -> float:
-    """Return the share of true poses that have an estimated one within a frame's time."""
-    period_s = float(np.median(np.diff(estimate.stamps_ns))) / NS_PER_S
-    limit_ns = max(ASSOCIATION_S, 0.75 * period_s) * NS_PER_S
-    right = np.clip(np.searchsorted(estimate.stamps_ns, truth.stamps_ns), 1, len(estimate) - 1)
-    gap_ns = np.minimum(
-        np.abs(estimate.stamps_ns[right] - truth.stamps_ns),
-        np.abs(estimate.stamps_ns[right - 1] - truth.stamps_ns),
-    )
-    return float((gap_ns <= limit_ns).mean())
 
 
 def _to_evo(trajectory: Trajectory) -> PoseTrajectory3D:
@@ -175,8 +157,8 @@ def _no_overlap(estimate: Trajectory, truth: Trajectory, num_pairs: int) -> str:
         for t in (estimate, truth)
     )
     return (
-        f'estimate and ground truth share {num_pairs} poses within {ASSOCIATION_S} s, '
-        f'{MIN_POSES} are needed; they span {spans}: are they of the same recording?'
+        f'estimate and ground truth share {num_pairs} poses within {ASSOCIATION_S} s, but an '
+        f'evaluation needs {MIN_POSES}; they span {spans}: are they of the same recording?'
     )
 
 

@@ -1,4 +1,4 @@
-"""Pictures of runs: the path from above, from the side, and its error over time."""
+"""Plots of a trajectory from above and from the side, and of its error over time."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from matplotlib.figure import Figure
 from hoid_bringup.evaluate.evaluation import AlignedTrajectory
 from hoid_common.values import NS_PER_S, FloatArray, IntArray, Trajectory
 
-_GAP_S = 0.25  # a longer silence is drawn as a break in the line
+_GAP_S = 0.25  # chosen: a longer time without a pose is drawn as a gap
 _TRUTH = '#b4b9c2'
 _PATH = '#2563a8'
 _ERROR_MAP = 'plasma'
 _SIZE_IN = (12.0, 8.2)
 _DPI = 110
-_MIN_SPAN_M = 0.05
+_MIN_SPAN_M = 0.05  # chosen: least half width, so that noise at rest is not magnified
 
 
 def plot_run(
     path: Path, estimate: Trajectory, aligned: AlignedTrajectory | None, title: str
 ) -> None:
-    """Write a picture of a run as PNG.
+    """Write the plot of a run as PNG.
 
     Args:
-        path: The file, replaced when it is there.
-        estimate: All poses of the run in the map frame (z up), drawn when there is no truth.
-        aligned: The same moved onto the ground truth, or None without one.
-        title: What was run, in one line.
+        path: The file, which is replaced if it exists.
+        estimate: All poses of the run in the map frame (z up), plotted without ground truth.
+        aligned: The poses aligned to the ground truth, or None without ground truth.
+        title: Title of the plot.
     """
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
     FigureCanvasAgg(figure)
@@ -52,7 +52,7 @@ def plot_run(
 def _draw_errors(
     figure: Figure, above: Axes, side: Axes, bottom: Axes, aligned: AlignedTrajectory
 ) -> None:
-    """Draw the estimate coloured by its distance from the truth, over the truth in grey."""
+    """Draw the estimate, colored by its error, over the ground truth in gray."""
     error_cm = 100 * aligned.error_m
     norm = Normalize(0.0, max(float(np.percentile(error_cm, 99)), 1e-3))
     joined = _joined(aligned.stamps_ns)
@@ -71,7 +71,7 @@ def _draw_errors(
 def _draw_plane(
     axes: Axes, aligned: AlignedTrajectory, plane: tuple[int, int], norm: Normalize
 ) -> LineCollection:
-    """Draw truth and estimate in a plane of two coordinates; return the coloured stroke."""
+    """Draw ground truth and estimate in a plane of two coordinates; return the colored line."""
     xyz_m = aligned.T_world_camera[:, :3, 3]
     true_m = aligned.T_world_camera_true[:, :3, 3]
     joined = _joined(aligned.stamps_ns)
@@ -84,7 +84,7 @@ def _draw_plane(
 
 
 def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) -> None:
-    """Draw a path without truth; below it the speed, in which jumps show."""
+    """Draw a trajectory without ground truth, and its speed, in which jumps are visible."""
     _label(bottom, '', 'time [s]', 'speed [m/s]')
     if len(estimate) < 2:
         above.text(0.5, 0.5, 'no trajectory', ha='center', transform=above.transAxes)
@@ -104,7 +104,7 @@ def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) 
 
 
 def _joined(stamps_ns: IntArray) -> FloatArray:
-    """Return (N-1,) 1 where consecutive poses belong to one stroke, NaN over a gap."""
+    """Return (N-1,) 1 between consecutive poses, NaN over a gap."""
     return np.where(np.diff(stamps_ns) <= _GAP_S * NS_PER_S, 1.0, np.nan)
 
 
@@ -119,7 +119,7 @@ def _path(
     values: FloatArray | None = None,
     norm: Normalize | None = None,
 ) -> LineCollection:
-    """Add the (N, 2) points as one stroke, of one colour or coloured by (N,) values."""
+    """Draw the (N, 2) points as a line in one color, or colored by (N,) values."""
     segments = np.stack([points[:-1], points[1:]], axis=1) * joined[:, None, None]
     lines = LineCollection(list(segments), linewidths=width, capstyle='round', label=label)
     if values is None:
@@ -133,7 +133,7 @@ def _path(
 
 
 def _fit(axes: Axes, points: FloatArray) -> None:
-    """Show all (N, 2) points at equal scale, with room around them."""
+    """Set the limits of the axes to show all (N, 2) points at equal scale with a margin."""
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))
     axes.update_datalim([*points, center - _MIN_SPAN_M, center + _MIN_SPAN_M])
     axes.margins(0.06)

@@ -1,4 +1,1 @@
-"""The nodes as supervised processes, and recordings replayed through them.
-
-No stage of the method belongs here.
-"""
+"""Nodes as supervised processes, and recordings that are replayed to them."""

@@ -1,6 +1,6 @@
 """Topics of common camera drivers, so that a camera is chosen by name instead of by three remaps.
 
-Each driver has to publish depth registered to colour; the table says how.
+Each driver must publish depth that is registered to color. The table names the setting for it.
 """
 
 from __future__ import annotations
@@ -11,29 +11,28 @@ from hoid_common import topics
 
 
 class CameraTopics(NamedTuple):
-    """Where a driver publishes what the suite subscribes to."""
+    """Topics of a driver that the suite subscribes to."""
 
-    driver: str  # with the version whose names these are, and what has to be switched on
-    namespace: str  # the driver's own, as it starts by default
-    rgb_image: str  # this and the others within it
+    driver: str  # with the version that has these names, and the setting for registered depth
+    namespace: str  # default namespace of the driver
+    rgb_image: str  # relative to the namespace, as are the next two
     depth_image: str
     camera_info: str
 
     def remappings(self, namespace: str = '') -> list[tuple[str, str]]:
-        """Return the suite's names and the driver's, as ROS remaps want them.
+        """Return ROS remaps from the suite's topic names to those of the driver.
 
         Args:
-            namespace: Where the driver runs; empty: where it does by default.
+            namespace: Namespace of the driver; empty: its default namespace.
         """
         return topics.camera_remappings(*self.topics(namespace))
 
     def topics(self, namespace: str = '') -> tuple[str, ...]:
-        """Return colour, depth and camera info of a driver in that namespace or its own."""
-        return tuple(join(namespace or self.namespace, name) for name in self[2:])
+        """Return the topics of color, depth and camera info in a namespace or the default one."""
+        return tuple(_join(namespace or self.namespace, name) for name in self[2:])
 
 
-def join(namespace: str, name: str) -> str:
-    """Return the topic of that name in a namespace, which may be empty or end with a slash."""
+def _join(namespace: str, name: str) -> str:
     return f'{namespace.rstrip("/")}/{name}' if namespace else name
 
 
@@ -47,7 +46,7 @@ CAMERA_TOPICS = {
         'color/image_raw', 'aligned_depth_to_color/image_raw', 'color/camera_info',
     ),
     'azure_kinect': CameraTopics(
-        'azure_kinect_ros_driver 1.4, which registers always', '/',
+        'azure_kinect_ros_driver 1.4, which always registers depth', '/',
         'rgb/image_raw', 'depth_to_rgb/image_raw', 'rgb/camera_info',
     ),
     'orbbec': CameraTopics(
@@ -55,7 +54,7 @@ CAMERA_TOPICS = {
         'color/image_raw', 'depth/image_raw', 'color/camera_info',
     ),
     'zed': CameraTopics(
-        'zed_wrapper 5.1, which registers always', '/zed/zed_node',
+        'zed_wrapper 5.1, which always registers depth', '/zed/zed_node',
         'rgb/color/rect/image', 'depth/depth_registered', 'rgb/color/rect/camera_info',
     ),
     'oak': CameraTopics(

@@ -1,8 +1,9 @@
-"""Numbers of a live run, put together by image stamp as messages come in any order."""
+"""Times and counts of a live run, collected by image stamp from messages in any order."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from hoid_bringup.run.summary import FilterCounts
 
@@ -10,56 +11,36 @@ _MS_PER_NS = 1e-6
 _FRAME_STAGES = frozenset({'extract', 'filter', 'track'})
 
 
+@dataclass
 class LiveMetrics:
-    """Latencies, times per stage and counts."""
+    """Times and counts of all images, by stamp in ns. Times of messages are wall time."""
 
-    def __init__(self) -> None:
-        self._sent_ns: dict[int, int] = {}
-        self._answered_ns: dict[int, int] = {}
-        self._stage_ms: dict[int, dict[str, float]] = {}
-        self._processed: set[int] = set()
-        self._features: dict[int, tuple[int, int]] = {}
-        self._dynamic: dict[int, int] = {}
+    published_ns: dict[int, int] = field(default_factory=dict)  # publication of the image
+    odometry_ns: dict[int, int] = field(default_factory=dict)  # reception of its odometry
+    processed: set[int] = field(default_factory=set)  # images that SLAM processed
+    num_features: dict[int, tuple[int, int]] = field(default_factory=dict)  # all, removed
+    num_dynamic: dict[int, int] = field(default_factory=dict)  # dynamic objects
+    _stage_ms: dict[int, dict[str, float]] = field(default_factory=dict)
 
     @property
     def num_processed(self) -> int:
-        """Return the number of images that the SLAM node has dealt with."""
-        return len(self._processed)
+        """Return the number of images that the SLAM node has processed."""
+        return len(self.processed)
 
-    def note_sent(self, stamp_ns: int, at_ns: int) -> None:
-        """Note when an image was published (wall time)."""
-        self._sent_ns[stamp_ns] = at_ns
-
-    def note_odometry(self, stamp_ns: int, at_ns: int) -> None:
-        """Note when the odometry of an image arrived (wall time)."""
-        self._answered_ns[stamp_ns] = at_ns
-
-    def note_processed(self, stamp_ns: int) -> None:
-        """Note that the SLAM node has dealt with an image."""
-        self._processed.add(stamp_ns)
-
-    def note_stages(self, stamp_ns: int, stage_ms: Mapping[str, float]) -> None:
-        """Note what stages took of an image."""
+    def record_stages(self, stamp_ns: int, stage_ms: Mapping[str, float]) -> None:
+        """Record the times of stages for an image in ms."""
         self._stage_ms.setdefault(stamp_ns, {}).update(stage_ms)
 
-    def note_features(self, stamp_ns: int, num_detected: int, num_removed: int) -> None:
-        """Note how many features an image had, and how many of them the filter removed."""
-        self._features[stamp_ns] = num_detected, num_removed
-
-    def note_objects(self, stamp_ns: int, num_dynamic: int) -> None:
-        """Note how many objects of an image are dynamic."""
-        self._dynamic[stamp_ns] = num_dynamic
-
     def latency_ms(self) -> list[float]:
-        """Return the times from an image's publication to its odometry, in order of stamps."""
+        """Return the times in ms from an image's publication to its odometry, in stamp order."""
         return [
-            (at_ns - self._sent_ns[stamp_ns]) * _MS_PER_NS
-            for stamp_ns, at_ns in sorted(self._answered_ns.items())
-            if stamp_ns in self._sent_ns
+            (at_ns - self.published_ns[stamp_ns]) * _MS_PER_NS
+            for stamp_ns, at_ns in sorted(self.odometry_ns.items())
+            if stamp_ns in self.published_ns
         ]
 
     def stage_ms(self) -> dict[str, list[float]]:
-        """Return each stage's times; `frame` is extraction, filter and tracking of one image."""
+        """Return the times of each stage in ms. `frame` sums up extract, filter and track."""
         out: dict[str, list[float]] = {}
         for _, stages in sorted(self._stage_ms.items()):
             if stages.keys() >= _FRAME_STAGES:
@@ -69,9 +50,9 @@ class LiveMetrics:
         return out
 
     def filter_counts(self) -> FilterCounts:
-        """Return what the filter did, summed over all images."""
+        """Return the counts of the filter, summed over all images."""
         return FilterCounts(
-            sum(detected for detected, _ in self._features.values()),
-            sum(removed for _, removed in self._features.values()),
-            sum(self._dynamic.values()),
+            sum(detected for detected, _ in self.num_features.values()),
+            sum(removed for _, removed in self.num_features.values()),
+            sum(self.num_dynamic.values()),
         )

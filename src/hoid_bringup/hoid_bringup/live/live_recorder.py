@@ -1,4 +1,4 @@
-"""What a replay hears from the nodes, and what it asks of them."""
+"""Recorder of the nodes' results during a replay."""
 
 from __future__ import annotations
 
@@ -27,24 +27,23 @@ from hoid_common.slam_status import SlamState
 from hoid_common.slam_status import SlamStatus as Status
 from hoid_common.values import FloatArray, Trajectory
 
-_PAUSE_S = 0.1  # not woken by each message: on one core that is the nodes' time
-_QUEUE = 200  # the recorder may fall behind the nodes for a while
-_ANSWER_LIMIT_S = 60.0
-_MAP_LIMIT_S = 5.0
+_PAUSE_S = 0.1  # chosen: waking at each message would take processor time from the nodes
+_QUEUE = 200  # chosen: messages of some seconds, as the recorder may lag behind the nodes
+_SERVICE_TIMEOUT_S = 60.0  # chosen: saving a trajectory takes much less
+_MAP_TIMEOUT_S = 5.0  # not tuned
 
 
 class LiveRecorder:
-    """Subscribes to the nodes' results and keeps the numbers; `spin` lets it hear.
+    """Subscribes to the nodes' results and keeps them; messages are received in `spin`.
 
     Args:
-        node: Of this process, in the nodes' namespace.
+        node: Node of this process, in the namespace of the other nodes.
         camera_info: Topic of the camera infos.
     """
 
     def __init__(self, node: Node, camera_info: str = topics.CAMERA_INFO) -> None:
         self.metrics = LiveMetrics()
         self.last_status: Status | None = None
-        self.last_stamp_ns = 0
         self._node = node
         self._executor = SteadyExecutor()
         self._executor.add_node(node)
@@ -58,7 +57,8 @@ class LiveRecorder:
         self._listen(DetectionArray, topics.DETECTIONS, self._on_detections)
         self._listen(DynamicObjectArray, topics.DYNAMIC_OBJECTS, self._on_objects)
         node.create_subscription(PointCloud2, topics.MAP_POINTS, self._on_cloud, qos.LATCHED)
-        # What it says before its first image is said once, maybe before it knows of this node.
+        # Latched: the status before the first image is published only once, perhaps before this
+        # subscription is discovered.
         node.create_subscription(
             SlamStatus, topics.SLAM_STATUS, self._on_status, qos.latched(_QUEUE)
         )
@@ -70,53 +70,61 @@ class LiveRecorder:
         self._node.create_subscription(kind, topic, callback, profile)
 
     def spin(self, timeout_s: float) -> None:
-        """Hear what comes within some time."""
+        """Receive messages for some time."""
         end_s = time.monotonic() + timeout_s
         while (left_s := end_s - time.monotonic()) > 0:
             if not self._executor.spin_ready():
                 time.sleep(min(left_s, _PAUSE_S))
 
-    def awaited(self, camera_info: bytes) -> str:
-        """Return what the nodes still lack to take images, or nothing when they can.
+    def missing(self, camera_info: bytes) -> str:
+        """Return what the nodes still lack to receive images, or '' when they are ready.
 
-        The SLAM node is told of the camera, with a serialised message: it then starts its mapping
-        process, for which the first images need not wait.
+        This publishes the camera info, given as a serialized message, so that the SLAM node starts
+        its mapping process before the first image.
         """
-        count_publishers, heard_by = self._node.count_publishers, self._node.count_subscribers
-        if not count_publishers(topics.FEATURES) or not count_publishers(topics.ODOM):
-            return f'nobody publishes {topics.FEATURES} and {topics.ODOM}'
-        if heard_by(topics.FEATURES) <= 1 or self._cameras.get_subscription_count() <= 1:
-            return f'nobody else listens to {topics.FEATURES} and {self._cameras.topic_name}'
+        outputs = (topics.FEATURES, topics.ODOM)
+        if not all(self._node.count_publishers(topic) for topic in outputs):
+            return f'{topics.FEATURES} and {topics.ODOM} have no publisher'
+        subscriptions = (
+            self._node.count_subscribers(topics.FEATURES),
+            self._cameras.get_subscription_count(),
+        )
+        if min(subscriptions) <= 1:  # the recorder's own
+            return f'{topics.FEATURES} and {self._cameras.topic_name} have no subscriber'
         if not self._save.service_is_ready():
-            return f'nobody offers {self._save.srv_name}'
+            return f'the service {self._save.srv_name} is not available'
         if self.last_status is None:
             self._cameras.publish(camera_info)
-            return f'{SLAM} does not begin with the camera of {self._cameras.topic_name}'
+            return f'{SLAM} does not start after the message on {self._cameras.topic_name}'
         return ''
 
     def state_text(self) -> str:
-        """Return the state of the SLAM node in a word."""
+        """Return the tracking state of the SLAM node, or '' before its first status."""
         return self.last_status.state.name.lower() if self.last_status is not None else ''
 
     def trajectory(self, kind: str, folder: Path) -> Trajectory:
-        """Have the SLAM node write a trajectory into its folder and read it.
+        """Return a trajectory, which the SLAM node saves in its map folder by a service.
+
+        Args:
+            kind: 'final', 'online' or 'keyframes'.
+            folder: The map folder.
 
         Raises:
-            InputError: It does not answer, or says why it cannot.
+            InputError: The service fails or does not respond.
         """
         name = f'{kind}.txt'
         future = self._save.call_async(SaveTrajectory.Request(name=name, kind=kind))
-        self._executor.spin_until_future_complete(future, _ANSWER_LIMIT_S)
-        answer = future.result() if future.done() else None
-        if answer is None:
-            raise InputError(f'rgbd_slam: no answer to save_trajectory in {_ANSWER_LIMIT_S:g} s')
-        if not answer.success:
-            raise InputError(f'rgbd_slam: {answer.message}')
+        self._executor.spin_until_future_complete(future, _SERVICE_TIMEOUT_S)
+        response = future.result() if future.done() else None
+        if response is None:
+            raise InputError(f'{self._save.srv_name}: no response in {_SERVICE_TIMEOUT_S:g} s')
+        if not response.success:
+            raise InputError(f'{self._save.srv_name}: {response.message}')
         return read_tum(folder / name)
 
     def latest_map_points_m(self) -> FloatArray:
-        """Return (N, 3) points of the next map to be published, or else of the last one."""
-        before, end_s = self._num_clouds, time.monotonic() + _MAP_LIMIT_S
+        """Return (N, 3) points of the next published map, or of the last one after a timeout."""
+        before, end_s = self._num_clouds, time.monotonic() + _MAP_TIMEOUT_S
         while self._num_clouds == before and time.monotonic() < end_s:
             self._executor.spin_once(timeout_sec=0.1)
         if self._cloud is None:
@@ -124,35 +132,36 @@ class LiveRecorder:
         return conversions.cloud_from_msg(self._cloud).points_m.astype(np.float64)
 
     def _on_camera(self, msg: CameraInfo, info: Mapping[str, int]) -> None:
-        # Published just before its image, and much lighter to listen to.
+        # Stands for the image, which is published just after it: a subscription to images would
+        # cost far more.
         stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
-        self.metrics.note_sent(stamp_ns, info['source_timestamp'])
+        self.metrics.published_ns[stamp_ns] = info['source_timestamp']
 
     def _on_odometry(self, msg: Odometry, info: Mapping[str, int]) -> None:
         stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
-        self.metrics.note_odometry(stamp_ns, info['received_timestamp'])
+        self.metrics.odometry_ns[stamp_ns] = info['received_timestamp']
 
     def _on_status(self, msg: SlamStatus) -> None:
-        self.last_stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
+        stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
         self.last_status = slam_status_from_msg(msg)
         if self.last_status.frames_processed and self.last_status.state is not SlamState.PAUSED:
-            self.metrics.note_processed(self.last_stamp_ns)
-            self.metrics.note_stages(self.last_stamp_ns, self.last_status.stage_ms)
+            self.metrics.processed.add(stamp_ns)
+            self.metrics.record_stages(stamp_ns, self.last_status.stage_ms)
 
     def _on_features(self, msg: Features) -> None:
         counts = conversions.feature_counts_from_msg(msg)
         stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
-        self.metrics.note_features(stamp_ns, counts.num_detected, counts.num_removed)
+        self.metrics.num_features[stamp_ns] = counts.num_detected, counts.num_removed
         stages = {'extract': counts.extract_ms, 'filter': counts.filter_ms}
-        self.metrics.note_stages(stamp_ns, stages)
+        self.metrics.record_stages(stamp_ns, stages)
 
     def _on_detections(self, msg: DetectionArray) -> None:
         stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
-        self.metrics.note_stages(stamp_ns, {'detect': msg.inference_ms})
+        self.metrics.record_stages(stamp_ns, {'detect': msg.inference_ms})
 
     def _on_objects(self, msg: DynamicObjectArray) -> None:
         stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
-        self.metrics.note_objects(stamp_ns, sum(item.dynamic for item in msg.objects))
+        self.metrics.num_dynamic[stamp_ns] = sum(item.dynamic for item in msg.objects)
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         self._cloud = msg

@@ -1,4 +1,4 @@
-"""The three nodes as command lines."""
+"""Command lines of the three nodes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import yaml
 
 from hoid_bringup.live.supervisor import ProcessSpec
 from hoid_common.config import EXPERT, Config
+from hoid_common.errors import ConfigError
 from hoid_detector.config import DetectorNodeConfig
 from hoid_filter.node_config import FilterNodeConfig
 from rgbd_slam.config.node_config import SlamNodeConfig
@@ -22,15 +23,15 @@ NODE_CONFIGS: Mapping[str, Config] = {
     FILTER: FilterNodeConfig(),
     SLAM: SlamNodeConfig(),
 }
-"""All parameters of each node, at their defaults."""
-# The interpreter of this process, not the installed executable, which takes the first on the path.
+"""Default configuration of each node."""
+# The installed executables would use the first interpreter on the path, which may be another one.
 _START = ('env', '--block-signal=INT', sys.executable, '-c')
 _CODE = "from hoid_common.process.entry import start; start('{package}.node')"
 
 
 @dataclass(frozen=True)
 class NodeOptions:
-    """What all nodes are started with."""
+    """Options with which the nodes are started."""
 
     nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM)
     namespace: str = ''
@@ -38,15 +39,19 @@ class NodeOptions:
     params_file: Path | None = None  # a ROS parameter file
     remappings: tuple[tuple[str, str], ...] = ()
     log_level: str = 'info'
-    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # node: name: value
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # by node and name
 
 
 def node_specs(options: NodeOptions, folder: Path) -> tuple[ProcessSpec, ...]:
-    """Return the command lines of the nodes.
+    """Return the command line of each node.
 
     Args:
-        options: What to start.
-        folder: Where the nodes' parameters are written to files; they beat the parameter file.
+        options: The nodes and their options.
+        folder: Folder for files with `options.parameters`, which take precedence over
+            `options.params_file`.
+
+    Raises:
+        ConfigError: A parameter is internal, so that no node has it.
     """
     return tuple(_spec(package, options, folder) for package in options.nodes)
 
@@ -60,7 +65,11 @@ def _spec(package: str, options: NodeOptions, folder: Path) -> ProcessSpec:
     if options.params_file is not None:
         arguments += ['--params-file', str(options.params_file)]
     own = {**options.parameters.get(package, {}), 'use_sim_time': options.use_sim_time}
-    if any(leaf.spec.expert and leaf.name in own for leaf in NODE_CONFIGS[package].params()):
+    given = [leaf for leaf in NODE_CONFIGS[package].params() if leaf.name in own]
+    for leaf in given:
+        if leaf.spec.is_internal:
+            raise ConfigError(f'{leaf.name} is no parameter of a node; only offline runs set it')
+    if any(leaf.spec.expert for leaf in given):
         own[EXPERT] = True
     path = folder / f'{package}.yaml'
     path.write_text(parameter_file(own), encoding='utf-8')
@@ -70,7 +79,7 @@ def _spec(package: str, options: NodeOptions, folder: Path) -> ProcessSpec:
 
 
 def parameter_file(parameters: Mapping[str, Any]) -> str:
-    """Return the text of a ROS parameter file for any node, from dotted names."""
+    """Return the text of a ROS parameter file for any node, from values by dotted name."""
     tree: dict[str, Any] = {}
     for name, value in parameters.items():
         *above, leaf = name.split('.')

@@ -1,4 +1,4 @@
-"""`hoid nodes`: the three nodes for a live robot, supervised."""
+"""The command `nodes`: detector, filter and SLAM nodes as supervised processes on a robot."""
 
 from __future__ import annotations
 
@@ -24,16 +24,18 @@ from hoid_common.io.param_file import load_params
 from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_common.topics import NAMESPACED_TF
 
-_TICK_S = 0.05
+_TICK_S = 0.05  # chosen: delay until the end of a node is noticed
 _NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
 _ALL = (DETECTOR, FILTER, SLAM)
 
 
 def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid nodes`."""
-    parser.add_argument('--params', type=Path, metavar='YAML', help='ROS parameter file')
     parser.add_argument(
-        '--namespace', default='', metavar='NS', help='of nodes, topics and the frame tree'
+        '--params', type=Path, metavar='YAML', help='ROS parameter file for the nodes'
+    )
+    parser.add_argument(
+        '--namespace', default='', metavar='NS', help='namespace of nodes, topics and frame tree'
     )
     parser.add_argument(
         '--camera',
@@ -41,36 +43,53 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         dest='topics',
         choices=tuple(CAMERA_TOPICS),
         default='bag',
-        help="camera driver whose topics are taken (default: the suite's own names)",
+        help="camera driver whose topics the nodes subscribe to (default: the suite's own names)",
     )
     parser.add_argument(
-        '--camera-namespace', default='', metavar='NS', help='of the driver (default: its own)'
+        '--camera-namespace',
+        default='',
+        metavar='NS',
+        help="namespace of the camera driver (default: the driver's own default)",
     )
-    parser.add_argument('--filter', metavar='STRATEGY', help='of the filter')
+    parser.add_argument(
+        '--filter', metavar='STRATEGY', help='strategy that identifies dynamic objects'
+    )
     add_set_argument(parser)
-    parser.add_argument('--detector', metavar='MODEL', help='ONNX file or name of a known model')
-    parser.add_argument('--base', metavar='FRAME', help="robot's base frame, on /tf_static")
-    some = parser.add_mutually_exclusive_group()
-    some.add_argument(
-        '--no-detector', action='store_true', help='it runs elsewhere, or nothing needs it'
+    parser.add_argument(
+        '--detector',
+        metavar='MODEL',
+        help='ONNX model of the detector, a file or a known name (default: search for a model)',
     )
-    some.add_argument(
-        '--only', choices=_ALL, help='just this one, such as the detector on another computer'
+    parser.add_argument(
+        '--base', metavar='FRAME', help='base frame of the robot; /tf_static places the camera'
+    )
+    selection = parser.add_mutually_exclusive_group()
+    selection.add_argument(
+        '--no-detector',
+        action='store_true',
+        help='do not start the detector, as it runs elsewhere or the strategy needs none',
+    )
+    selection.add_argument(
+        '--only',
+        choices=_ALL,
+        help='start this node only, for example the detector on another computer',
     )
     parser.add_argument(
         '--compressed',
         action='store_true',
-        help='take images from .../compressed and .../compressedDepth',
+        help='subscribe to .../compressed and .../compressedDepth',
     )
     parser.add_argument(
-        '--restart', action='store_true', help='start a node that died anew instead of ending all'
+        '--restart', action='store_true', help='restart a node that ended instead of ending all'
     )
-    parser.add_argument('--sim-time', action='store_true', help='take the time from /clock')
-    parser.add_argument('--log-dir', type=Path, metavar='DIR', help='one file per node')
+    parser.add_argument('--sim-time', action='store_true', help='use the time of /clock')
+    parser.add_argument(
+        '--log-dir', type=Path, metavar='DIR', help='folder for one log file per node'
+    )
 
 
 def nodes_command(args: argparse.Namespace) -> None:
-    """Run until Ctrl-C or SIGTERM, which is the usual end, or until a node dies."""
+    """Run the nodes until Ctrl-C or SIGTERM, or until a node ends by itself."""
     options = without_detector(node_options(args))
     with tempfile.TemporaryDirectory(prefix='hoid-') as folder, suppress(KeyboardInterrupt):
         specs = node_specs(options, Path(folder))
@@ -81,30 +100,30 @@ def nodes_command(args: argparse.Namespace) -> None:
 
 
 def _supervise(supervisor: Supervisor, restart: bool) -> None:
-    """Watch the nodes for ever.
+    """Watch the nodes until an interrupt.
 
     Raises:
-        InputError: One died and was not to be restarted, or refused to start.
+        InputError: A node refused to start, or ended and is not to be restarted.
     """
     with supervisor:
         while True:
             for ended in supervisor.poll():
-                if ended.was_refusal or not restart:
-                    raise InputError(f'{ended}; its last lines above say why')
-                sys.stderr.write(f'hoid nodes: {ended}; starting it anew\n')
+                if ended.refused_to_start or not restart:
+                    raise InputError(f'{ended}; see its last lines of output')
+                sys.stderr.write(f'hoid nodes: {ended}; restarting it\n')
             time.sleep(_TICK_S)
 
 
 def node_options(args: argparse.Namespace) -> NodeOptions:
-    """Return what the options ask for.
+    """Return the options of the nodes from the command line.
 
     Raises:
-        ConfigError: The parameter file is missing or none, or a namespace is no valid name.
+        ConfigError: The parameter file or a namespace is invalid.
     """
     for option in ('namespace', 'camera_namespace'):
-        if not _NAMESPACE.fullmatch(given := getattr(args, option)):
+        if not _NAMESPACE.fullmatch(namespace := getattr(args, option)):
             name = option.replace('_', '-')
-            raise ConfigError(f'--{name} {given}: use letters, digits, _ and / only')
+            raise ConfigError(f'--{name} {namespace}: use letters, digits, _ and / only')
     if args.params is not None:
         for node in _ALL:
             load_params(args.params, node)
@@ -116,8 +135,8 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
     ):
         if value is not None:
             parameters[node][name] = value
-    for node, given in set_parameters(args.set).items():
-        parameters[node] |= given
+    for node, values in set_parameters(args.set).items():
+        parameters[node] |= values
     if args.compressed:
         for chosen in parameters.values():
             chosen['input.compressed'] = True
@@ -137,18 +156,18 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
 
 
 def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return what `--set` asks for by node, names and values checked.
+    """Return the parameters of `--set` by node and name.
 
     Raises:
-        ConfigError: One is no NAME=VALUE, or its name is unknown or its value out of range.
+        ConfigError: A text is not NAME=VALUE, a name is unknown or a value is out of range.
     """
     values = assignments(texts)
     return RunConfig().updated(values).named(values)
 
 
 def without_detector(options: NodeOptions) -> NodeOptions:
-    """Return the options, by motion alone where a detector would run and no model is found."""
-    asked = {
+    """Return the options, with the strategy `motion` if the detector by default finds no model."""
+    given = {
         (node, name)
         for node in (DETECTOR, FILTER)
         for name in (
@@ -157,7 +176,7 @@ def without_detector(options: NodeOptions) -> NodeOptions:
         )
     }
     whole_suite = DETECTOR in options.nodes and FILTER in options.nodes
-    if not whole_suite or asked & {(DETECTOR, 'model'), (FILTER, 'strategy')} or has_model():
+    if not whole_suite or given & {(DETECTOR, 'model'), (FILTER, 'strategy')} or has_model():
         return options
     sys.stderr.write(f'hoid nodes: {NO_DETECTOR}\n')
     filter_parameters = {**options.parameters[FILTER], 'strategy': MOTION}

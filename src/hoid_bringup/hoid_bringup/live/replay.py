@@ -1,4 +1,4 @@
-"""Live replay: the nodes as processes, a bag played in real time, the results recorded."""
+"""Live replay: a bag is played in real time to the nodes, and their results are recorded."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder
 from hoid_common.process.shared_memory import check_shared_memory, clean_shared_memory
 
-_NUM_OTHERS = 3  # the scene mapper, the player and this process
-_READY_LIMIT_S = 90.0
-_TICK_S = 0.25
-_LOOK_S = 2.0  # a look at processor times goes through all processes of the machine
-_QUIET_S = 2.0  # so long without a result, the nodes have nothing left to do
+_NUM_OTHER_PROCESSES = 3  # the scene mapper, the player and this process
+_READY_TIMEOUT_S = 90.0  # not tuned: nodes start in seconds, on a busy computer in tens of them
+_TICK_S = 0.25  # chosen: period of checks and of the progress bar
+_CPU_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
+_QUIET_S = 2.0  # chosen: without a result for so long, the nodes have processed all images
 
 
 def replay(
@@ -40,32 +40,36 @@ def replay(
     recording: Path | None = None,
     show_progress: bool = True,
 ) -> Summary:
-    """Play a bag through the live nodes and write the results.
+    """Play a bag to the live nodes and write the results.
 
     Args:
-        bag: What is played.
-        config: Parameters of all stages, and the rate.
-        out_dir: Where the files go; the processes' own output lies in its folder `logs`.
-        options: What to note in the summary as asked for; the changed parameters by default.
-        recording: What to note as the recording, when the bag is but made from it.
+        bag: The recording.
+        config: Rate, and parameters of all stages.
+        out_dir: Folder for the results, and for the log files of the processes in `logs`.
+        options: Options for the summary; by default, the changed parameters.
+        recording: Path for the summary, if the bag was converted from another recording.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
-        HoidError: The nodes cannot hear this bag, do not start or end early, the output folder is
-            unusable, or shared memory is scarce.
+        HoidError: The bag lacks topics of the nodes, a node does not start or ends early, the
+            output folder cannot be written, or shared memory is scarce.
     """
-    noted = {**(options or config.run.noted()), 'rate': config.rate, 'lockstep': config.lockstep}
+    summary_options = {
+        **(options or config.run.summary_options()),
+        'rate': config.rate,
+        'lockstep': config.lockstep,
+    }
     with scratch_folder(out_dir, 'replay') as folder, own_domain():
         live = _LiveRun(bag, config, folder.resolve(), out_dir / 'logs')
         try:
-            result = live.run(noted, show_progress=show_progress)
+            result = live.run(summary_options, show_progress=show_progress)
         finally:
             clean_shared_memory()
     return write_outputs(out_dir, dataclasses.replace(result, recording=recording or bag.path))
 
 
 class _LiveRun:
-    """One replay, from starting the nodes to their last answer."""
+    """One replay, from the start of the nodes to their results."""
 
     def __init__(
         self, bag: BagSequence, config: ReplayConfig, folder: Path, log_dir: Path
@@ -74,33 +78,33 @@ class _LiveRun:
         shutil.rmtree(log_dir, ignore_errors=True)
         self._nodes = node_specs(node_options(bag, config, folder), folder)
         self._player = player_spec(bag, config)
-        self._cpu_share: dict[str, float] = {}  # of a core, by process, while the bag is played
+        self._cpu_share: dict[str, float] = {}  # cores in use while the bag is played, by process
 
-    def run(self, noted: Mapping[str, Any], *, show_progress: bool) -> RunResult:
-        """Start everything, listen until the bag is over, and ask for the results."""
-        check_shared_memory(len(self._nodes) + _NUM_OTHERS)
+    def run(self, summary_options: Mapping[str, Any], *, show_progress: bool) -> RunResult:
+        """Start all processes, record until the bag has been played, and return the results."""
+        check_shared_memory(len(self._nodes) + _NUM_OTHER_PROCESSES)
         with ros_session('hoid_replay') as node:
             recorder = LiveRecorder(node, BagNames.of(self._bag).camera_info)
             with Supervisor(self._nodes, log_dir=self._log_dir) as nodes:
                 self._wait_until_ready(recorder, nodes)
                 with Supervisor([self._player], log_dir=self._log_dir) as player:
-                    self._listen(recorder, nodes, player, show_progress=show_progress)
-                return self._result(recorder, nodes, noted)
+                    self._record(recorder, nodes, player, show_progress=show_progress)
+                return self._result(recorder, nodes, summary_options)
 
     def _wait_until_ready(self, recorder: LiveRecorder, nodes: Supervisor) -> None:
-        end_s = time.monotonic() + _READY_LIMIT_S
+        end_s = time.monotonic() + _READY_TIMEOUT_S
         topic = f'/{BagNames.of(self._bag).camera_info}'
         with BagReader(self._bag.path) as reader:
             camera_info = next(reader.messages([topic])).data
-        while awaited := recorder.awaited(camera_info):
+        while missing := recorder.missing(camera_info):
             recorder.spin(_TICK_S)
-            self._stop_on(nodes.poll())
+            self._raise_for(nodes.poll())
             if time.monotonic() > end_s:
                 raise InputError(
-                    f'not ready after {_READY_LIMIT_S:g} s: {awaited}; see {self._log_dir}'
+                    f'nodes not ready after {_READY_TIMEOUT_S:g} s: {missing}; see {self._log_dir}'
                 )
 
-    def _listen(
+    def _record(
         self,
         recorder: LiveRecorder,
         nodes: Supervisor,
@@ -108,36 +112,36 @@ class _LiveRun:
         *,
         show_progress: bool,
     ) -> None:
-        """Record until the bag is over and the nodes have nothing left to do."""
+        """Record until the bag has been played and the nodes have processed all images."""
         metrics = recorder.metrics
-        start_s, idle_s = time.monotonic(), nodes.cpu_s()
-        looked_s, spent_s = start_s - _LOOK_S, idle_s
+        start_s, cpu_before_s = time.monotonic(), nodes.cpu_s()
+        measured_s, cpu_after_s = start_s - _CPU_PERIOD_S, cpu_before_s
         with progress(None, len(self._bag), 'frames', show=show_progress) as bar:
             while player.pids:
                 recorder.spin(_TICK_S)
-                self._stop_on(nodes.poll())
-                if time.monotonic() >= looked_s + _LOOK_S:
-                    looked_s, spent_s = time.monotonic(), {**nodes.cpu_s(), **player.cpu_s()}
-                # The player of a damaged bag ends with an error after all that can be read.
+                self._raise_for(nodes.poll())
+                if time.monotonic() >= measured_s + _CPU_PERIOD_S:
+                    measured_s, cpu_after_s = time.monotonic(), nodes.cpu_s() | player.cpu_s()
+                # The player of a damaged bag ends with an error after the last readable message.
                 ended = player.poll()
-                self._stop_on([e for e in ended if e.status != 0 and self._bag.fault is None])
+                self._raise_for([e for e in ended if e.status != 0 and self._bag.fault is None])
                 bar.set_postfix_str(recorder.state_text(), refresh=False)
                 bar.update(metrics.num_processed - bar.n)
-            for name, cpu_s in spent_s.items():
-                spent_here_s = cpu_s - idle_s.get(name, 0.0)
-                self._cpu_share[name] = spent_here_s / (looked_s - start_s)
-            seen = -1
-            while seen != metrics.num_processed:
-                seen = metrics.num_processed
+            for name, cpu_s in cpu_after_s.items():
+                used_s = cpu_s - cpu_before_s.get(name, 0.0)
+                self._cpu_share[name] = used_s / (measured_s - start_s)
+            num_processed = -1
+            while num_processed != metrics.num_processed:
+                num_processed = metrics.num_processed
                 recorder.spin(_QUIET_S)
-            bar.update(seen - bar.n)
+            bar.update(num_processed - bar.n)
 
-    def _stop_on(self, exits: list[ProcessExit]) -> None:
+    def _raise_for(self, exits: list[ProcessExit]) -> None:
         for ended in exits:
-            raise InputError(f'{ended}: {_last_words(self._log_dir / f"{ended.name}.log")}')
+            raise InputError(f'{ended}: {_last_line(self._log_dir / f"{ended.name}.log")}')
 
     def _result(
-        self, recorder: LiveRecorder, nodes: Supervisor, noted: Mapping[str, Any]
+        self, recorder: LiveRecorder, nodes: Supervisor, summary_options: Mapping[str, Any]
     ) -> RunResult:
         status, metrics = recorder.last_status, recorder.metrics
         if status is None or not metrics.num_processed:
@@ -146,11 +150,12 @@ class _LiveRun:
             recorder.trajectory(kind, self._folder) for kind in ('final', 'online', 'keyframes')
         )
         points_m = recorder.latest_map_points_m()
-        self._stop_on(nodes.poll())
+        self._raise_for(nodes.poll())
         return RunResult(
             input_name=self._bag.name,
-            options=noted,
-            # Live matching decides image by image and may pair a few more than the best matching.
+            options=summary_options,
+            # The nodes match color and depth image by image, which may give a few more pairs than
+            # the best matching of all images.
             frames_total=max(len(self._bag), metrics.num_processed),
             frames_processed=metrics.num_processed,
             final=final,
@@ -175,11 +180,11 @@ class _LiveRun:
         )
 
 
-def _last_words(log: Path) -> str:
-    """Return the last line of a process's output: its error, as all of them say it in one."""
+def _last_line(log: Path) -> str:
+    """Return the last line of a log file, which is the error message of the process."""
     try:
         lines = log.read_text(encoding='utf-8', errors='replace').split('\n')
     except OSError:
         lines = []
-    said = [line.strip() for line in lines if line.strip()]
-    return said[-1].removeprefix('error: ') if said else 'it said nothing'
+    lines = [line.strip() for line in lines if line.strip()]
+    return lines[-1].removeprefix('error: ') if lines else 'its log file is empty'

@@ -1,4 +1,4 @@
-"""Which processes a replay needs for a bag, and with which topics and parameters. Knows no ROS."""
+"""Processes of a replay, with their topics and parameters. No ROS here."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from hoid_bags.bag.bag_source import BagTopic
 from hoid_bags.bag.bag_topics import base_name
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
 from hoid_bringup.live.supervisor import ProcessSpec
+from hoid_bringup.run.parameter_names import by_node
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common import topics
 from hoid_common.config import Config, param
@@ -21,55 +22,57 @@ from hoid_common.errors import InputError
 from hoid_common.inputs.input_config import RELIABLE
 
 PLAYER = 'player'
-_SUBSCRIBER_LIMIT_S = 30.0
+_SUBSCRIBER_TIMEOUT_S = 30.0  # not tuned: discovery takes a second or two
 
 
 @dataclass(frozen=True)
 class ReplayConfig(Config):
-    """How a recording is replayed."""
+    """Parameters of a replay."""
 
-    rate: float = param(1.0, 'Times real time', minimum=0.01, maximum=100.0)
-    lockstep: bool = param(False, 'Hold each image back until the one before has its odometry')
+    rate: float = param(1.0, 'Speed as a multiple of real time.', minimum=0.01, maximum=100.0)
+    lockstep: bool = param(
+        False, 'Whether to publish each image only after the odometry of the one before.'
+    )
     run: RunConfig = field(default_factory=RunConfig)
 
     @property
     def uses_truth(self) -> bool:
-        """Return whether the bag's exact boxes stand in for a detector."""
+        """Return whether the ground-truth boxes of the bag are used instead of a detector."""
         return self.run.needs_detections and self.run.detector.model == TRUTH
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Return the nodes that run."""
+        """Return the nodes to run."""
         needed = self.run.needs_detections and not self.uses_truth
         return (DETECTOR, FILTER, SLAM) if needed else (FILTER, SLAM)
 
 
 @dataclass(frozen=True)
 class BagNames:
-    """Topics of a bag as they are played, which is without the leading slash."""
+    """Topics of a bag as they are played, without a leading slash."""
 
     color: str
     depth: str
     camera_info: str
     true_detections: str | None
     is_compressed: bool
-    is_reliable: bool  # as played, so that whoever wants every message can have it
+    is_reliable: bool  # whether the topics are played with reliable QoS
 
     @classmethod
     def of(cls, bag: BagSequence) -> BagNames:
-        """Return the names.
+        """Return the topics of a bag.
 
         Raises:
-            InputError: The nodes cannot hear this bag.
+            InputError: The bag lacks a topic that the nodes need.
         """
         found = bag.topics
         if found.camera_info is None:
-            raise InputError(f'{bag.path}: has no camera_info, which live nodes need')
-        packed = [base_name(t.name) != t.name for t in (found.color, found.depth)]
-        if packed[0] != packed[1]:
+            raise InputError(f'{bag.path}: has no camera_info topic, which the nodes need')
+        is_compressed = [base_name(t.name) != t.name for t in (found.color, found.depth)]
+        if is_compressed[0] != is_compressed[1]:
             raise InputError(
-                f'{bag.path}: only one of colour and depth is compressed; nodes take both or '
-                'none: convert it anew'
+                f'{bag.path}: only one of color and depth is compressed, but the nodes need both '
+                'or none; convert it again'
             )
         truth = found.true_detections
         return cls(
@@ -77,16 +80,21 @@ class BagNames:
             base_name(found.depth.name).lstrip('/'),
             found.camera_info.name.lstrip('/'),
             truth.name.lstrip('/') if truth is not None else None,
-            packed[0],
+            is_compressed[0],
             not any(_is_best_effort(t) for t in (found.color, found.depth, found.camera_info)),
         )
 
 
 def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOptions:
-    """Return what the nodes are started with; what services write goes to the folder.
+    """Return the options with which the nodes are started for a bag.
+
+    Args:
+        bag: The recording.
+        config: Parameters of the replay.
+        folder: Folder in which the SLAM node saves files.
 
     Raises:
-        InputError: The nodes cannot hear this bag, or it lacks the exact boxes asked for.
+        InputError: The bag lacks a topic that the nodes need, or the ground-truth boxes.
     """
     names = BagNames.of(bag)
     remappings = [
@@ -101,46 +109,46 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         ]
     if config.uses_truth:
         if names.true_detections is None:
-            raise InputError(f'{bag.path}: has no exact boxes for "--detector {TRUTH}"')
+            raise InputError(f'{bag.path}: has no ground-truth boxes for "--detector {TRUTH}"')
         remappings.append((topics.DETECTIONS, names.true_detections))
-    of = config.run.changed_of_nodes()
-    listening: dict[str, Any] = {'input.compressed': names.is_compressed}
+    changed = by_node(config.run.changed())
+    inputs: dict[str, Any] = {'input.compressed': names.is_compressed}
     if config.lockstep and names.is_reliable:
-        listening['input.reliability'] = RELIABLE
+        inputs['input.reliability'] = RELIABLE
     return NodeOptions(
         nodes=config.nodes,
         remappings=tuple((a, b) for a, b in remappings if a != b),
         parameters={
-            DETECTOR: {**of[DETECTOR], **listening},
-            FILTER: {**of[FILTER], **listening},
-            SLAM: {**of[SLAM], **listening, 'map_directory': str(folder)},
+            DETECTOR: {**changed[DETECTOR], **inputs},
+            FILTER: {**changed[FILTER], **inputs},
+            SLAM: {**changed[SLAM], **inputs, 'map_directory': str(folder)},
         },
     )
 
 
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
-    """Return the player's command line; it begins when all nodes listen to the images.
+    """Return the command line of the player, which starts when all nodes have subscribed.
 
-    Only what the nodes hear is played: an IMU's thousand messages a second cost all of them time.
+    Only the topics of the nodes are played (decision 018): the thousand messages a second of an
+    IMU would cost all processes time.
     """
     color = bag.topics.color.name.lstrip('/')
     run, found = config.run, bag.topics
-    heard = [found.color, found.depth, found.camera_info]
+    played = [found.color, found.depth, found.camera_info]
     if config.uses_truth:
-        heard.append(found.true_detections)
-    looks = (
-        run.slam.dense.enabled or run.slam.objects.enabled
-    )  # SLAM alone does not look at images
-    listeners = len(config.nodes) - (not looks)
+        played.append(found.true_detections)
+    # SLAM subscribes to images only for the dense map or objects.
+    slam_needs_images = run.slam.dense.enabled or run.slam.objects.enabled
+    num_subscribers = len(config.nodes) - (not slam_needs_images)
     lockstep = ('--lockstep',) if config.lockstep else ()
     return ProcessSpec(
         PLAYER,
         (
             *(sys.executable, '-m', 'hoid_bringup', 'play', str(bag.path)),
-            *('--rate', str(config.rate), '--wait', str(_SUBSCRIBER_LIMIT_S)),
-            # Stamps are the images' own; /clock would only wake every node 50 times a second.
-            *('--no-clock', '--require', f'{color}={listeners}', *lockstep),
-            *('--topics', *(topic.name for topic in heard if topic is not None)),
+            *('--rate', str(config.rate), '--wait', str(_SUBSCRIBER_TIMEOUT_S)),
+            # No node needs /clock, which would wake each of them 50 times a second (decision 018).
+            *('--no-clock', '--require', f'{color}={num_subscribers}', *lockstep),
+            *('--topics', *(topic.name for topic in played if topic is not None)),
         ),
     )
 

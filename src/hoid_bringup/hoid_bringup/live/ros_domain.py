@@ -1,4 +1,4 @@
-"""A ROS domain of one's own, so that two replays on a machine do not hear each other."""
+"""A free ROS domain, so that two replays on a computer do not receive each other's messages."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from contextlib import ExitStack, contextmanager
 from hoid_common.errors import ConfigError
 
 VARIABLE = 'ROS_DOMAIN_ID'
-_FIRST, _COUNT = 1, 100
-_STRIDE = 37  # between processes that start together, so that they do not follow each other
-_USED = itertools.count()  # not the same one twice: the dead are heard for a while
-_PORT_BASE = 32768  # a bound port marks a domain as taken; ROS's domain_coordinator does the same
+_FIRST, _COUNT = 1, 100  # ROS 2's documentation recommends domains up to 101
+_STRIDE = 37  # chosen: processes with consecutive ids then start far apart
+# No domain twice: participants of the previous one may still be known for a while.
+_USED = itertools.count()
+_PORT_BASE = 32768  # a bound port marks a domain as taken, as ROS's domain_coordinator does
 
 
 @contextmanager
 def own_domain() -> Iterator[int]:
-    """Reserve a domain for as long as the block lasts; one that the user has set is kept.
+    """Reserve a ROS domain for the block and yield it; ROS_DOMAIN_ID is kept where it is set.
 
     Raises:
-        ConfigError: The user's is not a number, or none is free.
+        ConfigError: ROS_DOMAIN_ID is not a number, or no domain is free.
     """
     chosen = os.environ.get(VARIABLE, '')
     if chosen:
         if not chosen.isdecimal():
-            raise ConfigError(f'{VARIABLE} is "{chosen}", not a number from 0 to 232')
+            raise ConfigError(f'{VARIABLE} is "{chosen}", not a number: set it from 0 to 232')
         yield int(chosen)
         return
     with ExitStack() as stack:
@@ -40,9 +41,9 @@ def own_domain() -> Iterator[int]:
 def _reserve(stack: ExitStack) -> int:
     for attempt in itertools.islice(_USED, _COUNT):
         domain = _FIRST + (_STRIDE * os.getpid() + attempt) % _COUNT
-        mark = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
+        port = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
         try:
-            mark.bind(('', _PORT_BASE + domain))
+            port.bind(('', _PORT_BASE + domain))
         except OSError:
             continue
         return domain

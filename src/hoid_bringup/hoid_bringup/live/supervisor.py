@@ -1,7 +1,9 @@
-"""Child processes that start together, are watched, and always end: SIGINT, SIGTERM, then SIGKILL.
+"""Supervision of child processes, which are started and ended together.
 
-A ROS node can hang while it shuts down with the interpreter lock held, so that nothing inside it
-can end it; therefore the escalation.
+A ROS node can hang in its shutdown with Python's interpreter lock held, so that it cannot end
+itself. The supervisor therefore sends SIGINT, then SIGTERM, then SIGKILL.
+
+`ros2 launch` does the same with `respawn` where ROS is installed; `hoid` also runs without it.
 """
 
 from __future__ import annotations
@@ -16,8 +18,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import IO, Self
 
 import psutil
 
@@ -27,48 +28,47 @@ from hoid_common.process.entry import EXIT_CONFIG
 _LOG = logging.getLogger(__name__)
 
 _GRACE_S = 10.0  # a node ends itself after that, and `ros2 launch` waits as long before it kills
-_POLL_S = 0.02
-_MEMORY_PERIOD_S = 2.0  # a look goes through all processes of the machine
-RESTART_PERIOD_S = 1.0
+_MEMORY_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
+RESTART_PERIOD_S = 1.0  # chosen: a node that fails at once does not take a whole processor
 _BYTES_PER_MB = 2**20
 
 
 @dataclass(frozen=True)
 class ProcessSpec:
-    """One child: its name for people and its command line."""
+    """Command line of a child process."""
 
     name: str
     argv: tuple[str, ...]
-    env: Mapping[str, str] = field(default_factory=dict)  # on top of this process's own
+    env: Mapping[str, str] = field(default_factory=dict)  # added to this process's environment
 
 
 @dataclass(frozen=True)
 class ProcessExit:
-    """A child that ended though nobody asked it to."""
+    """End of a child process that the supervisor did not ask to end."""
 
     name: str
-    status: int  # exit status; negative: the signal
+    status: int  # exit status; negative: minus the signal's number
 
     @property
-    def was_refusal(self) -> bool:
-        """Return whether it would end the same way if it were started again."""
+    def refused_to_start(self) -> bool:
+        """Return whether its configuration is invalid, so that a restart would fail as well."""
         return self.status == EXIT_CONFIG
 
     def __str__(self) -> str:
-        if self.was_refusal:
+        if self.refused_to_start:
             return f'{self.name} refused to start'
         how = f'signal {signal.Signals(-self.status).name}' if self.status < 0 else ''
         return f'{self.name} ended ({how or f"status {self.status}"})'
 
 
 class Supervisor:
-    """Runs children in process groups of their own; use as a context manager.
+    """Context manager that starts child processes, watches them in `poll`, and ends them.
 
     Args:
-        specs: What to start.
-        restart: Start a dead child anew instead of leaving it dead, unless it refused to start.
-        restart_period_s: The least time from one start of a child to the next.
-        log_dir: Folder that gets one file of output per child; None lets them write here.
+        specs: The child processes.
+        restart: Whether to restart a child that ended, unless it refused to start.
+        restart_period_s: Minimum time between two starts of a child.
+        log_dir: Folder for one log file per child; None lets the children write to the terminal.
     """
 
     def __init__(
@@ -84,10 +84,10 @@ class Supervisor:
         self._restart_period_s = restart_period_s
         self._log_dir = log_dir
         self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._to_restart: set[str] = set()
         self._started_s: dict[str, float] = {}  # monotonic
-        self._due_s: dict[str, float] = {}  # when a dead child starts anew
         self._peak_rss_mb: dict[str, float] = {}
-        self._next_look_s = 0.0  # when to look at the memory next
+        self._next_measurement_s = 0.0  # monotonic
 
     def __enter__(self) -> Self:
         try:
@@ -98,120 +98,115 @@ class Supervisor:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     @property
     def pids(self) -> dict[str, int]:
-        """Return the process ids of the children that run, by name."""
+        """Return the process ids of the running children, by name."""
         return {name: process.pid for name, process in self._running.items()}
 
     def peak_rss_mb(self) -> dict[str, float]:
-        """Return the highest resident memory that `poll` saw of each child and its children."""
+        """Return the largest resident memory that `poll` measured, by child, descendants included.
+
+        The unit is MB.
+        """
         return dict(self._peak_rss_mb)
 
     def cpu_s(self) -> dict[str, float]:
-        """Return the processor time that each child that runs has taken, with its children."""
-        return {
-            name: sum(_of_family(process.pid, _busy_s)) for name, process in self._running.items()
-        }
+        """Return the processor time of the running children in s, descendants included."""
+        return {name: sum(_of_family(pid, _cpu_s)) for name, pid in self.pids.items()}
 
     def poll(self) -> list[ProcessExit]:
-        """Return the children that ended since the last call; restart them if so told."""
+        """Return the children that ended since the last call; restart those that are due."""
         now_s = time.monotonic()
-        if now_s >= self._next_look_s:
-            self._next_look_s = now_s + _MEMORY_PERIOD_S
-            for name, process in self._running.items():
-                seen_mb = family_mb(process.pid)
-                self._peak_rss_mb[name] = max(self._peak_rss_mb.get(name, 0.0), seen_mb)
-        exits = []
-        for name, process in list(self._running.items()):
-            status = process.poll()
-            if status is None:
-                continue
-            del self._running[name]
-            exits.append(ProcessExit(name, status))
-            if self._restart and not exits[-1].was_refusal:
-                self._due_s[name] = self._started_s[name] + self._restart_period_s
-        for name, due_s in list(self._due_s.items()):
-            if now_s >= due_s:
-                del self._due_s[name]
+        if now_s >= self._next_measurement_s:
+            self._next_measurement_s = now_s + _MEMORY_PERIOD_S
+            for name, pid in self.pids.items():
+                self._peak_rss_mb[name] = max(self._peak_rss_mb.get(name, 0.0), family_mb(pid))
+        exits = [
+            ProcessExit(name, status)
+            for name, process in self._running.items()
+            if (status := process.poll()) is not None
+        ]
+        for ended in exits:
+            del self._running[ended.name]
+            if self._restart and not ended.refused_to_start:
+                self._to_restart.add(ended.name)
+        for name in sorted(self._to_restart):
+            if now_s >= self._started_s[name] + self._restart_period_s:
+                self._to_restart.remove(name)
                 self._start(self._specs[name])
         return exits
 
     def stop(self, grace_s: float = _GRACE_S) -> None:
-        """End all children, politely first, and return when all are gone."""
-        self._due_s.clear()
+        """End all children and return when they have ended; SIGKILL is the last resort."""
+        self._to_restart.clear()
         for sign, wait_s in (
             (signal.SIGINT, grace_s),
             (signal.SIGTERM, grace_s / 4),
             (signal.SIGKILL, grace_s),
         ):
-            if not self._running:
-                return
             self._signal_all(sign)
             self._wait(wait_s)
             if self._running and sign is signal.SIGTERM:
-                _LOG.warning('%s did not end; killed', ', '.join(self._running))
+                _LOG.warning(
+                    '%s did not end after SIGTERM; sending SIGKILL', ', '.join(self._running)
+                )
 
     def _start(self, spec: ProcessSpec) -> None:
-        output = None
-        if self._log_dir is not None:
-            try:
-                self._log_dir.mkdir(parents=True, exist_ok=True)
-                output = (self._log_dir / f'{spec.name}.log').open('ab')
-            except OSError as error:
-                raise write_error(self._log_dir, error) from error
-        with contextlib.ExitStack() as stack:
-            if output is not None:
-                stack.enter_context(output)  # the child keeps its own copy of the descriptor
+        with self._log_file(spec.name) as log:
             self._started_s[spec.name] = time.monotonic()
             self._running[spec.name] = subprocess.Popen(
-                (*_ending_with_parent(), *spec.argv),
+                (*_end_with_parent(), *spec.argv),
                 env={**os.environ, **spec.env},
                 stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT if output is not None else None,
-                # Ctrl-C reaches us alone; we pass it on in order. All stay in one session, for
-                # Linux weighs niceness within one only (sched(7), autogroup).
+                stdout=log,
+                stderr=subprocess.STDOUT if log is not None else None,
+                # With a process group of their own, the children do not get Ctrl-C themselves.
+                # They share one session, as niceness counts only within a session
+                # (sched(7), autogroup).
                 process_group=0,
             )
 
+    def _log_file(self, name: str) -> contextlib.AbstractContextManager[IO[bytes] | None]:
+        if self._log_dir is None:
+            return contextlib.nullcontext()
+        try:
+            self._log_dir.mkdir(parents=True, exist_ok=True)
+            return (self._log_dir / f'{name}.log').open('ab')
+        except OSError as error:
+            raise write_error(self._log_dir, error) from error
+
     def _signal_all(self, sign: signal.Signals) -> None:
-        for process in self._running.values():
+        for pid in self.pids.values():
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, sign)
+                os.killpg(pid, sign)
 
     def _wait(self, timeout_s: float) -> None:
-        deadline_s = time.monotonic() + timeout_s
-        while self._running and time.monotonic() < deadline_s:
-            for name, process in list(self._running.items()):
-                if process.poll() is not None:
-                    del self._running[name]
-            time.sleep(_POLL_S)
+        end_s = time.monotonic() + timeout_s
+        for name, process in list(self._running.items()):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(end_s - time.monotonic(), 0.0))
+                del self._running[name]
 
 
 def family_mb(pid: int) -> float:
-    """Return the resident memory of a process and of all that it has started, in MB."""
-    return sum(_of_family(pid, _memory_mb))
+    """Return the resident memory of a process and its descendants in MB."""
+    return sum(_of_family(pid, _rss_mb))
 
 
-def _memory_mb(process: psutil.Process) -> float:
+def _rss_mb(process: psutil.Process) -> float:
     return float(process.memory_info().rss / _BYTES_PER_MB)
 
 
-def _busy_s(process: psutil.Process) -> float:
+def _cpu_s(process: psutil.Process) -> float:
     times = process.cpu_times()
     return float(times.user + times.system)
 
 
 def _of_family(pid: int, measure: Callable[[psutil.Process], float]) -> Iterator[float]:
-    """Yield a measure of a process and of all that it has started, but for those that ended."""
+    """Yield a measurement of a process and of each descendant, leaving out those that ended."""
     with contextlib.suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
         for member in (process, *process.children(recursive=True)):
@@ -219,7 +214,7 @@ def _of_family(pid: int, measure: Callable[[psutil.Process], float]) -> Iterator
                 yield measure(member)
 
 
-def _ending_with_parent() -> tuple[str, ...]:
-    """Return what to put before a command so that it ends when this process is killed."""
-    tool = shutil.which('setpriv')  # of util-linux
-    return (tool, '--pdeathsig', 'TERM', '--') if tool is not None else ()
+def _end_with_parent() -> tuple[str, ...]:
+    """Return the command prefix with which a child gets SIGTERM when this process dies."""
+    setpriv = shutil.which('setpriv')  # of util-linux
+    return (setpriv, '--pdeathsig', 'TERM', '--') if setpriv is not None else ()

@@ -1,4 +1,1 @@
-"""Offline runs: every frame of a recording through all stages, and the files that they leave.
-
-No ROS.
-"""
+"""Offline runs: all stages on every frame of a recording, and the output files. No ROS here."""

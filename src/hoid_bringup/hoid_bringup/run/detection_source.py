@@ -1,4 +1,4 @@
-"""Where an offline run takes its detections from."""
+"""Source of the detections of an offline run."""
 
 from __future__ import annotations
 
@@ -18,11 +18,14 @@ DetectionSource = Callable[[RgbdFrame], Detections | None]
 
 
 def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
-    """Return what gives a frame's boxes: nothing, a rendered bag's own, or a detector.
+    """Return the function that gives the detections of a frame.
+
+    It returns None without a need for detections, the ground-truth boxes of a rendered bag, or
+    the boxes of a detector.
 
     Raises:
-        InputError: Exact boxes are asked for and the recording has none.
-        ModelError: No usable model is found.
+        InputError: Ground-truth boxes are requested, and the recording has none.
+        ModelError: No usable detector model is found.
     """
     if not config.needs_detections:
         return lambda _frame: None
@@ -30,8 +33,8 @@ def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
         exact = sequence.true_detections
         if exact is None:
             raise InputError(
-                f'{sequence.name}: has no exact boxes for "--detector {TRUTH}"; '
-                'only bags of "hoid synth" have'
+                f'{sequence.name}: has no ground-truth boxes for "--detector {TRUTH}"; '
+                'use a bag of "hoid synth", or a detector'
             )
         return lambda frame: exact.get(frame.stamp_ns)
     detector = OnnxDetector(find_model(config.detector.model or None), config.detector)

@@ -1,4 +1,4 @@
-"""A machine without a detector model: motion alone tells what moves."""
+"""Fallback to the strategy `motion` on a machine without a detector model."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from hoid_detector.model.model_path import find_model
 
 MOTION, STRATEGY = 'motion', 'filter.strategy'
 NO_DETECTOR = (
-    'detections: no detector model is found; what moves is told by motion alone. A detector would '
-    'add people and handled objects that keep still (--detector MODEL.onnx)'
+    'detections: no detector model found, so dynamic objects are identified by motion alone; '
+    'give --detector MODEL.onnx to remove people and handled objects that stand still, too'
 )
 
 
 def has_model() -> bool:
-    """Return whether a detector model is found where nobody asks for one.
+    """Return whether a default detector model is found.
 
     Raises:
-        ModelError: The environment asks for one that does not exist.
+        ModelError: HOID_MODEL names one that does not exist.
     """
     try:
         find_model()
@@ -29,15 +29,15 @@ def has_model() -> bool:
     return True
 
 
-def lacks_model(config: RunConfig, asked_for: Iterable[str]) -> bool:
-    """Return whether a configuration is to go by motion, as no model is found.
+def lacks_model(config: RunConfig, given: Iterable[str]) -> bool:
+    """Return whether to use the strategy `motion`, as the default strategy lacks a model.
 
     Args:
-        config: What would run.
-        asked_for: Names of the parameters that somebody set: a strategy that was asked for
-            stays, and fails without its model.
+        config: Configuration of the run.
+        given: Names of the parameters that the user set. A strategy among them is kept, and the
+            run fails if its model is missing.
     """
     known = [p.name for p in config.params()]
-    asked = {full_name(name, known) for name in asked_for}
-    by_default = config.needs_detections and not config.detector.model
-    return by_default and STRATEGY not in asked and not has_model()
+    full_names = {full_name(name, known) for name in given}
+    uses_default_model = config.needs_detections and not config.detector.model
+    return uses_default_model and STRATEGY not in full_names and not has_model()

@@ -1,4 +1,4 @@
-"""The whole suite in one process: every frame, in order, and the same result every time."""
+"""Offline pipeline: all stages in one process on every frame, with repeatable results."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from typing import Any
 
 from hoid_bags.progress import progress
 from hoid_bags.sequence import Sequence
-from hoid_bringup.run import offline_maps
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
-from hoid_bringup.run.offline_maps import MapFiles
+from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.outputs import write_outputs
 from hoid_bringup.run.run_config import RunConfig
 from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Summary
@@ -22,23 +21,28 @@ from hoid_common.io.files import check_writable
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import Detections, DynamicObject, FilterResult, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
+from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.fusion_scheduler import FusionScheduler
+from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.scene.scene_mapper import SceneMapper
+from rgbd_slam.scene.scene_scheduler import SceneScheduler
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.statistics import SlamStats
 
 _LOG = logging.getLogger(__name__)
-_MS = 1e3
+_MS_PER_S = 1e3
 _KIB_PER_MB = 1024
 
 
 class OfflinePipeline:
-    """Detector, filter and SLAM, one call a frame.
+    """Detector, filter and SLAM in one process, with one call per frame.
 
     Args:
-        find_features: In place of the filter that the configuration asks for.
-        dense: Whether to make the dense map and the grid too.
+        sequence: The recording, for its camera.
+        config: Parameters of all stages.
+        detect: Source of detections instead of the configured one.
+        find_features: Feature source instead of the configured filter.
+        dense: Whether to make the dense map and the grid as well.
     """
 
     def __init__(
@@ -58,39 +62,48 @@ class OfflinePipeline:
             sequence.camera,
             config.slam,
             RobotFrames(),
-            fusion_scheduler=FusionScheduler(config.slam.dense.rate_hz if dense else None, None),
+            scene_scheduler=SceneScheduler(config.slam.dense.rate_hz if dense else None, None),
         )
         self._scene = SceneMapper(sequence.camera, config.slam.dense, config.slam.objects)
         self._features_in = self._features_removed = self._objects_dynamic = 0
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
-        self.num_kept: list[int] = []  # features that the filter left, by frame
-        self.objects: tuple[DynamicObject, ...] = ()  # of the last frame, with the verdicts
+        self.num_kept: list[int] = []  # features that the filter kept, by frame
+        self.objects: tuple[DynamicObject, ...] = ()  # of the last frame, with their verdicts
 
     def load_map(self, path: Path, *, localize: bool) -> None:
-        """Start with a saved map, and leave it as it is if so wanted.
+        """Load a saved map; with `localize`, it is not changed by the run.
 
         Raises:
-            MapFileError: It is unusable.
+            MapFileError: The file is not a valid map.
         """
-        offline_maps.load(path, self._session, self._scene)
+        content = map_file.load(path)
+        loaded = self._session.robot_map.load(content)
+        if content.dense is not None:
+            self._scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
         self._session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
     def save_map(self, path: Path) -> None:
-        """Save the map as it is now; raises HoidError if that is impossible."""
-        offline_maps.save(path, self._session, self._scene)
+        """Save the map, and the dense map if there is one; raise HoidError if that fails."""
+        content = self._session.robot_map.export()
+        keyframes = self._session.robot_map.keyframes()
+        self._scene.ledger.correct(keyframes)
+        if views := self._scene.ledger.views:
+            content = content._replace(dense=DenseState.of_views(views, keyframes.uids))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        map_file.save(path, content)
 
     def process(self, frame: RgbdFrame) -> Processed:
-        """Run one frame through all stages."""
-        start_s = time.perf_counter()  # the network has threads of its own: wall clock
+        """Process one frame by all stages."""
+        start_s = time.perf_counter()  # wall time, as the network may use threads
         detections = self._detect(frame)
-        detect_ms = _MS * (time.perf_counter() - start_s)
+        detect_ms = _MS_PER_S * (time.perf_counter() - start_s)
         filtered = self._find_features(frame, detections)
         start_s = time.thread_time()
         done = self._session.process(filtered.features)
-        track_ms = _MS * (time.thread_time() - start_s)
-        if done.fusion is not None:
-            self._scene.fuse(done.fusion, frame.depth_m, frame.image_bgr, filtered.objects)
+        track_ms = _MS_PER_S * (time.thread_time() - start_s)
+        if done.scene_request is not None:
+            self._scene.fuse(done.scene_request, frame.depth_m, frame.image_bgr, filtered.objects)
         self._count(filtered)
         self._time(filtered, done.status.stage_ms, track_ms)
         if detections is not None:
@@ -117,15 +130,15 @@ class OfflinePipeline:
     def finish(
         self, sequence: Sequence, options: Mapping[str, Any], recording: Path | None = None
     ) -> RunResult:
-        """Let the map settle and return all results, in the z-up map frame."""
+        """Finish mapping and return all results in the z-up map frame."""
         session, scene = self._session, self._scene
         session.slam.map.finish()
         session.close()
-        scene.settle(session.robot_map.keyframes())
+        scene.ledger.correct(session.robot_map.keyframes(), force=True)
         cloud = scene.cloud() if scene.num_voxels else None
         grid = scene.grid(cloud) if cloud is not None else None
         if cloud is not None and grid is None:
-            _LOG.warning('no grid is written, as no floor was seen')
+            _LOG.warning('no grid was written, as no floor was observed')
         return RunResult(
             input_name=sequence.name,
             recording=recording,
@@ -171,21 +184,21 @@ def run_offline(
     maps: MapFiles = MapFiles(),  # noqa: B008 - immutable
     show_progress: bool = True,
 ) -> Summary:
-    """Run every frame of a recording and write the results.
+    """Process every frame of a recording and write the results.
 
     Args:
         sequence: The recording.
         config: Parameters of all stages.
-        out_dir: Where the files go; made when missing.
-        detect: Detections in place of those that the configuration asks for.
-        dense: Whether to make the dense map and the grid too.
-        options: What to note in the summary as asked for; the changed parameters by default.
-        recording: Where the recording lies, to note as well.
-        maps: Map files to start with and to leave.
+        out_dir: Folder for the results, which is created if needed.
+        detect: Source of detections instead of the configured one.
+        dense: Whether to make the dense map and the grid as well.
+        options: Options for the summary; by default, the changed parameters.
+        recording: Path of the recording, for the summary.
+        maps: Map files to load and to save.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
-        HoidError: The recording, the model or the output folder is unusable.
+        HoidError: The recording or the model is invalid, or the folder cannot be written.
     """
     check_writable(out_dir)
     maps.check()
@@ -196,8 +209,8 @@ def run_offline(
     for frame in bar:
         done = pipeline.process(frame)
         bar.set_postfix_str(done.status.state.name.lower(), refresh=False)
-    noted = options if options is not None else config.noted()
-    summary = write_outputs(out_dir, pipeline.finish(sequence, noted, recording))
+    options = config.summary_options() if options is None else options
+    summary = write_outputs(out_dir, pipeline.finish(sequence, options, recording))
     if maps.save is not None:
         pipeline.save_map(maps.save)
     return summary

@@ -1,4 +1,4 @@
-"""Options that `run`, `replay` and the experiments share, and the configuration they make."""
+"""Command-line options that several commands share, and the configuration that results."""
 
 from __future__ import annotations
 
@@ -18,6 +18,11 @@ from hoid_common.io.files import scratch_folder
 from hoid_common.io.yaml_file import parse_yaml
 from hoid_filter.strategy_registry import STRATEGIES
 
+DETECTOR_HELP = (
+    f'ONNX model of the detector, a file or a known name; "{TRUTH}" uses the ground-truth boxes '
+    'of a rendered bag (default: search for a model)'
+)
+# Option: parameter.
 _SHORTCUTS = {
     **SHORT_NAMES,
     'detector': 'detector.model',
@@ -29,52 +34,61 @@ _SHORTCUTS = {
 def add_recording_arguments(
     parser: argparse.ArgumentParser, what: str = 'TUM folder or bag'
 ) -> None:
-    """Add the recording and how to read it."""
+    """Add the argument for the recording, and the options for its camera and depth units."""
     parser.add_argument('input', metavar='INPUT', type=Path, help=what)
     add_folder_arguments(parser)
 
 
 def add_method_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the choice of filter and detector and every other parameter."""
-    parser.add_argument('--filter', choices=STRATEGIES, help='how dynamic objects are told')
+    """Add the options for filter, detector and all other parameters."""
     parser.add_argument(
-        '--detector',
-        metavar='MODEL',
-        help=f'ONNX file; "{TRUTH}": the exact boxes of a rendered bag (default: usual places)',
+        '--filter', choices=STRATEGIES, help='strategy that identifies dynamic objects'
     )
-    parser.add_argument('--min-interaction-area', type=float, metavar='A', help='share in [0, 1]')
-    parser.add_argument('--depth-limit', type=float, metavar='M', help='m, of the 3-D rule')
-    parser.add_argument('--seed', type=int, metavar='N', help='of everything random')
+    parser.add_argument('--detector', metavar='MODEL', help=DETECTOR_HELP)
+    parser.add_argument(
+        '--min-interaction-area',
+        type=float,
+        metavar='A',
+        help="share of an object's box, from 0 to 1, that a person must cover for the object to "
+        'count as handled',
+    )
+    parser.add_argument(
+        '--depth-limit',
+        type=float,
+        metavar='M',
+        help='largest depth difference between a person and a handled object in m (3-D rule)',
+    )
+    parser.add_argument('--seed', type=int, metavar='N', help='seed of random numbers')
     add_set_argument(parser)
 
 
 def add_set_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option for any parameter of any node."""
+    """Add the option that sets any parameter of any node."""
     parser.add_argument(
         '--set',
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='any parameter, also for experts, by its name or NODE.name, such as '
+        help='set a parameter, also one for experts, by its name or as NODE.name, for example '
         'extraction.num_features=500 or slam.seed=1',
     )
 
 
 def recording(args: argparse.Namespace) -> Sequence:
-    """Open the recording that the options name.
+    """Open the recording of the command line.
 
     Raises:
-        InputError: It cannot be used.
+        InputError: It cannot be read.
     """
     return open_sequence(args.input, chosen_camera(args), args.depth_factor)
 
 
 @contextmanager
 def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
-    """Give the recording as a bag; one made from a folder goes away at the end.
+    """Yield the recording as a bag; a TUM folder is converted to a temporary bag.
 
     Raises:
-        InputError: It cannot be used.
+        InputError: It cannot be read.
     """
     found = recording(args)
     if isinstance(found, BagSequence):
@@ -88,43 +102,42 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
 
 
 def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunConfig:
-    """Return the configuration that the options make.
+    """Return the configuration with the parameters of the command line.
 
     Args:
-        base: What holds where no option is given; the defaults when None.
+        args: Parsed options.
+        base: Configuration that they change; the defaults when None.
 
     Raises:
-        ConfigError: A name is unknown or a value out of range.
+        ConfigError: A name is unknown or a value is out of range.
     """
-    return (base or RunConfig()).updated(asked_for(args))
+    return (base or RunConfig()).updated(given_parameters(args))
 
 
-def asked_for(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters that the options set, by dotted name.
+def given_parameters(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters of the command line, by dotted name.
 
     Raises:
-        ConfigError: One is no assignment.
+        ConfigError: A value of `--set` is not NAME=VALUE.
     """
     values: dict[str, Any] = {
         name: getattr(args, option)
         for option, name in _SHORTCUTS.items()
         if getattr(args, option) is not None
     }
-    values |= assignments(args.set)
-    return values
+    return values | assignments(args.set)
 
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
-    """Return names and values of what `--set` was given.
+    """Return the names and values of `--set`. Values are YAML, as in a parameter file.
 
     Raises:
-        ConfigError: One is not NAME=VALUE.
+        ConfigError: A text is not NAME=VALUE.
     """
     return dict(_assignment(text) for text in texts)
 
 
 def _assignment(text: str) -> tuple[str, Any]:
-    """Return name and value of `name=value`; the value is read as YAML, as in a parameter file."""
     name, sign, value_text = text.partition('=')
     if not sign:
         raise ConfigError(f'--set {text}: expected NAME=VALUE')

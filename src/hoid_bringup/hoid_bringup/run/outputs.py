@@ -1,4 +1,4 @@
-"""The files of a run, written aside and moved into place when all are whole."""
+"""Output files of a run, which appear in the output folder only when all are complete."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.scene import export
 from rgbd_slam.scene.grid import write_map_server
 
-# What the files in the output folder of a run are called.
+# Names of the files in the output folder of a run.
 SUMMARY = 'summary.json'
 FINAL = 'trajectory.txt'
 ONLINE = 'trajectory_online.txt'
@@ -30,10 +30,10 @@ PICTURE = 'trajectory.png'
 
 
 def write_outputs(out_dir: Path, result: RunResult) -> Summary:
-    """Write all files of a run into a folder, made when missing.
+    """Write all files of a run into a folder, which is created if needed.
 
     Raises:
-        InputError: The folder cannot be written to, or the disk is full; no half file stays.
+        InputError: The folder cannot be written or the disk is full; no partial file remains.
     """
     summary = summarize(result)
     with staged(out_dir) as stage:
@@ -53,10 +53,10 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
 
 @contextmanager
 def staged(out_dir: Path) -> Iterator[Path]:
-    """Give a temporary folder whose files move into `out_dir` when the block ends well.
+    """Yield a temporary folder whose files move to `out_dir` if the block raises no error.
 
     Raises:
-        InputError: The folder cannot be written to, or the disk is full.
+        InputError: The folder cannot be written, or the disk is full.
     """
     with scratch_folder(out_dir, 'results') as stage:
         try:
@@ -68,7 +68,7 @@ def staged(out_dir: Path) -> Iterator[Path]:
 
 
 def write_ply(path: Path, points_m: FloatArray) -> None:
-    """Write (N, 3) points as a binary little-endian PLY of float32 x, y, z in m."""
+    """Write (N, 3) points in m as a binary little-endian PLY file of float32."""
     header = (
         f'ply\nformat binary_little_endian 1.0\nelement vertex {len(points_m)}\n'
         'property float x\nproperty float y\nproperty float z\nend_header\n'

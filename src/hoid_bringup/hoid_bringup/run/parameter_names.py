@@ -1,51 +1,47 @@
-"""What the parameters of the three nodes are called in `--set`, experiments and summaries."""
+"""Names of the nodes' parameters in `--set`, experiments and summaries."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from hoid_common.config import did_you_mean
 from hoid_common.errors import ConfigError
 
 STAGES = {'detector': 'hoid_detector', 'filter': 'hoid_filter', 'slam': 'rgbd_slam'}
-"""Each stage's short name and its node."""
+"""Node of each stage, by the stage's short name."""
 _SHORT = {node: stage for stage, node in STAGES.items()}
 
 
 def full_name(name: str, known: Collection[str]) -> str:
-    """Return STAGE.PARAMETER for what somebody calls a parameter.
+    """Return the full name STAGE.PARAMETER of a parameter.
 
     Args:
         name: STAGE.PARAMETER, NODE.PARAMETER, or a PARAMETER that only one node has.
-        known: The full names there are.
+        known: All full names.
 
     Raises:
-        ConfigError: Nothing is called that, or parameters of several nodes are.
+        ConfigError: No parameter has this name, or parameters of several nodes have it.
     """
     head, _, rest = name.partition('.')
-    found = list(_matches(name, f'{_SHORT.get(head, head)}.{rest}', known))
+    of_stage = f'{_SHORT.get(head, head)}.{rest}'
+    if of_stage in known:
+        return of_stage
+    found = [full for stage in STAGES if (full := f'{stage}.{name}') in known]
     if not found:
-        spelt = (name, *(f'{stage}.{name}' for stage in STAGES))
-        meant = next(filter(None, (did_you_mean(text, known) for text in spelt)), '')
-        raise ConfigError(f'no parameter is called "{name}"{meant}')
+        spellings = (name, *(f'{stage}.{name}' for stage in STAGES))
+        hint = next(filter(None, (did_you_mean(text, known) for text in spellings)), '')
+        raise ConfigError(f'no parameter is called "{name}"{hint}')
     if len(found) > 1:
-        raise ConfigError(f'several nodes have "{name}": say {" or ".join(found)}')
+        raise ConfigError(f'several nodes have a parameter "{name}": write {" or ".join(found)}')
     return found[0]
 
 
 def by_node(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return what is given by full name by node instead, and by the node's own name."""
+    """Return parameters by node and by their names there, from parameters by full name."""
     return {
         node: {
             n.removeprefix(f'{stage}.'): v for n, v in values.items() if n.startswith(f'{stage}.')
         }
         for stage, node in STAGES.items()
     }
-
-
-def _matches(name: str, of_stage: str, known: Collection[str]) -> Iterator[str]:
-    if of_stage in known:
-        yield of_stage
-    else:
-        yield from (full for stage in STAGES if (full := f'{stage}.{name}') in known)

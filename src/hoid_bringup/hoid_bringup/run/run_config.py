@@ -1,4 +1,4 @@
-"""One configuration for a whole run: the stages' own, side by side."""
+"""Configuration of a whole run, with that of each stage as a section."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.config.slam_config import CameraConfig
 
 TRUTH = 'truth'
-"""As a model: the exact boxes that a rendered bag brings, in place of a detector's."""
+"""Value of `detector.model` for the ground-truth boxes of a rendered bag instead of a detector."""
 SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
-"""What people ask for by a short name, and read of a run whether they changed it or not."""
+"""Short names of parameters that every summary contains, whether they were changed or not."""
 
 
 @dataclass(frozen=True)
 class RunConfig(Config):
-    """Parameters of an offline run or a replay; nested names are those of the nodes.
+    """Parameters of an offline run or a replay, with the names that they have in the nodes.
 
-    SLAM's octaves follow the filter's unless they are set, too.
+    The octaves of SLAM follow those of the filter unless they are set.
 
     Raises:
         ConfigError: A value is out of range, or the octaves of filter and SLAM do not agree.
     """
 
-    detector: DetectorNodeConfig = section(DetectorNodeConfig)  # its model may be `TRUTH`
+    detector: DetectorNodeConfig = section(DetectorNodeConfig)  # its `model` may be TRUTH
     filter: FilterNodeConfig = section(FilterNodeConfig)
     slam: SlamNodeConfig = section(SlamNodeConfig)
 
-    LIVE_ONLY: ClassVar[tuple[str, ...]] = (  # beginnings of names that mean nothing offline
+    LIVE_ONLY: ClassVar[tuple[str, ...]] = (  # prefixes of names without effect offline
         'detector.input.', 'detector.niceness', 'detector.autostart', 'filter.input.',
         'filter.sync_slop_s', 'filter.detections.', 'slam.input.', 'slam.frames.', 'slam.map_',
         'slam.mode',
@@ -45,24 +45,24 @@ class RunConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        camera = _following(self.slam.camera, self.filter.extraction)
+        camera = _with_octaves_of(self.slam.camera, self.filter.extraction)
         object.__setattr__(self, 'slam', replace(self.slam, camera=camera))
 
     @property
     def needs_detections(self) -> bool:
-        """Return whether the filter looks at boxes at all."""
+        """Return whether the strategy of the filter uses detections."""
         return needs_detections(self.filter)
 
     @property
     def live_only(self) -> list[str]:
-        """Return the changed parameters that mean nothing offline."""
+        """Return the names of changed parameters that have no effect offline."""
         return [name for name in self.changed() if name.startswith(self.LIVE_ONLY)]
 
     def updated(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy with values replaced, under any of the names of `full_name`.
+        """Return a copy with some values replaced, given by any name that `full_name` accepts.
 
         Raises:
-            ConfigError: A name is unknown or ambiguous, or a value is unusable.
+            ConfigError: A name is unknown or ambiguous, or a value is invalid.
         """
         known = [p.name for p in self.params()]
         return super().updated({full_name(name, known): v for name, v in values.items()})
@@ -72,12 +72,8 @@ class RunConfig(Config):
         default = {p.name: p.value for p in RunConfig().params()}
         return {p.name: p.value for p in self.params() if p.value != default[p.name]}
 
-    def changed_of_nodes(self) -> dict[str, dict[str, Any]]:
-        """Return them by node and by the name that the node has for each."""
-        return by_node(self.changed())
-
     def named(self, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-        """Return parameters by node, whether they were changed or not.
+        """Return the values of some parameters by node and name.
 
         Raises:
             ConfigError: A name is unknown or ambiguous.
@@ -85,30 +81,30 @@ class RunConfig(Config):
         values = {p.name: p.value for p in self.params()}
         return by_node({full: values[full] for full in (full_name(n, values) for n in names)})
 
-    def noted(self) -> dict[str, Any]:
-        """Return what a summary says of a run: strategy, seed, and what else was changed."""
+    def summary_options(self) -> dict[str, Any]:
+        """Return the options in a summary: strategy, seed, and all other changed parameters."""
         values = {p.name: p.value for p in self.params()}
         always = {short: values[name] for short, name in SHORT_NAMES.items()}
         rest = {n: v for n, v in self.changed().items() if n not in SHORT_NAMES.values()}
         return {**always, **rest}
 
     @classmethod
-    def from_noted(cls, noted: Mapping[str, Any]) -> RunConfig:
-        """Return the configuration that a summary notes, as read from JSON.
+    def from_summary_options(cls, options: Mapping[str, Any]) -> RunConfig:
+        """Return the configuration of a run from the options in its summary, as read from JSON.
 
-        What is no parameter, as of a replay or of another version, is left out.
+        Options that are no parameters are ignored: those of a replay, or of another version.
         """
         values: dict[str, Any] = {}
         known = [p.name for p in cls().params()]
-        for name, value in noted.items():
+        for name, value in options.items():
             with suppress(ConfigError):
                 full = full_name(SHORT_NAMES.get(name, name), known)
                 values[full] = tuple(value) if isinstance(value, list) else value
         return cls().updated(values)
 
 
-def _following(camera: CameraConfig, extraction: ExtractionConfig) -> CameraConfig:
-    """Return SLAM's camera with the octaves of the features that the filter makes."""
+def _with_octaves_of(camera: CameraConfig, extraction: ExtractionConfig) -> CameraConfig:
+    """Return the camera of SLAM with the octaves of the extracted features."""
     default = CameraConfig()
     if camera.num_octaves == default.num_octaves:
         camera = replace(camera, num_octaves=max(extraction.num_levels, default.num_octaves))
@@ -116,12 +112,12 @@ def _following(camera: CameraConfig, extraction: ExtractionConfig) -> CameraConf
         camera = replace(camera, scale_factor=extraction.scale_factor)
     if extraction.num_levels > camera.num_octaves:
         raise ConfigError(
-            f'filter.extraction.num_levels, {extraction.num_levels}, must not be beyond '
+            f'filter.extraction.num_levels, {extraction.num_levels}, must be at most '
             f'slam.camera.num_octaves, {camera.num_octaves}'
         )
     if extraction.scale_factor != camera.scale_factor:
         raise ConfigError(
-            f'filter.extraction.scale_factor, {extraction.scale_factor:g}, must be '
+            f'filter.extraction.scale_factor, {extraction.scale_factor:g}, must equal '
             f'slam.camera.scale_factor, {camera.scale_factor:g}'
         )
     return camera

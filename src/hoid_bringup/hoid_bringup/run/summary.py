@@ -1,4 +1,4 @@
-"""`summary.json`: what a run came to, in numbers."""
+"""Results of a run, and their summary in `summary.json`."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from rgbd_slam.scene.voxel_map import ColoredCloud
 
 _LOG = logging.getLogger(__name__)
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'rosbags', 'evo')
+# Stages that every summary lists, whether they were timed or not.
 _STAGES = ('detect', 'extract', 'filter', 'track', 'map', 'frame')
 
 
@@ -34,7 +35,7 @@ class Spread:
 
     @classmethod
     def of(cls, values_ms: Sequence[float]) -> Spread | None:
-        """Return the spread, or None of nothing."""
+        """Return the spread of times, or None without any."""
         if not len(values_ms):
             return None
         median, p95 = np.percentile(np.asarray(values_ms), (50, 95))
@@ -43,7 +44,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class FilterCounts:
-    """What the filter did, summed over all frames."""
+    """Counts of the filter, summed over all frames."""
 
     features_in: int = 0
     features_removed: int = 0
@@ -52,7 +53,7 @@ class FilterCounts:
 
 @dataclass(frozen=True)
 class MapCounts:
-    """What the SLAM core holds at the end of a run."""
+    """Counts of SLAM at the end of a run."""
 
     keyframes: int = 0
     map_points: int = 0
@@ -64,10 +65,10 @@ class MapCounts:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """Everything that a run leaves, offline or live; poses and points are in a z-up map frame."""
+    """Results of an offline or live run, with poses and points in the z-up map frame."""
 
     input_name: str
-    options: Mapping[str, Any]  # what was asked for, by option
+    options: Mapping[str, Any]  # of the summary, by name
     frames_total: int
     frames_processed: int
     final: Trajectory
@@ -77,27 +78,31 @@ class RunResult:
     ground_truth: Trajectory | None
     map_counts: MapCounts
     filter_counts: FilterCounts
-    stage_ms: Mapping[str, Sequence[float]]  # per stage, one entry a frame
+    stage_ms: Mapping[str, Sequence[float]]  # by stage, one time per frame
     peak_rss_mb: float
-    latency_ms: Sequence[float] = ()  # image stamp to odometry, live only
-    rss_by_node_mb: Mapping[str, float] = field(default_factory=dict)  # with helpers; live only
-    cpu_share_by_node: Mapping[str, float] = field(default_factory=dict)  # of a core; live only
+    latency_ms: Sequence[float] = ()  # from image to odometry, live only
+    rss_by_node_mb: Mapping[str, float] = field(
+        default_factory=dict
+    )  # peak, child processes included; live only
+    cpu_share_by_node: Mapping[str, float] = field(
+        default_factory=dict
+    )  # cores in use on average; live only
     cloud: ColoredCloud | None = None  # dense map, in the map frame
     grid: Grid | None = None
-    recording: Path | None = None  # where it lay
+    recording: Path | None = None
 
 
 @dataclass(frozen=True)
 class Summary:
-    """The content of `summary.json`, in its order; scripts rely on the names."""
+    """Content of `summary.json` in the order of the file. The names are a public interface."""
 
     input: str
     recording: str | None  # absolute path, for `hoid view`
     frames_total: int
     frames_processed: int
-    frames_tracked: int  # in the main map, as in trajectory.txt
-    frames_in_other_maps: int  # tracked after a loss in maps that no known place ever joined
-    coverage: float
+    frames_tracked: int  # with a pose in the main map, as in trajectory.txt
+    frames_in_other_maps: int  # with a pose in a map that was not merged into the main map
+    coverage: float  # share of all frames that have a pose in the main map
     ate_rmse_m: float | None
     ate_online_rmse_m: float | None
     rpe_trans_1s_rmse_m: float | None
@@ -108,7 +113,7 @@ class Summary:
     loops: int
     merges: int
     relocalizations: int
-    stage_ms: Mapping[str, Spread | None]  # every stage; None where nothing was timed
+    stage_ms: Mapping[str, Spread | None]  # None for a stage that was not timed
     latency_ms: Spread | None
     peak_rss_mb: float
     peak_rss_by_node_mb: Mapping[str, float]
@@ -118,13 +123,13 @@ class Summary:
     versions: Mapping[str, str]
 
     def to_json(self) -> str:
-        """Return the file's text."""
+        """Return the text of the file."""
         return json.dumps(_without_nan(asdict(self)), indent=2) + '\n'
 
 
 def summarize(result: RunResult) -> Summary:
-    """Evaluate a run and condense its times."""
-    errors = _errors(result.final, result.ground_truth, say_why_not=True)
+    """Return the summary of a run: errors, counts and times."""
+    errors = _errors(result.final, result.ground_truth, warn=True)
     online = _errors(result.online, result.ground_truth)
     total = result.frames_total
     return Summary(
@@ -155,7 +160,7 @@ def summarize(result: RunResult) -> Summary:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of this suite, Python and the libraries that results depend on."""
+    """Return the versions of Python, this suite and the libraries that results depend on."""
     found = {'python': platform.python_version(), 'machine': platform.machine()}
     for name in ('hoid_bringup', *_LIBRARIES):
         try:
@@ -166,23 +171,23 @@ def versions() -> dict[str, str]:
 
 
 def _errors(
-    estimate: Trajectory, truth: Trajectory | None, *, say_why_not: bool = False
+    estimate: Trajectory, truth: Trajectory | None, *, warn: bool = False
 ) -> dict[str, float | None]:
-    """Return the errors by name; all None where there is no truth or too little of an estimate."""
+    """Return the errors by name, which are None without ground truth or with too few poses."""
     names = ('ate_rmse_m', 'rpe_trans_1s_rmse_m', 'rpe_rot_1s_rmse_deg')
     if truth is None:
         return dict.fromkeys(names)
     try:
         evaluation = asdict(evaluate(estimate, truth))
     except InputError as error:
-        if say_why_not:
-            _LOG.warning('no errors: %s', error)
+        if warn:
+            _LOG.warning('errors cannot be computed: %s', error)
         return dict.fromkeys(names)
     return {name: None if (v := evaluation[name]) is None else round(v, 6) for name in names}
 
 
 def _without_nan(value: Any) -> Any:
-    """Return nested values with NaN as None: JSON has no NaN."""
+    """Return nested values with NaN and infinity as None, as JSON has neither."""
     if isinstance(value, dict):
         return {key: _without_nan(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""`hoid view`: a recording or a finished run in the Rerun viewer, or as one file to share."""
+"""The command `view`: shows a recording or a run in the Rerun viewer, or saves it to a file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hoid_common.errors import InputError
 
 _SUFFIX = '.rrd'
 _NO_VIEWER = (
-    'the viewer is not installed: "./hoid view" installs it, or '
+    'the Rerun viewer is not installed: run "./hoid view", which installs it, or '
     '"pip install -r requirements/view.lock"'
 )
 
@@ -35,16 +35,19 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
         '--save',
         type=Path,
         metavar='FILE',
-        help=f'write FILE{_SUFFIX} to share instead of opening a window; needs no display',
+        help=f'write FILE{_SUFFIX}, which others can open, instead of opening a window',
     )
     parser.add_argument(
-        '--recording', type=Path, metavar='PATH', help='of a run, if it is not where it was'
+        '--recording',
+        type=Path,
+        metavar='PATH',
+        help='recording of the run, if it was moved',
     )
     add_method_arguments(parser)
 
 
 def view_command(args: argparse.Namespace) -> None:
-    """Show a recording or a run, or write what would be shown to a file."""
+    """Show a recording or a run, or write it to a file for the viewer."""
     if not args.input.exists():
         raise InputError(f'{args.input}: no such file or folder')
     if args.save is not None:
@@ -65,29 +68,29 @@ def _write(args: argparse.Namespace, path: Path) -> None:
     if find_spec('rerun') is None:
         raise InputError(_NO_VIEWER)
     from hoid_bringup.view.view_log import ViewLog
-    from hoid_bringup.view.view_recording import log_images, log_recording, with_exact_boxes
+    from hoid_bringup.view.view_recording import log_images, log_recording, with_ground_truth_boxes
     from hoid_bringup.view.view_run import is_run, log_run, open_run
 
     with ViewLog(path) as log:
         if not is_run(args.input):
             sequence = recording(args)
-            log_recording(log, sequence, with_exact_boxes(run_config(args), sequence))
+            log_recording(log, sequence, with_ground_truth_boxes(run_config(args), sequence))
             return
         run = open_run(args.input)
         found = _recording_of_run(args, run.recording)
         log_run(log, run, found)
         if found is not None:
             log_images(
-                log, found, with_exact_boxes(run_config(args, run.config), found), run.final
+                log, found, with_ground_truth_boxes(run_config(args, run.config), found), run.final
             )
 
 
-def _recording_of_run(args: argparse.Namespace, noted: Path | None) -> Sequence | None:
-    """Return the recording of a run, or None, which is said, when it is not there any more."""
-    path = args.recording or noted
+def _recording_of_run(args: argparse.Namespace, recorded_path: Path | None) -> Sequence | None:
+    """Return the recording of a run; without it, print a note and return None."""
+    path = args.recording or recorded_path
     if path is None or not (args.recording or path.exists()):
-        where = path or 'not noted in its summary'
-        sys.stdout.write(f'no images, as the recording is gone ({where}); give --recording PATH\n')
+        where = f'{path} does not exist' if path else 'its summary names none'
+        sys.stdout.write(f'no images without the recording ({where}); give --recording PATH\n')
         return None
     return open_sequence(path, chosen_camera(args), args.depth_factor)
 
@@ -95,12 +98,14 @@ def _recording_of_run(args: argparse.Namespace, noted: Path | None) -> Sequence 
 def _check_display() -> None:
     is_linux = sys.platform.startswith('linux')
     if is_linux and not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
-        raise InputError('no display here: use --save FILE and open the file where there is one')
+        raise InputError(
+            'no display found: use --save FILE, and open the file on a computer with a display'
+        )
 
 
 def _open(path: Path) -> None:
-    """Show a file until its window is closed; only this machine can reach the viewer."""
+    """Show a file until the window is closed. The viewer accepts connections from here only."""
     command = [sys.executable, '-m', 'rerun', '--bind', '127.0.0.1', '--port', 'auto', str(path)]
     status = subprocess.run(command, check=False).returncode
     if status:
-        raise InputError(f'the viewer ended with status {status}; --save FILE needs no window')
+        raise InputError(f'the viewer ended with status {status}; use --save FILE instead')

@@ -1,4 +1,4 @@
-"""What the viewer is shown, in its own terms; the only module that knows Rerun."""
+"""Log file for the Rerun viewer; the only module that uses Rerun."""
 
 from __future__ import annotations
 
@@ -30,32 +30,32 @@ from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, TRACK_ONLY_BG
 
 MAP = 'map'
 POINTS, CLOUD, KEYFRAMES = f'{MAP}/points', f'{MAP}/cloud', f'{MAP}/keyframes'
-ESTIMATE, TRUTH = f'{MAP}/path/estimate', f'{MAP}/path/truth'
+ESTIMATED_PATH, TRUE_PATH = f'{MAP}/path/estimate', f'{MAP}/path/truth'
 CAMERA = f'{MAP}/camera'
 IMAGE, DEPTH = f'{CAMERA}/image', f'{CAMERA}/depth'
 BOXES = f'{IMAGE}/boxes'
 KEPT, REMOVED = f'{IMAGE}/features/kept', f'{IMAGE}/features/removed'
 TIMELINE = 'time'
 
-_PATH_COLORS = {ESTIMATE: (255, 196, 61), TRUTH: (150, 156, 168)}  # as in the other pictures
+_PATH_COLORS = {ESTIMATED_PATH: (255, 196, 61), TRUE_PATH: (150, 156, 168)}  # as in the plots
 _POINT_COLOR = (120, 200, 255)
 _KEYFRAME_COLOR = (90, 130, 220)
-_FRUSTUM_M = 0.06  # depth of a keyframe's pyramid
-_GAP_S = 0.5  # a path is broken where it has no pose for so long
-_DEPTH_STRIDE = 2  # depth is shown in half size: it is most of the file
-_JPEG_QUALITY = 85
+_FRUSTUM_M = 0.06  # chosen: depth of a keyframe's pyramid
+_GAP_S = 0.5  # chosen: a longer time without a pose is drawn as a gap
+_DEPTH_STRIDE = 2  # chosen: depth images are most of the file, so they have half the size
+_JPEG_QUALITY = 85  # chosen
 
 
 class ViewLog:
-    """Writes a file for the viewer; a context manager that puts it in place when all is well."""
+    """Context manager that writes a file for the viewer, which appears only when complete."""
 
     def __init__(self, path: Path) -> None:
-        """Prepare to write `path`; it is replaced at the end."""
+        """Prepare to write to `path`; an existing file is replaced at the end."""
         self._path = path
         self._unfinished = path.with_name(f'.{path.name}.partial')
 
     def __enter__(self) -> Self:
-        """Begin the file.
+        """Create the file.
 
         Raises:
             InputError: It cannot be written.
@@ -84,11 +84,11 @@ class ViewLog:
             self._unfinished.unlink(missing_ok=True)
 
     def points(self, points_m: Float32Array) -> None:
-        """Show the map's (N, 3) points."""
+        """Log (N, 3) map points."""
         self._cloud(POINTS, points_m, _POINT_COLOR, 2.0)
 
     def cloud(self, points_m: Float32Array, colors_bgr: ByteArray) -> None:
-        """Show the dense map: (N, 3) points with (N, 3) colours."""
+        """Log the dense map: (N, 3) points with (N, 3) BGR colors."""
         self._cloud(CLOUD, points_m, colors_bgr[:, ::-1], 1.5)
 
     def _cloud(
@@ -98,21 +98,21 @@ class ViewLog:
         self._stream.log(entity, points, static=True)
 
     def path(self, entity: str, trajectory: Trajectory) -> None:
-        """Show where the camera went, broken where nothing is known."""
+        """Log a trajectory as a line with gaps where poses are missing."""
         gaps = np.flatnonzero(np.diff(trajectory.stamps_ns) > _GAP_S * NS_PER_S) + 1
         strips = np.split(trajectory.T_world_camera[:, :3, 3], gaps)
         lines = rr.LineStrips3D(strips, colors=_PATH_COLORS[entity], radii=rr.Radius.ui_points(1))
         self._stream.log(entity, lines, static=True)
 
     def keyframes(self, T_map_camera: FloatArray, camera: CameraModel | None) -> None:
-        """Show a small pyramid at each of (N, 4, 4) poses."""
+        """Log a small pyramid at each of (N, 4, 4) keyframe poses."""
         outline = _frustum_m(camera)
-        strips = [se3.transform(T, outline) for T in T_map_camera]  # once a run, a few hundred
+        strips = [se3.transform(T, outline) for T in T_map_camera]
         lines = rr.LineStrips3D(strips, colors=_KEYFRAME_COLOR, radii=rr.Radius.ui_points(0.7))
         self._stream.log(KEYFRAMES, lines, static=True)
 
     def camera(self, camera: CameraModel) -> None:
-        """Show the camera that takes the images."""
+        """Log the camera model."""
         for entity, stride in ((IMAGE, 1), (DEPTH, _DEPTH_STRIDE)):
             pinhole = rr.Pinhole(
                 focal_length=(camera.fx_px / stride, camera.fy_px / stride),
@@ -127,10 +127,12 @@ class ViewLog:
     def frame(
         self, frame: RgbdFrame, result: FilterResult, T_map_camera: FloatArray | None
     ) -> None:
-        """Show one image with what the filter makes of it.
+        """Log one image with the results of the filter.
 
         Args:
-            T_map_camera: (4, 4) where it was taken; None when nobody knows.
+            frame: The image with its depth.
+            result: Results of the filter.
+            T_map_camera: (4, 4) camera pose; None if it is unknown.
         """
         self._stream.set_time(TIMELINE, timestamp=np.datetime64(frame.stamp_ns, 'ns'))
         self._pose(T_map_camera)
@@ -169,18 +171,18 @@ class ViewLog:
 
 
 def _layout() -> rrb.Blueprint:
-    """Return how the window is divided: the map beside the images."""
+    """Return the layout of the window: the map beside the images."""
     pictures = rrb.Vertical(
-        rrb.Spatial2DView(origin=IMAGE, name='what the filter sees and decides'),
+        rrb.Spatial2DView(origin=IMAGE, name='features and verdicts of the filter'),
         rrb.Spatial2DView(origin=DEPTH, name='depth'),
     )
     scene = rrb.Spatial3DView(origin=MAP, name='map')
     views = rrb.Horizontal(scene, pictures, column_shares=(3, 2))
-    return rrb.Blueprint(views, collapse_panels=True)  # which would take half of the window
+    return rrb.Blueprint(views, collapse_panels=True)  # they would take half of the window
 
 
 def _frustum_m(camera: CameraModel | None) -> FloatArray:
-    """Return (11, 3) points of a pyramid's outline in one stroke."""
+    """Return the outline of a pyramid as one line of (11, 3) points."""
     half = np.array([0.6, 0.45])
     if camera is not None:
         half = np.array([camera.width_px / camera.fx_px, camera.height_px / camera.fy_px]) / 2
@@ -191,13 +193,14 @@ def _frustum_m(camera: CameraModel | None) -> FloatArray:
 
 
 def _label(item: DynamicObject) -> str:
-    """Return what a box says; where class and colour leave it open, why it counts as dynamic."""
-    said = (Reason.STATIC, Reason.PERSON)
-    return label(item) if item.reason in said else f'{label(item)} {item.reason.name.lower()}'
+    """Return the label of a box, with the reason of its verdict unless the color shows it."""
+    if item.reason in (Reason.STATIC, Reason.PERSON):
+        return label(item)
+    return f'{label(item)} {item.reason.name.lower()}'
 
 
 def _depth_png(depth_m: Float32Array) -> bytes:
-    """Return a 16-bit PNG of the depth (H, W) in mm, in half size."""
+    """Return a depth image (H, W) as a 16-bit PNG in mm at half size."""
     small = depth_m[::_DEPTH_STRIDE, ::_DEPTH_STRIDE] * images.MM_PER_M + 0.5
     small_mm = np.minimum(small, np.iinfo(np.uint16).max).astype(np.uint16)
     _, png = cv2.imencode('.png', small_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])

@@ -1,4 +1,4 @@
-"""A recording, image by image, with what the filter sees and decides."""
+"""Logs the images of a recording and the results of the filter for the viewer."""
 
 from __future__ import annotations
 
@@ -8,44 +8,46 @@ from hoid_bags.progress import progress
 from hoid_bags.sequence import Sequence
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bringup.run.detection_source import detection_source
-from hoid_bringup.run.run_config import TRUTH as EXACT
-from hoid_bringup.run.run_config import RunConfig
-from hoid_bringup.view.view_log import TRUTH, ViewLog
+from hoid_bringup.run.run_config import TRUTH, RunConfig
+from hoid_bringup.view.view_log import TRUE_PATH, ViewLog
 from hoid_common.values import FloatArray, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
 
 
 def log_recording(log: ViewLog, sequence: Sequence, config: RunConfig) -> None:
-    """Show a recording by itself, along the true path if it has one."""
+    """Log a recording along its true trajectory, if it has one."""
     if sequence.ground_truth is not None:
-        log.path(TRUTH, sequence.ground_truth)
+        log.path(TRUE_PATH, sequence.ground_truth)
     log_images(log, sequence, config, sequence.ground_truth)
 
 
 def log_images(
     log: ViewLog, sequence: Sequence, config: RunConfig, poses: Trajectory | None
 ) -> None:
-    """Show every image.
+    """Log every image with the results of the filter.
 
     Args:
-        poses: Of the camera; an image takes the one nearest in time, within 0.02 s.
+        log: The log.
+        sequence: The recording.
+        config: Parameters of detector and filter.
+        poses: Camera poses; an image gets the one nearest in time within 0.02 s.
 
     Raises:
-        HoidError: An image or the detector cannot be used.
+        HoidError: An image or the detector model is invalid.
     """
     detect = detection_source(sequence, config)
-    judge = FeatureFilter(config.filter, sequence.camera)
+    feature_filter = FeatureFilter(config.filter, sequence.camera)
     log.camera(sequence.camera)
     for frame in progress(sequence, len(sequence), 'frames'):
-        result = judge.process(frame, detect(frame), for_picture=True)
+        result = feature_filter.process(frame, detect(frame), for_picture=True)
         log.frame(frame, result, None if poses is None else _pose_at(poses, frame.stamp_ns))
 
 
-def with_exact_boxes(config: RunConfig, sequence: Sequence) -> RunConfig:
-    """Return the configuration with a rendered bag's exact boxes, unless a detector is named."""
+def with_ground_truth_boxes(config: RunConfig, sequence: Sequence) -> RunConfig:
+    """Return the configuration, with ground-truth boxes if it names no detector and they exist."""
     if config.detector.model or sequence.true_detections is None:
         return config
-    return config.updated({'detector.model': EXACT})
+    return config.updated({'detector.model': TRUTH})
 
 
 def _pose_at(poses: Trajectory, stamp_ns: int) -> FloatArray | None:

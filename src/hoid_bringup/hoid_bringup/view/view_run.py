@@ -1,4 +1,4 @@
-"""A finished run, read back from its folder and shown."""
+"""Logs the results of a run for the viewer."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hoid_bags.sequence import Sequence
 from hoid_bringup.evaluate.evaluation import align
 from hoid_bringup.run import outputs
 from hoid_bringup.run.run_config import RunConfig
-from hoid_bringup.view.view_log import ESTIMATE, TRUTH, ViewLog
+from hoid_bringup.view.view_log import ESTIMATED_PATH, TRUE_PATH, ViewLog
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.io.trajectory_io import read_tum
@@ -20,10 +20,10 @@ from rgbd_slam.scene.export import read_ply
 
 @dataclass(frozen=True, eq=False)
 class FinishedRun:
-    """What `hoid run` or `hoid replay` left in a folder."""
+    """Results in the output folder of `hoid run` or `hoid replay`."""
 
     folder: Path
-    recording: Path | None  # where it was when it was run; None when nobody noted it
+    recording: Path | None  # its path at the time of the run; None if the summary names none
     config: RunConfig
     final: Trajectory
     keyframes: Trajectory
@@ -45,33 +45,35 @@ def open_run(folder: Path) -> FinishedRun:
         summary = json.loads(path.read_text(encoding='utf-8'))
         options, recording = dict(summary['options']), summary.get('recording')
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f'{path}: not the summary of a run: {error}') from error
+        raise InputError(f'{path}: is no summary of a run: {error}') from error
     return FinishedRun(
         folder,
         Path(recording) if recording else None,
-        RunConfig.from_noted(options),
+        RunConfig.from_summary_options(options),
         read_tum(folder / outputs.FINAL),
         read_tum(folder / outputs.KEYFRAMES),
     )
 
 
 def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
-    """Show map, paths and keyframes.
+    """Log map, trajectories and keyframes.
 
     Args:
-        sequence: The recording, for truth and camera, when it is there.
+        log: The log.
+        run: The run.
+        sequence: The recording, if it exists, for ground truth and camera.
     """
-    log.path(ESTIMATE, run.final)
+    log.path(ESTIMATED_PATH, run.final)
     log.keyframes(run.keyframes.T_world_camera, sequence.camera if sequence else None)
     log.points(read_ply(run.folder / outputs.MAP).points_m)
     dense = run.folder / outputs.CLOUD
     if dense.is_file():
         log.cloud(*read_ply(dense))
     if sequence is not None and sequence.ground_truth is not None:
-        log.path(TRUTH, _in_map(sequence.ground_truth, run.final))
+        log.path(TRUE_PATH, _in_map(sequence.ground_truth, run.final))
 
 
 def _in_map(truth: Trajectory, estimate: Trajectory) -> Trajectory:
-    """Return the true poses in the run's map frame, where they fit the estimate best."""
+    """Return the true poses in the map frame of the run, by the alignment of the two."""
     T_map_world = se3.inverse(align(estimate, truth).T_world_map)
     return Trajectory(truth.stamps_ns, T_map_world @ truth.T_world_camera)

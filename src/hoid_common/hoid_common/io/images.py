@@ -96,7 +96,7 @@ def decode_depth(image: RawImage) -> Float32Array:
 
 def decode_compressed_color(data: Buffer) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a JPEG or PNG; MessageError when it is neither."""
-    return cast('ByteArray', _imdecode(data, COLOR_READ_FLAGS, 'compressed color image'))
+    return cast('ByteArray', decode_image(data, COLOR_READ_FLAGS, 'compressed color image'))
 
 
 def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
@@ -118,7 +118,7 @@ def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
     raw = np.frombuffer(data, np.uint8)
     if len(raw) <= _COMPRESSED_DEPTH_HEADER.size:
         raise MessageError(f'compressed depth has {len(raw)} bytes, too few for its header')
-    pixels = _imdecode(
+    pixels = decode_image(
         raw[_COMPRESSED_DEPTH_HEADER.size :], cv2.IMREAD_UNCHANGED, 'compressed depth'
     )
     if pixels.dtype != np.uint16 or pixels.ndim != 2:
@@ -204,7 +204,17 @@ def _meters(depth: NDArray[Any]) -> Float32Array:
     return (bits * (bits < _INF_BITS)).view(np.float32)
 
 
-def _imdecode(data: Buffer, flags: int, what: str) -> NDArray[Any]:
+def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:
+    """Return the pixels of a JPEG or PNG that is safe to decode.
+
+    Args:
+        data: The compressed image.
+        flags: OpenCV's flags for reading.
+        what: Name of the image, with which an error begins.
+
+    Raises:
+        MessageError: It is neither, has more than MAX_PIXELS, or cannot be decoded.
+    """
     raw = np.frombuffer(data, np.uint8)
     check_image_size(raw.data, what)
     try:

@@ -56,7 +56,7 @@ class Parameters(Generic[C]):
         self._on_change = on_change
         self._approve = approve
         given = _take_overrides(node)
-        leaves = {leaf.name: leaf for leaf in defaults.params()}
+        leaves = {leaf.name: leaf for leaf in defaults.node_params()}
         is_expert = EXPERT not in leaves or given.get(EXPERT, leaves[EXPERT].value) is True
         self._leaves = {n: leaf for n, leaf in leaves.items() if is_expert or not leaf.spec.expert}
         self._config = defaults.updated({n: v for n, v in given.items() if n in self._leaves})

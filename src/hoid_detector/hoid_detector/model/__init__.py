@@ -1,9 +1,7 @@
-"""ONNX models of the YOLO family: files, inputs, output layouts, decoding.
-
-Nothing here knows ROS or topics.
-"""
+"""ONNX models of the YOLO family: files, inputs, output layouts and decoders. No ROS here."""
 
 import os
 
-# Before onnxruntime is imported: from 1.29 on it reports models, by name and hash, to its maker.
+# Must be set before onnxruntime is imported: from 1.29 on it reports names and hashes of models
+# to its maker.
 os.environ.setdefault('ORT_DISABLE_TELEMETRY', '1')

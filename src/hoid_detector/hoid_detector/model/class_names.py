@@ -1,4 +1,4 @@
-"""Names of a model's classes: from a file, from the model's metadata, or COCO's."""
+"""Class names of a model, from a file or from the model's metadata, and the names of COCO."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ COCO = (
     'teddy bear', 'hair drier', 'toothbrush',
 )  # fmt: skip
 
-_MAX_FILE_BYTES = 1_000_000
+_MAX_FILE_BYTES = 1_000_000  # chosen: far above any list of class names
+# Keys that exporters use; Ultralytics writes `names`.
 _METADATA_KEYS = ('names', 'class_names', 'classes', 'labels')
 
 
 def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the names in the file if one is given, else those in the metadata, else None."""
+    """Return the names in the file if there is one, else those in the metadata, else None."""
     return names_in_file(Path(file)) if file else names_in_metadata(metadata)
 
 
 def names_in_file(path: Path) -> tuple[str, ...]:
-    """Return the lines of a text file; raises ModelError where there are none."""
+    """Return the names in a text file, one a line; raise ModelError if there are none."""
     try:
         lines = read_text(path, _MAX_FILE_BYTES).splitlines()
     except InputError as error:
@@ -44,10 +45,10 @@ def names_in_file(path: Path) -> tuple[str, ...]:
 
 
 def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the names that exporters leave in a model: a dict or list literal, or a,b,c.
+    """Return the names in a model's metadata: a dict or list literal, or names with commas.
 
     Raises:
-        ModelError: What is said of them is no list of names.
+        ModelError: The metadata have such a key, but no list of names.
     """
     for key in _METADATA_KEYS:
         if text := metadata.get(key):
@@ -58,7 +59,7 @@ def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
 def _parse(key: str, text: str) -> tuple[str, ...]:
     try:
         value = ast.literal_eval(text)
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):  # no literal
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
         value = [name.strip() for name in text.split(',')]
     if isinstance(value, dict):
         by_index = {str(index): name for index, name in value.items()}

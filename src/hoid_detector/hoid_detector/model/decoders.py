@@ -1,7 +1,7 @@
-"""Network outputs to candidate boxes, one small class for each form that outputs come in.
+"""Decoders of network outputs into candidate boxes, one for each kind of output.
 
-All return boxes (x1, y1, x2, y2) in pixels of the network input. Only what reaches the score
-threshold is decoded.
+All return boxes (x1, y1, x2, y2) in pixels of the network input, and only those whose score
+reaches the threshold.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ Outputs = Sequence[NDArray[Any]]
 
 
 class Candidates(NamedTuple):
-    """Boxes before suppression."""
+    """Boxes before non-maximum suppression."""
 
     boxes_xyxy_px: Float32Array  # (N, 4), of the network input
     scores: Float32Array  # (N,)
     class_ids: IntArray  # (N,)
 
     def select(self, keep: BoolArray | IntArray) -> Candidates:
-        """Return the candidates at a (N,) mask or list of indices."""
+        """Return the candidates at a (N,) mask or at indices."""
         return Candidates(self.boxes_xyxy_px[keep], self.scores[keep], self.class_ids[keep])
 
 
 class Decoder(Protocol):
-    """Turns the outputs of one run of a network into candidates."""
+    """Decodes the outputs of one run of a network."""
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold."""
@@ -41,40 +41,42 @@ class Decoder(Protocol):
 
 @dataclass(frozen=True)
 class AnchorDecoder:
-    """(cx, cy, w, h, [objectness,] class scores) for each of N anchors: YOLO 5 to 11, YOLOX."""
+    """Decodes (cx, cy, w, h, [objectness,] class scores) of N anchors: YOLO 5 to 11, YOLOX."""
 
-    anchors_last: bool  # (C, N), else (N, C)
+    anchors_last: bool  # the output is (C, N), else (N, C)
     objectness: bool  # the score is objectness * class score
-    normalized: bool  # fractions of the input, else pixels
-    raw_strides_px: tuple[int, ...] = ()  # YOLOX: boxes relative to the cells of these grids
+    normalized: bool  # boxes are fractions of the input, else pixels
+    cell_strides_px: tuple[int, ...] = ()  # YOLOX: boxes are relative to the cells of these grids
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold."""
         table = _float32(outputs[0])[0]
         channels = table if self.anchors_last else table.T
-        if self.objectness:  # no class score is above 1, so objectness alone excludes most anchors
+        if (
+            self.objectness
+        ):  # class scores are at most 1, so objectness alone excludes most anchors
             rows = np.flatnonzero(channels[4] >= score_threshold)
             class_scores = channels[5:, rows] * channels[4, rows]
         else:
             rows = np.flatnonzero(channels[4:].max(axis=0) >= score_threshold)
             class_scores = channels[4:, rows]
         boxes = channels[:4, rows]
-        if self.raw_strides_px:
+        if self.cell_strides_px:
             boxes = _from_cells(
-                boxes, *(g[..., rows] for g in cells(size_wh, self.raw_strides_px))
+                boxes, *(g[..., rows] for g in cells(size_wh, self.cell_strides_px))
             )
         best = _best_class(_xyxy_from_cxcywh(boxes.T), class_scores.T, score_threshold)
         return _in_pixels(best, size_wh, normalized=self.normalized)
 
 
 @dataclass(frozen=True)
-class EndToEndDecoder:
-    """One table of finished boxes, as YOLOv10 or YOLOv7 write it.
+class TableDecoder:
+    """Decodes one table of boxes after non-maximum suppression, as of YOLOv10 or YOLOv7.
 
-    Columns x1, y1, x2, y2, score, class; or image, x1, y1, x2, y2, class, score.
+    Its columns are x1, y1, x2, y2, score, class; or image, x1, y1, x2, y2, class, score.
     """
 
-    normalized: bool
+    normalized: bool  # boxes are fractions of the input, else pixels
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold."""
@@ -90,18 +92,18 @@ class EndToEndDecoder:
 
 
 @dataclass(frozen=True)
-class SplitDecoder:
-    """Finished boxes, labels and scores as outputs of their own, each at a place in the list."""
+class SeparateOutputsDecoder:
+    """Decodes boxes, labels and scores that are outputs of their own, given by their indices."""
 
     boxes: int  # (1, N, 4), x1 y1 x2 y2
     labels: int  # (1, N)
     scores: int  # (1, N)
-    count: int | None  # (1, 1): how many rows are meant
-    normalized: bool
+    count: int | None  # (1, 1), the number of valid rows; None: all are valid
+    normalized: bool  # boxes are fractions of the input, else pixels
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold."""
-        count = None if self.count is None else _count(outputs[self.count])
+        count = None if self.count is None else _num_valid_rows(outputs[self.count])
         found = Candidates(
             _float32(outputs[self.boxes]).reshape(-1, 4)[:count],
             _float32(outputs[self.scores]).reshape(-1)[:count],
@@ -113,13 +115,14 @@ class SplitDecoder:
 
 @dataclass(frozen=True)
 class LogitsDecoder:
-    """Class logits (1, N, C) and normalised boxes (1, N, 4), cx, cy, w, h: DETR's family."""
+    """Decodes the outputs of the DETR family, given by their indices."""
 
-    boxes: int
-    logits: int
+    boxes: int  # (1, N, 4), cx cy w h as fractions of the input
+    logits: int  # (1, N, C), of the classes
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold."""
+        # exp(80) is finite in float32, exp(90) is not.
         logits = np.clip(_float32(outputs[self.logits])[0], -80, 80)
         boxes = _xyxy_from_cxcywh(_float32(outputs[self.boxes])[0])
         best = _best_class(boxes, 1 / (1 + np.exp(-logits)), score_threshold)
@@ -128,7 +131,7 @@ class LogitsDecoder:
 
 @lru_cache(maxsize=8)
 def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Float32Array]:
-    """Return column and row (2, N) and stride (N,) of each cell of the grids, row by row."""
+    """Return column and row (2, N) and stride in pixels (N,) of all grid cells, row by row."""
     grids = [
         np.mgrid[: size_wh[1] // s, : size_wh[0] // s][::-1].reshape(2, -1) for s in strides_px
     ]
@@ -136,14 +139,14 @@ def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Flo
     return np.concatenate(grids, axis=1).astype(np.float32), strides.astype(np.float32)
 
 
-def _count(output: NDArray[Any]) -> int:
-    """Return the number that an output of one element gives; 0 when it is none."""
+def _num_valid_rows(output: NDArray[Any]) -> int:
+    """Return the row count in an output of one element; 0 where it is not finite."""
     number = float(output.reshape(-1)[0])
     return max(int(number), 0) if np.isfinite(number) else 0
 
 
 def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array) -> Float32Array:
-    """Return (4, N) cx, cy, w, h in pixels from centre offsets and log sizes in cells.
+    """Return (4, N) cx, cy, w, h in pixels, from center offsets and log sizes in cells.
 
     Ge et al., YOLOX: Exceeding YOLO Series in 2021.
     """

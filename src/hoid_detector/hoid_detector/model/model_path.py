@@ -1,8 +1,8 @@
-"""Where the detector's model comes from.
+"""Search for the detector's model file.
 
-In this order: what is asked for, the variable HOID_MODEL, `../shared/models` beside the
-workspace, the user's cache, a download into that cache. Models are named by path or by one of
-`known_models()`.
+It is looked for in this order: the requested one, the environment variable HOID_MODEL,
+`../shared/models` beside the workspace, the user's cache, a download into that cache. A model is
+given by its path or by one of `known_models()`.
 """
 
 from __future__ import annotations
@@ -17,21 +17,22 @@ from typing import NamedTuple
 
 from hoid_common.errors import ModelError, NoModelError
 
-SYNTHETIC = 'synthetic'  # the project's own model, for its rendered scenes
+SYNTHETIC = 'synthetic'
+"""Name of the synthetic detector, which is trained on rendered scenes; no robot installs it."""
 
 _LOG = logging.getLogger(__name__)
 _ENVIRONMENT = 'HOID_MODEL'
-_TIMEOUT_S = 20.0
-_WORKSPACE_MARK = 'colcon.meta'
-_OWN_MODELS = 'lab/models'  # trained on rendered rooms; no robot installs it
+_TIMEOUT_S = 20.0  # chosen: of connecting and of each read
+_WORKSPACE_MARK = 'colcon.meta'  # file in the root folder of the workspace
+_SYNTHETIC_FOLDER = 'lab/models'
 
 
 class _KnownModel(NamedTuple):
     sha256: str
-    url: str  # empty where the licence of the weights is not permissive: never downloaded
+    url: str  # empty: never downloaded, as the license of the weights is not permissive
 
 
-# YOLOX-nano stands first: 8 ms an image on two cores keeps up with a camera, YOLOv8n takes 50.
+# The default comes first (decision 025): on two cores YOLOX-nano takes 8 ms an image, YOLOv8n 50.
 _KNOWN = {
     'yolox_nano': _KnownModel(
         '695e750a5d5754bb5a8d5325643b59282191a7e7a564e435a415fd3c578eab14',
@@ -44,16 +45,16 @@ _KNOWN = {
 
 
 def known_models() -> tuple[str, ...]:
-    """Return the names that stand for models: the synthetic one is in the source tree only."""
+    """Return the names of known models; the synthetic detector is in the source tree only."""
     return (SYNTHETIC, *_KNOWN)
 
 
 def find_model(requested: str | None = None) -> Path:
-    """Return the ONNX file to use; an empty request is none.
+    """Return the ONNX file of the requested model, or of the default one without a request.
 
     Raises:
-        ModelError: what was asked for does not exist.
-        NoModelError: nothing was asked for, and none is found.
+        ModelError: The requested model does not exist.
+        NoModelError: No model is requested, and none is found.
     """
     if requested:
         return _named(requested, 'detector model')
@@ -76,14 +77,18 @@ def _named(name: str, origin: str) -> Path:
     if name in _KNOWN and _KNOWN[name].url:
         return _downloaded(name)
     known = ', '.join(known_models())
-    raise ModelError(f'{origin} {name} does not exist: give the path of an ONNX file, or {known}')
+    raise ModelError(
+        f'{origin} {name} does not exist: give the path of an ONNX file, or one of {known}'
+    )
 
 
 def _folders() -> list[Path]:
-    """Return the folders in which models lie, `../shared/models` of the workspace first."""
+    """Return the folders to search, `../shared/models` beside the workspace first."""
     here = Path(__file__).resolve()
     root = next((f for f in here.parents if (f / _WORKSPACE_MARK).is_file()), None)
-    in_workspace = [] if root is None else [root.parent / 'shared' / 'models', root / _OWN_MODELS]
+    in_workspace = (
+        [] if root is None else [root.parent / 'shared' / 'models', root / _SYNTHETIC_FOLDER]
+    )
     return [*in_workspace, _cache()]
 
 
@@ -108,7 +113,7 @@ def _downloaded(name: str) -> Path:
     except (urllib.error.URLError, OSError) as error:
         partial.unlink(missing_ok=True)
         raise NoModelError(
-            f'no detector model here, and {model.url} cannot be had ({error}): give --detector '
-            f'MODEL.onnx, set {_ENVIRONMENT}, or use --filter motion, which needs none'
+            f'no detector model found, and {model.url} cannot be downloaded ({error}): give '
+            f'--detector MODEL.onnx, set {_ENVIRONMENT}, or use --filter motion, which needs none'
         ) from error
     return target

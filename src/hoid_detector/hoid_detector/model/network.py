@@ -1,4 +1,4 @@
-"""An ONNX model in onnxruntime: where it runs, what goes in, what comes out."""
+"""Inference of an ONNX model by onnxruntime."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from hoid_common.errors import ConfigError, ModelError
 
-_MAX_SIDE_PX = 4096  # of the input; larger ones take seconds and gigabytes
-_PROVIDERS = {  # in the order in which they are tried when none is asked for
+_MAX_SIDE_PX = 4096  # chosen: larger inputs take seconds and gigabytes
+_PROVIDERS = {  # in the order in which they are tried by default
     'tensorrt': 'TensorrtExecutionProvider',
     'cuda': 'CUDAExecutionProvider',
     'openvino': 'OpenVINOExecutionProvider',
@@ -36,21 +36,21 @@ _ORT_ERRORS = (
     ort_errors.NoSuchFile,
     ort_errors.NotImplemented,
     ort_errors.RuntimeException,
-    UnicodeDecodeError,  # of a damaged name, or of what is said of it
+    UnicodeDecodeError,  # raised for a damaged name in the model
 )
 
 
 class Network:
-    """A model with one image input (1, 3, H, W) and, for some, the size of the image.
+    """Model with one image input (1, 3, H, W), and in some a second input for the image size.
 
     Args:
-        path: of the ONNX file.
-        providers: short names in order of preference; empty takes the best that is installed.
-        threads: of the CPU; 0 takes one per core.
+        path: ONNX file.
+        providers: Short names in order of preference; empty takes the best installed one.
+        threads: Number of CPU threads; 0 takes one per core.
 
     Raises:
-        ModelError: the file is missing, no ONNX model, or its inputs are none of a detector's.
-        ConfigError: a provider of that name does not exist.
+        ModelError: The file is missing or no ONNX model, or it has other inputs than a detector.
+        ConfigError: A provider is unknown.
     """
 
     def __init__(self, path: Path, providers: Sequence[str], threads: int) -> None:
@@ -59,7 +59,7 @@ class Network:
         installed = ort.get_available_providers()
         usable = [name for name in asked if name in installed]
         order = list(dict.fromkeys([*usable, _PROVIDERS['cpu']]))
-        with _refusing(f'{path} is no usable ONNX model'):
+        with _model_errors(f'{path} is no usable ONNX model'):
             self._session = _open(path, order, threads)
             self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
             self.output_names = tuple(output.name for output in self._session.get_outputs())
@@ -73,14 +73,14 @@ class Network:
         fixed = isinstance(height, int) and isinstance(width, int) and min(height, width) > 0
         if fixed and max(height, width) > _MAX_SIDE_PX:
             raise ModelError(
-                f'{path}: takes images of {width}x{height} px, more than {_MAX_SIDE_PX} a side'
+                f'{path}: has an input of {width}x{height} px, more than {_MAX_SIDE_PX} a side'
             )
         self.size_wh: tuple[int, int] | None = (width, height) if fixed else None  # None: any size
 
     def run(self, blob: NDArray[np.floating[Any]]) -> list[NDArray[Any]]:
-        """Return the outputs for an input (1, 3, H, W); raises ModelError where it fails."""
+        """Return the outputs for an input (1, 3, H, W); raise ModelError if inference fails."""
         size = 'x'.join(map(str, blob.shape))
-        with _refusing(f'{self.path}: fails on input {size}'):
+        with _model_errors(f'{self.path}: inference fails on input {size}'):
             feeds: dict[str, NDArray[Any]] = {self._image.name: blob}
             if self._size_input is not None:
                 size_wh = np.array([blob.shape[:1:-1]])
@@ -113,28 +113,26 @@ def _open(path: Path, providers: list[str], threads: int) -> ort.InferenceSessio
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    # Spinning threads would take the cores from the tracker while the network waits for an image.
+    # Threads that spin while the network waits for an image would take cores from the tracker.
     options.add_session_config_entry('session.intra_op.allow_spinning', '0')
     return ort.InferenceSession(str(path), options, providers=providers)
 
 
 def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort.NodeArg | None]:
-    """Return the image input and, where there is one, the input for the image's size."""
+    """Return the image input, and the input for the image size if there is one."""
     images = [i for i in inputs if len(i.shape) == 4 and i.shape[1] == 3 and i.type in _DTYPES]
     sizes = [
         i for i in inputs if len(i.shape) == 2 and i.type in ('tensor(int64)', 'tensor(int32)')
     ]
     if len(images) != 1 or len(images) + len(sizes) != len(inputs) or len(sizes) > 1:
         found = ', '.join(f'{i.name} {i.type} {i.shape}' for i in inputs)
-        raise ModelError(
-            f'{path}: input is no image (1, 3, height, width) of floats: found {found}'
-        )
+        raise ModelError(f'{path}: has no single float input (1, 3, height, width), but {found}')
     return images[0], sizes[0] if sizes else None
 
 
 @contextmanager
-def _refusing(what: str) -> Iterator[None]:
-    """Raise ModelError, which begins with `what`, for what onnxruntime refuses."""
+def _model_errors(what: str) -> Iterator[None]:
+    """Turn errors of onnxruntime into a ModelError of one line that begins with `what`."""
     try:
         yield
     except _ORT_ERRORS as error:

@@ -19,7 +19,6 @@ from hoid_common.values import (
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.extraction.pyramid import Corners, Int32Array, build_pyramid, find_corners
 from hoid_native import (
-    depths_off_edges_m,
     orb_descriptors,
     orientations_deg,
     spread_evenly,
@@ -115,14 +114,12 @@ class OrbExtractor:
                 1
             )
             peak_px[entering] = uv_px[entering]
-        nearest_px = np.rint(peak_px).astype(np.int32)
-        edge_radius_px = int(self._config.edge_radius * depth_m.shape[1])
+        column, row = np.rint(peak_px).astype(np.int32).T
+        reading_m = depth_m[row, column]
         return Features(
             stamp_ns=stamp_ns,
             uv_px=peak_px,
-            depth_m=depths_off_edges_m(
-                depth_m, nearest_px, edge_radius_px, self._config.edge_step
-            ),
+            depth_m=np.where((reading_m > 0) & np.isfinite(reading_m), reading_m, np.float32(0)),
             octave=octave,
             angle_deg=angle_deg,
             response=corners.score[chosen].astype(np.float32),

@@ -1,4 +1,4 @@
-"""Which objects people handle, with hysteresis, memory and chains of objects."""
+"""Which objects people handle, with hysteresis and memory."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Interactions:
     """The interaction of each of N tracks with people."""
 
     reasons: tuple[Reason, ...]  # N
-    overlap_ratios: FloatArray  # (N,), with the person (or handled object) that covers most
+    overlap_ratios: FloatArray  # (N,), with the person who covers most
     depth_gaps_m: FloatArray  # (N,), to the same; NaN = unknown
 
 
@@ -59,11 +59,7 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
     is_near = ~((behind_m > config.depth_limit_m) | (behind_m < -plus.reach_m))
     touches = (overlap > min_overlap[:, None]) & is_near & can_be_handled[:, None]
     is_handled = np.asarray((touches & is_person).any(axis=1))
-    is_mover = is_person
-    if plus.chains:
-        is_handled = _spread(is_handled, touches & ~(gap_m > config.depth_limit_m))
-        is_mover = is_person | is_handled
-    score = np.where(is_mover & ~np.eye(num, dtype=np.bool_), overlap + touches, -1.0)
+    score = np.where(is_person & ~np.eye(num, dtype=np.bool_), overlap + touches, -1.0)
     partner = score.argmax(axis=1) if num else np.empty(0, np.int64)
     has_no_partner = (score.max(axis=1, initial=-1.0) < 0) | is_person
     index = np.arange(num)
@@ -72,15 +68,6 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
         np.where(has_no_partner, 0.0, overlap[index, partner]),
         np.where(has_no_partner, np.nan, gap_m[index, partner]),
     )
-
-
-def _spread(is_handled: BoolArray, touches: BoolArray) -> BoolArray:
-    """Return the (N,) flags of objects that touch a handled one, directly or through others."""
-    while True:
-        spread = is_handled | (touches & is_handled).any(axis=1)
-        if np.array_equal(spread, is_handled):
-            return is_handled
-        is_handled = spread
 
 
 def _reasons(

@@ -35,26 +35,6 @@ auto box_center_depths_m(const ImageArray<float>& depth_m, const BoxArray& boxes
   return give(std::move(median_m));
 }
 
-auto depths_off_edges_m(
-  const ImageArray<float>& depth_m, const Array<int32_t, -1, 2>& pixels_xy, int radius_px,
-  double step)
-{
-  const int width = depth_m.size(1), height = depth_m.size(0);
-  bool inside = true;
-  for (int n = 0; n < pixels_xy.size(); ++n) {
-    const int x = pixels_xy.data()[2 * n], y = pixels_xy.data()[2 * n + 1];
-    inside &= (x >= 0) & (x < width) & (y >= 0) & (y < height);
-  }
-  require_inside("pixels", inside, width, height);
-  const int radius = std::clamp(radius_px, 0, std::max(width, height));
-  std::vector<float> reading_m(pixels_xy.size());
-  unlocked([&] {
-    masks::depths_off_edges(
-      view(depth_m), pixels_xy.data(), pixels_xy.size(), radius, step, reading_m.data());
-  });
-  return give(std::move(reading_m));
-}
-
 auto person_depths_m(
   const ImageArray<float>& depth_m, const BoxArray& boxes, const RealArray<-1>& known_m)
 {
@@ -128,21 +108,6 @@ Args:
 
 Raises:
     ValueError: The image is empty, a box is not finite, or the side is less than 1.)");
-  module.def(
-    "depths_off_edges_m", &depths_off_edges_m, "depth_m"_a, "pixels_xy"_a, "radius_px"_a, "step"_a,
-    R"(
-Return the (N,) float32 depths (m) at pixels; 0 without a reading or near a depth edge.
-
-Beside an edge a depth camera may measure the surface on the other side (docs/decisions/007).
-
-Args:
-    depth_m: (H, W) float32; 0 or NaN = no reading.
-    pixels_xy: (N, 2) int32 x, y.
-    radius_px: half side of the square around a pixel that must be free of edges; 0: no test.
-    step: the depths in the square differ by more than this share of the pixel's depth at an edge.
-
-Raises:
-    ValueError: A pixel is not in the image.)");
   module.def("person_depths_m", &person_depths_m, "depth_m"_a, "boxes_xyxy_px"_a, "known_m"_a, R"(
 Return the (N,) depths (m) of the people in boxes; NaN without a reading.
 

@@ -85,27 +85,4 @@ void box_center_depths(
   }
 }
 
-void depths_off_edges(
-  const Image<float>& depth_m, const int32_t* pixels_xy, int count, int radius_px, double step,
-  float* depth_m_out)
-{
-  const int width = depth_m.width, height = depth_m.height;
-  for (int n = 0; n < count; ++n) {
-    const int x = pixels_xy[2 * n], y = pixels_xy[2 * n + 1];
-    const float reading = depth_m.row(y)[x];
-    const int left = std::max(x - radius_px, 0), right = std::min(x + radius_px, width - 1);
-    const int top = std::max(y - radius_px, 0), bottom = std::min(y + radius_px, height - 1);
-    float nearest = reading, farthest = reading;
-    for (int v = top; v <= bottom; ++v) {
-      const float* row = depth_m.row(v);
-      for (int u = left; u <= right; ++u) {
-        nearest = row[u] > 0 && row[u] < nearest ? row[u] : nearest;
-        farthest = row[u] > farthest ? row[u] : farthest;
-      }
-    }
-    const bool is_reliable = reading > 0 && farthest - nearest <= step * reading;
-    depth_m_out[n] = is_reliable ? reading : 0.0F;
-  }
-}
-
 }  // namespace hoid::masks

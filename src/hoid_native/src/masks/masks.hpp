@@ -53,13 +53,6 @@ ClassifiedBoxes classify_boxes(
 void box_center_depths(
   const Image<float>& depth_m, const Boxes& boxes, int side_px, double* median_m_out);
 
-// Write the depth (m) at each pixel (x, y); 0 without a reading or near a depth edge. An edge is
-// near if the depths in the square around the pixel differ by more than `step` times its own
-// depth.
-void depths_off_edges(
-  const Image<float>& depth_m, const int32_t* pixels_xy, int count, int radius_px, double step,
-  float* depth_m_out);
-
 // Write the depth (m) of the person in each box, NaN without a reading. `known_m` is the person's
 // depth in an earlier image, NaN = unknown.
 void person_depths(

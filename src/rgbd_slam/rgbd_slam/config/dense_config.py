@@ -47,7 +47,7 @@ class GridConfig(Config):
         minimum=0.0,
         maximum=3.0,
         read_only=False,
-        expert=True,
+        internal=True,
     )
     obstacle_margin_m: float = param(
         0.0,  # chosen: Nav2 inflates obstacles itself
@@ -56,7 +56,7 @@ class GridConfig(Config):
         minimum=0.0,
         maximum=1.0,
         read_only=False,
-        expert=True,
+        internal=True,
     )
     min_obstacle_points: int = param(
         1,  # chosen: a voxel has already been confirmed by `dense.min_views` images
@@ -64,7 +64,7 @@ class GridConfig(Config):
         'noise and thin obstacles.',
         minimum=1,
         read_only=False,
-        expert=True,
+        internal=True,
     )
 
     file_mode: str = param(
@@ -123,14 +123,7 @@ class DenseConfig(Config):
         'step saves time and leaves holes in distant surfaces.',
         minimum=1,
         maximum=8,
-        expert=True,
-    )
-    min_views: int = param(
-        3,  # not tuned
-        'Number of images that must agree before a voxel is published. A larger number removes '
-        'noise and passers-by, and shows surfaces later.',
-        minimum=1,
-        expert=True,
+        internal=True,
     )
     max_voxels: int = param(
         3_000_000,  # chosen, to bound the memory of the scene process
@@ -164,3 +157,6 @@ class DenseConfig(Config):
     carve_margin_m: ClassVar[float] = 0.05
     # Not tuned: share of the images looking at a voxel that must have measured a surface there.
     min_hit_share: ClassVar[float] = 0.5
+    # Number of images that must agree before a voxel is published. A larger number removes noise
+    # and passers-by, and shows surfaces later (not tuned).
+    min_views: ClassVar[int] = 3

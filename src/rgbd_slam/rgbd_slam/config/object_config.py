@@ -30,33 +30,26 @@ class ObjectTrackerConfig(Config):
         read_only=False,
         expert=True,
     )
-    reach_m: float = param(
-        1.0,  # chosen: the reach of an arm and a step
-        'Distance over the floor up to which a person can handle an object (m). A larger value '
-        'marks more objects near people as handled.',
-        minimum=0.1,
-        expert=True,
-    )
     rest_s: float = param(
         0.8,
         'Time for which an object must be seen at one place before it counts as at rest (s). A '
         'longer time marks objects as at rest later, and more reliably.',
         minimum=0.0,
-        expert=True,
+        internal=True,
     )
     min_sightings: int = param(
         3,
         'Number of sightings before a track is published. A larger number suppresses false '
         'detections and delays new tracks.',
         minimum=1,
-        expert=True,
+        internal=True,
     )
     max_objects: int = param(
         200,  # chosen, to bound the memory
         'Largest number of tracks; beyond it the ones unseen for longest are removed. A '
         'larger number takes more memory and time.',
         minimum=1,
-        expert=True,
+        internal=True,
     )
 
     gate_m: ClassVar[float] = 0.7  # a sighting farther from a track starts a new track
@@ -68,3 +61,6 @@ class ObjectTrackerConfig(Config):
     # Time for which an object that was carried out of sight is recognized when it is put down.
     forget_taken_s: ClassVar[float] = 60.0
     moved_m: ClassVar[float] = 0.12  # displacement from which an object counts as moved
+    # Distance over the floor up to which a person can handle an object (m). A larger value marks
+    # more objects near people as handled (chosen: the reach of an arm and a step).
+    reach_m: ClassVar[float] = 1.0

@@ -17,24 +17,28 @@ class IndexConfig(Config):
         'Number of hash tables. More tables find more matches and take more time and memory.',
         minimum=1,
         maximum=16,
+        internal=True,
     )
     key_bits: int = param(
         20,  # places_and_loops.md, as above
         'Number of descriptor bits in a hash key. Longer keys find fewer and better matches.',
         minimum=8,
         maximum=30,
+        internal=True,
     )
     max_features: int = param(
         400,  # not tuned
         'Number of features of a keyframe that are indexed and looked up. A larger number '
         'recognizes more places and takes more time.',
         minimum=50,
+        internal=True,
     )
     max_bucket: int = param(
         200,  # not tuned
         'Number of descriptors with one key beyond which the key is ignored as too common. A '
         'larger number finds repeated textures and takes more time.',
         minimum=8,
+        internal=True,
     )
 
     # Not tuned; ORB-SLAM3's strict limit is 50 (ORBmatcher.cc, TH_LOW).
@@ -51,16 +55,14 @@ class AlignmentConfig(Config):
         'wrong matches and takes more time.',
         minimum=10,
         maximum=5000,
-    )
-    min_inliers: int = param(
-        15,  # not tuned
-        'Number of matches that must agree with a pose. A larger number accepts fewer wrong poses '
-        'and fails more often.',
-        minimum=6,
+        internal=True,
     )
 
     # Not tuned; the 95 % limit of the chi-square table is 2.4 px at a noise of 1 px.
     max_error_px: ClassVar[float] = 4.0  # reprojection error of an inlier in octave 0
+    # Number of matches that must agree with a pose. A larger number accepts fewer wrong poses
+    # and fails more often (not tuned).
+    min_inliers: ClassVar[int] = 15
 
 
 @dataclass(frozen=True)
@@ -71,33 +73,6 @@ class VerificationConfig(Config):
     of docs/results/places_and_loops.md, one with repeated identical furniture among them.
     """
 
-    neighbours: int = param(
-        6,
-        'Number of keyframes around the candidate whose points are matched as well. A larger '
-        'number finds places seen from farther away and takes more time.',
-        minimum=0,
-    )
-    ratio: float = param(
-        0.85,
-        'Largest ratio of the best to the second best descriptor distance of a match with a '
-        'candidate place, as a share. A larger ratio gives more matches, of which more are wrong.',
-        minimum=0.1,
-        maximum=1.0,
-    )
-    min_inliers: int = param(
-        40,
-        'Number of map points that must be found at a recognized place. A larger number rejects '
-        'more false places and more true ones.',
-        minimum=10,
-    )
-    min_found_share: float = param(
-        0.5,
-        'Share of the points expected in view that must be found, which tells a place from '
-        'another one with identical furniture. A larger share rejects more false places and more '
-        'true ones.',
-        minimum=0.0,
-        maximum=1.0,
-    )
     alignment: AlignmentConfig = section(AlignmentConfig)
 
     max_candidates: ClassVar[int] = 3  # places that are verified for one image
@@ -107,6 +82,18 @@ class VerificationConfig(Config):
     max_contradicted_share: ClassVar[float] = 0.1
     # A second place may have at most this share of the points found at the best place.
     max_rival_share: ClassVar[float] = 0.6
+    # Number of keyframes around the candidate whose points are matched as well. A larger number
+    # finds places seen from farther away and takes more time.
+    neighbours: ClassVar[int] = 6
+    # Largest ratio of the best to the second best descriptor distance of a match with a
+    # candidate place, as a share.
+    ratio: ClassVar[float] = 0.85
+    # Number of map points that must be found at a recognized place. A larger number rejects more
+    # false places and more true ones.
+    min_inliers: ClassVar[int] = 40
+    # Share of the points expected in view that must be found, which tells a place from another
+    # one with identical furniture.
+    min_found_share: ClassVar[float] = 0.5
 
 
 @dataclass(frozen=True)
@@ -122,6 +109,7 @@ class LoopConfig(Config):
         'Length of a loop from which the whole map is adjusted even if its ends already fit (m). '
         'With a longer one, fewer loops are adjusted, and drift inside them may stay.',
         minimum=0.0,
+        internal=True,
     )
 
     # Not tuned, except where another source is named.

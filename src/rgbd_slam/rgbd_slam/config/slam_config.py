@@ -14,13 +14,6 @@ from rgbd_slam.config.place_config import AlignmentConfig, PlaceConfig
 class CameraConfig(Config):
     """The model of the camera and its features in tracking and mapping."""
 
-    baseline_m: float = param(
-        0.075,  # a Kinect's distance of projector and camera (0.077 in ORB-SLAM3's TUM1.yaml)
-        'Baseline of the virtual stereo camera that stands for the depth camera (m). It is the '
-        'distance of projector and camera; with a larger one, near depth weighs more.',
-        minimum=0.001,
-        maximum=1.0,
-    )
     disparity_noise_px: float = param(
         0.3,  # decision 003: 0.07 px in rendered images to 0.6 px in fr1_xyz
         'Standard deviation of a depth reading as a disparity of the virtual stereo camera '
@@ -39,6 +32,7 @@ class CameraConfig(Config):
         default=False,  # decision 021: the rule of ORB-SLAM3
         description='Gives u_right the noise of u and v and applies one robust kernel to all '
         'three, as ORB-SLAM3 does. When it is off, depth has its own noise and kernel.',
+        internal=True,
     )
     rolling_shutter: bool = param(
         default=True,  # decision 033; ablation: fr1_xyz by `motion` 0.0098 m without it, 0.0066 m
@@ -51,6 +45,7 @@ class CameraConfig(Config):
         'number creates more points, of which the far ones are noisy.',
         minimum=1.0,
         maximum=1000.0,
+        internal=True,
     )
     scale_factor: float = param(
         1.2,  # as extraction.scale_factor of the filter
@@ -65,6 +60,10 @@ class CameraConfig(Config):
         minimum=1,
         maximum=16,
     )
+
+    # Baseline of the virtual stereo camera that stands for the depth camera (m) (a Kinect's
+    # distance of projector and camera (0.077 in ORB-SLAM3's TUM1.yaml)).
+    baseline_m: ClassVar[float] = 0.075
 
     @property
     def close_limit_m(self) -> float:
@@ -82,6 +81,7 @@ class TrackingConfig(Config):
         'number widens it more often, which takes time.',
         minimum=4,
         maximum=1000,
+        internal=True,
     )
     few_points: int = param(
         100,  # ORB-SLAM3 adds depth readings to as many (Tracking.cc, UpdateLastFrame)
@@ -89,13 +89,7 @@ class TrackingConfig(Config):
         'well. A larger number uses them more often, where a moving object may be among them.',
         minimum=0,
         maximum=5000,
-    )
-    min_inliers: int = param(
-        30,  # ORB-SLAM3, Tracking.cc, TrackLocalMap
-        'Number of inliers below which a frame is not tracked. A larger number gives up earlier, '
-        'a smaller one accepts worse poses.',
-        minimum=4,
-        maximum=1000,
+        internal=True,
     )
     convincing_share: float = param(
         0.5,  # not tuned
@@ -104,6 +98,7 @@ class TrackingConfig(Config):
         'often, which takes time.',
         minimum=0.0,
         maximum=1.0,
+        internal=True,
     )
     max_local_keyframes: int = param(
         24,  # chosen: ORB-SLAM3 has 80, which takes longer
@@ -111,6 +106,7 @@ class TrackingConfig(Config):
         'points and takes more time.',
         minimum=2,
         maximum=500,
+        internal=True,
     )
     reference_max_hamming: int = param(
         60,  # not tuned; ORB-SLAM3 has 50 (ORBmatcher.cc, TH_LOW)
@@ -118,6 +114,7 @@ class TrackingConfig(Config):
         'gives more matches, of which more are wrong.',
         minimum=1,
         maximum=256,
+        internal=True,
     )
     reference_ratio: float = param(
         0.8,  # not tuned; ORB-SLAM3 has 0.7 (Tracking.cc, TrackReferenceKeyFrame)
@@ -126,6 +123,7 @@ class TrackingConfig(Config):
         'wrong.',
         minimum=0.1,
         maximum=1.0,
+        internal=True,
     )
     max_speed_mps: float = param(
         3.0,  # chosen: twice the speed of walking
@@ -156,6 +154,9 @@ class TrackingConfig(Config):
     reference_within_s: ClassVar[float] = 0.4
     jump_m: ClassVar[float] = 0.1
     jump_deg: ClassVar[float] = 10.0
+    # Number of inliers below which a frame is not tracked. A larger number gives up earlier, a
+    # smaller one accepts worse poses (ORB-SLAM3, Tracking.cc, TrackLocalMap).
+    min_inliers: ClassVar[int] = 30
 
 
 @dataclass(frozen=True)
@@ -176,6 +177,7 @@ class KeyframeConfig(Config):
         'keyframe. A larger number makes more keyframes.',
         minimum=0,
         maximum=5000,
+        internal=True,
     )
     min_gap_s: float = param(
         0.2,  # not tuned; ORB-SLAM3 has 0
@@ -192,6 +194,7 @@ class KeyframeConfig(Config):
         minimum=0.0,
         maximum=1.0,
         read_only=False,
+        internal=True,
     )
     fallen_share: float = param(
         0.6,  # not tuned
@@ -201,6 +204,7 @@ class KeyframeConfig(Config):
         minimum=0.0,
         maximum=1.0,
         read_only=False,
+        internal=True,
     )
     skip_known_views: bool = param(
         default=True,  # decision 004: 136 passes over one path make 43 keyframes instead of 39
@@ -211,6 +215,7 @@ class KeyframeConfig(Config):
         default=False,  # decision 021: the rule of ORB-SLAM3
         description='Stores the outliers of the pose in the keyframe as well and leaves their '
         'rejection to bundle adjustment, as ORB-SLAM3 does.',
+        internal=True,
     )
     min_new_points: int = param(
         400,  # not tuned; ORB-SLAM3 has 100 (Tracking.cc, CreateNewKeyFrame)
@@ -218,6 +223,7 @@ class KeyframeConfig(Config):
         'camera.close_baselines. A larger number makes a denser map with more distant points.',
         minimum=0,
         maximum=5000,
+        internal=True,
     )
 
     # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: so many near features without a point are many.
@@ -234,6 +240,7 @@ class TriangulationConfig(Config):
         'number creates more points and takes more time.',
         minimum=0,
         maximum=50,
+        internal=True,
     )
     min_baseline_m: float = param(
         0.03,  # not tuned; ORB-SLAM3 asks for a stereo baseline
@@ -241,6 +248,7 @@ class TriangulationConfig(Config):
         'more pairs, whose points would be inaccurate.',
         minimum=0.0,
         maximum=10.0,
+        internal=True,
     )
     min_parallax_deg: float = param(
         0.6,  # not tuned; ORB-SLAM3 asks for 1.15 degrees (cosine of 0.9998)
@@ -248,6 +256,7 @@ class TriangulationConfig(Config):
         'fewer and more accurate points.',
         minimum=0.01,
         maximum=30.0,
+        internal=True,
     )
     ratio: float = param(
         0.9,  # not tuned; ORB-SLAM3 has 0.6 (LocalMapping.cc, CreateNewMapPoints)
@@ -255,6 +264,7 @@ class TriangulationConfig(Config):
         'triangulated, as a share. A larger ratio gives more points, of which more are wrong.',
         minimum=0.1,
         maximum=1.0,
+        internal=True,
     )
 
     min_depth_m: ClassVar[float] = 0.4  # the shortest range of depth cameras (decision 009)
@@ -265,19 +275,13 @@ class TriangulationConfig(Config):
 class MappingConfig(Config):
     """Local mapping: what follows the insertion of a keyframe."""
 
-    neighbours: int = param(
-        10,  # ORB-SLAM3, LocalMapping.cc, SearchInNeighbors
-        "Number of keyframes with which a keyframe's points are fused. A larger number finds more "
-        'duplicates and takes more time.',
-        minimum=1,
-        maximum=100,
-    )
     window: int = param(
         8,  # chosen: ORB-SLAM3 moves all covisible keyframes, which takes longer
         'Number of keyframes that local bundle adjustment moves. A larger number spreads '
         'corrections over more keyframes and takes more time.',
         minimum=2,
         maximum=100,
+        internal=True,
     )
     fixed_window: int = param(
         12,  # chosen: ORB-SLAM3 takes all keyframes that see the points
@@ -285,6 +289,7 @@ class MappingConfig(Config):
         'ties the window to more of the map and takes more time.',
         minimum=1,
         maximum=200,
+        internal=True,
     )
     rounds: int = param(
         2,  # not tuned; ORB-SLAM3 has one
@@ -292,6 +297,7 @@ class MappingConfig(Config):
         'next one. A larger number rejects outliers better and takes more time.',
         minimum=1,
         maximum=5,
+        internal=True,
     )
     iterations: int = param(
         5,  # ORB-SLAM's first round (Optimizer.cc); ORB-SLAM3 has ten in one round
@@ -299,6 +305,7 @@ class MappingConfig(Config):
         'more time.',
         minimum=1,
         maximum=50,
+        internal=True,
     )
     redundant_share: float = param(
         0.8,  # not tuned; ORB-SLAM3 has 0.9 (LocalMapping.cc, KeyFrameCulling)
@@ -306,6 +313,7 @@ class MappingConfig(Config):
         'share keeps more keyframes.',
         minimum=0.5,
         maximum=1.0,
+        internal=True,
     )
     triangulation: TriangulationConfig = section(TriangulationConfig)
 
@@ -314,6 +322,9 @@ class MappingConfig(Config):
     # ORB-SLAM3, LocalMapping.cc, MapPointCulling: a new point is removed if it is found in less
     # than this share of the frames that should see it.
     min_found_ratio: ClassVar[float] = 0.25
+    # Number of keyframes with which a keyframe's points are fused. A larger number finds more
+    # duplicates and takes more time (ORB-SLAM3, LocalMapping.cc, SearchInNeighbors).
+    neighbours: ClassVar[int] = 10
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFile
 from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.ros.node_thread import NodeThread
-from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.dense_state import DenseState
+from rgbd_slam.scene.stored_view import StoredView
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.statistics import SlamStats
 

@@ -35,10 +35,10 @@ from rgbd_slam.map_io.map_directory import (
 )
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.ros.node_thread import NodeThread
-from rgbd_slam.ros.scene.link import SceneLink
+from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
-from rgbd_slam.scene.dense_mapper import StoredView
 from rgbd_slam.scene.dense_state import DenseState
+from rgbd_slam.scene.stored_view import StoredView
 from rgbd_slam.session import SlamSession
 
 T = TypeVar('T')
@@ -65,7 +65,7 @@ class MapServices:
         node: Node,
         config: SlamNodeConfig,
         session: Callable[[], SlamSession],
-        scene: SceneLink,
+        scene: SceneClient,
         diagnostics: Diagnostics,
     ) -> None:
         self._config = config
@@ -111,7 +111,7 @@ class MapServices:
         """Return the map, the uids of its keyframes, and a function that waits for the images."""
         robot_map = self._session().robot_map
         keyframes = robot_map.keyframes()
-        return robot_map.export(), keyframes.uids, self._scene.views(keyframes)
+        return robot_map.export(), keyframes.uids, self._scene.request_views(keyframes)
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL

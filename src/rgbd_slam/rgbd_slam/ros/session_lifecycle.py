@@ -22,7 +22,7 @@ from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.camera_info_check import CameraInfoCheck
 from rgbd_slam.ros.checkpoints import Checkpoints
-from rgbd_slam.ros.scene.link import SceneLink
+from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import Processed, SlamSession
 
 
@@ -45,7 +45,7 @@ class SessionLifecycle:
         node: Node,
         config: SlamNodeConfig,
         frames: StaticFrames,
-        scene: SceneLink,
+        scene: SceneClient,
         diagnostics: Diagnostics,
         publish_status: Callable[[SlamStatus, Header], None],
         wheel_motion: Callable[[int, int, str], FloatArray | None],
@@ -59,7 +59,7 @@ class SessionLifecycle:
         self._first_map: MapFile | None = None  # loaded into the next session
         self._is_reset = False  # a reset also discards the map to start with
         self.checkpoints = Checkpoints(
-            node, config, diagnostics, lambda: self.session, scene.small_views
+            node, config, diagnostics, lambda: self.session, scene.views
         )
 
     def require_session(self) -> SlamSession:
@@ -76,7 +76,7 @@ class SessionLifecycle:
         """Apply the parameters that may change at run time."""
         self._config = config
         if self.session is not None:
-            self.session.reconfigure(config, self._scene.fusion_scheduler())
+            self.session.reconfigure(config, self._scene.scene_scheduler())
 
     def update_camera(self, camera: CameraModel, header: Header) -> None:
         """Take a camera info; start the session once it is confirmed and the base is known."""
@@ -155,14 +155,14 @@ class SessionLifecycle:
             T_first_second = self._wheel_motion(first_ns, second_ns, base)
             return None if T_first_second is None else frames.camera_motion(T_first_second)
 
-        scheduler = self._scene.fusion_scheduler()
+        scheduler = self._scene.scene_scheduler()
         with exiting_without_mapper():
             session = SlamSession(
                 camera,
                 self._config,
                 frames,
                 background=True,
-                fusion_scheduler=scheduler,
+                scene_scheduler=scheduler,
                 wheels=camera_motion,
             )
         self._scene.start_map(camera)

@@ -1,4 +1,4 @@
 """The dense map, the navigation grid, and people and objects as tracks.
 
-Nothing here knows features, or imports ROS.
+Nothing in this folder uses features or imports ROS.
 """

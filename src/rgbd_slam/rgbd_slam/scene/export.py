@@ -1,4 +1,4 @@
-"""Write coloured clouds as PLY and PCD, and read back what was written as PLY."""
+"""Write colored clouds as PLY and PCD files, and read such PLY files."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def write_ply(path: Path, cloud: ColoredCloud) -> None:
 
 
 def read_ply(path: Path) -> ColoredCloud:
-    """Return the points of a PLY of this suite; those without colour are white.
+    """Return the points of a PLY file of this suite; points without color are white.
 
     Raises:
-        InputError: Not such a file, or cut off.
+        InputError: It is another kind of file, or truncated.
     """
     try:
         header, end, body = path.read_bytes().partition(b'end_header\n')
@@ -42,7 +42,10 @@ def read_ply(path: Path) -> ColoredCloud:
         raise InputError(f'{path}: not a PLY file of this suite')
     row = _PLY if b'property uchar red' in header else np.dtype([('xyz', '<f4', 3)])
     if len(body) != int(count[1]) * row.itemsize:
-        raise InputError(f'{path}: {len(body)} bytes of points, {int(count[1])} points were meant')
+        raise InputError(
+            f'{path}: has {len(body)} bytes of points, '
+            f'but its header announces {int(count[1])} points'
+        )
     rows = np.frombuffer(body, row)
     white = np.full((len(rows), 3), 255, np.uint8)
     return ColoredCloud(rows['xyz'].copy(), rows['rgb'][:, ::-1] if row is _PLY else white)
@@ -61,10 +64,10 @@ def write_pcd(path: Path, cloud: ColoredCloud) -> None:
 
 
 def packed_rgb(cloud: ColoredCloud) -> Float32Array:
-    """Return (N,) floats whose bits are 0x00RRGGBB, the `rgb` field of sensor_msgs/PointCloud2."""
+    """Return the (N,) colors as floats with the bits 0x00RRGGBB, as in sensor_msgs/PointCloud2."""
     bgr = cloud.colors_bgr.astype(np.uint32)
     return (bgr[:, 2] << 16 | bgr[:, 1] << 8 | bgr[:, 0]).view(np.float32)
 
 
 CLOUD_WRITERS = {'.ply': write_ply, '.pcd': write_pcd}
-"""By file name ending."""
+"""Functions that write a cloud, by file name extension."""

@@ -1,4 +1,4 @@
-"""Find the floor in a cloud: the lowest large plane that is level."""
+"""Finds the floor in a cloud: the lowest large level plane."""
 
 from __future__ import annotations
 
@@ -8,26 +8,29 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 
-_TRIALS = 300
-_THICKNESS_M = 0.03
-_MAX_TILT_RAD = np.deg2rad(20.0)
-_MAX_SHARE_BELOW = 0.03  # of all points; more than that under a plane, and it is a table
-_MIN_SHARE = 0.03  # of all points on the floor, less is not believed
-_MAX_POINTS = 6000
+_TRIALS = 300  # level planes that are compared; not tuned
+_SAMPLES_PER_TRIAL = 10  # triples of points per trial, because most planes are not level
+_THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `voxel_map.py`)
+_MAX_TILT_RAD = np.deg2rad(20.0)  # not tuned: without a base frame the map is only nearly level
+_MAX_SHARE_BELOW = 0.03  # of all points; a plane with more points below is a table; not tuned
+_MIN_SHARE = 0.03  # of all points that must lie on the floor; not tuned
+_MAX_POINTS = 6000  # chosen, to bound the time: all planes are compared with all points
+_MIN_POINTS = 100  # not tuned: fewer points show no floor
+_MIN_NORMAL_M2 = 1e-3  # twice the area of the smallest triangle that defines a plane: 5 cm2
 
 
 class Floor(NamedTuple):
-    """A level plane; `T_map_floor` has z up and its origin below the map's origin."""
+    """A plane in the map frame."""
 
-    T_map_floor: FloatArray  # (4, 4)
+    T_map_floor: FloatArray  # (4, 4); z along the normal, origin next to the map's origin
     num_points: int
 
     @property
     def T_map_ground(self) -> FloatArray:  # noqa: N802 - a transform's name
-        """Return (4, 4) to the map from its own x and y with the height above the plane as z.
+        """Return the affine (4, 4) to the map from its own x and y and the height above the plane.
 
-        Where the map is level and the plane all but so, this levels what stands on it; no rigid
-        motion, as x and y stay.
+        This removes a small slope of the floor in a level map frame. It keeps x and y, so that it
+        is no rigid motion.
         """
         T_ground_map = np.eye(4)
         normal = self.T_map_floor[:3, 2]
@@ -35,23 +38,25 @@ class Floor(NamedTuple):
         return np.asarray(np.linalg.inv(T_ground_map), np.float64)
 
     def height_m(self, x_m: float, y_m: float) -> float:
-        """Return z of the plane at a place in the map."""
+        """Return z of the plane at x and y, in the map frame."""
         normal, origin = self.T_map_floor[:3, 2], self.T_map_floor[:3, 3]
         return float((normal @ origin - normal[0] * x_m - normal[1] * y_m) / normal[2])
 
 
 def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | None:
-    """Return the floor of (N, 3) points, or None when nothing level and low enough is seen.
+    """Return the floor of points (N, 3), or None if no level plane has almost all points above it.
+
+    RANSAC (Fischler and Bolles, 1981) with a least-squares refit.
 
     Args:
-        up: (3,) unit vector, roughly against gravity.
-
-    Source: RANSAC (Fischler and Bolles, 1981) with a least-squares refit.
+        points_m: The points, in the map frame.
+        up: (3,) unit vector, approximately opposite to gravity.
+        seed: Of the random numbers, so that the same points always give the same floor.
     """
     rng = np.random.default_rng(seed)
     if len(points_m) > _MAX_POINTS:
         points_m = points_m[rng.choice(len(points_m), _MAX_POINTS, replace=False)]
-    if len(points_m) < 100:
+    if len(points_m) < _MIN_POINTS:
         return None
     normals, offsets = _sample_planes(points_m, up, rng)
     if len(normals) == 0:
@@ -71,10 +76,11 @@ def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | N
 def _sample_planes(
     points_m: FloatArray, up: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    triples = points_m[rng.integers(0, len(points_m), (_TRIALS * 10, 3))]
+    """Return the (M, 3) normals and (M,) offsets of level planes through three points each."""
+    triples = points_m[rng.integers(0, len(points_m), (_TRIALS * _SAMPLES_PER_TRIAL, 3))]
     normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     norm = np.linalg.norm(normals, axis=1)
-    good = norm > 1e-3  # triangles of more than a few square centimetres
+    good = norm > _MIN_NORMAL_M2
     normals = normals[good] / norm[good, None]
     normals *= np.sign(normals @ up)[:, None]
     level = np.flatnonzero(normals @ up > np.cos(_MAX_TILT_RAD))[:_TRIALS]
@@ -83,6 +89,7 @@ def _sample_planes(
 
 
 def _fit_plane(points_m: FloatArray, up: FloatArray) -> tuple[FloatArray, float]:
+    """Return the unit normal (3,) and the offset of the least-squares plane of points (N, 3)."""
     center = points_m.mean(0)
     _, _, vt = np.linalg.svd(points_m - center, full_matrices=False)
     normal = vt[2] * np.sign(vt[2] @ up)
@@ -90,7 +97,7 @@ def _fit_plane(points_m: FloatArray, up: FloatArray) -> tuple[FloatArray, float]
 
 
 def _frame_on(normal: FloatArray, offset: float) -> FloatArray:
-    """Return the frame with z along the normal and x as near to the map's x as can be."""
+    """Return T_map_plane (4, 4) with z along the normal and x close to the map's x."""
     x = np.array([1.0, 0, 0]) if abs(normal[0]) < 0.9 else np.array([0, 0, 1.0])
     x = x - (x @ normal) * normal
     x /= np.linalg.norm(x)

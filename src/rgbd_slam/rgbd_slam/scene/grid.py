@@ -1,4 +1,4 @@
-"""Occupancy grid for navigation, projected from the dense map."""
+"""The occupancy grid for navigation, a projection of the dense map onto the floor."""
 
 from __future__ import annotations
 
@@ -16,45 +16,45 @@ from hoid_common.values import BoolArray, ByteArray, FloatArray, IntArray
 from rgbd_slam.config.dense_config import FILE_MODES, GridConfig
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # nav_msgs/OccupancyGrid
-_STEP_M = 0.05  # between heights at which space is looked at: a seat's thickness
+_STEP_M = 0.05  # chosen: vertical step of the test for free space, the thickness of a seat
 _CORNERS = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], np.float64)
-_OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # as Nav2's map saver has them
+_OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # the defaults of Nav2's map saver
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """Cells over the floor; row 0 is at the smallest y, as in nav_msgs/OccupancyGrid.
 
-    They lie in a level frame: x and y along the floor, z above it.
+    The cells are in the level frame: x and y along the floor, z the height above it.
     """
 
     cells: NDArray[np.int8]  # (H, W): FREE, OCCUPIED or UNKNOWN
     resolution_m: float
-    T_map_level: FloatArray  # (4, 4), affine where the map itself is as good as level
-    low: tuple[int, int]  # column and row of cell (0, 0), counted from the level frame's origin
+    T_map_level: FloatArray  # (4, 4); affine if the level frame keeps the map's x and y
+    low: tuple[int, int]  # column and row of cell (0, 0) from the level frame's origin
 
     @property
     def origin_m(self) -> tuple[float, float]:
-        """Return x and y of the corner of cell (0, 0) in the level frame."""
+        """Return x and y of the outer corner of cell (0, 0) in the level frame."""
         return self.low[0] * self.resolution_m, self.low[1] * self.resolution_m
 
     @property
     def T_map_origin(self) -> FloatArray:  # noqa: N802 - a transform's name
-        """Return (4, 4) to the map from the corner of cell (0, 0)."""
+        """Return the pose (4, 4) of the outer corner of cell (0, 0) in the map frame."""
         T_level_origin = np.eye(4)
         T_level_origin[:2, 3] = self.origin_m
         return self.T_map_level @ T_level_origin
 
 
 class _Canvas(NamedTuple):
-    """Cells from `low` to `high`, both included, counted from the origin."""
+    """A range of cells from `low` to `high`, inclusive, counted from the level frame's origin."""
 
     low: FloatArray  # (2,) column, row
     high: FloatArray  # (2,)
     resolution_m: float
 
     def counts(self, xy_m: FloatArray) -> IntArray:
-        """Return (H, W) how many of (N, 2) points fall into each cell."""
+        """Return the (H, W) number of points (N, 2) in each cell."""
         width, height = (self.high - self.low).astype(np.int64) + 1
         col, row = (np.floor(xy_m / self.resolution_m) - self.low).astype(np.int64).T
         inside = (col >= 0) & (row >= 0) & (col < width) & (row < height)
@@ -66,17 +66,16 @@ def project_grid(
     points_m: FloatArray,
     T_map_level: FloatArray,
     config: GridConfig,
-    doubtful_m: FloatArray = np.empty((0, 3)),  # noqa: B008 - is never changed
+    unconfirmed_m: FloatArray = np.empty((0, 3)),  # noqa: B008 - is never changed
 ) -> Grid:
-    """Return the grid of (N, 3) map points over the floor.
+    """Return the grid of points (N, 3) in the map frame.
 
-    A cell is occupied when enough points stand between the height limits over it. It is free when
-    floor is seen and nothing else, not even one of the (M, 3) doubtful points. In the level frame
-    the floor is at z = 0.
+    A cell is occupied if enough points are above it, between the limits of height. It is free if
+    only points of the floor are there, and not even one unconfirmed point (M, 3) above it.
     """
     T_level_map = np.asarray(np.linalg.inv(T_map_level), np.float64)
-    p, doubtful = (se3.transform(T_level_map, x) for x in (points_m, doubtful_m))
-    p, doubtful = (x[x[:, 2] < config.max_height_m] for x in (p, doubtful))
+    p, unconfirmed = (se3.transform(T_level_map, x) for x in (points_m, unconfirmed_m))
+    p, unconfirmed = (x[x[:, 2] < config.max_height_m] for x in (p, unconfirmed))
     if len(p) == 0:
         return Grid(np.empty((0, 0), np.int8), config.resolution_m, T_map_level, (0, 0))
     low = np.floor((p[:, :2].min(0) - config.obstacle_margin_m) / config.resolution_m)
@@ -85,22 +84,24 @@ def project_grid(
     is_tall = p[:, 2] > config.min_height_m
     tall_xy, rim = p[is_tall, :2], config.obstacle_margin_m * _CORNERS
     obstacles = np.max([canvas.counts(tall_xy + offset) for offset in rim], axis=0)
-    is_doubted = canvas.counts(doubtful[doubtful[:, 2] > config.min_height_m, :2]) > 0
+    is_blocked = canvas.counts(unconfirmed[unconfirmed[:, 2] > config.min_height_m, :2]) > 0
     cells = np.full(obstacles.shape, UNKNOWN, np.int8)
-    cells[(canvas.counts(p[~is_tall, :2]) > 0) & ~is_doubted] = FREE
+    cells[(canvas.counts(p[~is_tall, :2]) > 0) & ~is_blocked] = FREE
     cells[obstacles >= config.min_obstacle_points] = OCCUPIED
     return Grid(cells, config.resolution_m, T_map_level, (int(low[0]), int(low[1])))
 
 
-def without_unseen(
-    grid: Grid, config: GridConfig, is_clear: Callable[[FloatArray], BoolArray]
+def require_free_space(
+    grid: Grid, config: GridConfig, is_free: Callable[[FloatArray], BoolArray]
 ) -> Grid:
-    """Return the grid without the free cells over which the space was not seen to be free.
+    """Return the grid with free cells set to unknown where the space above is not known as free.
 
-    Floor shows under a table long before the table's top does.
+    The floor under a table is seen long before the top of the table.
 
     Args:
-        is_clear: Tells which of (N, 3) map points are known to be free.
+        grid: The grid.
+        config: Gives the height up to which the space must be free.
+        is_free: Returns the (N,) mask of the map points (N, 3) that are in free space.
     """
     rows, cols = np.nonzero(grid.cells == FREE)
     heights = np.arange(config.min_height_m + _STEP_M / 2, config.clear_height_m, _STEP_M)
@@ -110,16 +111,16 @@ def without_unseen(
     columns[..., :2] = ((np.stack([cols, rows], axis=1) + 0.5) * grid.resolution_m)[:, None]
     columns[..., 2] = heights
     points_m = se3.transform(grid.T_map_origin, columns.reshape(-1, 3))
-    unseen = ~is_clear(points_m).reshape(columns.shape[:2]).all(axis=1)
+    unseen = ~is_free(points_m).reshape(columns.shape[:2]).all(axis=1)
     cells = grid.cells.copy()
     cells[rows[unseen], cols[unseen]] = UNKNOWN
     return replace(grid, cells=cells)
 
 
 def write_map_server(grid: Grid, stem: Path, mode: str = FILE_MODES[0]) -> None:
-    """Write `stem`.yaml and its picture as Nav2's map server loads them in a mode of its."""
-    image, ending = _PICTURES[mode](grid.cells[::-1])  # the first row is the largest y
-    picture = stem.with_name(stem.name + ending)  # a date's last part is no ending
+    """Write `stem`.yaml and its image for Nav2's map server, in one of its modes."""
+    image, ending = _PICTURES[mode](grid.cells[::-1])  # the image's first row is at the largest y
+    picture = stem.with_name(stem.name + ending)  # not with_suffix: a date contains dots
     cv2.imwrite(str(picture), image)
     x, y = grid.origin_m
     stem.with_name(f'{stem.name}.yaml').write_text(
@@ -130,19 +131,19 @@ def write_map_server(grid: Grid, stem: Path, mode: str = FILE_MODES[0]) -> None:
 
 
 def _trinary(cells: NDArray[np.int8]) -> tuple[ByteArray, str]:
-    """Return three grays; what is unknown counts as 50 / 255 = 0.19608, just not free."""
+    """Return an image of three grays; unknown is 1 - 205 / 255 = 0.196, just not free."""
     return np.select([cells == FREE, cells == OCCUPIED], [254, 0], 205).astype(np.uint8), '.pgm'
 
 
 def _scale(cells: NDArray[np.int8]) -> tuple[ByteArray, str]:
-    """Return grays as bright as cells are free; what is unknown is transparent."""
+    """Return an image in which free cells are white, occupied black, and unknown transparent."""
     gray = np.where(cells == FREE, 255, 0)
     opaque = np.where(cells == UNKNOWN, 0, 255)
     return np.stack([gray, gray, gray, opaque], axis=-1).astype(np.uint8), '.png'
 
 
 def _raw(cells: NDArray[np.int8]) -> tuple[ByteArray, str]:
-    """Return the numbers themselves; -1 is 255."""
+    """Return an image of the cells' values, in which -1 is 255."""
     return cells.astype(np.uint8), '.pgm'
 
 

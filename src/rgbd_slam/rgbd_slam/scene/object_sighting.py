@@ -1,4 +1,4 @@
-"""Where detected people and objects are in the map, measured on the depth image in their boxes."""
+"""Measures where detected people and objects are in the map, from the depth inside their boxes."""
 
 from __future__ import annotations
 
@@ -11,63 +11,72 @@ from hoid_common import se3
 from hoid_common.values import PERSON, CameraModel, DynamicObject, Float32Array, FloatArray
 from rgbd_slam.scene.floor import Floor
 
-_STRIDE = 4  # of the depth image: boxes are large
-_MIN_RANGE_M, _MAX_RANGE_M = 0.3, 8.0
-_BIN_M = 0.05
-_LAYER_BINS = 4
-_NEARER_SHARE = 0.6  # of the fullest layer: a nearer one that full is the object
-_CENTRAL = 0.25  # share of a box cut off on every side, where the background shows
-_MIN_PIXELS = 6
-_CORNERS = 0.08  # the same, for an object's extent
-_KNOWN_M = 0.15
-_KNOWN_SHARE = 0.15  # of a box at the depth where its object is known to be: it is there
-_THICKNESS_M = (0.12, 0.45)  # of the layer that an object takes, by its width
-_TORSO_M = 0.45
-_HIDDEN_M = 0.15  # an object seen from one side only is taken to be this deep, or as it is wide
-_BODY_RADIUS_M = 0.12  # from the chest's surface to the middle of the body
+# None of these numbers was tuned; docs/results/rooms.md has the errors that result from them.
+_STRIDE = 4  # step between the pixels used [px]: boxes are many pixels wide
+_MIN_RANGE_M, _MAX_RANGE_M = 0.3, 8.0  # chosen: where common depth cameras give readings
+_MIN_READINGS = 6  # fewer readings do not show where an object is
+# A layer is a range of depth as thick as 4 bins. The nearest one that has 0.6 times the readings
+# of the fullest is the object: the background behind it may fill more of the box.
+_BIN_M, _LAYER_BINS, _NEARER_SHARE = 0.05, 4, 0.6
+_CENTRAL_CUT = 0.25  # share of a box cut off on each side, because the border shows the background
+_EXTENT_CUT = 0.08  # the same where the size of an object is measured
+_EXTENT_PERCENTILES = (4, 96)  # of an object's readings, against outliers
+# An object is still at its known depth if this share of its box is within this distance of it.
+_KNOWN_SHARE, _KNOWN_M = 0.15, 0.15
+_THICKNESS_SHARE, _THICKNESS_M = 0.6, (0.12, 0.45)  # of an object, from its width, with limits
+_TORSO_M = 0.45  # a person's readings are within this distance of the nearest layer
+_UPPER_SHARE = 0.6  # of a person's box, without the legs, which move back and forth
+_HIDDEN_M = 0.15  # an object seen from one side is this deep, or as deep as it is wide if less
+_BODY_RADIUS_M = 0.12  # from the surface of the chest to the center of the body
+_MIN_DISTANCE_M = 1e-6  # avoids a division by zero
 
 
 class Sighting(NamedTuple):
-    """One detected person or object in the map frame (z up)."""
+    """The measured place and size of one detection in the map frame, whose z axis points up."""
 
-    seen: DynamicObject
-    position_map_m: FloatArray  # (3,), centre
-    size_m: FloatArray  # (3,), extent along the map's axes
-    is_known: bool  # enough of the box is at the depth where it was thought to be
+    detection: DynamicObject
+    position_map_m: FloatArray  # (3,) center
+    size_m: FloatArray  # (3,) extent along the map's axes
+    is_at_known_depth: bool  # enough of the box is at its track's depth
 
 
 @dataclass(frozen=True, eq=False)
-class DepthScene:
-    """One depth image, every fourth pixel, and where it was taken."""
+class DepthImage:
+    """Every fourth pixel of a depth image, with its pose."""
 
     camera: CameraModel
-    depth_m: Float32Array  # (h, w); 0 = no reading
+    depth_m: Float32Array  # (h, w); 0: no reading
     T_map_camera: FloatArray  # (4, 4)
 
     @staticmethod
-    def of(camera: CameraModel, depth_m: Float32Array, T_map_camera: FloatArray) -> DepthScene:
-        """Take a full depth image (H, W)."""
-        return DepthScene(camera, depth_m[::_STRIDE, ::_STRIDE], T_map_camera)
+    def of(camera: CameraModel, depth_m: Float32Array, T_map_camera: FloatArray) -> DepthImage:
+        """Return the value of a full depth image (H, W)."""
+        return DepthImage(camera, depth_m[::_STRIDE, ::_STRIDE], T_map_camera)
 
     def depth_of_m(self, position_map_m: FloatArray) -> float:
-        """Return the depth at which this image should see a place."""
+        """Return the depth [m] of a point (3,) in this image's camera frame."""
         return float(self._in_camera(position_map_m)[2])
 
     def pixel_of(self, position_map_m: FloatArray) -> FloatArray | None:
-        """Return the pixel (2,) of a place, or None when it is behind the camera."""
+        """Return the pixel (2,) of a point (3,), or None if it is not in front of the camera."""
         point = self._in_camera(position_map_m)
         return self.camera.project_px(point[None])[0] if point[2] > _MIN_RANGE_M else None
 
     def has_in_view(self, position_map_m: FloatArray) -> bool:
-        """Return whether a place lies within the image, seen or hidden."""
+        """Return whether a point (3,) projects into the image; it may be occluded."""
         uv = self.pixel_of(position_map_m)
         size_px = (self.camera.width_px, self.camera.height_px)
         return uv is not None and bool((uv >= 0).all() and (uv < size_px).all())
 
     def sees_through(self, position_map_m: FloatArray, margin_m: float) -> bool | None:
-        """Return whether the image looks through a place; None when it cannot tell."""
+        """Return whether the surface measured at a point (3,) is behind it; None: unknown.
+
+        Args:
+            position_map_m: The point.
+            margin_m: Difference of depth from which the surface counts as behind or in front.
+        """
         point = self._in_camera(position_map_m)
-        if not _MIN_RANGE_M < point[2] < _MAX_RANGE_M / 2:
+        if not _MIN_RANGE_M < point[2] < _MAX_RANGE_M / 2:  # beyond, depth is too noisy
             return None
         col, row = np.rint(self.camera.project_px(point[None])[0] / _STRIDE).astype(int)
         height, width = self.depth_m.shape
@@ -75,8 +84,8 @@ class DepthScene:
             return None
         window = self.depth_m[row - 1 : row + 2, col - 1 : col + 2]
         read = window[window > 0]
-        if len(read) < _MIN_PIXELS or read.min() < point[2] - margin_m:
-            return None  # no readings, or something before it
+        if len(read) < _MIN_READINGS or read.min() < point[2] - margin_m:
+            return None  # no readings, or something occludes the point
         return bool(np.median(read) > point[2] + margin_m)
 
     def _in_camera(self, position_map_m: FloatArray) -> FloatArray:
@@ -85,7 +94,12 @@ class DepthScene:
     def readings(
         self, box_xyxy_px: tuple[float, ...], cut: float
     ) -> tuple[Float32Array, Float32Array]:
-        """Return depths (M,) and pixels (M, 2) of the readings in a box, cut on every side."""
+        """Return the (M,) depths and (M, 2) pixels of the readings in a box.
+
+        Args:
+            box_xyxy_px: The box.
+            cut: Share of the box that is left out on each side.
+        """
         x1, y1, x2, y2 = box_xyxy_px
         dx, dy = cut * (x2 - x1), cut * (y2 - y1)
         left, right = max(0, int((x1 + dx) / _STRIDE)), int(np.ceil((x2 - dx) / _STRIDE))
@@ -96,39 +110,45 @@ class DepthScene:
         return part[row, col], np.asarray(uv, np.float32)
 
     def points_map_m(self, uv_px: Float32Array, depth_m: Float32Array) -> FloatArray:
-        """Return (M, 3) points."""
+        """Return the points (M, 3) in the map frame of pixels (M, 2) with depth (M,)."""
         rays = self.camera.undistort_px(uv_px).astype(np.float64)
         x = (rays[:, 0] - self.camera.cx_px) / self.camera.fx_px * depth_m
         y = (rays[:, 1] - self.camera.cy_px) / self.camera.fy_px * depth_m
         return se3.transform(self.T_map_camera, np.stack([x, y, depth_m], axis=1))
 
 
-def sight(
-    seen: DynamicObject, scene: DepthScene, known_map_m: FloatArray | None, floor: Floor | None
+def measure(
+    detection: DynamicObject,
+    image: DepthImage,
+    known_map_m: FloatArray | None,
+    floor: Floor | None,
 ) -> Sighting | None:
-    """Measure a detected person or object; None when the depth image does not show it.
+    """Return the place and size of a detected person or object, or None without enough depth.
 
     Args:
-        known_map_m: (3,) where it is thought to be; believed when enough of the box agrees.
-        floor: When known, people stand on it.
+        detection: The detection.
+        image: The depth image.
+        known_map_m: (3,) place that its track predicts. If enough of the box is at this depth, the
+            object is measured there; otherwise it is measured at the nearest layer of depth.
+        floor: The floor that people stand on, if it is known.
     """
-    depth, _ = scene.readings(seen.box_xyxy_px, _CENTRAL)
-    if len(depth) < _MIN_PIXELS:
-        depth, _ = scene.readings(seen.box_xyxy_px, 0.0)
-    if len(depth) < _MIN_PIXELS:
+    depth, _ = image.readings(detection.box_xyxy_px, _CENTRAL_CUT)
+    if len(depth) < _MIN_READINGS:
+        depth, _ = image.readings(detection.box_xyxy_px, 0.0)
+    if len(depth) < _MIN_READINGS:
         return None
-    is_person = seen.class_name == PERSON
-    known_m = np.nan if known_map_m is None else scene.depth_of_m(known_map_m)
+    is_person = detection.class_name == PERSON
+    known_m = np.nan if known_map_m is None else image.depth_of_m(known_map_m)
     near = np.abs(depth - known_m) < (_TORSO_M if is_person else _KNOWN_M)
-    is_known = bool(near.mean() > _KNOWN_SHARE)
-    layer_m = float(np.median(depth[near])) if is_known else _nearest_layer(depth)
+    is_at_known_depth = bool(near.mean() > _KNOWN_SHARE)
+    layer_m = float(np.median(depth[near])) if is_at_known_depth else _nearest_layer(depth)
     if is_person:
-        return _sight_person(seen, scene, layer_m, floor, is_known)
-    return _sight_object(seen, scene, layer_m, is_known)
+        return _measure_person(detection, image, layer_m, floor, is_at_known_depth)
+    return _measure_object(detection, image, layer_m, is_at_known_depth)
 
 
 def _nearest_layer(depth: Float32Array) -> float:
-    """Return the depth (m) of the nearest layer of readings (M,) that is about the fullest."""
+    """Return the median depth [m] of the nearest layer that is almost as full as the fullest."""
     count = np.bincount((depth / _BIN_M).astype(np.int64), minlength=_LAYER_BINS)
     layers = np.convolve(count, np.ones(_LAYER_BINS))[_LAYER_BINS - 1 :]
     first = int(np.argmax(layers >= _NEARER_SHARE * layers.max()))
@@ -137,50 +157,57 @@ def _nearest_layer(depth: Float32Array) -> float:
     return float(np.median(depth[inside]))
 
 
-def _sight_person(
-    seen: DynamicObject,
-    scene: DepthScene,
+def _measure_person(
+    detection: DynamicObject,
+    image: DepthImage,
     layer_m: float,
     floor: Floor | None,
-    is_known: bool,
+    is_at_known_depth: bool,
 ) -> Sighting | None:
-    x1, y1, x2, y2 = seen.box_xyxy_px
-    depth, uv = scene.readings(seen.box_xyxy_px, 0.0)
+    """Return the body's center, height and width; the height is that of the box."""
+    x1, y1, x2, y2 = detection.box_xyxy_px
+    depth, uv = image.readings(detection.box_xyxy_px, 0.0)
     body = np.abs(depth - layer_m) < _TORSO_M
-    if np.count_nonzero(body) < _MIN_PIXELS:
+    if np.count_nonzero(body) < _MIN_READINGS:
         return None
-    upper = uv[:, 1] < y1 + 0.6 * (y2 - y1)
-    if np.count_nonzero(body & upper) >= _MIN_PIXELS:
+    upper = uv[:, 1] < y1 + _UPPER_SHARE * (y2 - y1)
+    if np.count_nonzero(body & upper) >= _MIN_READINGS:
         body &= upper
-    points = scene.points_map_m(uv[body], depth[body])
+    points = image.points_map_m(uv[body], depth[body])
     middle = np.median(points, axis=0)
-    away = middle[:2] - scene.T_map_camera[:2, 3]
-    middle[:2] += _BODY_RADIUS_M * away / max(float(np.linalg.norm(away)), 1e-6)
+    away = middle[:2] - image.T_map_camera[:2, 3]
+    middle[:2] += _BODY_RADIUS_M * away / max(float(np.linalg.norm(away)), _MIN_DISTANCE_M)
     ends = np.array([[(x1 + x2) / 2, y1], [(x1 + x2) / 2, y2]], np.float32)
-    high, low = scene.points_map_m(ends, np.full(2, layer_m, np.float32))[:, 2]
+    high, low = image.points_map_m(ends, np.full(2, layer_m, np.float32))[:, 2]
     if floor is not None:
         low = min(high, floor.height_m(*middle[:2].tolist()))
     middle[2] = (high + low) / 2
-    width = (x2 - x1) / scene.camera.fx_px * layer_m
-    return Sighting(seen, middle, np.array([width, width, high - low]), is_known)
+    width = (x2 - x1) / image.camera.fx_px * layer_m
+    size_m = np.array([width, width, high - low])
+    return Sighting(detection, middle, size_m, is_at_known_depth)
 
 
-def _sight_object(
-    seen: DynamicObject, scene: DepthScene, layer_m: float, is_known: bool
+def _measure_object(
+    detection: DynamicObject,
+    image: DepthImage,
+    layer_m: float,
+    is_at_known_depth: bool,
 ) -> Sighting | None:
-    x1, _, x2, _ = seen.box_xyxy_px
-    width_m = (x2 - x1) / scene.camera.fx_px * layer_m
-    thickness_m = float(np.clip(0.6 * width_m, *_THICKNESS_M))
-    for cut in (_CORNERS, 0.0):  # what has readings on its border only is seen there
-        depth, uv = scene.readings(seen.box_xyxy_px, cut)
+    """Return the center and size of the layer's readings, with an estimate of the hidden side."""
+    x1, _, x2, _ = detection.box_xyxy_px
+    width_m = (x2 - x1) / image.camera.fx_px * layer_m
+    thickness_m = float(np.clip(_THICKNESS_SHARE * width_m, *_THICKNESS_M))
+    for cut in (_EXTENT_CUT, 0.0):  # some objects have readings only at their border
+        depth, uv = image.readings(detection.box_xyxy_px, cut)
         part = np.abs(depth - layer_m) < thickness_m
-        if np.count_nonzero(part) >= _MIN_PIXELS:
+        if np.count_nonzero(part) >= _MIN_READINGS:
             break
     else:
         return None
-    points = scene.points_map_m(uv[part], depth[part])
-    low, high = np.percentile(points, (4, 96), axis=0)
-    near_m, far_m = np.percentile(depth[part], (4, 96))
+    points = image.points_map_m(uv[part], depth[part])
+    low, high = np.percentile(points, _EXTENT_PERCENTILES, axis=0)
+    near_m, far_m = np.percentile(depth[part], _EXTENT_PERCENTILES)
     hidden_m = max(0.0, min(width_m, _HIDDEN_M) - (far_m - near_m))
-    middle = (low + high) / 2 + scene.T_map_camera[:3, 2] * hidden_m / 2
-    return Sighting(seen, middle, (high - low) / (1 - 2 * _CORNERS), is_known)
+    middle = (low + high) / 2 + image.T_map_camera[:3, 2] * hidden_m / 2
+    size_m = (high - low) / (1 - 2 * _EXTENT_CUT)
+    return Sighting(detection, middle, size_m, is_at_known_depth)

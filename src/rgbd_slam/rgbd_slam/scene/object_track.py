@@ -1,6 +1,7 @@
-"""One person or object followed over time: a constant-velocity Kalman filter.
+"""The track of one person or object: a constant-velocity Kalman filter with a state of rest.
 
-One variance serves all axes (Bar-Shalom et al., Estimation with Applications to Tracking and
+The axes are independent and have the same noise, so that one (2, 2) covariance serves all three
+ (Bar-Shalom et al., Estimation with Applications to Tracking and
 Navigation, 2001, sec. 6.2).
 """
 
@@ -15,19 +16,20 @@ from hoid_common.values import PERSON, S_PER_NS, FloatArray, Reason
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.scene.object_sighting import Sighting
 
-_START_SPEED_MPS = 1.0  # 1 sigma, of what is seen for the first time
-_GONE_LOOKS = 5  # that show what is behind an object's place
-_FADE_S = 0.5  # a velocity that is no longer measured fades with this time constant
+# None of these numbers was tuned.
+_START_SPEED_MPS = 1.0  # standard deviation of the velocity of a new track, a walking pace
+_MIN_IMAGES_WITHOUT = 5  # images that must see through an object's place before it is gone
+_FADE_S = 0.5  # time constant with which the velocity of an unseen track decays
 
 
 class ObjectState(Enum):
-    """What is known of an object; the values are those of hoid_msgs/TrackedObject."""
+    """The state of a tracked object; the values are those of hoid_msgs/TrackedObject."""
 
     PERSON = 0
     HANDLED = 1
     AT_REST = 2  # where it was first seen
-    MOVED = 3  # put down in another place
-    MOVING = 4  # moves, and nobody knows what it is
+    MOVED = 3  # at rest in another place than before
+    MOVING = 4  # moves, of unknown class
 
 
 SETTLED = (ObjectState.AT_REST, ObjectState.MOVED)
@@ -35,7 +37,7 @@ SETTLED = (ObjectState.AT_REST, ObjectState.MOVED)
 
 @dataclass(frozen=True, eq=False)
 class TrackedObject:
-    """One person or object in the map frame."""
+    """The published state of a track, in the map frame."""
 
     track_id: int
     class_name: str
@@ -48,27 +50,27 @@ class TrackedObject:
 
 
 class KalmanTrack:
-    """The filter of one object, and the story of its rest."""
+    """The Kalman filter of one object, and whether it rests, is handled, or was taken away."""
 
     def __init__(
         self, track_id: int, sighting: Sighting, stamp_ns: int, config: ObjectTrackerConfig
     ) -> None:
         self.track_id = track_id
-        self.class_name = sighting.seen.class_name
+        self.class_name = sighting.detection.class_name
         self.state = ObjectState.AT_REST
         if self.class_name == PERSON:
             self.state = ObjectState.PERSON
-        elif sighting.seen.reason is Reason.MOVING:
+        elif sighting.detection.reason is Reason.MOVING:
             self.state = ObjectState.MOVING
-        elif sighting.seen.is_dynamic:
+        elif sighting.detection.is_dynamic:
             self.state = ObjectState.HANDLED
         self.stamp_ns = stamp_ns
         self.num_sightings = 1
-        self._num_looked_through = 0
+        self._num_images_without = 0
         self._is_taken = False
         self.was_at_rest = self.state is ObjectState.AT_REST
         self._config = config
-        self._score, self._size_m = sighting.seen.score, sighting.size_m
+        self._score, self._size_m = sighting.detection.score, sighting.size_m
         self._position_m = sighting.position_map_m
         self._rest_place_m = sighting.position_map_m
         self._still_place_m, self._still_since_ns = sighting.position_map_m, stamp_ns
@@ -76,21 +78,21 @@ class KalmanTrack:
 
     @property
     def is_settled(self) -> bool:
-        """Return whether it is an object at rest."""
+        """Return whether the object is at rest."""
         return self.state in SETTLED
 
     @property
     def is_taken(self) -> bool:
-        """Return whether it is out of sight, away from its place: not published."""
+        """Return whether the object has left its place unseen; it is not published then."""
         return self._is_taken
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether it was seen often enough to be published."""
+        """Return whether the track is published: seen often enough, and not taken away."""
         return self.num_sightings >= self._config.min_sightings and not self.is_taken
 
     def position_at_m(self, stamp_ns: int) -> FloatArray:
-        """Return (3,) where it should be."""
+        """Return the predicted position (3,), whose velocity decays while the object is unseen."""
         if self.is_settled:
             return self._position_m
         unseen_s = max(0.0, (stamp_ns - self.stamp_ns) * S_PER_NS)
@@ -98,23 +100,29 @@ class KalmanTrack:
         return np.asarray(self._position_m + ahead_s * self._velocity_mps)
 
     def value_at(self, stamp_ns: int) -> TrackedObject:
-        """Return what is published of it."""
+        """Return the published state at a time."""
         return TrackedObject(
-            self.track_id, self.class_name, self.state, self.stamp_ns, self._score,
-            self.position_at_m(stamp_ns), self._velocity_mps, self._size_m,
-        )  # fmt: skip
+            track_id=self.track_id,
+            class_name=self.class_name,
+            state=self.state,
+            stamp_ns=self.stamp_ns,
+            score=self._score,
+            position_map_m=self.position_at_m(stamp_ns),
+            velocity_map_mps=self._velocity_mps,
+            size_m=self._size_m,
+        )
 
-    def look_through(self) -> None:
-        """Take note that its place shows what is behind it; once may be chance."""
-        self._num_looked_through += 1
-        self._is_taken = self._num_looked_through >= _GONE_LOOKS
+    def count_seen_through(self) -> None:
+        """Count an image that sees through the place; after several in a row it is taken away."""
+        self._num_images_without += 1
+        self._is_taken = self._num_images_without >= _MIN_IMAGES_WITHOUT
 
-    def take_away(self) -> None:
-        """Take note that it was carried out of sight."""
+    def mark_taken(self) -> None:
+        """Mark the object as carried out of sight."""
         self._is_taken = True
 
     def is_alive(self, stamp_ns: int) -> bool:
-        """Return whether it is still worth keeping."""
+        """Return whether the track has been seen recently enough to be kept."""
         config = self._config
         limit_s = config.forget_resting_s if self.is_settled else config.forget_moving_s
         if self.num_sightings < config.min_sightings:
@@ -124,10 +132,10 @@ class KalmanTrack:
         return (stamp_ns - self.stamp_ns) * S_PER_NS <= limit_s
 
     def correct(self, sighting: Sighting, stamp_ns: int) -> None:
-        """Take a sighting in."""
+        """Update the filter with a measured place; rest ends if the object was moved away."""
         self.num_sightings += 1
-        self._num_looked_through = 0
-        self._score, self._size_m = sighting.seen.score, sighting.size_m
+        self._num_images_without = 0
+        self._score, self._size_m = sighting.detection.score, sighting.size_m
         if self.is_settled and self._is_away(sighting):
             self.state = ObjectState.HANDLED
             self._still_since_ns = stamp_ns
@@ -138,13 +146,16 @@ class KalmanTrack:
             self._settle_if_still(stamp_ns)
 
     def confirm(self, sighting: Sighting, stamp_ns: int) -> None:
-        """Take in that it is where it was; how much of it is hidden says nothing of its middle."""
+        """Confirm that the object rests where it was, without a new position.
+
+        A person hides part of it, so that the center of the visible part is not its center.
+        """
         self.num_sightings += 1
-        self._num_looked_through = 0
-        self._score, self.stamp_ns = sighting.seen.score, stamp_ns
+        self._num_images_without = 0
+        self._score, self.stamp_ns = sighting.detection.score, stamp_ns
 
     def put_down(self, sighting: Sighting, stamp_ns: int) -> None:
-        """Take in that it stands somewhere after it went out of sight."""
+        """Restart the filter where an object that was taken away is seen again."""
         self._is_taken = False
         self.state = ObjectState.HANDLED
         self._position_m = self._still_place_m = sighting.position_map_m
@@ -154,7 +165,7 @@ class KalmanTrack:
 
     def _is_away(self, sighting: Sighting) -> bool:
         offset_m = np.linalg.norm(sighting.position_map_m - self._position_m)
-        return bool(sighting.seen.is_dynamic and offset_m > self._config.moved_m)
+        return bool(sighting.detection.is_dynamic and offset_m > self._config.moved_m)
 
     def _restart(self) -> None:
         self._velocity_mps = np.zeros(3)

@@ -1,4 +1,5 @@
-"""The room's maps beside the tracker: the process that makes them, and both ends of its pipes.
+"""The scene process: the node that maps the scene, and the SLAM node's connection to it.
 
-All that is published and served of them is on the SLAM node; no step of mapping belongs here.
+All topics and services of the scene belong to the SLAM node. The algorithms are in
+`rgbd_slam.scene`.
 """

@@ -1,8 +1,9 @@
-"""Messages of the room: grid, tracked objects, and the same as people and as markers."""
+"""Messages of the scene: maps, tracked objects, and these as people and as markers."""
 
 from __future__ import annotations
 
 from array import array
+from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Vector3
@@ -11,16 +12,20 @@ from hoid_msgs.msg import TrackedObjectArray
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from people_msgs.msg import People, Person
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import ColorRGBA, Header
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
+from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
 from rgbd_slam.ros.scene.steady_grid import GridPatch
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
+from rgbd_slam.scene.voxel_map import ColoredCloud
 
-_MIN_SIZE_M = 0.02  # RViz shows nothing of a flat marker
-_LABEL_M = 0.12
+_MIN_SIZE_M = 0.02  # chosen: RViz does not draw a flat marker
+_LABEL_M = 0.12  # chosen: height of a label, and its distance from the box
 _COLORS = {
     ObjectState.PERSON: ColorRGBA(r=0.9, g=0.2, b=0.2, a=0.5),
     ObjectState.HANDLED: ColorRGBA(r=1.0, g=0.6, b=0.1, a=0.7),
@@ -30,18 +35,45 @@ _COLORS = {
 }
 
 
-def grid_to_msg(grid: Grid, header: Header, height_m: float) -> OccupancyGrid:
-    """Return the message of a grid in the header's frame, which is level.
+class SceneMaps(NamedTuple):
+    """The maps of the scene at one time."""
 
-    Args:
-        grid: The grid.
-        header: Of the message.
-        height_m: Of the grid in that frame.
-    """
+    cloud: ColoredCloud
+    header: Header  # with the map frame
+    grid: Grid | None = None  # None: no floor is known
+    grid_header: Header | None = None  # with a level frame, which may be the map frame
+    grid_height_m: float = 0.0  # in that frame
+    patch: GridPatch | None = None  # None: the grid is unchanged, or has another size
+    T_map_level: FloatArray | None = None  # (4, 4) of the level frame; None: unchanged, or no such
+    is_discarded: bool = False  # the scene was discarded, and the maps are empty
+
+
+def cloud_to_msg(maps: SceneMaps) -> PointCloud2:
+    """Return the message of the dense map."""
+    cloud = conversions.Cloud(maps.cloud.points_m, maps.cloud.colors_bgr)
+    return conversions.cloud_to_msg(cloud, maps.header)
+
+
+def level_frame_to_msg(maps: SceneMaps) -> TFMessage | None:
+    """Return the transform of the level frame of the grid, if it has changed."""
+    if maps.T_map_level is None or maps.grid_header is None:
+        return None
+    stamp_ns = conversions.stamp_from_msg(maps.header.stamp)
+    frames = maps.header.frame_id, maps.grid_header.frame_id
+    return TFMessage(
+        transforms=[conversions.transform_to_msg(maps.T_map_level, stamp_ns, *frames)]
+    )
+
+
+def grid_to_msg(maps: SceneMaps) -> OccupancyGrid | None:
+    """Return the message of the whole grid, which subscribers that join late receive."""
+    grid, header = maps.grid, maps.grid_header
+    if grid is None or header is None:
+        return OccupancyGrid(header=maps.header) if maps.is_discarded else None
     height, width = grid.cells.shape
-    origin = Pose()  # no turn: Nav2 takes none
+    origin = Pose()  # without rotation: Nav2 ignores it
     origin.position.x, origin.position.y = grid.origin_m
-    origin.position.z = height_m
+    origin.position.z = maps.grid_height_m
     info = MapMetaData(
         map_load_time=header.stamp,
         resolution=grid.resolution_m,
@@ -52,30 +84,37 @@ def grid_to_msg(grid: Grid, header: Header, height_m: float) -> OccupancyGrid:
     return OccupancyGrid(header=header, info=info, data=array('b', grid.cells.tobytes()))
 
 
-def patch_to_msg(patch: GridPatch, header: Header) -> OccupancyGridUpdate:
-    """Return the message of a change of a grid with the header."""
+def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:
+    """Return the message of the changed part of the grid, if only cells have changed."""
+    patch = maps.patch
+    if patch is None:
+        return None
     height, width = patch.cells.shape
     return OccupancyGridUpdate(
-        header=header, x=patch.column, y=patch.row, width=width, height=height,
+        header=maps.grid_header,
+        x=patch.column,
+        y=patch.row,
+        width=width,
+        height=height,
         data=array('b', patch.cells.tobytes()),
-    )  # fmt: skip
+    )
 
 
 def tracked_objects_to_msg(
     objects: tuple[TrackedObject, ...], header: Header
 ) -> TrackedObjectArray:
-    """Return the message of tracks in the header's frame."""
+    """Return the message of all tracks, in the frame of the header."""
     return TrackedObjectArray(header=header, objects=[_object_to_msg(item) for item in objects])
 
 
 def people_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> People:
-    """Return the message of those tracks that are people, in the header's frame."""
+    """Return the message of the tracked people, in the frame of the header."""
     people = [_person_to_msg(item) for item in objects if item.state is ObjectState.PERSON]
     return People(header=header, people=people)
 
 
 def markers_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> MarkerArray:
-    """Return a box and a label per object; what was there before goes."""
+    """Return markers that replace all earlier ones: a box and a label per object."""
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for item in objects:
         box = _marker(item, header, 'objects')

@@ -1,4 +1,4 @@
-"""Dense map and grid as files."""
+"""Writes the dense map and the grid to files."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.voxel_map import ColoredCloud
 
 
-def save_cloud(room: SceneMapper | None, path: Path) -> str:
-    """Write the dense map by the path's ending and say so.
+def save_cloud(scene: SceneMapper | None, path: Path) -> str:
+    """Write the dense map in the format of the path's extension; return a message for the user.
 
     Raises:
-        InputError: There is none, or it cannot be written.
+        InputError: There is no dense map, or it cannot be written.
     """
-    cloud = _mapped(room).cloud()
+    cloud = _require_map(scene).cloud()
     write_whole(path, lambda aside: CLOUD_WRITERS[path.suffix](aside, cloud))
     return f'{len(cloud.points_m)} points written to {path}'
 
 
 def save_grid(
-    room: SceneMapper | None,
+    scene: SceneMapper | None,
     grid_of: Callable[[SceneMapper, ColoredCloud], Grid | None],
     path: Path,
     mode: str,
 ) -> str:
-    """Write the grid as Nav2's map server reads it and say so.
+    """Write the grid in the format of Nav2's map server; return a message for the user.
 
     Args:
-        room: Gives the dense map; None for none.
-        grid_of: Gives its grid, or None without a floor.
-        path: Of either file that is written.
-        mode: Of Nav2's map server.
+        scene: The scene mapper, if there is one.
+        grid_of: Returns the grid of a cloud, or None if no floor is known.
+        path: Path of the YAML file or of the image, which differ in the extension.
+        mode: A mode of the map server.
 
     Raises:
-        InputError: There is none, or it cannot be written.
+        InputError: There is no grid, or it cannot be written.
     """
-    room = _mapped(room)
-    grid = grid_of(room, room.cloud())
+    scene = _require_map(scene)
+    grid = grid_of(scene, scene.cloud())
     if grid is None:
         raise InputError('no floor has been seen yet: a grid needs one')
     stem = path.with_suffix('')
@@ -51,7 +51,7 @@ def save_grid(
     return f'{width}x{height} cells written to {stem}.yaml and its picture'
 
 
-def _mapped(room: SceneMapper | None) -> SceneMapper:
-    if room is None or room.num_voxels == 0:
+def _require_map(scene: SceneMapper | None) -> SceneMapper:
+    if scene is None or scene.num_voxels == 0:
         raise InputError('no image has been fused yet: there is no dense map to save')
-    return room
+    return scene

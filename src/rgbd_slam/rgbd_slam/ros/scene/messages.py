@@ -1,4 +1,4 @@
-"""What goes between the SLAM node and the process that maps the room."""
+"""Messages between the SLAM node and the scene process."""
 
 from __future__ import annotations
 
@@ -10,68 +10,59 @@ from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.scene.dense_mapper import StoredView
-from rgbd_slam.scene.fusion_scheduler import FusionRequest
-from rgbd_slam.scene.view_ledger import ViewChange
+from rgbd_slam.scene.scene_scheduler import SceneRequest
+from rgbd_slam.scene.stored_view import StoredView, ViewChange
 
 
 class SceneSetup(NamedTuple):
-    """What the process knows from the start."""
+    """Parameters of the scene process."""
 
     name: str  # of its node
     map_frame: str
-    is_map_level: bool  # as it is with a known base
+    is_map_level: bool  # true if the base frame is known
     dense: DenseConfig
     objects: ObjectTrackerConfig
     input: InputConfig
 
 
 class ClearScene(NamedTuple):
-    """Forget the map."""
+    """Discards the scene until a camera follows."""
 
 
-class KnownView(NamedTuple):
-    """An image of the dense map of a process before this one."""
-
-    slot: int  # its number there
-    view: StoredView
-
-
-class Order(NamedTuple):
-    """Asks for an answer, once all that was sent before is taken in."""
+class SceneCommand(NamedTuple):
+    """Writes files, and asks for a `CommandResult` once all earlier messages are processed."""
 
     number: int
-    cloud_path: Path | None = None  # to write the dense map to
-    grid_path: Path | None = None  # to write the grid's YAML to, the picture goes beside it
+    cloud_path: Path | None = None  # the file for the dense map
+    grid_path: Path | None = None  # the YAML file for the grid; its image is written beside it
 
 
 SceneMessage = (
     CameraModel
-    | FusionRequest
+    | ClearScene
+    | DenseConfig
+    | SceneRequest
     | KeyframePoses
     | StoredView
-    | KnownView
-    | DenseConfig
-    | ClearScene
-    | Order
+    | SceneCommand
 )
-"""A camera begins a new map; keyframes say where its images are; an image is one saved before;
-a configuration replaces what of it may change at run time."""
+"""A camera starts an empty scene, a configuration replaces the parameters that may change at run
+time, and a stored view restores an image of a saved scene or of a process that has died."""
 
 
 class Output(NamedTuple):
     """A message for a topic."""
 
     topic: str
-    data: bytes  # serialized, so that the node's thread need not
+    data: bytes  # serialized here, so that the SLAM node's thread need not do it
 
 
-class Answer(NamedTuple):
-    """What came of an order."""
+class CommandResult(NamedTuple):
+    """The result of a command."""
 
-    number: int
+    number: int  # of the command
     success: bool
     text: str
 
 
-SceneReport = Output | Answer | ViewChange
+SceneReport = Output | CommandResult | ViewChange

@@ -1,4 +1,4 @@
-"""The node that maps the room, in a process of its own: dense map, grid, people and objects."""
+"""The node that maps the scene in a process of its own: dense map, grid, people and objects."""
 
 from __future__ import annotations
 
@@ -28,35 +28,34 @@ from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.ros.scene.files import save_cloud, save_grid
 from rgbd_slam.ros.scene.messages import (
-    Answer,
     ClearScene,
-    KnownView,
-    Order,
+    CommandResult,
+    SceneCommand,
     SceneMessage,
     SceneReport,
     SceneSetup,
 )
 from rgbd_slam.ros.scene.outputs import SceneOutputs
 from rgbd_slam.ros.timers import set_period
-from rgbd_slam.scene.dense_mapper import StoredView
-from rgbd_slam.scene.fusion_scheduler import FusionRequest
 from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.view_ledger import ViewLedger
+from rgbd_slam.scene.scene_scheduler import SceneRequest
+from rgbd_slam.scene.stored_view import StoredView
 
+# Chosen: depth and color of one image differ less, and those of two images at 30 Hz more.
 _SLOP_NS = 20_000_000
-_PATIENCE_NS = 1_000_000_000  # for the final verdict on an image's objects
-_CAPACITY = 60  # images that wait for the tracker to say where they were taken: 2 s
+_PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict on its objects
+_CAPACITY = 60  # chosen: images that wait for their pose; 2 s at 30 Hz
 
 
 class SceneNode(Node):
-    """A shell around `SceneMapper`, fed with images by topics and with poses by a pipe."""
+    """Feeds a `SceneMapper` with images from topics and with poses from the SLAM node's pipe."""
 
     def __init__(self, messages: Connection, reports: Connection, setup: SceneSetup) -> None:
-        # A node name on the command line is that of the SLAM node.
+        # A node name on the command line is meant for the SLAM node.
         super().__init__(setup.name, cli_args=['--ros-args', '-r', f'__node:={setup.name}'])
-        # What the pose waits for goes first, at once: this process takes what is left. Only this
-        # thread and those that it starts from now on, not the middleware's: whose they are that
-        # do not answer in time is taken for dead by all others.
+        # Mapping only uses time that no stage before the pose needs (decision 016). The threads of
+        # the middleware, which run already, keep their priority: a participant whose threads do
+        # not answer in time is taken for dead by all others.
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
         bridge_logging(self)
         self._setup = setup
@@ -65,10 +64,9 @@ class SceneNode(Node):
         self._diagnostics.set_value('process', str(os.getpid()))
         self._scene: SceneMapper | None = None
         self._camera: CameraModel | None = None
-        self._ledger = ViewLedger()
         self._outputs = SceneOutputs(self._report, setup)
-        self._stamp_ns = 0  # of the latest image fused
-        self._is_shown = True  # whether the outputs show the map as it is
+        self._stamp_ns = 0  # of the latest image in the dense map
+        self._is_published = True  # whether the published maps are up to date
         self._matcher = StampMatcher(
             ('pose', 'depth', 'color', 'objects'), _SLOP_NS, _CAPACITY, ('objects',), _PATIENCE_NS
         )
@@ -78,7 +76,7 @@ class SceneNode(Node):
         inputs.messages(
             DynamicObjectArray, topics.DYNAMIC_OBJECTS, self._on_objects, 'dynamic objects'
         )
-        # Wall time: what was mapped last is published even when images have stopped.
+        # A timer of wall time publishes the latest map even after the images have stopped.
         self._timer = self.create_timer(
             setup.dense.publish_period_s,
             self._publish,
@@ -86,15 +84,15 @@ class SceneNode(Node):
         )
         self._received: SimpleQueue[SceneMessage] = SimpleQueue()
         self._wake = self.create_guard_condition(self._take_received)
-        Thread(target=self._listen, args=(messages,), name='from tracker', daemon=True).start()
+        Thread(target=self._listen, args=(messages,), name='from SLAM node', daemon=True).start()
 
     def _listen(self, messages: Connection) -> None:
-        """Pass on what comes from the tracker; without it there is nothing left to do."""
+        """Receive messages from the SLAM node; end this node when the SLAM node has ended."""
         try:
             while True:
                 self._received.put(messages.recv())
                 self._wake.trigger()
-        except (EOFError, OSError, InvalidHandle):  # the last: this node is being destroyed
+        except (EOFError, OSError, InvalidHandle):  # InvalidHandle: this node is being destroyed
             self.context.try_shutdown()
 
     def _take_received(self) -> None:
@@ -103,7 +101,7 @@ class SceneNode(Node):
 
     def _take(self, message: SceneMessage) -> None:
         match message:
-            case FusionRequest():
+            case SceneRequest():
                 self._add('pose', message.stamp_ns, message)
             case CameraModel():
                 self._begin(message)
@@ -111,51 +109,50 @@ class SceneNode(Node):
                 self._begin(None)
             case DenseConfig():
                 self._reconfigure(message)
-            case Order():
-                self._report(self._answer_to(message))
-            case _ if self._scene is not None:
-                self._change(self._scene, message)
-                self._is_shown = False
-                self._report_views()
-
-    def _change(self, scene: SceneMapper, message: SceneMessage) -> None:
-        match message:
-            case KeyframePoses():
-                scene.update_keyframes(message)
-            case StoredView():
-                scene.restore(message)
-            case KnownView(slot, view):
-                self._ledger.adopt(slot, view)
-                scene.restore(view)
+            case SceneCommand():
+                self._report(self._execute(message))
+            case KeyframePoses() if self._scene is not None:
+                self._scene.ledger.correct(message)
+                self._on_map_change(self._scene)
+            case StoredView() if self._scene is not None:
+                self._scene.ledger.restore(message)
+                self._on_map_change(self._scene)
 
     def _reconfigure(self, dense: DenseConfig) -> None:
         self._setup = self._setup._replace(dense=dense)
         set_period(self._timer, dense.publish_period_s)
         if self._scene is not None:
-            self._is_shown &= not self._scene.reconfigure(dense)
+            self._is_published &= not self._scene.reconfigure(dense)
 
-    def _answer_to(self, order: Order) -> Answer:
+    def _execute(self, command: SceneCommand) -> CommandResult:
         try:
             text = ''
-            if order.cloud_path is not None:
-                text = save_cloud(self._scene, order.cloud_path)
-            if order.grid_path is not None:
+            if command.cloud_path is not None:
+                text = save_cloud(self._scene, command.cloud_path)
+            if command.grid_path is not None:
                 mode = self._setup.dense.grid.file_mode
-                text = save_grid(self._scene, self._outputs.placed_grid, order.grid_path, mode)
+                text = save_grid(self._scene, self._outputs.place_grid, command.grid_path, mode)
         except HoidError as error:
-            return Answer(order.number, False, str(error))
-        return Answer(order.number, True, text)
+            return CommandResult(command.number, False, str(error))
+        return CommandResult(command.number, True, text)
 
-    def _report_views(self) -> None:
-        """Have the images of the dense map kept by the tracker's process as well."""
-        for change in self._ledger.changes(() if self._scene is None else self._scene.views()):
+    def _on_map_change(self, scene: SceneMapper) -> None:
+        self._is_published = False
+        self._report_changes(scene)
+
+    def _report_changes(self, scene: SceneMapper) -> None:
+        """Update the SLAM node's copies of the stored images."""
+        for change in scene.ledger.take_changes():
             self._report(change)
 
     def _report(self, report: SceneReport) -> None:
-        with suppress(OSError):  # the tracker has ended
+        with suppress(OSError):  # the SLAM node has ended
             self._reports.send(report)
 
     def _begin(self, camera: CameraModel | None) -> None:
+        if self._scene is not None:
+            self._scene.ledger.clear()
+            self._report_changes(self._scene)
         self._camera, self._scene = camera, None
         if camera is not None:
             self._scene = SceneMapper(
@@ -165,11 +162,10 @@ class SceneNode(Node):
                 is_map_level=self._setup.is_map_level,
             )
         self._matcher.reset()
-        self._report_views()
         self._outputs.clear(self._stamp_ns)
 
     def _on_objects(self, msg: DynamicObjectArray) -> None:
-        """Take final verdicts only: the room's maps can wait for them."""
+        """Take final verdicts only: the maps can wait for them."""
         if not msg.provisional:
             self._add('objects', conversions.stamp_from_msg(msg.header.stamp), msg)
 
@@ -182,28 +178,28 @@ class SceneNode(Node):
     def _add(self, name: str, stamp_ns: int, value: Any) -> None:
         for match in self._matcher.add(name, stamp_ns, value):
             try:
-                self._fusion_request(match)
+                self._map_image(match)
             except HoidError as error:
                 self._diagnostics.report(error, 'images refused')
         self._diagnostics.set_count('images missing', self._matcher.counts['pose'].unmatched)
 
-    def _fusion_request(self, match: Match) -> None:
-        """Map one image."""
-        pose, depth, color, objects_msg = match.values
+    def _map_image(self, match: Match) -> None:
+        """Add one image, with its pose and its objects, to the maps that asked for it."""
+        request, depth, color, objects_msg = match.values
         if self._scene is None:
             return
         depth_m = conversions.depth_from_msg(depth)
         self._check_size(depth_m, 'depth')
         objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
-        if self._setup.objects.enabled and pose.track_objects:
-            tracks = self._scene.track_objects(pose, depth_m, objects)
-            self._outputs.publish_objects(tracks, pose.stamp_ns)
-        if pose.keyframes is not None:
+        if self._setup.objects.enabled and request.track_objects:
+            tracks = self._scene.track_objects(request, depth_m, objects)
+            self._outputs.publish_objects(tracks, request.stamp_ns)
+        if request.keyframes is not None:
             image_bgr = conversions.color_from_msg(color)
             self._check_size(image_bgr, 'color')
-            self._scene.fuse(pose, depth_m, image_bgr, objects)
-            self._stamp_ns, self._is_shown = pose.stamp_ns, False
-            self._report_views()
+            self._scene.fuse(request, depth_m, image_bgr, objects)
+            self._stamp_ns = request.stamp_ns
+            self._on_map_change(self._scene)
             self._diagnostics.count('images fused')
             self._diagnostics.set_count('voxels', self._scene.num_voxels)
 
@@ -213,15 +209,15 @@ class SceneNode(Node):
         if image.shape[:2] != size:
             raise MessageError(
                 f'{what} image is {image.shape[1]}x{image.shape[0]}, but the camera is '
-                f'{size[1]}x{size[0]}: register depth to colour'
+                f'{size[1]}x{size[0]}: register depth to color'
             )
 
     def _publish(self) -> None:
-        if self._scene is not None and not self._is_shown:
-            self._is_shown = True
+        if self._scene is not None and not self._is_published:
+            self._is_published = True
             self._outputs.publish_map(self._scene, self._stamp_ns)
 
 
 def run_scene_node(messages: Connection, reports: Connection, setup: SceneSetup) -> None:
-    """Map until the pipe ends; the main function of the process."""
+    """Run the scene node until the SLAM node ends; the main function of the scene process."""
     run_node(lambda: SceneNode(messages, reports, setup))

@@ -1,19 +1,19 @@
-"""The process that maps the room, as the SLAM node sees it: posed images go in, nothing waits.
+"""The scene process as the SLAM node sees it: a child process that is replaced when it dies.
 
-Images go to that process as they come from the camera, past the tracker: all it hears from the
-tracker is where some of them were taken. What it publishes comes back, and so do the images that
-its map is made of: when it dies, a new one makes the map of them again.
+Camera images reach that process by topics, and only their poses come from the SLAM node, so that
+the tracker copies no image and never waits. The process sends back the messages to publish, and
+the images that its map is made of: these rebuild the map in a new process after it has died.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import RLock, Thread
-from typing import Protocol
 
 from hoid_common.errors import InputError
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
@@ -21,42 +21,29 @@ from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.ros.scene.messages import (
-    Answer,
     ClearScene,
-    KnownView,
-    Order,
+    CommandResult,
     Output,
+    SceneCommand,
     SceneMessage,
     SceneReport,
     SceneSetup,
 )
 from rgbd_slam.ros.scene.node import run_scene_node
-from rgbd_slam.scene.dense_mapper import StoredView
-from rgbd_slam.scene.fusion_scheduler import FusionRequest
-from rgbd_slam.scene.view_ledger import ViewChange, ViewCopies
+from rgbd_slam.scene.scene_scheduler import SceneRequest
+from rgbd_slam.scene.stored_view import StoredView, ViewChange, ViewCopies
 
-_MAX_WAITING = 30  # poses that the process has not taken yet
-_ANSWER_S = 20.0  # for fusing all images anew, and a little more
-_IDLE_S = 60.0
-_SOON_S, _MAX_SOON = 20.0, 3  # that many ends in a row so soon after a start, and it is left be
+_MAX_WAITING = 30  # chosen: requests in the queue; 2 s at the default rates
+_RESULT_S = 20.0  # chosen: more than rebuilding the dense map takes, for which a command waits
+_IDLE_S = 60.0  # of waiting for a report; without effect, since the wait is repeated
+# Chosen: a process that ends this soon after its start, this often in a row, is not replaced.
+_SOON_S, _MAX_SOON = 20.0, 3
 _ENDED = 'the process of the dense map has ended; ask again'
 
 
-class Listener(Protocol):
-    """Who hears of the process, in a thread that only does that."""
-
-    def published(self, output: Output) -> None:
-        """Take a message to its topic."""
-        ...
-
-    def ended(self, how: str, *, is_restarted: bool) -> None:
-        """Take notice of the process' end."""
-        ...
-
-
 @dataclass
-class _Known:
-    """What a new process must be told."""
+class _State:
+    """What a new process needs to continue."""
 
     dense: DenseConfig
     camera: CameraModel | None = None
@@ -64,103 +51,95 @@ class _Known:
 
 
 class SceneProcess:
-    """Starts the process, hands poses over, and starts it anew when it ends.
+    """Starts the scene process, sends messages to it, and replaces it when it dies.
 
     Args:
-        setup: What the process is to know from the start.
-        listener: Hears what it publishes, and of its end.
+        setup: Parameters of the scene process.
+        on_output: Called with each message to publish, in a thread of this object.
+        on_end: Called when the process has died, in the same thread, with how it ended and whether
+            a new one was started.
     """
 
-    def __init__(self, setup: SceneSetup, listener: Listener) -> None:
-        self.num_dropped = 0  # poses, because the process was behind or gone
-        self._listener = listener
-        self._known = _Known(setup.dense)
+    def __init__(
+        self,
+        setup: SceneSetup,
+        on_output: Callable[[Output], None],
+        on_end: Callable[[str, bool], None],
+    ) -> None:
+        self.num_dropped = 0  # requests, because the process was late or dead
+        self._on_output, self._on_end = on_output, on_end
+        self._state = _State(setup.dense)
         self._copies = ViewCopies()
         self._numbers = count()
-        self._answers: SimpleQueue[Answer] = SimpleQueue()
-        self._lock = RLock()  # what is known, and the process that knows it
+        self._results: SimpleQueue[CommandResult] = SimpleQueue()
+        self._lock = RLock()  # guards `_state` and the start of a process that receives it
         self._is_closed = False
         self._num_soon, self._started_s = 0, time.monotonic()
         self._worker: ChildWorker[SceneMessage, SceneReport] = ChildWorker(
-            'room', run_scene_node, setup
+            'scene', run_scene_node, setup
         )
-        Thread(target=self._listen, name='from room', daemon=True).start()
+        Thread(target=self._listen, name='from scene', daemon=True).start()
 
-    @property
-    def num_restarts(self) -> int:
-        """Return how often a process that had died was replaced."""
-        return self._worker.num_restarts
-
-    def start_map(self, camera: CameraModel) -> None:
-        """Begin an empty map of what a camera sees."""
+    def send(self, message: CameraModel | ClearScene | DenseConfig | KeyframePoses) -> None:
+        """Send a message that changes the scene; a process that replaces this one gets it too."""
         with self._lock:
-            self._known.camera, self._known.keyframes = camera, None
-            self._copies.clear()
-            self._worker.send(camera)
+            match message:
+                case CameraModel():
+                    self._state.camera, self._state.keyframes = message, None
+                    self._copies.clear()
+                case ClearScene():
+                    self._state.camera = None
+                    self._copies.clear()
+                case DenseConfig():
+                    self._state.dense = message
+                case KeyframePoses():
+                    self._state.keyframes = message
+            self._worker.send(message)
 
-    def clear(self) -> None:
-        """Forget the map until the next `start_map`."""
-        with self._lock:
-            self._known.camera = None
-            self._copies.clear()
-            self._worker.send(ClearScene())
-
-    def reconfigure(self, dense: DenseConfig) -> None:
-        """Hand over parameters that may change at run time."""
-        with self._lock:
-            self._known.dense = dense
-            self._worker.send(dense)
-
-    def enqueue(self, pose: FusionRequest) -> None:
-        """Say where an image was taken."""
-        self._known.keyframes = pose.keyframes or self._known.keyframes
+    def enqueue(self, request: SceneRequest) -> None:
+        """Send a request, unless too many are waiting."""
+        self._state.keyframes = request.keyframes or self._state.keyframes
         if self._worker.num_waiting >= _MAX_WAITING:
             self.num_dropped += 1
         else:
-            self._worker.send(pose)
-
-    def update_keyframes(self, keyframes: KeyframePoses) -> None:
-        """Say where the keyframes are that images hang on."""
-        with self._lock:
-            self._known.keyframes = keyframes
-            self._worker.send(keyframes)
+            self._worker.send(request)
 
     def restore(self, view: StoredView) -> None:
-        """Add an image to the dense map that was saved before."""
+        """Add an image of a saved dense map."""
         self._worker.send(view)
 
-    def order(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> int:
-        """Ask for files to be written, or for an answer only, and return what to wait for."""
+    def command(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> int:
+        """Send a command, which writes the given files; return its number for `await_result`."""
         number = next(self._numbers)
-        self._worker.send(Order(number, cloud_path, grid_path))
+        self._worker.send(SceneCommand(number, cloud_path, grid_path))
         return number
 
-    def await_answer(self, number: int) -> str:
-        """Wait until an order is done and return what was; one order at a time.
+    def await_result(self, number: int) -> str:
+        """Wait for a command and return its text; only one command may be under way.
 
         Raises:
-            InputError: It could not be done, or the process has ended or takes too long.
+            InputError: The command failed, the process has ended, or it takes too long.
         """
-        end_s = time.monotonic() + _ANSWER_S
+        end_s = time.monotonic() + _RESULT_S
         while True:
             try:
-                answer = self._answers.get(timeout=max(end_s - time.monotonic(), 0.0))
+                result = self._results.get(timeout=max(end_s - time.monotonic(), 0.0))
             except Empty:
                 raise InputError(
-                    f'the process of the dense map gives no answer in {_ANSWER_S:g} s'
+                    f'the process of the dense map gives no answer in {_RESULT_S:g} s'
                 ) from None
-            if answer.number >= number:  # the later one says that the process has ended
+            if result.number >= number:  # a larger number reports the end of the process
                 break
-        if not answer.success:
-            raise InputError(answer.text)
-        return answer.text
+        if not result.success:
+            raise InputError(result.text)
+        return result.text
 
-    def small_views(self) -> list[StoredView]:
-        """Return the images that were kept last, their colour at half the resolution of depth."""
-        return self._copies.small()
+    def views(self) -> list[StoredView]:
+        """Return the images of the dense map as last reported, with half-resolution color."""
+        return self._copies.with_half_color()
 
     def close(self) -> None:
-        """End the process, by force when it does not end by itself."""
+        """End the process; kill it if it does not end by itself."""
         with self._lock:
             self._is_closed = True
         self._worker.close()
@@ -178,36 +157,36 @@ class SceneProcess:
     def _take(self, report: SceneReport) -> None:
         match report:
             case Output():
-                self._listener.published(report)
+                self._on_output(report)
             case ViewChange():
                 self._copies.apply(report)
-            case Answer():
-                self._answers.put(report)
+            case CommandResult():
+                self._results.put(report)
 
     def _restart(self) -> bool:
-        """Let a new process go on; return whether there is one."""
-        self._answers.put(Answer(next(self._numbers), False, _ENDED))  # to all orders so far
+        """Start a new process, unless closed or in vain; return whether one was started."""
+        self._results.put(CommandResult(next(self._numbers), False, _ENDED))  # for any command
         with self._lock:
             if self._is_closed:
                 return False
             is_soon = time.monotonic() - self._started_s < _SOON_S
             self._num_soon = self._num_soon + 1 if is_soon else 0
             if self._num_soon >= _MAX_SOON:
-                self._listener.ended(self._worker.close(), is_restarted=False)
+                self._on_end(self._worker.close(), False)
                 return False
             how = self._worker.restart()
             self._started_s = time.monotonic()
-            self._tell_all()
-        self._listener.ended(how, is_restarted=True)
+            self._restore_state()
+        self._on_end(how, True)
         return True
 
-    def _tell_all(self) -> None:
-        """Tell a new process what the one before knew."""
-        self._worker.send(self._known.dense)
-        if self._known.camera is None:
+    def _restore_state(self) -> None:
+        """Send a new process everything that its predecessor had."""
+        self._worker.send(self._state.dense)
+        if self._state.camera is None:
             return
-        self._worker.send(self._known.camera)
-        if self._known.keyframes is not None:
-            self._worker.send(self._known.keyframes)
-            for slot, view in self._copies.views():
-                self._worker.send(KnownView(slot, view))
+        self._worker.send(self._state.camera)
+        if self._state.keyframes is not None:
+            self._worker.send(self._state.keyframes)
+            for view in self._copies.with_full_color():
+                self._worker.send(view)

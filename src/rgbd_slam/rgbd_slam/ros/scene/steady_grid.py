@@ -1,4 +1,4 @@
-"""A grid whose size and origin stay while the room grows: they change in steps only."""
+"""A published grid whose size and origin rarely change while the mapped area grows."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from rgbd_slam.scene.grid import UNKNOWN, Grid
 
-_STEP_M = 2.0
+_STEP_M = 2.0  # chosen: Nav2's static layer resizes the costmap whenever size or origin change
 
 
 class GridPatch(NamedTuple):
-    """The rectangle of cells that are others than before."""
+    """The smallest rectangle of cells that contains all changes."""
 
     column: int
     row: int
@@ -22,17 +22,17 @@ class GridPatch(NamedTuple):
 
 
 class SteadyGrid:
-    """Lays grids into a larger one, which never shrinks while the resolution is the same."""
+    """Places grids in a larger one, which never shrinks while the resolution is the same."""
 
     def __init__(self) -> None:
         self._last: Grid | None = None
 
     def clear(self) -> None:
-        """Begin with another map."""
+        """Forget the last grid, because the map is another one now."""
         self._last = None
 
     def place(self, grid: Grid) -> Grid:
-        """Return the grid with a margin of unknown cells up to the next steps."""
+        """Return the grid, extended by unknown cells to multiples of the step."""
         block = max(1, round(_STEP_M / grid.resolution_m))
         low = np.array(grid.low) // block * block
         high = -(-(np.array(grid.low) + grid.cells.shape[::-1]) // block) * block
@@ -47,12 +47,10 @@ class SteadyGrid:
         cells[row : row + rows, column : column + columns] = grid.cells
         return replace(grid, cells=cells, low=(int(low[0]), int(low[1])))
 
-    def show(self, placed: Grid) -> GridPatch | None:
-        """Take a placed grid as the one that is known; return what changed, if only cells did."""
+    def take_patch(self, placed: Grid) -> GridPatch | None:
+        """Return the changes since the last placed grid, or None if there are none or it moved."""
         last, self._last = self._last, placed
-        if last is None or (last.low, last.resolution_m, last.cells.shape) != (
-            placed.low, placed.resolution_m, placed.cells.shape,
-        ):  # fmt: skip
+        if last is None or _extent(last) != _extent(placed):
             return None
         rows, columns = np.nonzero(last.cells != placed.cells)
         if len(rows) == 0:
@@ -60,3 +58,7 @@ class SteadyGrid:
         top, left = rows.min(), columns.min()
         cells = placed.cells[top : rows.max() + 1, left : columns.max() + 1]
         return GridPatch(int(left), int(top), cells)
+
+
+def _extent(grid: Grid) -> tuple[tuple[int, int], float, tuple[int, ...]]:
+    return grid.low, grid.resolution_m, grid.cells.shape

@@ -1,4 +1,4 @@
-"""A peer of rgbd_slam that gives it whole images, for the maps of the room."""
+"""A peer of rgbd_slam that also publishes the images, which the scene mapper needs."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from hoid_system_tests.slam_peer import SlamPeer
 
 RELIABLE = {'input.reliability': 'reliable', 'input.queue_length': 100}
 """Parameters with which no image is lost on a busy machine."""
-_MAP_S = 30.0
-_CAMERA_S, _MAPPER_S = 0.03, 0.5  # pauses
+_MAP_S = 30.0  # limit for the first dense map
+_CAMERA_S, _MAPPER_S = 0.03, 0.5  # pauses: the period of a camera, and for a busy mapper
 
 
-class RoomPeer(SlamPeer):
-    """Shows the node a rendered recording, image by image."""
+class ScenePeer(SlamPeer):
+    """Publishes a rendered recording image by image."""
 
     def __init__(self, probe: Probe) -> None:
         self.clouds = probe.collect(PointCloud2, 'cloud_map', qos.LATCHED, wait=False)
@@ -31,17 +31,17 @@ class RoomPeer(SlamPeer):
         self.objects = probe.publisher(DynamicObjectArray, 'dynamic_objects')
 
     def show(self, image: Messages) -> SlamStatus:
-        """Send all of an image and return what is said of it."""
+        """Publish all messages of an image and return its status."""
         self.depth.publish(image.depth)
         self.color.publish(image.color)
         self.objects.publish(image.objects)
         return self.answer_to(image.features)
 
     def play(self, images: Iterable[Messages]) -> list[SlamStatus]:
-        """Show images one by one and return what is said of each.
+        """Publish images one by one, no faster than a camera, and return the status of each.
 
-        A camera is slower than this could be, and the mapper must keep up to map as well as with
-        one, also on a busy machine.
+        While the mapper is behind, the next image waits longer, so that a busy machine makes the
+        same map.
         """
         answers = []
         for image in images:
@@ -50,7 +50,7 @@ class RoomPeer(SlamPeer):
         return answers
 
     def cloud_m(self) -> FloatArray:
-        """Return the (N, 3) points of the newest dense map, once one is not empty."""
+        """Wait for a dense map that is not empty, and return the newest one's points (N, 3)."""
         self.probe.spin_until(
             lambda: bool(self.clouds and self.clouds[-1].width), 'no dense map', _MAP_S
         )

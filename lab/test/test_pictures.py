@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hoid_bringup.view.pictures import draw_scenes, frame_numbers, write_sheets
+from hoid_benchmarks.pictures import draw_scenes, frame_numbers, write_sheets
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.values import CameraModel, Detections, Reason, RgbdFrame, Trajectory
 from hoid_filter.config import FilterConfig
@@ -17,7 +17,7 @@ CUP = (150.0, 100.0, 190.0, 140.0)  # a person covers 3/4 of it
 
 
 class Recording:
-    """Two grey frames with texture, a person at 2 m and a cup in front, at 1 m."""
+    """Two gray frames with texture, a person at 2 m and a cup in front of it at 1 m."""
 
     name = 'two'
     camera = CameraModel(WIDTH, HEIGHT, 250.0, 250.0, 160.0, 120.0)
@@ -51,7 +51,7 @@ def num_kept(picture: np.ndarray, area: tuple[slice, slice]) -> int:
     return int(np.count_nonzero((picture[area] == KEPT_BGR).all(axis=2)))
 
 
-def test_pictures_show_what_each_rule_decides() -> None:
+def test_pictures_show_the_verdict_of_each_rule() -> None:
     config = FilterConfig(strategy='hoid2d')
     ((number, scene),) = draw_scenes(Recording(), [1], seen, config)
     assert number == 1
@@ -73,11 +73,11 @@ def test_sheets_are_written(tmp_path: Path) -> None:
     assert sizes == {'verdicts': (266, 640), 'features': (266, 640), 'rules': (532, 640)}
 
 
-def test_frames_are_chosen_or_spread() -> None:
+def test_frames_are_requested_or_spread() -> None:
     assert frame_numbers(None, 101) == [25, 50, 75]
     assert frame_numbers(None, 1) == [0]
     assert frame_numbers([7, 3, 7], 10) == [7, 3]
-    with pytest.raises(ConfigError, match='--frames 10: the recording has 0 to 9'):
+    with pytest.raises(ConfigError, match='--frames 10: the recording has frames 0 to 9'):
         frame_numbers([10], 10)
     with pytest.raises(InputError, match='no frames'):
         frame_numbers(None, 0)

@@ -1,11 +1,11 @@
-"""Normalised squared errors of errors that are known."""
+"""Normalized squared errors for known errors."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from hoid_bringup.evaluate.consistency import (
+from hoid_benchmarks.consistency import (
     Estimates,
     ReferenceNoise,
     consistency,

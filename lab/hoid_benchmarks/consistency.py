@@ -1,7 +1,8 @@
-"""Whether covariances are those of the errors: normalised errors squared.
+"""Consistency of published covariances with the errors: normalized estimation error squared.
 
-e' P^-1 e over the degrees of freedom averages to 1 where P is the covariance of e (Bar-Shalom,
-Li and Kirubarajan 2001, 5.4). A reference errs as well: how much, its own poses tell.
+The mean of e' P^-1 e over the degrees of freedom is 1 where P is the covariance of the error e
+(Bar-Shalom, Li and Kirubarajan 2001, 5.4). The reference has errors as well, which are estimated
+from its own poses.
 """
 
 from __future__ import annotations
@@ -16,56 +17,56 @@ from hoid_common.values import NS_PER_S, S_PER_NS, BoolArray, FloatArray, IntArr
 from rgbd_slam.tracking.jitter import WINDOW, middle_errors
 
 INTERVAL_S = 1.0
-_ASSOCIATION_S = 0.02  # by which the interval may be missed
-_LONGEST_GAP_S = 0.05  # of a reference that is interpolated in
-_CLOCKS_S = np.arange(-50, 51, 2) / 1e3  # by which the reference's clock may be off
-_MIN_PAIRS = 10
+_ASSOCIATION_S = 0.02  # largest difference of an interval from INTERVAL_S, as in the ATE
+_LONGEST_GAP_S = 0.05  # chosen: the reference is not interpolated in longer gaps
+_CLOCKS_S = np.arange(-50, 51, 2) / 1e3  # chosen: candidate offsets of the reference's clock
+_MIN_PAIRS = 10  # chosen
 
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Poses and velocities of the camera, each with the covariance that was published."""
+    """Published poses and velocities of the camera with their covariances."""
 
     stamps_ns: IntArray  # (N,)
     T_odom_camera: FloatArray  # (N, 4, 4)
-    covariance: FloatArray  # (N, 6, 6) of a small motion in the camera's frame, rotation first
-    twist: FloatArray  # (N, 6) in the camera's frame: rad/s, then m/s; mean since the last pose
+    covariance: FloatArray  # (N, 6, 6) in the camera frame, rotation first
+    twist: FloatArray  # (N, 6) mean since the last pose, in the camera frame: rad/s, then m/s
     twist_covariance: FloatArray  # (N, 6, 6)
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """Normalised squared errors per degree of freedom, and the errors themselves."""
+    """Normalized squared errors per degree of freedom, and the errors themselves."""
 
     pose: float  # of the motion over a second
     twist: float
     error_m: float  # RMS over a second
     error_deg: float
-    sigma_m: float  # of that, as claimed
+    sigma_m: float  # RMS by the published covariance
     sigma_deg: float
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceNoise:
-    """What the reference itself errs by.
+    """Errors of the reference itself.
 
-    Where its two clocks differ, no shift of its stamps makes it agree with the camera.
+    Where its two clock offsets differ, no shift of its stamps makes it agree with the camera.
     """
 
-    covariance: FloatArray  # (6, 6) of one pose, by its jitter
-    rotation_clock_s: float  # by which its stamps are to be moved for its rotations to fit best
-    translation_clock_s: float  # and for its translations
+    covariance: FloatArray  # (6, 6) of one pose, from its smoothness residuals
+    rotation_clock_s: float  # shift of its stamps that fits its rotations best
+    translation_clock_s: float  # shift of its stamps that fits its translations best
 
 
 def consistency(
     estimates: Estimates, truth: Trajectory, noise: ReferenceNoise | None = None
 ) -> Consistency:
-    """Return how the errors compare with the covariances.
+    """Return the ratio of the errors to the covariances.
 
     Args:
-        estimates: What was published.
+        estimates: Published poses and covariances.
         truth: The reference.
-        noise: Of the reference, to be added to the covariances.
+        noise: Errors of the reference, whose covariance is added.
 
     Raises:
         InputError: The two share less than a second.
@@ -82,8 +83,8 @@ def consistency(
     twist_error = estimates.twist[k] - se3.log(step.T) / elapsed_s[:, None]
     twist_own = step.covariance(own, own) / elapsed_s[:, None, None] ** 2
     return Consistency(
-        _normalised(error, claimed + pose.covariance(own, own)),
-        _normalised(twist_error, estimates.twist_covariance[k] + twist_own),
+        _normalized(error, claimed + pose.covariance(own, own)),
+        _normalized(twist_error, estimates.twist_covariance[k] + twist_own),
         error_m=_rms(error[:, 3:]),
         error_deg=float(np.degrees(_rms(error[:, :3]))),
         sigma_m=_sigma(claimed[:, 3:, 3:]),
@@ -92,7 +93,7 @@ def consistency(
 
 
 def reference_noise(estimates: Estimates, truth: Trajectory) -> ReferenceNoise:
-    """Return the jitter of a reference, by itself, and how its clock fits the camera's motion.
+    """Return the pose noise of a reference, and the clock offsets that fit the camera's motion.
 
     Raises:
         InputError: The two share less than a second.
@@ -113,7 +114,7 @@ def reference_noise(estimates: Estimates, truth: Trajectory) -> ReferenceNoise:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """True motions between pairs of times."""
+    """True motions between pairs of poses."""
 
     T: FloatArray  # (M, 4, 4) T_first_second
 
@@ -122,18 +123,18 @@ class _Motion:
         return cls(se3.inverse(true[first]) @ true[second])
 
     def error(self, estimates: Estimates, first: IntArray, second: IntArray) -> FloatArray:
-        """Return (M, 6) of the estimated motions, in the second frame."""
+        """Return the (M, 6) errors of the estimated motions in the second frame."""
         T = estimates.T_odom_camera
         return se3.log(se3.inverse(self.T) @ se3.inverse(T[first]) @ T[second])
 
     def covariance(self, first: FloatArray, second: FloatArray) -> FloatArray:
-        """Return (M, 6, 6) of the motions, for those of the poses that they are between."""
+        """Return the (M, 6, 6) covariances of the motions from those of their two poses."""
         A = np.array([se3.adjoint(T) for T in se3.inverse(self.T)])
         return np.asarray(second + A @ first @ A.transpose(0, 2, 1))
 
 
 def _at(truth: Trajectory, stamps_ns: IntArray, clock_s: float) -> tuple[FloatArray, BoolArray]:
-    """Return (N, 4, 4) poses of the reference at times, and the mask of those that it knows."""
+    """Return interpolated poses (N, 4, 4) of the reference, and the (N,) mask of valid ones."""
     at_ns = stamps_ns + round(clock_s * NS_PER_S)
     known_ns, T = truth.stamps_ns, truth.T_world_camera
     after = np.clip(np.searchsorted(known_ns, at_ns), 1, len(known_ns) - 1)
@@ -145,7 +146,7 @@ def _at(truth: Trajectory, stamps_ns: IntArray, clock_s: float) -> tuple[FloatAr
 
 
 def _pairs(stamps_ns: IntArray, is_known: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return (M,) and (M,) poses a second apart at which the reference is known."""
+    """Return the indices (M,), (M,) of poses a second apart with a valid reference."""
     target_ns = stamps_ns + round((INTERVAL_S - _ASSOCIATION_S) * NS_PER_S)
     second = np.searchsorted(stamps_ns, target_ns)
     found = second < len(stamps_ns)
@@ -157,7 +158,7 @@ def _pairs(stamps_ns: IntArray, is_known: BoolArray) -> tuple[IntArray, IntArray
     return first[keep], second[keep]
 
 
-def _normalised(error: FloatArray, covariance: FloatArray) -> float:
+def _normalized(error: FloatArray, covariance: FloatArray) -> float:
     weighed = np.linalg.solve(covariance, error[..., None])[..., 0]
     return float(np.einsum('ni,ni->n', error, weighed).mean() / error.shape[1])
 

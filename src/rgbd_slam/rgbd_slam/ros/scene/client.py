@@ -1,0 +1,168 @@
+"""The scene as the SLAM node uses it: its process, if the scene is mapped, and its publishers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from hoid_common import topics
+from hoid_common.errors import InputError
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.values import CameraModel
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.robot_map import LoadedMap
+from rgbd_slam.ros.scene.messages import ClearScene, Output, SceneSetup
+from rgbd_slam.ros.scene.outputs import MAP_OUTPUTS, OBJECT_OUTPUTS
+from rgbd_slam.ros.scene.process import SceneProcess
+from rgbd_slam.scene.dense_state import DenseState
+from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
+from rgbd_slam.scene.stored_view import StoredView
+
+_PROBLEM = 'scene'
+_DEATHS = 'scene processes that died'
+
+
+class SceneClient:
+    """Runs the scene process if the dense map or object tracks are on, and publishes its messages.
+
+    All calls do nothing if both are off.
+    """
+
+    def __init__(self, node: Node, config: SlamNodeConfig, diagnostics: Diagnostics) -> None:
+        self._config = config
+        self._diagnostics = diagnostics
+        self._process: SceneProcess | None = None
+        self._camera: CameraModel | None = None
+        self._publishers: dict[str, Publisher] = {}
+        if not config.dense.enabled and not config.objects.enabled:
+            return
+        self._publishers = {
+            output.name: node.create_publisher(output.type, output.name, output.qos)
+            for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS)
+            if output.name != topics.TF_STATIC or not config.frames.base
+        }
+        diagnostics.set_count(_DEATHS, 0)
+        setup = SceneSetup(
+            name=f'{node.get_name()}_scene',
+            map_frame=config.frames.map,
+            is_map_level=bool(config.frames.base),
+            dense=config.dense,
+            objects=config.objects,
+            input=config.input,
+        )
+        self._process = SceneProcess(setup, self._publish, self._report_end)
+
+    @property
+    def _dense_process(self) -> SceneProcess | None:
+        """Return the process if it has a dense map."""
+        return self._process if self._config.dense.enabled else None
+
+    def scene_scheduler(self) -> SceneScheduler:
+        """Return a scheduler that selects the images for the scene mapper."""
+        dense, objects = self._config.dense, self._config.objects
+        return SceneScheduler(
+            dense.rate_hz if dense.enabled else None, objects.rate_hz if objects.enabled else None
+        )
+
+    def reconfigure(self, config: SlamNodeConfig) -> None:
+        """Apply the parameters that may change at run time."""
+        self._config = config
+        if self._process is not None:
+            self._process.send(config.dense)
+
+    def start_map(self, camera: CameraModel) -> None:
+        """Start an empty scene."""
+        self._camera = camera
+        if self._process is not None:
+            self._process.send(camera)
+
+    def clear(self) -> None:
+        """Discard the scene."""
+        if self._process is not None:
+            self._process.send(ClearScene())
+
+    def request_views(self, keyframes: KeyframePoses) -> Callable[[], list[StoredView]] | None:
+        """Request the images of the dense map, stored relative to the given keyframes.
+
+        Returns:
+            A function that waits for the images and returns them, with color at half the
+            resolution of depth. None if the dense map is off.
+        """
+        process = self._dense_process
+        if process is None:
+            return None
+        process.send(keyframes)
+        number = process.command()
+
+        def receive() -> list[StoredView]:
+            process.await_result(number)
+            return process.views()
+
+        return receive
+
+    def views(self) -> list[StoredView]:
+        """Return the images of the dense map as last reported, with half-resolution color."""
+        process = self._dense_process
+        return [] if process is None else process.views()
+
+    def save(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> str:
+        """Write the dense map or the grid to a file; return a message for the user.
+
+        Raises:
+            InputError: There is none, it cannot be written, or the process has ended.
+        """
+        process = self._dense_process
+        if process is None:
+            raise InputError('the dense map is off here: dense.enabled is false')
+        return process.await_result(process.command(cloud_path=cloud_path, grid_path=grid_path))
+
+    def load(self, dense: DenseState | None, loaded: LoadedMap, *, keep: bool) -> str:
+        """Load a saved dense map, and return what the user must know of what was left out.
+
+        Args:
+            dense: The dense map, if one was saved with the map.
+            loaded: The map, which has been loaded already.
+            keep: Whether to keep the running dense map as well.
+        """
+        process, camera = self._dense_process, self._camera
+        if process is None or camera is None:
+            return '' if dense is None else '; the dense map is off here'
+        if not keep:
+            process.send(camera)
+        process.send(loaded.keyframes)
+        if dense is None:
+            return ''
+        if not dense.fits(camera, self._config.dense.pixel_stride):
+            return '; its dense map is left out: it was made with another dense.pixel_stride'
+        for view in dense.views(loaded.keyframe_uids):
+            process.restore(view)
+        return ''
+
+    def enqueue(self, request: SceneRequest | None) -> None:
+        """Send a request to map an image, if there is one."""
+        if self._process is None or request is None:
+            return
+        self._process.enqueue(request)
+        self._diagnostics.set_count('images not mapped', self._process.num_dropped)
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.close()
+
+    def _publish(self, output: Output) -> None:
+        self._diagnostics.clear_problem(_PROBLEM)  # a new process is at work
+        self._publishers[output.topic].publish(output.data)
+
+    def _report_end(self, how: str, is_restarted: bool) -> None:
+        self._diagnostics.count(_DEATHS)
+        text = f'the process of dense map and objects has ended ({how})'
+        if is_restarted:
+            text += '; a new one makes the dense map again'
+        else:
+            text += ' at its start again and again; see its output and restart the node'
+        self._diagnostics.set_problem(_PROBLEM, text, severe=not is_restarted)

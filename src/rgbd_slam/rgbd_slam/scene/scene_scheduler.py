@@ -1,0 +1,82 @@
+"""Selects the images for the scene mapper, and describes them: time, pose and keyframe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from hoid_common.sync import RESTART_NS
+from hoid_common.values import NS_PER_S, FloatArray
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+
+_EARLY_NS = 5_000_000  # chosen: stamps vary by a few milliseconds around the frame rate
+
+
+class SceneRequest(NamedTuple):
+    """Asks the scene mapper to use one image, and gives the time and pose of that image.
+
+    The pose belongs to one version of the map. It is given relative to a keyframe as well, so that
+    it can be corrected with the map later.
+    """
+
+    stamp_ns: int
+    T_map_camera: FloatArray  # (4, 4), in the map frame of that version
+    reference_uid: int  # of the keyframe that the pose is relative to
+    keyframes: KeyframePoses | None  # of that version; None: not for the dense map
+    track_objects: bool = True  # whether to update the tracks of people and objects
+
+
+class Rate:
+    """Selects stamps at a rate, on average, whatever the frame rate."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = round(NS_PER_S / rate_hz)
+        self._last_ns: int | None = None
+
+    def take_due(self, stamp_ns: int) -> bool:
+        """Return whether a stamp is due; the next one is due a period later."""
+        last_ns = self._last_ns
+        if last_ns is None or stamp_ns < last_ns - RESTART_NS:
+            self._last_ns = stamp_ns
+            return True
+        grid_ns = last_ns + self._period_ns
+        if stamp_ns < grid_ns - _EARLY_NS:
+            return False
+        on_time = 0 <= stamp_ns - grid_ns < self._period_ns
+        self._last_ns = grid_ns if on_time else stamp_ns
+        return True
+
+
+class SceneScheduler:
+    """Selects the images for the dense map and those for the object tracks, each at a rate.
+
+    Args:
+        dense_rate_hz: Rate of images for the dense map; None: the dense map is off.
+        objects_rate_hz: Rate of images for the object tracks; None: they are off.
+    """
+
+    def __init__(self, dense_rate_hz: float | None, objects_rate_hz: float | None) -> None:
+        self._dense = None if dense_rate_hz is None else Rate(dense_rate_hz)
+        self._objects = None if objects_rate_hz is None else Rate(objects_rate_hz)
+
+    def pick(
+        self,
+        stamp_ns: int,
+        T_map_camera: FloatArray,
+        reference_uid: int,
+        keyframes: Callable[[], KeyframePoses],
+    ) -> SceneRequest | None:
+        """Return the request for an image, or None if no map needs it.
+
+        Args:
+            stamp_ns: Time of the image.
+            T_map_camera: (4, 4) pose of the image after tracking and mapping.
+            reference_uid: The keyframe that the pose is relative to.
+            keyframes: Returns the present poses of all keyframes.
+        """
+        fuse = self._dense is not None and self._dense.take_due(stamp_ns)
+        track_objects = self._objects is not None and self._objects.take_due(stamp_ns)
+        if not fuse and not track_objects:
+            return None
+        known = keyframes() if fuse else None
+        return SceneRequest(stamp_ns, T_map_camera, reference_uid, known, track_objects)

@@ -1,0 +1,84 @@
+"""Each topic of the scene is one row of a table, and is published with the type of its row."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Header, UInt32
+
+from hoid_common.inputs.input_config import InputConfig
+from hoid_common.ros import qos
+from hoid_common.values import CameraModel
+from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.config.object_config import ObjectTrackerConfig
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
+from rgbd_slam.ros.scene import outputs
+from rgbd_slam.ros.scene.messages import Output, SceneSetup
+from rgbd_slam.ros.scene.outputs import MAP_OUTPUTS, OBJECT_OUTPUTS, OutputTopic, SceneOutputs
+from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
+from rgbd_slam.scene.scene_mapper import SceneMapper
+from rgbd_slam.scene.scene_scheduler import SceneRequest
+
+CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
+STAMP_NS = 5_000_000_000
+PERSON = TrackedObject(
+    1, 'person', ObjectState.PERSON, STAMP_NS, 0.9, np.zeros(3), np.zeros(3), np.ones(3)
+)
+
+
+def new_outputs(*, is_map_level: bool) -> tuple[SceneOutputs, list[Output]]:
+    setup = SceneSetup(
+        'scene', 'map', is_map_level, DenseConfig(), ObjectTrackerConfig(), InputConfig()
+    )
+    sent: list[Output] = []
+    return SceneOutputs(sent.append, setup), sent
+
+
+def floor_scene() -> SceneMapper:
+    """Return the scene of a camera 1 m above a floor, tilted down by 45 degrees."""
+    scene = SceneMapper(CAMERA, DenseConfig(), ObjectTrackerConfig())
+    pitch = np.eye(4)
+    pitch[[0, 0, 2, 2], [0, 2, 0, 2]] = np.sqrt(0.5) * np.array([1, 1, -1, 1])
+    T_map_camera = pitch @ T_BODY_OPTICAL
+    v = np.arange(120)[:, None].repeat(160, axis=1)
+    depth_m = (1 / (np.sqrt(0.5) * (1 + (v - 59.5) / 130))).astype(np.float32)
+    one = np.zeros(1, np.int64)
+    keyframes = KeyframePoses(1, one, one, 0, np.eye(4)[None])
+    for _ in range(3):
+        request = SceneRequest(STAMP_NS, T_map_camera, 0, keyframes)
+        scene.fuse(request, depth_m, np.zeros((120, 160, 3), np.uint8), ())
+    return scene
+
+
+@pytest.mark.parametrize('is_map_level', [False, True])
+def test_every_message_has_the_type_of_its_topic(is_map_level: bool) -> None:
+    scene_outputs, sent = new_outputs(is_map_level=is_map_level)
+    scene_outputs.publish_map(floor_scene(), STAMP_NS)
+    scene_outputs.publish_objects((PERSON,), STAMP_NS)
+    scene_outputs.clear(STAMP_NS)
+    types = {output.name: output.type for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS)}
+    messages = [(o.topic, deserialize_message(o.data, types[o.topic])) for o in sent]
+    names = [name for name, _ in messages]
+    objects = ['tracked_objects', 'people', 'tracked_objects/markers']
+    level = [] if is_map_level else ['/tf_static']
+    assert names == ['cloud_map', *level, 'grid_map', *objects, 'cloud_map', 'grid_map', *objects]
+    clouds = [message.width for name, message in messages if name == 'cloud_map']
+    grids = [message.info.width for name, message in messages if name == 'grid_map']
+    assert clouds[0] > 1000
+    assert grids[0] > 0
+    assert clouds[1] == grids[1] == 0
+
+
+def test_a_row_of_the_table_adds_a_topic(monkeypatch: pytest.MonkeyPatch) -> None:
+    def num_people_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> UInt32:
+        assert header.frame_id == 'map'
+        return UInt32(data=sum(item.state is ObjectState.PERSON for item in objects))
+
+    row = OutputTopic('num_people', UInt32, qos.OUTPUT, num_people_to_msg)
+    monkeypatch.setattr(outputs, 'OBJECT_OUTPUTS', (*OBJECT_OUTPUTS, row))
+    scene_outputs, sent = new_outputs(is_map_level=True)
+    scene_outputs.publish_objects((PERSON, PERSON), STAMP_NS)
+    assert sent[-1].topic == 'num_people'
+    assert deserialize_message(sent[-1].data, UInt32).data == 2

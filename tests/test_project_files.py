@@ -1,0 +1,60 @@
+"""The files of a public project are well formed, and name real commands and the version."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+VERSION = ET.parse(ROOT / 'src/rgbd_slam/package.xml').findtext('version')  # noqa: S314  # ours
+YAML_FILES = ('.github/workflows/ci.yml', '.pre-commit-config.yaml', 'CITATION.cff', 'mkdocs.yml')
+
+
+@pytest.mark.parametrize('name', YAML_FILES)
+def test_yaml_is_well_formed(name: str) -> None:
+    assert yaml.safe_load((ROOT / name).read_text())
+
+
+def test_the_workflow_has_a_lane_with_ros_and_one_without() -> None:
+    jobs = yaml.safe_load((ROOT / '.github/workflows/ci.yml').read_text())['jobs']
+    commands = {
+        name: ' '.join(step.get('run', '') for step in job['steps']) for name, job in jobs.items()
+    }
+    assert jobs['ros']['container'] == 'ros:jazzy'
+    for command in ('rosdep install', 'colcon build', 'colcon test'):
+        assert command in commands['ros']
+    assert 'make test' in commands['without-ros']
+
+
+def test_make_targets_that_documents_name_exist() -> None:
+    targets = set(re.findall(r'^([\w-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE))
+    for name in ('CONTRIBUTING.md', 'README.md', '.github/workflows/ci.yml', '.ci/run'):
+        text = (ROOT / name).read_text()
+        named = re.findall(r'(?:`|run: |^)make ([\w-]+)', text, re.MULTILINE)
+        assert named, name
+        assert set(named) <= targets, name
+
+
+def test_citation_and_changelog_name_the_version_and_the_paper() -> None:
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
+    assert citation['version'] == VERSION
+    assert citation['references'][0]['doi'] == '10.1177/17298806241279782'
+    assert f'## {VERSION}' in (ROOT / 'CHANGELOG.md').read_text()
+
+
+def test_the_devcontainer_and_the_image_use_the_same_ros() -> None:
+    container = json.loads((ROOT / '.devcontainer/devcontainer.json').read_text())
+    assert f'FROM {container["image"]}\n' in (ROOT / 'Dockerfile').read_text()
+
+
+@pytest.mark.parametrize('name', ['bug_report.md', 'feature_request.md'])
+def test_issue_templates_have_a_name_and_a_purpose(name: str) -> None:
+    text = (ROOT / '.github/ISSUE_TEMPLATE' / name).read_text()
+    header = yaml.safe_load(text.split('---')[1])
+    assert header['name']
+    assert header['about']
