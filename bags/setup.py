@@ -15,6 +15,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
     ],
     install_requires=[
+        'apsw',
         'backports-zstd',
         'lz4',
         'mcap',

@@ -19,24 +19,34 @@ _CONVERT, _PLAY = ConvertConfig(), PlayConfig()
 def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid convert`."""
     parser.add_argument('sequence', type=Path, metavar='SEQUENCE', help='TUM folder')
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder to make')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder of the new bag')
     add_folder_arguments(parser)
     parser.add_argument(
-        '--rgb', choices=(JPEG, PNG, RAW), default=_CONVERT.rgb, help='default: %(default)s'
+        '--rgb',
+        choices=(JPEG, PNG, RAW),
+        default=_CONVERT.rgb,
+        help='encoding of color images (default: %(default)s)',
     )
     parser.add_argument(
-        '--depth', choices=(PNG, RAW), default=_CONVERT.depth, help='default: %(default)s'
+        '--depth',
+        choices=(PNG, RAW),
+        default=_CONVERT.depth,
+        help='encoding of depth images (default: %(default)s)',
     )
     parser.add_argument(
-        '--round-depth', action='store_true', help='round depth to mm; PNG depth may need it'
+        '--round-depth',
+        action='store_true',
+        help='round depth to mm, which PNG images may require',
     )
     parser.add_argument(
-        '--compress', action='store_true', help='pack with zstd: smaller, slower to play'
+        '--compress',
+        action='store_true',
+        help='compress the bag with zstd: smaller, but slower to play',
     )
 
 
 def convert_command(args: argparse.Namespace) -> None:
-    """Turn a TUM folder into a bag."""
+    """Convert a TUM folder to a bag."""
     config = ConvertConfig(
         rgb=args.rgb,
         depth=args.depth,
@@ -52,17 +62,19 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid info`."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='bag folder, .mcap or .db3 file')
     parser.add_argument(
-        '--bandwidth', action='store_true', help='of each topic as well; reads the whole bag'
+        '--bandwidth',
+        action='store_true',
+        help='also list the bandwidth of each topic, which reads the whole bag',
     )
     parser.add_argument(
         '--repair',
         action='store_true',
-        help='first make a bag of what a killed recording left or a damaged bag still has',
+        help='first restore the bag of a killed recording, or the intact parts of a damaged bag',
     )
 
 
 def info_command(args: argparse.Namespace) -> None:
-    """Print what is in a bag."""
+    """Print the topics of a bag with their numbers and rates of messages."""
     bag = repair(args.bag) if args.repair else args.bag
     summary = summarize(bag, sizes=args.bandwidth)
     print(describe(summary))
@@ -73,24 +85,38 @@ def info_command(args: argparse.Namespace) -> None:
 def add_play_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid play`."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='bag folder, .mcap or .db3 file')
-    parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC', help='only these')
-    parser.add_argument('--namespace', default='', metavar='NS', help='put before topics')
     parser.add_argument(
-        '--rate', type=float, default=_PLAY.rate, metavar='R', help='times real time'
+        '--topics', nargs='+', default=[], metavar='TOPIC', help='topics to publish (default: all)'
+    )
+    parser.add_argument('--namespace', default='', metavar='NS', help='namespace for all topics')
+    parser.add_argument(
+        '--rate',
+        type=float,
+        default=_PLAY.rate,
+        metavar='R',
+        help='speed as a multiple of real time (default: %(default)g)',
     )
     parser.add_argument(
-        '--loop', action='store_true', help='begin again at the end; stamps go on rising'
+        '--loop', action='store_true', help='restart at the end, with stamps that keep increasing'
     )
     parser.add_argument(
-        '--start', type=float, default=_PLAY.start_s, metavar='S', help='s from the start'
+        '--start',
+        type=float,
+        default=_PLAY.start_s,
+        metavar='S',
+        help='time to skip at the start in s',
     )
     parser.add_argument(
-        '--duration', type=float, default=_PLAY.duration_s, metavar='S', help='s; 0 = to the end'
+        '--duration',
+        type=float,
+        default=_PLAY.duration_s,
+        metavar='S',
+        help='time to play in s; 0 plays to the end',
     )
     parser.add_argument(
         '--lockstep',
         action='store_true',
-        help='hold each frame back until odometry for the one before is out',
+        help='publish each frame only after the odometry of the one before',
     )
     parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
     parser.add_argument(
@@ -98,14 +124,14 @@ def add_play_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=_PLAY.wait_s,
         metavar='S',
-        help='longest wait for subscribers (default: %(default)g s)',
+        help='longest time to wait for subscribers (default: %(default)g s)',
     )
     parser.add_argument(
         '--require',
         action='append',
         default=[],
         metavar='TOPIC=N',
-        help='begin only when TOPIC has N subscribers',
+        help='start when TOPIC has N subscribers',
     )
 
 
@@ -134,16 +160,26 @@ def play_command(args: argparse.Namespace) -> None:
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid record`."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder to make')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder of the new bag')
     parser.add_argument(
-        '--topics', nargs='+', default=[], metavar='TOPIC', help="default: the suite's results"
+        '--topics',
+        nargs='+',
+        default=[],
+        metavar='TOPIC',
+        help='topics to record (default: the results of the suite)',
     )
-    parser.add_argument('--namespace', default='', metavar='NS', help='of relative topics')
     parser.add_argument(
-        '--duration', type=float, default=0.0, metavar='S', help='s; 0 = until interrupted'
+        '--namespace', default='', metavar='NS', help='namespace of relative topics'
     )
     parser.add_argument(
-        '--use-sim-time', action='store_true', help='times by /clock instead of the wall'
+        '--duration',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='time to record in s; 0 records until an interrupt',
+    )
+    parser.add_argument(
+        '--use-sim-time', action='store_true', help='use the time of /clock instead of wall time'
     )
 
 

@@ -1,4 +1,4 @@
-"""Options that all commands share which read TUM folders."""
+"""Options shared by the commands that read TUM folders."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from hoid_common.values import CameraModel
 
 
 def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what a TUM folder itself does not say: its camera and the units of its depth."""
+    """Declare the options for the camera and the depth units of a TUM folder."""
     parser.add_argument(
         '--camera',
         metavar='fr1|fr2|fr3|bonn|YAML',
-        help='camera of a folder: a published one, or a camera_info YAML (default: by its name)',
+        help='camera of a TUM folder: a published one, or a camera_info YAML (default: by the '
+        'name of the folder)',
     )
     parser.add_argument(
         '--depth-factor',
         type=float,
         default=TUM_DEPTH_UNITS_PER_M,
         metavar='N',
-        help="depth units per metre of a folder's images (default: %(default)g)",
+        help='depth units per meter in the images of a TUM folder (default: %(default)g)',
     )
 
 

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from hoid_bags.bag.bag_reader import METADATA, is_bag
+from hoid_bags.bag.bag_reader import is_bag
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bags.bag.metadata import METADATA
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
 from hoid_bags.tum.tum_folder import COLOR_LIST, open_tum_folder
 from hoid_common.errors import InputError
@@ -15,7 +16,7 @@ from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
 
 
 class Sequence(Protocol):
-    """A recording: pairs of colour and depth images in order of time; it may be iterated again."""
+    """Recording of paired color and depth images in order of time; can be iterated repeatedly."""
 
     @property
     def name(self) -> str:
@@ -27,27 +28,27 @@ class Sequence(Protocol):
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """Return the true poses, when the recording has them."""
+        """Return the ground-truth poses of the camera, or None."""
 
     @property
     def true_detections(self) -> Mapping[int, Detections] | None:
-        """Return the exact detections by colour stamp, when the recording has them."""
+        """Return the ground-truth detections by stamp of the color image (ns), or None."""
 
     @property
     def fault(self) -> str | None:
-        """Return what is wrong with a recording of which only a part can be read, else None.
+        """Return one line about what cannot be read of a damaged recording, or None.
 
-        Such a recording is still worth processing: do so, then report this line and exit with 1.
+        Commands process the readable part, then print this line and exit with status 1.
         """
 
     def __len__(self) -> int:
         """Return the number of pairs."""
 
     def __iter__(self) -> Iterator[RgbdFrame]:
-        """Yield the pairs; the frame's stamp is that of its color image.
+        """Yield the frames; the stamp of a frame is that of its color image.
 
         Raises:
-            InputError: an image is truncated or of another kind or size than expected.
+            InputError: An image is truncated, or of another kind or size than expected.
         """
 
 
@@ -57,11 +58,12 @@ def open_sequence(
     """Open a TUM folder or a bag.
 
     Args:
-        camera: of the recording; None takes it from the folder's name or the bag.
-        depth_units_per_m: of the PNG files of a folder; bags have units of their own.
+        path: The folder, or one file of a bag.
+        camera: Camera of the recording; None takes it from the folder's name or the bag.
+        depth_units_per_m: Units of the PNG files of a TUM folder.
 
     Raises:
-        InputError: nothing there, or not a recording that can be used.
+        InputError: There is nothing, or no usable recording.
     """
     if not path.exists():
         raise InputError(f'{path}: no such file or folder')

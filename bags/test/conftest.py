@@ -36,7 +36,7 @@ def big_camera() -> CameraModel:
 def write_folder(
     folder: Path, num_frames: int, *, ext: str = 'png', depth_step: int = 1, scale: int = 1
 ) -> Path:
-    """Make a folder of N frames, colour smooth, depth random."""
+    """Make a folder of N frames, color smooth, depth random."""
     rng = np.random.default_rng(num_frames)
     width, height = SIZE[0] * scale, SIZE[1] * scale
     lists: dict[str, list[str]] = {'rgb': [], 'depth': []}

@@ -1,4 +1,4 @@
-"""A bag with any bytes changed: read as it was written, named as damaged, or refused."""
+"""A bag with changed bytes: it is read as it was written, reported as damaged, or refused."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def test_files_of_another_encoding_are_encoded(
         assert off == 0 if encoding == 'png' else off < 3
 
 
-def test_whole_millimetres_become_16uc1(
+def test_whole_millimeters_become_16uc1(
     make_folder: FolderMaker, camera: CameraModel, tmp_path: Path
 ) -> None:
     folder = make_folder(2, depth_step=5)  # of 0.2 mm
@@ -188,7 +188,7 @@ def test_compressed_depth_that_would_lose_is_refused_unless_asked_for(
     make_folder: FolderMaker, camera: CameraModel, tmp_path: Path
 ) -> None:
     folder, bag = make_folder(2), tmp_path / 'bag'
-    with pytest.raises(InputError, match='not in whole millimetres'):
+    with pytest.raises(InputError, match='not in whole millimeters'):
         convert(folder, bag, ConvertConfig(depth='png'), camera)
     assert sorted(p.name for p in tmp_path.iterdir()) == [folder.name]
     convert(folder, bag, ConvertConfig(depth='png', round_depth=True), camera)
@@ -198,7 +198,7 @@ def test_compressed_depth_that_would_lose_is_refused_unless_asked_for(
     assert 0 < np.abs(depth_m - frame.depth_m).max() <= 0.0005
 
 
-def test_millimetres_beyond_16_bits_are_not_whole(
+def test_millimeters_beyond_16_bits_are_not_whole(
     make_folder: FolderMaker, camera: CameraModel
 ) -> None:
     listed = open_tum_folder(make_folder(1), camera).depth

@@ -1,4 +1,4 @@
-"""Conversions that cannot be: each says why in one line and leaves nothing behind."""
+"""Conversions that fail: one line names the cause, and no file is left behind."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FAULTS: dict[str, Callable[[Path], object]] = {
     ),
     'lists no images': lambda f: (f / 'rgb.txt').write_text(''),
     'no such file': lambda f: (f / 'depth.txt').unlink(),
-    'which is not there': lambda f: sorted((f / 'rgb').iterdir())[2].unlink(),
+    'which does not exist': lambda f: sorted((f / 'rgb').iterdir())[2].unlink(),
     'is not after the one before': lambda f: (f / 'rgb.txt').write_text(
         '\n'.join(reversed((f / 'rgb.txt').read_text().splitlines()))
     ),

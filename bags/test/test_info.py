@@ -1,4 +1,4 @@
-"""What `hoid info` says of a bag beyond counts."""
+"""Bandwidths in the summary of a bag."""
 
 from __future__ import annotations
 

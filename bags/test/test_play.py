@@ -1,4 +1,4 @@
-"""Playing without ROS: what is due when, and what waits for what."""
+"""Playback without ROS: schedule, clock, reading ahead and lockstep."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from hoid_bags.bag import bag_messages, bag_types
-from hoid_bags.bag.bag_sequence import BagSequence, header_stamp_ns
+from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.bag.stamps import header_stamp_ns, shift_header_stamp
 from hoid_bags.live.keyboard import KeyPresses
 from hoid_bags.live.lockstep import LockstepGate
 from hoid_bags.live.playback import (
@@ -24,7 +25,6 @@ from hoid_bags.live.playback import (
     Pacer,
     PlayConfig,
     ScheduledMessage,
-    moved_header,
     open_plan,
 )
 from hoid_bags.live.read_ahead import ReadAhead
@@ -35,39 +35,39 @@ START_NS = 1_305_031_102_175_304_123 - 5_000_001
 PERIOD_NS = 33_333_333
 
 
-def cue(time_ns: int = 0, data: bytes = b'', topic: str = '/t') -> ScheduledMessage:
+def message(time_ns: int = 0, data: bytes = b'', topic: str = '/t') -> ScheduledMessage:
     return ScheduledMessage(topic, time_ns, 0, data)
 
 
 def test_everything_is_played_in_order(whole_bag: Path) -> None:
-    score = open_plan(whole_bag, PlayConfig())
-    cues = list(score.cues(loop=False))
-    assert len(cues) == 180
-    assert [c.time_ns for c in cues] == sorted(c.time_ns for c in cues)
-    assert cues[0].time_ns == START_NS
-    assert all(header_stamp_ns(c.data) == c.time_ns for c in cues)
+    plan = open_plan(whole_bag, PlayConfig())
+    messages = list(plan.messages(loop=False))
+    assert len(messages) == 180
+    assert [c.time_ns for c in messages] == sorted(c.time_ns for c in messages)
+    assert messages[0].time_ns == START_NS
+    assert all(header_stamp_ns(c.data) == c.time_ns for c in messages)
 
 
 def test_a_part_is_played(whole_bag: Path) -> None:
     config = PlayConfig(start_s=0.5, duration_s=0.25)
-    score = open_plan(whole_bag, config, ('rgb/image', '/rgb/camera_info'))
-    cues = list(score.cues(loop=False))
-    assert {c.topic for c in cues} == {'/rgb/image', '/rgb/camera_info'}
+    plan = open_plan(whole_bag, config, ('rgb/image', '/rgb/camera_info'))
+    messages = list(plan.messages(loop=False))
+    assert {c.topic for c in messages} == {'/rgb/image', '/rgb/camera_info'}
     first_ns = START_NS + 5_000_001
-    assert [(c.time_ns - first_ns) // PERIOD_NS for c in cues[::2]] == list(range(16, 23))
+    assert [(c.time_ns - first_ns) // PERIOD_NS for c in messages[::2]] == list(range(16, 23))
 
 
 def test_rounds_follow_each_other_with_rising_stamps(whole_bag: Path) -> None:
-    score = open_plan(whole_bag, PlayConfig(loop=True, duration_s=0.2))
-    cues = list(islice(score.cues(loop=True), 100))
-    once = list(score.cues(loop=False))
-    times_ns = [c.time_ns for c in cues]
+    plan = open_plan(whole_bag, PlayConfig(loop=True, duration_s=0.2))
+    messages = list(islice(plan.messages(loop=True), 100))
+    once = list(plan.messages(loop=False))
+    times_ns = [c.time_ns for c in messages]
     assert times_ns == sorted(times_ns)
-    assert all(header_stamp_ns(c.data) == c.time_ns for c in cues)
+    assert all(header_stamp_ns(c.data) == c.time_ns for c in messages)
     n = len(once)
-    assert cues[:n] == once
-    assert cues[n].time_ns - cues[0].time_ns == 200_000_000 + LOOP_GAP_NS
-    assert cues[n].data[12:] == once[0].data[12:]
+    assert messages[:n] == once
+    assert messages[n].time_ns - messages[0].time_ns == 200_000_000 + LOOP_GAP_NS
+    assert messages[n].data[12:] == once[0].data[12:]
 
 
 @pytest.mark.parametrize(
@@ -87,9 +87,9 @@ def test_nothing_to_play(
 def test_a_cut_bag_is_played_to_the_cut(bag: Path) -> None:
     file = bag / 'bag.mcap'
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    score = open_plan(bag, PlayConfig())
-    assert score.fault is not None
-    assert 50 < len(list(score.cues(loop=False))) < 100
+    plan = open_plan(bag, PlayConfig())
+    assert plan.fault is not None
+    assert 50 < len(list(plan.messages(loop=False))) < 100
 
 
 @pytest.mark.parametrize('rate', [0.0, -1.0, float('nan')])
@@ -99,10 +99,10 @@ def test_rates_that_make_no_sense(rate: float) -> None:
 
 
 @pytest.mark.parametrize('order', ['<', '>'])
-def test_moved_header_of_either_byte_order(order: str) -> None:
+def test_shifted_stamp_of_either_byte_order(order: str) -> None:
     start = bytes([0, order == '<', 0, 0])
     data = start + struct.pack(f'{order}iI', 10, 999_999_999) + b'rest'
-    moved = moved_header(data, 2)
+    moved = shift_header_stamp(data, 2)
     assert moved == start + struct.pack(f'{order}iI', 11, 1) + b'rest'
 
 
@@ -125,9 +125,9 @@ def test_pacer_keeps_the_rate_and_can_be_held() -> None:
 
 
 def test_read_ahead_gives_all_in_order() -> None:
-    cues = [cue(i, bytes(i)) for i in range(200)]
-    with ReadAhead(iter(cues), limit_bytes=500) as ahead:
-        assert list(ahead) == cues
+    messages = [message(i, bytes(i)) for i in range(200)]
+    with ReadAhead(iter(messages), limit_bytes=500) as ahead:
+        assert list(ahead) == messages
 
 
 def test_read_ahead_is_bounded_and_ends_when_nobody_reads() -> None:
@@ -139,7 +139,7 @@ def test_read_ahead_is_bounded_and_ends_when_nobody_reads() -> None:
             given.append(1)
             if len(given) == 11:
                 full.set()
-            yield cue(data=bytes(100))
+            yield message(data=bytes(100))
 
     with ReadAhead(endless(), limit_bytes=1000) as ahead:
         next(iter(ahead))
@@ -149,18 +149,18 @@ def test_read_ahead_is_bounded_and_ends_when_nobody_reads() -> None:
 
 def test_read_ahead_hands_errors_on() -> None:
     def failing() -> Iterator[ScheduledMessage]:
-        yield cue(1)
+        yield message(1)
         raise InputError('damaged')
 
     seen: list[ScheduledMessage] = []
     with pytest.raises(InputError, match='damaged'), ReadAhead(failing()) as ahead:
         seen.extend(ahead)
-    assert seen == [cue(1)]
+    assert seen == [message(1)]
 
 
 @pytest.fixture
 def uneven(tmp_path: Path) -> Path:
-    """Colour at 1, 100, 200 and 300 ms; the depth of 1 and 300 comes before, 200 has none."""
+    """Color at 1, 100, 200 and 300 ms; the depth of 1 and 300 comes before, 200 has none."""
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic('rgb/image', bag_types.IMAGE)
         writer.add_topic('depth/image', bag_types.IMAGE)
@@ -177,9 +177,9 @@ def uneven(tmp_path: Path) -> Path:
 
 def test_a_frame_waits_for_the_answer_to_the_one_before(uneven: Path, camera: CameraModel) -> None:
     gate = LockstepGate(BagSequence(uneven, camera))
-    cues = list(open_plan(uneven, PlayConfig()).cues(loop=False))
-    answers_ms = {2: 1, 6: 100}  # before which cue, to which color image
-    for i, c in enumerate(cues):
+    messages = list(open_plan(uneven, PlayConfig()).messages(loop=False))
+    answers_ms = {2: 1, 6: 100}  # before which message, to which color image
+    for i, c in enumerate(messages):
         assert gate.blocks(c) == (i in answers_ms)
         if i in answers_ms:
             stamp_ns = 10**9 + answers_ms[i] * 10**6
@@ -193,23 +193,23 @@ def test_a_frame_waits_for_the_answer_to_the_one_before(uneven: Path, camera: Ca
 
 def test_giving_up_lets_the_next_frame_pass(uneven: Path, camera: CameraModel) -> None:
     gate = LockstepGate(BagSequence(uneven, camera))
-    cues = list(open_plan(uneven, PlayConfig()).cues(loop=False))
-    gate.note_published(cues[0])
-    gate.note_published(cues[1])
-    assert gate.blocks(cues[2])
+    messages = list(open_plan(uneven, PlayConfig()).messages(loop=False))
+    gate.note_published(messages[0])
+    gate.note_published(messages[1])
+    assert gate.blocks(messages[2])
     gate.give_up()
-    assert not gate.blocks(cues[2])
+    assert not gate.blocks(messages[2])
     assert (gate.num_answered, gate.num_unanswered) == (0, 1)
 
 
 def test_lockstep_in_a_later_round(uneven: Path, camera: CameraModel) -> None:
     gate = LockstepGate(BagSequence(uneven, camera))
-    cues = list(islice(open_plan(uneven, PlayConfig()).cues(loop=True), 10))
-    gate.note_published(cues[7])
-    gate.note_published(cues[8])
-    assert gate.blocks(cues[9])
-    gate.note_answer(header_stamp_ns(cues[8].data))
-    assert not gate.blocks(cues[9])
+    messages = list(islice(open_plan(uneven, PlayConfig()).messages(loop=True), 10))
+    gate.note_published(messages[7])
+    gate.note_published(messages[8])
+    assert gate.blocks(messages[9])
+    gate.note_answer(header_stamp_ns(messages[8].data))
+    assert not gate.blocks(messages[9])
 
 
 def test_keys_of_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""What a killed writer leaves becomes a bag again."""
+"""Repair of what a killed recorder leaves, and of damaged bags."""
 
 from __future__ import annotations
 

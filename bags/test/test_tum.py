@@ -102,7 +102,7 @@ def test_list_names_a_missing_file(make_folder: FolderMaker, camera: CameraModel
     folder = make_folder(3)
     gone = image(folder, 'depth', 2)
     gone.unlink()
-    assert f'depth.txt: line 5: names "depth/{gone.name}"' in fault_of(folder, camera)
+    assert f'depth.txt: line 5: lists "depth/{gone.name}"' in fault_of(folder, camera)
 
 
 def test_stamp_that_is_no_number(make_folder: FolderMaker, camera: CameraModel) -> None:
@@ -138,7 +138,7 @@ def test_image_of_other_bytes(make_folder: FolderMaker, camera: CameraModel) -> 
     folder = make_folder(2)
     path = image(folder, 'rgb')
     path.write_text('<html>not found</html>')
-    assert f'{path}: not an image' in fault_of(folder, camera)
+    assert f'{path}: image of 22 bytes is not a readable JPEG or PNG' in fault_of(folder, camera)
 
 
 @pytest.mark.parametrize('kind', ['rgb', 'depth'])
@@ -148,7 +148,7 @@ def test_image_said_to_be_huge(make_folder: FolderMaker, camera: CameraModel, ki
     png = path.read_bytes()
     header = png[12:16] + (60_000).to_bytes(4, 'big') * 2 + png[24:29]
     path.write_bytes(png[:12] + header + zlib.crc32(header).to_bytes(4, 'big') + png[33:])
-    assert f'{path}: says to be 60000x60000 px' in fault_of(folder, camera)
+    assert 'claims to be 60000x60000 px' in fault_of(folder, camera)
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_depth_of_another_kind(
     folder = make_folder(2)
     path = image(folder, 'depth')
     cv2.imwrite(str(path), pixels)
-    assert f'{path}: depth must be 16-bit grey, {said}' in fault_of(folder, camera)
+    assert f'{path}: depth must be 16-bit gray, {said}' in fault_of(folder, camera)
 
 
 def test_camera_of_another_size(make_folder: FolderMaker) -> None:
@@ -182,12 +182,12 @@ def test_name_that_says_no_camera(make_folder: FolderMaker) -> None:
 def test_lists_that_never_meet(make_folder: FolderMaker, camera: CameraModel) -> None:
     folder = make_folder(1)
     (folder / 'depth.txt').write_text(f'12.5 depth/{image(folder, "depth", 0).name}\n')
-    assert 'no colour and depth images within 0.02 s' in fault_of(folder, camera)
+    assert 'no color and depth images within 0.02 s' in fault_of(folder, camera)
 
 
 @pytest.mark.parametrize('factor', [0.0, -5000.0, float('nan'), float('inf')])
 def test_depth_factor(make_folder: FolderMaker, camera: CameraModel, factor: float) -> None:
-    with pytest.raises(ConfigError, match='depth units per metre must be positive'):
+    with pytest.raises(ConfigError, match='depth units per meter must be positive'):
         open_sequence(make_folder(1), camera, factor)
 
 

@@ -1,4 +1,4 @@
-"""rosbag2 MCAP bags: reading, writing, what their topics mean.
+"""Bags of rosbag2: reading, writing, and the topics of an RGB-D recording in them.
 
-No ROS and no running node is needed.
+Nothing here needs ROS.
 """

@@ -1,4 +1,4 @@
-"""The suite's values as messages of a bag, and back."""
+"""Conversion of the suite's values to messages of a bag, and back."""
 
 from __future__ import annotations
 
@@ -9,33 +9,22 @@ from numpy.typing import NDArray
 
 from hoid_bags.bag import bag_types as types
 from hoid_bags.bag.bag_types import Message, new_message
+from hoid_bags.bag.stamps import header
+from hoid_bags.bag.stamps import stamp_ns as message_stamp_ns
 from hoid_common import se3
 from hoid_common.errors import MessageError
-from hoid_common.values import NS_PER_S, CameraModel, Detections, FloatArray
+from hoid_common.values import CameraModel, Detections, FloatArray
 
 CAMERA_FRAME = 'camera_color_optical_frame'
-"""Frame of both images: depth is registered to colour."""
+"""Frame of both images: depth is registered to color."""
 IMU_FRAME = 'camera_imu_frame'
-_MIN_QUATERNION_NORM = 0.5
 WORLD_FRAME = 'world'
 """Fixed frame of the ground truth."""
-
-
-def header(stamp_ns: int, frame_id: str) -> Message:
-    """Return a std_msgs/Header."""
-    sec, nanosec = divmod(stamp_ns, NS_PER_S)
-    stamp = new_message('builtin_interfaces/msg/Time', sec=sec, nanosec=nanosec)
-    return new_message('std_msgs/msg/Header', stamp=stamp, frame_id=frame_id)
-
-
-def stamp_ns(message: Message) -> int:
-    """Return the stamp of a message with a header."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+_MIN_QUATERNION_NORM = 0.5  # chosen: rotations have norm 1; unset orientations have norm 0
 
 
 def image(stamp_ns: int, pixels: NDArray[Any], encoding: str) -> Message:
-    """Return a sensor_msgs/Image of (H, W) or (H, W, 3) pixels, whatever their type."""
+    """Return the sensor_msgs/Image of (H, W) or (H, W, 3) pixels of any type."""
     rows = np.ascontiguousarray(pixels)
     return new_message(
         types.IMAGE,
@@ -50,7 +39,7 @@ def image(stamp_ns: int, pixels: NDArray[Any], encoding: str) -> Message:
 
 
 def compressed_image(stamp_ns: int, data: bytes, format_: str) -> Message:
-    """Return a sensor_msgs/CompressedImage."""
+    """Return the sensor_msgs/CompressedImage of a JPEG, a PNG or compressed depth."""
     return new_message(
         types.COMPRESSED_IMAGE,
         header=header(stamp_ns, CAMERA_FRAME),
@@ -87,7 +76,7 @@ def camera_info(stamp_ns: int, camera: CameraModel) -> Message:
 
 
 def pose_stamped(stamp_ns: int, T_world_camera: FloatArray) -> Message:
-    """Return the geometry_msgs/PoseStamped of a (4, 4) pose."""
+    """Return the geometry_msgs/PoseStamped of the (4, 4) pose of the camera in the world."""
     x, y, z = T_world_camera[:3, 3].tolist()
     qx, qy, qz, qw = se3.quat_xyzw_from_rotation(T_world_camera[:3, :3]).tolist()
     pose = new_message(
@@ -102,7 +91,7 @@ def pose_from_message(message: Message) -> FloatArray:
     """Return the (4, 4) pose of a geometry_msgs/PoseStamped.
 
     Raises:
-        MessageError: It holds numbers that make no pose.
+        MessageError: A number is not finite, or the quaternion is close to zero.
     """
     p, q = message.pose.position, message.pose.orientation
     quat, place = np.array([q.x, q.y, q.z, q.w]), np.array([p.x, p.y, p.z])
@@ -112,7 +101,7 @@ def pose_from_message(message: Message) -> FloatArray:
 
 
 def imu(stamp_ns: int, acceleration_mps2: FloatArray) -> Message:
-    """Return the sensor_msgs/Imu of an accelerometer alone; -1 marks what it does not measure."""
+    """Return the sensor_msgs/Imu of (3,) acceleration; covariance -1 marks missing values."""
     unknown = np.array([-1.0, *[0.0] * 8])
     ax, ay, az = acceleration_mps2.tolist()
     return new_message(
@@ -128,7 +117,7 @@ def imu(stamp_ns: int, acceleration_mps2: FloatArray) -> Message:
 
 
 def detection_array(detections: Detections, camera: CameraModel) -> Message:
-    """Return the hoid_msgs/DetectionArray of detections without a network's time or class ids."""
+    """Return the hoid_msgs/DetectionArray of detections that no network has made."""
     boxes = detections.boxes_xyxy_px.tolist()
     entries = [
         new_message(
@@ -160,7 +149,7 @@ def detections_from_message(message: Message) -> Detections:
     entries = message.detections
     boxes = [(d.x_min, d.y_min, d.x_max, d.y_max) for d in entries]
     return Detections(
-        stamp_ns(message),
+        message_stamp_ns(message),
         np.array(boxes, np.float32).reshape(-1, 4),
         tuple(d.class_name for d in entries),
         np.array([d.score for d in entries], np.float32),

@@ -1,45 +1,67 @@
-"""Bags of this suite and of `ros2 bag record`, whole or cut off."""
+"""Reading of bags of this suite and of `ros2 bag record`, whole, damaged or cut off."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
-from hoid_bags.bag.bag_source import BagMessage, BagSource, BagTopic, WholeBag
-from hoid_bags.bag.cut_bag import CutBag
-from hoid_bags.bag.packed_files import check_packed
-from hoid_bags.mcap.chunks import DAMAGE, describe_damage, one_line
+from rosbags.interfaces import ConnectionExtRosbag2, Qos
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+from hoid_bags.bag.metadata import METADATA, read_metadata
+from hoid_bags.mcap.chunks import DAMAGE, describe_damage, one_line, unpack_message
+from hoid_bags.mcap.mcap_file import McapFile
+from hoid_bags.mcap.packed_file import SUFFIX, unpack_file
 from hoid_common.errors import InputError
-from hoid_common.io.yaml_file import parse_yaml, read_yaml
+from hoid_common.io.untrusted import open_regular
 from hoid_common.values import NS_PER_S
 
-METADATA = 'metadata.yaml'
+_FIRST_WINDOW_NS = NS_PER_S  # chosen: contains the last message of most topics
+
+
+class BagTopic(NamedTuple):
+    """One topic of a bag."""
+
+    name: str  # absolute
+    type_name: str
+    num_messages: int
+    qos: Qos | None  # as offered when it was recorded
+
+
+class BagMessage(NamedTuple):
+    """One message, still serialized."""
+
+    topic: str
+    log_ns: int  # when it was recorded
+    data: bytes  # CDR
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is a bag's folder, or a file of one."""
+    """Return whether a path is the folder of a bag, or one file of a bag."""
     if path.is_dir():
-        return (path / METADATA).exists() or any(_files(path, '.mcap'))
+        return (path / METADATA).exists() or bool(_mcap_files(path))
     return path.suffix in ('.mcap', '.db3') and path.exists()
 
 
 class BagReader:
-    """Read a bag; a context manager.
+    """Reader of a bag; a context manager.
 
-    A bag that is damaged or was cut off gives what is readable of it; `fault` then says what is
-    wrong.
+    Of a bag that is damaged or was cut off it reads everything that is readable. `fault` then
+    describes what is missing.
     """
 
     def __init__(self, path: Path) -> None:
         """Prepare to read.
 
         Args:
-            path: Of the bag's folder, or of one .mcap or .db3 file.
+            path: The folder of the bag, or one .mcap or .db3 file.
 
         Raises:
-            InputError: nothing there, no bag, or metadata larger than any.
+            InputError: There is nothing, or no bag.
         """
         if not path.exists():
             raise InputError(f'{path}: no such bag')
@@ -47,20 +69,21 @@ class BagReader:
             raise InputError(f'{path}: not a bag: it has neither {METADATA} nor an .mcap file')
         self.path = path
         self._fault: str | None = None
+        self._has_packed_messages = False
 
     def __enter__(self) -> Self:
         """Open the bag.
 
         Raises:
-            InputError: not a single message can be read.
+            InputError: Not a single message can be read.
         """
-        try:
-            _check_metadata(self.path / METADATA)
-            if self.path.is_dir():
-                check_packed(self.path)
-            self._source: BagSource = WholeBag(self.path)
-        except (*DAMAGE, InputError) as error:
-            self._source = self._salvage(error)
+        with ExitStack() as stack:
+            try:
+                self._files = self._open_as_described(stack)
+            except InputError as error:
+                self._files = self._open_without_metadata(stack, error)
+            self._note_unusable_files()
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(
@@ -69,42 +92,62 @@ class BagReader:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._source.close()
+        self._stack.close()
 
     @property
     def fault(self) -> str | None:
-        """Return what is wrong with what has been read so far, in one line, else None."""
-        damage = self._source.damage
+        """Return one line about the damage that has been met so far, or None."""
+        damage = [chunk for file in self._mcap_files for chunk in file.damage.values()]
         if not damage:
             return self._fault
-        said = describe_damage(damage)
-        return f'{self._fault}; {said}' if self._fault else f'{self.path}: {said}'
+        before = f'{self._fault}; ' if self._fault else f'{self.path}: '
+        return before + describe_damage(damage)
 
     @property
     def topics(self) -> tuple[BagTopic, ...]:
-        """Return every topic of the bag."""
-        return self._source.topics
+        """Return every topic. One that was recorded with several QoS profiles is listed once."""
+        merged: dict[str, BagTopic] = {}
+        for connection in (c for file in self._files for c in file.connections):
+            extra, before = connection.ext, merged.get(connection.topic)
+            profiles = (
+                extra.offered_qos_profiles if isinstance(extra, ConnectionExtRosbag2) else []
+            )
+            merged[connection.topic] = BagTopic(
+                connection.topic,
+                connection.msgtype,
+                connection.msgcount + (before.num_messages if before else 0),
+                before.qos if before else profiles[0] if profiles else None,
+            )
+        return tuple(merged.values())
 
     @property
     def span_ns(self) -> tuple[int, int]:
         """Return the log times of the first and the last message; (0, 0) without messages."""
-        return self._source.span_ns
+        filled = [file.metadata for file in self._files if file.metadata.message_count]
+        if not filled:
+            return 0, 0
+        return min(m.start_time for m in filled), max(m.end_time for m in filled) - 1
 
     def topic_span_ns(self, topic: str) -> tuple[int, int]:
-        """Return the log times of a topic's first and last message; (0, 0) without messages.
+        """Return the log times of a topic's first and last message.
 
-        Where the bag is damaged, these are the times of the whole bag: see `fault`.
+        They are those of the whole bag when no message of the topic can be read.
         """
-        try:
-            return self._source.topic_span_ns(topic)
-        except DAMAGE as error:
-            self._fault = f'{self.path}: damaged: {one_line(error)}'
-            return self.span_ns
+        first = next(self.messages([topic]), None)
+        bag_first_ns, bag_last_ns = self.span_ns
+        window_ns = _FIRST_WINDOW_NS
+        while first is not None and window_ns < 4 * (bag_last_ns - bag_first_ns + NS_PER_S):
+            tail = self.messages([topic], max(bag_last_ns - window_ns, first.log_ns))
+            last_ns = max((message.log_ns for message in tail), default=None)
+            if last_ns is not None:
+                return first.log_ns, last_ns
+            window_ns *= 4
+        return bag_first_ns, bag_last_ns
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
     ) -> Iterator[BagMessage]:
-        """Yield messages in order of time, less what is damaged: see `fault`.
+        """Yield the readable messages in order of time; `fault` describes the others.
 
         Args:
             topics: Absolute names; None means all.
@@ -112,7 +155,7 @@ class BagReader:
         """
         num_read = first_ns = last_ns = 0
         try:
-            for message in self._source.messages(topics, start_ns):
+            for message in self._all_messages(topics, start_ns):
                 num_read, last_ns = num_read + 1, message.log_ns
                 first_ns = first_ns or last_ns
                 yield message
@@ -123,40 +166,76 @@ class BagReader:
                 f' {one_line(error)}'
             )
 
-    def _salvage(self, error: Exception) -> CutBag:
-        files = _files(self.path, '.mcap') if self.path.is_dir() else [self.path]
-        if not files or files[0].suffix != '.mcap':
-            raise InputError(f'{self.path}: cannot be read: {one_line(error)}') from error
-        bag = CutBag(files)
-        num_messages = sum(topic.num_messages for topic in bag.topics)
-        if not num_messages:
-            raise InputError(f'{self.path}: no message can be read: {one_line(error)}') from error
-        if not bag.is_whole:
-            first_ns, last_ns = bag.span_ns
+    def _all_messages(
+        self, topics: Collection[str] | None, start_ns: int | None
+    ) -> Iterator[BagMessage]:
+        for file in self._files:
+            wanted = [c for c in file.connections if topics is None or c.topic in topics]
+            for connection, log_ns, data in file.messages(wanted, start_ns) if wanted else ():
+                is_packed = self._has_packed_messages
+                yield BagMessage(
+                    connection.topic, log_ns, unpack_message(data) if is_packed else data
+                )
+
+    @property
+    def _mcap_files(self) -> list[McapFile]:
+        return [file for file in self._files if isinstance(file, McapFile)]
+
+    def _open_as_described(self, stack: ExitStack) -> list[McapFile | Sqlite3Reader]:
+        """Open the files that metadata.yaml lists; InputError when it contradicts them."""
+        if not self.path.is_dir():
+            return [_open_file(self.path, stack)]
+        metadata = read_metadata(self.path)
+        if metadata is None:
+            return self._open_all(stack)
+        self._has_packed_messages = metadata.has_packed_messages
+        files = self._files = [_open_file(path, stack) for path in metadata.files]
+        if not any(file.is_cut_off or file.index_error for file in self._mcap_files):
+            metadata.check([c for file in files for c in file.connections], *self.span_ns)
+        return files
+
+    def _open_without_metadata(
+        self, stack: ExitStack, error: InputError
+    ) -> list[McapFile | Sqlite3Reader]:
+        files = self._open_all(stack) if self.path.is_dir() else []
+        if not files:
+            raise error
+        self._fault = f'{error}; read without {METADATA}'
+        return files
+
+    def _open_all(self, stack: ExitStack) -> list[McapFile | Sqlite3Reader]:
+        files = [_open_file(path, stack) for path in _mcap_files(self.path)]
+        return sorted(files, key=lambda file: file.metadata.start_time)
+
+    def _note_unusable_files(self) -> None:
+        """Set the fault of files that are cut off, or have a damaged index."""
+        num_messages = sum(topic.num_messages for topic in self.topics)
+        errors = [file.index_error for file in self._mcap_files if file.index_error is not None]
+        if errors and not num_messages:
+            raise InputError(f'{self.path}: no message can be read: {errors[0]}')
+        if any(file.is_cut_off for file in self._mcap_files):
+            first_ns, last_ns = self.span_ns
             self._fault = (
                 f'{self.path}: cut off after {num_messages} messages'
                 f' ({(last_ns - first_ns) / NS_PER_S:.2f} s); the rest is lost'
             )
-        elif (self.path / METADATA).exists():
-            self._fault = f'{self.path}: {one_line(error)}; read without {METADATA}'
-        return bag
+        elif errors:
+            self._fault = f'{self.path}: the index is damaged: {errors[0]}; read without it'
 
 
-def _check_metadata(path: Path) -> None:
-    """Refuse what the bag library's own YAML reader would take without limit.
-
-    Raises:
-        InputError: It is no plain YAML, or one of the QoS profiles, which are YAML in its text.
-    """
-    if not path.exists():  # of a single file's bag
-        return
-    match read_yaml(path):
-        case {'rosbag2_bagfile_information': {'topics_with_message_count': [*topics]}}:
-            for topic in topics:
-                match topic:
-                    case {'topic_metadata': {'offered_qos_profiles': str(profiles)}}:
-                        parse_yaml(profiles, f'{path}: offered_qos_profiles')
+def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
+    """Open one file of a bag until the stack is closed; damage of an .mcap file never raises."""
+    open_regular(path).close()
+    if path.suffix == SUFFIX:
+        path = unpack_file(path, Path(stack.enter_context(TemporaryDirectory())))
+    file = Sqlite3Reader(path) if path.suffix == '.db3' else McapFile(path)
+    try:
+        file.open()
+    except DAMAGE as error:
+        raise InputError(f'{path}: cannot be read: {one_line(error)}') from error
+    stack.callback(file.close)
+    return file
 
 
-def _files(folder: Path, suffix: str) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix == suffix)
+def _mcap_files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.suffix == '.mcap')

@@ -1,63 +1,46 @@
-"""A bag as a `Sequence` of frames."""
+"""Bags as sequences of RGB-D frames."""
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from hoid_bags.bag import bag_messages, bag_types
-from hoid_bags.bag.bag_reader import BagReader
-from hoid_bags.bag.bag_source import BagTopic
+from hoid_bags.bag.bag_reader import BagReader, BagTopic
 from hoid_bags.bag.bag_topics import RecordedTopics, find_topics
-from hoid_bags.images import check_size, check_whole
+from hoid_bags.bag.image_messages import decode_color, decode_depth
+from hoid_bags.bag.stamps import header_stamp_ns, stamp_ns
+from hoid_bags.images import check_size
 from hoid_bags.tum.association import associate
 from hoid_common.errors import InputError, MessageError
-from hoid_common.io import images
 from hoid_common.io.camera_info import camera_from_info
 from hoid_common.values import (
-    NS_PER_S,
-    ByteArray,
     CameraModel,
     Detections,
-    Float32Array,
     FloatArray,
     IntArray,
     RgbdFrame,
     Trajectory,
 )
 
-_LITTLE, _BIG = struct.Struct('<iI'), struct.Struct('>iI')
-_CDR_HEADER_BYTES = 4
-
-
-def header_stamp_ns(data: bytes) -> int:
-    """Return the stamp of a serialised message that begins with a header, without the rest.
-
-    Raises:
-        MessageError: It is shorter than a stamp.
-    """
-    if len(data) < _CDR_HEADER_BYTES + _LITTLE.size:
-        raise MessageError(f'a message of {len(data)} bytes has no header')
-    layout = _LITTLE if data[1] else _BIG
-    sec, nanosec = layout.unpack_from(data, _CDR_HEADER_BYTES)
-    return int(sec) * NS_PER_S + int(nanosec)
-
 
 class BagSequence:
-    """The pairs of images of a bag; everything but the images is read at once."""
+    """The paired color and depth images of a bag, as a `Sequence`.
+
+    Topics, stamps, camera and ground truth are read when it is opened, images when it is iterated.
+    """
 
     def __init__(self, path: Path, camera: CameraModel | None = None) -> None:
         """Open a bag.
 
         Args:
-            path: Of the bag.
-            camera: Instead of the bag's own `camera_info`.
+            path: The folder or file of the bag.
+            camera: The camera to use in place of the bag's own `camera_info`.
 
         Raises:
-            InputError: no bag, no RGB-D recording, or stamps that go backwards.
+            InputError: It is no bag, has no RGB-D images, or stamps that are out of order.
         """
         self.path = path
         self.name = path.resolve().name
@@ -75,9 +58,9 @@ class BagSequence:
         self.depth_of_color = {
             int(index.color_ns[i]): int(index.depth_ns[j]) for i, j in pairs.tolist()
         }
-        """Stamp of each paired color image to that of its depth image, ns, in order of time."""
+        """Stamp of the depth image (ns) by the stamp of the color image, in order of time."""
         if not self.depth_of_color:
-            raise InputError(f'{path}: no colour and depth images within 0.02 s of each other')
+            raise InputError(f'{path}: no color and depth images within 0.02 s of each other')
 
     def __len__(self) -> int:
         return len(self.depth_of_color)
@@ -91,16 +74,16 @@ class BagSequence:
         depth: dict[int, bytes] = {}
         with BagReader(self.path) as reader:
             for message in reader.messages([color_name, depth_name]):
-                stamp_ns = header_stamp_ns(message.data)
-                if message.topic == color_name and stamp_ns in self.depth_of_color:
-                    color[stamp_ns] = message.data
-                elif message.topic == depth_name and stamp_ns in wanted_depth:
-                    depth[stamp_ns] = message.data
+                message_ns = header_stamp_ns(message.data)
+                if message.topic == color_name and message_ns in self.depth_of_color:
+                    color[message_ns] = message.data
+                elif message.topic == depth_name and message_ns in wanted_depth:
+                    depth[message_ns] = message.data
                 while color_ns in color and depth_ns in depth:
                     yield self._frame(color_ns, color.pop(color_ns), depth.pop(depth_ns))
                     color_ns, depth_ns = next(waiting, (-1, -1))
 
-    def _frame(self, stamp_ns: int, color: bytes, depth: bytes) -> RgbdFrame:
+    def _frame(self, color_ns: int, color: bytes, depth: bytes) -> RgbdFrame:
         topic = self.topics.color
         try:
             image_bgr = decode_color(color, topic)
@@ -109,29 +92,12 @@ class BagSequence:
             depth_m = decode_depth(depth, topic)
             check_size(depth_m, self.camera, topic.name)
         except (MessageError, InputError) as error:
-            raise InputError(f'{self.path}: {topic.name} at {stamp_ns} ns: {error}') from error
-        return RgbdFrame(stamp_ns, image_bgr, depth_m)
-
-
-def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
-    """Return the (H, W, 3) BGR picture of a serialised colour message."""
-    message = bag_types.deserialize(data, topic.type_name)
-    if topic.type_name == bag_types.IMAGE:
-        return images.decode_color(message)
-    check_whole(message.data.tobytes(), topic.name)
-    return images.decode_compressed_color(message.data)
-
-
-def decode_depth(data: bytes, topic: BagTopic) -> Float32Array:
-    """Return the (H, W) metres of a serialised depth message."""
-    message = bag_types.deserialize(data, topic.type_name)
-    if topic.type_name == bag_types.IMAGE:
-        return images.decode_depth(message)
-    return images.decode_compressed_depth(message.format, message.data)
+            raise InputError(f'{self.path}: {topic.name} at {color_ns} ns: {error}') from error
+        return RgbdFrame(color_ns, image_bgr, depth_m)
 
 
 class _Index:
-    """What one pass over a bag finds: stamps, camera, truth."""
+    """Stamps of the images, camera and ground truth, collected in one pass over a bag."""
 
     def __init__(self, reader: BagReader, found: RecordedTopics) -> None:
         self.camera: CameraModel | None = None
@@ -142,7 +108,7 @@ class _Index:
         by_name = {topic.name: topic for topic in found if topic is not None}
         for topic, _, data in reader.messages(list(by_name)):
             try:
-                self._take(by_name[topic], data)
+                self._add(by_name[topic], data)
             except MessageError as error:
                 raise InputError(f'{reader.path}: {topic}: {error}') from error
         self.color_ns, self.depth_ns = (
@@ -152,7 +118,7 @@ class _Index:
         self.true_detections = self._detections if found.true_detections else None
         self.ground_truth = _trajectory(self._poses) if found.ground_truth else None
 
-    def _take(self, topic: BagTopic, data: bytes) -> None:
+    def _add(self, topic: BagTopic, data: bytes) -> None:
         if topic.name in self._stamps_ns:
             self._stamps_ns[topic.name].append(header_stamp_ns(data))
             return
@@ -162,7 +128,7 @@ class _Index:
         if topic == self._found.camera_info:
             self.camera = camera_from_info(message)
         elif topic == self._found.ground_truth:
-            self._poses[bag_messages.stamp_ns(message)] = bag_messages.pose_from_message(message)
+            self._poses[stamp_ns(message)] = bag_messages.pose_from_message(message)
         else:
             boxes = bag_messages.detections_from_message(message)
             self._detections[boxes.stamp_ns] = boxes
@@ -182,5 +148,5 @@ def _increasing(path: Path, topic: str, stamps_ns: list[int]) -> IntArray:
 
 def _trajectory(poses: dict[int, FloatArray]) -> Trajectory:
     stamps_ns = sorted(poses)
-    stacked = np.array([poses[stamp_ns] for stamp_ns in stamps_ns]).reshape(-1, 4, 4)
+    stacked = np.array([poses[t] for t in stamps_ns]).reshape(-1, 4, 4)
     return Trajectory(np.array(stamps_ns, np.int64), stacked)

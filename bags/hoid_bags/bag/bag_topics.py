@@ -1,4 +1,4 @@
-"""Which topics of a bag are the color images, the depth images and so on."""
+"""Choice of topics of a bag: those of an RGB-D recording, and those that a user names."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_bags.bag import bag_types as types
-from hoid_bags.bag.bag_reader import BagReader
-from hoid_bags.bag.bag_source import BagMessage, BagTopic
+from hoid_bags.bag.bag_reader import BagMessage, BagReader, BagTopic
+from hoid_bags.bag.image_messages import is_depth
 from hoid_common import topics
 from hoid_common.errors import InputError, MessageError
-from hoid_common.io.images import DEPTH_ENCODINGS
 
 _COLOR_WORDS = ('rgb', 'color', 'colour')
 _REGISTERED_WORDS = ('aligned', 'registered', 'to_color', 'to_rgb')
@@ -30,10 +29,12 @@ class RecordedTopics(NamedTuple):
 
 
 def find_topics(reader: BagReader) -> RecordedTopics:
-    """Return the topics of a bag, by the suite's names in any namespace, else by type and content.
+    """Return the topics of an RGB-D recording in a bag.
+
+    They are found by the suite's names in any namespace, else by type and content.
 
     Raises:
-        InputError: images of a kind are missing, or there are several that could be meant.
+        InputError: There are no color or no depth images, or several topics of one kind.
     """
     filled = [topic for topic in reader.topics if topic.num_messages]
     firsts = {t: next(reader.messages([t.name]), None) for t in filled if t.type_name in _IMAGES}
@@ -66,26 +67,45 @@ def find_topics(reader: BagReader) -> RecordedTopics:
 
 
 def base_name(topic: str) -> str:
-    """Return an image topic's name without image_transport's suffix."""
+    """Return the name of an image topic without the suffix of image_transport."""
     for suffix in _SUFFIXES:
         topic = topic.removesuffix(suffix)
     return topic
 
 
+def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTopic, ...]:
+    """Return the topics with messages that have these names; without names, all but /clock.
+
+    Args:
+        reader: The bag.
+        names: Names with or without leading slash.
+
+    Raises:
+        InputError: The bag lacks one of the names, or none of the topics has messages.
+    """
+    by_name = {topic.name: topic for topic in reader.topics}
+    absolute = [f'/{name.lstrip("/")}' for name in names]
+    for name in absolute:
+        if name not in by_name:
+            raise InputError(f'{reader.path}: has no topic "{name}"; see "hoid info"')
+    absolute = absolute or [name for name in by_name if name != topics.CLOCK]
+    filled = tuple(by_name[name] for name in absolute if by_name[name].num_messages)
+    if not filled:
+        raise InputError(f'{reader.path}: holds no messages to play')
+    return filled
+
+
 def _is_depth(first: BagMessage, topic: BagTopic, path: Path) -> bool:
     try:
-        message = types.deserialize(first.data, topic.type_name)
+        return is_depth(first.data, topic)
     except MessageError as error:
         raise InputError(f'{path}: {topic.name}: {error}') from error
-    if topic.type_name == types.IMAGE:
-        return message.encoding in DEPTH_ENCODINGS
-    return 'compressedDepth' in message.format
 
 
 def _choose(
     reader: BagReader, kind: str, name: str, words: Sequence[str], found: list[BagTopic]
 ) -> BagTopic:
-    """Return a kind's topic: by its name, else the only one, else the only one with a word."""
+    """Return the topic with the given name, else the only one, else the only one with a word."""
     if not found:
         raise InputError(reader.fault or f'{reader.path}: has no {kind} images')
     tests: tuple[Callable[[BagTopic], bool], ...] = (
@@ -99,12 +119,12 @@ def _choose(
             return min(passed, key=lambda topic: topic.type_name != types.IMAGE)
     names = ', '.join(topic.name for topic in found)
     raise InputError(
-        f'{reader.path}: which topic is {kind}: {names}? record it as "{name}" or alone'
+        f'{reader.path}: several topics could be {kind}: {names}; record one as "{name}" or alone'
     )
 
 
 def _camera_info(color: BagTopic, found: list[BagTopic]) -> BagTopic | None:
-    """Return the camera of the color images: beside them, else the only one there is."""
+    """Return the camera_info in the namespace of the color images, else the only one."""
     beside = base_name(color.name).rpartition('/')[0] + '/camera_info'
     at_place = [topic for topic in found if topic.name == beside]
     return at_place[0] if at_place else found[0] if len(found) == 1 else None

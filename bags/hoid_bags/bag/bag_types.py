@@ -1,4 +1,4 @@
-"""Message types of bags, known without ROS: Jazzy's, the suite's, and any with a .msg file."""
+"""Message types without ROS: those of Jazzy, and all whose .msg file is installed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rosbags.typesys.store import Typestore
 from hoid_common.errors import InputError, MessageError
 
 Message: TypeAlias = Any
-"""A message object of the type store; its class is generated at run time."""
+"""Message object of rosbags' type store, which generates the classes at run time."""
 
 IMAGE = 'sensor_msgs/msg/Image'
 COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
@@ -34,15 +34,15 @@ _WORKSPACE_SOURCES = Path(__file__).resolve().parents[3] / 'src'
 
 @lru_cache
 def shared_typestore() -> Typestore:
-    """Return the store of this process; `ensure_type` adds to it."""
+    """Return the type store of this process, to which `ensure_type` adds types."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 def ensure_type(type_name: str) -> None:
-    """Make a type such as `hoid_msgs/msg/Detection` known to the store, with all it contains.
+    """Add a type such as `hoid_msgs/msg/Detection` and the types of its fields to the store.
 
     Raises:
-        InputError: no .msg file of this name, or one that cannot be understood.
+        InputError: There is no .msg file of this name, or it cannot be parsed.
     """
     store = shared_typestore()
     if type_name in store.fielddefs:
@@ -58,7 +58,7 @@ def ensure_type(type_name: str) -> None:
 
 
 def new_message(type_name: str, /, **fields: Any) -> Message:
-    """Return a message with every field given; uint8 arrays as (N,) numpy arrays."""
+    """Return a message; every field must be given, numeric arrays as (N,) numpy arrays."""
     ensure_type(type_name)
     return shared_typestore().types[type_name](**fields)
 
@@ -69,10 +69,10 @@ def serialize(message: Message, type_name: str) -> memoryview:
 
 
 def deserialize(data: bytes | memoryview, type_name: str) -> Message:
-    """Return the message of CDR bytes; arrays are numpy views of them.
+    """Return the message of CDR bytes; its arrays are numpy views of them.
 
     Raises:
-        MessageError: They are no such message.
+        MessageError: The bytes are no message of this type.
     """
     ensure_type(type_name)
     try:
@@ -82,10 +82,10 @@ def deserialize(data: bytes | memoryview, type_name: str) -> Message:
 
 
 def message_class(topic: str, type_name: str) -> Any:
-    """Return the class that rclpy publishes a type with.
+    """Return the class of rclpy for a message type.
 
     Raises:
-        InputError: it is not built here.
+        InputError: The package of the type is not built or not sourced.
     """
     package, _, name = type_name.partition('/msg/')
     try:
@@ -103,7 +103,7 @@ def _find_definition(type_name: str) -> Path:
     shares = [Path(prefix) / 'share' for prefix in (*prefixes, sys.prefix)]
     for folder in (*shares, _WORKSPACE_SOURCES):
         path = folder / package / 'msg' / f'{name}.msg'
-        # Other names might lead out of the folder.
+        # Names with other characters could lead out of the folder.
         if _NAME.fullmatch(package) and _NAME.fullmatch(name) and path.is_file():
             return path
     raise InputError(
@@ -113,7 +113,7 @@ def _find_definition(type_name: str) -> Path:
 
 
 def _named_types(fields: Any) -> set[str]:
-    """Return the types that a definition's fields refer to, at any depth of arrays."""
+    """Return the message types of a definition's fields, also those of nested arrays."""
     found: set[str] = set()
     for _, (node, detail) in fields:
         if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):

@@ -1,4 +1,4 @@
-"""Bags that appear only when they are complete."""
+"""Writing of bags that appear only when they are complete."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 w
 
 
 def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
-    """Return the QoS that `ros2 bag play` offers a topic with."""
+    """Return the QoS profile with which `ros2 bag play` publishes a topic."""
     return Qos(
         history=QosHistory.KEEP_LAST,
         depth=depth,
@@ -44,21 +44,21 @@ def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
 
 
 class BagWriter:
-    """Write an MCAP bag; a context manager.
+    """Writer of an MCAP bag; a context manager.
 
-    Messages go into a hidden folder beside the bag. It takes the bag's name on success; on any
-    exception it is removed, so that what was cut off never looks like a bag.
+    Messages are written to a hidden folder beside the bag, which gets the name of the bag at the
+    end. It is removed on any exception, so that an incomplete bag never looks like a complete one.
     """
 
     def __init__(self, path: Path, *, compress: bool = False) -> None:
         """Prepare to write.
 
         Args:
-            path: Of the bag's folder.
-            compress: Whether to pack the chunks with zstd.
+            path: The folder of the bag.
+            compress: Whether to compress the chunks with zstd.
 
         Raises:
-            InputError: Something of this name is already there, or the folder cannot be made.
+            InputError: The path exists already.
         """
         if path.exists():
             raise InputError(f'{path}: exists already; remove it or choose another name')
@@ -69,7 +69,7 @@ class BagWriter:
     def __enter__(self) -> Self:
         with ExitStack() as undo:
             folder = undo.enter_context(scratch_folder(self.path.parent, self.path.name))
-            # Named as the bag will be: the .mcap file takes its folder's name.
+            # rosbags names the .mcap file after this folder, which therefore has the bag's name.
             self._aside = folder / self.path.name
             self._writer = CheckedWriter(
                 self._aside, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP
@@ -98,10 +98,10 @@ class BagWriter:
                 raise write_error(self.path, cause) from cause
 
     def add_topic(self, topic: str, type_name: str, qos: Qos | None = None) -> None:
-        """Announce a topic; relative names become absolute, as in bags of `ros2 bag record`.
+        """Add a topic; relative names become absolute, as in bags of `ros2 bag record`.
 
         Raises:
-            InputError: the type's definition is not known.
+            InputError: The definition of the type is unknown.
         """
         ensure_type(type_name)
         self._connections[topic] = self._writer.add_connection(
@@ -112,23 +112,23 @@ class BagWriter:
         )
 
     def write(self, topic: str, stamp_ns: int, message: Message) -> None:
-        """Write a message of an announced topic.
+        """Write a message on a topic that was added.
 
         Raises:
-            InputError: the disk is full or otherwise refuses.
+            InputError: The system refuses to write, for instance because the disk is full.
         """
         connection = self._connections[topic]
         self.write_serialized(topic, stamp_ns, serialize(message, connection.msgtype))
 
     def write_serialized(self, topic: str, stamp_ns: int, data: bytes | memoryview) -> None:
-        """Write the CDR bytes of a message of an announced topic; errors as `write`."""
+        """Write the CDR bytes of a message on a topic that was added; raises as `write`."""
         try:
             self._writer.write(self._connections[topic], stamp_ns, data)
         except OSError as error:
             raise write_error(self.path, error) from error
 
     def flush(self) -> None:
-        """Hand all messages to the system: a kill loses none of them; errors as `write`."""
+        """Pass all messages to the system, so that a kill loses none; raises as `write`."""
         try:
             self._writer.flush()
         except OSError as error:

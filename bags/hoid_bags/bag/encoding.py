@@ -1,4 +1,4 @@
-"""Image files to image messages; nothing of the depth is lost unless that is asked for."""
+"""Encoding of image files as messages, without loss of depth unless the user allows it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _MAX_MM = np.iinfo(np.uint16).max
 
 @dataclass(frozen=True)
 class ColorEncoder:
-    """Makes the messages of color image files."""
+    """Encoder of color image files."""
 
     camera: CameraModel
     encoding: str  # RAW, PNG or JPEG
@@ -44,20 +44,20 @@ class ColorEncoder:
 
     @property
     def topic(self) -> str:
-        """Return the topic, by image_transport's convention."""
+        """Return the name of the topic, by the convention of image_transport."""
         raw = self.encoding == RAW
         return topics.RGB_IMAGE if raw else topics.compressed(topics.RGB_IMAGE)
 
     @property
     def type_name(self) -> str:
-        """Return the type of the messages."""
+        """Return the name of the message type."""
         return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
 
     def message(self, listed: ListedImage) -> Message:
-        """Return the message of a file; a JPEG or PNG that is asked for as such stays as it is.
+        """Return the message of a file. A file that already has the encoding is copied unchanged.
 
         Raises:
-            InputError: the file is truncated, no image or of another size.
+            InputError: The file is truncated, no image, or of another size.
         """
         data = read_image_bytes(listed.path)
         image_bgr = decode_color(data, listed.path)
@@ -73,7 +73,7 @@ class ColorEncoder:
 
 @dataclass(frozen=True)
 class DepthEncoder:
-    """Makes the messages of depth image files: 16UC1 in mm or 32FC1 in m (REP 118)."""
+    """Encoder of depth image files: 16UC1 in mm or 32FC1 in m (REP 118, decision 023)."""
 
     camera: CameraModel
     encoding: str  # RAW or PNG
@@ -82,20 +82,20 @@ class DepthEncoder:
 
     @property
     def topic(self) -> str:
-        """Return the topic, by image_transport's convention."""
+        """Return the name of the topic, by the convention of image_transport."""
         raw = self.encoding == RAW
         return topics.DEPTH_IMAGE if raw else topics.compressed_depth(topics.DEPTH_IMAGE)
 
     @property
     def type_name(self) -> str:
-        """Return the type of the messages."""
+        """Return the name of the message type."""
         return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
 
     def message(self, listed: ListedImage) -> Message:
         """Return the message of a file.
 
         Raises:
-            InputError: the file is truncated, no 16-bit grey image, or of another size.
+            InputError: The file is truncated, no 16-bit gray image, or of another size.
         """
         data = read_image_bytes(listed.path)
         units = decode_depth(data, listed.path)
@@ -116,16 +116,16 @@ class DepthEncoder:
 
 
 def mm_from_units(units: DepthUnits, units_per_m: float) -> NDArray[np.uint16]:
-    """Return the nearest millimetres of (H, W) depth; what does not fit becomes "no reading"."""
+    """Return (H, W) uint16 depth in mm, rounded; values beyond 65.535 m become 0, no reading."""
     depth_mm = np.rint(units * (images.MM_PER_M / units_per_m))
     return np.where(depth_mm <= _MAX_MM, depth_mm, 0).astype(np.uint16)
 
 
 def first_not_whole_mm(listed: Iterable[ListedImage], units_per_m: float) -> Path | None:
-    """Return the first depth file with a value that is not whole mm up to 65.535 m, or None.
+    """Return the first depth file with a value that is no whole mm up to 65.535 m, or None.
 
     Raises:
-        InputError: a file is truncated or no 16-bit grey image.
+        InputError: A file is truncated, or no 16-bit gray image.
     """
     if units_per_m == images.MM_PER_M:
         return None
@@ -146,17 +146,17 @@ def choose_depth_encoder(
     *,
     round_to_mm: bool,
 ) -> DepthEncoder:
-    """Return the encoder that loses nothing, or with `round_to_mm` the one for millimetres.
+    """Return the lossless encoder of depth files, or with `round_to_mm` the one for millimeters.
 
     Raises:
-        InputError: PNG is asked for and would lose; or as `first_not_whole_mm`.
+        InputError: PNG would round the depth, or a file is no depth image.
     """
     if round_to_mm:
         return DepthEncoder(camera, encoding, units_per_m, in_mm=True)
-    odd_one = first_not_whole_mm(listed, units_per_m)
-    if odd_one is not None and encoding == PNG:
+    path_not_mm = first_not_whole_mm(listed, units_per_m)
+    if path_not_mm is not None and encoding == PNG:
         raise InputError(
-            f'{odd_one}: not in whole millimetres, which is all that compressed depth holds;'
+            f'{path_not_mm}: not in whole millimeters, as compressed depth must be;'
             ' use --depth raw, or --round-depth to lose up to 0.5 mm'
         )
-    return DepthEncoder(camera, encoding, units_per_m, in_mm=odd_one is None)
+    return DepthEncoder(camera, encoding, units_per_m, in_mm=path_not_mm is None)

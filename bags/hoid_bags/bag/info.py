@@ -1,4 +1,4 @@
-"""What is in a bag, in a few lines."""
+"""Summary of a bag: topics, numbers, rates and sizes of messages."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ _MB = 1e6
 
 
 class TopicSummary(NamedTuple):
-    """One topic in numbers."""
+    """Summary of one topic."""
 
     name: str
     type_name: str
     num_messages: int
     rate_hz: float  # 0 with fewer than two messages
-    size_bytes: int | None = None  # of all messages, as they go over the wire; None: not counted
+    size_bytes: int | None = None  # of all messages, serialized; None: not counted
 
     @property
     def bytes_per_s(self) -> float | None:
-        """Return what the topic takes at its rate; None when sizes were not counted."""
+        """Return the bandwidth; None when sizes were not counted or there are no messages."""
         if self.size_bytes is None or not self.num_messages:
             return None
         return self.size_bytes / self.num_messages * self.rate_hz
 
 
 class BagSummary(NamedTuple):
-    """A bag in numbers."""
+    """Summary of a bag."""
 
     path: Path
     size_bytes: int
@@ -56,11 +56,11 @@ def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
     """Return a bag's summary.
 
     Args:
-        path: Of the bag.
-        sizes: Count the bytes of each topic too, which reads the whole bag.
+        path: The folder or file of the bag.
+        sizes: Whether to count the bytes of each topic, which reads the whole bag.
 
     Raises:
-        InputError: no bag, or nothing of it can be read.
+        InputError: It is no bag, or no message of it can be read.
     """
     with BagReader(path) as reader:
         size_of = _sizes_bytes(reader) if sizes else None

@@ -1,4 +1,4 @@
-"""Bags made of what a killed recording left, and of bags that are damaged."""
+"""Repair of killed recordings and damaged bags by copying the readable messages."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ _SCRATCH = re.compile(r'\.(?P<name>.*[^.].*)\.partial-[^.]+')  # of `scratch_fol
 
 
 def repair(path: Path) -> Path:
-    """Make a bag of all messages that can be read, and return where it lies: beside the old one.
+    """Copy all readable messages to a new bag beside the old one, and return its path.
 
     Args:
-        path: A recording's hidden folder, `.NAME.partial-XXXX`, which becomes the bag NAME and
-            then goes away; or a damaged bag or file NAME, which stays, beside NAME_repaired.
+        path: The hidden folder `.NAME.partial-XXXX` of a killed recording, which is removed after
+            its messages are in the bag NAME; or a damaged bag or file NAME, which is kept, while
+            its messages are copied to NAME_repaired.
 
     Raises:
-        InputError: It is still being recorded, nothing can be read, or no bag can be written.
+        InputError: The recorder still runs, nothing can be read, or the bag cannot be written.
     """
     scratch = _SCRATCH.fullmatch(path.name) if path.is_dir() else None
     if scratch is None:

@@ -1,4 +1,4 @@
 """Playing bags on topics and recording topics into bags.
 
-The only room of the package that runs a ROS node.
+The only folder of this package that needs ROS.
 """

@@ -1,4 +1,4 @@
-"""Single keys from a terminal."""
+"""Key presses on a terminal, without waiting for Enter."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Self
 
 PAUSE_KEY = ' '
 
-_AT_ONCE = 64
+_MAX_BYTES = 64  # chosen: bytes to read at once
 
 
 class KeyPresses:
-    """Give the keys pressed since the last look; a context manager. Without a terminal: none."""
+    """Reader of pressed keys; a context manager. Without a terminal there are none."""
 
     def __enter__(self) -> Self:
         self._saved = None
@@ -38,7 +38,9 @@ class KeyPresses:
         """Return the keys pressed since the last call, without waiting."""
         keys = ''
         while self._saved is not None and select.select([sys.stdin], [], [], 0)[0]:
-            pressed = os.read(sys.stdin.fileno(), _AT_ONCE)  # stdin's own buffer hides from select
+            pressed = os.read(
+                sys.stdin.fileno(), _MAX_BYTES
+            )  # select does not see what is in the buffer of sys.stdin
             if not pressed:  # end of file
                 break
             keys += pressed.decode(errors='replace')

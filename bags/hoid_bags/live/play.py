@@ -1,4 +1,4 @@
-"""Play a bag on topics, in real time."""
+"""Playback of a bag on topics, in real time."""
 
 from __future__ import annotations
 
@@ -32,11 +32,12 @@ from hoid_common.ros.conversions import stamp_from_msg, stamp_to_msg
 from hoid_common.values import NS_PER_S
 
 _LOG = logging.getLogger(__name__)
-_TICK_S = 0.01  # of the keyboard while nothing is due
-_CLOCK_PERIOD_S = 0.02  # real time; every /clock message costs every node on simulated time
-_SETTLE_S = 0.3  # a matched subscriber may need this long until it receives
-_SETTLE_LOCKSTEP_S = 1.0  # nobody answers to a frame that got lost
-_ACK_LIMIT = Duration(seconds=2)
+_TICK_S = 0.01  # chosen: period of reading the keyboard, and error of the lockstep's waiting
+# Real time. Chosen: each /clock message wakes every node on simulated time (decision 018).
+_CLOCK_PERIOD_S = 0.02
+_SETTLE_S = 0.3  # chosen: a subscriber needs up to this long from matching to receiving
+_SETTLE_LOCKSTEP_S = 1.0  # chosen: longer, because a lost frame would never be answered
+_ACK_LIMIT = Duration(seconds=2)  # chosen: longest wait for subscribers to receive the end
 _BAR = '{l_bar}{bar}| {n:.1f}/{total_fmt} s [{elapsed}] {postfix}'
 
 
@@ -53,41 +54,41 @@ def play(
 
     Args:
         path: The bag.
-        config: How.
-        topic_names: What to play; empty means all.
-        namespace: Put before every topic but the global ones.
-        min_subscribers: Topics, as in the bag, that must find so many subscribers first.
+        config: Options of the playback.
+        topic_names: Topics to play; empty means all but /clock.
+        namespace: Prefix of every topic that is not global.
+        min_subscribers: Number of subscribers to wait for, by topic of the bag.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
-        InputError: the bag cannot be played, or only in part; a type is not known; subscribers or
-            answers in lockstep do not come.
+        InputError: The bag can be played only in part or not at all, a message type is unknown, or
+            the subscribers or the odometry of lockstep are missing.
     """
     config = config or PlayConfig()
-    score = open_plan(path, config, topic_names)
+    plan = open_plan(path, config, topic_names)
     gate = LockstepGate(BagSequence(path)) if config.lockstep else None
     with ros_session('hoid_play', namespace) as node, KeyPresses() as keys:
-        player = Player(node, score, config, keys, gate)
+        player = Player(node, plan, config, keys, gate)
         player.wait_for_subscribers(min_subscribers or {})
         player.run(show_progress=show_progress)
     if gate is not None and gate.num_unanswered:
-        _LOG.warning('%d frames were not answered', gate.num_unanswered)
-    if score.fault is not None:
-        raise InputError(score.fault)
+        _LOG.warning('no odometry came for %d frames', gate.num_unanswered)
+    if plan.fault is not None:
+        raise InputError(plan.fault)
 
 
 class Player:
-    """Publishes cues when they are due."""
+    """Publishes messages when they are due, and the clock between them."""
 
     def __init__(
         self,
         node: Node,
-        score: PlaybackPlan,
+        plan: PlaybackPlan,
         config: PlayConfig,
         keys: KeyPresses,
         gate: LockstepGate | None,
     ) -> None:
-        self._score, self._config, self._keys, self._gate = score, config, keys, gate
+        self._plan, self._config, self._keys, self._gate = plan, config, keys, gate
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
         self._publishers: dict[str, Publisher] = {
@@ -96,15 +97,15 @@ class Player:
                 live_name(topic.name),
                 to_rclpy_qos(topic.qos),
             )
-            for topic in score.topics
+            for topic in plan.topics
         }
         self._clock = (
             node.create_publisher(Clock, topics.CLOCK, qos.CLOCK) if config.clock else None
         )
-        self._answers: tuple[Subscription, ...] = ()
+        self._odometry_subscriptions: tuple[Subscription, ...] = ()
         if gate is not None:
-            self._answers = tuple(
-                node.create_subscription(kind, name, self._on_answer, qos.OUTPUT)
+            self._odometry_subscriptions = tuple(
+                node.create_subscription(kind, name, self._on_odometry, qos.OUTPUT)
                 for kind, name in ((Odometry, topics.ODOM), (SlamStatus, topics.SLAM_STATUS))
             )
         self._count_publishers = node.count_publishers
@@ -113,16 +114,16 @@ class Player:
         self._clock_period_ns = round(_CLOCK_PERIOD_S * config.rate * NS_PER_S)
 
     def wait_for_subscribers(self, minimum: Mapping[str, int]) -> None:
-        """Wait until those asked for are matched; with none asked for, until any are.
+        """Wait for the minimum of subscribers of each topic, or without one for any subscriber.
 
-        In lockstep somebody must be there to answer as well.
+        In lockstep there must be a publisher of odometry as well.
 
         Raises:
-            InputError: those asked for did not come in time.
+            InputError: A minimum was given and not reached in time.
         """
         now_s = time.monotonic()
         deadline_s, changed_s, count = now_s + self._config.wait_s, now_s, 0
-        settle_s = _SETTLE_LOCKSTEP_S if self._answers else _SETTLE_S
+        settle_s = _SETTLE_LOCKSTEP_S if self._odometry_subscriptions else _SETTLE_S
         while now_s < deadline_s:
             if self._num_peers() != count:
                 changed_s, count = now_s, self._num_peers()
@@ -134,35 +135,35 @@ class Player:
         if missing is not None and minimum:
             raise InputError(f'{missing} after {self._config.wait_s:g} s; are the nodes running?')
         if missing is not None:
-            _LOG.warning('%s after %g s; playing all the same', missing, self._config.wait_s)
+            _LOG.warning('%s after %g s; playing without', missing, self._config.wait_s)
 
     def run(self, *, show_progress: bool) -> None:
-        """Publish everything at its time."""
-        score, config = self._score, self._config
-        span_s = (score.end_ns - score.start_ns) / NS_PER_S
+        """Publish all messages, each when it is due."""
+        plan, config = self._plan, self._config
+        span_s = (plan.end_ns - plan.start_ns) / NS_PER_S
         total_s = None if config.loop else round(span_s, 2)
         with (
-            ReadAhead(score.cues(loop=config.loop)) as cues,
+            ReadAhead(plan.messages(loop=config.loop)) as messages,
             tqdm(
                 total=total_s, unit='s', disable=None if show_progress else True, bar_format=_BAR
             ) as bar,
         ):
-            self._pacer = Pacer(score.start_ns, config.rate)
-            self._pacer.hold()  # until the first cue has been read; then `_wait_for` releases it
-            for cue in cues:
-                self._wait_for(cue)
-                self._publish(cue)
-                self._show(bar, (cue.time_ns - score.start_ns) / NS_PER_S)
+            self._pacer = Pacer(plan.start_ns, config.rate)
+            self._pacer.hold()  # `_wait_for` releases it when the first message has been read
+            for message in messages:
+                self._wait_for(message)
+                self._publish(message)
+                self._show(bar, (message.time_ns - plan.start_ns) / NS_PER_S)
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(_ACK_LIMIT)
 
-    def _wait_for(self, cue: ScheduledMessage) -> None:
-        """Return when a cue is due; meanwhile keep clock, keyboard and answers going."""
+    def _wait_for(self, message: ScheduledMessage) -> None:
+        """Return when a message is due; until then handle clock, keyboard and odometry."""
         limit_s = self._config.lockstep_timeout_s
         give_up_s = time.monotonic() + limit_s
         while True:
             self._read_keys()
-            remaining_s = self._pacer.remaining_s(cue.time_ns)
+            remaining_s = self._pacer.remaining_s(message.time_ns)
             if self._is_paused:
                 self._pacer.hold()
                 give_up_s = time.monotonic() + limit_s
@@ -170,12 +171,12 @@ class Player:
             elif remaining_s > 0:
                 self._pacer.release()
                 self._tick(min(remaining_s, _TICK_S))
-            elif self._gate is None or not self._gate.blocks(cue):
+            elif self._gate is None or not self._gate.blocks(message):
                 self._pacer.release()
                 return
             elif time.monotonic() > give_up_s:
                 self._give_up(self._gate)
-            else:  # due, but blocked: time waits for the answer
+            else:  # due, but blocked: the clock is paused until the odometry comes
                 self._pacer.hold()
                 self._tick(_TICK_S)
 
@@ -186,14 +187,14 @@ class Player:
             time.sleep(at_most_s)
         self._publish_clock(self._pacer.time_ns())
 
-    def _publish(self, cue: ScheduledMessage) -> None:
-        self._publish_clock(cue.time_ns)
-        self._publishers[cue.topic].publish(cue.data)
+    def _publish(self, message: ScheduledMessage) -> None:
+        self._publish_clock(message.time_ns)
+        self._publishers[message.topic].publish(message.data)
         if self._gate is not None:
-            self._gate.note_published(cue)
+            self._gate.note_published(message)
 
     def _publish_clock(self, time_ns: int) -> None:
-        # Never backwards: a late cue lies behind the pacer's time, which has been told already.
+        # Never backwards: a late message lies behind the pacer's time, which was published before.
         if self._clock is not None and time_ns >= self._clock_ns + self._clock_period_ns:
             self._clock_ns = time_ns
             self._clock.publish(Clock(clock=stamp_to_msg(time_ns)))
@@ -202,15 +203,15 @@ class Player:
         if self._keys.read().count(PAUSE_KEY) % 2:
             self._is_paused = not self._is_paused
 
-    def _on_answer(self, message: Any) -> None:
+    def _on_odometry(self, message: Any) -> None:
         if self._gate is not None:
             self._gate.note_answer(stamp_from_msg(message.header.stamp))
 
     def _give_up(self, gate: LockstepGate) -> None:
-        """Go on without an answer.
+        """Let the next frame pass without odometry for the last one.
 
         Raises:
-            InputError: there has never been one.
+            InputError: There has been no odometry at all.
         """
         if not gate.num_answered:
             raise InputError(
@@ -222,20 +223,20 @@ class Player:
     def _num_subscribers(self) -> int:
         return sum(p.get_subscription_count() for p in self._publishers.values())
 
-    def _num_answering(self) -> int:
-        return sum(self._count_publishers(s.topic_name) for s in self._answers)
+    def _num_odometry_publishers(self) -> int:
+        return sum(self._count_publishers(s.topic_name) for s in self._odometry_subscriptions)
 
     def _num_peers(self) -> int:
-        return self._num_subscribers() + self._num_answering()
+        return self._num_subscribers() + self._num_odometry_publishers()
 
     def _missing(self, minimum: Mapping[str, int]) -> str | None:
-        """Return which subscribers are still missing, in words."""
+        """Return a text about the first topic that lacks subscribers or publishers, or None."""
         for name, wanted in minimum.items():
             publisher = self._publishers.get(f'/{name.lstrip("/")}')
             count = publisher.get_subscription_count() if publisher else 0
             if count < wanted:
                 return f'topic "{name}": {count} of {wanted} subscribers'
-        if self._answers and not self._num_answering():
+        if self._odometry_subscriptions and not self._num_odometry_publishers():
             return f'topic "{topics.ODOM}": no publisher'
         return None if self._num_subscribers() else 'no topic of the bag has a subscriber'
 

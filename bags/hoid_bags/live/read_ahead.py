@@ -1,4 +1,4 @@
-"""Reading in a thread, so that a slow disk or decompression does not delay what is due."""
+"""Reading in a thread, so that a slow disk or decompression does not delay due messages."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from typing import Self
 
 from hoid_bags.live.playback import ScheduledMessage
 
-_LIMIT_BYTES = 64 * 2**20  # about one second of raw VGA colour and depth
+_LIMIT_BYTES = 64 * 2**20  # chosen: about one second of raw VGA color and depth images
 
 
 class ReadAhead:
-    """Iterate over cues that a thread has read in advance; a context manager that ends it.
+    """Iterator over messages that a thread reads in advance; a context manager for the thread.
 
-    It begins with all that it may hold: filling it meanwhile would take a third of a core from
-    who listens.
+    It is full before the first message is given: filling it during the playback would take a
+    third of a core from the nodes that receive the messages.
     """
 
-    def __init__(self, cues: Iterator[ScheduledMessage], limit_bytes: int = _LIMIT_BYTES) -> None:
-        self._cues, self._limit_bytes = cues, limit_bytes
+    def __init__(
+        self, messages: Iterator[ScheduledMessage], limit_bytes: int = _LIMIT_BYTES
+    ) -> None:
+        self._messages, self._limit_bytes = messages, limit_bytes
         self._waiting: deque[ScheduledMessage] = deque()
         self._waiting_bytes = 0
         self._is_done = False
@@ -32,7 +34,7 @@ class ReadAhead:
     def __enter__(self) -> Self:
         self._thread.start()
         with self._changed:
-            self._changed.wait_for(lambda: self._is_done or not self._has_room)
+            self._changed.wait_for(lambda: self._is_done or not self._has_space)
         return self
 
     def __exit__(
@@ -52,21 +54,21 @@ class ReadAhead:
                 self._changed.wait_for(lambda: self._waiting or self._is_done)
                 if not self._waiting:
                     break
-                cue = self._waiting.popleft()
-                self._waiting_bytes -= len(cue.data)
+                message = self._waiting.popleft()
+                self._waiting_bytes -= len(message.data)
                 self._changed.notify_all()
-            yield cue
+            yield message
         if self._error is not None:
             raise self._error
 
     @property
-    def _has_room(self) -> bool:
+    def _has_space(self) -> bool:
         return self._waiting_bytes < self._limit_bytes
 
     def _read(self) -> None:
         try:
-            for cue in self._cues:
-                if not self._put(cue):
+            for message in self._messages:
+                if not self._put(message):
                     return
         except Exception as error:  # noqa: BLE001 - handed to the thread that iterates
             self._error = error
@@ -74,13 +76,13 @@ class ReadAhead:
             self._is_done = True
             self._changed.notify_all()
 
-    def _put(self, cue: ScheduledMessage) -> bool:
-        """Append a cue once there is room; return whether anybody still wants it."""
+    def _put(self, message: ScheduledMessage) -> bool:
+        """Append a message when there is space; return False when the reader has ended."""
         with self._changed:
-            self._changed.wait_for(lambda: self._is_done or self._has_room)
+            self._changed.wait_for(lambda: self._is_done or self._has_space)
             if self._is_done:
                 return False
-            self._waiting.append(cue)
-            self._waiting_bytes += len(cue.data)
+            self._waiting.append(message)
+            self._waiting_bytes += len(message.data)
             self._changed.notify_all()
         return True

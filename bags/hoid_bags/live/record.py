@@ -1,4 +1,4 @@
-"""Record topics into a bag."""
+"""Recording of topics into a bag."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ RESULT_TOPICS = (
     topics.TRACKED_OBJECTS,
     *(relative for _, relative in topics.NAMESPACED_TF),
 )
-"""What is recorded when nothing else is asked for."""
+"""Topics that are recorded by default."""
 
-_LOOK_AGAIN_S = 0.1
-_FLUSH_S = 0.5  # a recorder that is killed loses no more than that
-_QUEUE = 100
+_DISCOVERY_PERIOD_S = 0.1  # chosen: latched topics lose nothing, others up to three images
+_FLUSH_PERIOD_S = 0.5  # chosen: a killed recorder loses no more than this
+_QUEUE_DEPTH = 100  # chosen: about three seconds of images
 
 
 def record(
@@ -46,32 +46,33 @@ def record(
     use_sim_time: bool = False,
     show_progress: bool = False,
 ) -> int:
-    """Record until the time is over or a KeyboardInterrupt; return the number of messages.
+    """Record for a time or until a KeyboardInterrupt; return the number of messages.
 
-    Killed, it leaves a hidden folder with all but the last half second, for `repair`.
+    A kill leaves a hidden folder with all messages but those of the last half second; `repair`
+    makes a bag of it.
 
     Args:
         bag: The folder to make.
-        topic_names: What to record; each is awaited until somebody publishes it.
-        namespace: Of relative names.
-        duration_s: From the first message on; 0 = until interrupted.
-        use_sim_time: Whether the bag's times are those of /clock.
+        topic_names: Topics to record. Each is subscribed to when its first publisher appears.
+        namespace: Namespace of relative names.
+        duration_s: Length from the first message on; 0 = until interrupted.
+        use_sim_time: Whether messages get the time of /clock instead of the wall clock.
         show_progress: Whether to count messages on stderr.
 
     Raises:
-        ConfigError: the duration is negative.
-        InputError: nothing arrived, a type is not known, or the bag cannot be written; then
-            nothing of it is left.
+        ConfigError: The duration is negative.
+        InputError: Nothing arrived, a message type is unknown, or the bag cannot be written. No
+            bag is left then.
     """
     if not duration_s >= 0:  # also refuses NaN
         raise ConfigError(f'--duration {duration_s:g}: must be at least 0')
     with (
         ros_session('hoid_record', namespace, use_sim_time=use_sim_time) as node,
         tqdm(unit=' messages', disable=None if show_progress else True) as bar,
-        BagWriter(bag) as writer,  # the last: it is safe before leaving the graph takes its time
+        BagWriter(bag) as writer,  # closed first: leaving the ROS graph takes long
     ):
         recorder = Recorder(node, writer, topic_names)
-        with suppress(KeyboardInterrupt):  # the usual end
+        with suppress(KeyboardInterrupt):  # Ctrl-C is the usual end
             recorder.run(duration_s, bar.update)
         if not recorder.num_messages:
             raise InputError(f'{bag}: nothing was recorded on {", ".join(topic_names)}')
@@ -79,7 +80,7 @@ def record(
 
 
 class Recorder:
-    """Writes what arrives, as serialised."""
+    """Subscriber of all topics that writes their serialized messages into a bag."""
 
     def __init__(self, node: Node, writer: BagWriter, topic_names: tuple[str, ...]) -> None:
         self._node, self._writer = node, writer
@@ -89,17 +90,17 @@ class Recorder:
         self.num_messages = 0
 
     def run(self, duration_s: float, on_messages: Callable[[int], object]) -> None:
-        """Record for some time after the first message; 0 = without end."""
+        """Record for a time (s) from the first message on; 0 = without end."""
         look_s = end_s = flush_s = 0.0
         while not end_s or time.monotonic() < end_s:
             before = self.num_messages
             if self._awaited and time.monotonic() >= look_s:
                 self._subscribe_new()
-                look_s = time.monotonic() + _LOOK_AGAIN_S
-            self._executor.spin_once(timeout_sec=_LOOK_AGAIN_S)
+                look_s = time.monotonic() + _DISCOVERY_PERIOD_S
+            self._executor.spin_once(timeout_sec=_DISCOVERY_PERIOD_S)
             if time.monotonic() >= flush_s:
                 self._writer.flush()
-                flush_s = time.monotonic() + _FLUSH_S
+                flush_s = time.monotonic() + _FLUSH_PERIOD_S
             on_messages(self.num_messages - before)
             if duration_s and not end_s and self.num_messages:
                 end_s = time.monotonic() + duration_s
@@ -126,12 +127,12 @@ class Recorder:
 
 
 def _matching_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return the strictest profile that hears every publisher."""
+    """Return the strictest QoS profile that is compatible with every publisher."""
     profiles = [publisher.qos_profile for publisher in publishers]
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
     return QoSProfile(
-        depth=_QUEUE,
+        depth=_QUEUE_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )

@@ -1,4 +1,4 @@
-"""A ROS node for the length of a command, and types and QoS of bags as rclpy wants them."""
+"""ROS node of a command, and conversion of QoS profiles and topic names between bags and ROS."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from hoid_common.process.shared_memory import shared_memory_problem
 from hoid_common.process.signals import interrupt_on_termination
 from hoid_common.ros.run import limit_exit_time
 
-_DEFAULT_DEPTH = 10
+_DEFAULT_DEPTH = 10  # the default of rclpy, for bags without a depth
 _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
 
 
 @contextmanager
 def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -> Iterator[Node]:
-    """Give a node; SIGINT and what else ends a process become KeyboardInterrupt.
+    """Yield a node; SIGINT, SIGTERM and the like raise KeyboardInterrupt in the block.
 
     Raises:
-        ConfigError: the namespace is not a valid name.
+        ConfigError: The namespace is not a valid name.
     """
     arguments = ['--ros-args', '-p', f'use_sim_time:={str(use_sim_time).lower()}']
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -51,7 +51,7 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
 
 
 def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
-    """Return the profile that a topic was recorded with; unknown means reliable, volatile."""
+    """Return the profile that a topic was recorded with; reliable and volatile if unknown."""
     best_effort = qos is not None and qos.reliability == QosReliability.BEST_EFFORT
     latched = qos is not None and qos.durability == QosDurability.TRANSIENT_LOCAL
     return QoSProfile(
@@ -63,7 +63,7 @@ def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
 
 
 def from_rclpy_qos(qos: QoSProfile) -> Qos:
-    """Return the profile to note in a bag."""
+    """Return the profile as it is written into a bag."""
     noted = reliable_qos(latched=qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
     if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
         noted = noted._replace(reliability=QosReliability.BEST_EFFORT)
@@ -71,8 +71,9 @@ def from_rclpy_qos(qos: QoSProfile) -> Qos:
 
 
 def live_name(topic: str) -> str:
-    """Return a bag's topic as it is published: relative, so that a namespace moves it.
+    """Return the name under which a topic of a bag is published: relative to the namespace.
 
-    Names that the whole system shares stay as they are; each namespace has its own frame tree.
+    /clock and /diagnostics stay absolute, because all nodes share them. /tf becomes relative,
+    because each namespace has a frame tree of its own.
     """
     return topic if topic in _SHARED_TOPICS else topic.lstrip('/')

@@ -1,4 +1,4 @@
-"""MCAP files: chunks with checksums, written at once and read one by one.
+"""MCAP files: written with a checksum for each chunk, read chunk by chunk.
 
-Nothing here knows which topics a bag has or what they mean.
+This folder does not depend on the topics or message types of a bag.
 """

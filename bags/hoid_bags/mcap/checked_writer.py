@@ -1,4 +1,4 @@
-"""MCAP files that tell when they are damaged, and that a killed writer leaves readable."""
+"""Writing of MCAP files with checksums, so that damage is noticed, and with explicit flushes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from zlib import crc32
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-_CHECKSUM_AT: Final = 1 + 8 + 3 * 8  # in a chunk: after opcode, length, two times and the size
+_CHECKSUM_AT: Final = 1 + 8 + 3 * 8  # in a chunk: after opcode, length, two times and size
 
 
 class CheckedMcapWriter(McapWriter):
-    """rosbags' storage with each chunk's checksum, which it leaves out."""
+    """rosbags' MCAP writer with the checksum of each chunk, where rosbags writes 0 (none)."""
 
     def close_chunk(self) -> None:
-        """Write the chunk that was gathered."""
+        """Write the pending chunk, then its checksum into its header."""
         start, checksum = self.bio.tell(), crc32(self.chunk.bio.getvalue())
         super().close_chunk()
         self.bio.seek(start + _CHECKSUM_AT)
@@ -24,18 +24,18 @@ class CheckedMcapWriter(McapWriter):
         self.bio.seek(0, 2)
 
     def flush(self) -> None:
-        """Hand all messages to the system: from here on they outlive this process."""
+        """Pass all messages to the operating system, so that a kill of this process loses none."""
         if self.chunk.msgs:
             self.close_chunk()
         self.bio.flush()
 
 
 class CheckedWriter(Writer):
-    """rosbags' writer of whole bags, for MCAP."""
+    """rosbags' writer of bags, restricted to MCAP with checksums."""
 
     STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: CheckedMcapWriter})
 
     def flush(self) -> None:
-        """Hand all messages to the system."""
+        """Pass all messages to the operating system."""
         assert isinstance(self.storage, CheckedMcapWriter)
         self.storage.flush()

@@ -1,8 +1,7 @@
-"""The content of MCAP chunks: unpacked within bounds, held against its checksum, and walked."""
+"""Content of MCAP chunks: unpacked within limits, verified by checksum, split into records."""
 
 from __future__ import annotations
 
-import sqlite3
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,24 +9,26 @@ from pathlib import Path
 from typing import Final, NamedTuple
 from zlib import crc32
 
+import apsw
 from backports.zstd import ZstdDecompressor, ZstdError
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from mcap.exceptions import McapError
 from rosbags.rosbag2 import ReaderError
 
 MAX_CHUNK_BYTES: Final = 1 << 28
-"""Unpacked: a hundred times what recorders fill; more is a mistake or an attack."""
+"""Largest unpacked chunk or message. Chosen: rosbags and mcap close a chunk after 1 MiB."""
 
 DAMAGE = (
     ReaderError, McapError, ZstdError, OSError, ValueError, LookupError, TypeError, EOFError,
-    RuntimeError, MemoryError, OverflowError, AssertionError, struct.error, sqlite3.Error,
+    RuntimeError, MemoryError, OverflowError, AssertionError, AttributeError, struct.error,
+    apsw.Error,
 )  # fmt: skip
-"""What reading bytes that make no sense ends in."""
+"""Exceptions that the libraries raise when they read bytes that are no recording."""
 
 NO_RECORD: Final = 0
-"""Opcode of none: what a power cut leaves of a file may end in zeros."""
+"""Opcode that MCAP does not allow. After a power cut, a file may end in zeros."""
 _MESSAGE: Final = 0x05
-_RECORD = struct.Struct('<BQ')  # opcode, bytes that follow
+_RECORD = struct.Struct('<BQ')  # opcode, number of bytes that follow
 _MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
 _UNPACKERS: Mapping[str, Callable[[bytes, int], bytes]] = {
     '': lambda data, _: data,
@@ -37,44 +38,47 @@ _UNPACKERS: Mapping[str, Callable[[bytes, int], bytes]] = {
 
 
 class Record(NamedTuple):
-    """One record of a chunk."""
+    """Position of one record in a chunk."""
 
     opcode: int
-    start: int  # of its content in the chunk
+    start: int  # of its content
     end: int
 
 
 class ChunkMessage(NamedTuple):
-    """One message of a chunk, still serialised."""
+    """One message of a chunk, still serialized."""
 
     channel_id: int
     log_ns: int
     data: bytes
 
 
-class Damage(NamedTuple):
+class DamagedChunk(NamedTuple):
     """A chunk that cannot be read."""
 
     path: Path
     offset: int  # in the file
     reason: str
-    lost: Mapping[str, int]  # messages by topic, as far as the file tells
+    num_lost: Mapping[str, int]  # messages by topic, as far as the index of the file says
 
 
 def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
-    """Return a chunk's records.
+    """Return the records of a chunk.
+
+    rosbags and mcap verify the size only after they have unpacked everything. Here no more than
+    `size` bytes are unpacked, so that a small file cannot fill the memory.
 
     Args:
-        data: As in the file.
+        data: The chunk's content, as it is in the file.
         compression: '', 'zstd' or 'lz4'.
-        size: Of the records; nothing beyond it is unpacked.
-        checksum: CRC-32 of the records; 0 means none.
+        size: Number of bytes of the records, from the chunk's header.
+        checksum: CRC-32 of the records; 0 means that there is none.
 
     Raises:
-        ReaderError: The chunk contradicts itself or its checksum, or is larger than any.
+        ReaderError: The content contradicts the header, or is larger than MAX_CHUNK_BYTES.
     """
     if size > MAX_CHUNK_BYTES:
-        raise ReaderError(f'a chunk of {size} bytes is larger than any')
+        raise ReaderError(f'a chunk claims {size} bytes, more than {MAX_CHUNK_BYTES}')
     if compression not in _UNPACKERS:
         raise ReaderError(f'unknown compression "{compression}"')
     records = _UNPACKERS[compression](data, size + 1)
@@ -86,50 +90,63 @@ def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
 
 
 def unpack_message(data: bytes) -> bytes:
-    """Return a message that was packed by itself; raises ReaderError for more than any."""
+    """Return a message that was compressed on its own.
+
+    Raises:
+        ReaderError: The data is truncated, or unpacks to more than MAX_CHUNK_BYTES.
+    """
     unpacker = ZstdDecompressor()
     message = unpacker.decompress(data, MAX_CHUNK_BYTES)
     if not unpacker.eof:
-        raise ReaderError(f'a message is cut off, or unpacks to over {MAX_CHUNK_BYTES} bytes')
+        raise ReaderError(f'a message is truncated, or unpacks to over {MAX_CHUNK_BYTES} bytes')
     return message
 
 
-def walk(records: bytes) -> Iterator[Record]:
-    """Yield where the records of a chunk lie; raises ReaderError where there is none."""
+def split_records(chunk: bytes) -> Iterator[Record]:
+    """Yield the positions of the records in an unpacked chunk.
+
+    Raises:
+        ReaderError: There is no record where one should begin, or it exceeds the chunk.
+    """
     at = 0
-    while at < len(records):
-        opcode, size = _RECORD.unpack_from(records, at)
+    while at < len(chunk):
+        opcode, size = _RECORD.unpack_from(chunk, at)
         at += _RECORD.size
         if opcode == NO_RECORD:
             raise ReaderError('zeros where a record should be')
-        if size > len(records) - at:
-            raise ReaderError(f'a record of {size} bytes goes beyond its chunk')
+        if size > len(chunk) - at:
+            raise ReaderError(f'a record of {size} bytes exceeds its chunk')
         yield Record(opcode, at, at + size)
         at += size
 
 
-def messages(records: bytes) -> Iterator[ChunkMessage]:
-    """Yield the messages of a chunk in its order; raises as `walk`."""
-    for opcode, start, end in walk(records):
+def messages(chunk: bytes) -> Iterator[ChunkMessage]:
+    """Yield the messages of an unpacked chunk in their order there.
+
+    Raises:
+        ReaderError: As in `split_records`.
+    """
+    for opcode, start, end in split_records(chunk):
         if opcode == _MESSAGE:
-            channel_id, _, log_ns, _ = _MESSAGE_HEAD.unpack_from(records, start)
-            yield ChunkMessage(channel_id, log_ns, records[start + _MESSAGE_HEAD.size : end])
+            channel_id, _, log_ns, _ = _MESSAGE_HEAD.unpack_from(chunk, start)
+            yield ChunkMessage(channel_id, log_ns, chunk[start + _MESSAGE_HEAD.size : end])
 
 
 def one_line(error: Exception) -> str:
-    """Return what an exception says, on one line."""
+    """Return the text of an exception on one line."""
     return ' '.join(str(error).split()) or type(error).__name__
 
 
-def describe_damage(damage: Sequence[Damage]) -> str:
-    """Return in one line how much is left out, of which topics, and where the first of it lies."""
-    lost: Counter[str] = Counter()
+def describe_damage(damage: Sequence[DamagedChunk]) -> str:
+    """Return one line with the number of lost messages by topic, and the first damaged place."""
+    num_lost: Counter[str] = Counter()
     for chunk in damage:
-        lost.update(chunk.lost)
+        num_lost.update(chunk.num_lost)
     first = min(damage, key=lambda chunk: (chunk.path, chunk.offset))
-    topics = ', '.join(f'{number} of {topic}' for topic, number in sorted(lost.items()))
-    many = 'chunk is' if len(damage) == 1 else 'chunks are'
+    topics = ', '.join(f'{number} of {topic}' for topic, number in sorted(num_lost.items()))
+    chunks = 'chunk is' if len(damage) == 1 else 'chunks are'
     return (
-        f'damaged: {len(damage)} {many} left out{f" with messages: {topics}" if topics else ""}; '
+        f'damaged: {len(damage)} {chunks} left out'
+        f'{f" with messages: {topics}" if topics else ""}; '
         f'first at byte {first.offset} of {first.path.name}: {first.reason}'
     )

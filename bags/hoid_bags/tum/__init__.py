@@ -1,4 +1,4 @@
 """Folders in the TUM RGB-D layout and their cameras.
 
-Nothing here knows bags.
+This folder does not depend on bags.
 """

@@ -1,4 +1,4 @@
-"""Pairing of colour and depth images by their stamps."""
+"""Pairing of color and depth images by their stamps."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from hoid_common.errors import InputError
 from hoid_common.values import IntArray
 
 MAX_PAIR_GAP_NS = 20_000_000
-"""The TUM benchmark's own limit: well under the 33 ms between images of one stream."""
-_MAX_NEAR = 20  # partners to choose from, on average
+"""Default of the TUM benchmark's `associate.py`; images of one stream are 33 ms apart."""
+_MAX_CANDIDATES = 20  # per image on average; chosen: a 60 Hz camera has two or three
 
 
 def associate(
@@ -21,22 +21,22 @@ def associate(
 ) -> IntArray:
     """Return the pairs (N, 2) of indices whose stamps lie less than `max_gap_ns` apart.
 
-    As in the TUM benchmark's tool: the closest pairs are taken first, and no image is used twice.
-    The pairs are in order of the first index.
+    As in the TUM benchmark's tool, the closest pairs are chosen first, and no image is used twice.
+    Pairs are ordered by the first index.
 
     Args:
-        first_ns: (A,) in order of time.
-        second_ns: (B,) in order of time.
-        max_gap_ns: Pairs lie less far apart.
-        source: Whose stamps they are, which an error begins with.
+        first_ns: Stamps (A,) in order of time.
+        second_ns: Stamps (B,) in order of time.
+        max_gap_ns: Stamps of a pair differ by less.
+        source: Name of the recording, with which an error begins.
 
     Raises:
-        InputError: So many lie so near each other that no camera can have taken them.
+        InputError: The stamps are much closer to each other than those of any camera.
     """
     low = np.searchsorted(second_ns, first_ns - max_gap_ns, side='right')
     high = np.searchsorted(second_ns, first_ns + max_gap_ns, side='left')
     counts = high - low
-    if counts.sum() > _MAX_NEAR * len(first_ns):
+    if counts.sum() > _MAX_CANDIDATES * len(first_ns):
         raise InputError(f'{source}: stamps lie too close to each other; are they in seconds?')
     i = np.repeat(np.arange(len(first_ns)), counts)
     j = np.arange(len(i)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(low, counts)

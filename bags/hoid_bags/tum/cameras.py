@@ -11,10 +11,9 @@ from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import DISTORTION_MODELS, CameraModel
 
 TUM_DEPTH_UNITS_PER_M = 5000.0
-"""Of the published PNG files of all three cameras.
+"""Depth units of the PNG files of all three cameras, as the authors of the benchmark state.
 
-ORB-SLAM divides freiburg 2 by 5208; the files already hold the benchmark's own scale correction,
-so 5000 is what their authors say.
+ORB-SLAM divides freiburg 2 by 5208, but the published files already contain that correction.
 """
 
 _FR1 = CameraModel(
@@ -31,14 +30,14 @@ _BONN = CameraModel(
     (0.039903, -0.099343, -0.000730, -0.000144, 0.0),
 )  # fmt: skip
 TUM_CAMERAS = {'fr1': _FR1, 'fr2': _FR2, 'fr3': _FR3, 'bonn': _BONN}
-"""Published intrinsics: TUM RGB-D's three colour cameras, and that of Bonn RGB-D Dynamic."""
+"""Published intrinsics of the color cameras of TUM RGB-D and of Bonn RGB-D Dynamic."""
 
 _TUM_NAME = re.compile(r'(?<![a-z])(?:freiburg|fr)[ _-]?([123])(?![0-9])', re.IGNORECASE)
 _BONN_NAME = re.compile(r'(?<![a-z])bonn(?![a-z])', re.IGNORECASE)
 
 
 def camera_from_name(name: str) -> CameraModel | None:
-    """Return the published camera that the name of a recording speaks of, or None.
+    """Return the published camera whose name is part of the name of a recording, or None.
 
     `rgbd_dataset_freiburg1_xyz`, `fr1_xyz` and `fr1` all mean freiburg 1, `rgbd_bonn_crowd` Bonn.
     """
@@ -49,10 +48,10 @@ def camera_from_name(name: str) -> CameraModel | None:
 
 
 def find_camera(requested: str) -> CameraModel:
-    """Return the camera for an option's text: fr1, fr2, fr3 or the path of a YAML file.
+    """Return the camera named by an option: fr1, fr2, fr3, bonn or the path of a YAML file.
 
     Raises:
-        InputError: neither a known name nor a readable camera file.
+        InputError: It is neither a known name nor a readable camera file.
     """
     known = TUM_CAMERAS.get(requested.lower())
     if known is not None:
@@ -66,10 +65,10 @@ def find_camera(requested: str) -> CameraModel:
 
 
 def read_camera_yaml(path: Path) -> CameraModel:
-    """Return the camera of a file as `camera_calibration` and `camera_info_manager` write it.
+    """Return the camera of a YAML file of `camera_calibration` or `camera_info_manager`.
 
     Raises:
-        InputError: the file cannot be read, or an entry is missing or makes no camera.
+        InputError: The file cannot be read, or an entry is missing or invalid.
     """
     loaded = read_yaml(path)
     if not isinstance(loaded, dict):
@@ -107,9 +106,7 @@ def _numbers(
     matrix = loaded.get(key)
     data = matrix.get('data') if isinstance(matrix, dict) else None
     if not isinstance(data, list) or not all(type(x) in (int, float) for x in data):
-        raise InputError(
-            f'{path}: {key}.data is missing or not a list of numbers (focal lengths stand there)'
-        )
+        raise InputError(f'{path}: {key}.data is missing or not a list of numbers')
     if count is not None and len(data) != count:
         raise InputError(f'{path}: {key}.data has {len(data)} numbers, expected {count}')
     return tuple(float(x) for x in data)

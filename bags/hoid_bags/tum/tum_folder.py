@@ -38,7 +38,7 @@ ACCELEROMETER = 'accelerometer.txt'
 
 
 class ListedImage(NamedTuple):
-    """One image that a list names."""
+    """One entry of rgb.txt or depth.txt."""
 
     stamp_ns: int
     path: Path
@@ -46,7 +46,7 @@ class ListedImage(NamedTuple):
 
 @dataclass(frozen=True)
 class TumFolder:
-    """A TUM folder whose lists have been checked; a `Sequence` of its pairs."""
+    """A TUM folder with verified lists; a `Sequence` of its paired images."""
 
     path: Path
     camera: CameraModel
@@ -61,12 +61,12 @@ class TumFolder:
 
     @property
     def fault(self) -> str | None:
-        """Return None: a damaged folder raises instead."""
+        """Return None, because reading a damaged folder raises an error instead."""
         return None
 
     @property
     def true_detections(self) -> None:
-        """Return None: the layout has no place for detections."""
+        """Return None, because the layout has no detections."""
         return None
 
     @cached_property
@@ -77,13 +77,13 @@ class TumFolder:
 
     @cached_property
     def accelerometer(self) -> NumberTable | None:
-        """Return (N, 3) m/s^2 of `accelerometer.txt`, or None without the file."""
+        """Return the (N, 3) accelerations in m/s^2 of `accelerometer.txt`, or None without it."""
         path = self.path / ACCELEROMETER
         return read_numbers(path, columns=3) if path.exists() else None
 
     @cached_property
     def pairs(self) -> tuple[tuple[ListedImage, ListedImage], ...]:
-        """Return the colour and depth images that belong together."""
+        """Return the pairs of color and depth images with nearly equal stamps."""
         stamps = [
             np.array([image.stamp_ns for image in images], np.int64)
             for images in (self.color, self.depth)
@@ -110,27 +110,27 @@ class TumFolder:
 def open_tum_folder(
     path: Path, camera: CameraModel | None = None, depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M
 ) -> TumFolder:
-    """Open a TUM folder; without `camera`, its name must say which freiburg camera it is.
+    """Open a TUM folder; without `camera`, its name must contain that of a published camera.
 
     Raises:
-        InputError: no such layout, or a list is empty, out of order or names a missing file.
-        ConfigError: the depth factor is not positive.
+        InputError: A list is missing, empty or out of order, or names a missing file.
+        ConfigError: The depth factor is not positive.
     """
     if not (np.isfinite(depth_units_per_m) and depth_units_per_m > 0):
-        raise ConfigError(f'depth units per metre must be positive, got {depth_units_per_m}')
+        raise ConfigError(f'depth units per meter must be positive, got {depth_units_per_m}')
     if not path.is_dir():
         raise InputError(f'{path}: no such folder')
     color, depth = (_read_list(path, name) for name in (COLOR_LIST, DEPTH_LIST))
     camera = camera or camera_from_name(path.resolve().name)
     if camera is None:
         raise InputError(
-            f'{path}: the name does not say which camera it is;'
-            ' give --camera fr1, fr2, fr3 or a YAML file'
+            f'{path}: the name contains no known camera;'
+            ' give --camera fr1, fr2, fr3, bonn or a YAML file'
         )
     folder = TumFolder(path, camera, depth_units_per_m, color, depth)
     if not folder.pairs:
         raise InputError(
-            f'{path}: no colour and depth images within 0.02 s of each other; check both lists'
+            f'{path}: no color and depth images within 0.02 s of each other; check both lists'
         )
     return folder
 
@@ -145,5 +145,5 @@ def _read_list(folder: Path, name: str) -> tuple[ListedImage, ...]:
     for row in rows:
         check_path_name(str(folder / row.text), f'{path}: line {row.line}')
         if not row.text or not (folder / row.text).is_file():
-            raise InputError(f'{path}: line {row.line}: names "{row.text}", which is not there')
+            raise InputError(f'{path}: line {row.line}: lists "{row.text}", which does not exist')
     return tuple(ListedImage(row.stamp_ns, folder / row.text) for row in rows)

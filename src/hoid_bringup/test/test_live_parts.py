@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
+from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_bags.bag.bag_source import BagTopic
 from hoid_bags.bag.bag_topics import RecordedTopics
 from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_bringup.live.live_metrics import LiveMetrics

@@ -9,8 +9,8 @@ from typing import Any
 
 from rosbags.interfaces import QosReliability
 
+from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_bags.bag.bag_source import BagTopic
 from hoid_bags.bag.bag_topics import base_name
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
 from hoid_bringup.live.supervisor import ProcessSpec

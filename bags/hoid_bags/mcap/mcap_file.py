@@ -1,0 +1,291 @@
+"""MCAP files, read chunk by chunk: damaged chunks are left out and listed."""
+
+from __future__ import annotations
+
+import heapq
+import struct
+from collections import Counter
+from collections.abc import Collection, Generator, Iterator, Mapping
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, MessageIndex, Schema
+from mcap.stream_reader import StreamReader
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+    Qos,
+)
+from rosbags.rosbag2 import ReaderError
+from rosbags.rosbag2.metadata import parse_qos
+from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
+
+from hoid_bags.mcap.chunks import (
+    DAMAGE,
+    MAX_CHUNK_BYTES,
+    NO_RECORD,
+    DamagedChunk,
+    messages,
+    one_line,
+    split_records,
+    unpack,
+)
+
+_HEAD = struct.Struct('<BQQQQII')  # opcode, size; first and last time, size, checksum; length
+_MAX_TIME_NS = 2**63
+_NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, '')
+
+
+class _Item(NamedTuple):
+    log_ns: int
+    connection: Connection | None  # None: start of a chunk, which has not been read yet
+    data: bytes
+
+
+class _NoIndexError(ReaderError):
+    """The file was written without an index, which is not damage."""
+
+
+class McapFile(McapReader):
+    """An MCAP file, read by its index, or by a scan of all records where the index is unusable.
+
+    rosbags reads the index. What it lacks is here: a limit on unpacking, a damaged chunk that
+    costs no more than its own messages, and files that were cut off.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.is_cut_off = False
+        self.index_error: str | None = None
+        """Why the file was scanned; None when the index was used, or when there is none."""
+        self.damage: dict[int, DamagedChunk] = {}
+        """Damaged chunks that have been met so far, by offset in the file."""
+        self._path = path
+
+    def open(self) -> None:
+        """Find the chunks and topics; no damage of the file raises."""
+        try:
+            super().open()
+            self._check_index()
+        except DAMAGE as error:
+            if not isinstance(error, _NoIndexError):
+                self.index_error = one_line(error)
+            self._scan()
+
+    def meta_scan(self) -> None:
+        """Refuse rosbags' own scan, which unpacks without a limit.
+
+        Raises:
+            ReaderError: Always.
+        """
+        raise _NoIndexError
+
+    def messages(
+        self,
+        connections: Collection[Connection],
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Yield messages from log time `start` (ns) to before `stop`, in order of log time.
+
+        Messages outside of chunks are yielded as they are ordered in the file.
+        """
+        by_id = {connection.id: connection for connection in connections}
+        first_ns, end_ns = start or 0, _MAX_TIME_NS if stop is None else stop
+        parts = [
+            self._items(chunk, by_id, first_ns, end_ns)
+            for chunk in self.chunks
+            if first_ns <= chunk.message_end_time
+            and chunk.message_start_time < end_ns
+            and any(chunk.channel_count.get(channel) for channel in by_id)
+        ]
+        items = heapq.merge(*parts, key=lambda item: item.log_ns)
+        for log_ns, connection, data in items if self.chunks else self._unchunked(by_id):
+            if connection is not None and first_ns <= log_ns < end_ns:
+                yield connection, log_ns, data
+
+    def _items(
+        self, chunk: ChunkInfo, by_id: dict[int, Connection], first_ns: int, end_ns: int
+    ) -> Iterator[_Item]:
+        """Yield a chunk's messages in order of time; it is read when its first message is due."""
+        yield _Item(chunk.message_start_time, None, b'')
+        try:
+            found = [
+                _Item(log_ns, by_id[channel_id], data)
+                for channel_id, log_ns, data in messages(self._read_chunk(chunk))
+                if channel_id in by_id and first_ns <= log_ns < end_ns
+            ]
+        except DAMAGE as error:
+            self._note_damage(chunk.chunk_start_offset, one_line(error), chunk.channel_count)
+            return
+        yield from sorted(found, key=lambda item: item.log_ns)
+
+    def _read_chunk(self, chunk: ChunkInfo) -> bytes:
+        assert self.bio is not None
+        self.bio.seek(chunk.chunk_start_offset)
+        _, _, _, _, size, checksum, length = _HEAD.unpack(self.bio.read(_HEAD.size))
+        compression = self.bio.read(min(length, _HEAD.size)).decode()
+        if (size, compression) != (chunk.uncompressed_size, chunk.compression):
+            raise ReaderError('a chunk contradicts the index')
+        self.bio.seek(8, 1)  # the packed size, which the index contains too
+        data = self.bio.read(chunk.compressed_size)
+        return unpack(data, compression, size, checksum)
+
+    def _unchunked(self, by_id: dict[int, Connection]) -> Iterator[_Item]:
+        with suppress(*DAMAGE):  # where the file was cut off
+            for record, _ in self._records():
+                if isinstance(record, Message) and record.channel_id in by_id:
+                    yield _Item(record.log_time, by_id[record.channel_id], record.data)
+
+    def _note_damage(self, offset: int, reason: str, counts: Mapping[int, int]) -> None:
+        names = {connection.id: connection.topic for connection in self.connections}
+        num_lost: Counter[str] = Counter()
+        for channel_id, number in counts.items():
+            num_lost[names.get(channel_id, 'unknown topics')] += number
+        self.damage[offset] = DamagedChunk(self._path, offset, reason, +num_lost)
+
+    def _check_index(self) -> None:
+        """Compare the two places that count messages, and take the times from the chunks."""
+        assert self.statistics is not None
+        chunks = [chunk for chunk in self.chunks if any(chunk.channel_count.values())]
+        num_chunks = self.statistics.chunk_count
+        if num_chunks and self.metadata.message_count and not chunks:
+            raise _NoIndexError
+        in_chunks: Counter[int] = Counter()
+        for chunk in chunks:
+            in_chunks.update(chunk.channel_count)
+        counted = {c.id: c.msgcount for c in self.connections if c.msgcount}
+        if num_chunks != len(self.chunks) or (num_chunks and in_chunks != counted):
+            raise ReaderError('the index contradicts itself')
+        if chunks:
+            self._set_times(
+                min(chunk.message_start_time for chunk in chunks),
+                max(chunk.message_end_time for chunk in chunks),
+            )
+
+    def _set_times(self, first_ns: int, last_ns: int) -> None:
+        self.metadata = self.metadata._replace(start_time=first_ns, end_time=last_ns + 1)
+
+    def _scan(self) -> None:
+        """Find chunks and topics by reading the file from its start, as far as it is readable."""
+        if self.bio is not None:
+            self.close()
+        self.bio = self._path.open('rb')
+        self.is_cut_off = True
+        scan = _Scan()
+        with suppress(*DAMAGE):  # where the file ends, or contains no records any more
+            for record, end in self._records():
+                scan.add(record, end)
+                if isinstance(record, DataEnd):
+                    self.is_cut_off = False
+                    break
+        self.chunks.extend(scan.chunks)
+        self.connections.extend(
+            Connection(
+                channel.id,
+                channel.topic,
+                scan.type_names.get(channel.schema_id, '__schemaless__'),
+                _NO_DEFINITION,
+                '',
+                scan.counts[channel.id],
+                ConnectionExtRosbag2(channel.message_encoding, _qos_profiles(channel)),
+                self,
+            )
+            for channel in scan.channels.values()
+        )
+        for offset, (reason, counts) in scan.damage.items():
+            self._note_damage(offset, reason, counts)
+        self.metadata = self.metadata._replace(message_count=scan.counts.total())
+        self._set_times(scan.first_ns, scan.last_ns)
+
+    def _records(self) -> Iterator[tuple[McapRecord, int]]:
+        """Yield the records of the file from its start, each with the offset of its end."""
+        with self._path.open('rb') as file:
+            reader = _Records(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES)
+            for record in reader.records:
+                yield record, file.tell()
+
+
+def _qos_profiles(channel: Channel) -> list[Qos]:
+    with suppress(*DAMAGE):
+        return parse_qos(channel.metadata.get('offered_qos_profiles', ''))
+    return []
+
+
+class _Records(StreamReader):
+    """StreamReader that ends at zeros, which it would take for empty records."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode == NO_RECORD:
+            raise ReaderError('zeros where a record should be')
+        return super()._read_record(opcode, length)
+
+
+class _Scan:
+    """Chunks, topics and message counts collected from the records of a file."""
+
+    def __init__(self) -> None:
+        self.chunks: list[ChunkInfo] = []
+        self.damage: dict[int, tuple[str, Counter[int]]] = {}  # by offset: reason, lost messages
+        self.type_names: dict[int, str] = {}  # by schema
+        self.channels: dict[int, Channel] = {}
+        self.counts: Counter[int] = Counter()  # readable messages by channel
+        self.first_ns, self.last_ns = _MAX_TIME_NS, 0
+        self._lost: Counter[int] | None = None  # of the last chunk; None when it is readable
+
+    def add(self, record: McapRecord, end: int) -> None:
+        """Add a record that ends at an offset in the file."""
+        match record:
+            case Chunk():
+                self._add_chunk(record, end)
+            case MessageIndex() if self._lost is not None:
+                self._lost[record.channel_id] += len(record.records)
+            case Schema():
+                self.type_names[record.id] = record.name
+            case Channel():
+                self.channels[record.id] = record
+            case Message():
+                self._add_times(Counter([record.channel_id]), record.log_time, record.log_time)
+
+    def _add_chunk(self, chunk: Chunk, end: int) -> None:
+        head_bytes = _HEAD.size + len(chunk.compression.encode()) + 8
+        offset = end - len(chunk.data) - head_bytes
+        self._lost = None
+        try:
+            data = unpack(
+                chunk.data, chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc
+            )
+            found = [(message.channel_id, message.log_ns) for message in messages(data)]
+            self._add_definitions(data)
+        except DAMAGE as error:
+            self._lost = Counter()
+            self.damage[offset] = one_line(error), self._lost
+            return
+        if found:
+            counts = Counter(channel_id for channel_id, _ in found)
+            times = [log_ns for _, log_ns in found]
+            self._add_times(counts, min(times), max(times))
+            self.chunks.append(
+                ChunkInfo(
+                    min(times), max(times), offset, end - offset, {}, 0, chunk.compression,
+                    len(chunk.data), chunk.uncompressed_size, counts,
+                )
+            )  # fmt: skip
+
+    def _add_definitions(self, chunk: bytes) -> None:
+        for opcode, start, end in split_records(chunk):
+            stream = ReadDataStream(BytesIO(chunk[start:end]))
+            if opcode == Opcode.SCHEMA:
+                self.add(Schema.read(stream), end)
+            elif opcode == Opcode.CHANNEL:
+                self.add(Channel.read(stream), end)
+
+    def _add_times(self, counts: Counter[int], first_ns: int, last_ns: int) -> None:
+        self.counts += counts
+        self.first_ns, self.last_ns = min(self.first_ns, first_ns), max(self.last_ns, last_ns)
