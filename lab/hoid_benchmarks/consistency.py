@@ -14,7 +14,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import NS_PER_S, S_PER_NS, BoolArray, FloatArray, IntArray, Trajectory
-from rgbd_slam.tracking.jitter import WINDOW, middle_errors
+from rgbd_slam.tracking.pose_noise import WINDOW, smoothness_residuals
 
 INTERVAL_S = 1.0
 _ASSOCIATION_S = 0.02  # largest difference of an interval from INTERVAL_S, as in the ATE
@@ -99,7 +99,7 @@ def reference_noise(estimates: Estimates, truth: Trajectory) -> ReferenceNoise:
         InputError: The two share less than a second.
     """
     rows = np.arange(len(truth) - WINDOW + 1)[:, None] + np.arange(WINDOW)
-    jitter = middle_errors(truth.stamps_ns[rows], truth.T_world_camera[rows])
+    jitter = smoothness_residuals(truth.stamps_ns[rows], truth.T_world_camera[rows])
     apart = []
     for clock_s in _CLOCKS_S.tolist():
         true, is_known = _at(truth, estimates.stamps_ns, clock_s)

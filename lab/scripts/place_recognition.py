@@ -28,7 +28,7 @@ from hoid_common.values import S_PER_NS, BoolArray, ByteArray, FloatArray
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.extraction.extractor import OrbExtractor
 from rgbd_slam.config.place_config import IndexConfig
-from rgbd_slam.places.place_recognition import PlaceIndex
+from rgbd_slam.places.hash_index import HashIndex
 
 _EVERY = 10
 _APART_S = 5.0
@@ -136,7 +136,7 @@ def measure(scores: Scores, queries: list[ByteArray], truth: Truth) -> Measured:
 
 def hashing(images: list[ByteArray], config: IndexConfig) -> Scores:
     """Return the scores of the project's index."""
-    index = PlaceIndex(config)
+    index = HashIndex(config)
     for uid, descriptors in enumerate(images):
         index.add(uid, descriptors)
 

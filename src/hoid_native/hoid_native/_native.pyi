@@ -305,7 +305,7 @@ class StereoParams:
 
 class Gates:
     """
-    Squared normalised residuals beyond which an observation is an outlier.
+    Squared normalized residuals beyond which an observation is an outlier.
     """
 
     def __init__(self, mono: float, stereo: float) -> None: ...
@@ -324,24 +324,29 @@ def optimize_pose(
     measured_px: numpy.typing.NDArray[Any],
     inv_sigma2: numpy.typing.NDArray[Any],
     T_camera_map: numpy.typing.NDArray[Any],
+    prior_T_camera_map: numpy.typing.NDArray[Any] | None = None,
+    prior_information: numpy.typing.NDArray[Any] | None = None,
 ) -> hoid_native.results.PoseFit:
     """
-    Return the pose that explains matches best: Gauss-Newton with a Huber kernel.
+    Return the pose that fits the matches best: Gauss-Newton with a Huber kernel.
 
-    Pixels and the disparity u - u_right are independent measurements with robust kernels of their own;
-    outliers are told on (u, v, u_right) (Mur-Artal and Tardos, T-RO 2017). Fewer than four matches
-    leave the pose alone.
+    Pixels and the disparity u - u_right are independent measurements with separate robust kernels.
+    Outliers are identified on (u, v, u_right) after each of three rounds (Mur-Artal and Tardos, T-RO
+    2017). The information of the result has the unit of `inv_sigma2` and includes that of the prior.
+    With fewer than four matches and no prior, the initial pose is returned.
 
     Args:
-        camera: Of the image.
-        gates: Of outliers, told anew after each of three rounds, and of the kernel.
-        points_m: (N, 3) in the map's frame.
+        camera: of the image, with its measured noise.
+        gates: chi-square limits of outliers, and of the Huber kernels.
+        points_m: (N, 3) in the map frame.
         measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-        T_camera_map: (4, 4) where to start.
+        T_camera_map: (4, 4) initial pose.
+        prior_T_camera_map: (4, 4) mean of a Gaussian prior, if there is one.
+        prior_information: (6, 6) inverse covariance of its left twist, rotation first.
 
     Raises:
-        ValueError: Lengths differ.
+        ValueError: Lengths differ, or the prior is incomplete or not finite.
     """
 
 def evaluate_matches(

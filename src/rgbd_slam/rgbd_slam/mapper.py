@@ -9,10 +9,10 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FeatureVerdicts, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.local_mapping.culling import cull_keyframes, cull_young_points
-from rgbd_slam.local_mapping.fusing import fuse_into_neighbours
-from rgbd_slam.local_mapping.taking_back import take_back
-from rgbd_slam.local_mapping.triangulation import triangulate_with_neighbours
+from rgbd_slam.local_mapping.culling import cull_keyframes, cull_new_points
+from rgbd_slam.local_mapping.fusion import fuse_with_neighbors
+from rgbd_slam.local_mapping.retraction import retract_observations
+from rgbd_slam.local_mapping.triangulation import triangulate_with_neighbors
 from rgbd_slam.loops.loop_closing import LoopCloser, LoopCounts
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -77,13 +77,13 @@ class Mapper:
         i = self._add(request)
         if i is None:
             return None
-        cull_young_points(self.map, self._configured_camera, i, self._config.mapping)
+        cull_new_points(self.map, self._configured_camera, i, self._config.mapping)
         self._add_depth_points(i, self._close_limit_m)
         self.map.update_connections(i)
-        triangulate_with_neighbours(
+        triangulate_with_neighbors(
             self.map, self._configured_camera, i, self._config.mapping.triangulation
         )
-        fuse_into_neighbours(self.map, self._configured_camera, i, self._config.mapping)
+        fuse_with_neighbors(self.map, self._configured_camera, i, self._config.mapping)
         self.map.update_connections(i)
         local_bundle_adjustment(self.map, request.measured_camera, i, self._config.mapping)
         cull_keyframes(self.map, i, self._config.mapping, self._close_limit_m)
@@ -92,7 +92,7 @@ class Mapper:
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
         """Remove the observations of a keyframe's features that proved dynamic."""
-        take_back(self.map, verdicts)
+        retract_observations(self.map, verdicts)
 
     def load(self, state: MapState, *, keep: bool) -> int:
         """Load a saved map; `keep` the running one beside it, or discard that; see `restore`.

@@ -25,7 +25,7 @@ z up), REP 103."""
 # Covariance of an unknown velocity. Chosen: standard deviations of half a turn per second and
 # 10 m/s, more than any hand-held camera or indoor robot moves.
 _UNKNOWN_TWIST = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
-# Chosen, as in `ImageClock`: the mean motion over a longer gap says little about the velocity.
+# Chosen, as in `LossTimer`: the mean motion over a longer gap says little about the velocity.
 _MAX_TWIST_GAP_S = 0.5
 
 

@@ -21,8 +21,8 @@ from rgbd_slam.robot_map import RobotMap
 from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import status_message
-from rgbd_slam.tracking.motion import MotionSource
-from rgbd_slam.tracking.stream_gaps import StreamGaps
+from rgbd_slam.tracking.dropped_frames import DroppedFrameCounter
+from rgbd_slam.tracking.motion_sources import MotionLookup
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
 
 
@@ -64,7 +64,7 @@ class SlamSession:
         *,
         background: bool = False,
         scene_scheduler: SceneScheduler | None = None,
-        wheels: MotionSource | None = None,
+        wheels: MotionLookup | None = None,
     ) -> None:
         self.camera = camera
         self.slam = RgbdSlam(camera, config, background=background, wheels=wheels)
@@ -73,7 +73,7 @@ class SlamSession:
         self.stamp_ns = 0  # of the latest image that was tracked
         self._frames = frames
         self._scene_scheduler = scene_scheduler or SceneScheduler(None, None)
-        self._gaps = StreamGaps()
+        self._dropped = DroppedFrameCounter()
         self._late = LateVerdicts()
         self._num_processed = 0
 
@@ -92,7 +92,7 @@ class SlamSession:
 
     def track(self, features: Features) -> Tracked:
         """Estimate the pose of one image. Call `learn` before tracking the next one."""
-        self._gaps.add(features.stamp_ns)
+        self._dropped.add(features.stamp_ns)
         if self.is_paused:
             return Tracked(None, None)
         self.stamp_ns = features.stamp_ns
@@ -212,6 +212,6 @@ class SlamSession:
             merges=stats.num_merges,
             relocalizations=stats.num_relocalizations,
             frames_processed=self._num_processed,
-            frames_dropped=self._gaps.num_missing,
+            frames_dropped=self._dropped.num_dropped,
             stage_ms=result.stage_ms if result else {},
         )

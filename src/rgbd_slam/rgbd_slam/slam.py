@@ -16,19 +16,19 @@ from rgbd_slam.model.map_state import MapState
 from rgbd_slam.model.points import PointTallies
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_keyframe
 from rgbd_slam.model.trajectory import TrajectoryRecorder
-from rgbd_slam.optimize.online_noise import OnlineNoise
+from rgbd_slam.optimize.noise_estimator import NoiseEstimator
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.slam_map import SlamMap
 from rgbd_slam.statistics import SlamStats, slam_stats
-from rgbd_slam.tracking.first_frames import FirstFrames
-from rgbd_slam.tracking.image_clock import ImageClock
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
-from rgbd_slam.tracking.motion import MotionSource
+from rgbd_slam.tracking.loss_timer import LossTimer
+from rgbd_slam.tracking.motion_sources import MotionLookup
 from rgbd_slam.tracking.odometry import Odometry
 from rgbd_slam.tracking.relocalization import Relocalizer
 from rgbd_slam.tracking.rolling_shutter import RollingShutter
 from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
+from rgbd_slam.tracking.warm_up import WarmUp
 
 _MS = 1e3
 _BY_WHEELS = (
@@ -59,19 +59,19 @@ class RgbdSlam:
         config: SlamConfig,
         *,
         background: bool = False,
-        wheels: MotionSource | None = None,
+        wheels: MotionLookup | None = None,
     ) -> None:
         self._config = config
         self._model = camera
         self._camera = StereoCamera.from_model(camera, config.camera)
         atlas = self._atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
         self.trajectory = TrajectoryRecorder(atlas.keyframes)
-        self._first_frames = FirstFrames(atlas, self.trajectory, config.tracking)
+        self._warm_up = WarmUp(atlas, self.trajectory, config.tracking)
         self.odometry = Odometry(atlas, wheels)
         on_redirects = self.trajectory.redirect, self.odometry.redirect
         self.map = SlamMap(atlas, self._camera, config, on_redirects, background=background)
-        self._clock = ImageClock()
-        self._noise = OnlineNoise(self._camera)
+        self._loss_timer = LossTimer()
+        self._noise = NoiseEstimator(self._camera)
         self._shutter = RollingShutter(camera.height_px)
         self._tracker = Tracker(self._camera, atlas, config.tracking, config.seed)
         self._relocalizer = Relocalizer(atlas, self._camera, self._tracker, config)
@@ -138,10 +138,10 @@ class RgbdSlam:
         """Return the frame: undistorted, with virtual right columns, rolling shutter removed."""
         check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
-        if self._clock.add(frame.stamp_ns):
+        if self._loss_timer.add(frame.stamp_ns):
             self.odometry.stop()
             self._policy.restart()
-        return self._shutter.straightened(frame, self._camera, self.odometry.twist)
+        return self._shutter.compensated(frame, self._camera, self.odometry.twist)
 
     def _estimate_pose(self, frame: Frame) -> TrackingResult:
         start_s = time.thread_time()
@@ -160,7 +160,7 @@ class RgbdSlam:
             result,
             image_covariance=self.odometry.image_covariance,
             stage_ms={'track': _MS * (time.thread_time() - start_s)},
-            rival=tracking.consensus.rival,
+            competing=tracking.consensus.competing,
             to_learn=tracking,
         )
 
@@ -174,9 +174,9 @@ class RgbdSlam:
         self._policy.inserted(frame.stamp_ns)
         tracked = tracked_keyframe(frame, self._atlas, i)
         self.odometry.restart_from(tracked)
-        self._clock.recognised()
+        self._loss_timer.reset()
         self.trajectory.add(tracked)
-        self._first_frames.begin(frame.stamp_ns)
+        self._warm_up.begin(frame.stamp_ns)
         result = self._result(tracked, np.zeros((6, 6)), len(frame), len(frame))
         return replace(result, is_keyframe=True)
 
@@ -185,7 +185,7 @@ class RgbdSlam:
         last = self.odometry.last
         if last is None:
             return None
-        return self._tracker.track(frame, last, *self.odometry.predict(frame.stamp_ns))
+        return self._tracker.track(frame, last, *self.odometry.predict())
 
     def _relocalize(self, frame: Frame) -> TrackerOutput | None:
         """Relocalize a lost frame in the map; only wheels know its motion since the last one."""
@@ -199,7 +199,7 @@ class RgbdSlam:
         """Follow the wheel odometry, if any; after a long loss, start a new map there."""
         self.odometry.stop()
         bridge = self.odometry.bridge()
-        if self.map.is_growing and self._clock.lost_s > self._config.places.new_map_after_s:
+        if self.map.is_growing and self._loss_timer.lost_s > self._config.places.new_map_after_s:
             pose = bridge.T_map_camera if bridge else self.odometry.pose()
             started = self._start_map(frame, pose)
             if started.is_keyframe:
@@ -213,7 +213,7 @@ class RgbdSlam:
             self.odometry.T_odom_camera,
             self.odometry.in_map(bridge.covariance),
             bridge.image_covariance,
-            note=_BY_WHEELS.format(bridge.elapsed_s, bridge.way_m),
+            note=_BY_WHEELS.format(bridge.elapsed_s, bridge.distance_m),
         )
 
     def _update_estimates(self, tracking: TrackerOutput) -> None:
@@ -224,10 +224,10 @@ class RgbdSlam:
         if self._config.camera.rolling_shutter:
             self._shutter.add(tracked, self._atlas, self._noise.camera, self.odometry.twist)
         self._tracker.use_camera(self._noise.camera)
-        self._clock.recognised()
+        self._loss_timer.reset()
         self.trajectory.add(tracked)
-        self._first_frames.add(tracked)
-        self._first_frames.revise_next(self._noise.camera)
+        self._warm_up.add(tracked)
+        self._warm_up.reestimate_next(self._noise.camera)
 
     def _insert_keyframe(self, tracking: TrackerOutput) -> None:
         """Send the frame to the mapper; continue from the keyframe if that exists at once."""
@@ -256,7 +256,7 @@ class RgbdSlam:
 
     def _forget_pose(self) -> None:
         self.odometry.restart_from(None)
-        self._clock.recognised()  # the time until a new map is started counts from now
+        self._loss_timer.reset()  # the time until a new map is started counts from now
         self.odometry.stop()
 
     def _result(

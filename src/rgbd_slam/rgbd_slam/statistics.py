@@ -54,7 +54,7 @@ def status_message(state: SlamState, result: TrackingResult | None, is_in_main_m
         return result.note
     if state is SlamState.TRACKING and not is_in_main_map:
         return _IN_OTHER_MAP
-    if result is not None and result.rival is not None:
-        rival = result.rival
-        return _TWO_MOTIONS.format(100 * rival.chosen_share, 100 * rival.rival_share)
+    if result is not None and result.competing is not None:
+        competing = result.competing
+        return _TWO_MOTIONS.format(100 * competing.chosen_share, 100 * competing.competing_share)
     return _MESSAGES[state]

@@ -30,7 +30,7 @@ def _drifted(truth: FloatArray, drift: FloatArray) -> FloatArray:
     return np.array(out)
 
 
-def test_a_consistent_pose_graph_stays_where_it_is() -> None:
+def test_a_consistent_pose_graph_does_not_change() -> None:
     poses = _ring()
     graph = PoseGraph()
     for uid, T in enumerate(poses):
@@ -38,12 +38,10 @@ def test_a_consistent_pose_graph_stays_where_it_is() -> None:
     for a in range(len(poses)):
         b = (a + 1) % len(poses)
         graph.add_constraint(a, b, se3.inverse(poses[a]) @ poses[b], 0.01, 0.01)
-    solution = graph.optimize()
-    np.testing.assert_allclose(solution.T_map_camera, poses, atol=1e-9)
-    assert solution.error_after < 1e-12
+    np.testing.assert_allclose(graph.optimize(), poses, atol=1e-9)
 
 
-def test_a_loop_edge_takes_out_the_drift_of_a_ring() -> None:
+def test_a_loop_edge_removes_the_drift_of_a_ring() -> None:
     truth = _ring(24)
     poses = _drifted(truth, np.array([0.0, 0.006, 0.0, 0.004, 0.0, 0.006]))
     graph = PoseGraph()
@@ -53,16 +51,15 @@ def test_a_loop_edge_takes_out_the_drift_of_a_ring() -> None:
         graph.add_constraint(100 + a, 101 + a, se3.inverse(poses[a]) @ poses[a + 1], 0.01, 0.01)
     loop = se3.inverse(truth[-1]) @ truth[0]
     graph.add_constraint(123, 100, loop, 0.001, 0.001)
-    solution = graph.optimize()
-    assert solution.uids.tolist() == list(range(100, 124))
+    optimized = graph.optimize()
     before = np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1)
-    after = np.linalg.norm(solution.T_map_camera[:, :3, 3] - truth[:, :3, 3], axis=1)
+    after = np.linalg.norm(optimized[:, :3, 3] - truth[:, :3, 3], axis=1)
     assert after.max() < 0.2 * before.max()
-    closing = se3.inverse(solution.T_map_camera[-1]) @ solution.T_map_camera[0]
+    closing = se3.inverse(optimized[-1]) @ optimized[0]
     assert np.linalg.norm(se3.log(se3.inverse(loop) @ closing)) < 0.01
 
 
-def test_two_edges_that_disagree_meet_where_their_sigmas_say() -> None:
+def test_two_contradicting_edges_are_averaged_by_their_sigmas() -> None:
     graph = PoseGraph()
     here, there = np.eye(4), se3.exp(np.array([0, 0, 0, 1.0, 0, 0]))
     further = se3.exp(np.array([0, 0, 0, 2.0, 0, 0]))
@@ -70,7 +67,7 @@ def test_two_edges_that_disagree_meet_where_their_sigmas_say() -> None:
     graph.add_keyframe(1, there)
     graph.add_constraint(0, 1, there, 0.01, 0.1)
     graph.add_constraint(0, 1, further, 0.01, 0.2)
-    x = graph.optimize().T_map_camera[1, 0, 3]
+    x = graph.optimize()[1, 0, 3]
     # Weights 100 and 25: (100 * 1 + 25 * 2) / 125.
     assert x == pytest.approx(1.2, abs=1e-6)
 

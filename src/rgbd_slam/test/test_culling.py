@@ -1,4 +1,4 @@
-"""Which points and keyframes leave the map, by rules whose answers are known."""
+"""Culling of points and keyframes in maps with known results."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import IntArray
 from rgbd_slam.config.slam_config import MappingConfig
-from rgbd_slam.local_mapping.culling import cull_keyframes, cull_young_points
+from rgbd_slam.local_mapping.culling import cull_keyframes, cull_new_points
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 
@@ -44,13 +44,13 @@ def later(atlas: Atlas, count: int, *, depth_m: float = 2.0, octave: int = 0) ->
 
 
 @pytest.mark.parametrize(('found', 'stays'), [(2, False), (3, True), (12, True)])
-def test_young_points_that_frames_do_not_find_go(found: int, stays: bool) -> None:
+def test_new_points_that_frames_do_not_find_are_removed(found: int, stays: bool) -> None:
     atlas = Atlas(1.2, 8)
     i = atlas.add_keyframe(frame_at(1), np.eye(4), 0)
     j = points_of(atlas, i, 5)
     atlas.points.num_visible[j] = 12
     atlas.points.num_found[j] = found  # a quarter is asked for
-    cull_young_points(atlas, CAMERA, i, CONFIG)
+    cull_new_points(atlas, CAMERA, i, CONFIG)
     assert atlas.points.alive[j].tolist() == [stays] * 5
 
 
@@ -65,7 +65,7 @@ def test_young_points_that_frames_do_not_find_go(found: int, stays: bool) -> Non
         (2.0, 1, 4, False),  # still in view, and still not seen
     ],
 )
-def test_young_points_that_keyframes_do_not_see_go(
+def test_new_points_that_keyframes_do_not_observe_are_removed(
     depth_m: float, observers: int, age: int, stays: bool
 ) -> None:
     atlas = Atlas(1.2, 8)
@@ -74,21 +74,21 @@ def test_young_points_that_keyframes_do_not_see_go(
     rows = later(atlas, max(age, observers - 1), depth_m=depth_m)
     for i in rows[: observers - 1]:
         atlas.observe(i, np.arange(3), j)
-    cull_young_points(atlas, CAMERA, rows[age - 1], CONFIG)
+    cull_new_points(atlas, CAMERA, rows[age - 1], CONFIG)
     assert atlas.points.alive[j].tolist() == [stays] * 3
 
 
-def test_points_that_left_the_view_are_judged_when_it_comes_back() -> None:
+def test_points_out_of_view_are_tested_when_they_are_in_view_again() -> None:
     atlas = Atlas(1.2, 8)
     j = points_of(atlas, atlas.add_keyframe(frame_at(1), np.eye(4), 0), 3)
     away = se3.exp(np.array([0, np.pi, 0, 0, 0, 0]))
     for n in range(6):
         i = atlas.add_keyframe(frame_at(2 + n), away, 0, 0)
-        cull_young_points(atlas, CAMERA, i, CONFIG)
+        cull_new_points(atlas, CAMERA, i, CONFIG)
         assert atlas.points.alive[j].all()
     back = atlas.add_keyframe(frame_at(10), np.eye(4), 0, 0)
     atlas.observe(back, np.arange(1), j[:1])
-    cull_young_points(atlas, CAMERA, back, CONFIG)
+    cull_new_points(atlas, CAMERA, back, CONFIG)
     assert atlas.points.alive[j].tolist() == [True, False, False]
 
 
@@ -97,7 +97,7 @@ def test_points_of_another_map_are_left_alone() -> None:
     j = points_of(atlas, atlas.add_keyframe(frame_at(1), np.eye(4), 0), 3)
     for n in range(4):
         i = atlas.add_keyframe(frame_at(2 + n), np.eye(4), 1)
-    cull_young_points(atlas, CAMERA, i, CONFIG)
+    cull_new_points(atlas, CAMERA, i, CONFIG)
     assert atlas.points.alive[j].all()
 
 
@@ -120,7 +120,7 @@ def seen_by_all(
     return atlas, [root, judged, *rows]
 
 
-def test_a_keyframe_goes_when_three_others_see_most_of_it() -> None:
+def test_a_keyframe_is_removed_when_three_others_observe_most_of_it() -> None:
     config = replace(CONFIG, redundant_share=0.6)
     for share, stays in ((0.55, True), (0.65, False)):
         atlas, rows = seen_by_all(share)
@@ -132,7 +132,7 @@ def test_a_keyframe_goes_when_three_others_see_most_of_it() -> None:
 
 
 @pytest.mark.parametrize('depth_m', [8.0, 0.0])
-def test_a_keyframe_of_a_hall_goes_as_well(depth_m: float) -> None:
+def test_a_redundant_keyframe_without_close_points_is_removed(depth_m: float) -> None:
     for share, stays in ((0.55, True), (0.95, False)):
         atlas, rows = seen_by_all(share, depth_m=depth_m)
         cull_keyframes(atlas, rows[-1], replace(CONFIG, redundant_share=0.6), CLOSE_M)
@@ -145,7 +145,7 @@ def test_two_others_are_not_enough() -> None:
     assert atlas.keyframes.alive[rows].all()
 
 
-def test_those_who_see_it_more_coarsely_do_not_count() -> None:
+def test_coarser_observations_do_not_count() -> None:
     atlas, rows = seen_by_all(1.0, octave=2)
     cull_keyframes(atlas, rows[-1], CONFIG, CLOSE_M)
     assert atlas.keyframes.alive[rows[1]]

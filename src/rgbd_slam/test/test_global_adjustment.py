@@ -1,4 +1,4 @@
-"""A whole map is adjusted, and what was added meanwhile comes along."""
+"""Global bundle adjustment; keyframes and points that were added meanwhile move as well."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TRUTH = ring_poses(10, 0.3)
 
 
 def _shaken() -> tuple[Atlas, RingWorld, IntArray]:
-    """Return a map whose poses, but for the first, and points are off by centimetres."""
+    """Return a map whose poses, but for the first, and points are off by centimeters."""
     atlas, world = Atlas(1.2, 8), RingWorld()
     rows = mapped(atlas, world, TRUTH, TRUTH)
     rng = np.random.default_rng(0)
@@ -35,7 +35,7 @@ def _worst_m(atlas: Atlas, rows: IntArray, truth: FloatArray) -> float:
     return float(np.linalg.norm(gap, axis=1).max())
 
 
-def test_a_shaken_map_settles() -> None:
+def test_a_perturbed_map_is_restored() -> None:
     atlas, _, rows = _shaken()
     before = _worst_m(atlas, rows, TRUTH)
     GlobalAdjuster(atlas, CAMERA, 20, background=False).start(0)

@@ -9,7 +9,7 @@ import pytest
 
 from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.local_mapping.taking_back import take_back
+from rgbd_slam.local_mapping.retraction import retract_observations
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -105,7 +105,7 @@ def test_retracted_observations_are_removed_from_both_copies(
     uids, counts = points.uid[made], points.num_observations[known].copy()
     assert min(len(made), len(known)) > 10
     verdicts = FeatureVerdicts(int(keyframes.stamp_ns[i]), is_dynamic)
-    take_back(offline, verdicts)
+    retract_observations(offline, verdicts)
     client.retract(verdicts)
     client.finish()
     assert not np.isin(points.uid, uids).any()

@@ -1,4 +1,4 @@
-"""Loops, merged maps and relocalisation on worlds with a known answer."""
+"""Loops, merged maps and relocalization on worlds with a known answer."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_a_closed_loop_is_not_closed_again(
 @pytest.mark.parametrize(
     ('long_path_m', 'event'), [(5.0, LoopEvent.CLOSED), (50.0, LoopEvent.REJOINED)]
 )
-def test_a_long_way_is_adjusted_even_if_its_ends_fit(long_path_m: float, event: LoopEvent) -> None:
+def test_a_long_loop_is_adjusted_though_its_ends_fit(long_path_m: float, event: LoopEvent) -> None:
     truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
     rows = mapped(atlas, RingWorld(), truth, drifted(truth, 0.05 * DRIFT))
     assert _errors_m(atlas, rows, truth).max() < 0.03
@@ -106,7 +106,7 @@ def test_a_map_with_a_loop_that_has_grown_is_adjusted_once_more_in_the_end(
     assert _errors_m(atlas, rows, truth)[len(rows) // 2] < 0.01
 
 
-def test_more_drift_than_the_way_explains_is_no_loop(
+def test_more_drift_than_the_path_explains_is_no_loop(
     drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:
     original, rows, _ = drifting
@@ -126,7 +126,7 @@ def test_loops_can_be_switched_off(drifting: tuple[Atlas, IntArray, FloatArray])
     assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
 
 
-def test_the_way_between_keyframes_follows_shared_points(
+def test_the_path_between_keyframes_follows_shared_points(
     drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:
     atlas, rows, truth = drifting
@@ -183,7 +183,7 @@ def test_two_maps_become_one_in_the_frame_of_the_older() -> None:
     assert roots.sum() == 1
 
 
-def test_the_older_map_keeps_its_frame_whichever_side_recognises() -> None:
+def test_the_older_map_keeps_its_frame_whichever_side_recognizes() -> None:
     atlas, truth = Atlas(1.2, 8), ring_poses(12, 0.2)
     T_other = se3.exp(np.array([0.0, 0.5, 0.0, 1.0, 0.0, 0.0]))
     old = mapped(atlas, RingWorld(), truth[:6], truth[:6])
@@ -204,7 +204,7 @@ def test_a_lost_frame_is_located() -> None:
     place = finder.locate(world.frame(between, 99)[0])
     assert place is not None
     assert place.match.status is PlaceStatus.SAME_PLACE
-    np.testing.assert_allclose(place.match.pose, between, atol=5e-3)
+    np.testing.assert_allclose(place.match.T_map_camera, between, atol=5e-3)
 
 
 def test_a_foreign_view_is_not_located() -> None:
@@ -214,7 +214,7 @@ def test_a_foreign_view_is_not_located() -> None:
     assert finder.locate(RingWorld(seed=5).frame(truth[3], 99)[0]) is None
 
 
-def test_where_two_places_look_the_same_neither_is_believed() -> None:
+def test_of_two_identical_places_neither_is_returned() -> None:
     world, atlas = RingWorld(count=1500), Atlas(1.2, 8)
     half_turn = np.array([-1.0, 1.0, -1.0])
     world.points_m = np.concatenate([world.points_m, half_turn * world.points_m])
@@ -226,7 +226,7 @@ def test_where_two_places_look_the_same_neither_is_believed() -> None:
 
 
 class _Slow:
-    """A solution of the map as it was, which whoever waits can have."""
+    """An adjustment whose solution is that of the map before the loop."""
 
     def __init__(self, atlas: Atlas) -> None:
         self.problem = global_problem(atlas, 0)
@@ -246,7 +246,7 @@ def test_an_adjustment_under_way_does_not_undo_a_rejoin() -> None:
     truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
     rows = mapped(atlas, RingWorld(), truth, drifted(truth, 0.1 * DRIFT))
     closer = LoopCloser(atlas, CAMERA, SlamConfig().updated({'places.loops.long_path_m': 50.0}))
-    closer._looped, slow = 0, _Slow(atlas)
+    closer._adjusted_map, slow = 0, _Slow(atlas)
     closer._adjuster._running = slow  # type: ignore[assignment]  # as in the background
     before = _errors_m(atlas, rows, truth)
     assert closer.process(int(rows[-1])) is LoopEvent.REJOINED

@@ -17,32 +17,32 @@ from rgbd_slam.map_io.map_directory import (
     path_in,
     write_whole,
 )
-from rgbd_slam.tracking.stream_gaps import StreamGaps
+from rgbd_slam.tracking.dropped_frames import DroppedFrameCounter
 
 MS = 1_000_000
 
 
 def test_missing_images_are_counted_at_the_streams_own_rate() -> None:
-    gaps = StreamGaps()
+    gaps = DroppedFrameCounter()
     stamps_ms = [0, 33, 67, 100, 133, 167, 200, 300, 333, 500]  # 2 missing, then 4
     for stamp_ms in stamps_ms:
         gaps.add(stamp_ms * MS)
-    assert gaps.num_missing == 6
+    assert gaps.num_dropped == 6
 
 
 def test_jitter_and_a_restarted_bag_are_no_gaps() -> None:
-    gaps = StreamGaps()
+    gaps = DroppedFrameCounter()
     for start_ms in (0, 0):
         for i in range(40):
             gaps.add((start_ms + 33 * i + (-1) ** i * 5) * MS)
-    assert gaps.num_missing == 0
+    assert gaps.num_dropped == 0
 
 
 def missing_of(stamps_ms: list[float]) -> int:
-    gaps = StreamGaps()
+    gaps = DroppedFrameCounter()
     for stamp_ms in stamps_ms:
         gaps.add(round(stamp_ms * MS))
-    return gaps.num_missing
+    return gaps.num_dropped
 
 
 @pytest.mark.parametrize('slower', [1.4, 1.5, 2.0, 3.0])

@@ -1,4 +1,4 @@
-"""Who decides a pose: what moves near the camera or far from it does not, whatever its numbers."""
+"""Moving objects do not determine the pose, near or far, however many points they have."""
 
 import re
 from dataclasses import replace
@@ -25,21 +25,21 @@ NOISE_PX = 0.4
 CAMERA = replace(StereoCamera.from_model(MODEL, SlamConfig().camera), pixel_noise=NOISE_PX)
 CONSENSUS = PoseConsensus(CAMERA, ConsensusConfig())
 TRUTH = se3.exp(np.array([0.02, -0.03, 0.01, 0.02, -0.01, 0.03]))
-STEP_M = np.array([0.05, 0.0, 0.0])  # what moves has gone since the map saw it
+STEP_M = np.array([0.05, 0.0, 0.0])  # motion of objects since the map saw them
 
 
 class Group(NamedTuple):
-    """Matched points at like depths."""
+    """Matched points in a range of depths."""
 
     num: int
     depth_m: tuple[float, float]
-    is_established: bool
+    is_well_observed: bool
     moves: bool = False
     within_px: tuple[tuple[int, int], tuple[int, int]] = ((20, 20), (620, 460))  # corners
 
 
 def seen(*groups: Group, step_m: FloatArray = STEP_M) -> tuple[PoseProblem, BoolArray]:
-    """Return what an image at `TRUTH` shows of the groups, and which the map has established."""
+    """Return the matches of an image at `TRUTH`, and the mask of well-observed points."""
     rng = np.random.default_rng(0)
     count = sum(group.num for group in groups)
     low, high = np.concatenate([np.tile(group.depth_m, (group.num, 1)) for group in groups]).T
@@ -50,9 +50,9 @@ def seen(*groups: Group, step_m: FloatArray = STEP_M) -> tuple[PoseProblem, Bool
     moves = np.repeat([group.moves for group in groups], [group.num for group in groups])
     points_m[moves] -= step_m
     measured_px = CAMERA.project(camera_m) + rng.normal(0, NOISE_PX, (count, 3))
-    established = [group.is_established for group in groups]
-    is_established = np.repeat(established, [group.num for group in groups])
-    return PoseProblem(points_m, measured_px, np.ones(count)), is_established
+    well_observed = [group.is_well_observed for group in groups]
+    is_well_observed = np.repeat(well_observed, [group.num for group in groups])
+    return PoseProblem(points_m, measured_px, np.ones(count)), is_well_observed
 
 
 def error_m(T_camera_map: FloatArray) -> float:
@@ -66,100 +66,103 @@ def moved(groups: tuple[Group, ...]) -> BoolArray:
 
 CAPTURES = {
     'near and new to the map': (
-        Group(300, (3.5, 5.0), is_established=True),
-        Group(350, (0.8, 1.2), is_established=False, moves=True),
+        Group(300, (3.5, 5.0), is_well_observed=True),
+        Group(350, (0.8, 1.2), is_well_observed=False, moves=True),
     ),
-    'near and established': (
-        Group(300, (3.5, 5.0), is_established=True),
-        Group(100, (0.8, 1.2), is_established=True, moves=True),
+    'near and well observed': (
+        Group(300, (3.5, 5.0), is_well_observed=True),
+        Group(100, (0.8, 1.2), is_well_observed=True, moves=True),
     ),
-    'near in a map that has established nothing': (
-        Group(300, (3.5, 5.0), is_established=False),
-        Group(100, (0.8, 1.2), is_established=False, moves=True),
+    'near in a map without well-observed points': (
+        Group(300, (3.5, 5.0), is_well_observed=False),
+        Group(100, (0.8, 1.2), is_well_observed=False, moves=True),
     ),
     'far': (
-        Group(170, (1.0, 2.0), is_established=True),
-        Group(130, (3.5, 5.0), is_established=True, moves=True),
+        Group(170, (1.0, 2.0), is_well_observed=True),
+        Group(130, (3.5, 5.0), is_well_observed=True, moves=True),
     ),
 }
 
 
 @pytest.mark.parametrize('groups', CAPTURES.values(), ids=CAPTURES)
-def test_what_moves_does_not_capture_the_pose(groups: tuple[Group, ...]) -> None:
-    problem, is_established = seen(*groups)
-    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
+def test_moving_objects_do_not_capture_the_pose(groups: tuple[Group, ...]) -> None:
+    problem, is_well_observed = seen(*groups)
+    consensus = CONSENSUS.solve(problem, is_well_observed, np.eye(4))
     assert error_m(consensus.estimate.T_camera_map) < 0.004
     is_mover = moved(groups)
-    assert np.mean(consensus.estimate.inliers[is_mover]) < 0.05  # and the map is told so
+    assert (
+        np.mean(consensus.estimate.inliers[is_mover]) < 0.05
+    )  # so that the map does not use them
     assert np.mean(consensus.estimate.inliers[~is_mover]) > 0.95
 
 
-def test_what_has_just_begun_to_move_does_not_drag_the_pose() -> None:
-    """By so little that it fits the pose of all; things that rest are as near."""
+def test_an_object_that_begins_to_move_does_not_bias_the_pose() -> None:
+    """It moves so little that it fits the pose of all matches; static points are as near."""
     corner_px = (60, 300), (220, 460)
     groups = (
-        Group(350, (1.3, 4.5), is_established=True),
-        Group(40, (1.1, 1.3), is_established=True, moves=True, within_px=corner_px),
-        Group(40, (1.1, 1.3), is_established=False, moves=True, within_px=corner_px),
+        Group(350, (1.3, 4.5), is_well_observed=True),
+        Group(40, (1.1, 1.3), is_well_observed=True, moves=True, within_px=corner_px),
+        Group(40, (1.1, 1.3), is_well_observed=False, moves=True, within_px=corner_px),
     )
-    problem, is_established = seen(*groups, step_m=np.array([0.008, 0.0, 0.0]))
-    dragged = CONSENSUS.solve(problem, is_established, np.eye(4), is_first=True)
-    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
-    assert error_m(dragged.estimate.T_camera_map) > 0.005
+    problem, is_well_observed = seen(*groups, step_m=np.array([0.008, 0.0, 0.0]))
+    biased = CONSENSUS.solve(problem, is_well_observed, np.eye(4), is_initial=True)
+    consensus = CONSENSUS.solve(problem, is_well_observed, np.eye(4))
+    assert error_m(biased.estimate.T_camera_map) > 0.005
     assert error_m(consensus.estimate.T_camera_map) < 0.001
     off = PoseConsensus(CAMERA, ConsensusConfig(leave_out_parts=False))
-    with_parts = off.solve(problem, is_established, np.eye(4))
-    np.testing.assert_array_equal(with_parts.estimate.T_camera_map, dragged.estimate.T_camera_map)
-    assert consensus.dragging is not None
+    with_parts = off.solve(problem, is_well_observed, np.eye(4))
+    np.testing.assert_array_equal(with_parts.estimate.T_camera_map, biased.estimate.T_camera_map)
+    assert consensus.biasing is not None
     camera_m = se3.transform(TRUTH, problem.points_m)
-    inside = consensus.dragging.region.holds(
+    inside = consensus.biasing.region.contains(
         CAMERA, problem.measured_px.astype(np.float32), camera_m[:, 2].astype(np.float32)
     )
     assert np.mean(inside[moved(groups)]) > 0.9
     assert np.mean(inside[~moved(groups)]) < 0.1
 
 
-def test_without_a_consensus_near_movers_take_the_pose_with_them() -> None:
-    """What these scenes would prove nothing without."""
+def test_without_the_consensus_near_objects_capture_the_pose() -> None:
+    """Otherwise the other tests would prove nothing."""
     off = PoseConsensus(CAMERA, ConsensusConfig(enabled=False))
-    for groups in ('near and new to the map', 'near and established'):
-        problem, is_established = seen(*CAPTURES[groups])
-        consensus = off.solve(problem, is_established, np.eye(4))
+    for groups in ('near and new to the map', 'near and well observed'):
+        problem, is_well_observed = seen(*CAPTURES[groups])
+        consensus = off.solve(problem, is_well_observed, np.eye(4))
         assert error_m(consensus.estimate.T_camera_map) > 0.02
-        assert consensus.rival is None
+        assert consensus.competing is None
 
 
-def test_where_nothing_moves_all_matches_have_their_say() -> None:
-    problem, is_established = seen(
-        Group(200, (1.0, 5.0), is_established=True), Group(200, (1.0, 5.0), is_established=False)
+def test_in_a_static_scene_all_matches_determine_the_pose() -> None:
+    problem, is_well_observed = seen(
+        Group(200, (1.0, 5.0), is_well_observed=True),
+        Group(200, (1.0, 5.0), is_well_observed=False),
     )
-    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
-    usual = optimize_pose(CAMERA, problem, np.eye(4))
-    np.testing.assert_array_equal(consensus.estimate.T_camera_map, usual.T_camera_map)
-    np.testing.assert_array_equal(consensus.estimate.information, usual.information)
-    assert consensus.rival is None
-    assert consensus.dragging is None
+    consensus = CONSENSUS.solve(problem, is_well_observed, np.eye(4))
+    fit_to_all = optimize_pose(CAMERA, problem, np.eye(4))
+    np.testing.assert_array_equal(consensus.estimate.T_camera_map, fit_to_all.T_camera_map)
+    np.testing.assert_array_equal(consensus.estimate.information, fit_to_all.information)
+    assert consensus.competing is None
+    assert consensus.biasing is None
 
 
-def test_the_other_motion_is_named_with_its_share() -> None:
-    groups = CAPTURES['near and established']
-    problem, is_established = seen(*groups)
-    rival = CONSENSUS.solve(problem, is_established, np.eye(4)).rival
-    assert rival is not None
-    assert 0.55 < rival.chosen_share < 0.8  # three of four rest
-    assert 0.2 < rival.rival_share < 0.45
-    assert np.linalg.norm(rival.twist[3:]) > 0.02
+def test_a_competing_motion_is_reported_with_its_share() -> None:
+    groups = CAPTURES['near and well observed']
+    problem, is_well_observed = seen(*groups)
+    competing = CONSENSUS.solve(problem, is_well_observed, np.eye(4)).competing
+    assert competing is not None
+    assert 0.55 < competing.chosen_share < 0.8  # three of four rest
+    assert 0.2 < competing.competing_share < 0.45
+    assert np.linalg.norm(competing.twist[3:]) > 0.02
 
 
-def test_the_covariance_reaches_to_the_other_motion() -> None:
-    problem, is_established = seen(*CAPTURES['near and established'])
-    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
-    assert consensus.rival is not None
-    twist = consensus.rival.twist
+def test_the_covariance_includes_the_competing_motion() -> None:
+    problem, is_well_observed = seen(*CAPTURES['near and well observed'])
+    consensus = CONSENSUS.solve(problem, is_well_observed, np.eye(4))
+    assert consensus.competing is not None
+    twist = consensus.competing.twist
     away_m = np.linalg.norm(twist[3:])
     sigma_m = np.sqrt(twist[3:] @ consensus.covariance[3:, 3:] @ twist[3:]) / away_m
     assert away_m / 3 < sigma_m < away_m
-    alone = consensus._replace(rival=None)
+    alone = consensus._replace(competing=None)
     np.testing.assert_allclose(alone.covariance, np.linalg.inv(consensus.estimate.information))
 
 
@@ -177,7 +180,7 @@ def test_the_status_says_that_two_motions_explain_an_image() -> None:
 
 
 def test_a_capture_at_the_start_is_within_three_sigma() -> None:
-    """Half of what a camera sees moves before the map has established anything."""
+    """A third of the points moves before any point is well observed."""
     world, slam = World(), RgbdSlam(MODEL, SlamConfig())
     world.points_m[::3] *= 0.5
     slam.process(world.features(0, np.eye(4)))
@@ -190,9 +193,9 @@ def test_a_capture_at_the_start_is_within_three_sigma() -> None:
     assert twist[3:] @ np.linalg.solve(result.covariance[3:, 3:], twist[3:]) < 3**2
 
 
-def test_few_matches_are_solved_as_ever() -> None:
-    problem, is_established = seen(Group(12, (1.0, 5.0), is_established=True))
-    consensus = CONSENSUS.solve(problem, is_established, np.eye(4))
+def test_few_matches_give_a_pose() -> None:
+    problem, is_well_observed = seen(Group(12, (1.0, 5.0), is_well_observed=True))
+    consensus = CONSENSUS.solve(problem, is_well_observed, np.eye(4))
     assert error_m(consensus.estimate.T_camera_map) < 0.02
     nothing = problem.select(np.zeros(12, np.bool_))
     none = CONSENSUS.solve(nothing, np.zeros(0, np.bool_), TRUTH)

@@ -1,4 +1,4 @@
-"""A camera that is looked for first where somebody says that it is."""
+"""Relocalization near a given pose."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ AWAY = se3.exp(np.array([0.0, 0.2, 0, 0.9, 0, 0.4]))  # of a hint: 1 m and 11 de
 
 
 class TwoRooms:
-    """Two rooms, one like the other, 20 m apart in one map."""
+    """Two identical rooms, 20 m apart in one map."""
 
     def __init__(self) -> None:
         self.world, self.poses = RingWorld(), ring_poses(12, 0.5)
@@ -36,7 +36,7 @@ class TwoRooms:
         self.finder = PlaceFinder(self.atlas, RING_CAMERA, PlaceConfig(), seed=0)
 
     def locate(self, hint: PoseHint | None) -> FoundPlace | None:
-        """Look for a view between two keyframes."""
+        """Relocalize a view between two keyframes."""
         frame, _ = self.world.frame(self.between, 10**12)
         return self.finder.locate_near(frame, hint) if hint else self.finder.locate(frame)
 
@@ -53,14 +53,14 @@ def rooms() -> TwoRooms:
 
 @pytest.mark.parametrize('T_map_room', [np.eye(4), T_NEXT_DOOR], ids=['here', 'next door'])
 @pytest.mark.parametrize('off', [np.eye(4), AWAY], ids=['exactly', 'about'])
-def test_of_two_rooms_that_look_alike_that_is_found_which_is_meant(
+def test_of_two_identical_rooms_the_hinted_one_is_found(
     rooms: TwoRooms, T_map_room: FloatArray, off: FloatArray
 ) -> None:
     assert rooms.locate(None) is None  # neither is believed
     T_map_camera = T_map_room @ rooms.between
     place = rooms.locate(PoseHint(T_map_camera @ off))
     assert place is not None
-    np.testing.assert_allclose(place.match.pose, T_map_camera, atol=0.01)
+    np.testing.assert_allclose(place.match.T_map_camera, T_map_camera, atol=0.01)
 
 
 def test_an_exact_pose_needs_no_place_recognition(
@@ -80,7 +80,7 @@ def test_a_larger_uncertainty_reaches_further(rooms: TwoRooms) -> None:
     away = PoseHint(rooms.between @ se3.exp(np.array([0.0, 0, 0, 3, 0, 0])), sigma_m=1.2)
     place = rooms.locate(away)
     assert place is not None
-    np.testing.assert_allclose(place.match.pose, rooms.between, atol=0.01)
+    np.testing.assert_allclose(place.match.T_map_camera, rooms.between, atol=0.01)
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def session() -> SlamSession:
 
 
 def given(T_core_camera: FloatArray) -> FloatArray:
-    """Return the pose that somebody gives in RViz, x forward, for one in the core's map."""
+    """Return the pose as set in RViz (x forward) for a camera pose in the map."""
     return np.asarray(T_BODY_OPTICAL @ T_core_camera @ se3.inverse(T_BODY_OPTICAL))
 
 

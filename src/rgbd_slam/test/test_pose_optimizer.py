@@ -1,4 +1,4 @@
-"""Poses of single images: what is said of their errors is what the errors are."""
+"""Poses of single images: their covariances, their outliers and their priors."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.projection import MIN_DEPTH_M
-from rgbd_slam.optimize.pose_optimizer import PoseProblem, covariance, optimize_pose
+from rgbd_slam.optimize.pose_optimizer import PosePrior, PoseProblem, covariance, optimize_pose
 
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 520.0, 320.0, 240.0), CameraConfig())
 SAMPLES = 200
 
 
 def variance_ratios(noise: float) -> tuple[float, float]:
-    """Return the least and the greatest of true variance over published, for noisy pixels."""
+    """Return the smallest and the largest ratio of true to published variance, at a noise."""
     rng = np.random.default_rng(0)
     camera = replace(CAMERA, pixel_noise=noise)  # as measured
     points_m = rng.uniform([-1.5, -1, 2], [1.5, 1, 5], (300, 3))
@@ -39,27 +39,27 @@ def variance_ratios(noise: float) -> tuple[float, float]:
         )
         twists.append(se3.log(estimate.T_camera_map))
         published.append(covariance(estimate))
-    told, true = np.mean(published, axis=0), np.cov(np.array(twists).T)
-    root = np.linalg.inv(np.linalg.cholesky(told))
+    claimed, true = np.mean(published, axis=0), np.cov(np.array(twists).T)
+    root = np.linalg.inv(np.linalg.cholesky(claimed))
     ratios = np.linalg.eigvalsh(root @ true @ root.T)  # in all directions, whatever the units
     return float(ratios[0]), float(ratios[-1])
 
 
 @pytest.mark.parametrize('noise', [1.0, 1.5, 2.0])
-def test_the_covariance_is_that_of_the_errors(noise: float) -> None:
+def test_the_covariance_matches_the_errors(noise: float) -> None:
     least, greatest = variance_ratios(noise)
     assert least > 0.5
     assert greatest < 2.0
 
 
-def test_less_noise_than_configured_is_not_believed() -> None:
-    """What the pixels of an image err by together does not average out."""
+def test_a_noise_below_the_configured_one_does_not_reduce_the_covariance() -> None:
+    """Errors that all pixels of an image share do not average out."""
     _, greatest = variance_ratios(0.5)
     assert greatest < 0.5
 
 
 @pytest.mark.parametrize('beyond_m', [0.001, -0.001])
-def test_the_kernel_leaves_out_what_is_nearer_than_the_tracker_projects(beyond_m: float) -> None:
+def test_the_kernel_and_the_tracker_have_the_same_least_depth(beyond_m: float) -> None:
     points_m = np.random.default_rng(0).uniform([-1.5, -1, 2], [1.5, 1, 5], (50, 3))
     points_m[0] = 0, 0, MIN_DEPTH_M + beyond_m
     measured_px = CAMERA.project(points_m)
@@ -67,3 +67,17 @@ def test_the_kernel_leaves_out_what_is_nearer_than_the_tracker_projects(beyond_m
     inliers = optimize_pose(CAMERA, problem, np.eye(4)).inliers
     assert inliers[1:].all()
     assert inliers[0] == (beyond_m > 0)
+
+
+@pytest.mark.parametrize('pixel_noise', [0.5, 1.0, 2.0])
+def test_a_prior_counts_by_its_information(pixel_noise: float) -> None:
+    """A prior with the information of the matches pulls the pose halfway to its own."""
+    points_m = np.random.default_rng(0).uniform([-1.5, -1, 2], [1.5, 1, 5], (200, 3))
+    camera = replace(CAMERA, pixel_noise=pixel_noise)
+    problem = PoseProblem(points_m, camera.project(points_m), np.ones(len(points_m)))
+    alone = optimize_pose(camera, problem, np.eye(4))
+    offset = np.array([1e-4, -2e-4, 1e-4, 4e-4, -3e-4, 2e-4])
+    prior = PosePrior(se3.exp(offset), alone.information)
+    both = optimize_pose(camera, problem, np.eye(4), prior)
+    np.testing.assert_allclose(se3.log(both.T_camera_map), offset / 2, atol=2e-6)
+    np.testing.assert_allclose(both.information, 2 * alone.information, rtol=0.01, atol=2e4)

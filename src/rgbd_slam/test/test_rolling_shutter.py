@@ -1,4 +1,4 @@
-"""A rolling shutter is measured by what tracking leaves over, and taken out of the images."""
+"""A rolling shutter is estimated from tracking residuals and compensated."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Images:
             twist = speed * self._rng.normal(0, 0.3, 6)
             seen = rolled(self._world.features(0, np.eye(4)), twist, self._readout_s)
             frame = Frame.from_features(seen, MODEL, CAMERA)
-            straight = shutter.straightened(frame, CAMERA, twist)
+            straight = shutter.compensated(frame, CAMERA, twist)
             tracked = tracked_frame(straight, np.eye(4), self._points, self.atlas, 0)
             shutter.add(tracked, self.atlas, CAMERA, twist)
 
@@ -83,7 +83,7 @@ def test_images_become_those_of_a_global_shutter(readout_s: float) -> None:
     expected = Frame.from_features(seen, MODEL, CAMERA)
     shutter = RollingShutter(MODEL.height_px)
     shutter.readout_s = readout_s
-    straight = shutter.straightened(frame, CAMERA, TWIST)
+    straight = shutter.compensated(frame, CAMERA, TWIST)
     before = np.abs(frame.measurement_px - expected.measurement_px)
     left = np.abs(straight.measurement_px - expected.measurement_px)
     assert np.nanmax(before) > 3
@@ -93,7 +93,7 @@ def test_images_become_those_of_a_global_shutter(readout_s: float) -> None:
 
 
 @pytest.mark.parametrize('readout_s', [READOUT_S, -READOUT_S, 0.01])
-def test_a_rolling_shutter_is_measured(readout_s: float) -> None:
+def test_a_readout_time_is_estimated(readout_s: float) -> None:
     images, shutter = Images(readout_s), RollingShutter(MODEL.height_px)
     images.show(shutter, 39)
     assert shutter.readout_s == 0
@@ -111,24 +111,24 @@ def test_a_global_shutter_and_a_camera_at_rest_are_left_alone(
 
 
 @pytest.mark.slow
-def test_it_is_measured_in_a_map_of_such_images() -> None:
+def test_it_is_estimated_in_a_map_of_rolling_shutter_images() -> None:
     assert 0.5 * READOUT_S < swayed(READOUT_S, swings=2)._shutter.readout_s < READOUT_S
 
 
 @pytest.mark.slow
-def test_a_camera_that_is_known_to_have_none_is_not_measured() -> None:
+def test_the_estimation_can_be_switched_off() -> None:
     camera = replace(SlamConfig().camera, rolling_shutter=False)
     slam = swayed(READOUT_S, swings=2, config=replace(SlamConfig(), camera=camera))
     assert slam._shutter.readout_s == 0
 
 
 @pytest.mark.slow
-def test_poses_are_better_for_it() -> None:
+def test_compensation_improves_poses() -> None:
     known, unknown = (swayed(READOUT_S, s).trajectory.online() for s in (READOUT_S, 0.0))
     error_m = np.mean(position_errors_m(known, SWING))
     assert error_m < 0.4 * np.mean(position_errors_m(unknown, SWING))
 
 
-def test_nothing_is_moved_before_it_is_sure() -> None:
+def test_nothing_is_compensated_before_the_estimate_is_significant() -> None:
     frame = Frame.from_features(World().features(0, np.eye(4)), MODEL, CAMERA)
-    assert RollingShutter(MODEL.height_px).straightened(frame, CAMERA, TWIST) is frame
+    assert RollingShutter(MODEL.height_px).compensated(frame, CAMERA, TWIST) is frame

@@ -1,4 +1,4 @@
-"""Tracking where the usual prediction fails: known poses come back by the next best means."""
+"""Tracking when the prediction fails: a more expensive search recovers the known pose."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig, TrackingConfig
-from rgbd_slam.matching.landmarks import read_by_frame, seen_by_frame
+from rgbd_slam.matching.landmarks import landmarks_of_frame, temporal_landmarks
 from rgbd_slam.matching.matching import match_by_descriptor
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -28,7 +28,7 @@ CAMERA = StereoCamera.from_model(MODEL, CONFIG.camera)
 
 
 class Known:
-    """A map of one keyframe at the identity, with a point wherever that read a depth."""
+    """A map of one keyframe at the identity, with a point at each depth reading."""
 
     def __init__(self, num_points: int | None = None) -> None:
         self.world = World()
@@ -48,7 +48,7 @@ class Known:
         )
 
     def error(self, n: int, twist: list[float]) -> tuple[float, float]:
-        """Return the errors in rad and m of tracking a frame there, with no motion expected."""
+        """Return the errors [rad, m] of tracking a frame at a pose, with no motion predicted."""
         T_world_camera = se3.exp(np.array(twist))
         tracking = self.tracker.track(self.frame(n, T_world_camera), self.last, np.eye(4))
         assert tracking is not None
@@ -57,15 +57,15 @@ class Known:
 
 
 @pytest.mark.parametrize('turn_rad', [0.02, 0.08, 0.2, -0.3])
-def test_a_turn_that_nobody_expects_is_tracked(turn_rad: float) -> None:
+def test_an_unpredicted_rotation_is_tracked(turn_rad: float) -> None:
     """From a third of the search window to ten times beyond it."""
     error_rad, error_m = Known().error(1, [0, turn_rad, 0.05, 0.05, 0, 0])
     assert error_rad < 0.004
     assert error_m < 0.015
 
 
-def test_the_samples_tried_follow_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
-    turned = se3.exp(np.array([0, 0.3, 0, 0, 0, 0]))  # at once: recognised, not predicted
+def test_ransac_samples_depend_on_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    turned = se3.exp(np.array([0, 0.3, 0, 0, 0, 0]))  # matched by descriptors, not predicted
     states: list[Any] = []
 
     def noted(*args: Any) -> Alignment:
@@ -81,7 +81,7 @@ def test_the_samples_tried_follow_the_seed(monkeypatch: pytest.MonkeyPatch) -> N
     assert first != second == again
 
 
-def test_a_jump_that_no_hand_makes_is_left_to_relocalisation() -> None:
+def test_an_impossible_jump_is_left_to_relocalization() -> None:
     known = Known()
     there = se3.exp(np.array([0, 0, 0, 0.5, 0, 0]))
     assert known.tracker.track(known.frame(1, there), known.last, np.eye(4)) is None
@@ -101,10 +101,10 @@ def test_depth_readings_of_the_last_frame_help_where_the_map_ends() -> None:
     assert np.count_nonzero(tracking.tracked.points != NO_POINT) == tracking.num_inliers
 
 
-def test_places_read_by_a_frame_are_those_without_a_point() -> None:
+def test_temporal_landmarks_are_the_depth_readings_without_a_point() -> None:
     known = Known(num_points=12)
-    read = read_by_frame(known.last, known.map, CAMERA)
-    seen = seen_by_frame(known.last, known.map)
+    read = temporal_landmarks(known.last, known.map, CAMERA)
+    seen = landmarks_of_frame(known.last, known.map)
     assert len(seen.point) == 12
     assert len(read.point) == np.count_nonzero(known.last.frame.has_depth) - 12
     assert (read.point == NO_POINT).all()
@@ -115,10 +115,10 @@ def test_places_read_by_a_frame_are_those_without_a_point() -> None:
     assert distance.min(axis=1).max() < 1e-3
 
 
-def test_descriptors_find_their_features_wherever_they_are() -> None:
+def test_descriptors_match_features_anywhere_in_the_image() -> None:
     known = Known()
     frame = known.frame(1, se3.exp(np.array([0, 0, 0.4, 0, 0, 0.0])))
-    points = seen_by_frame(known.last, known.map)
+    points = landmarks_of_frame(known.last, known.map)
     matches = match_by_descriptor(points.descriptors, frame, 60, 0.8)
     camera_m = se3.transform(se3.exp(np.array([0, 0, -0.4, 0, 0, 0.0])), points.position_m)
     apart_px = CAMERA.project(camera_m[matches.q])[:, :2] - frame.measurement_px[matches.k, :2]
@@ -129,8 +129,8 @@ def test_descriptors_find_their_features_wherever_they_are() -> None:
     assert len(match_by_descriptor(none, frame, 60, 0.8).q) == 0
 
 
-def test_a_camera_shaken_hard_is_tracked_through() -> None:
-    """Turns of up to 12 degrees a frame that change their sense: no velocity predicts them."""
+def test_a_camera_that_is_shaken_is_tracked() -> None:
+    """Rotations of up to 12 degrees per frame in changing directions, which nothing predicts."""
     poses, world, slam = sway(18, way_m=0.2), World(), RgbdSlam(MODEL, SlamConfig())
     states = [slam.process(world.features(n * PERIOD_NS, T)).state for n, T in enumerate(poses)]
     assert states == [TrackingState.TRACKING] * len(poses)
@@ -138,7 +138,7 @@ def test_a_camera_shaken_hard_is_tracked_through() -> None:
     assert position_errors_m(slam.trajectory.final(), poses).max() < 0.03
 
 
-def test_the_covariance_is_the_inverse_of_what_is_known() -> None:
+def test_the_covariance_is_the_inverse_of_the_information() -> None:
     none = np.empty(0, np.bool_)
     rng = np.random.default_rng(0)
     half = rng.normal(size=(6, 6))

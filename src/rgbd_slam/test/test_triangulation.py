@@ -1,4 +1,4 @@
-"""Points from two views: known depths come back, what does not fit is refused."""
+"""Triangulation recovers known depths and rejects points that do not fit."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from rgbd_slam.local_mapping.triangulation import (
     depth_from_parallax,
     epipolar_segments,
     fits_both,
-    triangulate_with_neighbours,
+    triangulate_with_neighbors,
 )
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -117,7 +117,7 @@ def test_two_keyframes_make_points_where_they_are(points_m: FloatArray) -> None:
     atlas.update_connections(second)
     pair.second.may_seed[50:] = False
     atlas.keyframes.may_seed[second, 50:60] = False
-    count = triangulate_with_neighbours(atlas, CAMERA, second, TriangulationConfig())
+    count = triangulate_with_neighbors(atlas, CAMERA, second, TriangulationConfig())
     seen = atlas.keyframes.point_of_feature
     assert count == 40
     assert (seen[first, :50] == seen[second, :50]).all()
@@ -126,7 +126,7 @@ def test_two_keyframes_make_points_where_they_are(points_m: FloatArray) -> None:
     np.testing.assert_allclose(made, points_m[:50], rtol=2e-3, atol=2e-3)
     assert (atlas.points.num_observations[seen[first, :50]] == 2).all()
     none = TriangulationConfig(neighbours=0)
-    assert triangulate_with_neighbours(atlas, CAMERA, first, none) == 0
+    assert triangulate_with_neighbors(atlas, CAMERA, first, none) == 0
 
 
 def test_a_camera_that_reads_depth_in_part_of_its_view_is_tracked() -> None:

@@ -1,4 +1,4 @@
-"""What it takes to believe that an image shows a place of the map."""
+"""Geometric verification of places."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hoid_common import se3
 from rgbd_slam.config.place_config import VerificationConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.places.geometric_verification import PlaceStatus, PlaceVerifier
-from rgbd_slam.places.visibility import chance_found, visibility
+from rgbd_slam.places.visibility import detection_probability, visibility
 
 from .ring_world import CAMERA, RingWorld, mapped, ring_poses
 
@@ -39,11 +39,11 @@ def _verifier(atlas: Atlas, **config: float) -> PlaceVerifier:
     return PlaceVerifier(atlas, CAMERA, VerificationConfig().updated(config), 0)
 
 
-def test_a_near_view_is_placed_to_millimetres(atlas: Atlas, world: RingWorld) -> None:
+def test_a_near_view_is_located_to_millimeters(atlas: Atlas, world: RingWorld) -> None:
     pose = TRUTH[5] @ NEAR
     match = _verifier(atlas).verify(world.frame(pose, 1)[0], 5)
     assert match.status is PlaceStatus.SAME_PLACE
-    np.testing.assert_allclose(match.pose, pose, atol=3e-3)
+    np.testing.assert_allclose(match.T_map_camera, pose, atol=3e-3)
     assert match.found_share > 0.8
     assert match.contradicted_share == 0.0
     seen = se3.transform(match.T_camera_map, atlas.points.position_m[match.j])
@@ -66,7 +66,7 @@ def test_an_image_without_features_does_not_align(atlas: Atlas, world: RingWorld
 
 
 def test_a_place_that_shares_a_third_of_its_points_is_not_the_same(atlas: Atlas) -> None:
-    """The same furniture before other walls: many points are found, more are missing."""
+    """Identical furniture in front of other walls: more points are missing than found."""
     other = RingWorld()
     strange = np.random.default_rng(1).random(len(other.points_m)) > 0.3
     other.descriptors[strange] = RingWorld(seed=9).descriptors[strange]
@@ -79,7 +79,7 @@ def test_a_place_that_shares_a_third_of_its_points_is_not_the_same(atlas: Atlas)
 def test_an_image_that_sees_through_the_map_is_contradicted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Half of a wall of the map is gone, and what lies behind it shows."""
+    """Half of a mapped wall is gone, and depth readings lie behind it."""
     atlas = _well_known(Atlas(1.2, 8), RingWorld(count=8000))
     opened = RingWorld(count=8000)
     opened.points_m[opened.points_m[:, 1] > 0] *= [1.6, 1.0, 1.6]
@@ -90,7 +90,7 @@ def test_an_image_that_sees_through_the_map_is_contradicted(
     assert match.contradicted_share > 0.15
 
 
-def test_what_stands_in_front_or_is_masked_does_not_count(world: RingWorld) -> None:
+def test_occluded_and_masked_points_do_not_count(world: RingWorld) -> None:
     frame, landmark = world.frame(TRUTH[3], 1)
     camera_m = se3.transform(se3.inverse(TRUTH[3]), world.points_m[landmark])
     pixels = CAMERA.project(camera_m).T
@@ -107,9 +107,9 @@ def test_what_stands_in_front_or_is_masked_does_not_count(world: RingWorld) -> N
     assert not outside.observable.any()
 
 
-def test_points_often_missed_are_expected_less() -> None:
+def test_points_that_are_often_missed_are_expected_less() -> None:
     atlas = Atlas(1.2, 8)
     rows = mapped(atlas, RingWorld(count=400), TRUTH[:2], TRUTH[:2])
     j = atlas.keyframes.point_of_feature[rows[0], :3].astype(np.int64)
     atlas.points.num_visible[j], atlas.points.num_found[j] = [0, 96, 96], [0, 96, 0]
-    np.testing.assert_allclose(chance_found(atlas.points, j), [0.25, 0.97, 0.01])
+    np.testing.assert_allclose(detection_probability(atlas.points, j), [0.25, 0.97, 0.01])

@@ -1,4 +1,4 @@
-"""Wheel odometry helps where the image does not: where to look, and while the lens is covered."""
+"""Wheel odometry predicts the motion, and bridges images in which nothing is seen."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hoid_common.slam_status import SlamState
 from hoid_common.values import S_PER_NS, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.motion import MotionSource, WheelMotion
+from rgbd_slam.tracking.motion_sources import ExternalOdometry, MotionLookup
 from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
 
 from .world import CAMERA, PERIOD_NS, World
@@ -22,15 +22,15 @@ SLIP = np.array([0.0, 0.3, 0, 0.6, 0, 0.2])  # rad/s, m/s
 
 @pytest.fixture(scope='module')
 def truth() -> FloatArray:
-    """Return poses of a camera that goes a metre and turns by half a radian a second."""
+    """Return poses of a camera that moves by 1 m/s and rotates by 0.5 rad/s."""
     twist = np.zeros((FRAMES, 6))
     twist[:, 1] = 0.5 * PERIOD_NS * S_PER_NS * np.arange(FRAMES)
     twist[:, 3] = 1.0 * PERIOD_NS * S_PER_NS * np.arange(FRAMES)
     return se3.exp(twist)
 
 
-def wheels(truth: FloatArray, slip: FloatArray | None = None) -> MotionSource:
-    """Return what wheels say that slip at a velocity (6,), or not."""
+def wheels(truth: FloatArray, slip: FloatArray | None = None) -> MotionLookup:
+    """Return wheel odometry that is exact, or slips with a velocity (6,)."""
 
     def motion(first_ns: int, second_ns: int) -> FloatArray:
         T = se3.inverse(truth[first_ns // PERIOD_NS]) @ truth[second_ns // PERIOD_NS]
@@ -41,9 +41,9 @@ def wheels(truth: FloatArray, slip: FloatArray | None = None) -> MotionSource:
 
 
 def run(
-    truth: FloatArray, source: MotionSource | None, covered: int = COVERED
+    truth: FloatArray, source: MotionLookup | None, covered: int = COVERED
 ) -> tuple[RgbdSlam, list[TrackingResult]]:
-    """Track images of which some show nothing."""
+    """Track images of which some have no features."""
     slam, world = RgbdSlam(CAMERA, SlamConfig(), wheels=source), World()
     results = []
     for n, T in enumerate(truth):
@@ -58,7 +58,7 @@ def poses(results: list[TrackingResult]) -> FloatArray:
     return np.array([result.T_map_camera for result in results])
 
 
-def test_wheels_that_slip_change_no_pose_that_is_seen(truth: FloatArray) -> None:
+def test_slipping_wheels_do_not_change_tracked_poses(truth: FloatArray) -> None:
     _, alone = run(truth, None, covered=0)
     _, slipping = run(truth, wheels(truth, 3 * SLIP), covered=0)
     np.testing.assert_array_equal(poses(slipping), poses(alone))
@@ -79,7 +79,7 @@ def test_a_covered_lens_is_bridged(truth: FloatArray) -> None:
     assert len(slam.trajectory.final()) == FRAMES - COVERED
 
 
-def test_tracking_goes_on_where_the_wheels_say_that_the_camera_is(truth: FloatArray) -> None:
+def test_tracking_resumes_at_the_pose_of_the_wheels(truth: FloatArray) -> None:
     slam, results = run(truth, wheels(truth))
     after = results[SEEN + COVERED :]
     assert {result.state for result in after} == {TrackingState.TRACKING}
@@ -88,7 +88,7 @@ def test_tracking_goes_on_where_the_wheels_say_that_the_camera_is(truth: FloatAr
     assert run(truth, None)[0].stats.num_relocalizations == 1  # without them
 
 
-def test_odometry_does_not_jump_when_the_lens_is_free_again(truth: FloatArray) -> None:
+def test_odometry_does_not_jump_when_tracking_resumes(truth: FloatArray) -> None:
     _, results = run(truth, wheels(truth, SLIP))
     odom = np.array([result.T_odom_camera for result in results])
     steps = np.linalg.norm(se3.log(se3.inverse(odom[:-1]) @ odom[1:])[:, 3:], axis=1)
@@ -96,7 +96,7 @@ def test_odometry_does_not_jump_when_the_lens_is_free_again(truth: FloatArray) -
     np.testing.assert_allclose(poses(results[-1:]), truth[-1:], atol=0.02)  # which the map is not
 
 
-def test_wheels_that_slipped_before_are_believed_less(truth: FloatArray) -> None:
+def test_slip_before_the_loss_increases_the_covariance(truth: FloatArray) -> None:
     _, results = run(truth, wheels(truth, SLIP))
     last = results[SEEN + COVERED - 1]
     assert last.T_map_camera is not None
@@ -106,8 +106,8 @@ def test_wheels_that_slipped_before_are_believed_less(truth: FloatArray) -> None
     assert error @ np.linalg.solve(last.covariance, error) / 6 < 4  # two sigma
 
 
-def test_a_jerk_is_followed_by_wheels() -> None:
-    """From a rest to a motion that no search window reaches and no descriptors are tried for."""
+def test_a_jerk_is_tracked_with_wheels() -> None:
+    """The motion exceeds the search windows and the limits of descriptor matching."""
     T = np.repeat(np.eye(4)[None], 14, axis=0)
     T[10:] = se3.exp(np.array([0.0, 0.25, 0, 0.4, 0, 0]))
     for source, num_relocalizations in ((None, 1), (wheels(T), 0)):
@@ -120,7 +120,7 @@ def test_a_jerk_is_followed_by_wheels() -> None:
         np.testing.assert_allclose(result.T_map_camera, T[-1], atol=0.02)
 
 
-def test_wheels_that_fall_silent_bridge_nothing(truth: FloatArray) -> None:
+def test_wheels_without_data_bridge_nothing(truth: FloatArray) -> None:
     said = wheels(truth)
     silent_ns = (SEEN + 3) * PERIOD_NS
     _, results = run(truth, lambda a, b: None if b > silent_ns else said(a, b))
@@ -130,14 +130,16 @@ def test_wheels_that_fall_silent_bridge_nothing(truth: FloatArray) -> None:
     assert SlamState(results[SEEN].state.value) is SlamState.LOST
 
 
-def test_the_error_of_wheels_is_learnt() -> None:
-    motion = WheelMotion(lambda *_: se3.exp(np.array([0.0, 0, 0, 0.02, 0, 0])))
+def test_the_error_of_the_wheels_is_learned() -> None:
+    source = ExternalOdometry(lambda *_: se3.exp(np.array([0.0, 0, 0, 0.02, 0, 0])))
     for n in range(300):
-        motion.begin(n * PERIOD_NS)
-        motion.follow((n + 1) * PERIOD_NS)
-        motion.compare(np.eye(4))
-    motion.begin(0)
-    motion.follow(PERIOD_NS)
+        source.start(n * PERIOD_NS)
+        source.advance((n + 1) * PERIOD_NS)
+        source.observe(np.eye(4), np.zeros(6))
+    source.start(0)
+    source.advance(PERIOD_NS)
+    motion = source.bridge()
+    assert motion is not None
     sigma = np.sqrt(np.diag(motion.covariance))
     assert sigma[3] == pytest.approx(0.02, rel=0.01)
     assert sigma[[0, 1, 2, 4, 5]].max() < 1e-3

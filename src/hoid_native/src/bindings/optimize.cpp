@@ -1,9 +1,11 @@
 #include "optimize/optimize.hpp"
 
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
 
 #include <algorithm>
 #include <new>
+#include <optional>
 #include <tuple>
 
 #include "bindings/arrays.hpp"
@@ -29,7 +31,7 @@ std::vector<double> copy(const Values& values)
   return {values.begin(), values.end()};
 }
 
-// Cameras travel to other processes.
+// Cameras are pickled when they are sent to other processes.
 using CameraState =
   std::tuple<double, double, double, double, double, double, double, double, bool>;
 
@@ -57,14 +59,35 @@ optimize::PoseArray pose_array(const RealArray<4, 4>& T)
   return out;
 }
 
+std::optional<optimize::PosePrior> pose_prior(
+  const std::optional<RealArray<4, 4>>& T_camera_map,
+  const std::optional<RealArray<6, 6>>& information)
+{
+  require(
+    T_camera_map.has_value() == information.has_value(),
+    "prior_information: a prior needs a pose and its information");
+  if (!information) {
+    return std::nullopt;
+  }
+  require_finite("prior_T_camera_map", *T_camera_map);
+  require_finite("prior_information", *information);
+  optimize::PosePrior prior{pose_array(*T_camera_map), {}};
+  std::copy_n(information->data(), prior.information.size(), prior.information.begin());
+  return prior;
+}
+
 PoseFit optimize_pose(
   const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
   const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2,
-  const RealArray<4, 4>& T_camera_map)
+  const RealArray<4, 4>& T_camera_map, const std::optional<RealArray<4, 4>>& prior_T_camera_map,
+  const std::optional<RealArray<6, 6>>& prior_information)
 {
   const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
   const auto start = pose_array(T_camera_map);
-  auto fit = unlocked([&] { return optimize::optimize_pose(camera, gates, problem, start); });
+  const auto prior = pose_prior(prior_T_camera_map, prior_information);
+  auto fit = unlocked([&] {
+    return optimize::optimize_pose(camera, gates, problem, start, prior ? &*prior : nullptr);
+  });
   const std::array<std::size_t, 1> length{fit.inliers.size()};
   return make<PoseFit>(
     give(copy(fit.T_camera_map), std::array<std::size_t, 2>{4, 4}),
@@ -158,7 +181,7 @@ A pinhole camera with a virtual right column: u_right = u - disparity_px_m / dep
       new (&camera) StereoParams(std::make_from_tuple<StereoParams>(values));
     });
   nb::class_<Gates>(
-    module, "Gates", "Squared normalised residuals beyond which an observation is an outlier.")
+    module, "Gates", "Squared normalized residuals beyond which an observation is an outlier.")
     .def(nb::init<double, double>(), "mono"_a, "stereo"_a)
     .def_ro("mono", &Gates::mono, "Of observations without depth.")
     .def_ro("stereo", &Gates::stereo, "Of observations with depth.");
@@ -171,23 +194,27 @@ void bind_optimize(nb::module_& module)
   bind_parameters(module);
   module.def(
     "optimize_pose", &optimize_pose, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
-    "inv_sigma2"_a, "T_camera_map"_a, R"(
-Return the pose that explains matches best: Gauss-Newton with a Huber kernel.
+    "inv_sigma2"_a, "T_camera_map"_a, "prior_T_camera_map"_a = nb::none(),
+    "prior_information"_a = nb::none(), R"(
+Return the pose that fits the matches best: Gauss-Newton with a Huber kernel.
 
-Pixels and the disparity u - u_right are independent measurements with robust kernels of their own;
-outliers are told on (u, v, u_right) (Mur-Artal and Tardos, T-RO 2017). Fewer than four matches
-leave the pose alone.
+Pixels and the disparity u - u_right are independent measurements with separate robust kernels.
+Outliers are identified on (u, v, u_right) after each of three rounds (Mur-Artal and Tardos, T-RO
+2017). The information of the result has the unit of `inv_sigma2` and includes that of the prior.
+With fewer than four matches and no prior, the initial pose is returned.
 
 Args:
-    camera: Of the image.
-    gates: Of outliers, told anew after each of three rounds, and of the kernel.
-    points_m: (N, 3) in the map's frame.
+    camera: of the image, with its measured noise.
+    gates: chi-square limits of outliers, and of the Huber kernels.
+    points_m: (N, 3) in the map frame.
     measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-    T_camera_map: (4, 4) where to start.
+    T_camera_map: (4, 4) initial pose.
+    prior_T_camera_map: (4, 4) mean of a Gaussian prior, if there is one.
+    prior_information: (6, 6) inverse covariance of its left twist, rotation first.
 
 Raises:
-    ValueError: Lengths differ.)");
+    ValueError: Lengths differ, or the prior is incomplete or not finite.)");
   module.def(
     "evaluate_matches", &evaluate_matches, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
     "inv_sigma2"_a, "T_camera_map"_a, R"(

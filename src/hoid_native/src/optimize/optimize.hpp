@@ -42,13 +42,20 @@ struct PoseFit
 {
   PoseArray T_camera_map;
   std::vector<uint8_t> inliers;
+  std::array<double, 36> information;  // (6, 6) of the left twist, rotation first; with the prior
+};
+
+// A Gaussian prior of the pose, such as the prediction of another sensor.
+struct PosePrior
+{
+  PoseArray T_camera_map;
   std::array<double, 36> information;  // (6, 6) of the left twist, rotation first
 };
 
-// Return the pose that explains the observations best.
+// Return the pose that explains the observations, and the prior if there is one, best.
 PoseFit optimize_pose(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const PoseArray& start);
+  const PoseArray& start, const PosePrior* prior = nullptr);
 
 struct MatchEvaluation
 {

@@ -1,8 +1,10 @@
-// The pose of one image from matched map points: Gauss-Newton on pixels and disparities with
-// Huber kernels, and without outliers.
+// The pose of one image from matched map points, and from a prior if there is one: Gauss-Newton on
+// pixels and disparities with Huber kernels, in rounds that each leave the outliers of the last one
+// out (Mur-Artal and Tardos, T-RO 2017, sec. III-C).
 
 #include <cstddef>
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <vector>
 
 #include "optimize/optimize.hpp"
@@ -12,18 +14,20 @@ namespace hoid::optimize {
 
 namespace {
 
-constexpr int kMinPoints = 4;
-constexpr double kConverged = 1e-7;
+constexpr int kMinMatches = 4;       // chosen: three determine a pose, a fourth one checks it
+constexpr double kConverged = 1e-7;  // chosen: length of a negligible step, in rad and m
 
-// Iterations of each round, after which outliers are told anew.
+// Iterations of each round, after which outliers are identified again. Not tuned: ORB-SLAM3 has
+// four rounds of ten (Optimizer.cc, PoseOptimization).
 constexpr int kRounds[] = {4, 3, 3};
 
-// What is seen, and by what.
+// The observations of one image, the model of its camera, and the prior of its pose or null.
 struct Scene
 {
   StereoParams camera;
   Gates gates;
   PoseProblem seen;
+  const PosePrior* prior;
 
   ALWAYS_INLINE Observation at(int k) const
   {
@@ -35,29 +39,30 @@ struct Scene
   }
 };
 
-// A row of the equations: six coefficients, the right-hand side, and nothing. As vectors, as the
-// sums take most of the time.
+// A row of the normal equations: six coefficients, the right-hand side and padding. They are
+// vectors, because summing them up takes most of the time.
 using Half = double __attribute__((vector_size(4 * sizeof(double))));
 struct Row
 {
   Half low, high;
 };
 
-// The equations as they are summed up; of the coefficients only the upper triangle.
+// The normal equations while they are summed up; only the upper triangle is valid.
 struct Sums
 {
   Row rows[kPose];
 };
 
-// Whether a row of the derivatives is 0 for a part of the twist: u does not go with a step along
-// y, v not with one along x, and disparity with neither, nor with a turn about z.
+// Return whether the derivative of a measurement (row) by a component of the twist is always zero:
+// u does not depend on a translation along y, v not on one along x, and the disparity on neither,
+// nor on a rotation about z.
 template <bool kJoint>
-constexpr bool is_none(int row, int a)
+constexpr bool is_zero(int row, int a)
 {
   return row == 0 ? a == 4 : row == 1 ? a == 3 : kJoint ? a == 4 : a >= 2 && a <= 4;
 }
 
-// Add the rows of one observation.
+// Add the normal equations of one observation.
 template <bool kJoint>
 ALWAYS_INLINE void accumulate(
   const double J[kRows][kPose], const double* e, const Weights& weights, Sums& sums)
@@ -66,7 +71,7 @@ ALWAYS_INLINE void accumulate(
     const double* d = J[r];
     const Half low = {d[0], d[1], d[2], d[3]}, high = {d[4], d[5], e[r], 0};
     for (int a = 0; a < kPose; ++a) {
-      if (is_none<kJoint>(r, a)) {
+      if (is_zero<kJoint>(r, a)) {
         continue;
       }
       const double scaled = (r < 2 ? weights.pixel : weights.depth) * d[a];
@@ -112,7 +117,7 @@ void normal_equations(const Scene& scene, const double* T, const uint8_t* inlier
   }
 }
 
-// Take the symmetric matrix and the right-hand side out of the sums.
+// Write the symmetric matrix and the right-hand side of the sums.
 void unpack(const Sums& sums, Matrix6& H, Vector6& g)
 {
   for (int a = 0; a < kPose; ++a) {
@@ -124,6 +129,50 @@ void unpack(const Sums& sums, Matrix6& H, Vector6& g)
   }
 }
 
+// Return the left twist e with exp(e) from = to, rotation first: the inverse of `move_pose`.
+Vector6 twist_between(const double* from, const double* to)
+{
+  using Matrix4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
+  const Eigen::Map<const Matrix4> T_from(from), T_to(to);
+  const Eigen::Matrix3d R = T_to.topLeftCorner<3, 3>() * T_from.topLeftCorner<3, 3>().transpose();
+  const Eigen::Vector3d t = T_to.topRightCorner<3, 1>() - R * T_from.topRightCorner<3, 1>();
+  const Eigen::AngleAxisd turn(R);
+  const double angle = turn.angle();
+  const Eigen::Vector3d w = angle * turn.axis();
+  // Barfoot, State Estimation for Robotics, sec. 7.1: the inverse left Jacobian of a rotation.
+  const double c = angle < kSmallAngleRad
+                     ? 1.0 / 12
+                     : (1 - 0.5 * angle / std::tan(0.5 * angle)) / (angle * angle);
+  Vector6 twist;
+  twist << w, t - 0.5 * w.cross(t) + c * w.cross(w.cross(t));
+  return twist;
+}
+
+// Return the derivative of log(exp(d) exp(e)) by d at 0, for twists with the rotation first. It is
+// the series of Barfoot, sec. 7.1, with the Bernoulli numbers of ad(e), to the fifth order.
+Matrix6 inverse_left_jacobian(const Vector6& e)
+{
+  Matrix6 ad = Matrix6::Zero();
+  for (int a = 0; a < 3; ++a) {
+    const Eigen::Vector3d axis = Eigen::Vector3d::Unit(a);
+    ad.block<3, 1>(0, a) = ad.block<3, 1>(3, a + 3) = e.head<3>().cross(axis);
+    ad.block<3, 1>(3, a) = e.tail<3>().cross(axis);
+  }
+  const Matrix6 square = ad * ad;
+  return Matrix6::Identity() - ad / 2 + square / 12 - square * square / 720;
+}
+
+// Add the normal equations of the prior. Its residual is -e with exp(e) prior = T, so that
+// Gauss-Newton minimizes e^T information e beside the errors of the observations.
+void add_prior(const PosePrior& prior, const double* T, Matrix6& H, Vector6& g)
+{
+  const Vector6 e = twist_between(prior.T_camera_map.data(), T);
+  const Matrix6 J = inverse_left_jacobian(e);
+  const Matrix6 weighted = J.transpose() * Eigen::Map<const Matrix6>(prior.information.data());
+  H += weighted * J;
+  g -= weighted * e;
+}
+
 void iterate(
   const Scene& scene, int iterations, const uint8_t* inliers, Pose T, Matrix6& information)
 {
@@ -132,6 +181,9 @@ void iterate(
   for (int n = 0; n < iterations; ++n) {
     normal_equations(scene, T, inliers, sums);
     unpack(sums, information, g);
+    if (scene.prior != nullptr) {
+      add_prior(*scene.prior, T, information, g);
+    }
     const Eigen::LLT<Matrix6> factor(information);
     if (factor.info() != Eigen::Success) {
       return;
@@ -159,7 +211,8 @@ ALWAYS_INLINE int gate(const Scene& scene, const double* T, uint8_t* inliers)
   return count;
 }
 
-MULTIVERSION("avx2") int tell_outliers(const Scene& scene, const double* T, uint8_t* inliers)
+// Mark the inliers of a pose and return their number.
+MULTIVERSION("avx2") int find_inliers(const Scene& scene, const double* T, uint8_t* inliers)
 {
   return scene.camera.joint_noise ? gate<true>(scene, T, inliers)
                                   : gate<false>(scene, T, inliers);
@@ -191,18 +244,18 @@ MULTIVERSION("avx2") void truncated_costs(const Scene& scene, const double* T, d
 
 PoseFit optimize_pose(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const PoseArray& start)
+  const PoseArray& start, const PosePrior* prior)
 {
-  const Scene scene{camera, gates, problem};
+  const Scene scene{camera, gates, problem, prior};
   PoseFit fit{start, std::vector<uint8_t>(problem.count, 1), {}};
   Matrix6 information = Matrix6::Identity();
   int num_inliers = problem.count;
   for (const int iterations : kRounds) {
-    if (num_inliers < kMinPoints) {
+    if (num_inliers < kMinMatches && prior == nullptr) {
       break;
     }
     iterate(scene, iterations, fit.inliers.data(), fit.T_camera_map.data(), information);
-    num_inliers = tell_outliers(scene, fit.T_camera_map.data(), fit.inliers.data());
+    num_inliers = find_inliers(scene, fit.T_camera_map.data(), fit.inliers.data());
   }
   Eigen::Map<Matrix6>(fit.information.data()) = information;
   return fit;
@@ -212,10 +265,10 @@ MatchEvaluation evaluate_matches(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
   const PoseArray& T_camera_map)
 {
-  const Scene scene{camera, gates, problem};
+  const Scene scene{camera, gates, problem, nullptr};
   MatchEvaluation out{std::vector<double>(problem.count), std::vector<uint8_t>(problem.count)};
   truncated_costs(scene, T_camera_map.data(), out.cost.data());
-  tell_outliers(scene, T_camera_map.data(), out.inliers.data());
+  find_inliers(scene, T_camera_map.data(), out.inliers.data());
   return out;
 }
 

@@ -12,6 +12,12 @@ from hoid_common.config import Config, param, section
 class IndexConfig(Config):
     """How keyframes are indexed by their descriptors and looked up."""
 
+    method: str = param(
+        'hash',  # places_and_loops.md: recall at 1 of 0.975 against 0.650 of binary words
+        'Name of the place index: `hash`, or one that an installed package adds by an entry point '
+        'in the group rgbd_slam.place_indices.',
+        internal=True,
+    )
     num_tables: int = param(
         4,  # places_and_loops.md: recall at 1 of 0.975 against 0.650 of binary words
         'Number of hash tables. More tables find more matches and take more time and memory.',
@@ -81,7 +87,7 @@ class VerificationConfig(Config):
     # Share of the points in view that a depth reading behind them may contradict.
     max_contradicted_share: ClassVar[float] = 0.1
     # A second place may have at most this share of the points found at the best place.
-    max_rival_share: ClassVar[float] = 0.6
+    max_second_place_share: ClassVar[float] = 0.6
     # Number of keyframes around the candidate whose points are matched as well. A larger number
     # finds places seen from farther away and takes more time.
     neighbours: ClassVar[int] = 6

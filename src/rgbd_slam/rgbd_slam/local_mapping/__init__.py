@@ -1,4 +1,4 @@
-"""What a new keyframe does around it: new points, fused points, what is culled.
+"""Updates of the map around a new keyframe: new points, fused points, and culling.
 
-Nothing here looks farther than the keyframes around.
+No module of this package changes more than the neighborhood of one keyframe.
 """

@@ -1,4 +1,7 @@
-"""Which points and keyframes leave the map (after ORB-SLAM's rules)."""
+"""Culling of unreliable new points and redundant keyframes.
+
+The rules are those of ORB-SLAM (Mur-Artal et al., T-RO 2015, sec. VI).
+"""
 
 from __future__ import annotations
 
@@ -11,47 +14,51 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 
-_YOUNG = 3  # keyframes that a point has to prove itself
+# ORB-SLAM3, LocalMapping.cc, MapPointCulling: ages in keyframes, and the number of observations
+# (one with depth counts twice) that a point of the minimum age must exceed.
+_NEW_AGE = 3
 _MIN_AGE = 2
-_MIN_WEIGHT = 3  # observations must exceed it, one with depth counting twice
-_MIN_OBSERVERS = 3  # besides the keyframe itself
-_MIN_CLOSE = 30  # points to judge a keyframe by; with fewer, those without near depth count too
+_MIN_WEIGHT = 3
+_MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
+_MIN_OBSERVERS = 3  # ORB-SLAM3, KeyFrameCulling: other keyframes that observe a redundant point
+_MIN_CLOSE = 30  # not tuned: with fewer close points, all points of a keyframe are considered
 
 
-def cull_young_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
-    """Remove unproven points that frames do not find, or that keyframe `i` should see.
+def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
+    """Remove new points that few frames find, or that keyframe `i` should observe but does not.
 
-    What left the view before it was proven stays, and is judged when it comes into view again.
+    A new point that has left the view stays, and is tested when it comes into view again.
     """
     points, uid = atlas.points, atlas.keyframes.uid[i]
     j = points.indices()
     weight = points.num_observations[j] + points.num_stereo[j]
     age = uid - points.first_keyframe_uid[j]
     is_weak = weight <= _MIN_WEIGHT
-    young = is_weak | (age <= _YOUNG)
-    lost = young & (points.num_found[j] < config.min_found_ratio * points.num_visible[j])
+    is_new = is_weak | (age <= _NEW_AGE)
+    is_lost = is_new & (points.num_found[j] < config.min_found_ratio * points.num_visible[j])
     due = j[is_weak & (age >= _MIN_AGE)]
     due = due[points.map_id[due] == atlas.keyframes.map_id[i]]
     T_camera_map = se3.inverse(atlas.keyframes.T_map_camera[i])
     unseen = visible_points(atlas, camera, T_camera_map, due, 1.0).points
     unseen = np.setdiff1d(unseen, atlas.keyframes.point_of_feature[i])
-    atlas.remove_points(np.union1d(j[lost], unseen))
+    atlas.remove_points(np.union1d(j[is_lost], unseen))
 
 
 def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: float) -> None:
-    """Remove neighbours of `i` nearly all of whose close points three others see as finely.
+    """Remove neighbors of keyframe `i` whose close points are nearly all observed by three others.
 
-    Where hardly any point is close, as in a hall, all points count.
+    An observation counts if its octave is at most one above that of the keyframe. Where hardly any
+    point is close, as in a hall, all points count.
     """
-    for neighbour in atlas.covisible(i, min_shared=15).tolist():
-        if _is_redundant(atlas, neighbour, config.redundant_share, close_limit_m):
-            atlas.remove_keyframe(neighbour)
+    for neighbor in atlas.covisible(i, _MIN_SHARED).tolist():
+        if _is_redundant(atlas, neighbor, config.redundant_share, close_limit_m):
+            atlas.remove_keyframe(neighbor)
 
 
 def _is_redundant(atlas: Atlas, i: int, share: float, close_limit_m: float) -> bool:
     keyframes, points = atlas.keyframes, atlas.points
     if keyframes.index_of(int(keyframes.parent_uid[i])) is None:
-        return False  # the root of a map holds its frame
+        return False  # the root of a map defines its frame
     j = keyframes.point_of_feature[i]
     depth = keyframes.depth_m[i]
     seen_here = j != NO_POINT

@@ -1,8 +1,8 @@
-"""New points from two keyframes that see the same thing without a trusted depth reading of it.
+"""Triangulation of new points from two keyframes (decision 009).
 
-ORB-SLAM's local mapping (Mur-Artal and Tardos, T-RO 2017): features that see no point are matched
-along epipolar lines, and a pair becomes a point when the two rays meet in front of both cameras at
-an angle that tells its depth, where the images really show it.
+As in the local mapping of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017), features without a point
+are matched along epipolar lines. A match becomes a point if both rays meet in front of the
+cameras at a sufficient angle, and the point reprojects to both features.
 """
 
 from __future__ import annotations
@@ -22,33 +22,37 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
-_FAR_M = 1e4  # as good as infinity
-_EPIPOLAR_CHI2 = 3.841  # 95 % of one degree of freedom
-_DEPTH_SHARE = 0.3  # how far off a depth reading may be
-_SCALE_MARGIN = 1.5  # octaves by which two views of one thing may differ from their distances
+_FAR_M = 1e4  # chosen: infinity
+_EPIPOLAR_CHI2 = 3.841  # 95 % quantile of chi-square, one degree of freedom
+_DEPTH_SHARE = 0.3  # not tuned: largest relative error of a depth reading
+# ORB-SLAM3, LocalMapping.cc, CreateNewMapPoints, ratioFactor: 1.5 times the scale factor, by which
+# the ratio of the distances may differ from that of the octaves.
+_SCALE_MARGIN = 1.5
+_MIN_SQUARE = 1e-18  # chosen: keeps the division defined for parallel rays
 
 
 class TwoViews(NamedTuple):
-    """What two keyframes see of each other's features that see no point."""
+    """Two keyframes and their relative pose."""
 
     first: Frame
     second: Frame
     T_second_first: FloatArray  # (4, 4)
 
 
-def triangulate_with_neighbours(
+def triangulate_with_neighbors(
     atlas: Atlas, camera: StereoCamera, i: int, config: TriangulationConfig
 ) -> int:
-    """Make points of what keyframe `i` and its neighbours see from two sides; return how many."""
+    """Triangulate new points between keyframe `i` and its neighbors; return their number."""
     count = 0
-    for neighbour in atlas.covisible(i, limit=config.neighbours).tolist():
-        count += _triangulate_with(atlas, camera, i, neighbour, config)
+    for neighbor in atlas.covisible(i, limit=config.neighbours).tolist():
+        count += _triangulate_with(atlas, camera, i, neighbor, config)
     return count
 
 
 def _triangulate_with(
     atlas: Atlas, camera: StereoCamera, i: int, n: int, config: TriangulationConfig
 ) -> int:
+    """Triangulate new points between keyframes `i` and `n`; return their number."""
     T_map_camera = atlas.keyframes.T_map_camera
     T_n_i = se3.inverse(T_map_camera[n]) @ T_map_camera[i]
     if np.linalg.norm(T_n_i[:3, 3]) < config.min_baseline_m:
@@ -69,6 +73,7 @@ def _triangulate_with(
 
 
 def _is_free(atlas: Atlas, i: int) -> BoolArray:
+    """Return the (N,) mask of features that observe no point and may create one."""
     keyframes = atlas.keyframes
     n = int(keyframes.num_features[i])
     free: BoolArray = keyframes.point_of_feature[i, :n] == NO_POINT
@@ -83,7 +88,7 @@ def _matches(
     octave_scale: FloatArray,
     config: TriangulationConfig,
 ) -> Matches:
-    """Match features `k` of the first view with free ones of the second, along epipolar lines."""
+    """Return matches of features `k` with free ones on their epipolar lines in the second view."""
     first, second = views.first, views.second
     octave = first.octave[k].astype(np.int8)
     above = np.minimum(octave + 1, len(octave_scale) - 1).astype(np.int8)
@@ -100,22 +105,22 @@ def _matches(
 def epipolar_segments(
     views: TwoViews, k: IntArray, camera: StereoCamera, min_depth_m: float
 ) -> FloatArray:
-    """Return (N, 4) u, v of both ends of where the second view may show features of the first.
+    """Return the (N, 4) u, v of both ends of the epipolar segments of features `k`.
 
-    A depth reading bounds the segment; without one it runs from `min_depth_m` to infinity. It is
-    NaN for what cannot be in front of the second camera.
+    A depth reading limits the segment; without one it extends from `min_depth_m` to infinity. It
+    is NaN for points that cannot be in front of the second camera.
     """
     depth = views.first.depth_m[k].astype(np.float64)
     near = np.where(depth > 0, (1 - _DEPTH_SHARE) * depth, min_depth_m)
     far = np.where(depth > 0, (1 + _DEPTH_SHARE) * depth, _FAR_M)
     ray = camera.back_project(views.first.measurement_px[k], np.ones(len(k)))
     R, t = views.T_second_first[:3, :3], views.T_second_first[:3, 3]
-    turned = ray @ R.T
+    direction = ray @ R.T
     with np.errstate(divide='ignore', invalid='ignore'):
-        near = np.maximum(near, (min_depth_m - t[2]) / turned[:, 2])
-    ends = [camera.project(turned * d[:, None] + t)[:, :2] for d in (near, far)]
+        near = np.maximum(near, (min_depth_m - t[2]) / direction[:, 2])
+    ends = [camera.project(direction * d[:, None] + t)[:, :2] for d in (near, far)]
     segments = np.concatenate(ends, 1)
-    segments[(turned[:, 2] <= 0) | (near >= far)] = np.nan
+    segments[(direction[:, 2] <= 0) | (near >= far)] = np.nan
     return segments
 
 
@@ -126,18 +131,17 @@ def depth_from_parallax(
     camera: StereoCamera,
     min_parallax_rad: float,
 ) -> FloatArray:
-    """Return (N,) depths in the first camera at which it sees what the second sees.
+    """Return the (N,) depths in the first camera of matched features.
 
-    The ray of the first camera is taken as exact; the depth makes it meet the other's in the sense
-    of least squares. Rays that are nearly parallel tell no depth: then it is what either camera
-    read, and 0 where neither did.
+    The depth is that on the ray of the first camera where it is nearest to the other ray (least
+    squares). For nearly parallel rays, it is the depth reading of either camera, or 0 without one.
     """
     R, t = views.T_second_first[:3, :3], views.T_second_first[:3, 3]
     ones = np.ones(len(first))
     a = camera.back_project(views.first.measurement_px[first], ones) @ R.T
     b = camera.back_project(views.second.measurement_px[second], ones)
     across = np.cross(a, b)
-    square = np.maximum((across * across).sum(1), 1e-18)
+    square = np.maximum((across * across).sum(1), _MIN_SQUARE)
     depth: FloatArray = -(across * np.cross(t, b)).sum(1) / square
     sine = np.sqrt(square / ((a * a).sum(1) * (b * b).sum(1)))
     read_second = (views.second.depth_m[second] - t[2]) / a[:, 2]
@@ -154,7 +158,7 @@ def fits_both(
     camera: StereoCamera,
     octave_scale: FloatArray,
 ) -> BoolArray:
-    """Return which of (N, 3) points in the first camera's frame are where both views show them."""
+    """Return the (N,) mask of points (N, 3), in the first camera, that fit both features."""
     in_second = se3.transform(views.T_second_first, points_m)
     good = (points_m[:, 2] > 0) & (in_second[:, 2] > 0)
     points_m, in_second = (np.where(good[:, None], x, 1.0) for x in (points_m, in_second))

@@ -1,4 +1,4 @@
-"""Closes loops and merges maps: detection, pose graph, global bundle adjustment.
+"""Loop closing and map merging: detection, pose graph optimization, global bundle adjustment.
 
-Nothing here sees single images.
+No module of this package uses single images.
 """

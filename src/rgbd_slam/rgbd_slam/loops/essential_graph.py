@@ -1,7 +1,8 @@
-"""The map's keyframes as a pose graph: what ties them, and what a loop does to them.
+"""The essential graph of ORB-SLAM: the pose graph of keyframes that distributes a loop's error.
 
-ORB-SLAM's essential graph: the spanning tree, pairs that share many points, and the loops closed
-so far (Mur-Artal et al., T-RO 2015, sec. VII), without scale, which depth makes observable.
+Its edges are the spanning tree, pairs of keyframes that share many points, and the loops closed so
+far (Mur-Artal et al., T-RO 2015, sec. VII). Poses have no scale, because depth makes it
+observable.
 """
 
 from __future__ import annotations
@@ -15,20 +16,20 @@ from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
 
-_MIN_SHARED = 15  # points that make two keyframes neighbours
-# A link's standard deviation: that of good odometry over its length. Only ratios matter to the
-# result: long links and links by few points give way before short and strong ones.
+_MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
+# Not tuned: standard deviations of an edge, those of good visual odometry over its length. Only
+# their ratios matter: long edges and edges with few shared points absorb most of the correction.
 _SIGMA_M = 0.005
 _SIGMA_SHARE = 0.01
 _SIGMA_RAD = 0.002
-_STRONG_SHARED = 100
+_STRONG_SHARED = 100  # Mur-Artal et al., T-RO 2015: shared points of a strong edge (theta)
 _LOOP_SIGMA_M = 0.002
 _LOOP_SIGMA_RAD = 0.001
-_TURN_M_PER_RAD = 0.3  # a turn costs as much drift as this long a way
+_DRIFT_M_PER_RAD = 0.3  # not tuned: the path length that causes the drift of a rotation by 1 rad
 
 
 class Loop(NamedTuple):
-    """Two keyframes found to see one place."""
+    """A closed loop: the measured relative pose of two keyframes that show the same place."""
 
     uid_a: int
     uid_b: int
@@ -36,10 +37,10 @@ class Loop(NamedTuple):
 
 
 def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
-    """Return the shortest way between two keyframes along shared points or the spanning tree.
+    """Return the length [m] of the shortest path between two keyframes in the covisibility graph.
 
-    Drift grows with it, and not with the time between the two, which loops inside known
-    places do not add drift to. It is infinite between maps.
+    The drift between them grows with it, not with the time between them: in known places no drift
+    is added. The length is infinite between different maps (Dijkstra's algorithm).
     """
     length = np.full(atlas.keyframes.capacity, np.inf)
     length[start] = 0.0
@@ -50,38 +51,41 @@ def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
             return so_far
         if so_far > length[i]:
             continue
-        near = _linked(atlas, i)
-        reached = so_far + _way_m(atlas, i, near)
+        near = _neighbors(atlas, i)
+        reached = so_far + _distance_m(atlas, i, near)
         shorter = reached < length[near]
         length[near[shorter]] = reached[shorter]
-        for metres, n in zip(reached[shorter].tolist(), near[shorter].tolist(), strict=True):
-            heappush(queue, (metres, n))
+        for distance_m, n in zip(reached[shorter].tolist(), near[shorter].tolist(), strict=True):
+            heappush(queue, (distance_m, n))
     return float('inf')
 
 
-def _linked(atlas: Atlas, i: int) -> IntArray:
+def _neighbors(atlas: Atlas, i: int) -> IntArray:
+    """Return the keyframes that share points with keyframe `i` or are next to it in the tree."""
     keyframes = atlas.keyframes
     parent = np.flatnonzero((keyframes.uid == keyframes.parent_uid[i]) & keyframes.alive)
     tree = np.r_[parent, keyframes.children(i)]
     return np.union1d(atlas.covisible(i, _MIN_SHARED), tree)
 
 
-def _way_m(atlas: Atlas, i: int, others: IntArray) -> FloatArray:
+def _distance_m(atlas: Atlas, i: int, others: IntArray) -> FloatArray:
+    """Return the (N,) distances from keyframe `i`; rotations count as the path of equal drift."""
     poses = atlas.keyframes.T_map_camera
     twist = se3.log(se3.inverse(poses[i]) @ poses[others])
     turn_rad = np.linalg.norm(twist[:, :3], axis=1)
-    way: FloatArray = np.linalg.norm(twist[:, 3:], axis=1) + _TURN_M_PER_RAD * turn_rad
-    return way
+    translation_m = np.linalg.norm(twist[:, 3:], axis=1)
+    return np.asarray(translation_m + _DRIFT_M_PER_RAD * turn_rad)
 
 
 def closed_poses(
     atlas: Atlas, map_id: int, loops: list[Loop], min_shared: int
 ) -> tuple[IntArray, FloatArray]:
-    """Return the keyframes of a map, (N,), and where the loops move them, (N, 4, 4).
+    """Return the keyframes of a map (N,), and their poses after closing loops (N, 4, 4).
 
-    The first keyframe holds the frame. Links measure what the poses are now, loops what was seen.
+    The first keyframe is fixed. The edges are the current relative poses; the loops are the
+    measured ones.
     """
-    # Here, as a killed node is not back before all is loaded that its start imports.
+    # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
     from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph  # noqa: PLC0415
 
     keyframes = atlas.keyframes
@@ -90,37 +94,37 @@ def closed_poses(
     for i in rows.tolist():
         is_root = keyframes.index_of(int(keyframes.parent_uid[i])) is None
         graph.add_keyframe(int(keyframes.uid[i]), keyframes.T_map_camera[i], fixed=is_root)
-    first, second = _links(atlas, rows, min_shared)
+    first, second = _edges(atlas, rows, min_shared)
     T_a_b = se3.inverse(keyframes.T_map_camera[first]) @ keyframes.T_map_camera[second]
     shared = keyframes.covisibility[first, second]
     weak = np.sqrt(_STRONG_SHARED / np.clip(shared, _MIN_SHARED, _STRONG_SHARED))
     sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_a_b[:, :3, 3], axis=1))
     uid_a, uid_b = keyframes.uid[first].tolist(), keyframes.uid[second].tolist()
     sigma_rad = _SIGMA_RAD * weak
-    for link in zip(uid_a, uid_b, T_a_b, sigma_rad.tolist(), sigma_m.tolist(), strict=True):
-        graph.add_constraint(*link)
+    for edge in zip(uid_a, uid_b, T_a_b, sigma_rad.tolist(), sigma_m.tolist(), strict=True):
+        graph.add_constraint(*edge)
     present = set(keyframes.uid[rows].tolist())
     for loop in loops:
         if {loop.uid_a, loop.uid_b} <= present:
             graph.add_constraint(*loop, _LOOP_SIGMA_RAD, _LOOP_SIGMA_M)
-    return rows, graph.optimize().T_map_camera
+    return rows, graph.optimize()
 
 
-def _links(atlas: Atlas, rows: IntArray, min_shared: int) -> tuple[IntArray, IntArray]:
-    """Return the pairs (E,), (E,) of rows tied by the tree or by many shared points."""
+def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> tuple[IntArray, IntArray]:
+    """Return the (E,) first and (E,) second keyframes of the edges between `rows`."""
     keyframes = atlas.keyframes
-    tied = keyframes.covisibility[np.ix_(rows, rows)] >= min_shared
+    is_edge = keyframes.covisibility[np.ix_(rows, rows)] >= min_shared
     order = np.argsort(keyframes.uid[rows])
     uids = keyframes.uid[rows][order]
-    at = np.minimum(np.searchsorted(uids, keyframes.parent_uid[rows]), len(rows) - 1)
-    has_parent = uids[at] == keyframes.parent_uid[rows]
-    tied[np.flatnonzero(has_parent), order[at[has_parent]]] = True
-    a, b = np.nonzero(np.triu(tied | tied.T, 1))
+    position = np.minimum(np.searchsorted(uids, keyframes.parent_uid[rows]), len(rows) - 1)
+    has_parent = uids[position] == keyframes.parent_uid[rows]
+    is_edge[np.flatnonzero(has_parent), order[position[has_parent]]] = True
+    a, b = np.nonzero(np.triu(is_edge | is_edge.T, 1))
     return rows[a], rows[b]
 
 
 def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> None:
-    """Give keyframes (N,) new poses (N, 4, 4), and let the points follow."""
+    """Move keyframes (N,) to new poses (N, 4, 4), and their points with them."""
     keyframes, points = atlas.keyframes, atlas.points
     motion = np.tile(np.eye(4), (keyframes.capacity, 1, 1))
     motion[rows] = T_map_camera @ se3.inverse(keyframes.T_map_camera[rows])
@@ -134,9 +138,9 @@ def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> None:
 
 
 def _owners(atlas: Atlas, rows: IntArray) -> IntArray:
-    """Return (capacity,) the keyframe among `rows` that each point moves with, or -1.
+    """Return the (capacity,) keyframe among `rows` that each point moves with, or -1.
 
-    That is the one whose view set its scale range, or else any that sees it.
+    It is the reference keyframe of the point, otherwise any that observes it.
     """
     keyframes, points = atlas.keyframes, atlas.points
     seen = atlas.observations_of(points.indices(), rows)

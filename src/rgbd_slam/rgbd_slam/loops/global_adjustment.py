@@ -1,7 +1,7 @@
-"""Bundle adjustment of a whole map, beside the mapping that goes on meanwhile.
+"""Bundle adjustment of a whole map in the background, while mapping continues.
 
-The problem is a copy of the map; its solution is laid over the map as it has become: keyframes and
-points made meanwhile follow the keyframe they hang on.
+The problem is a copy of the map. Its solution is applied to the map of a later time: keyframes
+that were created meanwhile move with their parent in the spanning tree.
 """
 
 from __future__ import annotations
@@ -27,15 +27,17 @@ from rgbd_slam.optimize.bundle_problem import BundleProblem, BundleSolution, adj
 from rgbd_slam.optimize.local_bundle_adjustment import bundle_problem
 from rgbd_slam.optimize.residual_noise import with_residual_noise
 
-_NICE = 10  # below mapping
+_NICE = 10  # chosen: tracking and mapping have priority on few cores (decision 016)
 _ALL = slice(None)
-_DENSE_LIMIT = 500  # keyframes: dense time grows with their cube, memory with the square
+# Chosen: the largest number of keyframes for the dense solver, whose time grows with their cube
+# and whose memory grows with their square.
+_DENSE_LIMIT = 500
 
 _logger = logging.getLogger(__name__)
 
 
 class GlobalProblem(NamedTuple):
-    """A map's keyframes and points as a bundle, and what its rows are in the map."""
+    """The bundle adjustment problem of a map, and the uids of its keyframes and points."""
 
     bundle: BundleProblem
     keyframe_uids: IntArray  # (C,)
@@ -43,7 +45,7 @@ class GlobalProblem(NamedTuple):
 
 
 def global_problem(atlas: Atlas, map_id: int) -> GlobalProblem:
-    """Copy a map; its first keyframe holds the frame."""
+    """Return the problem of a map, whose first keyframe is fixed."""
     keyframes, points = atlas.keyframes, atlas.points
     rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == map_id))
     is_root = ~np.isin(keyframes.parent_uid[rows], keyframes.uid[rows])
@@ -55,17 +57,17 @@ def global_problem(atlas: Atlas, map_id: int) -> GlobalProblem:
 
 
 def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> BundleSolution:
-    """Adjust a bundle with the configured noise, then with the one its residuals show.
+    """Return the solution by the configured noise, then by the noise that its residuals show.
 
-    The measured noise tells outliers that the configured one hid, and which have bent the map
-    meanwhile: it is adjusted once more, free of them.
+    The measured noise reveals outliers that the configured one did not, and which have distorted
+    the solution; therefore the map is adjusted once more without them.
 
-    At equal accuracy the dense solver takes 4.7 s for 309 keyframes, 18 000 points and 157 000
-    observations, and GTSAM 24.7 s.
+    With 309 keyframes, 18,000 points and 157,000 observations, the dense solver takes 4.7 s and
+    GTSAM 24.7 s at equal accuracy.
     """
     solver: Callable[[StereoCamera, BundleProblem, int], BundleSolution] = adjust
     if len(bundle.T_camera_map) > _DENSE_LIMIT:
-        # Here, as a killed node is not back before all is loaded that its start imports.
+        # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
         from rgbd_slam.optimize.gtsam_bundle import solve_bundle_gtsam  # noqa: PLC0415
 
         solver = solve_bundle_gtsam
@@ -78,7 +80,7 @@ def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> Bundl
 def _continued(
     bundle: BundleProblem, solution: BundleSolution, kept: BoolArray | slice = _ALL
 ) -> BundleProblem:
-    """Return a bundle, or those of its observations that are kept, at a solution."""
+    """Return a problem that starts at a solution, with the kept observations only."""
     return replace(
         bundle,
         T_camera_map=solution.T_camera_map,
@@ -91,31 +93,31 @@ def _continued(
 
 
 def apply_solution(atlas: Atlas, problem: GlobalProblem, solution: BundleSolution) -> None:
-    """Move the map to a solution of what it was; what is new follows what it hangs on."""
+    """Apply a solution to the current map; newer keyframes move with their parents."""
     keyframes, points = atlas.keyframes, atlas.points
-    rows, at = _still_there(keyframes, problem.keyframe_uids)
+    rows, n = _still_in_map(keyframes, problem.keyframe_uids)
     before = keyframes.T_map_camera.copy()
     after = keyframes.T_map_camera.copy()
-    after[rows] = se3.inverse(solution.T_camera_map[at])
-    new = _hanging_on(atlas, rows)
+    after[rows] = se3.inverse(solution.T_camera_map[n])
+    new = _descendants(atlas, rows)
     for i, parent in new:
         after[i] = after[parent] @ se3.inverse(before[parent]) @ before[i]
     moved = np.r_[rows, np.array([i for i, _ in new], np.int64)]
     move_map(atlas, moved, after[moved])
-    j, at = _still_there(points, problem.point_uids)
-    atlas.set_positions(j, solution.points_m.T[at])
+    j, n = _still_in_map(points, problem.point_uids)
+    atlas.set_positions(j, solution.points_m.T[n])
     atlas.refresh(j)
 
 
-def _still_there(table: SoaTable, uids: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the rows that hold the given elements, and where in `uids` each is."""
+def _still_in_map(table: SoaTable, uids: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the rows of the elements that still exist, and their positions in `uids`."""
     rows = table.indices()
     _, in_table, in_uids = np.intersect1d(table.uid[rows], uids, return_indices=True)
     return rows[in_table], in_uids
 
 
-def _hanging_on(atlas: Atlas, rows: IntArray) -> list[tuple[int, int]]:
-    """Return descendants of `rows` in the tree, each with its parent, parents first."""
+def _descendants(atlas: Atlas, rows: IntArray) -> list[tuple[int, int]]:
+    """Return the descendants of `rows` in the spanning tree with their parents, parents first."""
     found: list[tuple[int, int]] = []
     known = set(rows.tolist())
     queue = rows.tolist()
@@ -129,38 +131,40 @@ def _hanging_on(atlas: Atlas, rows: IntArray) -> list[tuple[int, int]]:
     return found
 
 
-def _solve_apart(work: Connection, solutions: Connection) -> None:
-    """Solve one bundle; the main function of the process."""
+def _run_solver(work: Connection, solutions: Connection) -> None:
+    """Receive one problem and send its solution; the main function of the process."""
     os.nice(_NICE)
-    with suppress(EOFError, OSError):  # the mapper has ended, or wants nothing of it any more
+    with suppress(EOFError, OSError):  # the mapper has ended or has stopped this adjustment
         solutions.send(solve(*work.recv()))
 
 
 class _Running(NamedTuple):
-    """One adjustment in a process of its own, as GTSAM holds the GIL; it takes idle time only."""
+    """An adjustment in a separate process, because GTSAM holds the GIL."""
 
     problem: GlobalProblem
     worker: ChildWorker[tuple[StereoCamera, BundleProblem, int], BundleSolution]
 
     def take(self, timeout_s: float) -> BundleSolution | None:
-        """Return the solution; None when the process has failed.
+        """Return the solution, or None if the process has failed.
 
         Raises:
-            ChildTimeoutError: It is not there in time.
+            ChildTimeoutError: The solution has not arrived in time.
         """
         try:
             return self.worker.receive(timeout_s)
         except ChildEndedError:
-            _logger.warning('the adjustment of the whole map has failed; its loops stay closed')
+            _logger.warning(
+                'global bundle adjustment has failed; the map keeps its closed loops without it'
+            )
             return None
 
     def close(self) -> None:
-        """End the process at once: nobody waits for its solution any more."""
+        """End the process at once and discard its solution."""
         self.worker.close(patience_s=0.0)
 
 
 class GlobalAdjuster:
-    """Adjusts whole maps: at once, or in the background."""
+    """Adjusts whole maps, at once or in the background."""
 
     def __init__(
         self, atlas: Atlas, camera: StereoCamera, iterations: int, *, background: bool
@@ -173,24 +177,24 @@ class GlobalAdjuster:
 
     @property
     def is_running(self) -> bool:
-        """Return whether an adjustment is under way in the background."""
+        """Return whether an adjustment is running in the background."""
         return self._running is not None
 
     def start(self, map_id: int) -> None:
-        """Begin to adjust a map; one still under way is outdated and ended."""
+        """Start to adjust a map; a running adjustment is outdated and is stopped."""
         self.close()
         problem = global_problem(self._atlas, map_id)
         if problem.bundle.num_free == 0:
             return
         if self._background:
-            self._running = _Running(problem, ChildWorker('global adjustment', _solve_apart))
+            self._running = _Running(problem, ChildWorker('global adjustment', _run_solver))
             self._running.worker.send((self._camera, problem.bundle, self._iterations))
         else:
             solution = solve(self._camera, problem.bundle, self._iterations)
             apply_solution(self._atlas, problem, solution)
 
     def poll(self, timeout_s: float = 0.0) -> bool:
-        """Lay an adjustment that ends in time over the map; return whether there was one."""
+        """Apply an adjustment that finishes in time to the map; return whether there was one."""
         running = self._running
         if running is None:
             return False
@@ -204,7 +208,7 @@ class GlobalAdjuster:
         return solution is not None
 
     def close(self) -> None:
-        """End what runs in the background."""
+        """Stop the adjustment in the background."""
         if self._running is not None:
             self._running.close()
             self._running = None

@@ -1,4 +1,4 @@
-"""Loops: drawing the map together where a place was seen again, and merging maps."""
+"""Loop closing and map merging: corrects the map where a known place is seen again."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.local_mapping.fusing import fuse
+from rgbd_slam.local_mapping.fusion import fuse
 from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster
 from rgbd_slam.loops.loop_detection import LoopDetector
@@ -21,27 +21,27 @@ from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
-_AROUND = 10  # keyframes on either side whose points are fused
+_AROUND = 10  # not tuned: neighbors of each keyframe of a loop whose points are fused
 _NO_MAP = -1
 
 _logger = logging.getLogger(__name__)
 
 
 class LoopEvent(Enum):
-    """What a keyframe brought about."""
+    """The result of processing a keyframe."""
 
     NOTHING = 'nothing'
-    REJOINED = 'rejoined'  # a place seen before, by a short way and with hardly any drift
+    REJOINED = 'rejoined'  # a short loop with hardly any drift: no global adjustment
     CLOSED = 'closed'
-    MERGED = 'merged'  # two maps into one
+    MERGED = 'merged'  # two maps have become one
 
 
 class Join(NamedTuple):
-    """What was found to be seen from where; logged, so that it can be held against the truth."""
+    """A recognized place, for the log; evaluation compares it with the ground truth."""
 
     event: LoopEvent
-    stamp_ns: int  # of the image
-    place_stamp_ns: int  # of the image taken at the place before
+    stamp_ns: int  # of the keyframe
+    place_stamp_ns: int  # of the earlier keyframe at the same place
     T_place_camera: FloatArray  # (4, 4)
 
     def __str__(self) -> str:
@@ -50,7 +50,7 @@ class Join(NamedTuple):
 
 
 class LoopCounts(NamedTuple):
-    """How often the map was drawn together."""
+    """The numbers of closed loops and merged maps."""
 
     closed: int = 0
     merged: int = 0
@@ -62,13 +62,13 @@ class LoopCounts(NamedTuple):
 
 
 class LoopCloser:
-    """Watches the keyframes of a map, and corrects the map.
+    """Detects loops at new keyframes and corrects the map.
 
     Args:
         atlas: The map.
-        camera: Its camera.
+        camera: The camera with its configured noise.
         config: Parameters.
-        background: Adjust whole maps in a process of their own.
+        background: Run global bundle adjustment in a separate process.
     """
 
     def __init__(
@@ -85,21 +85,21 @@ class LoopCloser:
         self._mapping = config.mapping
         self._detector = LoopDetector(atlas, camera, config)
         self._loops: list[Loop] = []
-        self._looped = _NO_MAP  # the last map to be adjusted as a whole
-        self._has_more = False  # keyframes since then
+        self._adjusted_map = _NO_MAP  # the map that was adjusted last
+        self._has_grown = False  # whether keyframes were added to it since then
         self._adjuster = GlobalAdjuster(
             atlas, camera, self._config.global_iterations, background=background
         )
 
     def process(self, i: int) -> LoopEvent:
-        """Look whether a settled keyframe shows a place known from before, and act on it."""
+        """Correct the map if keyframe `i` shows a known place; return what was done."""
         self.poll()
-        self._has_more |= int(self._atlas.keyframes.map_id[i]) == self._looped
+        self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
         found = self._detector.detect(i) if self._config.enabled else None
         if found is None:
             return LoopEvent.NOTHING
         c, match = found
-        T_c_i = se3.inverse(self._atlas.keyframes.T_map_camera[c]) @ match.pose
+        T_c_i = se3.inverse(self._atlas.keyframes.T_map_camera[c]) @ match.T_map_camera
         if self._atlas.keyframes.map_id[i] == self._atlas.keyframes.map_id[c]:
             event = self._close(i, c, match, T_c_i)
         else:
@@ -109,31 +109,32 @@ class LoopCloser:
         return event
 
     def poll(self) -> bool:
-        """Take in a global adjustment that has ended; return whether there was one."""
+        """Apply a finished global adjustment to the map; return whether there was one."""
         return self._adjuster.poll()
 
     @property
     def is_adjusting(self) -> bool:
-        """Return whether a whole map is being adjusted in the background."""
+        """Return whether a global adjustment is running in the background."""
         return self._adjuster.is_running
 
     def settle(self, limit_s: float) -> None:
-        """Adjust a map with loops once more, whole, if it has grown since; wait up to a limit."""
+        """Adjust the last adjusted map again if it has grown since; wait up to `limit_s`."""
         self._adjuster.poll(limit_s)
-        if self._has_more and not self._adjuster.is_running:
-            self._adjust(self._looped)
+        if self._has_grown and not self._adjuster.is_running:
+            self._adjust(self._adjusted_map)
             self._adjuster.poll(limit_s)
 
     def close(self) -> None:
-        """End what runs in the background."""
+        """Stop the global adjustment in the background."""
         self._adjuster.close()
 
     def _close(self, i: int, c: int, match: PlaceMatch, T_c_i: FloatArray) -> LoopEvent:
+        """Close a loop from keyframe `i` to keyframe `c` by pose graph optimization."""
         keyframes, config = self._atlas.keyframes, self._config
-        turn_rad, way_m = self._detector.correction(i, match)
-        around_m = path_length_m(self._atlas, c, i)
-        small = way_m < config.small_m and turn_rad < np.deg2rad(config.small_deg)
-        small &= around_m < config.long_path_m
+        turn_rad, distance_m = self._detector.correction(i, match)
+        path_m = path_length_m(self._atlas, c, i)
+        is_small = distance_m < config.small_m and turn_rad < np.deg2rad(config.small_deg)
+        is_small &= path_m < config.long_path_m
         alive = set(keyframes.uid[keyframes.alive].tolist())
         self._loops = [loop for loop in self._loops if {loop.uid_a, loop.uid_b} <= alive]
         self._loops.append(Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i))
@@ -142,11 +143,11 @@ class LoopCloser:
             self._atlas, *closed_poses(self._atlas, map_id, self._loops, config.essential_shared)
         )
         self._fuse(i, c)
-        # A solution of the map as it was would undo what has just been drawn together.
-        is_outdated = self._adjuster.is_running and self._looped == map_id
-        if not small or is_outdated:
+        # The solution of a running adjustment would undo the correction of this loop.
+        is_outdated = self._adjuster.is_running and self._adjusted_map == map_id
+        if not is_small or is_outdated:
             self._adjust(map_id)
-        return LoopEvent.REJOINED if small else LoopEvent.CLOSED
+        return LoopEvent.REJOINED if is_small else LoopEvent.CLOSED
 
     def _merge(self, i: int, c: int, T_c_i: FloatArray) -> LoopEvent:
         merge_maps(self._atlas, i, c, T_c_i)
@@ -156,10 +157,10 @@ class LoopCloser:
 
     def _adjust(self, map_id: int) -> None:
         self._adjuster.start(map_id)
-        self._looped, self._has_more = map_id, False
+        self._adjusted_map, self._has_grown = map_id, False
 
     def _fuse(self, i: int, c: int) -> None:
-        """Let keyframes on each side observe the points of the other, fusing doubles."""
+        """Fuse the points around keyframe `i` with those around keyframe `c`."""
         here = np.r_[i, self._atlas.covisible(i, limit=_AROUND)]
         there = np.setdiff1d(np.r_[c, self._atlas.covisible(c, limit=_AROUND)], here)
         for side, other in ((here, there), (there, here)):

@@ -1,8 +1,8 @@
-"""Loops: seeing that a keyframe shows a place known from before.
+"""Loop detection: whether a keyframe shows a known place.
 
-Appearance proposes a place, geometry verifies it, keyframes around and keyframes just before must
-agree, and the correction must be within the drift that the way there explains: a chair like
-another is no loop.
+The place index proposes places, which geometry verifies. In addition, other keyframes must confirm
+the place, and the correction must not exceed the drift that the path between both explains,
+because identical furniture stands in several places.
 """
 
 from __future__ import annotations
@@ -21,35 +21,36 @@ from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceStatus
 from rgbd_slam.places.place_finder import NEAR_SHARED, FoundPlace, PlaceFinder
 
-_AROUND = 10  # keyframes around the place whose points supporters are searched for
-_SUPPORTERS = 5  # keyframes asked for support
-_SUPPORT_M = 0.05  # by how much a supporter's own pose may differ from the expected one
+# Not tuned; places_and_loops.md: no false loop with all checks together.
+_AROUND = 10  # neighbors of the place whose points are searched in the supporting keyframes
+_MAX_SUPPORTERS = 5  # neighbors of the keyframe that may confirm the place
+_SUPPORT_M = 0.05  # largest difference of a supporter's pose from the expected one, and 2 degrees
 _SUPPORT_RAD = 0.035
-_REMEMBERED = 5  # sightings that later keyframes may confirm
+_MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
 
-class _Sighting(NamedTuple):
-    """A place that a keyframe was verified to show."""
+class _Detection(NamedTuple):
+    """A verified place of a keyframe."""
 
-    uid: int  # of the keyframe
-    map_id: int  # of the place
-    T_camera_place: FloatArray  # (4, 4) from the place's map
+    uid: int  # the keyframe
+    map_id: int  # the map of the place
+    T_camera_place: FloatArray  # (4, 4) pose of the keyframe in that map
 
 
 class LoopDetector:
-    """Watches the keyframes of a map that it does not change."""
+    """Detects loops at new keyframes of a map, which it does not change."""
 
     def __init__(self, atlas: Atlas, camera: StereoCamera, config: SlamConfig) -> None:
         self._atlas = atlas
         self._config = config.places.loops
         self._finder = PlaceFinder(atlas, camera, config.places, config.seed)
-        self._sightings: list[_Sighting] = []
+        self._detections: list[_Detection] = []
 
     def detect(self, i: int) -> FoundPlace | None:
-        """Return a place far from keyframe `i`, or in another map, that it shows without doubt."""
+        """Return a confirmed place of keyframe `i` outside its neighborhood or in another map."""
         keyframes = self._atlas.keyframes
         seeing = keyframes.point_of_feature[i] != NO_POINT
-        for c in self._finder.candidates(keyframes.descriptors[i, seeing], self._near(i)):
+        for c in self._finder.candidates(keyframes.descriptors[i, seeing], self._neighborhood(i)):
             match = self._finder.verifier.verify(keyframes.frame(i), c)
             if match.status is not PlaceStatus.SAME_PLACE:
                 continue
@@ -57,77 +58,78 @@ class LoopDetector:
             self._remember(i, c, match)
             support += self._support_around(i, c, match)
             if support >= self._config.min_support and self._is_plausible(i, c, match):
-                self._sightings = []
+                self._detections = []
                 return FoundPlace(c, match)
         return None
 
     def correction(self, i: int, match: PlaceMatch) -> tuple[float, float]:
-        """Return the angle [rad] and the way [m] from where `i` is to where it belongs."""
+        """Return the rotation [rad] and distance [m] by which a place corrects keyframe `i`."""
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
 
-    def _near(self, i: int) -> IntArray:
-        """Return the keyframe, its neighbours, and theirs: no loop leads there."""
+    def _neighborhood(self, i: int) -> IntArray:
+        """Return the keyframe, its neighbors and theirs, which are no loop candidates."""
         direct = self._atlas.covisible(i, NEAR_SHARED)
         around = [self._atlas.covisible(n, NEAR_SHARED) for n in direct.tolist()]
         return np.unique(np.concatenate([[i], direct, *around]))
 
     def _remember(self, i: int, c: int, match: PlaceMatch) -> None:
         keyframes = self._atlas.keyframes
-        sighting = _Sighting(int(keyframes.uid[i]), int(keyframes.map_id[c]), match.T_camera_map)
-        self._sightings = [*self._sightings[1 - _REMEMBERED :], sighting]
+        detection = _Detection(int(keyframes.uid[i]), int(keyframes.map_id[c]), match.T_camera_map)
+        self._detections = [*self._detections[1 - _MAX_DETECTIONS :], detection]
 
     def _support_in_time(self, i: int, c: int, match: PlaceMatch) -> int:
-        """Return how many earlier keyframes saw the same place from where `i` implies."""
+        """Return the number of earlier keyframes with the same place and a consistent pose."""
         keyframes = self._atlas.keyframes
         support = 0
-        for sighting in self._sightings:
-            n = keyframes.index_of(sighting.uid)
+        for detection in self._detections:
+            n = keyframes.index_of(detection.uid)
             if n is None or keyframes.map_id[n] != keyframes.map_id[i]:
                 continue
-            agrees = _agree(sighting.T_camera_place, self._expected(n, i, match))
-            support += n != i and sighting.map_id == keyframes.map_id[c] and agrees
+            is_consistent = _are_consistent(detection.T_camera_place, self._expected(n, i, match))
+            support += n != i and detection.map_id == keyframes.map_id[c] and is_consistent
         return support
 
     def _support_around(self, i: int, c: int, match: PlaceMatch) -> int:
-        """Return how many keyframes around `i` see the place, too, where `i` says they should."""
+        """Return the number of neighbors of `i` that show the place at the expected pose."""
         keyframes = self._atlas.keyframes
-        known = {sighting.uid for sighting in self._sightings}  # counted before
+        counted = {detection.uid for detection in self._detections}
         place = np.r_[c, self._atlas.covisible(c, limit=_AROUND)]
         support = 0
-        for n in self._atlas.covisible(i, NEAR_SHARED, _SUPPORTERS).tolist():
-            if int(keyframes.uid[n]) in known:
+        for n in self._atlas.covisible(i, NEAR_SHARED, _MAX_SUPPORTERS).tolist():
+            if int(keyframes.uid[n]) in counted:
                 continue
             expected = self._expected(n, i, match)
             seen = self._finder.verifier.search(keyframes.frame(n), expected, place)
-            agrees = _agree(seen.T_camera_map, expected)
-            support += seen.status is PlaceStatus.SAME_PLACE and agrees
+            is_consistent = _are_consistent(seen.T_camera_map, expected)
+            support += seen.status is PlaceStatus.SAME_PLACE and is_consistent
         return support
 
     def _expected(self, n: int, i: int, match: PlaceMatch) -> FloatArray:
-        """Return (4, 4) T_camera_place of keyframe `n` if that of `i` is the match's."""
+        """Return the (4, 4) pose T_camera_place of keyframe `n` that a match of `i` implies."""
         poses = self._atlas.keyframes.T_map_camera
         T_n_i: FloatArray = se3.inverse(poses[n]) @ poses[i]
         return T_n_i @ match.T_camera_map
 
     def _is_plausible(self, i: int, c: int, match: PlaceMatch) -> bool:
-        """Return whether drift on the way from `c` to `i` explains the correction.
+        """Return whether the drift on the path from `c` to `i` can explain the correction.
 
-        Between maps nothing is known of the drift; then more points have to be found.
+        The drift between different maps is unknown; there, more points must be found instead.
         """
         limit, map_id = self._config, self._atlas.keyframes.map_id
         if map_id[i] != map_id[c]:
             return len(match.k) >= limit.merge_inliers
-        turn_rad, way_m = self.correction(i, match)
+        turn_rad, distance_m = self.correction(i, match)
         path_m = path_length_m(self._atlas, c, i)
-        most_rad = np.deg2rad(limit.drift_deg + limit.drift_deg_per_m * path_m)
-        return bool(way_m <= limit.drift_m + limit.drift_share * path_m and turn_rad <= most_rad)
+        max_rad = np.deg2rad(limit.drift_deg + limit.drift_deg_per_m * path_m)
+        max_m = limit.drift_m + limit.drift_share * path_m
+        return bool(distance_m <= max_m and turn_rad <= max_rad)
 
 
 def motion_size(T: FloatArray) -> tuple[float, float]:
-    """Return the angle [rad] and the length [m] of a motion (4, 4)."""
+    """Return the rotation angle [rad] and the translation [m] of a motion (4, 4)."""
     return float(np.linalg.norm(se3.log(T)[:3])), float(np.linalg.norm(T[:3, 3]))
 
 
-def _agree(T: FloatArray, expected: FloatArray) -> bool:
-    turn_rad, way_m = motion_size(T @ se3.inverse(expected))
-    return turn_rad < _SUPPORT_RAD and way_m < _SUPPORT_M
+def _are_consistent(T: FloatArray, expected: FloatArray) -> bool:
+    turn_rad, distance_m = motion_size(T @ se3.inverse(expected))
+    return turn_rad < _SUPPORT_RAD and distance_m < _SUPPORT_M

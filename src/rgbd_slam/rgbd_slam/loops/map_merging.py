@@ -1,4 +1,4 @@
-"""Making one map of two that were found to show the same place."""
+"""Merging of two maps that show the same place."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from rgbd_slam.model.atlas import Atlas
 
 
 def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> None:
-    """Bring the younger of two maps into the frame of the older, which users know.
+    """Move the newer of two maps into the frame of the older one, which is already in use.
 
     Args:
-        i, c: a keyframe of each map.
-        T_c_i: (4, 4) the second's camera to the first's.
+        atlas: The maps.
+        i: A keyframe of one map.
+        c: A keyframe of the other map.
+        T_c_i: (4, 4) measured relative pose of the two.
     """
     map_id = atlas.keyframes.map_id
     if map_id[i] > map_id[c]:
@@ -24,7 +26,7 @@ def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> None:
 
 
 def _adopt(atlas: Atlas, host: int, guest: int, T_host_guest: FloatArray) -> None:
-    """Move the guest's map into the host's, and hang its tree there."""
+    """Move the map of keyframe `guest` into that of `host`, and make `host` its parent."""
     keyframes, points = atlas.keyframes, atlas.points
     old, new = int(keyframes.map_id[guest]), int(keyframes.map_id[host])
     rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == old))
@@ -34,16 +36,16 @@ def _adopt(atlas: Atlas, host: int, guest: int, T_host_guest: FloatArray) -> Non
     atlas.set_poses(rows, T_new_old @ keyframes.T_map_camera[rows])
     atlas.set_positions(j, se3.transform(T_new_old, points.position_m[j]))
     atlas.set_map_id(rows, j, new)
-    _hang(atlas, guest, host)
+    _reroot(atlas, guest, host)
     atlas.refresh(j)
 
 
-def _hang(atlas: Atlas, i: int, parent: int) -> None:
-    """Turn the links above `i` round, so that it is its tree's root, and hang it on `parent`."""
+def _reroot(atlas: Atlas, i: int, parent: int) -> None:
+    """Make keyframe `i` the root of its spanning tree, and `parent` its parent."""
     keyframes = atlas.keyframes
     child: int | None = i
-    above = parent
+    new_parent = parent
     while child is not None:
-        next_above = keyframes.index_of(int(keyframes.parent_uid[child]))
-        atlas.set_parent(child, above)
-        above, child = child, next_above
+        old_parent = keyframes.index_of(int(keyframes.parent_uid[child]))
+        atlas.set_parent(child, new_parent)
+        new_parent, child = child, old_parent

@@ -1,4 +1,4 @@
-"""Which feature shows which map point: search windows, local maps and Hamming distances.
+"""Matching of features with map points: search windows, local maps and Hamming distances.
 
-Nothing here moves a pose or changes the map.
+No module of this package changes a pose or the map.
 """

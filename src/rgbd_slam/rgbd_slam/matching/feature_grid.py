@@ -1,4 +1,4 @@
-"""The features of one frame, sorted for searches around pixels."""
+"""An index over the features of one frame, for searches in windows around pixels."""
 
 from __future__ import annotations
 
@@ -7,36 +7,37 @@ import numpy as np
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.frame import Frame
 
-_BAND_PX = 16.0
-_ROW_PX = 65536.0  # longer than any row of an image
+_BAND_PX = 16.0  # not tuned: height of the bands of rows that features are sorted into
+_ROW_PX = 65536.0  # chosen: longer than any row of an image, so that bands do not overlap
 
 
 class FeatureGrid:
-    """Features sorted by a key that runs along bands of rows.
+    """Features sorted by band of rows, then by column.
 
-    The candidates of all queries are then slices found by `searchsorted`.
+    The candidates of a query in one band are then a slice, which `searchsorted` finds for all
+    queries at once.
     """
 
     def __init__(self, frame: Frame) -> None:
         u, v = frame.measurement_px[:, 0], frame.measurement_px[:, 1]
         self._low_v = float(v.min()) if len(v) else 0.0
         key = np.floor((v - self._low_v) / _BAND_PX) * _ROW_PX + u.astype(np.float64)
-        self.order = np.argsort(key, kind='stable')
-        self._key = key[self.order]
-        self._uv = np.ascontiguousarray(frame.measurement_px[self.order, :2].T)
+        self._order = np.argsort(key, kind='stable')
+        self._key = key[self._order]
+        self._uv = np.ascontiguousarray(frame.measurement_px[self._order, :2].T)
 
     def search(self, uv_px: FloatArray, radius_px: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return pairs (query, feature) whose pixels differ by less than the radius in u and in v.
+        """Return (C,) queries and (C,) features whose distance in u and in v is below the radius.
 
         Args:
-            uv_px: (2, Q) pixels.
+            uv_px: (2, Q) centers of the windows.
             radius_px: (Q,) half sides of the square windows.
         """
         u, v = uv_px
         band = np.floor((v - radius_px - self._low_v) / _BAND_PX)
         last = np.floor((v + radius_px - self._low_v) / _BAND_PX)
         spans = (last - band).astype(np.int64) + 1
-        if len(spans) == 0 or len(self.order) == 0:
+        if len(spans) == 0 or len(self._order) == 0:
             return np.empty(0, np.int64), np.empty(0, np.int64)
         query = np.repeat(np.arange(len(u)), spans)
         base = (_ranges(spans) + band[query]) * _ROW_PX + u[query]
@@ -46,11 +47,11 @@ class FeatureGrid:
         query = np.repeat(query, count)
         row = np.repeat(start, count) + _ranges(count)
         near = np.abs(self._uv[1][row] - v[query]) < radius_px[query]
-        return query[near], self.order[row[near]]
+        return query[near], self._order[row[near]]
 
 
 def _ranges(counts: IntArray) -> IntArray:
-    """Return 0 .. counts[0]-1, 0 .. counts[1]-1, ... in one array."""
+    """Return the concatenation of arange(count) for all counts."""
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
     out: IntArray = np.arange(total) - np.repeat(ends - counts, counts)

@@ -1,4 +1,4 @@
-"""What a frame may be matched with: map points seen before, and points for tracking only."""
+"""The landmarks that a frame is matched with: map points, and depth readings of the last frame."""
 
 from __future__ import annotations
 
@@ -16,26 +16,20 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 
 
 class Landmarks(NamedTuple):
-    """Parallel arrays over N places in the map's frame, and how they were seen last."""
+    """N positions in the map frame with their last appearance, as parallel arrays."""
 
-    point: IntArray  # (N,) in the map, or NO_POINT: for tracking only
+    point: IntArray  # (N,) row of the map point; NO_POINT for a depth reading
     position_m: FloatArray  # (N, 3)
     octave: ByteArray  # (N,)
     angle_deg: Float32Array  # (N,)
     descriptors: ByteArray  # (N, 32)
 
     def select(self, keep: BoolArray) -> Landmarks:
-        """Return those of an (N,) mask."""
-        return Landmarks(
-            self.point[keep],
-            self.position_m[keep],
-            self.octave[keep],
-            self.angle_deg[keep],
-            self.descriptors[keep],
-        )
+        """Return the landmarks of an (N,) mask."""
+        return Landmarks._make(column[keep] for column in self)
 
     def joined(self, other: Landmarks) -> Landmarks:
-        """Return these and others."""
+        """Return these landmarks followed by others."""
         return Landmarks(
             np.concatenate([self.point, other.point]),
             np.concatenate([self.position_m, other.position_m]),
@@ -44,47 +38,49 @@ class Landmarks(NamedTuple):
             np.concatenate([self.descriptors, other.descriptors]),
         )
 
+    def matched(self, matches: Matches) -> Correspondences:
+        """Return the correspondences of features with these landmarks, the queries of matches."""
+        return Correspondences(matches.k, self.point[matches.q], self.position_m[matches.q])
 
-class Sightings(NamedTuple):
-    """Which features of a frame show which landmarks: parallel arrays (M,), no feature twice."""
 
-    k: IntArray
-    point: IntArray  # or NO_POINT
-    position_m: FloatArray  # (M, 3)
+class Correspondences(NamedTuple):
+    """M features of a frame and the landmarks they observe; no feature occurs twice."""
 
-    def select(self, keep: BoolArray) -> Sightings:
-        """Return those of an (M,) mask."""
+    k: IntArray  # (M,) features
+    point: IntArray  # (M,) rows of map points, or NO_POINT
+    position_m: FloatArray  # (M, 3) in the map frame
+
+    def select(self, keep: BoolArray) -> Correspondences:
+        """Return the correspondences of an (M,) mask."""
         n = np.flatnonzero(keep)
-        return Sightings(self.k[n], self.point[n], self.position_m.take(n, 0))
+        return Correspondences(self.k[n], self.point[n], self.position_m.take(n, 0))
 
-    def joined(self, other: Sightings) -> Sightings:
-        """Return these and others."""
-        return Sightings(
-            np.concatenate([self.k, other.k]),
-            np.concatenate([self.point, other.point]),
-            np.concatenate([self.position_m, other.position_m]),
-        )
+    def joined(self, other: Correspondences) -> Correspondences:
+        """Return these correspondences followed by others."""
+        return Correspondences(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
     @property
     def points(self) -> IntArray:
-        """Return those that are in the map."""
+        """Return the rows of the observed map points."""
         return np.asarray(self.point[self.point != NO_POINT])
 
 
-def seen_by_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
-    """Return the map points that a tracked frame saw."""
+def landmarks_of_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
+    """Return the map points that a tracked frame observed."""
     points = last.current_points(atlas)
     k = np.flatnonzero(points != NO_POINT)
-    frame, table = last.frame, atlas.points
-    j = points[k]
+    j, table = points[k], atlas.points
     return Landmarks(
-        j, table.position_m.take(j, 0), frame.octave[k], frame.angle_deg[k],
+        j,
+        table.position_m.take(j, 0),
+        last.frame.octave[k],
+        last.frame.angle_deg[k],
         table.descriptors.take(j, 0),
-    )  # fmt: skip
+    )
 
 
-def seen_by_keyframe(atlas: Atlas, i: int) -> Landmarks:
-    """Return the map points that a keyframe sees."""
+def landmarks_of_keyframe(atlas: Atlas, i: int) -> Landmarks:
+    """Return the map points that a keyframe observes."""
     keyframes, table = atlas.keyframes, atlas.points
     k = np.flatnonzero(keyframes.point_of_feature[i] != NO_POINT)
     j = keyframes.point_of_feature[i, k].astype(np.int64)
@@ -97,15 +93,15 @@ def seen_by_keyframe(atlas: Atlas, i: int) -> Landmarks:
     )
 
 
-def read_by_frame(last: TrackedFrame, atlas: Atlas, camera: StereoCamera) -> Landmarks:
-    """Return places where a tracked frame read a depth and saw no map point.
+def temporal_landmarks(last: TrackedFrame, atlas: Atlas, camera: StereoCamera) -> Landmarks:
+    """Return the depth readings of a tracked frame at features that observe no map point.
 
-    ORB-SLAM2's temporal points (Mur-Artal and Tardos, T-RO 2017): good for tracking the next frame
-    where the map has little, and forgotten after it.
+    These are the temporal points of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017): they help to
+    track the next frame where the map has few points, and are discarded afterwards.
     """
     frame = last.frame
-    unknown = last.current_points(atlas) == NO_POINT
-    k = np.flatnonzero(unknown & frame.has_depth & frame.may_seed)
+    observes_none = last.current_points(atlas) == NO_POINT
+    k = np.flatnonzero(observes_none & frame.has_depth & frame.may_seed)
     camera_m = camera.back_project(frame.measurement_px[k], frame.depth_m[k])
     return Landmarks(
         np.full(len(k), NO_POINT, np.int64),
@@ -116,14 +112,17 @@ def read_by_frame(last: TrackedFrame, atlas: Atlas, camera: StereoCamera) -> Lan
     )
 
 
-def match_near(
+def match_near_projections(
     landmarks: Landmarks,
     frame: Frame,
     projection_px: FloatArray,
     radius_px: FloatArray,
     max_hamming: int,
 ) -> Matches:
-    """Return the features of a frame that show landmarks near their (3, N) projections."""
+    """Return matches of landmarks with features near their (3, N) projections.
+
+    The octave of a feature may differ by one from the one in which the landmark was seen last.
+    """
     octave = landmarks.octave.astype(np.int8)
     queries = Queries(
         projection_px,
@@ -132,10 +131,11 @@ def match_near(
         octave + np.int8(1),
         landmarks.descriptors,
     )
-    return turning_alike(landmarks, frame, match_by_projection(queries, frame, max_hamming, 1.0))
+    matches = match_by_projection(queries, frame, max_hamming, 1.0)
+    return with_consistent_rotation(landmarks, frame, matches)
 
 
-def turning_alike(landmarks: Landmarks, frame: Frame, matches: Matches) -> Matches:
-    """Return the matches that turn in the image as many others do."""
+def with_consistent_rotation(landmarks: Landmarks, frame: Frame, matches: Matches) -> Matches:
+    """Return the matches whose features have turned in the image by a common angle."""
     consistent = rotation_consistent(landmarks.angle_deg[matches.q], frame.angle_deg[matches.k])
     return Matches(*(part[consistent] for part in matches))

@@ -1,4 +1,4 @@
-"""The part of the map that a frame can see, and where it sees it."""
+"""The local map of a frame: the map points that it may show, and their predicted projections."""
 
 from __future__ import annotations
 
@@ -13,26 +13,30 @@ from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
 
-_RANGE_MARGIN = 1.2  # one octave on either side of the scale range
-_MIN_VIEW_COSINE = 0.5
+# ORB-SLAM3: MapPoint.cc, GetMinDistanceInvariance (0.8) and GetMaxDistanceInvariance (1.2): one
+# octave beyond the range of distances on either side.
+_RANGE_MARGIN = 1.2
+_MIN_VIEW_COSINE = 0.5  # ORB-SLAM3, Tracking.cc, SearchLocalPoints: at most 60 degrees off
+# ORB-SLAM3, ORBmatcher.cc, RadiusByViewingCos: search windows of points seen nearly from the mean
+# direction (3.6 degrees), and of others [px in octave 0].
 _FRONTAL_COSINE = 0.998
-_FRONTAL_RADIUS_PX = 2.5  # ORB-SLAM's windows, seen head on and from the side
+_FRONTAL_RADIUS_PX = 2.5
 _OBLIQUE_RADIUS_PX = 4.0
 
 
 class LocalMap(NamedTuple):
-    """Keyframes that see what the frame sees, and their points."""
+    """The reference keyframe of a frame, and all points of the keyframes that share points."""
 
     reference: int  # the keyframe that shares most points with the frame
-    keyframes: IntArray
-    points: IntArray
+    points: IntArray  # (P,)
 
 
-def local_map(atlas: Atlas, seen: IntArray, last_reference: int, limit: int) -> LocalMap:
-    """Return the neighbourhood of a frame that sees the given points.
+def find_local_map(atlas: Atlas, seen: IntArray, last_reference: int, limit: int) -> LocalMap:
+    """Return the local map of a frame that observes the given points.
 
-    Keyframes vote by how many of the points they see. Candidates are the last reference keyframe
-    and its covisible ones, so that the cost does not depend on the size of the map.
+    Candidates are the last reference keyframe and its covisible keyframes, so that the cost does
+    not depend on the size of the map. At most `limit` of them are used, those that observe most of
+    the points.
     """
     keyframes = atlas.keyframes
     candidates = np.concatenate(
@@ -48,18 +52,21 @@ def local_map(atlas: Atlas, seen: IntArray, last_reference: int, limit: int) -> 
     flags[:] = False
     flags[keyframes.point_of_feature[chosen].ravel()] = True
     flags[NO_POINT] = False
-    return LocalMap(reference, chosen, np.flatnonzero(flags))
+    return LocalMap(reference, np.flatnonzero(flags))
 
 
 class VisiblePoints(NamedTuple):
-    """Map points in the view of a camera."""
+    """V map points that a camera should see, and the queries to search for them."""
 
     points: IntArray  # (V,)
-    queries: Queries  # over V
+    queries: Queries
 
 
-def predict_octave(atlas: Atlas, points: IntArray, distance_m: FloatArray) -> IntArray:
-    """Return (N,) octaves in which points at a distance should be found (PredictScale)."""
+def _predict_octave(atlas: Atlas, points: IntArray, distance_m: FloatArray) -> IntArray:
+    """Return the (N,) octaves in which points at the given distances should be detected.
+
+    ORB-SLAM3, MapPoint.cc, PredictScale.
+    """
     scale = atlas.octave_scale
     ratio = atlas.points.max_distance_m[points] / distance_m
     octave = np.ceil(np.log(ratio) / np.log(scale[1])) if len(scale) > 1 else 0 * ratio
@@ -73,18 +80,24 @@ def visible_points(
     points: IntArray,
     radius: float,
 ) -> VisiblePoints:
-    """Return which of the points the camera should see, and the windows to search for them.
+    """Return the points that a camera should see, and queries with windows to search for them.
 
-    Rows are taken by their numbers: masks and lists in brackets are several times slower.
+    A point is visible if it projects into the image, at a distance at which some octave can detect
+    it, and is seen from a direction similar to those of its keyframes (ORB-SLAM3, Frame.cc,
+    isInFrustum). Rows are selected by `take`, which is several times as fast as masks.
 
     Args:
-        radius: factor on ORB-SLAM's window sizes.
+        atlas: The map.
+        camera: The camera.
+        T_camera_map: (4, 4) predicted pose.
+        points: (P,) candidates.
+        radius: Factor on the window sizes of ORB-SLAM3.
     """
     table = atlas.points
     x = to_camera(T_camera_map, table.position_m.take(points, 0).T)
     front = np.flatnonzero(x[2] > MIN_DEPTH_M)
     pixels = camera.project_rows(x.take(front, 1))
-    inside = np.flatnonzero(_inside(camera, pixels))
+    inside = np.flatnonzero(_is_inside(camera, pixels))
     points, pixels = points[front[inside]], pixels.take(inside, 1)
     ray = table.position_m.take(points, 0) + T_camera_map[:3, :3].T @ T_camera_map[:3, 3]
     distance = np.sqrt(_dot(ray, ray))
@@ -93,7 +106,7 @@ def visible_points(
     fits &= distance > table.min_distance_m[points] / _RANGE_MARGIN
     seen = np.flatnonzero(fits)
     points = points[seen]
-    octave = predict_octave(atlas, points, distance[seen])
+    octave = _predict_octave(atlas, points, distance[seen])
     window = np.where(cosine[seen] > _FRONTAL_COSINE, _FRONTAL_RADIUS_PX, _OBLIQUE_RADIUS_PX)
     queries = Queries(
         pixels.take(seen, 1),
@@ -106,11 +119,12 @@ def visible_points(
 
 
 def _dot(a: FloatArray, b: FloatArray | Float32Array) -> FloatArray:
-    """Return (N,) products of the rows of two (N, 3) arrays; their sums over an axis are slow."""
+    """Return the (N,) dot products of rows of two (N, 3) arrays, faster than by a sum."""
     return np.asarray(np.einsum('ni,ni->n', a, b))
 
 
-def _inside(camera: StereoCamera, pixels: FloatArray) -> BoolArray:
+def _is_inside(camera: StereoCamera, pixels: FloatArray) -> BoolArray:
+    """Return the (N,) mask of (3, N) pixels inside the undistorted image."""
     u, v = pixels[0], pixels[1]
     u_min, v_min, u_max, v_max = camera.bounds_px
     return np.asarray((u >= u_min) & (u < u_max) & (v >= v_min) & (v < v_max))

@@ -1,4 +1,4 @@
-"""Which features show which map points: by where these are expected, and by descriptors alone."""
+"""Matching of map points with features: by predicted projections, or by descriptors alone."""
 
 from __future__ import annotations
 
@@ -13,35 +13,38 @@ from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, I
 from hoid_native import Candidates, MatchThreshold, QueryConstraints
 from rgbd_slam.model.frame import Frame
 
-MAX_HAMMING = 256
-_NEAREST = 2  # candidates of a query: the best and its rival
+_MAX_HAMMING = 256  # bits of a descriptor
+_NUM_NEAREST = 2  # the best and the second best candidate of a query, for the ratio test
+# ORB-SLAM3, ORBmatcher.cc: HISTO_LENGTH and ComputeThreeMaxima.
 _ROTATION_BINS = 30
 _ROTATION_PEAKS = 3
-_LANES = np.uint32(0x00FF00FF)
+_MIN_PEAK_SHARE = 0.1
+_LANES = np.uint32(0x00FF00FF)  # every other byte: counts are added in 16-bit lanes
 
 
 class Queries(NamedTuple):
-    """What is looked for, as parallel arrays over Q map points."""
+    """Q map points to be searched in a frame, as parallel arrays."""
 
-    projection_px: FloatArray  # (3, Q) u, v, u_right where each is expected
-    radius_px: FloatArray  # (Q,)
-    min_octave: NDArray[np.int8]  # (Q,)
+    projection_px: FloatArray  # (3, Q) predicted u, v, u_right
+    radius_px: FloatArray  # (Q,) half sides of the square search windows
+    min_octave: NDArray[np.int8]  # (Q,) octaves in which a match may have been detected
     max_octave: NDArray[np.int8]  # (Q,)
     descriptors: ByteArray  # (Q, 32)
 
 
 class Matches(NamedTuple):
-    """Parallel arrays (M,): query q is feature k; no q and no k occurs twice."""
+    """M one-to-one matches of queries with features, as parallel arrays."""
 
-    q: IntArray
-    k: IntArray
-    distance: IntArray  # Hamming
+    q: IntArray  # (M,) queries
+    k: IntArray  # (M,) features
+    distance: IntArray  # (M,) Hamming distances of the descriptors [bits]
 
 
 def hamming(a: ByteArray, b: ByteArray) -> IntArray:
-    """Return (M,) distances between rows of two (M, 32) arrays.
+    """Return the (M,) Hamming distances [bits] between the rows of two (M, 32) arrays.
 
-    Counts of the four words are added in 16-bit lanes: numpy's sum over a short axis is slow.
+    The bit counts of the four words are added in 16-bit lanes, because a sum over a short axis is
+    slow in NumPy.
     """
     counts = np.bitwise_count(_words(a) ^ _words(b)).view(np.uint32).ravel()
     pairs = (counts & _LANES) + ((counts >> np.uint32(8)) & _LANES)
@@ -59,11 +62,18 @@ def match_by_projection(
     ratio: float,
     free: BoolArray | None = None,
 ) -> Matches:
-    """Return the best feature of each query, one to one, among the `free` (N,) features.
+    """Return one-to-one matches of queries with features near their projections.
 
-    A candidate lies in the window and the octave range, and its right coordinate agrees when it
-    has one. A best candidate of the same octave as the second best must beat it by `ratio`
-    (1.0: no such test).
+    A candidate lies in the search window and in the octave range; if it has a depth reading, its
+    u_right lies in the window as well. If the two best candidates have the same octave, the
+    distance of the best must be less than `ratio` times the other (1.0: no ratio test).
+
+    Args:
+        queries: The map points to search.
+        frame: The frame with N features.
+        max_distance: Largest Hamming distance of a match [bits].
+        ratio: Largest ratio of the best to the second best distance.
+        free: (N,) mask of the features that may be matched; all by default.
     """
     pairs = hoid_native.match_by_projection(
         queries.projection_px,
@@ -78,18 +88,18 @@ def match_by_projection(
 def match_by_descriptor(
     descriptors: ByteArray, frame: Frame, max_distance: int, ratio: float
 ) -> Matches:
-    """Return the features of a frame most like (Q, 32) descriptors, wherever they are."""
-    if min(len(descriptors), len(frame)) < _NEAREST:
+    """Return one-to-one matches of (Q, 32) descriptors with features anywhere in a frame."""
+    if min(len(descriptors), len(frame)) < _NUM_NEAREST:
         return Matches(*np.empty((3, 0), np.int64))
     distance, nearest = cv2.batchDistance(
-        descriptors, frame.descriptors, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=_NEAREST
+        descriptors, frame.descriptors, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=_NUM_NEAREST
     )
-    q = np.repeat(np.arange(len(descriptors)), _NEAREST)
+    q = np.repeat(np.arange(len(descriptors)), _NUM_NEAREST)
     k, apart = nearest.ravel().astype(np.int64), distance.ravel().astype(np.int64)
-    return best_matches(q, k, apart, frame.octave, max_distance, ratio)
+    return _best_matches(q, k, apart, frame.octave, max_distance, ratio)
 
 
-def best_matches(
+def _best_matches(
     q: IntArray,
     k: IntArray,
     distance: IntArray,
@@ -97,34 +107,42 @@ def best_matches(
     max_distance: int,
     ratio: float,
 ) -> Matches:
-    """Return one-to-one matches of candidate pairs: best of each query, then of each feature."""
-    order = np.argsort(q * (2 * MAX_HAMMING) + distance, kind='stable')
+    """Return the best pair of each query and, among these, the best one of each feature.
+
+    Args:
+        q: (C,) queries of candidate pairs.
+        k: (C,) their features.
+        distance: (C,) Hamming distances.
+        octave: (N,) octaves of the features.
+        max_distance: Largest distance of a match.
+        ratio: Largest ratio of the best to the second best distance in the same octave.
+    """
+    order = np.argsort(q * (2 * _MAX_HAMMING) + distance, kind='stable')
     q, k, distance = q[order], k[order], distance[order]
     first = np.flatnonzero(np.r_[True, q[1:] != q[:-1]]) if len(q) else order
     good = distance[first] <= max_distance
     if ratio < 1.0 and len(q) > 1:
         second = np.minimum(first + 1, len(q) - 1)
-        rivals = (q[second] == q[first]) & (second != first)
-        rivals &= octave[k[second]] == octave[k[first]]
-        good &= ~(rivals & (distance[first] > ratio * distance[second]))
+        is_compared = (q[second] == q[first]) & (second != first)
+        is_compared &= octave[k[second]] == octave[k[first]]
+        good &= ~(is_compared & (distance[first] > ratio * distance[second]))
     q, k, distance = q[first[good]], k[first[good]], distance[first[good]]
-    order = np.argsort(k * (2 * MAX_HAMMING) + distance, kind='stable')
+    order = np.argsort(k * (2 * _MAX_HAMMING) + distance, kind='stable')
     k_sorted = k[order]
-    won = order[np.r_[True, k_sorted[1:] != k_sorted[:-1]]] if len(k) else order
-    won = np.sort(won)
-    return Matches(q[won], k[won], distance[won])
+    best = np.sort(order[np.r_[True, k_sorted[1:] != k_sorted[:-1]]] if len(k) else order)
+    return Matches(q[best], k[best], distance[best])
 
 
 def rotation_consistent(angle_from_deg: Float32Array, angle_to_deg: Float32Array) -> BoolArray:
-    """Return which of (M,) matches turn by an angle that many others turn by, too.
+    """Return the (M,) mask of matches whose features have turned by one of the common angles.
 
-    ORB-SLAM's check: a histogram of 30 bins, of which the three fullest count, unless the second
-    or third holds less than a tenth of the first.
+    This is the orientation check of ORB-SLAM3 (ORBmatcher.cc): the three highest bins of a
+    histogram of angles are accepted, except those less than a tenth as high as the highest.
     """
     turn = np.mod(angle_from_deg - angle_to_deg, 360.0)
     bins = np.mod(np.rint(turn * (_ROTATION_BINS / 360.0)).astype(np.int64), _ROTATION_BINS)
     votes = np.bincount(bins, minlength=_ROTATION_BINS)
     peaks = np.argsort(-votes, kind='stable')[:_ROTATION_PEAKS]
     accepted = np.zeros(_ROTATION_BINS, np.bool_)
-    accepted[peaks[votes[peaks] >= 0.1 * votes[peaks[0]]]] = True
+    accepted[peaks[votes[peaks] >= _MIN_PEAK_SHARE * votes[peaks[0]]]] = True
     return np.asarray(accepted[bins])

@@ -1,4 +1,4 @@
-"""Least squares: pose, local bundle adjustment, pose graph, and how noisy the measurements are.
+"""Least squares: poses, bundle adjustment and pose graphs, and the noise of the measurements.
 
-The only room that imports GTSAM; nothing here decides what to optimise.
+Only this package imports GTSAM. It does not decide what is optimized.
 """

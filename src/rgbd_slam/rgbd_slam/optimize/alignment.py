@@ -1,8 +1,8 @@
-"""The pose between an image and a set of points from matches of which many may be wrong.
+"""The pose of an image relative to 3-D points, from matches of which many may be wrong.
 
-Points that both sides measure in 3-D are aligned in closed form (Horn, JOSA A 1987, solved by the
-SVD of Arun et al., PAMI 1987); without enough depth the pose is found from pixels alone (PnP).
-Either way within RANSAC (Fischler and Bolles, 1981), with all hypotheses made and scored at once.
+With enough depth readings, hypotheses align 3-D points in closed form (Horn, JOSA A 1987, by the
+SVD of Arun et al., PAMI 1987), otherwise they come from pixels alone (PnP). Both are RANSAC
+(Fischler and Bolles, CACM 1981); all hypotheses of 3-D points are computed and scored at once.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from hoid_common.values import BoolArray, Float32Array, FloatArray
 from rgbd_slam.config.place_config import AlignmentConfig
 from rgbd_slam.model.frame import StereoCamera
 
-_SAMPLE = 3
-_REFINED = 5  # hypotheses with most inliers that are refined
-_REFINEMENTS = 4
+_SAMPLE = 3  # the fewest points that determine a pose (Horn 1987)
+# Not tuned.
+_NUM_REFINED = 5  # hypotheses with most inliers that are refined
+_NUM_REFINEMENTS = 4  # iterations of a refinement
 
 
 class AlignmentStatus(Enum):
-    """How an alignment ended."""
+    """The result of an alignment."""
 
     OK = 'ok'
     TOO_FEW_MATCHES = 'too few matches'
@@ -31,20 +32,22 @@ class AlignmentStatus(Enum):
 
 
 class Alignment(NamedTuple):
-    """The pose of an image relative to the frame of the points it was matched with."""
+    """The pose of an image in the frame of the points that it was matched with."""
 
     status: AlignmentStatus
     T_camera_points: FloatArray  # (4, 4); identity unless OK
-    inliers: BoolArray  # (N,) of the matches
+    inliers: BoolArray  # (N,) mask of the matches
 
 
 def align_points(
     points_a_m: FloatArray, points_b_m: FloatArray, weights: FloatArray | None = None
 ) -> FloatArray:
-    """Return the T_a_b (..., 4, 4) that best maps (..., N, 3) points b onto a.
+    """Return T_a_b (..., 4, 4) that maps points b onto points a with the least squared distance.
 
     Args:
-        weights: (..., N), of the squared distances; all equal by default.
+        points_a_m: (..., N, 3) points in frame a.
+        points_b_m: (..., N, 3) the same points in frame b.
+        weights: (..., N) weights of the squared distances; equal ones by default.
     """
     w = np.ones(points_a_m.shape[:-1]) if weights is None else weights
     w = (w / w.sum(axis=-1, keepdims=True))[..., None]
@@ -69,14 +72,16 @@ def align_image(
     config: AlignmentConfig,
     rng: np.random.Generator,
 ) -> Alignment:
-    """Find the camera's pose among N matches of its features with points.
+    """Return the pose that most of N matches agree with, found by RANSAC.
 
     Args:
-        measurement_px: (N, 3) u, v, u_right of the features, undistorted.
-        sigma_px: (N,) standard deviation of a pixel, which grows with the octave.
-        depth_m: (N,) of the features; 0 = no reading.
-        points_m: (N, 3) the matched points, in any one frame.
-        rng: chooses the samples, so that a run repeats.
+        measurement_px: (N, 3) undistorted u, v, u_right of the features.
+        sigma_px: (N,) standard deviations of pixels, which grow with the octave.
+        depth_m: (N,) depth readings of the features; 0 = none.
+        points_m: (N, 3) the matched points, all in one frame.
+        camera: The camera of the image.
+        config: Parameters.
+        rng: Draws the samples; a seeded generator makes runs repeat.
     """
     none = Alignment(AlignmentStatus.TOO_FEW_MATCHES, np.eye(4), np.zeros(len(points_m), np.bool_))
     if len(points_m) < config.min_inliers:
@@ -90,7 +95,7 @@ def align_image(
         hypotheses = _pose_from_pixels(measurement_px, points_m, camera, config)
     limit_px = config.max_error_px * sigma_px
     agrees = _reprojection_error_px(hypotheses, measurement_px, points_m, camera) < limit_px
-    leading = np.argsort(-agrees.sum(axis=1), kind='stable')[:_REFINED]
+    leading = np.argsort(-agrees.sum(axis=1), kind='stable')[:_NUM_REFINED]
     best = none._replace(status=AlignmentStatus.TOO_FEW_INLIERS)
     for n in leading:
         T, inliers = _refined(
@@ -110,9 +115,12 @@ def _refined(
     camera: StereoCamera,
     limit_px: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Align all inliers with depth: a sample of three has the noise of three (LO-RANSAC, 2003)."""
+    """Return a hypothesis realigned to all its inliers with depth, and its inliers.
+
+    Three points alone carry much noise (LO-RANSAC: Chum, Matas and Kittler, DAGM 2003).
+    """
     best, most = T_camera_points, inliers
-    for _ in range(_REFINEMENTS):
+    for _ in range(_NUM_REFINEMENTS):
         use = inliers & (depth_m > 0)
         if use.sum() <= _SAMPLE:
             break
@@ -130,7 +138,7 @@ def _pose_from_pixels(
     camera: StereoCamera,
     config: AlignmentConfig,
 ) -> FloatArray:
-    """Return (1, 4, 4) the pose that OpenCV's PnP RANSAC finds, or (0, 4, 4)."""
+    """Return the (1, 4, 4) pose by OpenCV's PnP with RANSAC; (0, 4, 4) if there is none."""
     K = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1.0]])
     found, rotation, translation, _ = cv2.solvePnPRansac(
         points_m,
@@ -155,10 +163,10 @@ def _reprojection_error_px(
     points_m: FloatArray,
     camera: StereoCamera,
 ) -> FloatArray:
-    """Return (H, N) distances in u, v and, with depth, u_right; inf behind the camera."""
+    """Return the (H, N) distances [px] in (u, v, u_right) or (u, v); inf behind the camera."""
     p = points_m @ np.swapaxes(T_camera_points[:, :3, :3], 1, 2) + T_camera_points[:, None, :3, 3]
     in_front = p[..., 2] > 0
     p[..., 2] = np.where(in_front, p[..., 2], 1.0)
-    gap = camera.project(p.reshape(-1, 3)).reshape(p.shape) - measurement_px
-    error = np.sqrt(np.nansum(gap**2, axis=2))
+    difference = camera.project(p.reshape(-1, 3)).reshape(p.shape) - measurement_px
+    error = np.sqrt(np.nansum(difference**2, axis=2))
     return np.where(in_front, error, np.inf)

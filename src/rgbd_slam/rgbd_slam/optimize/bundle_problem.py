@@ -1,7 +1,7 @@
-"""Bundle adjustment of a window of keyframes.
+"""Bundle adjustment of a window of keyframes by a dense solver.
 
-A window's reduced camera system is small (6 unknowns a keyframe), so that a dense Schur complement
-solves it many times faster than a general factor graph does (docs/decisions).
+The reduced camera system has six unknowns per keyframe. It is so small that a dense Schur
+complement solves it many times faster than a general factor graph (decision 013).
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO, GATES
 
 @dataclass(frozen=True, eq=False)
 class BundleProblem:
-    """A window as parallel arrays; the free cameras come first.
+    """Keyframes, points and observations as parallel arrays.
 
     Attributes:
-        T_camera_map: (C, 4, 4), the first `num_free` are moved.
-        num_free: how many cameras move.
-        points_m: (3, P).
-        camera: (M,) which camera observes.
-        point: (M,) which point; once a camera at most.
+        T_camera_map: (C, 4, 4) poses; the first `num_free` are optimized.
+        num_free: Number of optimized cameras.
+        points_m: (3, P) points in the map frame.
+        camera: (M,) index of the camera of each observation.
+        point: (M,) index of its point; at most one observation for each pair.
         measured_px: (3, M) u, v, u_right; NaN for u_right without depth.
         inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
     """
@@ -41,19 +41,19 @@ class BundleProblem:
 
 
 class BundleSolution(NamedTuple):
-    """Adjusted poses and points, and which observations do not fit them."""
+    """Adjusted poses and points, and the observations that do not fit them."""
 
     T_camera_map: FloatArray  # (C, 4, 4)
     points_m: FloatArray  # (3, P)
     outliers: BoolArray  # (M,)
-    cost_before: float
+    cost_before: float  # robust cost of all observations
     cost_after: float
 
 
 def adjust(
     camera: StereoCamera, problem: BundleProblem, iterations: int, rounds: int = 2
 ) -> BundleSolution:
-    """Adjust with a Huber kernel, in rounds after each of which what does not fit is left out."""
+    """Adjust with Huber kernels, in rounds that each leave out the outliers of the last one."""
     fit = hoid_native.adjust_bundle(
         camera.lens,
         GATES,

@@ -1,9 +1,9 @@
-"""Bundle adjustment in GTSAM, for problems too large for the dense solver of a window.
+"""Bundle adjustment by GTSAM, for problems that are too large for the dense solver.
 
-It takes the same problem with the same noise: pixels, and disparities where a feature has depth.
-One Huber kernel spans both, where the dense solver has two; `joint_noise` is the dense solver's
-alone. GTSAM keeps the camera-point blocks sparse, so that memory grows with the observations and
-not with keyframes times points.
+GTSAM stores the camera-point blocks sparsely, so that memory grows with the number of
+observations, not with the product of keyframes and points. The noise is that of the dense solver:
+pixels, and disparities where a feature has depth. Two things differ: one Huber kernel covers
+both, where the dense solver has two, and `joint_noise` is not supported.
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from rgbd_slam.model.projection import to_camera
 from rgbd_slam.optimize.bundle_problem import BundleProblem, BundleSolution
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
-_RELATIVE_TOLERANCE = 1e-4  # the last decimals move poses by micrometres
-
-_STEPS = np.geomspace(0.01, 20.0, 48)  # disparity noise [px]; models are made once a step
+_RELATIVE_TOLERANCE = 1e-4  # chosen: smaller changes of the cost move poses by micrometers
+# Chosen: steps of 17 % in the standard deviation of disparities [px]. One noise model is made for
+# each step instead of each observation.
+_NOISE_STEPS = np.geomspace(0.01, 20.0, 48)
 
 
 def solve_bundle_gtsam(
     camera: StereoCamera, problem: BundleProblem, iterations: int
 ) -> BundleSolution:
-    """Adjust the free cameras and all points with a Huber kernel.
+    """Return the adjusted poses of the free cameras and of all points, with a Huber kernel.
 
-    At least one camera is held, and every point is observed.
+    At least one camera must be fixed, and every point must be observed.
     """
     graph = _factors(camera, problem)
     values = gtsam.Values()
@@ -52,7 +53,7 @@ def solve_bundle_gtsam(
     T_camera_map = se3.inverse(np.array(poses))
     points_m = np.array(points).reshape(-1, 3).T
     outliers = _chi2(camera, problem, T_camera_map, points_m) > _gates(problem)
-    # GTSAM's error is half the cost of the dense solver.
+    # The error of GTSAM is half the cost of the dense solver.
     return BundleSolution(T_camera_map, points_m, outliers, 2 * before, 2 * optimizer.error())
 
 
@@ -63,7 +64,7 @@ def _gates(problem: BundleProblem) -> FloatArray:
 def _chi2(
     camera: StereoCamera, problem: BundleProblem, T_camera_map: FloatArray, points_m: FloatArray
 ) -> FloatArray:
-    """Return (M,) squared normalised residuals; infinite behind a camera."""
+    """Return (M,) squared normalized residuals; infinite behind a camera."""
     x = np.empty((3, len(problem.point)))
     for i, T in enumerate(T_camera_map):
         seen = problem.camera == i
@@ -77,7 +78,7 @@ def _chi2(
 
 
 def _points_first(problem: BundleProblem) -> gtsam.Ordering:
-    """Eliminate points before cameras (the Schur complement): faster than COLAMD here."""
+    """Return the order that eliminates points before cameras: faster than COLAMD here."""
     ordering = gtsam.Ordering()
     for j in range(problem.points_m.shape[1]):
         ordering.push_back(L(j))
@@ -90,9 +91,9 @@ def _factors(camera: StereoCamera, problem: BundleProblem) -> gtsam.NonlinearFac
     pinhole = (camera.fx_px, camera.fy_px, 0.0, camera.cx_px, camera.cy_px)
     mono_camera = gtsam.Cal3_S2(*pinhole)
     stereo_camera = gtsam.Cal3_S2Stereo(*pinhole, camera.baseline_px_m / camera.fx_px)
-    weights = np.unique(problem.inv_sigma2)  # one an octave: noise models are made once
+    weights = np.unique(problem.inv_sigma2)  # one for each octave
     mono_noise = [_mono_noise(weight) for weight in weights]
-    stereo_noise = [[_stereo_noise(weight, part) for part in _STEPS] for weight in weights]
+    stereo_noise = [[_stereo_noise(weight, part) for part in _NOISE_STEPS] for weight in weights]
     graph = gtsam.NonlinearFactorGraph()
     rows = zip(
         problem.camera.tolist(),
@@ -111,17 +112,22 @@ def _factors(camera: StereoCamera, problem: BundleProblem) -> gtsam.NonlinearFac
             graph.add(mono)
         else:
             stereo = gtsam.GenericStereoFactor3D(
-                gtsam.StereoPoint2(u, u_right, v), stereo_noise[level][step],
-                X(i), L(j), stereo_camera, False, False,
-            )  # fmt: skip
+                gtsam.StereoPoint2(u, u_right, v),
+                stereo_noise[level][step],
+                X(i),
+                L(j),
+                stereo_camera,
+                False,
+                False,
+            )
             graph.add(stereo)
     return graph
 
 
 def _noise_steps(camera: StereoCamera, problem: BundleProblem) -> IntArray:
-    """Return (M,) the step in `_STEPS` nearest to the noise of each disparity."""
+    """Return the (M,) indices of the steps nearest to the noise of each disparity."""
     disparity = np.nan_to_num(problem.measured_px[0] - problem.measured_px[2])
-    middles = np.sqrt(_STEPS[1:] * _STEPS[:-1])
+    middles = np.sqrt(_NOISE_STEPS[1:] * _NOISE_STEPS[:-1])
     return np.asarray(np.searchsorted(middles, camera.disparity_sigma_px(disparity)), np.int64)
 
 
@@ -131,7 +137,7 @@ def _mono_noise(inv_sigma2: float) -> gtsam.noiseModel.Robust:
 
 
 def _stereo_noise(inv_sigma2: float, disparity_sigma_px: float) -> gtsam.noiseModel.Robust:
-    """Return the noise of (u, u_right, v) whose u, v and u - u_right are independent."""
+    """Return the noise of (u, u_right, v) for independent u, v and u - u_right."""
     pixel2, disparity2 = 1.0 / inv_sigma2, disparity_sigma_px**2
     covariance = np.array(
         [[pixel2, pixel2, 0.0], [pixel2, pixel2 + disparity2, 0.0], [0.0, 0.0, pixel2]]

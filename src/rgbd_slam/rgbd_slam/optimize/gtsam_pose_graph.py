@@ -1,26 +1,15 @@
-"""Keyframe poses tied by relative measurements, optimised by GTSAM's Levenberg-Marquardt."""
+"""A pose graph of keyframes, optimized by GTSAM's Levenberg-Marquardt."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
-from hoid_common.values import FloatArray, IntArray
-
-
-class PoseGraphSolution(NamedTuple):
-    """Optimised poses, in order of `add_keyframe`."""
-
-    uids: IntArray  # (N,)
-    T_map_camera: FloatArray  # (N, 4, 4)
-    error_before: float  # half the sum of squared residuals, in sigmas
-    error_after: float
+from hoid_common.values import FloatArray
 
 
 class PoseGraph:
-    """A graph of keyframes; those added with `fixed` keep their pose."""
+    """Keyframes connected by measured relative poses; the fixed ones keep their pose."""
 
     def __init__(self) -> None:
         self._graph = gtsam.NonlinearFactorGraph()
@@ -28,7 +17,7 @@ class PoseGraph:
         self._uids: list[int] = []
 
     def add_keyframe(self, uid: int, T_map_camera: FloatArray, *, fixed: bool = False) -> None:
-        """Add a node with its present pose (4, 4); a graph needs at least one fixed one."""
+        """Add a keyframe with its initial pose (4, 4); at least one must be fixed."""
         pose = gtsam.Pose3(T_map_camera)
         self._values.insert(uid, pose)
         self._uids.append(uid)
@@ -38,20 +27,17 @@ class PoseGraph:
     def add_constraint(
         self, uid_a: int, uid_b: int, T_a_b: FloatArray, sigma_rad: float, sigma_m: float
     ) -> None:
-        """Tie two keyframes by the pose (4, 4) of b relative to a and its standard deviations."""
-        sigmas = np.repeat([sigma_rad, sigma_m], 3)  # GTSAM's twists, too, are rotation first
+        """Connect two keyframes by a measured pose T_a_b (4, 4) and its standard deviations."""
+        sigmas = np.repeat(
+            [sigma_rad, sigma_m], 3
+        )  # GTSAM's twists have the rotation first as well
         noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
         self._graph.add(gtsam.BetweenFactorPose3(uid_a, uid_b, gtsam.Pose3(T_a_b), noise))
 
-    def optimize(self) -> PoseGraphSolution:
-        """Return the poses of least error; every keyframe must be tied to a fixed one."""
-        optimizer = gtsam.LevenbergMarquardtOptimizer(self._graph, self._values)
-        before = optimizer.error()
-        poses = optimizer.optimize()
-        stacked = [poses.atPose3(uid).matrix() for uid in self._uids]
-        return PoseGraphSolution(
-            np.array(self._uids, np.int64),
-            np.array(stacked).reshape(-1, 4, 4),
-            before,
-            optimizer.error(),
-        )
+    def optimize(self) -> FloatArray:
+        """Return the optimized poses (N, 4, 4) in the order of `add_keyframe`.
+
+        Every keyframe must be connected with a fixed one.
+        """
+        poses = gtsam.LevenbergMarquardtOptimizer(self._graph, self._values).optimize()
+        return np.array([poses.atPose3(uid).matrix() for uid in self._uids]).reshape(-1, 4, 4)

@@ -1,4 +1,4 @@
-"""Local bundle adjustment: from the map to arrays, and back."""
+"""Bundle adjustment of a keyframe, its neighbors and their points in the map."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT, Observations
 from rgbd_slam.optimize.bundle_problem import BundleProblem, adjust
 
-_MIN_SHARED = 15
+_MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: points that connect keyframes
 
 
 def local_bundle_adjustment(
     atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig
 ) -> None:
-    """Adjust keyframe `i`, those that share most with it, and the points they see."""
+    """Adjust keyframe `i`, the keyframes that share most points with it, and their points."""
     free = np.concatenate([[i], atlas.covisible(i, _MIN_SHARED, config.window - 1)])
     root = atlas.keyframes.parent_uid[free] < 0
     fixed_root, free = free[root], free[~root]
     seen = atlas.keyframes.point_of_feature[free]
     j = np.unique(seen[seen != NO_POINT]).astype(np.int64)
-    fixed = np.concatenate([fixed_root, _holding(atlas, j, free, config.fixed_window)])
+    fixed = np.concatenate([fixed_root, _fixed_keyframes(atlas, j, free, config.fixed_window)])
     fixed = np.unique(fixed)
     if len(free) == 0 or len(fixed) == 0:
         return
@@ -32,8 +32,8 @@ def local_bundle_adjustment(
     _solve(atlas, camera, cameras, len(free), j, config)
 
 
-def _holding(atlas: Atlas, j: IntArray, free: IntArray, limit: int) -> IntArray:
-    """Return the keyframes outside the window that see most of its points."""
+def _fixed_keyframes(atlas: Atlas, j: IntArray, free: IntArray, limit: int) -> IntArray:
+    """Return the keyframes outside the window that observe most of its points (F,)."""
     votes = np.bincount(atlas.observations_of(j).i, minlength=atlas.keyframes.capacity)
     votes[free] = 0
     order = np.argsort(-votes, kind='stable')[:limit]
@@ -48,21 +48,25 @@ def _solve(
     j: IntArray,
     config: MappingConfig,
 ) -> None:
+    """Solve the problem, write the result to the map, and remove the outliers from it."""
     problem, seen = bundle_problem(atlas, cameras, num_free, j)
     solution = adjust(camera, problem, config.iterations, config.rounds)
     atlas.set_poses(cameras[:num_free], se3.inverse(solution.T_camera_map[:num_free]))
     atlas.set_positions(j, solution.points_m.T)
-    _forget(atlas, Observations(*(part[solution.outliers] for part in seen)))
+    _unobserve(atlas, Observations(*(part[solution.outliers] for part in seen)))
     atlas.refresh(j)
 
 
 def bundle_problem(
     atlas: Atlas, cameras: IntArray, num_free: int, j: IntArray
 ) -> tuple[BundleProblem, Observations]:
-    """Return keyframes (C,), points (P,) and what the ones see of the others, row by row.
+    """Return the problem of keyframes (C,) and points (P,), and its M observations in the map.
 
     Args:
-        num_free: how many of the keyframes, the first, may move.
+        atlas: The map.
+        cameras: (C,) keyframes, the optimized ones first.
+        num_free: Number of optimized keyframes.
+        j: (P,) points.
     """
     keyframes, points = atlas.keyframes, atlas.points
     seen = atlas.observations_of(j, cameras)
@@ -79,13 +83,13 @@ def bundle_problem(
 
 
 def _positions(rows: IntArray, capacity: int) -> IntArray:
-    """Return the inverse of an index list: where each row is in it."""
+    """Return the (capacity,) position of each row in a list of rows; -1 if it is not in it."""
     out = np.full(capacity, -1, np.int64)
     out[rows] = np.arange(len(rows))
     return out
 
 
-def _forget(atlas: Atlas, seen: Observations) -> None:
-    """Take observations out of the map."""
+def _unobserve(atlas: Atlas, seen: Observations) -> None:
+    """Remove observations from the map."""
     for i in np.unique(seen.i).tolist():
         atlas.unobserve(i, seen.k[seen.i == i])

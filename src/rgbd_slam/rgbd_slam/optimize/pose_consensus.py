@@ -1,15 +1,16 @@
-"""The pose of an image in which something may move undetected: hypotheses, and who decides.
+"""The pose of one image in which something may move that the filter did not detect.
 
-Counting inliers cannot tell that a tracker follows what moves: near points dominate translation,
-far ones give way by a turn, and each keyframe makes new points on what moves. Here the points that
-several keyframes have seen decide, by their truncated cost at the measured noise (MSAC, Torr and
-Zisserman, CVIU 2000): between the pose that fits them all, and those that suit their far or their
-near half where that objects. A part of them that drags the pose of the rest is left out. All that
-is matched has its say where these have no objection.
+The number of inliers does not reveal that the camera follows a moving object: near points dominate
+the translation, a wrong rotation compensates for the distant ones, and every keyframe creates new
+points on the moving object. Therefore well-observed points, which several keyframes have seen,
+decide between pose hypotheses (decision 026). A region of them that biases the pose of all others
+is left out (decision 036). The remaining matches refine the pose as long as they do not contradict
+the well-observed points.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,6 @@ from hoid_common.values import BoolArray, FloatArray
 from hoid_native.results import MatchEvaluation
 from rgbd_slam.config.consensus_config import ConsensusConfig
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.optimize.moving_part import Region
 from rgbd_slam.optimize.pose_optimizer import (
     CHI2_STEREO,
     GATES,
@@ -29,80 +29,90 @@ from rgbd_slam.optimize.pose_optimizer import (
     covariance,
     optimize_pose,
 )
+from rgbd_slam.optimize.view_region import ViewRegion
 
-_MEDIAN_COST = 2.366  # of three degrees of freedom, at the true noise
-_MAX_COST = 9.832  # pixel and disparity at their gates
-_MIN_SCALE = 0.01
-_MIN_HALF = 10  # matches that make a hypothesis
-_CHI2_APART = 16.812  # 99 % of six degrees of freedom
-_LIKELY = 0.4  # of the limit, to first order: a part that may drag the pose
-_PREFERRED = 1.0  # less cost by which a match prefers a motion
-_ROUNDS = 2  # in which a hypothesis gathers what fits it
+# The cost of a match is its squared error normalized by the measured noise, as
+# `hoid_native.evaluate_matches` returns it.
+_MEDIAN_COST = 2.366  # median of chi-square, three degrees of freedom: u, v and disparity
+_MAX_COST = 9.832  # 5.991 + 3.841: 95 % quantiles for the pixel (two) and the disparity (one)
+_CHI2_DISTINCT = 16.812  # 99 % quantile of chi-square, six degrees of freedom: a twist
+_MIN_NOISE_SCALE = 0.01  # chosen: keeps the scale above zero where the matches are exact
+_MIN_HALF = 10  # not tuned: matches that a hypothesis needs; two with depth determine a pose
+# Not tuned: passes in which a hypothesis collects the matches that fit it; the first one fits the
+# inliers of its half.
+_NUM_PASSES = 2
+# Not tuned: the first-order gain of leaving a region out, as a share of the required one, from
+# which the pose without it is computed.
+_MIN_FIRST_ORDER_GAIN = 0.4
+_MIN_COST_DIFFERENCE = 1.0  # chosen: a match prefers a motion if it costs it one variance less
 
 
-class Rival(NamedTuple):
-    """Another motion that explains the image: part of the map objects to the pose, or would."""
+class CompetingMotion(NamedTuple):
+    """A second motion that explains part of the image better than the chosen pose does."""
 
-    twist: FloatArray  # (6,) from the pose to the rival's, left, rotation first [rad, m]
-    chosen_share: float  # of the deciding matches, those that fit the pose, and fit it better
-    rival_share: float  # and those that fit the rival better
+    twist: FloatArray  # (6,) left twist from the chosen pose to the other, rotation first [rad, m]
+    chosen_share: (
+        float  # share of the deciding matches that fit the chosen pose, and fit it better
+    )
+    competing_share: float  # and share of those that fit the competing pose better
 
 
-class Dragging(NamedTuple):
-    """What moves by itself and would drag the pose along."""
+class BiasingObject(NamedTuple):
+    """A moving object that would bias the pose."""
 
-    region: Region
-    moves: BoolArray  # (N,) matches that fit its motion better, wherever they are
+    region: ViewRegion
+    prefers_its_motion: BoolArray  # (N,) matches, anywhere, that fit the biased pose better
 
 
 class Consensus(NamedTuple):
-    """A pose, and whether another one suits part of the map better."""
+    """The pose of an image, a competing motion and an object that would bias it, if any."""
 
     estimate: PoseEstimate
-    rival: Rival | None = None
-    dragging: Dragging | None = None
+    competing: CompetingMotion | None = None
+    biasing: BiasingObject | None = None
 
     @property
     def covariance(self) -> FloatArray:
-        """Return (6, 6) of a small motion in the camera's own frame, rotation first [rad^2, m^2].
+        """Return the (6, 6) covariance in the camera frame, rotation first [rad^2, m^2].
 
-        With a rival it is that of both poses, weighted by who follows them, around the chosen one.
+        With a competing motion, it is the covariance of the mixture of both poses, weighted by
+        their shares, about the chosen one.
         """
         return covariance(self.estimate) + self.ambiguity
 
     @property
     def image_covariance(self) -> FloatArray:
-        """Return (6, 6) of what the image errs by alone, as in the motion between two in a row."""
-        return self.estimate.own_share * covariance(self.estimate) + self.ambiguity
+        """Return the (6, 6) part of the covariance that successive images do not share."""
+        return self.estimate.independent_share * covariance(self.estimate) + self.ambiguity
 
     @property
     def ambiguity(self) -> FloatArray:
-        """Return (6, 6) of that between the two poses; 0 without a rival."""
-        if self.rival is None:
+        """Return the (6, 6) covariance due to the competing motion; 0 without one."""
+        if self.competing is None:
             return np.zeros((6, 6))
-        twist, chosen, other = self.rival
+        twist, chosen, other = self.competing
         return np.asarray(other / (chosen + other) * np.outer(twist, twist))
 
 
 class _Hypothesis(NamedTuple):
-    """A pose, and what the core says of it."""
+    """A pose and how well the deciding matches fit it."""
 
     T_camera_map: FloatArray  # (4, 4)
     information: FloatArray  # (6, 6)
-    cost: FloatArray  # (C,)
-    inliers: BoolArray  # (C,)
+    cost: FloatArray  # (D,)
+    inliers: BoolArray  # (D,)
 
     @property
-    def fitting(self) -> BoolArray:
-        """Return (C,) which inliers fit as well as the noise that the pose shows lets expect."""
+    def supporters(self) -> BoolArray:
+        """Return the (D,) mask of inliers at the noise that the hypothesis itself shows."""
         return np.asarray(self.inliers & (self.cost <= CHI2_STEREO * _noise_scale(self.cost)))
 
 
 class PoseConsensus:
-    """Solves for the pose of one image.
+    """Estimates the pose of one image from matches of which some may be on moving objects.
 
     Args:
-        camera: With the noise measured so far.
+        camera: The camera with its measured noise.
         config: Parameters.
     """
 
@@ -113,136 +123,174 @@ class PoseConsensus:
     def solve(
         self,
         problem: PoseProblem,
-        is_established: BoolArray,
+        is_well_observed: BoolArray,
         T_camera_map: FloatArray,
         *,
-        is_first: bool = False,
+        is_initial: bool = False,
     ) -> Consensus:
-        """Return the pose that explains the matches best, from an initial one.
+        """Return the pose that the well-observed points support, starting from an initial one.
 
         Args:
             problem: N matches.
-            is_established: (N,) mask of those whose points several keyframes have seen. Where they
-                are few, as in a new map, all matches decide.
-            T_camera_map: (4, 4) about where the camera is.
-            is_first: Whether more is matched by what this gives: parts may drag it a little.
+            is_well_observed: (N,) mask of the matches whose points several keyframes have seen.
+            T_camera_map: (4, 4) initial pose.
+            is_initial: True for a pose that only guides the search for more matches: a small bias
+                does no harm there, and no biasing region is searched.
         """
-        usual = optimize_pose(self._camera, problem, T_camera_map)
+        fit_to_all = optimize_pose(self._camera, problem, T_camera_map)
         if not self._config.enabled:
-            return Consensus(usual)
-        is_core = is_established
-        if np.count_nonzero(is_established) < self._config.min_well_observed:
-            is_core = np.ones(len(problem), np.bool_)
-        core = problem.select(is_core)
-        best = self._hypothesis(core, core, usual.T_camera_map)
-        rival = None
-        for other in self._objections(core, best):
-            if _is_better(other, best):
-                best, other = other, best  # noqa: PLW2901
-            if rival is None or _is_better(other, rival):
-                rival = other
-        freed = None if is_first else self._freed(core, best)
-        if freed is None:
-            estimate = self._widened(problem, is_core, best, usual)
-            return Consensus(estimate, _compared(best, rival))
-        rest, region = freed
-        estimate = self._widened(problem, is_core, rest, usual)
-        dragged, cost = _rescaled(
-            self._judge(problem, best.T_camera_map)[0],
-            self._judge(problem, estimate.T_camera_map)[0],
-        )
-        dragging = Dragging(region, cost > dragged + _PREFERRED)
-        return Consensus(estimate, _compared(rest, best if rival is None else rival), dragging)
+            return Consensus(fit_to_all)
+        deciding = self._deciding_matches(problem, is_well_observed)
+        fit = self._hypothesis(deciding, deciding, fit_to_all.T_camera_map)
+        best, second = _best_two(fit, self._competing_hypotheses(deciding, fit))
+        unbiased = None if is_initial else self._without_biasing_region(deciding, best)
+        if unbiased is None:
+            estimate = self._widened(problem, deciding, best, fit_to_all)
+            return Consensus(estimate, _competing_motion(best, second))
+        hypothesis, region = unbiased
+        estimate = self._widened(problem, deciding, hypothesis, fit_to_all)
+        biasing = BiasingObject(region, self._prefers(problem, best, estimate))
+        return Consensus(estimate, _competing_motion(hypothesis, second or best), biasing)
+
+    def _deciding_matches(self, problem: PoseProblem, is_well_observed: BoolArray) -> PoseProblem:
+        """Return the matches of well-observed points, or all if there are few, as in a new map."""
+        if np.count_nonzero(is_well_observed) < self._config.min_well_observed:
+            is_well_observed = np.ones(len(problem), np.bool_)
+        return problem.select(is_well_observed)
 
     def _hypothesis(
-        self, core: PoseProblem, fitted: PoseProblem, T_camera_map: FloatArray
+        self, deciding: PoseProblem, fitted: PoseProblem, T_camera_map: FloatArray
     ) -> _Hypothesis:
-        """Return the pose that fits some of the core."""
+        """Return the pose fitted to some matches, evaluated on all deciding ones."""
         fit = optimize_pose(self._camera, fitted, T_camera_map)
-        cost, inliers = self._judge(core, fit.T_camera_map)
+        cost, inliers = self._evaluate(deciding, fit.T_camera_map)
         return _Hypothesis(fit.T_camera_map, fit.information, cost, inliers)
 
-    def _objections(self, core: PoseProblem, best: _Hypothesis) -> list[_Hypothesis]:
-        """Return what the far and the near half of the core would have in place of a pose."""
-        if len(core) < 2 * _MIN_HALF:
+    def _competing_hypotheses(self, deciding: PoseProblem, fit: _Hypothesis) -> list[_Hypothesis]:
+        """Return the poses of the distant and the near half of the matches, if they contradict."""
+        if len(deciding) < 2 * _MIN_HALF:
             return []
-        depth_m = core.points_m @ best.T_camera_map[2, :3]
-        is_far = depth_m >= np.median(depth_m)
-        found = (self._objection(core, half, best) for half in (is_far, ~is_far))
-        return [hypothesis for hypothesis in found if hypothesis is not None]
+        depth_m = deciding.points_m @ fit.T_camera_map[2, :3]
+        is_distant = depth_m >= np.median(depth_m)
+        halves = (
+            self._hypothesis_of_half(deciding, half, fit) for half in (is_distant, ~is_distant)
+        )
+        return [hypothesis for hypothesis in halves if hypothesis is not None]
 
-    def _objection(
-        self, core: PoseProblem, half: BoolArray, best: _Hypothesis
+    def _hypothesis_of_half(
+        self, deciding: PoseProblem, half: BoolArray, fit: _Hypothesis
     ) -> _Hypothesis | None:
-        """Return the pose that one half suits much better, with what else of the core fits it."""
-        on_half = core.select(half)
-        fit = optimize_pose(self._camera, on_half, best.T_camera_map)
-        least = self._judge(on_half, fit.T_camera_map)[0]
-        if self._agree(best.cost[half], least, self._config.max_cost_increase):
+        """Return the pose of one half and all that fit it; None if `fit` suits the half."""
+        matches_of_half = deciding.select(half)
+        own = optimize_pose(self._camera, matches_of_half, fit.T_camera_map)
+        least = self._evaluate(matches_of_half, own.T_camera_map).cost
+        if self._is_consistent(fit.cost[half], least, self._config.max_cost_increase):
             return None
         used = half.copy()
-        used[half] = fit.inliers
-        found = self._hypothesis(core, core.select(used), fit.T_camera_map)
-        for _ in range(_ROUNDS - 1):
-            found = self._hypothesis(core, core.select(found.fitting), found.T_camera_map)
+        used[half] = own.inliers
+        found = self._hypothesis(deciding, deciding.select(used), own.T_camera_map)
+        for _ in range(_NUM_PASSES - 1):
+            supporters = deciding.select(found.supporters)
+            found = self._hypothesis(deciding, supporters, found.T_camera_map)
         return found
 
-    def _freed(self, core: PoseProblem, dragged: _Hypothesis) -> tuple[_Hypothesis, Region] | None:
-        """Return the pose of the core without a part that drags it, and where that is."""
+    def _without_biasing_region(
+        self, deciding: PoseProblem, biased: _Hypothesis
+    ) -> tuple[_Hypothesis, ViewRegion] | None:
+        """Return the pose without the region that biases it most, and the region, if there is one.
+
+        An object that moves slowly fits the pose of all matches nearly as well as the static
+        scene, so that residuals do not show it. Without its equations, however, the pose of the
+        rest moves, and the cost of the rest falls by more than noise explains.
+        """
         config = self._config
-        if not config.leave_out_parts or len(core) < config.min_well_observed:
+        if not config.leave_out_parts or len(deciding) < config.min_well_observed:
             return None
-        part = hoid_native.most_biasing_region(
+        worst = hoid_native.most_biasing_region(
             self._camera.lens,
             GATES,
-            *core.arrays,
-            dragged.T_camera_map,
-            _noise_scale(dragged.cost),
+            *deciding.arrays,
+            biased.T_camera_map,
+            _noise_scale(biased.cost),
         )
-        rest = ~part.mask
-        cost, _ = _rescaled(dragged.cost[rest], dragged.cost[rest])
-        if part.gain < _LIKELY * (config.cost_margin + config.min_cost_decrease * cost.sum()):
+        rest = ~worst.mask
+        cost, _ = _rescaled(biased.cost[rest], biased.cost[rest])
+        required = config.cost_margin + config.min_cost_decrease * cost.sum()
+        if worst.gain < _MIN_FIRST_ORDER_GAIN * required:
             return None
-        found = self._hypothesis(core, core.select(rest), dragged.T_camera_map)
-        if self._agree(dragged.cost[rest], found.cost[rest], config.min_cost_decrease):
+        found = self._hypothesis(deciding, deciding.select(rest), biased.T_camera_map)
+        if self._is_consistent(biased.cost[rest], found.cost[rest], config.min_cost_decrease):
             return None
-        return found._replace(inliers=found.inliers & rest), Region(part.low, part.high)
+        return found._replace(inliers=found.inliers & rest), ViewRegion(worst.low, worst.high)
 
     def _widened(
-        self, problem: PoseProblem, is_core: BoolArray, best: _Hypothesis, usual: PoseEstimate
-    ) -> PoseEstimate:
-        """Return the pose of all matches, or of those that fit, if the core can live with it."""
-        if self._suits(problem, is_core, best, usual, 0.0):
-            return usual
-        judged = self._judge(problem, best.T_camera_map)
-        fits = judged.inliers & (judged.cost <= CHI2_STEREO * _noise_scale(best.cost))
-        wider = optimize_pose(self._camera, problem.select(fits), best.T_camera_map)
-        is_wider = self._suits(problem, is_core, best, wider, self._config.max_cost_increase)
-        T, information = wider[::2] if is_wider else best[:2]
-        inliers = self._judge(problem, T)[1]
-        return PoseEstimate(T, inliers, information, usual.own_share)
-
-    def _suits(
         self,
         problem: PoseProblem,
-        is_core: BoolArray,
-        best: _Hypothesis,
+        deciding: PoseProblem,
+        hypothesis: _Hypothesis,
+        fit_to_all: PoseEstimate,
+    ) -> PoseEstimate:
+        """Return the pose refitted to more matches if it is consistent with the hypothesis.
+
+        The pose of all matches is kept if it costs the inliers of the hypothesis no more; else the
+        pose is refitted to all matches that fit the hypothesis, and kept within a tolerance; else
+        the hypothesis is returned.
+        """
+        if self._supports(deciding, hypothesis, fit_to_all, 0.0):
+            return fit_to_all
+        evaluated = self._evaluate(problem, hypothesis.T_camera_map)
+        limit = CHI2_STEREO * _noise_scale(hypothesis.cost)
+        fitting = problem.select(evaluated.inliers & (evaluated.cost <= limit))
+        refit = optimize_pose(self._camera, fitting, hypothesis.T_camera_map)
+        is_kept = self._supports(deciding, hypothesis, refit, self._config.max_cost_increase)
+        T_camera_map, information = refit[::2] if is_kept else hypothesis[:2]
+        inliers = self._evaluate(problem, T_camera_map).inliers
+        return PoseEstimate(T_camera_map, inliers, information, fit_to_all.independent_share)
+
+    def _supports(
+        self,
+        deciding: PoseProblem,
+        hypothesis: _Hypothesis,
         estimate: PoseEstimate,
         tolerance: float,
     ) -> bool:
-        """Return whether what decided on a pose agrees with another one."""
-        decided = best.inliers
-        cost = self._judge(problem.select(is_core), estimate.T_camera_map)[0]
-        return self._agree(cost[decided], best.cost[decided], tolerance)
+        """Return whether an estimate fits the inliers of a hypothesis nearly as well."""
+        inliers = hypothesis.inliers
+        cost = self._evaluate(deciding, estimate.T_camera_map).cost
+        return self._is_consistent(cost[inliers], hypothesis.cost[inliers], tolerance)
 
-    def _agree(self, cost: FloatArray, least: FloatArray, tolerance: float) -> bool:
+    def _is_consistent(self, cost: FloatArray, least: FloatArray, tolerance: float) -> bool:
+        """Return whether the total cost exceeds the least one by no more than a share of it."""
         cost, least = _rescaled(cost, least)
         return bool(cost.sum() <= self._config.cost_margin + (1 + tolerance) * least.sum())
 
-    def _judge(self, problem: PoseProblem, T_camera_map: FloatArray) -> MatchEvaluation:
+    def _prefers(
+        self, problem: PoseProblem, other: _Hypothesis, estimate: PoseEstimate
+    ) -> BoolArray:
+        """Return the (N,) mask of matches that fit another hypothesis better than an estimate."""
+        other_cost, cost = _rescaled(
+            self._evaluate(problem, other.T_camera_map).cost,
+            self._evaluate(problem, estimate.T_camera_map).cost,
+        )
+        return np.asarray(cost > other_cost + _MIN_COST_DIFFERENCE)
+
+    def _evaluate(self, problem: PoseProblem, T_camera_map: FloatArray) -> MatchEvaluation:
         return hoid_native.evaluate_matches(
             self._camera.lens, GATES, *problem.arrays, T_camera_map
         )
+
+
+def _best_two(
+    fit: _Hypothesis, competing: Iterable[_Hypothesis]
+) -> tuple[_Hypothesis, _Hypothesis | None]:
+    """Return the hypothesis with the least cost, and the one with the second least."""
+    best, second = fit, None
+    for hypothesis in competing:
+        is_best = _is_better(hypothesis, best)
+        best, other = (hypothesis, best) if is_best else (best, hypothesis)
+        if second is None or _is_better(other, second):
+            second = other
+    return best, second
 
 
 def _is_better(one: _Hypothesis, other: _Hypothesis) -> bool:
@@ -251,27 +299,27 @@ def _is_better(one: _Hypothesis, other: _Hypothesis) -> bool:
 
 
 def _rescaled(cost: FloatArray, other_cost: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two poses' costs at the noise that the better one shows."""
+    """Return the costs of two poses, truncated, at the noise that the better one shows."""
     scale = min(_noise_scale(cost), _noise_scale(other_cost))
     return np.minimum(cost / scale, _MAX_COST), np.minimum(other_cost / scale, _MAX_COST)
 
 
 def _noise_scale(cost: FloatArray) -> float:
-    """Return the noise that the median of costs shows, in units of that assumed, at most 1.
+    """Return the noise variance that the median cost shows, relative to the assumed; at most 1.
 
-    A new map's noise is not measured yet. At one assumed too large what moves would fit a pose
-    halfway, and few that do count more than many that rest.
+    The noise in a new map is not measured yet. If it were assumed too large, a moving object would
+    fit a pose halfway, and its few points would outweigh the many static ones.
     """
-    middle = float(np.median(cost)) if len(cost) else np.inf
-    return min(max(middle / _MEDIAN_COST, _MIN_SCALE), 1.0)
+    median = float(np.median(cost)) if len(cost) else np.inf
+    return min(max(median / _MEDIAN_COST, _MIN_NOISE_SCALE), 1.0)
 
 
-def _compared(best: _Hypothesis, other: _Hypothesis | None) -> Rival | None:
-    """Return a rival that some follow, and further off than noise as configured explains."""
+def _competing_motion(best: _Hypothesis, other: _Hypothesis | None) -> CompetingMotion | None:
+    """Return the motion between two hypotheses if it exceeds the noise and has supporters."""
     if other is None:
         return None
     twist = se3.log(other.T_camera_map @ se3.inverse(best.T_camera_map))
     is_better = best.cost <= other.cost
     shares = np.mean(best.inliers & is_better), np.mean(other.inliers & ~is_better)
-    is_apart = twist @ best.information @ twist > _CHI2_APART
-    return Rival(twist, *map(float, shares)) if is_apart and shares[1] > 0 else None
+    is_distinct = twist @ best.information @ twist > _CHI2_DISTINCT
+    return CompetingMotion(twist, *map(float, shares)) if is_distinct and shares[1] > 0 else None

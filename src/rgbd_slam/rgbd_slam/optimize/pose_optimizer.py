@@ -1,4 +1,4 @@
-"""The pose of one image from matched map points: robust Gauss-Newton on (u, v, u_right)."""
+"""The pose of one image from matches with map points: robust Gauss-Newton on (u, v, u_right)."""
 
 from __future__ import annotations
 
@@ -11,26 +11,33 @@ import hoid_native
 from hoid_common.values import BoolArray, FloatArray
 from rgbd_slam.model.frame import StereoCamera
 
-CHI2_MONO = 5.991  # 95 % quantiles of 2 and 3 degrees of freedom
-CHI2_STEREO = 7.815
+CHI2_MONO = 5.991  # 95 % quantile of chi-square, two degrees of freedom: (u, v)
+CHI2_STEREO = 7.815  # three degrees of freedom: (u, v, u_right)
 GATES = hoid_native.Gates(CHI2_MONO, CHI2_STEREO)
 
 
 class PoseEstimate(NamedTuple):
-    """A pose and what supports it."""
+    """The estimated pose of an image, its information and its inliers."""
 
     T_camera_map: FloatArray  # (4, 4)
     inliers: BoolArray  # (N,)
     information: FloatArray  # (6, 6) of the left twist, rotation first [1/rad^2, 1/m^2]
-    own_share: float = 1.0  # of its variance: what images in a row do not all err by
+    independent_share: float = 1.0  # share of the variance that successive images do not share
+
+
+class PosePrior(NamedTuple):
+    """A Gaussian prior of a pose, such as the prediction of an IMU."""
+
+    T_camera_map: FloatArray  # (4, 4)
+    information: FloatArray  # (6, 6) of the left twist, rotation first [1/rad^2, 1/m^2]
 
 
 @dataclass(frozen=True, eq=False)
 class PoseProblem:
-    """Matches of one image.
+    """N matches of one image with map points.
 
     Attributes:
-        points_m: (N, 3) in the map's frame.
+        points_m: (N, 3) map points in the map frame.
         measured_px: (N, 3) u, v, u_right; NaN for u_right without depth.
         inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
     """
@@ -44,7 +51,7 @@ class PoseProblem:
 
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return all three in order, as kernels take them."""
+        """Return the three arrays in the order of the arguments of the kernels."""
         return self.points_m, self.measured_px, self.inv_sigma2
 
     def select(self, keep: BoolArray) -> PoseProblem:
@@ -56,25 +63,35 @@ class PoseProblem:
 
 
 def optimize_pose(
-    camera: StereoCamera, problem: PoseProblem, T_camera_map: FloatArray
+    camera: StereoCamera,
+    problem: PoseProblem,
+    T_camera_map: FloatArray,
+    prior: PosePrior | None = None,
 ) -> PoseEstimate:
-    """Return the pose that explains the matches best, from an initial one.
+    """Return the pose that fits the matches, and the prior if there is one, best.
 
-    Three rounds, after each of which outliers are told anew. The information is told from the
-    noise of pixels as configured, or as measured where that is more, as of blurred images; where
-    it is less it leaves out what errs together.
+    The information is that of the configured pixel noise, or of the measured one if that is
+    larger, as in blurred images. A smaller measured noise is not used, because errors that all
+    matches share do not average out (decision 032).
+
+    Args:
+        camera: The camera with its measured noise.
+        problem: The matches.
+        T_camera_map: (4, 4) initial pose.
+        prior: A prior of the pose.
     """
-    fit = hoid_native.optimize_pose(camera.lens, GATES, *problem.arrays, T_camera_map)
-    # In the sums pixels have their configured weights and disparities are weighed against them, so
-    # that the measured noise scales all of it alike.
+    # The kernel weights pixels by their configured variance, and disparities and the prior
+    # relative to them; the measured variance scales the sum of all.
     variance = camera.pixel_noise**2
-    information = fit.information / max(1.0, variance)
-    return PoseEstimate(fit.T_camera_map, fit.inliers, information, min(1.0, variance))
+    scale = max(1.0, variance)
+    weighted = () if prior is None else (prior.T_camera_map, scale * prior.information)
+    fit = hoid_native.optimize_pose(camera.lens, GATES, *problem.arrays, T_camera_map, *weighted)
+    return PoseEstimate(fit.T_camera_map, fit.inliers, fit.information / scale, min(1.0, variance))
 
 
 def covariance(estimate: PoseEstimate) -> FloatArray:
-    """Return (6, 6) of a small motion in the camera's own frame, rotation first [rad^2, m^2]."""
+    """Return the (6, 6) covariance in the camera frame, rotation first [rad^2, m^2]."""
     try:
         return np.asarray(np.linalg.inv(estimate.information))
-    except np.linalg.LinAlgError:  # a motion that nothing tells of
+    except np.linalg.LinAlgError:  # no match constrains one of the motions
         return np.asarray(np.linalg.pinv(estimate.information, hermitian=True))

@@ -1,4 +1,4 @@
-"""Recognises a place that was seen before and proves it by geometry.
+"""Place recognition: finds keyframes that show the place of an image, and verifies the pose.
 
-What follows from it (relocalisation, loops) is for the rooms above.
+Relocalization and loop closing use it; it changes neither a pose nor the map.
 """

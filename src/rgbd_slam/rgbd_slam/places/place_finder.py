@@ -1,4 +1,4 @@
-"""From an image to the keyframes that may show its place, one for each place."""
+"""Finds the place of an image: candidates of the place index, verified by geometry."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceStatus, PlaceVerifier
-from rgbd_slam.places.place_recognition import PlaceIndex
+from rgbd_slam.places.place_index import make_place_index
 from rgbd_slam.places.pose_hint import PoseHint
 
-NEAR_SHARED = 15  # points that make two keyframes neighbours
-_RIVAL_M = 0.3  # poses further apart than this are two places
+NEAR_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
+_AMBIGUOUS_M = 0.3  # not tuned: verified poses farther apart than this are two places
 
 
 class FoundPlace(NamedTuple):
@@ -28,21 +28,29 @@ class FoundPlace(NamedTuple):
 
 
 class PlaceFinder:
-    """Finds and verifies places in a map that it does not change."""
+    """Finds and verifies places in a map, which it does not change.
+
+    Args:
+        atlas: The map.
+        camera: The camera with its configured noise.
+        config: Parameters.
+        seed: Seeds the random samples of RANSAC.
+    """
 
     def __init__(self, atlas: Atlas, camera: StereoCamera, config: PlaceConfig, seed: int) -> None:
         self._atlas = atlas
         self._config = config.verification
-        self._index = PlaceIndex(config.index)
+        self._index = make_place_index(config.index.method, config.index)
         self.verifier = PlaceVerifier(atlas, camera, config.verification, seed)
 
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
-        """Return keyframes that share most descriptors with an image, none near another.
+        """Return the keyframes most similar to an image, one for each place.
 
         Args:
-            excluded: keyframes that shall not count.
+            descriptors: (N, 32) of the image.
+            excluded: Keyframes that are no candidates.
         """
-        self._index.follow(self._atlas)
+        self._index.update(self._atlas)
         keyframes = self._atlas.keyframes
         row_of = {int(keyframes.uid[i]): i for i in keyframes.indices().tolist()}
         taken = set(excluded.tolist())
@@ -58,18 +66,19 @@ class PlaceFinder:
         return chosen
 
     def locate(self, frame: Frame) -> FoundPlace | None:
-        """Return where in the map a frame was taken, or None when that is unknown or not clear.
+        """Return the place of a frame in the map, or None if it is unknown or ambiguous.
 
-        Identical furniture fits in two places: then neither is believed, and a later frame
-        that shows more will decide.
+        With identical furniture, two places may be verified. Then neither is returned; a later
+        frame that shows more may resolve the ambiguity.
         """
-        return self._clearest(frame, np.empty(0, np.int64))
+        return self._unambiguous_place(frame, np.empty(0, np.int64))
 
     def locate_near(self, frame: Frame, hint: PoseHint) -> FoundPlace | None:
-        """Return where near a pose of the main map a frame was taken, or None.
+        """Return the place of a frame near a given pose in the main map, or None.
 
-        First by what the map shows from that pose, which has to be good to a degree or two; then
-        by places, of which only those within reach count: others may look the same.
+        First the map points are searched that this pose predicts, which works if it is accurate to
+        one or two degrees. Then the place index is queried for keyframes near the pose only,
+        because places elsewhere may look the same.
         """
         keyframes = self._atlas.keyframes
         rows = keyframes.indices()
@@ -77,15 +86,17 @@ class PlaceFinder:
         is_near = hint.reaches(T_map_camera) & (keyframes.map_id[rows] == main_map(keyframes))
         if not is_near.any():
             return None
-        nearest = np.argsort(hint.apart(T_map_camera[is_near]).sum(0))  # a metre is as a radian
+        nearest = np.argsort(hint.distances(T_map_camera[is_near]).sum(0))  # 1 m counts as 1 rad
         around = rows[is_near][nearest[: 1 + self._config.neighbours]]
         match = self.verifier.search(frame, se3.inverse(hint.T_map_camera), around)
         place: FoundPlace | None = FoundPlace(int(around[0]), match)
         if match.status is not PlaceStatus.SAME_PLACE:
-            place = self._clearest(frame, rows[~is_near])
-        return place if place is not None and hint.reaches(place.match.pose[None])[0] else None
+            place = self._unambiguous_place(frame, rows[~is_near])
+        is_near_hint = place is not None and hint.reaches(place.match.T_map_camera[None])[0]
+        return place if is_near_hint else None
 
-    def _clearest(self, frame: Frame, excluded: IntArray) -> FoundPlace | None:
+    def _unambiguous_place(self, frame: Frame, excluded: IntArray) -> FoundPlace | None:
+        """Return the verified place with most inliers, if no other place has about as many."""
         tried = [
             FoundPlace(i, self.verifier.verify(frame, i))
             for i in self.candidates(frame.descriptors, excluded)
@@ -94,13 +105,14 @@ class PlaceFinder:
         if not places:
             return None
         best = max(places, key=lambda place: len(place.match.k))
-        rivals = [place for place in places if self._are_rivals(place, best)]
-        return None if rivals else best
+        is_ambiguous = any(self._are_ambiguous(place, best) for place in places)
+        return None if is_ambiguous else best
 
-    def _are_rivals(self, a: FoundPlace, b: FoundPlace) -> bool:
+    def _are_ambiguous(self, a: FoundPlace, b: FoundPlace) -> bool:
+        """Return whether `a` has nearly the inliers of `b`, at another pose in the same map."""
         map_id = self._atlas.keyframes.map_id
         if a is b or map_id[a.keyframe] != map_id[b.keyframe]:
             return False
-        apart_m = np.linalg.norm(a.match.position_m - b.match.position_m)
-        enough = len(a.match.k) > self._config.max_rival_share * len(b.match.k)
-        return bool(enough and apart_m > _RIVAL_M)
+        distance_m = np.linalg.norm(a.match.position_m - b.match.position_m)
+        has_support = len(a.match.k) > self._config.max_second_place_share * len(b.match.k)
+        return bool(has_support and distance_m > _AMBIGUOUS_M)

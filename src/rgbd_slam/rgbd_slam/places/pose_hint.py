@@ -1,4 +1,4 @@
-"""Where somebody says that the camera is."""
+"""An approximate pose of the camera, given by a user or another localization."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray
 
-_SIGMAS = 3.0
-# A click on a map says no more than this, whatever covariance it comes with; views that are
-# turned by more have little in common.
-_LEAST_REACH_M = 1.5
-_LEAST_REACH_RAD = np.pi / 3
+_NUM_SIGMAS = 3.0  # chosen: 99.7 % of a normal distribution
+# Not tuned: a click on a map in RViz is no more accurate than this, whatever its covariance says,
+# and views that differ by a larger rotation have little in common.
+_MIN_REACH_M = 1.5
+_MIN_REACH_RAD = np.pi / 3
 
 
 @dataclass(frozen=True, eq=False)
 class PoseHint:
-    """A pose that was given, and how far from it the camera is looked for.
+    """An approximate pose and its uncertainty, which limit where the camera is searched.
 
-    Args:
-        T_map_camera: (4, 4).
-        sigma_m: Standard deviation of the place.
-        sigma_rad: Of the direction.
+    Attributes:
+        T_map_camera: (4, 4) pose in the main map.
+        sigma_m: Standard deviation of its position.
+        sigma_rad: Standard deviation of its rotation.
     """
 
     T_map_camera: FloatArray
@@ -31,14 +31,14 @@ class PoseHint:
     sigma_rad: float = 0.0
 
     def reaches(self, T_map_camera: FloatArray) -> BoolArray:
-        """Return the (N,) mask of poses (N, 4, 4) at which the camera may be."""
-        apart = self.apart(T_map_camera)
-        reach_m = max(_SIGMAS * self.sigma_m, _LEAST_REACH_M)
-        reach_rad = max(_SIGMAS * self.sigma_rad, _LEAST_REACH_RAD)
-        return np.asarray((apart[0] <= reach_m) & (apart[1] <= reach_rad))
+        """Return the (N,) mask of poses (N, 4, 4) that are consistent with the hint."""
+        distance_m, turn_rad = self.distances(T_map_camera)
+        reach_m = max(_NUM_SIGMAS * self.sigma_m, _MIN_REACH_M)
+        reach_rad = max(_NUM_SIGMAS * self.sigma_rad, _MIN_REACH_RAD)
+        return np.asarray((distance_m <= reach_m) & (turn_rad <= reach_rad))
 
-    def apart(self, T_map_camera: FloatArray) -> FloatArray:
-        """Return (2, N) how far poses (N, 4, 4) are away [m] and turned [rad]."""
-        turned = se3.log(se3.inverse(self.T_map_camera) @ T_map_camera)[:, :3]
-        away = T_map_camera[:, :3, 3] - self.T_map_camera[:3, 3]
-        return np.stack([np.linalg.norm(away, axis=1), np.linalg.norm(turned, axis=1)])
+    def distances(self, T_map_camera: FloatArray) -> FloatArray:
+        """Return the (2, N) distances [m] and rotations [rad] of poses (N, 4, 4) from the hint."""
+        rotation = se3.log(se3.inverse(self.T_map_camera) @ T_map_camera)[:, :3]
+        offset_m = T_map_camera[:, :3, 3] - self.T_map_camera[:3, 3]
+        return np.stack([np.linalg.norm(offset_m, axis=1), np.linalg.norm(rotation, axis=1)])

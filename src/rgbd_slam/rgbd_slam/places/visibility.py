@@ -1,9 +1,9 @@
-"""What an image should show of the map if it was taken where it is thought to be.
+"""Which map points an image should show if its estimated pose is right.
 
-Where the same furniture stands twice, many points are found, but more are missing: what hangs on
-the walls differs. So the points found are held against those that should have been, by how often
-each has been found before, leaving out what the image cannot tell: points where it has no
-features (people are masked, walls may be blank) and points that something in front hides.
+In a second place with identical furniture, many points are found, but more are missing, because
+the walls differ. Therefore the number of found points is compared with the expected number, to
+which each point contributes the share of frames that found it before. Points without features
+around them (masked people, blank walls) and points behind an occluding object do not count.
 """
 
 from __future__ import annotations
@@ -17,44 +17,50 @@ from rgbd_slam.matching.feature_grid import FeatureGrid
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.points import PointTable
 
-_WINDOW_PX = 12.0
-_MIN_READINGS = 2  # a single one may be a false reading at an edge
-_GAP_SHARE = 0.12  # of the depth, beyond which two readings differ: noise and parallax stay within
-_GAP_M = 0.10
+# Not tuned.
+_WINDOW_PX = 12.0  # half side of the window around a point in which features are compared
+_MIN_READINGS = 2  # a single reading may be wrong at a depth edge
+# Two depths differ if they do so by more than noise and parallax within the window explain: a
+# constant part and a share of the depth.
+_DEPTH_TOLERANCE_M = 0.10
+_DEPTH_TOLERANCE_SHARE = 0.12
 
 
 class Visibility(NamedTuple):
-    """What the features of an image say about N points in its view."""
+    """How the features of an image support or contradict N points in its view."""
 
-    observable: BoolArray  # (N,) there are features around, and not all are in front
-    contradicted: BoolArray  # (N,) all depth readings around lie beyond: the image sees through
+    observable: BoolArray  # (N,) there are features around, and they do not occlude the point
+    contradicted: BoolArray  # (N,) all depth readings around lie behind the point
 
 
 def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> Visibility:
     """Compare points with the depth readings of the features around them.
 
     Args:
-        projection_px: (3, N) where the points are seen.
-        depth_m: (N,) of the points.
+        projection_px: (3, N) projections of the points.
+        depth_m: (N,) depths of the points.
+        frame: The image.
     """
     n = len(depth_m)
     q, k = FeatureGrid(frame).search(projection_px[:2], np.full(n, _WINDOW_PX))
     features = np.bincount(q, minlength=n)
-    read = frame.depth_m[k] > 0
-    q, k = q[read], k[read]
-    gap = frame.depth_m[k] - depth_m[q]
-    tolerance = _GAP_M + _GAP_SHARE * depth_m[q]
-    count = np.bincount(q, minlength=n)
-    beyond = np.bincount(q, gap > tolerance, minlength=n)
-    before = np.bincount(q, gap < -tolerance, minlength=n)
-    hidden = (count > 0) & (before == count)
-    return Visibility((features > 0) & ~hidden, (count >= _MIN_READINGS) & (beyond == count))
+    has_depth = frame.depth_m[k] > 0
+    q, k = q[has_depth], k[has_depth]
+    difference_m = frame.depth_m[k] - depth_m[q]
+    tolerance_m = _DEPTH_TOLERANCE_M + _DEPTH_TOLERANCE_SHARE * depth_m[q]
+    num_readings = np.bincount(q, minlength=n)
+    num_behind = np.bincount(q, difference_m > tolerance_m, minlength=n)
+    num_in_front = np.bincount(q, difference_m < -tolerance_m, minlength=n)
+    is_occluded = (num_readings > 0) & (num_in_front == num_readings)
+    is_contradicted = (num_readings >= _MIN_READINGS) & (num_behind == num_readings)
+    return Visibility((features > 0) & ~is_occluded, is_contradicted)
 
 
-def chance_found(points: PointTable, j: IntArray) -> FloatArray:
-    """Return (N,) how likely a frame that should see the points finds each.
+def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
+    """Return the (N,) probabilities that a frame in whose view the points are finds each.
 
-    That is the share of frames that did, drawn towards 1/4 while few frames tell.
+    This is the share of earlier frames that did, with a Beta(1, 3) prior: 1/4 for a new point
+    (chosen, not tuned).
     """
-    chance: FloatArray = (points.num_found[j] + 1.0) / (points.num_visible[j] + 4.0)
-    return chance
+    probability: FloatArray = (points.num_found[j] + 1.0) / (points.num_visible[j] + 4.0)
+    return probability

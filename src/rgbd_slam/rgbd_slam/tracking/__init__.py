@@ -1,4 +1,4 @@
-"""From the features of one image to its pose, and when that image should become a keyframe.
+"""Pose estimation of single frames, and the decision which frames become keyframes.
 
-Nothing here writes to the map.
+No module of this package changes the map.
 """

@@ -1,4 +1,8 @@
-"""When a tracked frame becomes a keyframe (after ORB-SLAM2's rules for depth cameras)."""
+"""Decides when a tracked frame becomes a keyframe (decision 004).
+
+The rules extend those of ORB-SLAM2 for depth cameras (Mur-Artal and Tardos, T-RO 2017, sec.
+III-E).
+"""
 
 from __future__ import annotations
 
@@ -11,23 +15,28 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.tracking.tracker import TrackerOutput
 
-_WELL_OBSERVED = 3  # an observation with depth counts twice
-_YOUNG_MAP = 2  # keyframes
-_YOUNG_SHARE = 0.4
-_NEIGHBOURS = 24  # keyframes that may show the same as a frame
-_SETTLED = 10  # keyframes since: what one sees is proven by others then, or culled
-_SAME_VIEW = 0.2  # rad that one view is turned by, or would have to be to show as much else
-_CELL_PX = 40  # where the map has a point, another is no news
-_ROW = 1 << 16
+# ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: weight (an observation with depth counts twice) from
+# which a point of the reference keyframe counts, and the rule for a map of at most two keyframes.
+_MIN_WEIGHT = 3
+_MIN_WEIGHT_NEW_MAP = 2
+_NEW_MAP_KEYFRAMES = 2
+_NEW_MAP_SHARE = 0.4
+_NUM_NEIGHBORS = 24  # not tuned: covisible keyframes that may show the view of a frame
+# Decision 004: the number of later keyframes that have confirmed or culled the points of one, and
+# the largest difference of two equal views: rotation [rad] plus distance over median depth.
+_SETTLED_AGE = 10
+_SAME_VIEW_RAD = 0.2
+_CELL_PX = 40  # not tuned: a new feature counts only in a cell where no point is expected
+_ROW = 1 << 16  # chosen: more cells than a row has
 
 
 class KeyframePolicy:
-    """Judges frames by how much less they see of the map than those after the last keyframe.
+    """Selects keyframes by the share of the map that a frame still sees since the last keyframe.
 
     Args:
         atlas: The map.
         config: Parameters.
-        close_px: Disparity from which on depth is trusted to make points.
+        close_px: Disparity above which a depth reading alone creates a map point.
     """
 
     def __init__(self, atlas: Atlas, config: KeyframeConfig, close_px: float) -> None:
@@ -37,24 +46,23 @@ class KeyframePolicy:
         self.restart()
 
     def reconfigure(self, config: KeyframeConfig) -> None:
-        """Take over parameters that may change at run time."""
+        """Apply the parameters that may change at run time."""
         self._config = config
 
     def restart(self) -> None:
-        """Expect stamps that start anew: the last keyframe is long ago."""
+        """Forget the last keyframe, because the stamps have started again."""
         self.inserted(0)
 
     def inserted(self, stamp_ns: int) -> None:
-        """Take note of a keyframe."""
+        """Record the stamp of a new keyframe."""
         self._last_ns = stamp_ns
         self._most_inliers = 0
 
     def wants(self, tracking: TrackerOutput, queue_length: int) -> bool:
-        """Return whether the frame shows so much new that the map should take it in.
+        """Return whether a frame should become a keyframe.
 
-        A mapper with `queue_length` keyframes to do gets no further one: what they add to the map
-        may be enough. Nor does it soon after the last one, while tracking is good: many keyframes
-        of one view only add noise.
+        No keyframe is requested while the mapper has others in its queue, because their points
+        may be enough, nor soon after the last one while tracking is good.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)
@@ -67,13 +75,15 @@ class KeyframePolicy:
         if gap_s < self._config.min_gap_s and not is_falling:
             return False
         if is_falling:
-            return True  # a known view, too: it may be all that keeps tracking alive
-        lacks = share < self._config.fewer_share or self._lacks_depth(tracking)
-        lacks = lacks or self._leaves_reference(i, num_inliers)
-        return lacks and not (self._config.skip_known_views and self._is_known_view(tracking, i))
+            return True  # even in a known view: otherwise the camera may be lost
+        is_needed = share < self._config.fewer_share or self._lacks_close_points(tracking)
+        is_needed = is_needed or self._leaves_reference(i, num_inliers)
+        return is_needed and not (
+            self._config.skip_known_views and self._is_known_view(tracking, i)
+        )
 
-    def _lacks_depth(self, tracking: TrackerOutput) -> bool:
-        """Return whether few close points are tracked and many could be made."""
+    def _lacks_close_points(self, tracking: TrackerOutput) -> bool:
+        """Return whether few close points are tracked and many could be created."""
         frame, points = tracking.tracked.frame, tracking.tracked.points
         close = self._is_close(frame.measurement_px.T)
         tracked = np.count_nonzero(close & (points != NO_POINT))
@@ -81,19 +91,19 @@ class KeyframePolicy:
         return bool(tracked < self._config.min_close_tracked and new > self._config.min_close_new)
 
     def _is_known_view(self, tracking: TrackerOutput, i: int) -> bool:
-        """Return whether a settled keyframe shows the same, and nothing has appeared since.
+        """Return whether an old keyframe has the same view, and nothing new has appeared in it.
 
-        What is not tracked there was not found again either, and one more keyframe each time the
-        camera comes by would make the map grow with time instead of with the space seen.
+        Features that do not match the map there did not match it before either. A keyframe at each
+        visit would make the map grow with time instead of with the space seen.
         """
         keyframes, frame = self._atlas.keyframes, tracking.tracked.frame
-        rows = np.r_[i, self._atlas.covisible(i, limit=_NEIGHBOURS)]
-        rows = rows[keyframes.uid[rows] <= keyframes.uid.max() - _SETTLED]
+        rows = np.r_[i, self._atlas.covisible(i, limit=_NUM_NEIGHBORS)]
+        rows = rows[keyframes.uid[rows] <= keyframes.uid.max() - _SETTLED_AGE]
         T = se3.inverse(tracking.tracked.T_map_camera) @ keyframes.T_map_camera[rows]
         depth_m = np.median(frame.depth_m[frame.has_depth]) if frame.has_depth.any() else np.inf
-        apart = np.linalg.norm(T[:, :3, 3], axis=1) / depth_m
-        apart += np.linalg.norm(se3.log(T)[:, :3], axis=1)
-        if not (apart < _SAME_VIEW).any():
+        difference_rad = np.linalg.norm(T[:, :3, 3], axis=1) / depth_m
+        difference_rad += np.linalg.norm(se3.log(T)[:, :3], axis=1)
+        if not (difference_rad < _SAME_VIEW_RAD).any():
             return False
         unknown = (tracking.tracked.points == NO_POINT) & frame.may_seed
         new_px = frame.measurement_px[unknown & self._is_close(frame.measurement_px.T)].T
@@ -102,24 +112,24 @@ class KeyframePolicy:
         return bool(appeared <= self._config.min_close_new)
 
     def _is_close(self, pixels: FloatArray | Float32Array) -> BoolArray:
-        """Return the (N,) mask of (3, N) u, v, u_right near enough to make points of."""
-        is_close: BoolArray = pixels[0] - pixels[2] > self._close_px  # NaN, no depth, is not
+        """Return the (N,) mask of (3, N) u, v, u_right that are near enough to create points."""
+        is_close: BoolArray = pixels[0] - pixels[2] > self._close_px  # False without depth (NaN)
         return is_close
 
     def _leaves_reference(self, i: int, num_inliers: int) -> bool:
-        """Return whether less is tracked than the reference keyframe sees for certain."""
+        """Return whether a frame tracks few of the confirmed points of its reference keyframe."""
         keyframes, points = self._atlas.keyframes, self._atlas.points
         seen = keyframes.point_of_feature[i]
         seen = seen[seen != NO_POINT]
         weight = points.num_observations[seen] + points.num_stereo[seen]
-        young = len(keyframes) <= _YOUNG_MAP
-        certain = np.count_nonzero(weight >= (2 if young else _WELL_OBSERVED))
-        share = _YOUNG_SHARE if young else self._config.reference_share
-        return bool(num_inliers < share * certain)
+        is_new_map = len(keyframes) <= _NEW_MAP_KEYFRAMES
+        min_weight = _MIN_WEIGHT_NEW_MAP if is_new_map else _MIN_WEIGHT
+        share = _NEW_MAP_SHARE if is_new_map else self._config.reference_share
+        return bool(num_inliers < share * np.count_nonzero(weight >= min_weight))
 
 
 def _cells(pixels: FloatArray | Float32Array) -> IntArray:
-    """Return (N,) numbers of the cells of the image that (3, N) u, v, u_right lie in."""
+    """Return the (N,) indices of the image cells that contain (3, N) u, v, u_right."""
     u, v = (pixels[:2] // _CELL_PX).astype(np.int64)
     cells: IntArray = _ROW * v + u
     return cells

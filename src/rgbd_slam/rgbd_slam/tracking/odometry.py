@@ -1,4 +1,4 @@
-"""The camera's way from image to image: expected, observed and summed up."""
+"""The motion of the camera from frame to frame: predicted, measured and accumulated."""
 
 from __future__ import annotations
 
@@ -8,146 +8,158 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray
+from hoid_common.values import S_PER_NS, FloatArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.optimize.pose_consensus import Consensus
-from rgbd_slam.tracking.jitter import Jitter
-from rgbd_slam.tracking.motion import ConstantVelocity, MotionSource, WheelMotion
+from rgbd_slam.tracking.motion_sources import MOTION_SOURCES, BridgedMotion, MotionLookup
+from rgbd_slam.tracking.pose_noise import PoseNoise
 
-# What a camera may have turned and gone while lost, as standard deviations [rad, m]: of poses in
-# a map that nothing has joined with the main one.
+# Chosen: standard deviations [rad, m] of a pose in a map that is not connected with the main one:
+# nothing is known of the motion of the camera while it was lost.
 _UNKNOWN_COVARIANCE = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
 
 
 class Bridge(NamedTuple):
-    """Where the wheels have taken the camera since it was tracked last."""
+    """The pose of the camera by a motion source, while it is not tracked."""
 
     T_map_camera: FloatArray  # (4, 4)
-    covariance: FloatArray  # (6, 6) of a small motion of the camera, rotation first
-    image_covariance: FloatArray  # (6, 6) of it, what images in a row do not share
-    elapsed_s: float
-    way_m: float
+    covariance: FloatArray  # (6, 6) in the camera frame, rotation first
+    image_covariance: FloatArray  # (6, 6) part of it that successive images do not share
+    elapsed_s: float  # since the last tracked frame
+    distance_m: float  # from the last tracked frame
 
 
 class Odometry:
-    """Goes from the last tracked frame to the next; its sum never jumps with the map.
+    """Accumulates the motions between tracked frames; corrections of the map do not change it.
 
     Args:
-        atlas: The map, by which the last frame's pose is known at any time.
-        wheels: Somebody else's odometry, if there is one.
+        atlas: The map, which determines the current pose of the last frame.
+        wheels: External odometry, if there is one.
     """
 
-    def __init__(self, atlas: Atlas, wheels: MotionSource | None = None) -> None:
+    def __init__(self, atlas: Atlas, wheels: MotionLookup | None = None) -> None:
         self.last: TrackedFrame | None = None
         self.T_odom_camera = np.eye(4)
-        self._atlas = atlas
-        self._motion = ConstantVelocity()
-        self._wheels = WheelMotion(wheels or (lambda *_: None))
-        self._T_odom_last = np.eye(4)
-        self._is_bridged = False
-        self._jitter = Jitter()
-        # Of the last frame's pose, (6, 6) of a small motion of the camera, rotation first; and of
-        # it, what images in a row do not share.
+        # (6,) last observed velocity of points in the camera frame, rotation first [rad/s, m/s]
+        self.twist: FloatArray = np.zeros(6)
+        # (6, 6) covariance of the last pose in the camera frame, rotation first, and the part of
+        # it that successive images do not share
         self.covariance = self.image_covariance = np.zeros((6, 6))
+        self._atlas = atlas
+        self._sources = [make(wheels) for make in MOTION_SOURCES.values()]
+        self._T_odom_last = np.eye(4)
+        self._is_bridged = False  # True: a motion source has replaced the tracker since `last`
+        self._pose_noise = PoseNoise()
 
     def follow(self, stamp_ns: int) -> None:
-        """Hear what the wheels say of the time up to an image."""
-        self._wheels.follow(stamp_ns)
+        """Proceed to the image with this stamp."""
+        for source in self._sources:
+            source.advance(stamp_ns)
 
-    def predict(self, stamp_ns: int) -> list[FloatArray]:
-        """Return T_camera_last (4, 4) that may be expected, the likeliest first.
+    def predict(self) -> list[FloatArray]:
+        """Return the predicted motions T_camera_last (4, 4), the most reliable first.
 
-        While the camera is tracked its own motion is: wheels slip.
+        While the camera is tracked, its own velocity is more reliable than wheels, which slip;
+        once it is lost, only the sources that bridge the loss have measured its motion.
         """
-        assert self.last is not None
-        own = self._motion.predict(stamp_ns - self.last.frame.stamp_ns)
-        T_last_now = self._wheels.T_last_now
-        if T_last_now is None:
-            return [own]
-        both = [own, se3.inverse(T_last_now)]
-        return both[::-1] if self._is_bridged else both
+        sources = self._sources
+        if self._is_bridged:
+            sources = sorted(sources, key=lambda source: source.bridge() is None)
+        predictions = (source.predict() for source in sources)
+        return [T_camera_last for T_camera_last in predictions if T_camera_last is not None]
 
     def advance(self, tracked: TrackedFrame, consensus: Consensus) -> None:
-        """Take the motion since the last frame, both poses by the map as it is now."""
+        """Add the motion from the last frame to a tracked one, by the current map."""
         assert self.last is not None
         T_last_camera = se3.inverse(self.last.current_pose(self._atlas)) @ tracked.T_map_camera
         elapsed_ns = tracked.frame.stamp_ns - self.last.frame.stamp_ns
-        self._motion.observe(se3.inverse(T_last_camera), elapsed_ns)
-        self._wheels.compare(T_last_camera)
+        self._observe(T_last_camera, elapsed_ns)
         if self._is_bridged or elapsed_ns <= 0:
-            self._jitter.restart()
+            self._pose_noise.restart()
         if self._is_bridged:
-            self.bridge()  # what was said meanwhile is not taken back
+            self.bridge()  # poses that were published while bridging are not corrected
         else:
             self._move(T_last_camera)
-        self._jitter.add(tracked.frame.stamp_ns, self.T_odom_camera)
-        self._judge(consensus)
+        self._pose_noise.add(tracked.frame.stamp_ns, self.T_odom_camera)
+        self._update_covariances(consensus)
         self.restart_from(tracked)
 
     def bridge(self) -> Bridge | None:
-        """Go on by the wheels, with no image; None where they say nothing."""
-        T_last_now = self._wheels.T_last_now
-        if self.last is None or T_last_now is None:
+        """Move by a motion source instead of an image; None if no source knows the motion."""
+        motion = self._bridged_motion()
+        if self.last is None or motion is None:
             return None
         self._is_bridged = True
-        self._move(T_last_now)
-        A = se3.adjoint(se3.inverse(T_last_now))
+        self._move(motion.T_last_camera)
+        A = se3.adjoint(se3.inverse(motion.T_last_camera))
         return Bridge(
-            self.pose() @ T_last_now,
-            A @ self.covariance @ A.T + self._wheels.covariance,
-            self._wheels.image_covariance,
-            self._wheels.elapsed_s,
-            float(np.linalg.norm(T_last_now[:3, 3])),
+            self.pose() @ motion.T_last_camera,
+            A @ self.covariance @ A.T + motion.covariance,
+            motion.image_covariance,
+            motion.elapsed_s,
+            float(np.linalg.norm(motion.T_last_camera[:3, 3])),
         )
 
     def restart_from(self, tracked: TrackedFrame | None) -> None:
-        """Take another last frame, or none, without a motion to it."""
+        """Replace the last frame, or remove it, without a motion between the two."""
         self.last = tracked
         self._T_odom_last, self._is_bridged = self.T_odom_camera, False
         if tracked is not None:
-            self._wheels.begin(tracked.frame.stamp_ns)
+            for source in self._sources:
+                source.start(tracked.frame.stamp_ns)
 
     def stop(self) -> None:
-        """Expect no motion, until one is observed."""
-        self._motion.forget()
+        """Discard the velocity: predict no motion until one has been observed."""
+        self.twist = np.zeros(6)
+        for source in self._sources:
+            source.reset()
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
-        """Hang the last frame on what took the place of removed keyframes."""
+        """Make the last frame relative to the parents of removed keyframes."""
         if self.last is not None:
             self.last = self.last.redirected(redirects)
 
     def pose(self) -> FloatArray:
-        """Return T_map_camera (4, 4) of the last frame as the map says now; without one, I."""
+        """Return T_map_camera (4, 4) of the last frame by the current map; I without a frame."""
         return np.eye(4) if self.last is None else self.last.current_pose(self._atlas)
 
     def in_map(self, covariance: FloatArray) -> FloatArray:
-        """Return how well the last pose is known (6, 6): not where its map lies, unless main."""
+        """Return a (6, 6) covariance, enlarged if the last frame is not in the main map."""
         return covariance if self.is_in_main_map else covariance + _UNKNOWN_COVARIANCE
-
-    def _judge(self, consensus: Consensus) -> None:
-        """Tell the covariances: by the jitter seen, or by residuals alone until it is known."""
-        jitter = self._jitter.covariance(consensus.image_covariance)
-        if jitter is None:
-            self.covariance = consensus.covariance
-            self.image_covariance = consensus.image_covariance
-        else:
-            self.covariance = jitter + consensus.image_covariance
-            self.image_covariance = jitter + consensus.ambiguity
-
-    def _move(self, T_last_now: FloatArray) -> None:
-        self.T_odom_camera = se3.orthonormalized(self._T_odom_last @ T_last_now)
-
-    @property
-    def twist(self) -> FloatArray:
-        """Return (6,) of points in the camera's frame, as last observed: rad/s, then m/s."""
-        return self._motion.twist
 
     @property
     def is_in_main_map(self) -> bool:
-        """Return whether the last frame is in the map that most keyframes are in."""
+        """Return whether the last frame is in the map with most keyframes."""
         keyframes = self._atlas.keyframes
         i = keyframes.index_of(self.last.reference_uid) if self.last is not None else None
         return i is None or int(keyframes.map_id[i]) == main_map(keyframes)
+
+    def _observe(self, T_last_camera: FloatArray, elapsed_ns: int) -> None:
+        """Measure the velocity; it is unknown if the stamps do not increase."""
+        if elapsed_ns > 0:
+            self.twist = se3.log(se3.inverse(T_last_camera)) / (S_PER_NS * elapsed_ns)
+        else:
+            self.twist = np.zeros(6)
+        for source in self._sources:
+            source.observe(T_last_camera, self.twist)
+
+    def _bridged_motion(self) -> BridgedMotion | None:
+        """Return the motion of the first source that knows it."""
+        motions = (source.bridge() for source in self._sources)
+        return next((motion for motion in motions if motion is not None), None)
+
+    def _update_covariances(self, consensus: Consensus) -> None:
+        """Combine the noise of successive poses, once it is known, with that of the residuals."""
+        noise = self._pose_noise.covariance(consensus.image_covariance)
+        if noise is None:
+            self.covariance = consensus.covariance
+            self.image_covariance = consensus.image_covariance
+        else:
+            self.covariance = noise + consensus.image_covariance
+            self.image_covariance = noise + consensus.ambiguity
+
+    def _move(self, T_last_camera: FloatArray) -> None:
+        self.T_odom_camera = se3.orthonormalized(self._T_odom_last @ T_last_camera)

@@ -1,4 +1,4 @@
-"""Finding a lost camera in everything mapped so far."""
+"""Relocalization: finds a lost camera in the whole map, or near a given pose first."""
 
 from __future__ import annotations
 
@@ -16,66 +16,78 @@ from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 
 _logger = logging.getLogger(__name__)
 
-_HINTED_FRAMES = 30  # in which the camera is looked for at a pose given; each costs some 20 ms
+# Chosen: frames in which the camera is searched near a given pose first; each takes about 20 ms.
+_HINTED_FRAMES = 30
 _FOUND = 'found {:.1f} m and {:.0f} degrees from the pose given'
 _NOT_THERE = 'not found at the pose given; looking everywhere'
 
 
 class Relocalizer:
-    """Looks for the place of single frames; its index follows the map only while it is asked."""
+    """Relocalizes single frames.
+
+    The place index is updated only when a frame is relocalized, so that tracking costs nothing.
+
+    Args:
+        atlas: The map.
+        camera: The camera with its configured noise.
+        tracker: Refines the pose of a recognized frame.
+        config: Parameters.
+    """
 
     def __init__(
         self, atlas: Atlas, camera: StereoCamera, tracker: Tracker, config: SlamConfig
     ) -> None:
-        self.num_found = 0  # lost frames
+        self.num_found = 0  # relocalized frames
         self._tracker = tracker
         self._finder = PlaceFinder(atlas, camera, config.places, config.seed)
         self._hint: PoseHint | None = None
-        self._num_looked = 0  # frames, at the pose given
+        self._num_hinted = 0  # frames searched near the hint
         self._note = self._logged = ''
 
     def relocalize_near(self, hint: PoseHint) -> None:
-        """Look at a pose before anywhere else, until the camera is found."""
-        self._hint, self._num_looked, self._logged = hint, 0, ''
+        """Search near a pose first, until the camera is found or many frames have failed."""
+        self._hint, self._num_hinted, self._logged = hint, 0, ''
 
     def take_note(self) -> str:
-        """Return what came of a pose given in the frame that was looked at last, once."""
+        """Return the message that the last frame caused about the hint, and clear it."""
         note, self._note = self._note, ''
         return note
 
     def relocalize(self, frame: Frame) -> TrackerOutput | None:
-        """Track a frame from where it is recognised; None when that is unknown or not clear."""
+        """Return the tracked frame; None if its place is unknown or ambiguous."""
         place = self._locate(frame)
         if place is None:
             return None
         points = np.full(len(frame), NO_POINT, np.int64)
         points[place.match.k] = place.match.j
-        tracking = self._tracker.track_at(frame, place.match.T_camera_map, points, place.keyframe)
+        tracking = self._tracker.track_relocalized(
+            frame, place.match.T_camera_map, points, place.keyframe
+        )
         if tracking is not None:
             self.num_found += 1
-            self._compare(tracking)
+            self._report_distance(tracking)
         return tracking
 
     def _locate(self, frame: Frame) -> FoundPlace | None:
         hint = self._hint
         if hint is None:
             return self._finder.locate(frame)
-        if self._num_looked < _HINTED_FRAMES:
-            self._num_looked += 1
+        if self._num_hinted < _HINTED_FRAMES:
+            self._num_hinted += 1
             place = self._finder.locate_near(frame, hint)
             if place is not None:
                 return place
-        self._say(_NOT_THERE)
+        self._report(_NOT_THERE)
         return self._finder.locate(frame)
 
-    def _compare(self, tracking: TrackerOutput) -> None:
-        """Say how far from the pose given the camera is."""
+    def _report_distance(self, tracking: TrackerOutput) -> None:
+        """Report how far the camera is from the given pose, which is not needed any more."""
         if self._hint is not None:
-            (away_m,), (turned_rad,) = self._hint.apart(tracking.tracked.T_map_camera[None])
+            (distance_m,), (turn_rad,) = self._hint.distances(tracking.tracked.T_map_camera[None])
             self._hint = None
-            self._say(_FOUND.format(away_m, np.degrees(turned_rad)))
+            self._report(_FOUND.format(distance_m, np.degrees(turn_rad)))
 
-    def _say(self, note: str) -> None:
+    def _report(self, note: str) -> None:
         self._note = note
         if note != self._logged:
             self._logged = note

@@ -1,4 +1,4 @@
-"""The pose of each frame: predict, match, optimise, then again with the local map."""
+"""The pose of each frame: match and optimize from a prediction, then refine with the local map."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from hoid_common import se3
 from hoid_common.values import S_PER_NS, BoolArray, FloatArray, IntArray
 from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.matching.landmarks import (
+    Correspondences,
     Landmarks,
-    Sightings,
-    match_near,
-    read_by_frame,
-    seen_by_frame,
-    seen_by_keyframe,
-    turning_alike,
+    landmarks_of_frame,
+    landmarks_of_keyframe,
+    match_near_projections,
+    temporal_landmarks,
+    with_consistent_rotation,
 )
-from rgbd_slam.matching.local_map import local_map, visible_points
+from rgbd_slam.matching.local_map import find_local_map, visible_points
 from rgbd_slam.matching.matching import Matches, match_by_descriptor, match_by_projection
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -32,25 +32,27 @@ from rgbd_slam.optimize.alignment import AlignmentStatus, align_image
 from rgbd_slam.optimize.pose_consensus import Consensus, PoseConsensus
 from rgbd_slam.optimize.pose_optimizer import PoseProblem
 
-_MIN_FIRST_INLIERS = 10  # of the frame-to-frame step; the local map must bring the rest
-_OUTSIDE_PX = -1e4
+# Inliers of the initial pose. ORB-SLAM3, Tracking.cc, TrackWithMotionModel: the local map has to
+# add the rest.
+_MIN_INITIAL_INLIERS = 10
+_OUTSIDE_PX = -1e4  # chosen: farther outside any image than any search window reaches
 
 
 @dataclass(frozen=True, eq=False)
 class TrackerOutput:
-    """What tracking one frame gave."""
+    """A tracked frame, and the statistics that mapping and diagnostics use."""
 
     tracked: TrackedFrame
     consensus: Consensus
-    matched: IntArray  # (N,) point matched with each feature, or NO_POINT; outliers as well
-    num_inliers: int  # of them
+    matched: IntArray  # (N,) point matched with each feature, outliers included, or NO_POINT
+    num_inliers: int  # matches with map points that fit the pose
     tally: PointTally
-    expected_px: FloatArray  # (3, V) where the local map has more points than the last frame saw
-    moved: IntArray  # (M,) points of the map that turn out to be on what moves
+    expected_px: FloatArray  # (3, V) projections of the points of the local map not tracked before
+    moved: IntArray  # (M,) map points that proved to be on moving objects
 
     @property
     def num_matches(self) -> int:
-        """Return how many features were matched with points of the map."""
+        """Return the number of features that were matched with map points."""
         return int(np.count_nonzero(self.matched != NO_POINT))
 
     @property
@@ -60,25 +62,39 @@ class TrackerOutput:
 
     @property
     def inlier_share(self) -> float:
-        """Return the share of the matches that fit the pose; half of a false pose's do not."""
+        """Return the share of the matches that fit the pose."""
         return self.num_inliers / max(self.num_matches, 1)
 
 
-class _First(NamedTuple):
-    """A pose from few landmarks, to be refined with the local map."""
+class _PoseEstimate(NamedTuple):
+    """A pose of a frame, and the correspondences that fit it."""
 
     consensus: Consensus
-    seen: Sightings  # inliers
+    inliers: Correspondences
+
+    @property
+    def T_camera_map(self) -> FloatArray:  # noqa: N802
+        """Return the (4, 4) pose."""
+        return self.consensus.estimate.T_camera_map
+
+
+class _LocalMapMatches(NamedTuple):
+    """The result of searching the points of the local map in a frame."""
+
+    reference: int  # the keyframe that shares most points with the frame
+    correspondences: Correspondences  # those of the initial pose and the new ones
+    tally: PointTally  # points that should be visible; none found yet
+    expected_px: FloatArray  # (3, V) projections of the points that were searched
 
 
 class Tracker:
-    """Tracks frames in a map that it does not change.
+    """Estimates poses of frames in a map, which it does not change.
 
     Args:
-        camera: The camera, with the configured noise.
+        camera: The camera with its configured noise.
         atlas: The map.
         config: Parameters.
-        seed: Of the samples tried where a frame is recognised; with its stamp.
+        seed: Seeds, with the stamp of a frame, the random samples of RANSAC.
     """
 
     def __init__(
@@ -91,26 +107,29 @@ class Tracker:
         self._inv_sigma2 = atlas.octave_scale**-2.0
 
     def use_camera(self, camera: StereoCamera) -> None:
-        """Weigh from now on with the noise measured meanwhile, of the same camera."""
+        """Replace the camera by the same one with its measured noise."""
         self._camera = camera
 
     def track(
         self, frame: Frame, last: TrackedFrame, *T_camera_last: FloatArray
     ) -> TrackerOutput | None:
-        """Return the frame's pose and points, or None when too little of the map is found.
+        """Return the pose and points of a frame, or None if too few map points are found.
+
+        Initial poses are tried from the cheapest to the most expensive search until a refined one
+        is convincing; if none is, the one with most inliers is returned.
 
         Args:
             frame: The frame.
-            last: The frame before.
-            *T_camera_last: (4, 4) motions that are expected since, the likeliest first. They only
-                say where to look: what most of the image fits is believed.
+            last: The previous tracked frame.
+            *T_camera_last: (4, 4) predicted motions since then, the most likely first. They only
+                center the searches; the matches decide.
         """
         reference = self._atlas.keyframes.index_of(last.reference_uid)
         if reference is None:
             return None
         best = None
-        for first in self._first_poses(frame, last, reference, T_camera_last):
-            tracking = None if first is None else self._refine(frame, first, reference)
+        for initial in self._initial_poses(frame, last, reference, T_camera_last):
+            tracking = None if initial is None else self._refine(frame, initial, reference)
             if tracking is None:
                 continue
             if self._is_convincing(tracking, last):
@@ -119,93 +138,91 @@ class Tracker:
                 best = tracking
         return best
 
-    def _is_convincing(self, tracking: TrackerOutput, last: TrackedFrame) -> bool:
-        """Return whether most matches fit, or most of what the last frame saw is still seen."""
-        share = self._config.convincing_share
-        before = int(np.count_nonzero(last.points != NO_POINT))
-        return tracking.inlier_share > share or tracking.num_inliers > share * before
-
-    def track_at(
+    def track_relocalized(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference: int
     ) -> TrackerOutput | None:
-        """Track a frame by what it was found to see, as when it was lost.
+        """Track a frame from the points that relocalization found in it.
 
         Args:
             frame: The frame.
-            T_camera_map: (4, 4) about where it is.
-            points: (N,) point seen by each feature, or NO_POINT.
-            reference: a keyframe that sees many of them.
+            T_camera_map: (4, 4) its approximate pose.
+            points: (N,) point that each feature observes, or NO_POINT.
+            reference: A keyframe that observes many of them.
         """
         k = np.flatnonzero(points != NO_POINT)
-        seen = Sightings(k, points[k], self._atlas.points.position_m[points[k]])
-        first = self._optimize(frame, seen, T_camera_map, is_first=True)
-        return self._refine(frame, first, reference)
+        found = Correspondences(k, points[k], self._atlas.points.position_m[points[k]])
+        initial = self._optimize(frame, found, T_camera_map, is_initial=True)
+        return self._refine(frame, initial, reference)
 
-    def _first_poses(
+    def _initial_poses(
         self,
         frame: Frame,
         last: TrackedFrame,
         reference: int,
         T_camera_last: Sequence[FloatArray],
-    ) -> Iterator[_First | None]:
-        """Yield first poses, found by ever more search; each is made when the last one failed.
+    ) -> Iterator[_PoseEstimate | None]:
+        """Yield initial poses, from the cheapest search to the most expensive; None if one fails.
 
-        What the map knows comes first: depth readings of the last frame carry its error on.
+        Map points are searched before depth readings of the last frame, because these readings
+        carry the error of the last pose on to the next one (decision 005).
         """
         config = self._config
         T_last_map = se3.inverse(last.current_pose(self._atlas))
-        expected = [*(T @ T_last_map for T in T_camera_last), T_last_map]
-        known = seen_by_frame(last, self._atlas)
+        predicted = [*(T @ T_last_map for T in T_camera_last), T_last_map]
+        known = landmarks_of_frame(last, self._atlas)
         radii_px = config.last_frame_radius_px, config.wide_radius_px
         if len(known.point) >= config.few_points:
-            for T_camera_map in expected:
-                yield self._search(frame, known, T_camera_map, radii_px)
-            yield self._recognize(frame, last, known, reference)
-        more = known.joined(read_by_frame(last, self._atlas, self._camera))
-        for T_camera_map in expected:
-            yield self._search(frame, more, T_camera_map, radii_px)
+            for T_camera_map in predicted:
+                yield self._pose_by_prediction(frame, known, T_camera_map, radii_px)
+            yield self._pose_by_descriptors(frame, last, known, reference)
+        more = known.joined(temporal_landmarks(last, self._atlas, self._camera))
+        for T_camera_map in predicted:
+            yield self._pose_by_prediction(frame, more, T_camera_map, radii_px)
         if len(known.point) < config.few_points:
-            yield self._recognize(frame, last, known, reference)
+            yield self._pose_by_descriptors(frame, last, known, reference)
 
-    def _search(
+    def _pose_by_prediction(
         self,
         frame: Frame,
         landmarks: Landmarks,
         T_camera_map: FloatArray,
         radii_px: tuple[float, ...],
-    ) -> _First | None:
-        """Find landmarks around where a pose predicts them."""
+    ) -> _PoseEstimate | None:
+        """Return the pose from landmarks found near their predicted projections."""
         projection_px = self._project(landmarks, T_camera_map)
         scale = self._atlas.octave_scale[landmarks.octave]
         for radius_px in radii_px:
-            matches = match_near(
+            matches = match_near_projections(
                 landmarks, frame, projection_px, radius_px * scale, self._config.max_hamming
             )
             if len(matches.q) >= self._config.few_matches:
                 break
-        return self._first(frame, landmarks, matches, T_camera_map)
+        return self._initial_pose(frame, landmarks, matches, T_camera_map)
 
     def _project(self, landmarks: Landmarks, T_camera_map: FloatArray) -> FloatArray:
-        """Return (3, N) u, v, u_right; outside any image for what is behind the camera."""
+        """Return (3, N) u, v, u_right; outside any image for landmarks behind the camera."""
         x = to_camera(T_camera_map, landmarks.position_m.T)
-        behind = x[2] < MIN_DEPTH_M
-        x[2][behind] = MIN_DEPTH_M
+        is_behind = x[2] < MIN_DEPTH_M
+        x[2][is_behind] = MIN_DEPTH_M
         pixels = self._camera.project_rows(x)
-        pixels[:, behind] = _OUTSIDE_PX
+        pixels[:, is_behind] = _OUTSIDE_PX
         return pixels
 
-    def _recognize(
+    def _pose_by_descriptors(
         self, frame: Frame, last: TrackedFrame, known: Landmarks, reference: int
-    ) -> _First | None:
-        """Find by descriptors alone what the last frame and its reference keyframe saw."""
+    ) -> _PoseEstimate | None:
+        """Return the pose from descriptor matches with the last frame and its reference keyframe.
+
+        No prediction is needed. The pose is rejected if the camera cannot have moved so far.
+        """
         config = self._config
-        landmarks = seen_by_keyframe(self._atlas, reference)
-        only_last = ~np.isin(known.point, landmarks.point)
-        landmarks = landmarks.joined(known.select(only_last))
+        landmarks = landmarks_of_keyframe(self._atlas, reference)
+        is_only_in_last = ~np.isin(known.point, landmarks.point)
+        landmarks = landmarks.joined(known.select(is_only_in_last))
         matches = match_by_descriptor(
             landmarks.descriptors, frame, config.reference_max_hamming, config.reference_ratio
         )
-        matches = turning_alike(landmarks, frame, matches)
+        matches = with_consistent_rotation(landmarks, frame, matches)
         alignment = align_image(
             frame.measurement_px[matches.k],
             self._atlas.octave_scale[frame.octave[matches.k]],
@@ -216,85 +233,126 @@ class Tracker:
             np.random.default_rng((self._seed, frame.stamp_ns % 2**63)),
         )
         T_camera_map = alignment.T_camera_points
-        is_found = alignment.status is AlignmentStatus.OK
-        if not (is_found and self._is_reachable(frame, last, T_camera_map)):
+        is_aligned = alignment.status is AlignmentStatus.OK
+        if not (is_aligned and self._is_reachable(frame, last, T_camera_map)):
             return None
-        agreeing = Matches(*(part[alignment.inliers] for part in matches))
-        return self._first(frame, landmarks, agreeing, T_camera_map)
+        inliers = Matches(*(part[alignment.inliers] for part in matches))
+        return self._initial_pose(frame, landmarks, inliers, T_camera_map)
 
     def _is_reachable(self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray) -> bool:
-        """Return whether a hand can have carried the camera there since the last frame."""
+        """Return whether the camera can have moved to a pose since the last frame."""
         elapsed_s = S_PER_NS * (frame.stamp_ns - last.frame.stamp_ns)
-        step = se3.log(T_camera_map @ last.current_pose(self._atlas))
-        turn, way = np.linalg.norm(step[:3]), np.linalg.norm(step[3:])
+        twist = se3.log(T_camera_map @ last.current_pose(self._atlas))
+        turn_rad, distance_m = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
         config = self._config
         return bool(
             elapsed_s <= config.reference_within_s
-            and turn < np.radians(config.jump_deg + config.max_turn_dps * elapsed_s)
-            and way < config.jump_m + config.max_speed_mps * elapsed_s
+            and turn_rad < np.radians(config.jump_deg + config.max_turn_dps * elapsed_s)
+            and distance_m < config.jump_m + config.max_speed_mps * elapsed_s
         )
 
-    def _first(
+    def _initial_pose(
         self, frame: Frame, landmarks: Landmarks, matches: Matches, T_camera_map: FloatArray
-    ) -> _First | None:
-        seen = Sightings(matches.k, landmarks.point[matches.q], landmarks.position_m[matches.q])
-        first = self._optimize(frame, seen, T_camera_map, is_first=True)
-        return first if len(first.seen.k) >= _MIN_FIRST_INLIERS else None
+    ) -> _PoseEstimate | None:
+        """Return the pose optimized on matches with landmarks; None if too few of them fit."""
+        found = landmarks.matched(matches)
+        initial = self._optimize(frame, found, T_camera_map, is_initial=True)
+        return initial if len(initial.inliers.k) >= _MIN_INITIAL_INLIERS else None
 
-    def _refine(self, frame: Frame, first: _First, reference: int) -> TrackerOutput | None:
-        """Find more points of the local map and refine the pose on all."""
-        known = first.seen.points
-        around = local_map(self._atlas, known, reference, self._config.max_local_keyframes)
+    def _refine(
+        self, frame: Frame, initial: _PoseEstimate, reference: int
+    ) -> TrackerOutput | None:
+        """Return the tracked frame after matching the local map; None if too few points fit."""
+        searched = self._match_local_map(frame, initial, reference)
+        refined = self._optimize(frame, searched.correspondences, initial.T_camera_map)
+        if len(refined.inliers.k) < self._config.min_inliers:
+            return None
+        return self._output(frame, searched, refined)
+
+    def _match_local_map(
+        self, frame: Frame, initial: _PoseEstimate, reference: int
+    ) -> _LocalMapMatches:
+        """Search the points of the local map where the initial pose predicts them."""
+        known = initial.inliers.points
+        local_map = find_local_map(self._atlas, known, reference, self._config.max_local_keyframes)
         is_known = np.zeros(self._atlas.points.capacity, np.bool_)
         is_known[known] = True
-        others = around.points[~is_known[around.points]]
         view = visible_points(
             self._atlas,
             self._camera,
-            first.consensus.estimate.T_camera_map,
-            others,
+            initial.T_camera_map,
+            local_map.points[~is_known[local_map.points]],
             self._config.local_map_radius,
         )
-        free = np.ones(len(frame), np.bool_)
-        free[first.seen.k] = False
+        is_free = np.ones(len(frame), np.bool_)
+        is_free[initial.inliers.k] = False
         matches = match_by_projection(
-            view.queries, frame, self._config.max_hamming, self._config.local_map_ratio, free
+            view.queries, frame, self._config.max_hamming, self._config.local_map_ratio, is_free
         )
         j = view.points[matches.q]
-        seen = first.seen.joined(Sightings(matches.k, j, self._atlas.points.position_m.take(j, 0)))
-        consensus, fitting = self._optimize(frame, seen, first.consensus.estimate.T_camera_map)
-        if len(fitting.k) < self._config.min_inliers:
-            return None
-        matched, points = np.full((2, len(frame)), NO_POINT, np.int64)
-        matched[seen.k] = seen.point
+        new = Correspondences(matches.k, j, self._atlas.points.position_m.take(j, 0))
+        visible = np.concatenate([known, view.points])
+        return _LocalMapMatches(
+            local_map.reference,
+            initial.inliers.joined(new),
+            PointTally(visible, np.empty(0, np.int64)),
+            view.queries.projection_px,
+        )
+
+    def _output(
+        self, frame: Frame, searched: _LocalMapMatches, refined: _PoseEstimate
+    ) -> TrackerOutput:
+        """Return the tracked frame, without the points of an object that biases the pose.
+
+        Features on such an object keep their matches, but observe no point and create none.
+        """
+        found, (consensus, inliers) = searched.correspondences, refined
         moved = np.empty(0, np.int64)
-        if consensus.dragging is not None:
-            region, moves = consensus.dragging
-            drags = region.holds(self._camera, frame.measurement_px, frame.depth_m)
-            moved = seen.point[moves & drags[seen.k] & (seen.point != NO_POINT)]
-            fitting = fitting.select(~drags[fitting.k])
-            frame = replace(frame, may_seed=frame.may_seed & ~drags)
-        points[fitting.k] = fitting.point
-        T_map_camera = se3.inverse(consensus.estimate.T_camera_map)
-        tracked = tracked_frame(frame, T_map_camera, points, self._atlas, around.reference)
-        found = fitting.points
-        tally = PointTally(np.concatenate([known, view.points]), found)
-        expected_px = view.queries.projection_px
-        return TrackerOutput(tracked, consensus, matched, len(found), tally, expected_px, moved)
+        if consensus.biasing is not None:
+            region, prefers_its_motion = consensus.biasing
+            is_on_it = region.contains(self._camera, frame.measurement_px, frame.depth_m)
+            is_moving = prefers_its_motion & is_on_it[found.k] & (found.point != NO_POINT)
+            moved = found.point[is_moving]
+            inliers = inliers.select(~is_on_it[inliers.k])
+            frame = replace(frame, may_seed=frame.may_seed & ~is_on_it)
+        matched, points = np.full((2, len(frame)), NO_POINT, np.int64)
+        matched[found.k] = found.point
+        points[inliers.k] = inliers.point
+        T_map_camera = se3.inverse(refined.T_camera_map)
+        tracked = tracked_frame(frame, T_map_camera, points, self._atlas, searched.reference)
+        tally = searched.tally._replace(found=inliers.points)
+        return TrackerOutput(
+            tracked, consensus, matched, len(tally.found), tally, searched.expected_px, moved
+        )
+
+    def _is_convincing(self, tracking: TrackerOutput, last: TrackedFrame) -> bool:
+        """Return whether most matches fit, or most points of the last frame are seen again.
+
+        Of the matches with a false pose, fewer than half fit.
+        """
+        share = self._config.convincing_share
+        num_last = int(np.count_nonzero(last.points != NO_POINT))
+        return tracking.inlier_share > share or tracking.num_inliers > share * num_last
 
     def _optimize(
-        self, frame: Frame, seen: Sightings, T_camera_map: FloatArray, *, is_first: bool = False
-    ) -> _First:
-        """Return the pose that the sightings give, and those that fit it."""
+        self,
+        frame: Frame,
+        found: Correspondences,
+        T_camera_map: FloatArray,
+        *,
+        is_initial: bool = False,
+    ) -> _PoseEstimate:
+        """Return the pose that the correspondences give, starting from an initial one."""
         problem = PoseProblem(
-            seen.position_m,
-            frame.measurement_px.take(seen.k, 0).astype(np.float64),
-            self._inv_sigma2[frame.octave[seen.k]],
+            found.position_m,
+            frame.measurement_px.take(found.k, 0).astype(np.float64),
+            self._inv_sigma2[frame.octave[found.k]],
         )
         config = self._config.consensus
-        num_observations = self._atlas.points.num_observations[seen.point]
-        is_established = (seen.point != NO_POINT) & (num_observations >= config.min_observations)
+        num_observations = self._atlas.points.num_observations[found.point]
+        is_in_map = found.point != NO_POINT
+        is_well_observed = is_in_map & (num_observations >= config.min_observations)
         consensus = PoseConsensus(self._camera, config).solve(
-            problem, is_established, T_camera_map, is_first=is_first
+            problem, is_well_observed, T_camera_map, is_initial=is_initial
         )
-        return _First(consensus, seen.select(consensus.estimate.inliers))
+        return _PoseEstimate(consensus, found.select(consensus.estimate.inliers))

@@ -1,8 +1,8 @@
-"""How noisy pixels and depth readings are, told from how well tracked images fit the map.
+"""The noise of pixels and depth readings, measured from the residuals of tracked frames.
 
-The configured noise suits any depth camera and is therefore cautious. What pixels say against
-depth readings, and from where on residuals count less, differs by camera, distance and blur: it is
-measured in each image and averaged over the last ones.
+The configured noise holds for any depth camera and is therefore large. The true ratio of pixel to
+depth noise, which weights them against each other and scales the robust kernels, depends on the
+camera, the distance and blur. It is measured in each image and averaged (decision 003).
 """
 
 from __future__ import annotations
@@ -20,27 +20,28 @@ from rgbd_slam.model.projection import to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.optimize.residual_noise import noise_factor
 
-_MIN_RESIDUALS = 50  # in an image
-_PRIOR = 3  # images that the configured noise counts as
-_MEMORY = 100  # images
+# Not tuned.
+_MIN_RESIDUALS = 50  # residuals of an image that its noise is measured from
+_PRIOR_IMAGES = 3  # weight of the configured noise, in images
+_MAX_IMAGES = 100  # about three seconds; older images count less
 
 
-class OnlineNoise:
-    """Averages over images the variances of pixels and disparities, in units of the configured.
+class NoiseEstimator:
+    """Averages the variances of pixels and disparities over tracked frames.
 
     Args:
-        camera: With the configured noise.
+        camera: The camera with its configured noise.
     """
 
     def __init__(self, camera: StereoCamera) -> None:
-        self.camera = camera  # with the noise so far
+        self.camera = camera  # with the measured noise
         self._configured = camera
-        self._variances = np.ones(2)
-        self._num_images = _PRIOR
+        self._variances = np.ones(2)  # of pixels and disparities, relative to the configured
+        self._num_images = _PRIOR_IMAGES
 
     def add(self, tracked: TrackedFrame, atlas: Atlas) -> None:
-        """Take what an image saw of the map."""
-        self._num_images = min(self._num_images + 1, _MEMORY)
+        """Add the residuals of a tracked frame."""
+        self._num_images = min(self._num_images + 1, _MAX_IMAGES)
         step = self._factors(tracked, atlas) ** 2 - self._variances
         self._variances += np.nan_to_num(step) / self._num_images
         pixel, disparity = np.sqrt(self._variances).tolist()
@@ -53,7 +54,7 @@ class OnlineNoise:
         )
 
     def _factors(self, tracked: TrackedFrame, atlas: Atlas) -> FloatArray:
-        """Return (2,) standard deviations of pixels and disparities; NaN where too few tell it."""
+        """Return the (2,) factors on the configured noise; NaN with too few residuals."""
         k = np.flatnonzero(tracked.points != NO_POINT)
         position_m = atlas.points.position_m.take(tracked.points[k], 0)
         x = to_camera(se3.inverse(tracked.T_map_camera), position_m.T)
@@ -66,5 +67,5 @@ class OnlineNoise:
         return np.array([_factor(pixel), _factor(disparity[np.isfinite(disparity)])])
 
 
-def _factor(normalised: FloatArray) -> float:
-    return noise_factor(normalised) if normalised.size >= _MIN_RESIDUALS else np.nan
+def _factor(normalized: FloatArray) -> float:
+    return noise_factor(normalized) if normalized.size >= _MIN_RESIDUALS else np.nan

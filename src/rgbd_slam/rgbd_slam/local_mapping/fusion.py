@@ -1,4 +1,4 @@
-"""Finding the same point twice: projecting a keyframe's points into its neighbours and back."""
+"""Fusion of duplicate points: projects the points of a keyframe into its neighbors and back."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
+_OBLIQUE_RADIUS_PX = 4.0  # the window in `matching.local_map` that the radius is relative to
 
-def fuse_into_neighbours(
-    atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig
-) -> None:
-    """Project the points of `i` into its neighbours, and theirs into it, and fuse what agrees."""
-    neighbours = atlas.covisible(i, limit=config.neighbours)
-    for neighbour in neighbours.tolist():
+
+def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
+    """Fuse points of keyframe `i` and its neighbors that project to the same features."""
+    neighbors = atlas.covisible(i, limit=config.neighbours)
+    for neighbor in neighbors.tolist():
         own = atlas.keyframes.point_of_feature[i]
-        fuse(atlas, camera, neighbour, own[own != NO_POINT].astype(np.int64), config)
-    theirs = np.unique(atlas.keyframes.point_of_feature[neighbours])
+        fuse(atlas, camera, neighbor, own[own != NO_POINT].astype(np.int64), config)
+    theirs = np.unique(atlas.keyframes.point_of_feature[neighbors])
     fuse(atlas, camera, i, theirs[theirs != NO_POINT].astype(np.int64), config)
     seen = atlas.keyframes.point_of_feature[i]
     atlas.refresh(seen[seen != NO_POINT].astype(np.int64))
 
 
 def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: MappingConfig) -> None:
-    """Let keyframe `i` observe those of the points `j` that it shows, fusing with what it has."""
+    """Add observations of the points `j` to keyframe `i`; fuse them with its own points."""
     keyframes = atlas.keyframes
     own = keyframes.point_of_feature[i]
     is_new = np.zeros(atlas.points.capacity + 1, np.bool_)  # the last: NO_POINT
     is_new[j] = True
     is_new[own] = False
     T_camera_map = se3.inverse(keyframes.T_map_camera[i])
-    radius = config.fuse_radius_px / 4.0
+    radius = config.fuse_radius_px / _OBLIQUE_RADIUS_PX
     view = visible_points(atlas, camera, T_camera_map, np.flatnonzero(is_new), radius)
     frame = keyframes.frame(i)
     matches = match_by_projection(view.queries, frame, config.max_hamming, 1.0)
@@ -52,11 +52,11 @@ def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: Mappin
 
 
 def _join(atlas: Atlas, i: int, k: IntArray, j: IntArray) -> None:
-    """Add observations at free features; elsewhere keep the point that more keyframes see."""
+    """Add observations at free features; elsewhere keep the point with more observations."""
     points = atlas.points
     present = atlas.keyframes.point_of_feature[i, k].astype(np.int64)
-    free = present == NO_POINT
-    atlas.observe(i, k[free], j[free])
-    new, old = j[~free], present[~free]
+    is_free = present == NO_POINT
+    atlas.observe(i, k[is_free], j[is_free])
+    new, old = j[~is_free], present[~is_free]
     swap = points.num_observations[new] < points.num_observations[old]
     atlas.replace_points(np.where(swap, new, old), np.where(swap, old, new))

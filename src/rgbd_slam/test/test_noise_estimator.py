@@ -1,4 +1,4 @@
-"""The noise that images show: known noise is found, and what tells little changes nothing."""
+"""The noise of tracked images: known noise is measured, and few residuals change nothing."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
-from rgbd_slam.optimize.online_noise import OnlineNoise
+from rgbd_slam.optimize.noise_estimator import NoiseEstimator
 from rgbd_slam.slam import RgbdSlam
 
 from .world import CAMERA as MODEL
@@ -23,7 +23,7 @@ OCTAVES = np.random.default_rng(1).integers(0, 8, len(POINTS_M)).astype(np.uint8
 
 
 class Images:
-    """Images of points that the map knows exactly, from a known pose."""
+    """Images from a known pose of points whose positions in the map are exact."""
 
     def __init__(self, pixel_px: float, disparity: float, seed: int = 0) -> None:
         self.map = Atlas(1.2, 8)
@@ -37,7 +37,7 @@ class Images:
         )
 
     def take(self, count: int = len(POINTS_M), *, depth: bool = True) -> TrackedFrame:
-        """Return an image in which so many points were found, with noise."""
+        """Return a tracked image in which some points were found, with noise."""
         exact = CAMERA.project(POINTS_M)
         disparity = exact[:, 0] - exact[:, 2]
         sigma_px = self._pixel_px * 1.2**OCTAVES
@@ -64,15 +64,15 @@ class Images:
 
 
 def after(tracked: TrackedFrame, atlas: Atlas) -> StereoCamera:
-    """Return the camera as measured in one image."""
-    noise = OnlineNoise(CAMERA)
+    """Return the camera with the noise measured in one image."""
+    noise = NoiseEstimator(CAMERA)
     noise.add(tracked, atlas)
     return noise.camera
 
 
 @pytest.mark.parametrize(('pixel_px', 'disparity'), [(0.5, 0.2), (0.9, 1.0), (0.3, 2.0)])
-def test_known_noise_is_found(pixel_px: float, disparity: float) -> None:
-    images, meter = Images(pixel_px, disparity), OnlineNoise(CAMERA)
+def test_known_noise_is_measured(pixel_px: float, disparity: float) -> None:
+    images, meter = Images(pixel_px, disparity), NoiseEstimator(CAMERA)
     for _ in range(300):
         meter.add(images.take(), images.map)
     camera = meter.camera
@@ -83,7 +83,7 @@ def test_known_noise_is_found(pixel_px: float, disparity: float) -> None:
     assert camera.relative_noise / CAMERA.relative_noise == pytest.approx(disparity, rel=0.1)
 
 
-def test_the_first_image_is_believed_in_part() -> None:
+def test_the_first_image_is_averaged_with_the_configured_noise() -> None:
     images = Images(0.2, 0.2)
     camera = after(images.take(), images.map)
     assert 0.8 < camera.pixel_noise < 1.0

@@ -1,4 +1,4 @@
-"""The first frames of a map: their poses are corrected once the map knows what rests."""
+"""The poses of the first frames of a map are corrected once static points are known."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def first_errors_m(slam: RgbdSlam, kind: str) -> FloatArray:
 
 
 def slam_with_a_mover(config: SlamConfig) -> RgbdSlam:
-    """Track a room in which a sixth of the points goes aside at first and is gone then."""
+    """Track a scene in which a sixth of the points moves at first and then disappears."""
     world, slam = World(), RgbdSlam(CAMERA, config)
     moves = np.arange(len(world.points_m)) % 6 == 0
     world.points_m[moves] *= 0.5  # near the camera
@@ -37,7 +37,7 @@ def slam_with_a_mover(config: SlamConfig) -> RgbdSlam:
     return slam
 
 
-def test_what_moved_at_the_start_is_taken_out_of_the_first_poses() -> None:
+def test_a_moving_object_at_the_start_is_removed_from_the_first_poses() -> None:
     slam = slam_with_a_mover(SlamConfig())
     assert first_errors_m(slam, 'online').max() > 0.015  # said at the time, and not taken back
     final = first_errors_m(slam, 'final')
@@ -45,7 +45,7 @@ def test_what_moved_at_the_start_is_taken_out_of_the_first_poses() -> None:
     assert np.sqrt((final**2).mean()) < 0.003
 
 
-def test_without_a_consensus_they_stay_as_they_were() -> None:
+def test_without_the_consensus_nothing_is_corrected() -> None:
     slam = slam_with_a_mover(SlamConfig().updated({'tracking.consensus.enabled': False}))
     before = slice(5)  # the second keyframe, which moves others
     online, final = (first_errors_m(slam, kind)[before] for kind in ('online', 'final'))
@@ -53,7 +53,7 @@ def test_without_a_consensus_they_stay_as_they_were() -> None:
     assert final.max() > 0.04
 
 
-def test_a_map_that_ends_in_its_first_seconds_has_the_poses_said_at_the_time() -> None:
+def test_a_map_of_two_seconds_keeps_its_online_poses() -> None:
     world, slam = World(), RgbdSlam(CAMERA, SlamConfig())
     for n in range(5):
         slam.process(world.features(n * PERIOD_NS, POSES[n]))

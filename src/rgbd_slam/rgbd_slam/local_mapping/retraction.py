@@ -1,4 +1,4 @@
-"""Takes back what a keyframe saw on what turned out to move."""
+"""Removal of a keyframe's observations of objects that proved to be dynamic."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframes import NO_POINT
 
 
-def take_back(atlas: Atlas, verdicts: FeatureVerdicts) -> None:
-    """Forget what a keyframe's dynamic features see, and the points that were made of them.
+def retract_observations(atlas: Atlas, verdicts: FeatureVerdicts) -> None:
+    """Remove the observations of a keyframe's dynamic features, and the points made from them.
 
     Args:
         atlas: The map.
-        verdicts: On the features of a frame; without a keyframe of it, nothing happens.
+        verdicts: Which features of an image are dynamic. Without a keyframe of this image, nothing
+            is removed.
     """
     keyframes, points = atlas.keyframes, atlas.points
     rows = np.flatnonzero(
@@ -22,15 +23,15 @@ def take_back(atlas: Atlas, verdicts: FeatureVerdicts) -> None:
     )
     if len(rows) == 0:
         return
-    i = int(rows[np.argmax(keyframes.uid[rows])])  # stamps of a bag that loops come again
+    i = int(rows[np.argmax(keyframes.uid[rows])])  # the newest: a looping bag repeats its stamps
     if len(verdicts.is_dynamic) != keyframes.num_features[i]:
         return
     k = np.flatnonzero(verdicts.is_dynamic)
     atlas.forbid_seeds(i, k)
     j = keyframes.points_of(i)[k]
     j = j[j != NO_POINT]
-    made = points.first_keyframe_uid[j] == keyframes.uid[i]
-    atlas.remove_points(j[made])
+    is_made_here = points.first_keyframe_uid[j] == keyframes.uid[i]
+    atlas.remove_points(j[is_made_here])
     atlas.unobserve(i, k)
-    atlas.refresh(j[~made])
+    atlas.refresh(j[~is_made_here])
     atlas.update_connections(i)

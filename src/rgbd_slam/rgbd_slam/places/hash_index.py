@@ -1,15 +1,13 @@
-"""Which keyframes show what an image shows: multi-table hashing of ORB descriptors.
+"""A place index by locality-sensitive hashing of ORB descriptors.
 
-Locality-sensitive hashing (Indyk and Motwani, STOC 1998; of ORB: Rublee et al., ICCV 2011): each
-table keys a descriptor by a fixed choice of its bits, so that near descriptors often share a key.
-It needs no vocabulary to train or ship, and every vote is a descriptor match checked by distance,
-which tells places apart by a factor where bags of descriptors differ by per cents
+Each hash table uses a fixed subset of the descriptor bits as its key, so that similar descriptors
+often have the same key (Indyk and Motwani, STOC 1998; for ORB: Rublee et al., ICCV 2011). No
+vocabulary is needed. Every vote is a descriptor match checked by its distance: the right place has
+several times as many votes as the others, where scores of bags of words differ by a few percent
 (docs/results/places_and_loops.md).
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,57 +17,43 @@ from rgbd_slam.config.place_config import IndexConfig
 from rgbd_slam.matching.matching import hamming
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.places.place_index import PlaceVotes
 
 _REMOVED = -1
-_HASH_SEED = 12345  # the choice of bits is part of the method, not of a run
-_MERGE_SHARE = 0.25  # of the large segment that the small one may reach
+_HASH_SEED = 12345  # chosen: the bits of the keys are the same in all runs
+_MERGE_SHARE = 0.25  # not tuned: largest size of the small segment, relative to the large one
 _ROW_BITS = np.uint64(32)
-_BLOCK = 256  # descriptors
+_BLOCK = 256  # chosen: descriptors whose unpacked bits fit into the cache
 
 KeyArray = NDArray[np.uint64]
 
 
-class PlaceVotes(NamedTuple):
-    """Keyframes that share descriptors with a query, most first (equal ones by uid)."""
+class HashIndex:
+    """Keyframes by the hash keys of their descriptors.
 
-    uids: IntArray  # (K,)
-    votes: IntArray  # (K,) features of the query that have a match in the keyframe
-
-
-class PlaceIndex:
-    """Keyframes by what they look like; grows and shrinks with the map.
-
-    A segment holds, for each of T tables, the sorted numbers `key << 32 | pool row`. New
-    descriptors go to a small segment that joins the large one when it has reached a share of it:
-    adding is cheap on average, and a query searches two sorted arrays a table.
+    A segment holds, for each of T tables, sorted numbers `key << 32 | pool row`. New descriptors
+    are added to a small segment, which is merged with the large one when it has reached a share of
+    its size. Therefore adding is cheap on average, and a query searches two sorted arrays in each
+    table.
     """
 
     def __init__(self, config: IndexConfig) -> None:
         self._config = config
         rng = np.random.default_rng(_HASH_SEED)
         orders = [rng.permutation(8 * DESCRIPTOR_BYTES) for _ in range(config.num_tables)]
-        self._weights = np.zeros((8 * DESCRIPTOR_BYTES, config.num_tables))  # of a bit in a key
+        # (256, T) value of each descriptor bit in the key of each table
+        self._weights = np.zeros((8 * DESCRIPTOR_BYTES, config.num_tables))
         for t, order in enumerate(orders):
             self._weights[order[: config.key_bits], t] = 2.0 ** np.arange(config.key_bits)
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget every keyframe."""
         self._members: set[int] = set()
         self._pending: list[tuple[int, ByteArray]] = []
         self._pool: ByteArray = np.empty((0, DESCRIPTOR_BYTES), np.uint8)  # (M, 32)
-        self._uid: IntArray = np.empty(0, np.int64)  # (M,) keyframe of each, or _REMOVED
+        self._uid: IntArray = np.empty(0, np.int64)  # (M,) uid of the keyframe, or _REMOVED
         self._large: KeyArray = np.empty((self._config.num_tables, 0), np.uint64)
         self._small = self._large
 
-    def __len__(self) -> int:
-        return len(self._members)
-
-    def __contains__(self, uid: int) -> bool:
-        return uid in self._members
-
-    def follow(self, atlas: Atlas) -> None:
-        """Take in the keyframes new in a map, by their features that see points; drop the gone."""
+    def update(self, atlas: Atlas) -> None:
+        """Add the new keyframes of a map, by features that observe points; remove the gone."""
         keyframes = atlas.keyframes
         row_of = {int(keyframes.uid[i]): i for i in keyframes.indices()}
         for uid in self._members - row_of.keys():
@@ -79,21 +63,21 @@ class PlaceIndex:
             self.add(uid, keyframes.descriptors[i, keyframes.point_of_feature[i] != NO_POINT])
 
     def add(self, uid: int, descriptors: ByteArray) -> None:
-        """Index a keyframe by its (N, 32) descriptors, or an even choice of `max_features`."""
+        """Add a keyframe with its (N, 32) descriptors, thinned evenly to `max_features`."""
         self._members.add(uid)
-        self._pending.append((uid, self._chosen(descriptors)))
+        self._pending.append((uid, self._thinned(descriptors)))
 
     def remove(self, uid: int) -> None:
-        """Forget a keyframe; one that is not there is fine."""
+        """Remove a keyframe, if it is in the index."""
         if uid in self._members:
             self._members.discard(uid)
             self._pending = [entry for entry in self._pending if entry[0] != uid]
             self._uid[self._uid == uid] = _REMOVED
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
-        """Return the keyframes that share descriptors with an image of (N, 32)."""
-        self._take_pending()
-        descriptors = self._chosen(descriptors)
+        """Return keyframes that match descriptors (N, 32), most votes first, then by uid."""
+        self._insert_pending()
+        descriptors = self._thinned(descriptors)
         keys = self._keys(descriptors)
         parts = [self._collisions(segment, keys) for segment in (self._large, self._small)]
         query, row = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -106,22 +90,22 @@ class PlaceIndex:
         order = np.argsort(-votes, kind='stable')
         return PlaceVotes(uids[order], votes[order])
 
-    def _chosen(self, descriptors: ByteArray) -> ByteArray:
+    def _thinned(self, descriptors: ByteArray) -> ByteArray:
         count = min(len(descriptors), self._config.max_features)
         rows = np.linspace(0, len(descriptors) - 1, count).astype(np.int64)
         return descriptors[rows]
 
     def _keys(self, descriptors: ByteArray) -> KeyArray:
-        """Return (T, N) keys, already shifted above the bits of the pool row."""
+        """Return the (T, N) keys, shifted to leave room for the pool row."""
         keys = np.empty((self._config.num_tables, len(descriptors)), np.uint64)
-        for start in range(0, len(descriptors), _BLOCK):  # what fits into the cache
+        for start in range(0, len(descriptors), _BLOCK):
             part = slice(start, start + _BLOCK)
             bits = np.unpackbits(descriptors[part], axis=1).astype(np.float64)
             keys[:, part] = (bits @ self._weights).T
         return keys << _ROW_BITS
 
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
-        """Return (C,) queries and (C,) pool rows under one key, but for too common keys."""
+        """Return (C,) queries and (C,) pool rows with equal keys, except for too common keys."""
         ends = keys + (np.uint64(1) << _ROW_BITS)
         tables = range(len(keys))
         low = np.stack([np.searchsorted(segment[t], keys[t]) for t in tables])
@@ -134,8 +118,8 @@ class PlaceIndex:
         query = np.repeat(np.tile(np.arange(keys.shape[1]), len(keys)), flat)
         return query, (found & np.uint64(0xFFFFFFFF)).astype(np.int64)
 
-    def _take_pending(self) -> None:
-        """Put what is new into the small segment, or all anew into the large one."""
+    def _insert_pending(self) -> None:
+        """Insert the pending descriptors into the small segment, or merge the segments."""
         if not self._pending:
             return
         sizes = [len(descriptors) for _, descriptors in self._pending]
@@ -151,13 +135,13 @@ class PlaceIndex:
             self._small = np.sort(np.concatenate([self._small, fresh], axis=1), kind='stable')
 
     def _merge(self) -> None:
-        """Join the segments and drop what was removed."""
+        """Merge the segments and delete the descriptors of removed keyframes."""
         kept = np.flatnonzero(self._uid != _REMOVED)
         self._pool, self._uid = self._pool[kept], self._uid[kept]
         self._large = self._sorted_segment(self._pool, 0)
         self._small = self._large[:, :0]
 
     def _sorted_segment(self, descriptors: ByteArray, first: int) -> KeyArray:
-        """Return the (T, N) segment of descriptors in the pool rows from `first` on."""
+        """Return the (T, N) segment of descriptors whose pool rows start at `first`."""
         rows = np.arange(first, first + len(descriptors), dtype=np.uint64)
         return np.sort(self._keys(descriptors) | rows, axis=1)

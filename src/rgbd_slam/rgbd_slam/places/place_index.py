@@ -1,0 +1,53 @@
+"""The interface of place indices, and the registry that selects one by name.
+
+Another index, such as one of learned descriptors, is a class that implements `PlaceIndex`, and an
+entry in `PLACE_INDICES` or, in another package, an entry point in the group
+`rgbd_slam.place_indices`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import NamedTuple, Protocol, cast
+
+from hoid_common.errors import ConfigError
+from hoid_common.values import ByteArray, IntArray
+from rgbd_slam.config.place_config import IndexConfig
+from rgbd_slam.model.atlas import Atlas
+
+ENTRY_POINT_GROUP = 'rgbd_slam.place_indices'
+PLACE_INDICES = {'hash': 'rgbd_slam.places.hash_index:HashIndex'}
+
+
+class PlaceVotes(NamedTuple):
+    """Keyframes that resemble an image, the most similar first."""
+
+    uids: IntArray  # (K,)
+    votes: IntArray  # (K,) number of features of the image that support each keyframe
+
+
+class PlaceIndex(Protocol):
+    """Finds the keyframes of a map that resemble an image."""
+
+    def __init__(self, config: IndexConfig) -> None: ...
+
+    def update(self, atlas: Atlas) -> None:
+        """Add the new keyframes of a map and remove those that are gone."""
+
+    def query(self, descriptors: ByteArray) -> PlaceVotes:
+        """Return the keyframes that resemble an image with descriptors (N, 32)."""
+
+
+def make_place_index(name: str, config: IndexConfig) -> PlaceIndex:
+    """Return an empty place index.
+
+    Raises:
+        ConfigError: No place index has this name.
+    """
+    names = {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
+    names |= PLACE_INDICES
+    if name not in names:
+        raise ConfigError(f'no place index is called "{name}"; there are {", ".join(names)}')
+    module, class_name = names[name].split(':')
+    return cast('type[PlaceIndex]', getattr(import_module(module), class_name))(config)

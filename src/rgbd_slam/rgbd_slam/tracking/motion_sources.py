@@ -1,0 +1,163 @@
+"""Sources that predict the motion of the camera between images.
+
+A further source, such as an IMU, is a class that implements `MotionSource`, and an entry in
+`MOTION_SOURCES`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import S_PER_NS, FloatArray
+
+_HORIZON_S = 0.25  # not tuned: a hand-held camera keeps its velocity for no longer
+# Not tuned: time over which the errors of external odometry against the camera are averaged.
+_AVERAGING_S = 2.0
+# Not tuned: standard deviation of the velocity of external odometry before it has been compared
+# with the camera [rad/s, m/s].
+_INITIAL_ERROR_PER_S = np.array([0.1] * 3 + [0.1] * 3)
+
+MotionLookup = Callable[[int, int], FloatArray | None]
+"""Returns the camera motion T_first_second (4, 4) between two stamps [ns]; None if unknown."""
+
+
+class BridgedMotion(NamedTuple):
+    """The camera motion since the last tracked frame, measured without images."""
+
+    T_last_camera: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6) in the camera frame, rotation first
+    image_covariance: FloatArray  # (6, 6) part of it that successive images do not share
+    elapsed_s: float
+
+
+class MotionSource(Protocol):
+    """Predicts the motion of the camera since the last tracked frame."""
+
+    def start(self, stamp_ns: int) -> None:
+        """Measure motions from the frame with this stamp on; its pose is known."""
+
+    def advance(self, stamp_ns: int) -> None:
+        """Proceed to the image with this stamp."""
+
+    def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:
+        """Learn from the motion (4, 4) that the tracker measured up to the current image.
+
+        Args:
+            T_last_camera: The motion since the start.
+            twist: (6,) its velocity, of points in the camera frame, rotation first [rad/s, m/s].
+        """
+
+    def reset(self) -> None:
+        """Discard the velocity, because the camera is lost or the stamps have started again."""
+
+    def predict(self) -> FloatArray | None:
+        """Return the predicted motion T_camera_last (4, 4), or None if it is unknown."""
+
+    def bridge(self) -> BridgedMotion | None:
+        """Return the motion if it can replace the tracker's for some time, otherwise None."""
+
+
+class ConstantVelocity:
+    """Predicts that the camera keeps its last observed velocity (decision 006)."""
+
+    def __init__(self) -> None:
+        self._start_ns = self._stamp_ns = 0
+        self._twist: FloatArray = np.zeros(6)
+
+    def start(self, stamp_ns: int) -> None:
+        """Measure the elapsed time from this stamp on."""
+        self._start_ns = self._stamp_ns = stamp_ns
+
+    def advance(self, stamp_ns: int) -> None:
+        """Proceed to the image with this stamp."""
+        self._stamp_ns = stamp_ns
+
+    def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
+        """Keep the velocity of a tracked motion."""
+        self._twist = twist
+
+    def reset(self) -> None:
+        """Predict that the camera is at rest."""
+        self._twist = np.zeros(6)
+
+    def predict(self) -> FloatArray:
+        """Return the predicted motion T_camera_last (4, 4)."""
+        elapsed_s = S_PER_NS * (self._stamp_ns - self._start_ns)
+        return se3.exp(min(max(elapsed_s, 0.0), _HORIZON_S) * self._twist)
+
+    def bridge(self) -> BridgedMotion | None:
+        """Return None: nothing measures the motion of a camera that is not tracked."""
+        return None
+
+
+class ExternalOdometry:
+    """Reads the motion from external odometry, such as that of the wheels, and learns its error.
+
+    Args:
+        lookup: Returns the motion of the camera by that odometry; None without one.
+    """
+
+    def __init__(self, lookup: MotionLookup | None) -> None:
+        self._lookup = lookup
+        self._variance_per_s2: FloatArray = np.square(_INITIAL_ERROR_PER_S)  # (6,) of the velocity
+        self._start_ns = self._stamp_ns = self._step_ns = 0
+        self._T_last_camera: FloatArray | None = None
+
+    def start(self, stamp_ns: int) -> None:
+        """Measure the motion from the frame with this stamp on."""
+        self._start_ns = self._stamp_ns = stamp_ns
+        self._T_last_camera = np.eye(4)
+
+    def advance(self, stamp_ns: int) -> None:
+        """Add the motion up to this stamp; if it is unknown, so is the whole motion."""
+        T = self._T_last_camera
+        if T is not None:
+            step = None if self._lookup is None else self._lookup(self._stamp_ns, stamp_ns)
+            self._T_last_camera = None if step is None else T @ step
+        self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
+
+    def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
+        """Learn the error of the velocity from a tracked motion (4, 4): wheels slip."""
+        if self._T_last_camera is not None and self._elapsed_s > 0:
+            error = se3.log(se3.inverse(T_last_camera) @ self._T_last_camera) / self._elapsed_s
+            weight = min(self._elapsed_s / _AVERAGING_S, 1.0)
+            self._variance_per_s2 += weight * (np.square(error) - self._variance_per_s2)
+
+    def reset(self) -> None:
+        """Keep the measured motion: it does not depend on the tracked velocity."""
+
+    def predict(self) -> FloatArray | None:
+        """Return the measured motion T_camera_last (4, 4), or None if it is unknown."""
+        return None if self._T_last_camera is None else se3.inverse(self._T_last_camera)
+
+    def bridge(self) -> BridgedMotion | None:
+        """Return the measured motion, or None if it is unknown.
+
+        Its standard deviation grows linearly with time, because the error of a wheel's velocity
+        lasts. The covariance of a single image is half that of one step, so that the difference of
+        two poses has the covariance of one.
+        """
+        if self._T_last_camera is None:
+            return None
+        variance = np.diag(self._variance_per_s2)
+        return BridgedMotion(
+            self._T_last_camera,
+            variance * self._elapsed_s**2,
+            variance * (S_PER_NS * self._step_ns) ** 2 / 2,
+            self._elapsed_s,
+        )
+
+    @property
+    def _elapsed_s(self) -> float:
+        return S_PER_NS * (self._stamp_ns - self._start_ns)
+
+
+MOTION_SOURCES: dict[str, Callable[[MotionLookup | None], MotionSource]] = {
+    'constant_velocity': lambda _: ConstantVelocity(),
+    'external_odometry': ExternalOdometry,
+}
+"""Makes each source, given the lookup of external odometry; the most reliable source is first."""

@@ -1,0 +1,78 @@
+"""The noise of estimated poses that the residuals do not show (decision 032).
+
+An error that all matches of an image share, as by a rolling shutter or a depth image of another
+instant, changes the pose and leaves no residual. But a camera moves smoothly: a parabola fits five
+successive poses, and the distance of the middle pose from the parabola through the others is its
+error. A camera that shakes faster than that is taken for a noisy pose.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import S_PER_NS, FloatArray, IntArray
+
+# Not tuned, except where another source is named (decision 032 has the resulting errors).
+_HALF_WINDOW = 2  # poses before and after the middle one
+WINDOW = 2 * _HALF_WINDOW + 1
+_DEGREE = 2  # constant acceleration
+_MAX_WINDOW_S = 0.3  # a hand-held camera does not keep its acceleration for longer
+_PRIOR_SAMPLES = 5  # weight of the residual-based covariance, in samples
+_MAX_SAMPLES = 60  # about two seconds; older samples count less
+
+
+class PoseNoise:
+    """Estimates the covariance of poses from their deviations from a smooth motion."""
+
+    def __init__(self) -> None:
+        self._covariance: FloatArray = np.zeros((6, 6))
+        self._num_samples = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Discard the recent poses, because the next one does not continue their motion."""
+        self._poses: deque[tuple[int, FloatArray]] = deque(maxlen=WINDOW)
+
+    def add(self, stamp_ns: int, T_odom_camera: FloatArray) -> None:
+        """Add the pose (4, 4) of the next image."""
+        if self._poses and stamp_ns <= self._poses[-1][0]:
+            self.restart()
+        self._poses.append((stamp_ns, T_odom_camera))
+        elapsed_s = S_PER_NS * (stamp_ns - self._poses[0][0])
+        if len(self._poses) == WINDOW and elapsed_s <= _MAX_WINDOW_S:
+            stamps_ns, T = zip(*self._poses, strict=True)
+            (error,) = smoothness_residuals(np.array([stamps_ns]), np.array([T]))
+            self._num_samples = min(self._num_samples + 1, _MAX_SAMPLES)
+            self._covariance += (np.outer(error, error) - self._covariance) / self._num_samples
+
+    def covariance(self, prior: FloatArray) -> FloatArray | None:
+        """Return the (6, 6) covariance in the camera frame, rotation first; None without samples.
+
+        Args:
+            prior: (6, 6) residual-based covariance, which outweighs few samples.
+        """
+        if self._num_samples == 0:
+            return None
+        total = _PRIOR_SAMPLES * prior + self._num_samples * self._covariance
+        return np.asarray(total / (_PRIOR_SAMPLES + self._num_samples))
+
+
+def smoothness_residuals(stamps_ns: IntArray, T_odom_camera: FloatArray) -> FloatArray:
+    """Return the (N, 6) deviations of middle poses from the parabola through the others.
+
+    They are scaled to the error of a single pose, assuming that all poses have equal noise.
+
+    Args:
+        stamps_ns: (N, WINDOW) stamps of successive poses.
+        T_odom_camera: (N, WINDOW, 4, 4).
+    """
+    others = np.arange(WINDOW) != _HALF_WINDOW
+    times_s = S_PER_NS * (stamps_ns[:, others] - stamps_ns[:, _HALF_WINDOW, None])
+    powers = times_s[..., None] ** np.arange(_DEGREE + 1)
+    weights = np.linalg.pinv(powers)[:, 0]  # of the others in the parabola's value at time 0
+    T_middle_others = se3.inverse(T_odom_camera[:, _HALF_WINDOW, None]) @ T_odom_camera[:, others]
+    deviation = (weights[:, None] @ se3.log(T_middle_others))[:, 0]
+    return np.asarray(deviation / np.sqrt(1 + np.square(weights).sum(1, keepdims=True)))

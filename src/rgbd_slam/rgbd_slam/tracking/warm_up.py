@@ -1,0 +1,102 @@
+"""Re-estimation of the poses of a map's first second (decision 034).
+
+In a new map no point is well observed yet, so that moving objects near the camera bias the poses.
+Points that keyframes still observe a second later are static; the first poses are estimated again
+from these. Only the recorded trajectory changes: poses that were published stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import NS_PER_S, BoolArray
+from rgbd_slam.config.slam_config import TrackingConfig
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.tracked_frame import TrackedFrame
+from rgbd_slam.model.trajectory import TrajectoryRecorder
+from rgbd_slam.optimize.pose_consensus import PoseConsensus
+from rgbd_slam.optimize.pose_optimizer import PoseProblem
+
+_WARM_UP_NS = NS_PER_S  # decision 034: the part of a map's trajectory that is re-estimated
+# Chosen: time after which keyframes have observed the points that are static.
+_SETTLED_NS = 2 * NS_PER_S
+_MAX_FRAMES = 120  # chosen, to bound the memory: a second at 120 Hz
+
+
+class WarmUp:
+    """Stores the first frames of a map and corrects their poses in the trajectory.
+
+    Args:
+        atlas: The map.
+        trajectory: Records the poses of all frames.
+        config: Parameters; without the consensus, no frame is re-estimated.
+    """
+
+    def __init__(
+        self, atlas: Atlas, trajectory: TrajectoryRecorder, config: TrackingConfig
+    ) -> None:
+        self._atlas = atlas
+        self._trajectory = trajectory
+        self._config = config
+        self._inv_sigma2 = atlas.octave_scale**-2.0
+        self._start_ns: int | None = None  # stamp of the first frame of the map
+        # Rows in the trajectory, and the frames.
+        self._frames: deque[tuple[int, TrackedFrame]] = deque(maxlen=_MAX_FRAMES)
+
+    def begin(self, stamp_ns: int) -> None:
+        """Start with the first frame of a new map; the frames of the previous map are dropped."""
+        self._frames.clear()
+        self._start_ns = stamp_ns if self._config.consensus.enabled else None
+
+    def add(self, tracked: TrackedFrame) -> None:
+        """Store the frame that was recorded last, if it is in the first second."""
+        start_ns = self._start_ns
+        if start_ns is not None and 0 < tracked.frame.stamp_ns - start_ns < _WARM_UP_NS:
+            self._frames.append((len(self._trajectory) - 1, tracked))
+
+    def reestimate_next(self, camera: StereoCamera) -> None:
+        """Re-estimate the pose of one stored frame, if static points are known by now.
+
+        It is called once per image, so that the cost of an image is bounded.
+
+        Args:
+            camera: The camera with its measured noise.
+        """
+        keyframes, start_ns = self._atlas.keyframes, self._start_ns
+        if not self._frames or start_ns is None:
+            return
+        rows = keyframes.indices()
+        rows = rows[~keyframes.is_loaded[rows]]
+        since_ns = keyframes.stamp_ns[rows] - start_ns
+        if (since_ns < _SETTLED_NS).all():
+            return
+        is_static = np.zeros(self._atlas.points.capacity + 1, np.bool_)  # the last: NO_POINT
+        is_static[keyframes.point_of_feature[rows[since_ns >= _WARM_UP_NS]]] = True
+        is_static[NO_POINT] = False
+        self._reestimate(*self._frames.popleft(), is_static, camera)
+
+    def _reestimate(
+        self, n: int, tracked: TrackedFrame, is_static: BoolArray, camera: StereoCamera
+    ) -> None:
+        """Replace the pose of frame `n` by that of its static points, if it observes enough."""
+        points = tracked.current_points(self._atlas)
+        k = np.flatnonzero(points != NO_POINT)
+        j = points[k]
+        T_map_camera = self._trajectory.pose(n)
+        config = self._config.consensus
+        if T_map_camera is None or np.count_nonzero(is_static[j]) < config.min_well_observed:
+            return
+        problem = PoseProblem(
+            self._atlas.points.position_m[j],
+            tracked.frame.measurement_px[k].astype(np.float64),
+            self._inv_sigma2[tracked.frame.octave[k]],
+        )
+        consensus = PoseConsensus(camera, config)
+        estimate = consensus.solve(problem, is_static[j], se3.inverse(T_map_camera)).estimate
+        if np.count_nonzero(estimate.inliers) >= self._config.min_inliers:
+            self._trajectory.revise(n, se3.inverse(estimate.T_camera_map))

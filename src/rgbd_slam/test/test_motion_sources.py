@@ -1,0 +1,69 @@
+"""Motion sources predict the motion since the last tracked frame."""
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import S_PER_NS, FloatArray
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking.motion_sources import MOTION_SOURCES, ConstantVelocity
+from rgbd_slam.tracking.tracking_result import TrackingState
+
+from .world import CAMERA, PERIOD_NS, World
+
+TWIST: FloatArray = np.array([0.6, -0.3, 0.9, 0.3, 0.6, -0.15])  # rad/s, m/s
+MS = 1_000_000
+
+
+def predicted(elapsed_ns: int, twist: FloatArray = TWIST) -> FloatArray:
+    """Return the motion that a constant velocity predicts in a time."""
+    source = ConstantVelocity()
+    source.observe(np.eye(4), twist)
+    source.start(0)
+    source.advance(elapsed_ns)
+    return source.predict()
+
+
+@pytest.mark.parametrize('steps', [1, 2, 3])
+def test_the_predicted_motion_is_proportional_to_time(steps: int) -> None:
+    step = se3.exp(S_PER_NS * 33 * MS * TWIST)
+    expected = np.linalg.matrix_power(step, steps)
+    np.testing.assert_allclose(predicted(steps * 33 * MS), expected, atol=1e-9)
+
+
+def test_no_motion_is_predicted_without_a_velocity() -> None:
+    source = ConstantVelocity()
+    source.start(0)
+    source.advance(33 * MS)
+    np.testing.assert_array_equal(source.predict(), np.eye(4))
+    source.observe(np.eye(4), TWIST)
+    assert not np.array_equal(source.predict(), np.eye(4))
+    source.reset()
+    np.testing.assert_array_equal(source.predict(), np.eye(4))
+
+
+def test_predictions_are_limited_in_time() -> None:
+    np.testing.assert_allclose(predicted(10_000 * MS), predicted(250 * MS))
+    np.testing.assert_array_equal(predicted(-MS), np.eye(4))
+
+
+class _Gyroscope(ConstantVelocity):
+    """A further source, as another package would add it: it knows a jerk in advance."""
+
+    T_camera_last: FloatArray = se3.exp(np.array([0.0, -0.25, 0, -0.4, 0, 0]))
+
+    def predict(self) -> FloatArray:
+        return self.T_camera_last
+
+
+def test_a_further_source_needs_one_entry_in_the_registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its prediction a jerk is tracked that otherwise needs relocalization."""
+    for has_gyroscope in (False, True):
+        if has_gyroscope:
+            monkeypatch.setitem(MOTION_SOURCES, 'gyroscope', lambda _: _Gyroscope())
+        slam, world = RgbdSlam(CAMERA, SlamConfig()), World()
+        for n, T in enumerate([np.eye(4)] * 3 + [se3.inverse(_Gyroscope.T_camera_last)]):
+            result = slam.process(world.features(n * PERIOD_NS, T))
+            assert result.state is TrackingState.TRACKING
+        assert slam.stats.num_relocalizations == (0 if has_gyroscope else 1)
