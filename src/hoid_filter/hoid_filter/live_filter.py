@@ -343,7 +343,7 @@ class LiveFilter:
 
     @property
     def _silent_s(self) -> float:
-        """Return for how long images have been sent without an answer of the detector."""
+        """Return the age [s] of the oldest image that the detector has not answered; 0 = none."""
         since_s = self._unanswered_since_s
         return 0.0 if since_s is None else self._newest_image_s - since_s
 

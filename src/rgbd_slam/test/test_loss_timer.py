@@ -1,4 +1,4 @@
-"""The time for which the camera is lost, by stamps of all kinds."""
+"""How long the camera is lost: gaps, repeated stamps and stamps that go back."""
 
 from __future__ import annotations
 
