@@ -192,7 +192,7 @@ def test_parameters_are_passed_to_nodes_in_files(tmp_path: Path) -> None:
     assert values == {
         'tracking.max_speed_mps': 2.0,
         'frames.base': 'base: link',
-        'expert': True,  # as tracking.min_inliers is a parameter for experts
+        'expert': True,  # as tracking.max_speed_mps is a parameter for experts
         'use_sim_time': False,
     }
 
