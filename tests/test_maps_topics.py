@@ -223,6 +223,7 @@ def check_run_time(peer: Peer) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_reset_empties_the_maps_and_mapping_continues(
     peer: Peer, messages: list[Messages]
 ) -> None:
@@ -238,6 +239,7 @@ def test_reset_empties_the_maps_and_mapping_continues(
     assert len(peer.cloud_m()) > 0
 
 
+@pytest.mark.thorough
 def test_no_process_outlives_a_killed_node(
     start: Start, probe: Probe, messages: list[Messages]
 ) -> None:
@@ -255,6 +257,7 @@ def test_no_process_outlives_a_killed_node(
     supervisor.stop()
 
 
+@pytest.mark.thorough
 def test_without_dense_map_and_objects_there_is_no_scene_process(
     start: Start, probe: Probe, messages: list[Messages]
 ) -> None:
