@@ -23,7 +23,7 @@ from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import status_message
 from rgbd_slam.tracking.dropped_frames import DroppedFrameCounter
 from rgbd_slam.tracking.motion_sources import MotionLookup
-from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
+from rgbd_slam.tracking.tracking_result import TrackingResult
 
 
 class Tracked(NamedTuple):
@@ -108,7 +108,7 @@ class SlamSession:
         self.robot_map.has_changed |= result.is_keyframe
         if result.is_keyframe:
             self._late.note_keyframe()
-        status = self._status(SlamState(result.state.value), result)
+        status = self._status(result.state, result)
         return Processed(status, tracked.pose, self._scene_request(result))
 
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
@@ -178,7 +178,7 @@ class SlamSession:
         """
         slam = self.slam
         last = slam.odometry.last
-        if result.state is not TrackingState.TRACKING or last is None:
+        if result.state is not SlamState.TRACKING or last is None:
             return None
         request = self._scene_scheduler.pick(
             result.stamp_ns,

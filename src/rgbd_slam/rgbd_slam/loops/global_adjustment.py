@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -29,9 +28,10 @@ from rgbd_slam.optimize.residual_noise import with_residual_noise
 
 _NICE = 10  # chosen: tracking and mapping have priority on few cores (decision 016)
 _ALL = slice(None)
-# Chosen: the largest number of keyframes for the dense solver, whose time grows with their cube
-# and whose memory grows with their square.
-_DENSE_LIMIT = 500
+# Chosen: the largest map that is adjusted. The time of the dense solver grows with the cube of the
+# number of keyframes, its memory with the square: 28 s and 0.3 GB for 1000 keyframes. A larger map
+# keeps the poses of the pose graph.
+_MAX_KEYFRAMES = 1000
 
 _logger = logging.getLogger(__name__)
 
@@ -62,19 +62,12 @@ def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> Bundl
     The measured noise reveals outliers that the configured one did not, and which have distorted
     the solution; therefore the map is adjusted once more without them.
 
-    With 309 keyframes, 18,000 points and 157,000 observations, the dense solver takes 4.7 s and
-    GTSAM 24.7 s at equal accuracy.
+    With 309 keyframes, 18,000 points and 157,000 observations, it takes 4.7 s.
     """
-    solver: Callable[[StereoCamera, BundleProblem, int], BundleSolution] = adjust
-    if len(bundle.T_camera_map) > _DENSE_LIMIT:
-        # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
-        from rgbd_slam.optimize.gtsam_bundle import solve_bundle_gtsam  # noqa: PLC0415
-
-        solver = solve_bundle_gtsam
-    first = solver(camera, bundle, iterations)
+    first = adjust(camera, bundle, iterations)
     camera, bundle = with_residual_noise(camera, bundle, first)
-    second = solver(camera, _continued(bundle, first), iterations)
-    return solver(camera, _continued(bundle, second, ~second.outliers), iterations)
+    second = adjust(camera, _continued(bundle, first), iterations)
+    return adjust(camera, _continued(bundle, second, ~second.outliers), iterations)
 
 
 def _continued(
@@ -139,7 +132,7 @@ def _run_solver(work: Connection, solutions: Connection) -> None:
 
 
 class _Running(NamedTuple):
-    """An adjustment in a separate process, because GTSAM holds the GIL."""
+    """An adjustment in a separate process, so that the mapper goes on."""
 
     problem: GlobalProblem
     worker: ChildWorker[tuple[StereoCamera, BundleProblem, int], BundleSolution]
@@ -184,6 +177,10 @@ class GlobalAdjuster:
         """Start to adjust a map; a running adjustment is outdated and is stopped."""
         self.close()
         problem = global_problem(self._atlas, map_id)
+        num_keyframes = len(problem.keyframe_uids)
+        if num_keyframes > _MAX_KEYFRAMES:
+            _logger.info('the map has %d keyframes and is not adjusted as a whole', num_keyframes)
+            return
         if problem.bundle.num_free == 0:
             return
         if self._background:
