@@ -105,7 +105,7 @@ def table(folder: Path, out: str, name: str) -> list[list[str]]:
 
 
 def test_stopped_experiments_are_resumed(folder: Path, first_done: str) -> None:
-    assert '2 runs done, 1 failed, 2 of sequences that are not here' in first_done
+    assert '2 runs done, 1 failed, 2 without their sequence' in first_done
     page = (folder / 'one' / 'tiny' / 'index.html').read_text()
     assert 'synth-5-frames=16+width=320' in page
     figures = {p.suffix for p in (folder / 'one' / 'tiny' / 'figures').iterdir()}
