@@ -23,7 +23,11 @@ from rgbd_slam.slam import RgbdSlam
 from .world import CAMERA, PERIOD_NS, World, sway
 
 CONFIG = SlamConfig()
-BOOKKEEPING = ('version', 'born')  # of the changes to send, which an offline run does not use
+BOOKKEEPING = (
+    'version',
+    'born',
+    'connected',
+)  # of the changes to send, which an offline run does not use
 
 
 def offline_run(

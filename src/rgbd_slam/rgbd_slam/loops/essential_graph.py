@@ -14,6 +14,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
+from hoid_native.results import Edges
 from rgbd_slam.model.atlas import Atlas
 
 _MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
@@ -94,9 +95,8 @@ def closed_poses(
     for i in rows.tolist():
         is_root = keyframes.index_of(int(keyframes.parent_uid[i])) is None
         graph.add_keyframe(int(keyframes.uid[i]), keyframes.T_map_camera[i], fixed=is_root)
-    first, second = _edges(atlas, rows, min_shared)
+    first, second, shared = _edges(atlas, rows, min_shared)
     T_a_b = se3.inverse(keyframes.T_map_camera[first]) @ keyframes.T_map_camera[second]
-    shared = keyframes.covisibility[first, second]
     weak = np.sqrt(_STRONG_SHARED / np.clip(shared, _MIN_SHARED, _STRONG_SHARED))
     sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_a_b[:, :3, 3], axis=1))
     uid_a, uid_b = keyframes.uid[first].tolist(), keyframes.uid[second].tolist()
@@ -110,17 +110,22 @@ def closed_poses(
     return rows, graph.optimize()
 
 
-def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> tuple[IntArray, IntArray]:
-    """Return the (E,) first and (E,) second keyframes of the edges between `rows`."""
+def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
+    """Return the pairs of `rows` that are next to each other in the tree or share many points."""
     keyframes = atlas.keyframes
-    is_edge = keyframes.covisibility[np.ix_(rows, rows)] >= min_shared
+    pairs = atlas.edges()
+    key = pairs.first * keyframes.capacity + pairs.second
     order = np.argsort(keyframes.uid[rows])
     uids = keyframes.uid[rows][order]
     position = np.minimum(np.searchsorted(uids, keyframes.parent_uid[rows]), len(rows) - 1)
     has_parent = uids[position] == keyframes.parent_uid[rows]
-    is_edge[np.flatnonzero(has_parent), order[position[has_parent]]] = True
-    a, b = np.nonzero(np.triu(is_edge | is_edge.T, 1))
-    return rows[a], rows[b]
+    ends = np.stack([rows[has_parent], rows[order[position[has_parent]]]])
+    tree = ends.min(0) * keyframes.capacity + ends.max(0)
+    strong = key[(pairs.shared >= min_shared) & np.isin(pairs.first, rows)]
+    chosen = np.union1d(strong, tree)
+    at = np.minimum(np.searchsorted(key, chosen), max(len(key) - 1, 0))
+    shared = np.where(key[at] == chosen, pairs.shared[at], 0) if len(key) else 0 * chosen
+    return Edges(*np.divmod(chosen, keyframes.capacity), shared)
 
 
 def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> None:

@@ -18,7 +18,6 @@ from rgbd_slam.loops.loop_detection import LoopDetector
 from rgbd_slam.loops.map_merging import merge_maps
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
 _AROUND = 10  # not tuned: neighbors of each keyframe of a loop whose points are fused
@@ -165,10 +164,7 @@ class LoopCloser:
         there = np.setdiff1d(np.r_[c, self._atlas.covisible(c, limit=_AROUND)], here)
         for side, other in ((here, there), (there, here)):
             for n in side.tolist():
-                seen = np.unique(self._atlas.keyframes.point_of_feature[other])
-                points = seen[seen != NO_POINT].astype(np.int64)
-                fuse(self._atlas, self._camera, n, points, self._mapping)
+                fuse(self._atlas, self._camera, n, self._atlas.points_of(other), self._mapping)
         for n in np.r_[here, there].tolist():
             self._atlas.update_connections(n)
-        seen = np.unique(self._atlas.keyframes.point_of_feature[np.r_[here, there]])
-        self._atlas.refresh(seen[seen != NO_POINT].astype(np.int64))
+        self._atlas.refresh(self._atlas.points_of(np.r_[here, there]))

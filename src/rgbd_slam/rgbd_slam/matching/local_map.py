@@ -10,7 +10,6 @@ from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.matching.matching import Queries
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
 
 # ORB-SLAM3: MapPoint.cc, GetMinDistanceInvariance (0.8) and GetMaxDistanceInvariance (1.2): one
@@ -38,21 +37,14 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference: int, limit: int
     not depend on the size of the map. At most `limit` of them are used, those that observe most of
     the points.
     """
-    keyframes = atlas.keyframes
     candidates = np.concatenate(
         [[last_reference], atlas.covisible(last_reference, limit=2 * limit)]
     )
-    flags = np.zeros(atlas.points.capacity + 1, np.bool_)
-    flags[seen] = True
-    flags[NO_POINT] = False
-    votes = np.count_nonzero(flags.take(keyframes.point_of_feature[candidates]), axis=1)
+    votes = atlas.count_observed(seen, candidates)
     order = np.argsort(-votes, kind='stable')[:limit]
     reference = int(candidates[order[0]])
     chosen = candidates[order[votes[order] > 0]] if votes[order[0]] else candidates[:1]
-    flags[:] = False
-    flags[keyframes.point_of_feature[chosen].ravel()] = True
-    flags[NO_POINT] = False
-    return LocalMap(reference, np.flatnonzero(flags))
+    return LocalMap(reference, atlas.points_of(chosen))
 
 
 class VisiblePoints(NamedTuple):

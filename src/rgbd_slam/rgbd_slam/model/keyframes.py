@@ -27,20 +27,11 @@ _FEATURE_COLUMNS = (
 )
 
 
-class Observations(NamedTuple):
-    """Observations as parallel arrays (M,): keyframe i observes point j in its feature k."""
-
-    i: IntArray
-    k: IntArray
-    j: IntArray
-
-
 class SavedKeyframes(NamedTuple):
     """The keyframes (N) of an earlier session, and their features (F)."""
 
     columns: dict[str, Column]  # (N, ...) each
     parent: IntArray  # (N,) index of the parent among them, or DEAD for a root
-    covisibility: NDArray[np.int32]  # (N, N)
     keyframe: IntArray  # (F,) index of the keyframe of each feature
     feature: IntArray  # (F,) number of each feature within its keyframe
     features: dict[str, Column]  # (F, ...) each
@@ -51,8 +42,7 @@ class KeyframeTable(SoaTable):
 
     Only `Atlas` writes to the columns.
 
-    `point_of_feature` is the only record of observations. It is searched with masks over whole
-    rows, which takes 0.3 ms for 200 keyframes and needs no second list to be kept consistent.
+    `point_of_feature` is the record of observations; the graph of the `Atlas` is its inverse.
     """
 
     columns: ClassVar[tuple[str, ...]] = (
@@ -63,7 +53,7 @@ class KeyframeTable(SoaTable):
         'parent_uid',
         'num_features',
         'is_loaded',
-        'covisibility',
+        'connected',
         *_FEATURE_COLUMNS,
     )
     fixed: ClassVar[tuple[str, ...]] = (
@@ -83,8 +73,8 @@ class KeyframeTable(SoaTable):
         self.parent_uid: IntArray = np.zeros(n, np.int64)
         self.num_features: IntArray = np.zeros(n, np.int64)
         self.is_loaded: BoolArray = np.zeros(n, np.bool_)  # True: from an earlier session
-        # Number of points that two keyframes share.
-        self.covisibility: NDArray[np.int32] = np.zeros((n, n), np.int32)
+        # Version of the map at which the shared points were counted last.
+        self.connected: IntArray = np.zeros(n, np.int64)
         self.point_of_feature: NDArray[np.int32] = np.full((n, f), NO_POINT, np.int32)
         # u, v, u_right; u_right is NaN without depth.
         self.measurement_px: Float32Array = np.zeros((n, f, 3), np.float32)
@@ -100,12 +90,9 @@ class KeyframeTable(SoaTable):
         return int(self.point_of_feature.shape[1])
 
     def grow(self, capacity: int) -> None:
-        """Enlarge all columns to `capacity` rows, the covisibility in both dimensions."""
+        """Enlarge all columns to `capacity` rows."""
         old = self.capacity
         super().grow(capacity)
-        wide = np.zeros((capacity, capacity), np.int32)
-        wide[:, :old] = self.covisibility
-        self.covisibility = wide
         self.point_of_feature[old:] = NO_POINT
 
     def grow_features(self, max_features: int) -> None:
@@ -159,10 +146,10 @@ class KeyframeTable(SoaTable):
         """Return the rows of the keyframes whose parent in the spanning tree is `i`."""
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
 
-    def put_rows(self, change: SoaTableRows) -> None:
-        """Overwrite rows with those of another copy; the covisibility stays symmetric."""
+    def reserve(self, change: SoaTableRows) -> None:
+        """Enlarge the columns to the size of another copy, before `put_rows`."""
+        if change.capacity > self.capacity:
+            self.grow(change.capacity)
         width = change.columns['point_of_feature'].shape[1]
         if width > self.max_features:
             self.grow_features(width)
-        super().put_rows(change)
-        self.covisibility[:, change.rows] = change.columns['covisibility'].T

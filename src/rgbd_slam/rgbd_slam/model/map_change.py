@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from hoid_common.values import FloatArray
+from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.soa_table import SoaTableRows
 
 # Chosen: more keyframes than can be removed while a request to the mapper is queued.
@@ -21,12 +21,22 @@ class Redirect(NamedTuple):
     T_parent_camera: FloatArray  # (4, 4) pose of the removed keyframe relative to its parent
 
 
+class Connections(NamedTuple):
+    """The keyframes that each of R keyframes shares points with."""
+
+    rows: IntArray  # (R,)
+    lengths: IntArray  # (R,) numbers of neighbors
+    neighbors: IntArray  # (sum of lengths,) rows
+    shared: IntArray  # (sum of lengths,) numbers of shared points
+
+
 class MapChange(NamedTuple):
     """The difference between two versions of a map, to be applied to a copy."""
 
     version: int
     keyframes: SoaTableRows
     points: SoaTableRows
+    connections: Connections  # of the keyframes whose shared points were counted again
     redirects: tuple[Redirect, ...]
 
 

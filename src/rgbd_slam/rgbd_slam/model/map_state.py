@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from hoid_common import se3
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from hoid_native.results import Observations
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import Observations, SavedKeyframes
+from rgbd_slam.model.keyframes import SavedKeyframes
 from rgbd_slam.model.soa_table import DEAD
 from rgbd_slam.records.record import Array, Record, column
 
@@ -135,7 +136,6 @@ def _saved_keyframes(state: MapState, camera: StereoCamera) -> SavedKeyframes:
             'num_features': state.num_features,
         },
         np.where(state.parent == NONE, DEAD, state.parent),
-        shared_points(state),
         state.keyframe,
         _feature_rows(state),
         {
@@ -165,24 +165,6 @@ def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
     read = state.depth_m > 0
     out[read, 2] = state.uv_px[read, 0] - camera.baseline_px_m / state.depth_m[read]
     return out
-
-
-def shared_points(state: MapState) -> NDArray[np.int32]:
-    """Return the (K, K) numbers of points that two keyframes share, with a zero diagonal."""
-    seen = state.point != NONE
-    # A sparse product of SciPy does the same, but its import takes a third of a node's start.
-    order = np.argsort(state.point[seen], kind='stable')
-    point, keyframe = state.point[seen][order], state.keyframe[seen][order]
-    shared = np.zeros((len(state), len(state)), np.int32)
-    first, apart = np.arange(len(point)), 0
-    while first.size:  # pairs of observations of one point, by their distance in the sorted list
-        apart += 1
-        first = first[: np.searchsorted(first, len(point) - apart)]
-        first = first[point[first] == point[first + apart]]
-        np.add.at(shared, (keyframe[first], keyframe[first + apart]), 1)
-    shared += shared.T
-    np.fill_diagonal(shared, 0)
-    return shared
 
 
 def _observing_references(reference: IntArray, keyframe: IntArray, point: IntArray) -> IntArray:

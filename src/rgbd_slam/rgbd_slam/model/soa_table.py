@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from heapq import heappop, heappush
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -43,6 +44,9 @@ class SoaTable:
         self.version: IntArray = np.zeros(capacity, np.int64)
         self.born: IntArray = np.zeros(capacity, np.int64)  # (N,) version of its allocation
         self._next_uid = 0
+        self._num_alive = 0
+        # Empty rows as a heap; None: to be collected before the next allocation.
+        self._free: list[int] | None = None
 
     @property
     def capacity(self) -> int:
@@ -59,7 +63,7 @@ class SoaTable:
         return np.flatnonzero(self.uid != DEAD)
 
     def __len__(self) -> int:
-        return int(np.count_nonzero(self.uid != DEAD))
+        return self._num_alive
 
     def index_of(self, uid: int) -> int | None:
         """Return the row of an element, or None if it was removed."""
@@ -68,10 +72,13 @@ class SoaTable:
 
     def allocate(self, count: int, version: int) -> IntArray:
         """Return (count,) empty rows, lowest first so that runs repeat, and give them new uids."""
-        rows = np.flatnonzero(self.uid == DEAD)[:count]
-        while len(rows) < count:
+        if self._free is None:
+            self._free = np.flatnonzero(self.uid == DEAD).tolist()
+        while len(self._free) < count:
+            self._free.extend(range(self.capacity, 2 * self.capacity))
             self.grow(2 * self.capacity)
-            rows = np.flatnonzero(self.uid == DEAD)[:count]
+        rows = np.array([heappop(self._free) for _ in range(count)], np.int64)
+        self._num_alive += count
         self.uid[rows] = self._next_uid + np.arange(count)
         self.version[rows] = self.born[rows] = version
         self._next_uid += count
@@ -86,7 +93,12 @@ class SoaTable:
 
     def release(self, rows: IntArray, version: int) -> None:
         """Mark rows as empty."""
+        rows = np.unique(rows[self.uid[rows] != DEAD])
         self.uid[rows] = DEAD
+        self._num_alive -= len(rows)
+        if self._free is not None:
+            for row in rows.tolist():
+                heappush(self._free, row)
         self.version[rows] = version
 
     def grow(self, capacity: int) -> None:
@@ -116,6 +128,9 @@ class SoaTable:
         """Overwrite rows with those of another copy of the same table."""
         if change.capacity > self.capacity:
             self.grow(change.capacity)
+        self._num_alive += int(np.count_nonzero(change.columns['uid'] != DEAD))
+        self._num_alive -= int(np.count_nonzero(self.uid[change.rows] != DEAD))
+        self._free = None
         for name, values in change.columns.items():
             getattr(self, name)[change.rows] = values
         for name, values in change.fixed_columns.items():

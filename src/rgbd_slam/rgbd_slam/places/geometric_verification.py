@@ -107,8 +107,7 @@ class PlaceVerifier:
 
     def search(self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray) -> PlaceMatch:
         """Search the points of (K,) keyframes in a frame, starting at a predicted pose."""
-        seen = np.unique(self._atlas.keyframes.point_of_feature[keyframes])
-        points = seen[seen != NO_POINT].astype(np.int64)
+        points = self._atlas.points_of(keyframes)
         k = j = np.empty(0, np.int64)
         for radius in _SEARCH_RADII:
             view = visible_points(self._atlas, self._camera, T_camera_map, points, radius)

@@ -45,7 +45,7 @@ class HashIndex:
         self._weights = np.zeros((8 * DESCRIPTOR_BYTES, config.num_tables))
         for t, order in enumerate(orders):
             self._weights[order[: config.key_bits], t] = 2.0 ** np.arange(config.key_bits)
-        self._members: set[int] = set()
+        self._members: IntArray = np.empty(0, np.int64)  # (K,) uids, ascending
         self._pending: list[tuple[int, ByteArray]] = []
         self._pool: ByteArray = np.empty((0, DESCRIPTOR_BYTES), np.uint8)  # (M, 32)
         self._uid: IntArray = np.empty(0, np.int64)  # (M,) uid of the keyframe, or _REMOVED
@@ -55,22 +55,25 @@ class HashIndex:
     def update(self, atlas: Atlas) -> None:
         """Add the new keyframes of a map, by features that observe points; remove the gone."""
         keyframes = atlas.keyframes
-        row_of = {int(keyframes.uid[i]): i for i in keyframes.indices()}
-        for uid in self._members - row_of.keys():
+        rows = keyframes.indices()
+        rows = rows[np.argsort(keyframes.uid[rows])]
+        uids = keyframes.uid[rows]
+        for uid in np.setdiff1d(self._members, uids, assume_unique=True).tolist():
             self.remove(uid)
-        for uid in sorted(row_of.keys() - self._members):
-            i = row_of[uid]
-            self.add(uid, keyframes.descriptors[i, keyframes.point_of_feature[i] != NO_POINT])
+        for i in rows[~np.isin(uids, self._members, assume_unique=True)].tolist():
+            seen = keyframes.point_of_feature[i] != NO_POINT
+            self._append(int(keyframes.uid[i]), keyframes.descriptors[i, seen])
+        self._members = uids
 
     def add(self, uid: int, descriptors: ByteArray) -> None:
         """Add a keyframe with its (N, 32) descriptors, thinned evenly to `max_features`."""
-        self._members.add(uid)
-        self._pending.append((uid, self._thinned(descriptors)))
+        self._members = np.union1d(self._members, [uid])
+        self._append(uid, descriptors)
 
     def remove(self, uid: int) -> None:
         """Remove a keyframe, if it is in the index."""
         if uid in self._members:
-            self._members.discard(uid)
+            self._members = self._members[self._members != uid]
             self._pending = [entry for entry in self._pending if entry[0] != uid]
             self._uid[self._uid == uid] = _REMOVED
 
@@ -89,6 +92,9 @@ class HashIndex:
         uids, votes = np.unique(pairs // max(len(descriptors), 1), return_counts=True)
         order = np.argsort(-votes, kind='stable')
         return PlaceVotes(uids[order], votes[order])
+
+    def _append(self, uid: int, descriptors: ByteArray) -> None:
+        self._pending.append((uid, self._thinned(descriptors)))
 
     def _thinned(self, descriptors: ByteArray) -> ByteArray:
         count = min(len(descriptors), self._config.max_features)
