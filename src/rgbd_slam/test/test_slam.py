@@ -124,6 +124,7 @@ def test_a_dead_mapper_is_reported() -> None:
     os.kill(mapper.process_id, signal.SIGKILL)
     with pytest.raises(MapperStoppedError, match=r'ends at its start \(signal 9\)'):
         slam.process(World().features(0, POSES[0]))
+        mapper.wait()
     slam.map.mapper.close()
 
 

@@ -26,25 +26,31 @@ _OBLIQUE_RADIUS_PX = 4.0
 class LocalMap(NamedTuple):
     """The reference keyframe of a frame, and all points of the keyframes that share points."""
 
-    reference: int  # the keyframe that shares most points with the frame
+    reference_uid: int  # the keyframe that shares most points with the frame
     points: IntArray  # (P,)
 
 
-def find_local_map(atlas: Atlas, seen: IntArray, last_reference: int, limit: int) -> LocalMap:
+def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit: int) -> LocalMap:
     """Return the local map of a frame that observes the given points.
 
     Candidates are the last reference keyframe and its covisible keyframes, so that the cost does
     not depend on the size of the map. At most `limit` of them are used, those that observe most of
-    the points.
+    the points. If the last reference keyframe is pending, its nearest ancestor in the map takes
+    its place; without any, the local map is empty.
     """
-    candidates = np.concatenate(
-        [[last_reference], atlas.covisible(last_reference, limit=2 * limit)]
-    )
+    anchor = atlas.anchor(last_reference_uid)
+    if anchor is None or anchor.row is None:
+        return LocalMap(last_reference_uid, np.empty(0, np.int64))
+    around = atlas.covisible(anchor.row, limit=2 * limit)
+    candidates = np.concatenate([[anchor.row], around])
     votes = atlas.count_observed(seen, candidates)
     order = np.argsort(-votes, kind='stable')[:limit]
-    reference = int(candidates[order[0]])
-    chosen = candidates[order[votes[order] > 0]] if votes[order[0]] else candidates[:1]
-    return LocalMap(reference, atlas.points_of(chosen))
+    best = candidates[order[0]]
+    if votes[order[0]] == 0:
+        return LocalMap(last_reference_uid, atlas.points_of(candidates[:1]))
+    return LocalMap(
+        int(atlas.keyframes.uid[best]), atlas.points_of(candidates[order[votes[order] > 0]])
+    )
 
 
 class VisiblePoints(NamedTuple):

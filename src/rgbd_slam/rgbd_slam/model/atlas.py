@@ -9,6 +9,7 @@ keyframe i observes point j in its feature k.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,18 @@ from hoid_native import ObservationGraph
 from hoid_native.results import Edges, Observations
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable, SavedKeyframes
-from rgbd_slam.model.map_change import Connections, MapChange, Redirect, Redirects
+from rgbd_slam.model.map_change import Connections, MapChange, PendingKeyframe, Redirect, Redirects
 from rgbd_slam.model.point_statistics import point_statistics
 from rgbd_slam.model.points import PointCounts, PointTable
 from rgbd_slam.model.soa_table import DEAD, Column
+
+
+class Anchor(NamedTuple):
+    """The pose of a keyframe relative to itself in the map, or to its nearest ancestor there."""
+
+    row: int | None  # None: no ancestor is in this copy of the map yet
+    T_anchor_keyframe: FloatArray  # (4, 4); T_map_keyframe without an ancestor
+
 
 PointRows = NDArray[np.int32]
 
@@ -38,6 +47,9 @@ class Atlas:
         self.version = 1
         self.octave_scale = np.power(scale_factor, np.arange(num_octaves, dtype=np.float64))
         self.redirects = Redirects()
+        # Keyframes that were requested from a mapper in another process and are not in this copy
+        # yet, by uid, the oldest first.
+        self.pending: dict[int, PendingKeyframe] = {}
         self._graph = ObservationGraph()
 
     def clear(self) -> None:
@@ -48,15 +60,29 @@ class Atlas:
         keyframes.release(keyframes.indices(), self.version)
         points.release(points.indices(), self.version)
         self.redirects.clear()
+        self.pending.clear()
 
     # ---- keyframes
 
     def add_keyframe(
-        self, frame: Frame, T_map_camera: FloatArray, map_id: int, parent: int | None = None
+        self,
+        frame: Frame,
+        T_map_camera: FloatArray,
+        map_id: int,
+        parent: int | None = None,
+        uid: int | None = None,
     ) -> int:
-        """Store a keyframe without observations and return its row."""
+        """Store a keyframe without observations and return its row.
+
+        Args:
+            frame: Its features.
+            T_map_camera: (4, 4) its pose.
+            map_id: The map that it belongs to.
+            parent: Its parent in the spanning tree; None for the first keyframe of a map.
+            uid: Its uid; None: the next unused one.
+        """
         kf = self.keyframes
-        i = int(kf.allocate(1, self.version)[0])
+        i = int(kf.allocate(1, self.version, uid)[0])
         kf.store_features(i, frame)
         kf.T_map_camera[i] = T_map_camera
         kf.map_id[i] = map_id
@@ -124,6 +150,38 @@ class Atlas:
     def _set_neighbors(self, i: int, rows: IntArray, shared: IntArray) -> None:
         self._graph.set_neighbors(i, rows, shared)
         self.keyframes.connected[i] = self.version
+
+    def anchor(self, uid: int) -> Anchor | None:
+        """Return where a keyframe is in the map, even if it was removed or is still pending.
+
+        None is returned if nothing is known of it.
+        """
+        T_anchor_keyframe = np.eye(4)
+        row = self.keyframes.index_of(uid)
+        while row is None:
+            link = self.pending.get(uid) or self.redirects.find(uid)
+            if link is None:
+                return None
+            T_anchor_keyframe = link.T_parent_camera @ T_anchor_keyframe
+            if link.parent_uid is None:
+                break
+            uid = link.parent_uid
+            row = self.keyframes.index_of(uid)
+        return Anchor(row, T_anchor_keyframe)
+
+    def pose(self, uid: int) -> FloatArray | None:
+        """Return T_map_keyframe (4, 4) of a keyframe, also of a removed or pending one."""
+        anchor = self.anchor(uid)
+        if anchor is None or anchor.row is None:
+            return None if anchor is None else anchor.T_anchor_keyframe
+        pose: FloatArray = self.keyframes.T_map_camera[anchor.row] @ anchor.T_anchor_keyframe
+        return pose
+
+    def drop_pending(self, uid: int) -> None:
+        """Replace a pending keyframe, which will not come, by its parent."""
+        lost = self.pending.pop(uid, None)
+        if lost is not None and lost.parent_uid is not None:
+            self.redirects.add([Redirect(lost.uid, lost.parent_uid, lost.T_parent_camera)])
 
     # ---- points and observations
 
@@ -248,10 +306,15 @@ class Atlas:
         points.map_id[j] += by
         keyframes.version[i] = points.version[j] = self.version
 
-    def append_keyframes(self, saved: SavedKeyframes) -> IntArray:
-        """Add keyframes of an earlier session and return their (N,) rows."""
+    def append_keyframes(self, saved: SavedKeyframes, first_uid: int | None = None) -> IntArray:
+        """Add keyframes of an earlier session and return their (N,) rows.
+
+        Args:
+            saved: The keyframes.
+            first_uid: The uid of the first one; None: the next unused one.
+        """
         kf = self.keyframes
-        i = kf.append(saved.columns, self.version)
+        i = kf.append(saved.columns, self.version, first_uid)
         kf.is_loaded[i] = True
         kf.parent_uid[i] = np.where(saved.parent == DEAD, DEAD, kf.uid[i[saved.parent]])
         kf.point_of_feature[i] = NO_POINT
@@ -313,6 +376,9 @@ class Atlas:
             self._graph.set_neighbors(i, _NOTHING, _NOTHING)
         self.version = change.version
         self.redirects.add(change.redirects)
+        for uid in list(self.pending):
+            if kf.index_of(uid) is not None or self.redirects.find(uid) is not None:
+                del self.pending[uid]
 
     def _reobserve(self, rows: IntArray, before: PointRows, after: PointRows) -> None:
         """Update the graph where the (R, F) points that keyframes (R,) observe have changed."""

@@ -1,8 +1,7 @@
-"""Changes of a map: the changed rows for its copies, and redirects of removed keyframes."""
+"""Changes of a map: changed rows for its copies, and keyframes that are gone or to come."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -10,7 +9,7 @@ from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.soa_table import SoaTableRows
 
 # Chosen: more keyframes than can be removed while a request to the mapper is queued.
-_MAX_REMEMBERED = 256
+_MAX_REMEMBERED = 4096
 
 
 class Redirect(NamedTuple):
@@ -19,6 +18,14 @@ class Redirect(NamedTuple):
     uid: int
     parent_uid: int
     T_parent_camera: FloatArray  # (4, 4) pose of the removed keyframe relative to its parent
+
+
+class PendingKeyframe(NamedTuple):
+    """A keyframe that the tracker has requested and the mapper has not inserted yet."""
+
+    uid: int
+    parent_uid: int | None  # the keyframe, perhaps pending as well, that its pose is relative to
+    T_parent_camera: FloatArray  # (4, 4); T_map_camera for the first keyframe of a map
 
 
 class Connections(NamedTuple):
@@ -41,11 +48,11 @@ class MapChange(NamedTuple):
 
 
 class Redirects:
-    """The redirects of a map: each is returned once by `take`; `resolve` knows the latest ones."""
+    """The redirects of a map: each is returned once by `take`; `find` knows the latest ones."""
 
     def __init__(self) -> None:
         self._to_take: list[Redirect] = []
-        self._removed: deque[Redirect] = deque(maxlen=_MAX_REMEMBERED)
+        self._removed: dict[int, Redirect] = {}  # by uid, the oldest first
 
     def clear(self) -> None:
         """Delete all redirects, as the map is cleared."""
@@ -54,19 +61,17 @@ class Redirects:
 
     def add(self, redirects: Iterable[Redirect]) -> None:
         """Add the redirects of removed keyframes."""
-        known = tuple(redirects)
-        self._to_take.extend(known)
-        self._removed.extend(known)
+        for redirect in redirects:
+            self._to_take.append(redirect)
+            self._removed[redirect.uid] = redirect
+            if len(self._removed) > _MAX_REMEMBERED:
+                del self._removed[next(iter(self._removed))]
 
     def take(self) -> tuple[Redirect, ...]:
         """Return the redirects of the keyframes removed since the last call."""
         redirects, self._to_take = tuple(self._to_take), []
         return redirects
 
-    def resolve(self, uid: int, T_keyframe_camera: FloatArray) -> tuple[int, FloatArray]:
-        """Return the uid of the present reference, and the pose (4, 4) relative to it."""
-        for redirect in self._removed:
-            if redirect.uid == uid:
-                uid = redirect.parent_uid
-                T_keyframe_camera = redirect.T_parent_camera @ T_keyframe_camera
-        return uid, T_keyframe_camera
+    def find(self, uid: int) -> Redirect | None:
+        """Return the redirect of a keyframe, or None if it was not removed lately."""
+        return self._removed.get(uid)

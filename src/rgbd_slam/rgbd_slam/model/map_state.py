@@ -99,13 +99,21 @@ def snapshot(atlas: Atlas) -> MapState:
     )
 
 
-def restore(atlas: Atlas, state: MapState, camera: StereoCamera, *, keep: bool) -> IntArray:
+def restore(
+    atlas: Atlas,
+    state: MapState,
+    camera: StereoCamera,
+    first_uid: int | None = None,
+    *,
+    keep: bool,
+) -> IntArray:
     """Load a saved map into an atlas and return the (K,) rows of its keyframes.
 
     Args:
         atlas: The running map.
         state: The saved map, made with the same camera.
         camera: The camera.
+        first_uid: The uid of the first keyframe; None: the next unused one.
         keep: Keep the running map beside the saved one, with higher map ids; otherwise the
             running map is removed.
     """
@@ -113,7 +121,7 @@ def restore(atlas: Atlas, state: MapState, camera: StereoCamera, *, keep: bool) 
         atlas.make_younger(1 + int(state.map_id.max()))
     else:
         atlas.clear()
-    i = atlas.append_keyframes(_saved_keyframes(state, camera))
+    i = atlas.append_keyframes(_saved_keyframes(state, camera), first_uid)
     j = atlas.append_points(_saved_points(state), i[state.reference])
     seen = state.point != NONE
     of_i, k = i[state.keyframe], _feature_rows(state)

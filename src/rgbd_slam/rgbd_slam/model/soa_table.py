@@ -70,8 +70,14 @@ class SoaTable:
         rows = np.flatnonzero(self.uid == uid)
         return int(rows[0]) if uid != DEAD and len(rows) else None
 
-    def allocate(self, count: int, version: int) -> IntArray:
-        """Return (count,) empty rows, lowest first so that runs repeat, and give them new uids."""
+    def allocate(self, count: int, version: int, first_uid: int | None = None) -> IntArray:
+        """Return (count,) empty rows, lowest first so that runs repeat, and give them uids.
+
+        Args:
+            count: Number of rows.
+            version: Version of the map.
+            first_uid: The uid of the first row; the others follow. None: the next unused one.
+        """
         if self._free is None:
             self._free = np.flatnonzero(self.uid == DEAD).tolist()
         while len(self._free) < count:
@@ -79,14 +85,17 @@ class SoaTable:
             self.grow(2 * self.capacity)
         rows = np.array([heappop(self._free) for _ in range(count)], np.int64)
         self._num_alive += count
-        self.uid[rows] = self._next_uid + np.arange(count)
+        first_uid = self._next_uid if first_uid is None else first_uid
+        self.uid[rows] = first_uid + np.arange(count)
         self.version[rows] = self.born[rows] = version
-        self._next_uid += count
+        self._next_uid = max(self._next_uid, first_uid + count)
         return rows
 
-    def append(self, columns: Mapping[str, Column], version: int) -> IntArray:
+    def append(
+        self, columns: Mapping[str, Column], version: int, first_uid: int | None = None
+    ) -> IntArray:
         """Add elements with the given (N, ...) columns and return their (N,) rows."""
-        rows = self.allocate(len(next(iter(columns.values()))), version)
+        rows = self.allocate(len(next(iter(columns.values()))), version, first_uid)
         for name, values in columns.items():
             getattr(self, name)[rows] = values
         return rows

@@ -26,6 +26,7 @@ _IDLE_S = 0.2  # chosen: how often an idle mapper polls its background adjustmen
 class Start(NamedTuple):
     """Request: create the first keyframe of a map."""
 
+    uid: int
     frame: Frame
     T_map_camera: FloatArray  # (4, 4)
     map_id: int
@@ -48,6 +49,7 @@ class Load(NamedTuple):
     """Request: load a saved map."""
 
     state: MapState
+    first_uid: int  # of its keyframes
     keep: bool  # keep the running map beside it
 
 
@@ -62,7 +64,6 @@ class MapperReport(NamedTuple):
     """Report: what changed since the last report, sent after each request and adjustment."""
 
     change: MapChange
-    row: int | None  # of the first keyframe that the request created
     loops: LoopCounts
     completes_request: bool  # False: the report follows from a background adjustment
     is_settled: bool  # whether no adjustment is running in the background
@@ -79,33 +80,32 @@ def run_mapper(
     reports.send(Ready())
     try:
         while True:
-            has_request, row = requests.poll(_IDLE_S), None
+            has_request = requests.poll(_IDLE_S)
             if has_request:
-                row = _serve(mapper, requests.recv())
+                _serve(mapper, requests.recv())
             elif not mapper.poll():
                 continue
             change = atlas.changes_since(version)
             version = change.version
             settled = not mapper.is_adjusting
-            reports.send(MapperReport(change, row, mapper.loops, has_request, settled))
+            reports.send(MapperReport(change, mapper.loops, has_request, settled))
     except (EOFError, BrokenPipeError):
         pass  # the tracker has ended
     finally:
         mapper.close()
 
 
-def _serve(mapper: Mapper, request: Request) -> int | None:
+def _serve(mapper: Mapper, request: Request) -> None:
     match request:
         case KeyframeRequest():
-            return mapper.insert(request)
+            mapper.insert(request)
         case FeatureVerdicts():
             mapper.retract(request)
         case Settle(limit_s):
             mapper.finish_adjustment(limit_s)
         case Resume(whole, loops):
             mapper.resume(whole, loops)
-        case Load(state, keep):
-            return mapper.load(state, keep=keep)
-        case Start(frame, T_map_camera, map_id):
-            return mapper.start_map(frame, T_map_camera, map_id)
-    return None
+        case Load(state, first_uid, keep):
+            mapper.load(state, first_uid, keep=keep)
+        case Start():
+            mapper.start_map(*request)
