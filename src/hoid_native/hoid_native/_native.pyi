@@ -207,6 +207,33 @@ class ObservationGraph:
         Return the pairs of keyframes that share at least `min_shared` points, by first and second row.
         """
 
+    def path_length_m(
+        self,
+        T_map_camera: numpy.typing.NDArray[Any],
+        parents: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        start: int,
+        goal: int,
+        min_shared: int,
+        m_per_rad: float,
+    ) -> float:
+        """
+        Return the length [m] of the shortest path between two keyframes (Dijkstra's algorithm).
+
+        Steps of the path join keyframes that share points or are next to each other in the spanning tree.
+        The length is infinite without a path.
+
+        Args:
+            T_map_camera: (K, 4, 4) poses of all keyframes.
+            parents: (K,) row of each keyframe's parent in the spanning tree; -1: none.
+            start: the first keyframe.
+            goal: the last keyframe.
+            min_shared: number of points that the keyframes of a step share at least.
+            m_per_rad: the length that a rotation of 1 rad counts as.
+
+        Raises:
+            ValueError: Lengths differ, or a row is out of range.
+        """
+
     def count_observed(
         self,
         j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
@@ -230,6 +257,27 @@ class ObservationGraph:
             point_of_feature: (K, F) int32 point that each feature of each keyframe observes; -1: none.
             keyframes: (N,) rows of it.
         """
+
+def move_points(
+    motions: numpy.typing.NDArray[Any],
+    which: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    position_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu')],
+    view_direction: Annotated[
+        NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu')
+    ],
+) -> None:
+    """
+    Move points and turn their viewing directions, in place.
+
+    Args:
+        motions: (G, 4, 4) rigid motions.
+        which: (N,) int64 number of the motion of each point; -1: the point stays.
+        position_m: (N, 3) float64, changed.
+        view_direction: (N, 3) float32, changed.
+
+    Raises:
+        ValueError: Lengths differ, or a number is out of range.
+    """
 
 class QueryConstraints:
     """

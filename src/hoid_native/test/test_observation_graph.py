@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hoid_native import ObservationGraph
+from hoid_native import ObservationGraph, move_points
 
 IntArray = NDArray[np.int64]
 NONE = -1
@@ -107,6 +107,28 @@ def test_connections_are_symmetric_and_can_be_replaced() -> None:
     assert graph.neighbors(2).rows.tolist() == []
 
 
+def test_the_shortest_path_uses_shared_points_and_the_tree() -> None:
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, 0, 3] = [0, 1, 2, 3, 9]
+    poses[4, :2, :2] = [[0, -1], [1, 0]]  # turned by 90 degrees
+    graph = ObservationGraph()
+    graph.set_neighbors(0, _rows(1), _rows(20))
+    graph.set_neighbors(2, _rows(1, 3), _rows(20, 14))
+    parents = _rows(NONE, NONE, NONE, 0, NONE)
+
+    def length_m(start: int, goal: int) -> float:
+        return graph.path_length_m(poses, parents, start, goal, 15, 0.5)
+
+    assert length_m(0, 2) == pytest.approx(2)
+    assert length_m(2, 3) == pytest.approx(2 + 3)  # by 1, 0 and the tree
+    assert length_m(1, 1) == 0
+    assert length_m(0, 4) == np.inf
+    graph.set_neighbors(4, _rows(3), _rows(15))
+    assert length_m(3, 4) == pytest.approx(6 + 0.5 * np.pi / 2)
+    with pytest.raises(ValueError, match='goal'):
+        length_m(0, 5)
+
+
 def test_repeated_points_are_returned_once() -> None:
     graph = ObservationGraph()
     graph.observe(_rows(3), _rows(4), _rows(9))
@@ -125,3 +147,14 @@ def test_wrong_arguments_raise() -> None:
         graph.points_of(np.zeros((2, 3), np.int32), _rows(2))
     with pytest.raises(ValueError, match='must ascend'):
         graph.set_neighbors(0, _rows(2, 1), _rows(1, 1))
+
+
+def test_points_move_with_their_motion() -> None:
+    quarter = np.array([[0.0, -1, 0, 5], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    position_m = np.array([[1.0, 2, 3], [1, 2, 3]])
+    direction = np.array([[1, 0, 0], [1, 0, 0]], np.float32)
+    move_points(quarter[None], _rows(0, NONE), position_m, direction)
+    assert position_m.tolist() == [[3, 1, 3], [1, 2, 3]]
+    assert direction.tolist() == [[0, 1, 0], [1, 0, 0]]
+    with pytest.raises(ValueError, match='which'):
+        move_points(quarter[None], _rows(0, 1), position_m, direction)

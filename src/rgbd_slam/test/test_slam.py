@@ -122,8 +122,9 @@ def test_a_dead_mapper_is_reported() -> None:
     assert isinstance(mapper, MapperProcess)
     assert mapper.process_id is not None
     os.kill(mapper.process_id, signal.SIGKILL)
+    os.waitid(os.P_PID, mapper.process_id, os.WEXITED | os.WNOWAIT)
+    mapper.settle()
     with pytest.raises(MapperStoppedError, match=r'ends at its start \(signal 9\)'):
-        slam.process(World().features(0, POSES[0]))
         mapper.wait()
     slam.map.mapper.close()
 

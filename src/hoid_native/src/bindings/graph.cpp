@@ -1,4 +1,5 @@
 #include "graph/observation_graph.hpp"
+#include "graph/moved_points.hpp"
 
 #include <nanobind/stl/optional.h>
 
@@ -95,6 +96,19 @@ Edges edges(const ObservationGraph& self, int64_t min_shared)
     give(std::move(found.first)), give(std::move(found.second)), give(std::move(found.shared)));
 }
 
+double path_length_m(
+  const ObservationGraph& self, const RealArray<-1, 4, 4>& T_map_camera, const Rows& parents,
+  int64_t start, int64_t goal, int64_t min_shared, double m_per_rad)
+{
+  const int count = T_map_camera.size();
+  require_length("parents", parents, count);
+  require_range("parents", parents, -1, count);
+  require(start >= 0 && start < count, "start: no row of T_map_camera");
+  require(goal >= 0 && goal < count, "goal: no row of T_map_camera");
+  const graph::Poses poses{T_map_camera.data(), parents.data(), count};
+  return unlocked([&] { return self.path_length_m(poses, start, goal, min_shared, m_per_rad); });
+}
+
 auto count_observed(const ObservationGraph& self, const Rows& j, const Rows& keyframes)
 {
   require_rows("j", j);
@@ -109,6 +123,24 @@ auto points_of(
   const graph::PointTable table{
     point_of_feature.data(), point_of_feature.size(), point_of_feature.size(1)};
   return give(self.points_of(table, keyframes.data(), keyframes.size()));
+}
+
+template <typename T>
+using Changed = nb::ndarray<T, Shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+
+void move_points(
+  const RealArray<-1, 4, 4>& motions, const Rows& which, const Changed<double>& position_m,
+  const Changed<float>& view_direction)
+{
+  require_range("which", which, -1, motions.size());
+  require(position_m.shape(0) == which.array.shape(0), "position_m: another length than which");
+  require(
+    view_direction.shape(0) == which.array.shape(0), "view_direction: another length than which");
+  unlocked([&] {
+    graph::move_points(
+      motions.data(), which.data(), which.size(), position_m.data(), view_direction.data());
+    return 0;
+  });
 }
 
 }  // namespace
@@ -162,6 +194,24 @@ Return the keyframes that share at least `min_shared` points with i, most first,
       "edges", &edges, "min_shared"_a = 1, R"(
 Return the pairs of keyframes that share at least `min_shared` points, by first and second row.)")
     .def(
+      "path_length_m", &path_length_m, "T_map_camera"_a, "parents"_a, "start"_a, "goal"_a,
+      "min_shared"_a, "m_per_rad"_a, R"(
+Return the length [m] of the shortest path between two keyframes (Dijkstra's algorithm).
+
+Steps of the path join keyframes that share points or are next to each other in the spanning tree.
+The length is infinite without a path.
+
+Args:
+    T_map_camera: (K, 4, 4) poses of all keyframes.
+    parents: (K,) row of each keyframe's parent in the spanning tree; -1: none.
+    start: the first keyframe.
+    goal: the last keyframe.
+    min_shared: number of points that the keyframes of a step share at least.
+    m_per_rad: the length that a rotation of 1 rad counts as.
+
+Raises:
+    ValueError: Lengths differ, or a row is out of range.)")
+    .def(
       "count_observed", &count_observed, "j"_a, "keyframes"_a, R"(
 Return how many of the points (P,), without repetitions, each of the keyframes (K,) observes.)")
     .def(
@@ -171,6 +221,19 @@ Return the (P,) points, ascending, that any of the keyframes (N,) observes.
 Args:
     point_of_feature: (K, F) int32 point that each feature of each keyframe observes; -1: none.
     keyframes: (N,) rows of it.)");
+  module.def(
+    "move_points", &move_points, "motions"_a, "which"_a, "position_m"_a.noconvert(),
+    "view_direction"_a.noconvert(), R"(
+Move points and turn their viewing directions, in place.
+
+Args:
+    motions: (G, 4, 4) rigid motions.
+    which: (N,) int64 number of the motion of each point; -1: the point stays.
+    position_m: (N, 3) float64, changed.
+    view_direction: (N, 3) float32, changed.
+
+Raises:
+    ValueError: Lengths differ, or a number is out of range.)");
 }
 
 }  // namespace hoid::bindings

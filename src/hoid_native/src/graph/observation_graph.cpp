@@ -1,6 +1,10 @@
 #include "graph/observation_graph.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <queue>
 #include <stdexcept>
 
 namespace hoid::graph {
@@ -56,6 +60,21 @@ Observations sorted(
 uint64_t key_of(int64_t keyframe, int64_t feature)
 {
   return static_cast<uint64_t>(keyframe) << 32 | static_cast<uint64_t>(feature);
+}
+
+// Return the distance of two keyframes; a rotation counts as a path of m_per_rad for each radian.
+double distance_m(const Poses& poses, int64_t a, int64_t b, double m_per_rad)
+{
+  const double *A = poses.T_map_camera + 16 * a, *B = poses.T_map_camera + 16 * b;
+  double trace = 0, square = 0;
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) {
+      trace += A[4 * row + column] * B[4 * row + column];
+    }
+    square += (A[4 * row + 3] - B[4 * row + 3]) * (A[4 * row + 3] - B[4 * row + 3]);
+  }
+  const double turn_rad = std::acos(std::clamp((trace - 1) / 2, -1.0, 1.0));
+  return std::sqrt(square) + m_per_rad * turn_rad;
 }
 
 }  // namespace
@@ -211,6 +230,51 @@ Edges ObservationGraph::edges(int64_t min_shared) const
     }
   }
   return out;
+}
+
+double ObservationGraph::path_length_m(
+  const Poses& poses, int64_t start, int64_t goal, int64_t min_shared, double m_per_rad) const
+{
+  using Reached = std::pair<double, int64_t>;  // length of the path to a keyframe
+  std::vector<std::vector<int64_t>> children(poses.count);
+  for (int64_t i = 0; i < poses.count; ++i) {
+    if (poses.parents[i] >= 0) {
+      children[poses.parents[i]].push_back(i);
+    }
+  }
+  std::vector<double> length(poses.count, std::numeric_limits<double>::infinity());
+  length[start] = 0;
+  std::priority_queue<Reached, std::vector<Reached>, std::greater<>> queue;
+  queue.emplace(0.0, start);
+  while (!queue.empty()) {
+    const auto [so_far, i] = queue.top();
+    queue.pop();
+    if (i == goal) {
+      return so_far;
+    }
+    if (so_far > length[i]) {
+      continue;
+    }
+    const auto reach = [&, from = i, so_far = so_far](int64_t to) {
+      const double reached = so_far + distance_m(poses, from, to, m_per_rad);
+      if (reached < length[to]) {
+        length[to] = reached;
+        queue.emplace(reached, to);
+      }
+    };
+    if (i < static_cast<int64_t>(connections_.size())) {
+      for (const auto& [other, shared] : connections_[i]) {
+        if (shared >= min_shared && other < poses.count) {
+          reach(other);
+        }
+      }
+    }
+    std::for_each(children[i].begin(), children[i].end(), reach);
+    if (poses.parents[i] >= 0) {
+      reach(poses.parents[i]);
+    }
+  }
+  return std::numeric_limits<double>::infinity();
 }
 
 std::vector<int64_t> ObservationGraph::count_observed(

@@ -32,6 +32,14 @@ struct PointTable
   int num_keyframes, num_features;
 };
 
+// The poses of N keyframes and the spanning tree.
+struct Poses
+{
+  const double* T_map_camera;  // (N, 4, 4)
+  const int64_t* parents;      // (N,) row of each keyframe's parent; negative: none
+  int count;
+};
+
 class ObservationGraph
 {
 public:
@@ -60,6 +68,11 @@ public:
 
   // The pairs of keyframes that share at least min_shared points, by first and second row.
   Edges edges(int64_t min_shared) const;
+
+  // The length [m] of the shortest path between two keyframes over pairs that share at least
+  // min_shared points and over the spanning tree; infinite without a path.
+  double path_length_m(
+    const Poses& poses, int64_t start, int64_t goal, int64_t min_shared, double m_per_rad) const;
 
   // For each of some keyframes, how many of the points j it observes.
   std::vector<int64_t> count_observed(

@@ -27,17 +27,13 @@ def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> None:
 
 def _adopt(atlas: Atlas, host: int, guest: int, T_host_guest: FloatArray) -> None:
     """Move the map of keyframe `guest` into that of `host`, and make `host` its parent."""
-    keyframes, points = atlas.keyframes, atlas.points
+    keyframes = atlas.keyframes
     old, new = int(keyframes.map_id[guest]), int(keyframes.map_id[host])
     rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == old))
-    j = np.flatnonzero(points.alive & (points.map_id == old))
     T_map_guest = keyframes.T_map_camera[host] @ T_host_guest
     T_new_old = se3.orthonormalized(T_map_guest @ se3.inverse(keyframes.T_map_camera[guest]))
-    atlas.set_poses(rows, T_new_old @ keyframes.T_map_camera[rows])
-    atlas.set_positions(j, se3.transform(T_new_old, points.position_m[j]))
-    atlas.set_map_id(rows, j, new)
+    atlas.move(rows, np.tile(T_new_old, (len(rows), 1, 1)), new)
     _reroot(atlas, guest, host)
-    atlas.refresh(j)
 
 
 def _reroot(atlas: Atlas, i: int, parent: int) -> None:

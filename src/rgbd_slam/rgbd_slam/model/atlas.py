@@ -16,11 +16,18 @@ from numpy.typing import NDArray
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
-from hoid_native import ObservationGraph
+from hoid_native import ObservationGraph, move_points
 from hoid_native.results import Edges, Observations
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable, SavedKeyframes
-from rgbd_slam.model.map_change import Connections, MapChange, PendingKeyframe, Redirect, Redirects
+from rgbd_slam.model.map_change import (
+    Connections,
+    MapChange,
+    Move,
+    PendingKeyframe,
+    Redirect,
+    Redirects,
+)
 from rgbd_slam.model.point_statistics import point_statistics
 from rgbd_slam.model.points import PointCounts, PointTable
 from rgbd_slam.model.soa_table import DEAD, Column
@@ -51,6 +58,7 @@ class Atlas:
         # yet, by uid, the oldest first.
         self.pending: dict[int, PendingKeyframe] = {}
         self._graph = ObservationGraph()
+        self._moves: list[Move] = []  # since the last change was sent
 
     def clear(self) -> None:
         """Remove all keyframes and points; poses relative to them become undefined."""
@@ -61,6 +69,7 @@ class Atlas:
         points.release(points.indices(), self.version)
         self.redirects.clear()
         self.pending.clear()
+        self._moves.clear()
 
     # ---- keyframes
 
@@ -101,10 +110,35 @@ class Atlas:
         self.keyframes.parent_uid[i] = self.keyframes.uid[parent]
         self.keyframes.version[i] = self.version
 
-    def set_map_id(self, i: IntArray, j: IntArray, map_id: int) -> None:
-        """Assign keyframes (N,) and points (M,) to a map."""
-        self.keyframes.map_id[i] = self.points.map_id[j] = map_id
-        self.keyframes.version[i] = self.points.version[j] = self.version
+    def move(self, i: IntArray, T_new_old: FloatArray, map_id: int | None = None) -> None:
+        """Move keyframes (N,) by rigid motions (N, 4, 4), with the points that refer to them.
+
+        Only the motions are sent to the copies of the map, not the points.
+
+        Args:
+            i: (N,) keyframes.
+            T_new_old: (N, 4, 4) motions in the map frame.
+            map_id: The map that they belong to from now on; None: as before.
+        """
+        move = Move(self.keyframes.uid[i], T_new_old, map_id)
+        self._moves.append(move)
+        self._apply_move(move)
+
+    def _apply_move(self, move: Move) -> None:
+        kf, points = self.keyframes, self.points
+        rows = kf.indices()
+        rows = rows[np.isin(kf.uid[rows], move.uids)]
+        order = np.argsort(move.uids)
+        n = order[np.searchsorted(move.uids, kf.uid[rows], sorter=order)]
+        kf.T_map_camera[rows] = move.T_new_old[n] @ kf.T_map_camera[rows]
+        which_of_uid = np.full(int(move.uids.max(initial=0)) + 1, -1, np.int64)
+        which_of_uid[move.uids] = np.arange(len(move.uids))
+        reference = points.reference_keyframe_uid
+        is_known = points.alive & (reference < len(which_of_uid))
+        which = np.where(is_known, which_of_uid[np.where(is_known, reference, 0)], -1)
+        move_points(move.T_new_old, which, points.position_m, points.view_direction)
+        if move.map_id is not None:
+            kf.map_id[rows] = points.map_id[which >= 0] = move.map_id
 
     def remove_keyframe(self, i: int) -> None:
         """Remove a keyframe; its children and the frames relative to it move to its parent.
@@ -146,6 +180,26 @@ class Atlas:
     def count_observed(self, j: IntArray, keyframes: IntArray) -> IntArray:
         """Return how many of the points (P,) each of the keyframes (N,) observes."""
         return self._graph.count_observed(j, keyframes)
+
+    def path_length_m(self, start: int, goal: int, min_shared: int, m_per_rad: float) -> float:
+        """Return the length of the shortest path in the covisibility graph and spanning tree.
+
+        See `hoid_native.ObservationGraph.path_length_m`.
+        """
+        kf = self.keyframes
+        poses = kf.T_map_camera
+        return self._graph.path_length_m(poses, self.parents(), start, goal, min_shared, m_per_rad)
+
+    def parents(self) -> IntArray:
+        """Return the (capacity,) row of each keyframe's parent, or -1."""
+        kf = self.keyframes
+        rows = kf.indices()
+        order = rows[np.argsort(kf.uid[rows])]
+        uids, wanted = kf.uid[order], kf.parent_uid[rows]
+        at = np.minimum(np.searchsorted(uids, wanted), max(len(rows) - 1, 0))
+        parents = np.full(kf.capacity, -1, np.int64)
+        parents[rows] = np.where(uids[at] == wanted, order[at], -1)
+        return parents
 
     def _set_neighbors(self, i: int, rows: IntArray, shared: IntArray) -> None:
         self._graph.set_neighbors(i, rows, shared)
@@ -225,6 +279,8 @@ class Atlas:
         kf.point_of_feature[i, k] = NO_POINT
         points.version[j] = kf.version[i] = self.version
         points.release(j[points.num_observations[j] == 0], self.version)
+        # The reference keyframe of a point always observes it, so that the point moves with it.
+        self.refresh(j[points.reference_keyframe_uid[j] == kf.uid[i]])
 
     def forbid_seeds(self, i: int, k: IntArray) -> None:
         """Forbid that features `k` of `i` create points from now on."""
@@ -350,22 +406,26 @@ class Atlas:
         """Return the rows changed after `version`, and start a new version for later changes."""
         change = MapChange(
             self.version,
+            tuple(self._moves),
             self.keyframes.rows_since(version),
             self.points.rows_since(version),
             self._connections_since(version),
             self.redirects.take(),
         )
+        self._moves = []
         self.version += 1
         return change
 
     def whole(self) -> MapChange:
         """Return the change that makes an empty atlas equal to this one."""
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)
-        return MapChange(self.version, *everything, self._connections_since(0), ())
+        return MapChange(self.version, (), *everything, self._connections_since(0), ())
 
     def apply(self, change: MapChange) -> None:
         """Apply a change to this copy, and add the redirects of the change to its own."""
         kf, rows = self.keyframes, change.keyframes.rows
+        for move in change.moves:
+            self._apply_move(move)
         kf.reserve(change.keyframes)
         before = kf.point_of_feature[rows]
         kf.put_rows(change.keyframes)

@@ -37,10 +37,19 @@ class Connections(NamedTuple):
     shared: IntArray  # (sum of lengths,) numbers of shared points
 
 
+class Move(NamedTuple):
+    """A rigid motion of each of N keyframes, with which their points move."""
+
+    uids: IntArray  # (N,)
+    T_new_old: FloatArray  # (N, 4, 4) in the map frame
+    map_id: int | None = None  # the map that they belong to from now on; None: as before
+
+
 class MapChange(NamedTuple):
     """The difference between two versions of a map, to be applied to a copy."""
 
     version: int
+    moves: tuple[Move, ...]  # applied first, in this order
     keyframes: SoaTableRows
     points: SoaTableRows
     connections: Connections  # of the keyframes whose shared points were counted again

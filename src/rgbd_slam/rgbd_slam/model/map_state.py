@@ -79,7 +79,6 @@ def snapshot(atlas: Atlas) -> MapState:
     row_of_point[j] = np.arange(len(j))
     point = row_of_point[_joined(keyframes.point_of_feature, features)]
     reference = _rows_of(keyframes.uid[i], points.reference_keyframe_uid[j])
-    reference = _observing_references(reference, np.repeat(np.arange(len(i)), num_features), point)
     _, map_id = np.unique(keyframes.map_id[i], return_inverse=True)
     return MapState.of(
         {
@@ -173,20 +172,6 @@ def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
     read = state.depth_m > 0
     out[read, 2] = state.uv_px[read, 0] - camera.baseline_px_m / state.depth_m[read]
     return out
-
-
-def _observing_references(reference: IntArray, keyframe: IntArray, point: IntArray) -> IntArray:
-    """Return the (P,) reference keyframes, replaced where they do not observe their point.
-
-    The map keeps a reference keyframe that was removed, or that no longer observes the point,
-    until the point is refreshed.
-    """
-    keyframe, point = keyframe[point != NONE], point[point != NONE]
-    sees = np.zeros(len(reference), np.bool_)
-    sees[point[keyframe == reference[point]]] = True
-    other = np.empty_like(reference)
-    other[point] = keyframe
-    return np.where(sees, reference, other)
 
 
 def _feature_rows(state: MapState) -> IntArray:
