@@ -15,7 +15,9 @@ from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from hoid_native.results import Edges
 from rgbd_slam.loops.keyframe_groups import keyframe_groups, spread_corrections
+from rgbd_slam.loops.region import Region
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.map_change import Move
 
 _MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
 # Not tuned: standard deviations of an edge, those of good visual odometry over its length. Only
@@ -24,8 +26,6 @@ _SIGMA_M = 0.005
 _SIGMA_SHARE = 0.01
 _SIGMA_RAD = 0.002
 _STRONG_SHARED = 100  # Mur-Artal et al., T-RO 2015: shared points of a strong edge (theta)
-_LOOP_SIGMA_M = 0.002
-_LOOP_SIGMA_RAD = 0.001
 _DRIFT_M_PER_RAD = 0.3  # not tuned: the path length that causes the drift of a rotation by 1 rad
 
 
@@ -35,6 +35,7 @@ class Loop(NamedTuple):
     uid_a: int
     uid_b: int
     T_a_b: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6) in the frame of b, rotation first [rad^2, m^2]
 
 
 def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
@@ -47,18 +48,18 @@ def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
 
 
 def closed_poses(
-    atlas: Atlas, map_id: int, loops: list[Loop], min_shared: int
+    atlas: Atlas, region: Region, loops: list[Loop], min_shared: int
 ) -> tuple[IntArray, FloatArray]:
-    """Return the keyframes of a map (N,), and their poses after closing loops (N, 4, 4).
+    """Return the keyframes of a region (N,), and their poses after closing loops (N, 4, 4).
 
-    The first keyframe is fixed. The edges are the current relative poses; the loops are the
-    measured ones.
+    The border of the region is fixed, and so is the first keyframe of the map. The edges are the
+    current relative poses; the loops are the measured ones.
     """
     # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
     from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph  # noqa: PLC0415
 
     keyframes = atlas.keyframes
-    rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == map_id))
+    rows = np.r_[region.rows, region.border]
     position = np.full(keyframes.capacity, -1, np.int64)
     position[rows] = np.arange(len(rows))
     parents = atlas.parents()[rows]
@@ -70,9 +71,9 @@ def closed_poses(
         Edges(groups.group[position[edges.first]], groups.group[position[edges.second]], edges[2])
     )
     graph = PoseGraph()
-    is_root = parents[groups.heads] < 0
+    is_fixed = (parents[groups.heads] < 0) | (groups.heads >= len(region.rows))
     for g, T in enumerate(T_map_head):
-        graph.add_keyframe(g, T, fixed=bool(is_root[g]))
+        graph.add_keyframe(g, T, fixed=bool(is_fixed[g]))
     T_a_b = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
     weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, _MIN_SHARED, _STRONG_SHARED))
     sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_a_b[:, :3, 3], axis=1))
@@ -95,9 +96,9 @@ def closed_poses(
         T_b_head = se3.inverse(keyframes.T_map_camera[b]) @ T_map_head[h]
         T_g_h = T_head_a @ loop.T_a_b @ T_b_head
         if g != h:
-            graph.add_constraint(g, h, T_g_h, _LOOP_SIGMA_RAD, _LOOP_SIGMA_M)
+            graph.add_measurement(g, h, T_g_h, loop.covariance)
     corrected = spread_corrections(groups, poses, graph.optimize(), pairs.first, pairs.second)
-    return rows, corrected
+    return region.rows, corrected[: len(region.rows)]
 
 
 def _between_groups(edges: Edges) -> Edges:
@@ -127,6 +128,6 @@ def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
     return Edges(*np.divmod(chosen, keyframes.capacity), shared)
 
 
-def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> None:
+def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> Move:
     """Move keyframes (N,) to new poses (N, 4, 4), and their points with them."""
-    atlas.move(rows, T_map_camera @ se3.inverse(atlas.keyframes.T_map_camera[rows]))
+    return atlas.move(rows, T_map_camera @ se3.inverse(atlas.keyframes.T_map_camera[rows]))

@@ -110,10 +110,10 @@ class Atlas:
         self.keyframes.parent_uid[i] = self.keyframes.uid[parent]
         self.keyframes.version[i] = self.version
 
-    def move(self, i: IntArray, T_new_old: FloatArray, map_id: int | None = None) -> None:
+    def move(self, i: IntArray, T_new_old: FloatArray, map_id: int | None = None) -> Move:
         """Move keyframes (N,) by rigid motions (N, 4, 4), with the points that refer to them.
 
-        Only the motions are sent to the copies of the map, not the points.
+        Only the motions are sent to the copies of the map, not the points. They are returned.
 
         Args:
             i: (N,) keyframes.
@@ -123,6 +123,7 @@ class Atlas:
         move = Move(self.keyframes.uid[i], T_new_old, map_id)
         self._moves.append(move)
         self._apply_move(move)
+        return move
 
     def _apply_move(self, move: Move) -> None:
         kf, points = self.keyframes, self.points

@@ -51,6 +51,7 @@ class PlaceMatch(NamedTuple):
 
     status: PlaceStatus
     T_camera_map: FloatArray  # (4, 4); identity without an alignment
+    covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
     k: IntArray  # (M,) features of the image
     j: IntArray  # (M,) points that they observe
     found_share: float = 0.0  # found points, as a share of the expected number
