@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 
+from hoid_benchmarks.building.building import SCENARIOS, building_report
 from hoid_benchmarks.faults.campaign import CAMPAIGNS, NIGHTLY, SLICE, Size, fault_report
 from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine
@@ -30,7 +31,8 @@ from hoid_common.errors import HoidError
 
 _MASKS, _PAIRS, _ROOMS = 'masks', 'pairs', 'rooms'
 _FAULTS, _COVARIANCES = 'faults', 'covariances'
-REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES)
+_BUILDING = 'building'
+REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES, _BUILDING)
 """What else can be asked for beside experiments and stages."""
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
@@ -48,7 +50,8 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         f'{_MASKS}: judge the masks corner by corner; {_PAIRS}: of two real images each; '
         f'{_ROOMS}: dense map, grid and tracks; '
         f'{_COVARIANCES}: errors against what is published as uncertainty; '
-        f'{_FAULTS}: {", ".join(CAMPAIGNS)}',
+        f'{_FAULTS}: {", ".join(CAMPAIGNS)}; '
+        f'{_BUILDING}: SLAM in a simulated building: {", ".join(SCENARIOS)}',
     )
     add('--quick', action='store_true', help='run the plan "quick", which takes a few minutes')
     add(
@@ -56,20 +59,36 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='ID',
-        help='run this experiment only; may be repeated',
+        help='run this experiment or scenario only; may be repeated',
     )
     add(
         '--seed',
         type=int,
         default=0,
         metavar='N',
-        help='seed of the faults (default: %(default)s)',
+        help='seed of the faults or of the building (default: %(default)s)',
     )
     add(
         '--cases',
         type=int,
         metavar='N',
         help='number of cases of each fault, or minutes of the soak test',
+    )
+    add(
+        '--keyframes',
+        type=int,
+        action='append',
+        default=[],
+        metavar='N',
+        help='building: size of the map; may be repeated',
+    )
+    add(
+        '--delay',
+        type=float,
+        action='append',
+        default=[],
+        metavar='S',
+        help='building: constant delay of the mapper in s; may be repeated',
     )
     add('--job', metavar='KEY', help='run this job again; the report names its key')
     add('--report', action='store_true', help='only write the report of finished runs')
@@ -110,13 +129,16 @@ def bench_command(args: argparse.Namespace) -> None:
         HoidError: A bound is broken, or the experiments cannot be read.
     """
     if args.what == _FAULTS:
-        size = SLICE if args.quick else NIGHTLY
-        if args.cases is not None:
-            size = Size(*[args.cases] * len(fields(Size)))
-        text = fault_report(args.seed, size, args.only, args.out / _FAULTS)
-        sys.stdout.write(text)
-        if args.publish:
-            publish_faults(_ROOT, text)
+        _faults(args)
+        return
+    if args.what == _BUILDING:
+        folder = args.out / _BUILDING
+        sys.stdout.writelines(
+            building_report(
+                args.only, args.seed, folder,
+                quick=args.quick, delays_s=args.delay, sizes=args.keyframes,
+            )
+        )  # fmt: skip
         return
     store = Store(_ROOT.parent / 'shared', args.out.absolute() / 'sequences', args.data)
     store.made.mkdir(parents=True, exist_ok=True)
@@ -135,6 +157,16 @@ def bench_command(args: argparse.Namespace) -> None:
             publish_rooms(_ROOT, text)
     else:
         _experiments(args, store)
+
+
+def _faults(args: argparse.Namespace) -> None:
+    size = SLICE if args.quick else NIGHTLY
+    if args.cases is not None:
+        size = Size(*[args.cases] * len(fields(Size)))
+    text = fault_report(args.seed, size, args.only, args.out / _FAULTS)
+    sys.stdout.write(text)
+    if args.publish:
+        publish_faults(_ROOT, text)
 
 
 def _experiments(args: argparse.Namespace, store: Store) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from hoid_benchmarks.building.growth import SIZES, growth
@@ -24,8 +24,8 @@ def building_report(
     quick: bool = False,
     delays_s: Sequence[float] = (),
     sizes: Sequence[int] = (),
-) -> str:
-    """Run scenarios, write a JSON file for each, and return their tables.
+) -> Iterator[str]:
+    """Run scenarios, write a JSON file for each, and yield their tables.
 
     Args:
         only: Scenarios to run; none for all.
@@ -42,13 +42,13 @@ def building_report(
         raise InputError(f'no scenario {unknown[0]}: {", ".join(SCENARIOS)}')
     usual_sizes = _QUICK_SIZES if quick else SIZES
     run: dict[str, Callable[[], Outcome]] = {
-        'lag': lambda: lag(seed, (), (_QUICK_STALL_S,), (CORNER,))
-        if quick
-        else lag(seed, delays_s or CONSTANT_S),
+        'lag': lambda: (
+            lag(seed, (), (_QUICK_STALL_S,), (CORNER,))
+            if quick
+            else lag(seed, delays_s or CONSTANT_S)
+        ),
         'growth': lambda: growth(seed, sizes or usual_sizes),
     }
-    text = ''
     for name in only or SCENARIOS:
         outcome = run[name]()
-        text += f'{outcome.table()}\n{outcome.write(out, seed)}\n\n'
-    return text
+        yield f'{outcome.table()}\n{outcome.write(out, seed)}\n\n'

@@ -12,8 +12,8 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from hoid_benchmarks.building.camera import MODEL, FeatureCamera
-from hoid_benchmarks.building.late_mapper import Delay, with_late_mapper
 from hoid_benchmarks.building.route import RATE_HZ, START_NS
+from hoid_benchmarks.building.virtual_mapper import Delay, with_virtual_mapper
 from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
@@ -79,7 +79,7 @@ class Drive:
     def __post_init__(self) -> None:
         config = SlamConfig()
         self.session = SlamSession(MODEL, config, RobotFrames(None))
-        self.mapper = with_late_mapper(self.session, config, self.delay)
+        self.worker = with_virtual_mapper(self.session, config, self.delay)
         self.images: list[Image] = []
         self.joins: list[JoinError] = []
         self._log = _JoinLog(self._add_join)
@@ -114,7 +114,7 @@ class Drive:
     def process(self, stamp_ns: int, T_world_camera: FloatArray) -> Image:
         """Process the image taken at a pose (4, 4)."""
         features = self.camera.observe(T_world_camera, stamp_ns)
-        self.mapper.proceed(stamp_ns)
+        self.worker.proceed(stamp_ns)
         start_s = time.process_time()
         status = self.session.process(features).status
         cpu_ms = 1e3 * (time.process_time() - start_s)

@@ -59,7 +59,8 @@ class Opening:
         """Return the (N,) mask of points (N, 3) of its plane that are inside its outline."""
         across, z = points_m[:, 1 - self.axis], points_m[:, 2]
         inside: BoolArray = (across > self.low_m[0]) & (across < self.high_m[0])
-        return inside & (z > self.low_m[1]) & (z < self.high_m[1])
+        inside &= (z > self.low_m[1]) & (z < self.high_m[1])
+        return inside
 
     def passes(self, eye_m: Float32Array, points_m: Float32Array) -> BoolArray:
         """Return the (N,) mask of points (N, 3) whose line of sight from `eye_m` crosses it."""
@@ -67,7 +68,8 @@ class Opening:
         with np.errstate(divide='ignore', invalid='ignore'):
             t = (self.at_m - eye_m[self.axis]) / ray[:, self.axis]
             crossing = eye_m + t[:, None] * ray
-        return (t > -_ON_BORDER_M) & (t < 1) & self.contains(crossing)
+        passes: BoolArray = (t > -_ON_BORDER_M) & (t < 1) & self.contains(crossing)
+        return passes
 
 
 @dataclass(eq=False)
@@ -202,9 +204,7 @@ class Building:
             opening = Opening(0, -half, low_m, high_m)
             self._connect(key, CellKey(CellKind.JUNCTION, n, 0, floor), opening)
 
-    def _add(
-        self, key: CellKey, low_m: tuple[float, float], high_m: tuple[float, float]
-    ) -> Cell:
+    def _add(self, key: CellKey, low_m: tuple[float, float], high_m: tuple[float, float]) -> Cell:
         ground_m = key.floor * STOREY_M
         cell = Cell(key, np.array([*low_m, ground_m]), np.array([*high_m, ground_m + CEILING_M]))
         self.cells[key] = cell

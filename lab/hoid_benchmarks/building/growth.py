@@ -60,7 +60,7 @@ def driven_map(building: Building, seed: int) -> tuple[Trajectory, int, MapFile]
         while drive.num_keyframes < BASE_KEYFRAMES:
             n = len(drive.images)
             drive.run(n, n + 1)
-        drive.mapper.finish()
+        drive.session.slam.map.finish()
         return truth, len(drive.images), drive.session.robot_map.export()
 
 
@@ -71,11 +71,11 @@ def _measured(
     with Drive(FeatureCamera(building, seed), truth, content=content) as drive:
         num_keyframes, num_points = drive.num_keyframes, len(content.map.position_m)
         drive.run(first, first + _WARM_UP_IMAGES)
-        warm, num_answers = len(drive.images), len(drive.mapper.answers)
+        warm, num_answers = len(drive.images), len(drive.worker.answers)
         first += _WARM_UP_IMAGES
         drive.run(first, first + _NUM_IMAGES)
         images = drive.images[warm:]
-        answers = drive.mapper.answers[num_answers:]
+        answers = drive.worker.answers[num_answers:]
         cpu_ms = np.array([image.cpu_ms for image in images])
         map_ms = np.array([answer.cpu_ms for answer in answers])
         return {

@@ -14,9 +14,9 @@ import numpy as np
 from hoid_benchmarks.building.camera import FeatureCamera
 from hoid_benchmarks.building.drive import Drive, Image
 from hoid_benchmarks.building.floors import Building
-from hoid_benchmarks.building.late_mapper import Delay
 from hoid_benchmarks.building.report import Outcome
 from hoid_benchmarks.building.route import CORNER, FULL_TURN, RATE_HZ, Route, first_mark, stamps_ns
+from hoid_benchmarks.building.virtual_mapper import Delay
 from hoid_common.values import NS_PER_S
 
 CONSTANT_S = (1.2, 2.5)
@@ -98,12 +98,14 @@ def _drive(building: Building, course: _Course, delay: Delay, seed: int) -> dict
     truth = course.route.trajectory(seed)
     with Drive(FeatureCamera(building, seed), truth, delay) as drive:
         drive.run(0, course.num_images)
-        drive.mapper.finish()
-        stalled = next((a.answer_s for a in drive.mapper.answers if a.is_stalled), None)
+        drive.session.slam.map.finish()
+        stalled = next((a.answer_s for a in drive.worker.answers if a.is_stalled), None)
         return {
             'route': course.name,
             'delay': _delay_text(delay),
-            're-attached after s': None if stalled is None else reattached_s(drive.images, stalled),
+            're-attached after s': None
+            if stalled is None
+            else reattached_s(drive.images, stalled),
             'longest detached s': longest_detached_s(drive.images),
             'false joins': sum(join.is_false for join in drive.joins),
             'joins without a loop': sum(not join.has_left for join in drive.joins),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -41,9 +42,15 @@ class Outcome:
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f'{self.scenario}.json'
         code = asdict(Code.of(_ROOT))
-        content = {'code': code, 'machine': machine(), 'seed': seed, 'rows': list(self.rows)}
+        rows = [{name: _finite(value) for name, value in row.items()} for row in self.rows]
+        content = {'code': code, 'machine': machine(), 'seed': seed, 'rows': rows}
         path.write_text(json.dumps(content, indent=1) + '\n')
         return path
+
+
+def _finite(value: Any) -> Any:
+    """Return the value, or 'never' for an infinite time, which JSON does not have."""
+    return 'never' if isinstance(value, float) and math.isinf(value) else value
 
 
 def _text(value: Any, of: str) -> str:

@@ -91,10 +91,9 @@ class Route:
 
     def climb(self) -> None:
         """Take the staircase at this junction, up and back, to the next floor."""
-        middle_m = self._at_m + (-STAIRS_M, 0, STOREY_M / 2)
-        top_m = self._at_m + (0, 0, STOREY_M)
-        for target_m in (middle_m, top_m):
-            self._drive(target_m)
+        bottom_m = self._at_m
+        for step_m in ((-STAIRS_M, 0, STOREY_M / 2), (0, 0, STOREY_M)):
+            self._drive(bottom_m + np.array(step_m))
         self._floor += 1
 
     def poses(self, seed: int = 0) -> FloatArray:
