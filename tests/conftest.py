@@ -11,20 +11,21 @@ from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_system_tests.filter_peer import FilterRunner, Peer
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, node_spec
+from hoid_system_tests.sample_bench import SampleBench
 
 PROFILE = Path(__file__).parents[1] / 'src/hoid_common/config/fastdds_profile.xml'
 
 
 @pytest.fixture(scope='session', autouse=True)
 def _clean_machine() -> Iterator[None]:
-    """Remove what nodes that had to be killed left in shared memory."""
+    """Remove the shared memory that killed nodes left behind."""
     yield
     clean_shared_memory()
 
 
 @pytest.fixture
 def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A domain of the test's own, for processes that it starts as well."""
+    """The ROS domain of this test and of the processes that it starts."""
     monkeypatch.delenv('ROS_DOMAIN_ID', raising=False)
     with own_domain() as domain:
         monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -40,14 +41,23 @@ def probe(domain_id: int) -> Iterator[Probe]:
 
 
 @pytest.fixture
+def sample(domain_id: int) -> Iterator[SampleBench]:
+    bench = SampleBench(domain_id)
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
 def run_filter(probe: Probe, start: Start) -> FilterRunner:
     """Start hoid_filter with parameters and return its peer."""
 
     def run(**params: Any) -> Peer:
         peer = Peer(probe)
         start('hoid_filter', 'hoid_filter_node', {'strategy': 'hoid2d', **params})
-        is_deaf = params.get('strategy') == 'motion' or params.get('detections.as_vision_msgs')
-        peer.connect(hears_boxes=not is_deaf)
+        ignores_boxes = params.get('strategy') == 'motion' or params.get(
+            'detections.as_vision_msgs'
+        )
+        peer.connect(waits_for_boxes=not ignores_boxes)
         return peer
 
     return run

@@ -1,4 +1,4 @@
-"""The structure that a maintainer can rely on: layers, seams, sizes and docstrings."""
+"""Architecture rules: layers of imports, where ROS may be imported, sizes and docstrings."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ ROS_FOLDERS = re.compile(
     r'hoid_bags\.live\b|hoid_bringup\.live\b|hoid_benchmarks\.faults\.live\b'
 )
 MOST_MODULES, MOST_LINES = 12, 400
-LONG_FUNCTION = 25  # lines, of which at most one function in twenty has more
-# Each takes more than a tenth of a second, which would delay the restart of a killed node.
+LONG_FUNCTION = 25  # lines; at most 5 % of the functions may be longer
+# Importing each takes more than 0.1 s, which would delay the restart of a killed node.
 LONG_TO_LOAD = ('gtsam', 'rosbags.typesys.stores.ros2_jazzy', 'scipy', 'onnxruntime')
 EXPERIMENTS_ONLY = ('distributed', 'embreex', 'evo', 'matplotlib', 'plotly')
 
@@ -82,7 +82,7 @@ def modules() -> dict[str, Path]:
 
 @cache
 def imports(name: str) -> frozenset[str]:
-    """Return what a module imports, wherever in its text: modules, not the names in them."""
+    """Return the modules that a module imports anywhere in its text."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(modules()[name].read_text())):
         if isinstance(node, ast.Import):
@@ -96,10 +96,11 @@ def imports(name: str) -> frozenset[str]:
 
 
 def layer_of(layers: str, name: str) -> int:
+    """Return the index of the layer that contains a package, folder or module."""
     for number, layer in enumerate(layers.split('<')):
         if name in layer.split():
             return number
-    raise AssertionError(f'{name} is in no layer: name it in {Path(__file__).name}')
+    raise AssertionError(f'{name} is in no layer: add it to {Path(__file__).name}')
 
 
 def test_packages_import_only_lower_packages() -> None:
@@ -123,11 +124,11 @@ def test_folders_import_only_lower_folders(package: str) -> None:
                 assert not above, f'{name} must not import {module}'
 
 
-def test_no_module_imports_itself_through_others() -> None:
+def test_imports_have_no_cycles() -> None:
     done: set[str] = set()
 
     def visit(name: str, path: tuple[str, ...]) -> None:
-        assert name not in path, f'a circle: {" -> ".join((*path, name))}'
+        assert name not in path, f'import cycle: {" -> ".join((*path, name))}'
         if name not in done:
             for other in sorted(imports(name) & modules().keys()):
                 visit(other, (*path, name))
@@ -137,7 +138,7 @@ def test_no_module_imports_itself_through_others() -> None:
         visit(name, ())
 
 
-def test_ros_is_imported_at_the_seam_only() -> None:
+def test_ros_is_imported_only_in_nodes_and_ros_folders() -> None:
     for name in modules():
         if not ROS_FOLDERS.search(name):
             found = {module for module in imports(name) if ROS.fullmatch(module.partition('.')[0])}
@@ -179,13 +180,13 @@ def public_in(node: ast.Module | ast.ClassDef) -> list[ast.ClassDef | ast.Functi
 
 
 @pytest.mark.parametrize('package', LAYERS)
-def test_every_folder_says_what_belongs_into_it(package: str) -> None:
+def test_every_folder_has_a_docstring(package: str) -> None:
     for path in FOLDERS[package].rglob('__init__.py'):
         if path.parent != FOLDERS[package]:
             assert ast.get_docstring(ast.parse(path.read_text())), path
 
 
-def test_what_a_robot_runs_needs_no_package_of_the_experiments() -> None:
+def test_nodes_and_commands_import_no_package_of_the_experiments() -> None:
     code = (
         'import sys\n'
         f'sys.modules.update(dict.fromkeys({EXPERIMENTS_ONLY!r}))\n'
@@ -198,7 +199,7 @@ def test_what_a_robot_runs_needs_no_package_of_the_experiments() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_slam_starts_without_what_takes_long_to_load() -> None:
+def test_slam_starts_without_slow_imports() -> None:
     code = (
         'import sys\n'
         f'sys.modules.update(dict.fromkeys({LONG_TO_LOAD!r}))\n'
@@ -213,7 +214,7 @@ def test_slam_starts_without_what_takes_long_to_load() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_yaml_is_read_in_one_place() -> None:
+def test_yaml_is_parsed_in_one_module_only() -> None:
     readers = re.compile(r'yaml\.(safe_|full_|unsafe_)?load')
     found = {name for name, path in modules().items() if readers.search(path.read_text())}
     assert found == {'hoid_common.io.yaml_file'}

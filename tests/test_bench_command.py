@@ -1,4 +1,4 @@
-"""`hoid bench` as a process: stopped and gone on with, repeated, and complete."""
+"""`hoid bench` as a process: it resumes after a stop, repeats its tables and reports all runs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,7 @@ experiments:
     detectors: [truth, nowhere.onnx]
     seeds: [0]
 """
-_LIMIT_S = 900  # of a busy machine
+_LIMIT_S = 900  # enough for a busy machine
 _TIMED = re.compile(r'\[(ms|MB)\]')
 
 
@@ -47,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def start(folder: Path, out: str) -> subprocess.Popen[str]:
     words = ['bench', 'tiny.yaml', '--out', out, '--workers', '1']
-    # A shell lets what it starts in the background ignore SIGINT, and so all that this starts.
+    # A shell starts background jobs with SIGINT ignored, and child processes inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     return subprocess.Popen(
         [sys.executable, '-m', 'hoid_bringup', *words],
@@ -58,24 +59,25 @@ def start(folder: Path, out: str) -> subprocess.Popen[str]:
 
 def finish(folder: Path, out: str) -> str:
     running = start(folder, out)
-    said, errors = running.communicate(timeout=_LIMIT_S)
+    output, errors = running.communicate(timeout=_LIMIT_S)
     assert running.returncode == 0, errors
-    return said
+    return output
 
 
 def results(folder: Path, out: str) -> dict[str, int]:
-    """Return the results that are there, and when each was written."""
+    """Return the modification time [ns] of each result file, by run."""
     found = (folder / out / 'tiny' / 'runs').glob('*/result.json')
     return {path.parent.name: path.stat().st_mtime_ns for path in found}
 
 
 def stop_after(number: int, sent: signal.Signals, folder: Path, out: str) -> tuple[int, str]:
-    """Start, and stop once so many results are there; return the status and the last words."""
+    """Start, stop after `number` results; return the status and the last line of the errors."""
     running = start(folder, out)
     end_s = time.monotonic() + _LIMIT_S
     while len(results(folder, out)) < number and running.poll() is None:
         assert time.monotonic() < end_s
-        time.sleep(0.02)
+        with suppress(subprocess.TimeoutExpired):
+            running.wait(0.02)
     os.kill(running.pid, sent)
     _, errors = running.communicate(timeout=_LIMIT_S)
     return running.returncode, errors.strip().splitlines()[-1]
@@ -83,15 +85,16 @@ def stop_after(number: int, sent: signal.Signals, folder: Path, out: str) -> tup
 
 @pytest.fixture(scope='module')
 def first_done(folder: Path) -> str:
-    """Stop twice on the way, and return what the last call said."""
-    status, words = stop_after(1, signal.SIGINT, folder, 'one')
-    assert (status, words) == (130, 'hoid bench: interrupted')
+    """Stop the experiments twice; return the output of the call that finishes them."""
+    status, line = stop_after(1, signal.SIGINT, folder, 'one')
+    assert (status, line) == (130, 'hoid bench: interrupted')
     before = results(folder, 'one')
     assert before
     stop_after(2, signal.SIGKILL, folder, 'one')
-    said = finish(folder, 'one')
-    assert before.items() <= results(folder, 'one').items()  # what was there is not run again
-    return said
+    output = finish(folder, 'one')
+    # Existing results are not computed again.
+    assert before.items() <= results(folder, 'one').items()
+    return output
 
 
 def table(folder: Path, out: str, name: str) -> list[list[str]]:
@@ -101,7 +104,7 @@ def table(folder: Path, out: str, name: str) -> list[list[str]]:
     return [[row[k] for k in kept] for row in rows]
 
 
-def test_it_goes_on_where_it_was_stopped(folder: Path, first_done: str) -> None:
+def test_stopped_experiments_are_resumed(folder: Path, first_done: str) -> None:
     assert '2 runs done, 1 failed, 2 of sequences that are not here' in first_done
     page = (folder / 'one' / 'tiny' / 'index.html').read_text()
     assert 'synth-5-frames=16+width=320' in page
@@ -109,7 +112,7 @@ def test_it_goes_on_where_it_was_stopped(folder: Path, first_done: str) -> None:
     assert figures == {'.png', '.svg'}
 
 
-def test_its_page_opens_in_a_browser(folder: Path, first_done: str) -> None:
+def test_the_results_page_works_in_a_browser(folder: Path, first_done: str) -> None:
     assert first_done
     url = (folder / 'one' / 'tiny' / 'index.html').as_uri()
     with headless_browser() as browser, shown_on_a_phone(browser, url) as page:
@@ -118,7 +121,7 @@ def test_its_page_opens_in_a_browser(folder: Path, first_done: str) -> None:
         page.locator('#table-compare th button').nth(1).click()
         assert strategies.all_inner_texts() == ['hoid2d', 'none']
         paths = page.locator('#compare .plot').first.locator('.scatterlayer .trace')
-        assert paths.count() == 3  # the truth and two filters
+        assert paths.count() == 3  # the ground truth and two filters
         command = page.locator('.facts dd').first.inner_text()
         assert command.endswith(f'{folder.name}/one')
         assert '/tiny.yaml --out ' in command
@@ -132,7 +135,9 @@ def test_failed_and_missing_runs_are_rows_with_the_reason(folder: Path, first_do
     assert 'rgbd_dataset_freiburg3_walking_xyz' in row[1]
 
 
-def test_twice_gives_equal_tables_but_for_times(folder: Path, first_done: str) -> None:
+def test_repeated_experiments_give_equal_tables_except_for_times(
+    folder: Path, first_done: str
+) -> None:
     assert first_done
     (folder / 'two').mkdir()
     (folder / 'two' / 'sequences').symlink_to(folder / 'one' / 'sequences')

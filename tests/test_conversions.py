@@ -1,4 +1,4 @@
-"""Round trips and refusals of every conversion, on real messages through real serialisation."""
+"""Round trips and refusals of every conversion, with messages that are serialized as by ROS."""
 
 from typing import Any
 
@@ -49,7 +49,7 @@ def test_color_round_trip() -> None:
 @pytest.mark.parametrize(
     'frame_id', ['', 'camera', 'farbe \N{LATIN SMALL LETTER U WITH DIAERESIS}']
 )
-def test_an_image_read_from_its_bytes_says_what_the_message_says(frame_id: str) -> None:
+def test_an_image_read_from_cdr_equals_the_message(frame_id: str) -> None:
     image = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
     msg = conversions.color_to_msg(image, conversions.header_to_msg(7_000_000_008, frame_id))
     received = conversions.image_from_cdr(serialize_message(msg))
@@ -60,7 +60,9 @@ def test_an_image_read_from_its_bytes_says_what_the_message_says(frame_id: str) 
 
 
 @given(cut=st.integers(0, 200), place=st.integers(0, 99), byte=st.integers(0, 255))
-def test_bytes_that_are_no_image_are_refused(cut: int, place: int, byte: int) -> None:
+def test_corrupt_image_bytes_are_refused_or_read_within_bounds(
+    cut: int, place: int, byte: int
+) -> None:
     whole = bytearray(
         serialize_message(conversions.color_to_msg(np.zeros((4, 5, 3), 'u1'), HEADER))
     )
@@ -83,7 +85,7 @@ def test_compressed_color_round_trip() -> None:
     assert np.abs(conversions.color_from_msg(msg).astype(int) - image).max() <= 2
 
 
-def test_whole_millimetres_travel_as_16uc1() -> None:
+def test_whole_millimeters_are_sent_as_16uc1() -> None:
     depth = np.random.default_rng(0).integers(0, 10_000, (48, 64)).astype(np.float32) / np.float32(
         1000
     )
@@ -95,7 +97,7 @@ def test_whole_millimetres_travel_as_16uc1() -> None:
     np.testing.assert_array_equal(conversions.depth_from_msg(packed), depth)
 
 
-def test_finer_depth_travels_as_32fc1() -> None:
+def test_finer_depth_is_sent_as_32fc1() -> None:
     depth = np.random.default_rng(0).integers(0, 50_000, (48, 64)).astype(np.float32) / np.float32(
         5000
     )
@@ -120,7 +122,7 @@ def test_camera_round_trip(distortion: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize(
-    ('change', 'said'),
+    ('change', 'message'),
     [
         ({'k': np.zeros(9)}, 'fx=0.0 fy=0.0'),
         ({'width': 0}, '0x480'),
@@ -129,10 +131,10 @@ def test_camera_round_trip(distortion: tuple[float, ...]) -> None:
         ({'roi': RegionOfInterest(x_offset=1)}, 'region of interest'),
     ],
 )
-def test_cameras_that_cannot_be_used_are_refused(change: dict[str, Any], said: str) -> None:
+def test_unusable_camera_infos_are_refused(change: dict[str, Any], message: str) -> None:
     good = conversions.camera_to_msg(CameraModel(640, 480, 500, 500, 0, 0, (0.1,) * 5), HEADER)
     fields = {name: getattr(good, name) for name in good.get_fields_and_field_types()}
-    with pytest.raises(MessageError, match=said):
+    with pytest.raises(MessageError, match=message):
         conversions.camera_from_msg(CameraInfo(**(fields | change)))
 
 
@@ -170,7 +172,7 @@ def test_detections_2d_round_trip() -> None:
     np.testing.assert_array_equal(back.scores, detections.scores)
 
 
-def test_a_turned_box_gives_the_upright_one_around_it_and_its_likeliest_class() -> None:
+def test_a_rotated_box_becomes_its_bounding_box_with_the_most_likely_class() -> None:
     one = Detections(0, np.array([[0, 0, 40, 20]], np.float32), ('cup',), np.array([0.25], 'f4'))
     msg = conversions.detections_2d_to_msg(one, HEADER)
     msg.detections[0].bbox.center.theta = np.pi / 2
@@ -184,7 +186,7 @@ def test_a_turned_box_gives_the_upright_one_around_it_and_its_likeliest_class() 
 @pytest.mark.parametrize('number', [np.inf, -np.inf, np.nan, 1e300])
 @pytest.mark.parametrize('field', ['theta', 'size_x', 'score'])
 @pytest.mark.filterwarnings('error')
-def test_numbers_no_box_can_have_become_none_or_infinite(field: str, number: float) -> None:
+def test_invalid_numbers_of_a_box_become_non_finite(field: str, number: float) -> None:
     one = Detections(0, np.array([[0, 0, 40, 20]], np.float32), ('cup',), np.array([0.25], 'f4'))
     msg = conversions.detections_2d_to_msg(one, HEADER)
     found = msg.detections[0]
@@ -193,18 +195,18 @@ def test_numbers_no_box_can_have_become_none_or_infinite(field: str, number: flo
     )
     setattr(owner, field, number)
     back = conversions.detections_2d_from_msg(msg)
-    is_turned = field == 'theta' and number == 1e300  # an angle like any other
+    is_turned = field == 'theta' and number == 1e300  # a valid angle
     assert np.isfinite([*back.boxes_xyxy_px[0], *back.scores]).all() == is_turned
 
 
 @pytest.mark.parametrize(
-    ('detections', 'said'),
+    ('detections', 'message'),
     [([Detection2D()], 'results is empty'), ([Detection2D()] * 1001, '1001 elements')],
 )
-def test_foreign_boxes_that_say_nothing_or_too_much_are_refused(
-    detections: list[Detection2D], said: str
+def test_empty_or_too_many_vision_msgs_detections_are_refused(
+    detections: list[Detection2D], message: str
 ) -> None:
-    with pytest.raises(MessageError, match=said):
+    with pytest.raises(MessageError, match=message):
         conversions.detections_2d_from_msg(Detection2DArray(detections=detections))
 
 
@@ -213,7 +215,7 @@ def test_no_detections_round_trip() -> None:
     assert len(conversions.detections_from_msg(msg)) == 0
 
 
-def test_a_flood_of_detections_is_refused() -> None:
+def test_more_than_1000_detections_are_refused() -> None:
     many = Detections(
         0, np.ones((1001, 4), np.float32), ('cup',) * 1001, np.ones(1001, np.float32)
     )
@@ -248,13 +250,13 @@ def test_features_round_trip(n: int) -> None:
         np.testing.assert_array_equal(getattr(back, name), getattr(features(n), name))
 
 
-def test_seeds_round_trip() -> None:
+def test_may_seed_round_trip() -> None:
     msg = sent(conversions.features_to_msg(features(3, [True, False, True]), HEADER, SIZE))
     assert conversions.features_from_msg(msg).may_seed.tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize(
-    ('field', 'value', 'said'),
+    ('field', 'value', 'message'),
     [
         ('uv_px', [1.0] * 5, 'features.uv_px has 5 elements, expected 6'),
         ('depth_m', [1.0] * 4, 'features.depth_m has 4 elements, expected 3'),
@@ -266,14 +268,14 @@ def test_seeds_round_trip() -> None:
         ('depth_m', [1.0, 1.0, NAN], 'features.depth_m: feature 2 has depth nan'),
     ],
 )
-def test_contradicting_features_are_refused(field: str, value: Any, said: str) -> None:
+def test_inconsistent_features_are_refused(field: str, value: Any, message: str) -> None:
     msg = conversions.features_to_msg(features(3), HEADER, SIZE)
     setattr(
         msg,
         field,
         value,
     )
-    with pytest.raises(MessageError, match=said):
+    with pytest.raises(MessageError, match=message):
         conversions.features_from_msg(msg)
 
 
@@ -288,7 +290,7 @@ def test_dynamic_objects_round_trip(reason: Reason) -> None:
     assert conversions.dynamic_objects_from_msg(msg) == (obj,)
 
 
-def test_unknown_depths_stay_nan() -> None:
+def test_unknown_measurements_stay_nan() -> None:
     obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
     msg = sent(conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE))
     (back,) = conversions.dynamic_objects_from_msg(msg)
@@ -306,7 +308,7 @@ def test_an_unknown_reason_is_refused() -> None:
 
 @pytest.mark.parametrize('field', ['x_min', 'y_min', 'x_max', 'y_max', 'score'])
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 3e38, -3e38])
-def test_objects_that_can_be_nowhere_in_an_image_are_refused(field: str, value: float) -> None:
+def test_objects_with_values_out_of_range_are_refused(field: str, value: float) -> None:
     obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
     msg = conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE)
     setattr(msg.objects[0], field, value)
@@ -314,7 +316,7 @@ def test_objects_that_can_be_nowhere_in_an_image_are_refused(field: str, value: 
         conversions.dynamic_objects_from_msg(msg)
 
 
-def test_more_objects_than_any_filter_tells_are_refused() -> None:
+def test_more_than_1000_objects_are_refused() -> None:
     obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
     msg = conversions.dynamic_objects_to_msg((obj,) * 1001, HEADER, SIZE)
     with pytest.raises(MessageError, match='more than 1000'):
@@ -334,13 +336,13 @@ def test_cloud_round_trip(n: int, colored: bool) -> None:
     np.testing.assert_array_equal(back.colors_bgr, cloud.colors_bgr)
 
 
-def test_red_is_red_in_a_cloud() -> None:
+def test_the_color_of_a_cloud_point_is_packed_as_rgb() -> None:
     cloud = Cloud(np.zeros((1, 3), np.float32), np.array([[0, 0, 255]], np.uint8))
     msg = conversions.cloud_to_msg(cloud, HEADER)
     assert int.from_bytes(bytes(msg.data)[12:16], 'little') == 0x00FF0000
 
 
-def test_clouds_that_contradict_themselves_are_refused() -> None:
+def test_inconsistent_clouds_are_refused() -> None:
     with pytest.raises(MessageError, match='x, y, z'):
         conversions.cloud_from_msg(PointCloud2())
     msg = conversions.cloud_to_msg(Cloud(np.zeros((2, 3), np.float32)), HEADER)

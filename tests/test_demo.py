@@ -1,4 +1,4 @@
-"""`hoid demo`: of a rendered scene, and of a camera in whose place a bag is played."""
+"""`hoid demo` on a rendered scene, and on a camera that a played bag replaces."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HOID = (sys.executable, '-m', 'hoid_bringup')
 
 
 @pytest.mark.usefixtures('domain_id')
-def test_it_prints_what_readme_shows(tmp_path: Path) -> None:
+def test_the_demo_prints_the_output_shown_in_readme(tmp_path: Path) -> None:
     (expected,) = (
         shape(shown.output)
         for shown in shown_commands(ROOT / 'README.md')
@@ -37,7 +37,7 @@ def test_it_prints_what_readme_shows(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures('domain_id')
-def test_a_picture_after_looking_around(tmp_path: Path) -> None:
+def test_the_demo_records_a_camera_and_draws_its_picture(tmp_path: Path) -> None:
     played = tmp_path / 'camera.bag'
     write_bag(SceneConfig(seed=1, num_frames=45, path='xyz', num_people=1), played, 2)
     topics = ('rgb/image', 'depth/image', 'rgb/camera_info')

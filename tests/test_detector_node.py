@@ -1,4 +1,4 @@
-"""The detector node on real topics: values, drops, services, parameters, lifecycle, bad input."""
+"""The detector node on real topics: outputs, services, parameters, lifecycle, invalid input."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from hoid_system_tests.detector_bench import FRAME, IMAGE, STAMP_NS, Bench, writ
 from hoid_system_tests.probe import SETTLE_S
 from hoid_training.evaluate import Tally, Truth, count
 
-SMALL_PX = 32  # things of a shorter side may be missed
+SMALL_PX = 32  # objects with a shorter side may be missed
 MakeBench = Callable[..., Bench]
 
 
@@ -74,24 +74,24 @@ def test_image_gives_detections_with_its_stamp_and_frame(bench: Bench) -> None:
     assert [d.score for d in msg.detections] == pytest.approx([0.9, 0.6])
 
 
-def test_the_same_boxes_as_vision_msgs_for_who_listens(bench: Bench) -> None:
-    heard: list[Detection2DArray] = []
+def test_detections_2d_hold_the_same_boxes_for_a_subscriber(bench: Bench) -> None:
+    received: list[Detection2DArray] = []
     topic = 'hoid_detector/detections_2d'
-    bench.peer.create_subscription(Detection2DArray, topic, heard.append, qos.OUTPUT)
+    bench.peer.create_subscription(Detection2DArray, topic, received.append, qos.OUTPUT)
     bench.until(lambda: bench.peer.count_publishers(topic) or None)
     bench.spin(SETTLE_S)
     bench.send(IMAGE)
     own = conversions.detections_from_msg(bench.answer())
-    bench.until(lambda: heard or None)
-    assert conversions.stamp_from_msg(heard[0].header.stamp) == STAMP_NS
-    assert heard[0].header.frame_id == FRAME
-    foreign = conversions.detections_2d_from_msg(heard[0])
+    bench.until(lambda: received or None)
+    assert conversions.stamp_from_msg(received[0].header.stamp) == STAMP_NS
+    assert received[0].header.frame_id == FRAME
+    foreign = conversions.detections_2d_from_msg(received[0])
     assert foreign.class_names == own.class_names == ('person', 'cup')
     np.testing.assert_allclose(foreign.boxes_xyxy_px, own.boxes_xyxy_px)
     np.testing.assert_allclose(foreign.scores, own.scores)
 
 
-def test_compressed_images_by_parameter(make_bench: MakeBench) -> None:
+def test_compressed_images_are_received_when_the_parameter_is_set(make_bench: MakeBench) -> None:
     bench = make_bench(input__compressed='true')
     bench.images = bench.peer.create_publisher(CompressedImage, 'rgb/image/compressed', qos.OUTPUT)
     bench.start()
@@ -104,8 +104,8 @@ def test_compressed_images_by_parameter(make_bench: MakeBench) -> None:
     assert [d.class_name for d in msg.detections] == ['person', 'cup']
 
 
-def test_newest_image_wins_and_dropped_ones_are_counted(make_bench: MakeBench) -> None:
-    bench = make_bench(work=30)  # some 300 ms: all images come while the first is looked at
+def test_the_newest_image_is_processed_and_dropped_ones_are_counted(make_bench: MakeBench) -> None:
+    bench = make_bench(work=30)  # some 300 ms: all images arrive while the first is processed
     bench.start()
     bench.send(IMAGE, 1)
     bench.spin(0.02)
@@ -125,7 +125,7 @@ def test_newest_image_wins_and_dropped_ones_are_counted(make_bench: MakeBench) -
     assert values['images processed'] == str(len(stamps))
 
 
-def test_own_detector_finds_people_and_objects_of_a_rendered_bag(
+def test_the_synthetic_detector_finds_people_and_objects_of_a_rendered_bag(
     make_bench: MakeBench, tmp_path: Path
 ) -> None:
     write_bag(SceneConfig(seed=901, num_frames=4), tmp_path / 'scene.bag')
@@ -138,10 +138,10 @@ def test_own_detector_finds_people_and_objects_of_a_rendered_bag(
         bench.send(frame.image_bgr, frame.stamp_ns)
         found = conversions.detections_from_msg(bench.answer())
         assert found.stamp_ns == frame.stamp_ns
-        exact = bag.true_detections[found.stamp_ns]
-        sides_px = exact.boxes_xyxy_px[:, 2:] - exact.boxes_xyxy_px[:, :2]
+        true = bag.true_detections[found.stamp_ns]
+        sides_px = true.boxes_xyxy_px[:, 2:] - true.boxes_xyxy_px[:, :2]
         visible_px = np.where(sides_px.min(1) >= SMALL_PX, sides_px.prod(1), 0)
-        count(tally, Truth(exact.class_names, exact.boxes_xyxy_px, visible_px), found)
+        count(tally, Truth(true.class_names, true.boxes_xyxy_px, visible_px), found)
     people, objects = tally.people(), tally.objects()
     assert people.found == people.asked >= 4
     assert objects.asked >= 20
@@ -149,7 +149,7 @@ def test_own_detector_finds_people_and_objects_of_a_rendered_bag(
     assert objects.precision >= 0.85
 
 
-def test_debug_image_only_while_someone_listens(bench: Bench) -> None:
+def test_the_debug_image_is_published_only_with_a_subscriber(bench: Bench) -> None:
     bench.send(IMAGE)
     bench.answer()
     pictures: list[Image] = []
@@ -166,7 +166,7 @@ def test_debug_image_only_while_someone_listens(bench: Bench) -> None:
     assert (drawn[90:110, 30:50] == 60).all()
 
 
-def test_enable_service_stops_and_restarts(bench: Bench) -> None:
+def test_the_enable_service_stops_and_resumes_detection(bench: Bench) -> None:
     off = bench.call(SetBool, 'hoid_detector/enable', SetBool.Request(data=False))
     assert (off.success, off.message) == (True, 'stopped')
     bench.send(IMAGE, 1)
@@ -220,7 +220,7 @@ def test_classes_that_are_no_list_are_refused_in_one_line(bench: Bench, value: o
         ({'width': 0, 'height': 0}, 'empty'),
     ],
 )
-def test_wrong_image_is_refused_and_counted(
+def test_an_invalid_image_is_refused_and_counted(
     bench: Bench, changes: dict[str, Any], words: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     bench.send(IMAGE, 1, **changes)
@@ -230,15 +230,15 @@ def test_wrong_image_is_refused_and_counted(
     assert conversions.stamp_from_msg(bench.answer().header.stamp) == 2
 
 
-def test_silence_is_said_in_plain_words(bench: Bench) -> None:
+def test_a_missing_input_is_reported_in_diagnostics(bench: Bench) -> None:
     bench.peer.destroy_publisher(bench.images)
-    told = bench.until(lambda: (v := bench.values())['message'] != 'running' and v)
-    assert told['message'].startswith('no color images yet for ')
-    assert told['message'].endswith(' s on /rgb/image: no publisher')
-    assert told['model'].startswith('m.onnx: end_to_end, 80 classes, input 96x64 float32')
+    status = bench.until(lambda: (v := bench.values())['message'] != 'running' and v)
+    assert status['message'].startswith('no color images yet for ')
+    assert status['message'].endswith(' s on /rgb/image: no publisher')
+    assert status['model'].startswith('m.onnx: end_to_end, 80 classes, input 96x64 float32')
 
 
-def test_another_provider_than_asked_for_is_said_once(
+def test_another_provider_than_requested_is_reported_once(
     make_bench: MakeBench, capfd: pytest.CaptureFixture[str]
 ) -> None:
     bench = make_bench(providers='["tensorrt", "cpu"]')
@@ -260,11 +260,11 @@ def change_state(bench: Bench, transition: int) -> bool:
     return bool(bench.call(ChangeState, 'hoid_detector/change_state', request).success)
 
 
-def test_it_activates_itself(bench: Bench) -> None:
+def test_the_node_activates_itself(bench: Bench) -> None:
     assert state(bench) == 'active'
 
 
-def test_lifecycle_manager_drives_it(make_bench: MakeBench) -> None:
+def test_a_lifecycle_manager_controls_the_node(make_bench: MakeBench) -> None:
     bench = make_bench(autostart='false')
     bench.start()
     assert state(bench) == 'unconfigured'
@@ -288,7 +288,7 @@ def test_lifecycle_manager_drives_it(make_bench: MakeBench) -> None:
     assert state(bench) == 'finalized'
 
 
-def test_missing_model_ends_the_node_or_fails_the_manager(
+def test_a_missing_model_fails_the_transition_or_ends_the_node(
     make_bench: MakeBench, domain_id: int, tmp_path: Path
 ) -> None:
     bench = make_bench(model=tmp_path / 'gone.onnx', autostart='false')

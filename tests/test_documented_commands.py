@@ -1,7 +1,7 @@
-"""Every command in README and documents is accepted as written, and run where that is cheap.
+"""Every command in README and documents is accepted as written, and run if it is fast.
 
-The others run elsewhere: `nodes`, `replay`, `play`, `record`, `bench`, `demo`, `view` and launch
-files have tests of their own, over topics and in processes.
+Other tests run the rest: `nodes`, `replay`, `play`, `record`, `bench`, `demo`, `view` and the
+launch files.
 """
 
 from __future__ import annotations
@@ -35,17 +35,13 @@ from hoid_system_tests.documented import PAGES, ROOT, Shown, shape, shown_comman
 pytestmark = pytest.mark.thorough
 
 ALL = [shown for page in PAGES for shown in shown_commands(page)]
-OFFLINE = ('run', 'convert', 'info', 'evaluate')  # these are cheap on a second of images
+OFFLINE = ('run', 'convert', 'info', 'evaluate')  # these are fast on ten images
 NEEDS_MORE = ('my_model.onnx', 'FILE', '--set NAME=VALUE')  # files that are not in the repository
-ROS2_TOOLS = (
-    'ros2 bag',
-    'ros2 param',
-    'ros2 topic',
-)  # tools of ROS, with names that other tests check
+ROS2_TOOLS = ('ros2 bag', 'ros2 param', 'ros2 topic')  # other tests check their arguments
 FOREIGN = ('rtabmap_launch',)
-FRAMES, PERIOD_NS = 10, 125_000_000  # longer than the second of a relative error
+FRAMES, PERIOD_NS = 10, 125_000_000  # 1.25 s, longer than the 1 s of the relative pose error
 # Replacements for placeholders in commands; the recording is a folder that the test renders.
-OWN = {
+REPLACEMENTS = {
     'fr1_xyz': '{tum}', 'FOLDER': '{tum}', 'SEQUENCE': '{tum}', 'SEQ': '{tum}',
     'BAG': 'a.bag', 'DIR': 'out', 'PRESET': 'realsense', 'NAME': 'hoid2d', 'R': '1', 'S': '1',
     'N': '1', 'MODEL': 'model.onnx', 'FILE': 'out/a.hoidmap', '...': 'x', 'CASE': 'pasted-yolox',
@@ -57,7 +53,7 @@ def words_of(command: str, tum: Path = Path('tum')) -> list[str]:
     """Return the words of a command, with optional parts and with placeholders replaced."""
     text = re.sub(r'[\[\]]', '', command)
     text = re.sub(r'(\S+?)\|\S+', r'\1', text)
-    words = [OWN.get(word, word) for word in shlex.split(text)]
+    words = [REPLACEMENTS.get(word, word) for word in shlex.split(text)]
     return [
         re.sub(r'^DATA/rgbd_dataset_freiburg3_walking_xyz', '{tum}', w).replace('{tum}', str(tum))
         for w in words
@@ -77,7 +73,7 @@ def ids(shown: Shown) -> str:
 
 
 @pytest.mark.parametrize('shown', of('./hoid'), ids=ids)
-def test_hoid_accepts_it(shown: Shown) -> None:
+def test_hoid_accepts_the_command(shown: Shown) -> None:
     _, *words = words_of(shown.command)
     if words[0] in ('env', 'dev'):
         program, *rest = words[1:]
@@ -95,13 +91,13 @@ def test_make_has_the_target(shown: Shown) -> None:
 
 
 @pytest.mark.parametrize('shown', of('python'), ids=ids)
-def test_the_script_is_there(shown: Shown) -> None:
+def test_the_script_exists(shown: Shown) -> None:
     assert (ROOT / shown.command.split()[1]).is_file()
 
 
 @pytest.fixture
 def _stand_in() -> Iterator[None]:
-    """Let launch files be read without ROS's launch packages."""
+    """Remove the stand-ins for ROS's launch packages after the test."""
     before = dict(sys.modules)
     yield
     for name in {*sys.modules} - before.keys():
@@ -127,7 +123,7 @@ def test_the_service_takes_the_request(shown: Shown) -> None:
     message = getattr(import_module(f'{package}.srv'), service).Request()
     for text in request:
         for field, value in yaml.safe_load(text).items():
-            setattr(message, field, value)  # which checks both
+            setattr(message, field, value)  # raises if the field or its type is wrong
     services = (ROOT / 'docs/reference/services.md').read_text()
     assert f'~/{name.rpartition("/")[2]}' in services
 
@@ -140,7 +136,7 @@ def test_the_node_has_the_parameters(shown: Shown) -> None:
 
 
 def test_no_other_command_is_shown() -> None:
-    """A kind of command that nothing here looks at would go stale unseen."""
+    """A command of a kind that no test here checks could become outdated unnoticed."""
     known = {
         './hoid',
         'make',
@@ -158,7 +154,7 @@ def test_no_other_command_is_shown() -> None:
 
 @pytest.fixture(scope='module')
 def tum(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rendered second as a folder of the TUM benchmark, whose name says the camera."""
+    """A rendered recording as a TUM folder whose name contains that of the camera."""
     folder = tmp_path_factory.mktemp('data') / 'rgbd_dataset_freiburg3_walking_xyz'
     lists: dict[str, list[str]] = {'rgb': [], 'depth': []}
     stamps_ns: list[int] = []
@@ -187,7 +183,7 @@ def is_cheap(shown: Shown) -> bool:
 
 
 @pytest.mark.parametrize('page', sorted({s.page for s in ALL if is_cheap(s)}))
-def test_it_runs_and_prints_what_is_shown(
+def test_the_command_runs_and_prints_the_shown_output(
     page: str,
     tum: Path,
     tmp_path: Path,
@@ -196,11 +192,11 @@ def test_it_runs_and_prints_what_is_shown(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     here = [shown for shown in ALL if shown.page == page and is_cheap(shown)]
-    main(['convert', str(tum), OWN['BAG']])
+    main(['convert', str(tum), REPLACEMENTS['BAG']])
     capsys.readouterr()
     for shown in here:
         if 'convert' in shown.command:
-            shutil.rmtree(OWN['BAG'])
+            shutil.rmtree(REPLACEMENTS['BAG'])
         status = main(words_of(shown.command, tum)[1:])
         printed, errors = capsys.readouterr()
         assert status == 0, f'{shown.command}: {errors}'

@@ -1,4 +1,4 @@
-"""The README is short, links lead somewhere, and code and files that pages name exist."""
+"""The README is short, and the link targets, code and files that pages name exist."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ PAGES = sorted(
 MOST_README_CHARACTERS = 6000
 
 
-def test_readme_is_two_screens_long() -> None:
+def test_readme_has_at_most_6000_characters() -> None:
     assert len((ROOT / 'README.md').read_text()) <= MOST_README_CHARACTERS
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_lead_somewhere(page: Path) -> None:
+def test_link_targets_exist(page: Path) -> None:
     text = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
     for target in re.findall(r'\]\(([^)\s]+)\)', text):
         if not target.startswith(('http://', 'https://', '#')):
             assert (page.parent / target.partition('#')[0]).exists(), target
 
 
-def test_every_number_of_a_run_is_explained() -> None:
+def test_every_field_of_the_summary_is_documented() -> None:
     page = (ROOT / 'docs/reference/files.md').read_text()
     assert [field.name for field in fields(Summary) if f'`{field.name}`' not in page] == []
 
 
-def test_code_that_pages_name_is_there() -> None:
+def test_code_named_in_pages_exists() -> None:
     for page in PAGES:
         text = page.read_text()
         for name in re.findall(r'`((?:hoid_[a-z]+|rgbd_slam)(?:\.\w+){2,})`', text):

@@ -1,4 +1,4 @@
-"""The SROS2 policies name exactly what the nodes use, as the graph shows it."""
+"""The SROS2 policies allow exactly the topics and services that the nodes use."""
 
 from __future__ import annotations
 
@@ -14,19 +14,21 @@ from hoid_system_tests.processes import Start
 pytestmark = pytest.mark.thorough
 
 POLICIES = Path(__file__).parents[1] / 'src/hoid_bringup/policies/hoid.policy.xml'
-NODES: dict[str, list[dict[str, Any]]] = {  # with all that parameters make of each
+NODES: dict[
+    str, list[dict[str, Any]]
+] = {  # parameter sets of each node, which together create all its topics
     'hoid_detector': [{'model': 'synthetic'}],
     'hoid_filter': [{'strategy': 'hoid+'}],
     'rgbd_slam': [{}, {'frames.publish_odom_to_base': False}],
-    'rgbd_slam_scene': [{}],  # its process
+    'rgbd_slam_scene': [{}],  # the process of the scene mapper
 }
 _LIMIT_S = 60.0
 Uses = dict[str, set[str]]
-"""Names by what is done with them, as in a policy: "topics publish", "services reply", ..."""
+"""Names by their use, as in a policy: "topics publish", "services reply", ..."""
 
 
 def allowed(node: str) -> Uses:
-    """Return what the policies let a node do; relative names are below its namespace."""
+    """Return the absolute names that the policies allow a node to use."""
     root = ET.parse(POLICIES).getroot()  # noqa: S314  # our own file
     (profile,) = root.findall(f".//profile[@node='{node}']")
     return {
@@ -44,7 +46,7 @@ def absolute(name: str, node: str) -> str:
 
 
 def used(probe: Probe, node: str) -> Uses:
-    """Return what a node of the graph does."""
+    """Return the names that a node uses in the graph."""
     ask = probe.node
     found = {
         'topics publish': ask.get_publisher_names_and_types_by_node(node, '/'),
@@ -56,7 +58,7 @@ def used(probe: Probe, node: str) -> Uses:
 
 
 @pytest.mark.parametrize('node', NODES)
-def test_a_node_uses_what_its_policy_allows_and_nothing_else(
+def test_a_node_uses_exactly_the_names_that_its_policy_allows(
     start: Start, probe: Probe, node: str
 ) -> None:
     package = node.removesuffix('_scene')
@@ -64,12 +66,16 @@ def test_a_node_uses_what_its_policy_allows_and_nothing_else(
     for parameters in NODES[node]:
         running = start(package, f'{package}_node', parameters)
         probe.spin_until(lambda: node in probe.node.get_node_names(), f'no {node}', _LIMIT_S)
-        probe.spin_until(lambda: 'topics publish' in used(probe, node), f'{node} is silent')
+        probe.spin_until(
+            lambda: 'topics publish' in used(probe, node), f'{node} publishes nothing'
+        )
         probe.spin_for(3.0)
         now = used(probe, node)
         found = {use: found.get(use, set()) | now.get(use, set()) for use in found | now}
         running.stop()
         probe.spin_until(
-            lambda: node not in probe.node.get_node_names(), f'{node} stays', _LIMIT_S
+            lambda: node not in probe.node.get_node_names(),
+            f'{node} does not leave the graph',
+            _LIMIT_S,
         )
     assert found == allowed(node)

@@ -1,4 +1,4 @@
-"""The nodes' executor runs what rclpy's own does."""
+"""`SteadyExecutor` serves all entities that the executors of rclpy serve."""
 
 from __future__ import annotations
 
@@ -45,34 +45,36 @@ def spin_until(executor: SteadyExecutor, is_done: Callable[[], bool]) -> None:
         executor.spin_once(timeout_sec=0.1)
 
 
-def test_messages_come_in_order_and_none_is_lost(node: Node, executor: SteadyExecutor) -> None:
-    heard: list[str] = []
-    node.create_subscription(Header, 'words', lambda msg: heard.append(msg.frame_id), 100)
+def test_messages_arrive_in_order_without_loss(node: Node, executor: SteadyExecutor) -> None:
+    received: list[str] = []
+    node.create_subscription(Header, 'words', lambda msg: received.append(msg.frame_id), 100)
     publisher = node.create_publisher(Header, 'words', 100)
     spin_until(executor, lambda: publisher.get_subscription_count() == 1)
     sent = [f'word {k}' for k in range(50)]
     for word in sent:
         publisher.publish(Header(frame_id=word))
-    spin_until(executor, lambda: len(heard) >= len(sent))
-    assert heard == sent
+    spin_until(executor, lambda: len(received) >= len(sent))
+    assert received == sent
 
 
-def test_what_is_ready_is_run_without_waiting(node: Node, executor: SteadyExecutor) -> None:
-    heard: list[str] = []
-    node.create_subscription(Header, 'words', lambda msg: heard.append(msg.frame_id), 100)
+def test_spin_ready_runs_ready_callbacks_without_waiting(
+    node: Node, executor: SteadyExecutor
+) -> None:
+    received: list[str] = []
+    node.create_subscription(Header, 'words', lambda msg: received.append(msg.frame_id), 100)
     publisher = node.create_publisher(Header, 'words', 100)
     spin_until(executor, lambda: publisher.get_subscription_count() == 1)
     start_s = time.monotonic()
-    while executor.spin_ready():  # what the discovery has woken
+    while executor.spin_ready():  # callbacks that the discovery has woken
         assert time.monotonic() < start_s + _LIMIT_S
     sent = [f'word {k}' for k in range(50)]
     for word in sent:
         publisher.publish(Header(frame_id=word))
-    while len(heard) < len(sent):
-        before = len(heard)
-        assert executor.spin_ready() or len(heard) == before
+    while len(received) < len(sent):
+        before = len(received)
+        assert executor.spin_ready() or len(received) == before
         assert time.monotonic() < start_s + _LIMIT_S
-    assert heard == sent
+    assert received == sent
     executor.shutdown()
     assert not executor.spin_ready()
 
@@ -85,7 +87,7 @@ def test_timers_guards_services_and_clients_are_served(
     guard = node.create_guard_condition(lambda: called.append('guard'))
 
     def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        response.message = f'heard {request.data}'
+        response.message = f'received {request.data}'
         return response
 
     node.create_service(SetBool, 'switch', answer)
@@ -94,7 +96,7 @@ def test_timers_guards_services_and_clients_are_served(
     future: Future = client.call_async(SetBool.Request(data=True))
     guard.trigger()
     executor.spin_until_future_complete(future, _LIMIT_S)
-    assert future.result().message == 'heard True'
+    assert future.result().message == 'received True'
     spin_until(executor, lambda: called.count('timer') >= 3 and 'guard' in called)
     assert called.count('guard') == 1
     timer.cancel()
@@ -103,43 +105,39 @@ def test_timers_guards_services_and_clients_are_served(
     assert not called
 
 
-def test_what_is_made_or_destroyed_while_spinning_counts_at_once(
+def test_subscriptions_made_or_destroyed_while_spinning_take_effect_at_once(
     node: Node, executor: SteadyExecutor
 ) -> None:
-    heard: list[str] = []
+    has_received = threading.Event()
     publisher = node.create_publisher(Header, 'late', 10)
     executor.spin_once(timeout_sec=0.01)
-    thread = threading.Thread(target=spin_until, args=(executor, lambda: bool(heard)))
+    thread = threading.Thread(target=spin_until, args=(executor, has_received.is_set))
     thread.start()
-    subscription = node.create_subscription(Header, 'late', lambda _: heard.append('late'), 10)
+    subscription = node.create_subscription(Header, 'late', lambda _: has_received.set(), 10)
     end_s = time.monotonic() + _LIMIT_S
-    while not heard and time.monotonic() < end_s:
+    while not has_received.wait(0.02) and time.monotonic() < end_s:
         publisher.publish(Header())
-        time.sleep(0.02)
     thread.join()
-    assert heard
+    assert has_received.is_set()
     node.destroy_subscription(subscription)
     executor.spin_once(timeout_sec=0.01)
     spin_until(executor, lambda: publisher.get_subscription_count() == 0)
 
 
-def test_a_node_can_be_destroyed_between_two_spins(node: Node) -> None:
+def test_a_node_can_be_destroyed_between_two_spins(node: Node, executor: SteadyExecutor) -> None:
     publisher = node.create_publisher(Header, 'gone', 10)
     other = Node('other')
     other.create_subscription(Header, 'gone', lambda _: None, 10)
-    executor = SteadyExecutor()
-    executor.add_node(other)
-    spin_until(executor, lambda: publisher.get_subscription_count() == 1)
-    for _ in range(5):  # until nothing changes any more, and the wait set is kept
-        executor.spin_once(timeout_sec=0.01)
+    of_other = SteadyExecutor()
+    of_other.add_node(other)
+    spin_until(of_other, lambda: publisher.get_subscription_count() == 1)
+    for _ in range(5):  # until nothing changes any more and the wait set is kept
+        of_other.spin_once(timeout_sec=0.01)
     other.destroy_node()
-    end_s = time.monotonic() + _LIMIT_S
-    while publisher.get_subscription_count():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
+    spin_until(executor, lambda: publisher.get_subscription_count() == 0)
 
 
-def test_callbacks_may_wait_for_futures(node: Node, executor: SteadyExecutor) -> None:
+def test_callbacks_may_await_futures(node: Node, executor: SteadyExecutor) -> None:
     node.create_service(SetBool, 'echo', lambda _, response: response)
     client = node.create_client(SetBool, 'echo')
     answers: list[object] = []
@@ -154,7 +152,9 @@ def test_callbacks_may_wait_for_futures(node: Node, executor: SteadyExecutor) ->
     assert isinstance(answers[0], SetBool.Response)
 
 
-def test_errors_of_callbacks_reach_who_spins(node: Node, executor: SteadyExecutor) -> None:
+def test_exceptions_of_callbacks_reach_the_caller_of_spin(
+    node: Node, executor: SteadyExecutor
+) -> None:
     def fail() -> None:
         raise KeyError('a bug')
 
@@ -170,10 +170,10 @@ def test_spinning_ends_with_the_context(node: Node, executor: SteadyExecutor) ->
         executor.spin()
 
 
-def test_a_threads_services_are_answered_beside_a_busy_node(
+def test_a_service_thread_answers_while_the_node_is_busy(
     node: Node, executor: SteadyExecutor
 ) -> None:
-    """The node's own executor leaves them alone, and no failure ends the thread."""
+    """The node's executor does not serve them, and an exception does not end the thread."""
     failures: list[Exception] = []
     answering: list[int] = []
     thread = ServiceThread(node)

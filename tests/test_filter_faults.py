@@ -1,4 +1,4 @@
-"""hoid_filter on real topics: wrong input is refused or clipped, counted, and survived."""
+"""hoid_filter on real topics: invalid input is refused or clipped, and counted."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.thorough
 NAN, INF = float('nan'), float('inf')
 
 
-def test_wrong_boxes_are_refused_or_clipped_one_by_one(run_filter: FilterRunner) -> None:
+def test_invalid_boxes_are_refused_or_clipped_one_by_one(run_filter: FilterRunner) -> None:
     peer = run_filter()
     refused = [
         (NAN, 10.0, 50.0, 60.0),
@@ -49,7 +49,7 @@ def test_wrong_boxes_are_refused_or_clipped_one_by_one(run_filter: FilterRunner)
     peer.wait_for_count('boxes refused', len(refused))
 
 
-def test_whole_messages_that_are_wrong_are_refused(run_filter: FilterRunner) -> None:
+def test_invalid_detection_messages_are_refused(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 1.0, 'detections.timeout_s': 600.0})
     peer.send_images(0)
     peer.answer(1)
@@ -61,11 +61,11 @@ def test_whole_messages_that_are_wrong_are_refused(run_filter: FilterRunner) -> 
     features, _ = peer.answer(2)
     assert num_inside(features, PERSON) == 0
     peer.wait_for_count('images filtered', 2)
-    assert peer.said()[1]['detections refused'] == '2'
+    assert peer.newest_diagnosis()[1]['detections refused'] == '2'
 
 
 def serialized_crowd(header: Any, number: int) -> bytes:
-    """Return a serialized message with so many boxes: 32 bytes each, after their number."""
+    """Return a serialized DetectionArray of `number` boxes, which take 32 bytes each."""
     msg = DetectionArray(
         header=header, image_width=WIDTH, image_height=HEIGHT, detections=[Detection()]
     )
@@ -73,7 +73,7 @@ def serialized_crowd(header: Any, number: int) -> bytes:
     return one[:-36] + number.to_bytes(4, 'little') + one[-32:] * number
 
 
-def test_wrong_images_are_refused(run_filter: FilterRunner) -> None:
+def test_invalid_images_are_refused(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 0.1})
     peer.send_images(0, DEPTH_M[::2, ::2])
     peer.wait_for_count('matched images refused', 1)
@@ -100,7 +100,7 @@ def test_wrong_images_are_refused(run_filter: FilterRunner) -> None:
     assert set(features.depth_m) == {0.0, float(np.float32(2.5001))}
 
 
-def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
+def test_scores_out_of_range_are_clipped_and_nan_is_refused(
     run_filter: FilterRunner,
 ) -> None:
     peer = run_filter()
@@ -120,10 +120,10 @@ def test_scores_outside_their_range_are_clipped_and_no_numbers_refused(
     peer.wait_for_count('boxes refused', 1)
 
 
-def test_camera_of_another_size_is_refused(run_filter: FilterRunner) -> None:
+def test_a_camera_info_of_another_size_is_refused(run_filter: FilterRunner) -> None:
     half = CameraModel(WIDTH // 2, HEIGHT // 2, 250.0, 250.0, 160.0, 120.0)
-    peer = run_filter()  # which gets the right camera first
-    # Alternately, so that each change is visible: by the first image, then by the message itself.
+    peer = run_filter()  # receives the right camera first
+    # The cameras alternate, so that each change shows in the objects of the next image.
     for i, camera in enumerate((half, CAMERA, half, CAMERA)):
         peer.camera.publish(conversions.camera_to_msg(camera, peer.header(i)))
         peer.wait_for_count('camera infos received', i + 2)
@@ -131,21 +131,21 @@ def test_camera_of_another_size_is_refused(run_filter: FilterRunner) -> None:
         (person,) = peer.answer(i + 1)[1].objects
         assert np.isnan([*person.center_camera_m, *person.size_m]).all() == (camera is half)
     peer.wait_for_count('camera infos refused', 2)
-    assert peer.said()[1]['camera infos refused'] == '2'
+    assert peer.newest_diagnosis()[1]['camera infos refused'] == '2'
 
 
-def test_a_recording_may_start_over(run_filter: FilterRunner) -> None:
+def test_a_recording_may_restart(run_filter: FilterRunner) -> None:
     peer = run_filter()
-    first = 10_000  # of the end of the recording
+    first = 10_000  # an image at the end of the recording
     peer.show(first, PERSON)
     peer.answer(1)
     peer.show(0, PERSON)
     assert peer.answer(2)[1].header == peer.header(0)
     peer.wait_for_count('times that stamps went back', 1)
-    peer.send_boxes(first + 1, TV)  # late, and of before
+    peer.send_boxes(first + 1, TV)  # late detections from before the restart
     peer.wait_for_count('detections refused', 1)
-    peer.send_images(1)  # which the detector skips
+    peer.send_images(1)  # an image that the detector skips
     features, objects = peer.answer(3)
     assert [(o.class_name, o.reason) for o in objects.objects] == [('person', ObjectMsg.PREDICTED)]
     assert num_inside(features, PERSON) == 0
-    assert peer.said()[1]['times that stamps went back'] == '1'
+    assert peer.newest_diagnosis()[1]['times that stamps went back'] == '1'

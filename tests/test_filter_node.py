@@ -1,4 +1,4 @@
-"""hoid_filter on real topics: features and verdicts of an image, late and lost detections."""
+"""hoid_filter on real topics: features and verdicts, late and missing detections."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from hoid_system_tests.filter_peer import (
 from hoid_system_tests.probe import Probe
 
 
-def test_values_of_one_image(run_filter: FilterRunner) -> None:
+def test_one_image_yields_the_expected_features_and_objects(run_filter: FilterRunner) -> None:
     peer = run_filter()
     peer.show(0, PERSON, CUP, TV)
     features, objects = peer.answer()
@@ -103,10 +103,10 @@ def test_an_image_is_published_at_once_and_late_detections_give_the_final_verdic
     inside = (u >= left) & (u < right) & (v >= top) & (v < bottom)
     assert is_dynamic[inside].all()
     peer.wait_for_count('images filtered', 2)
-    assert peer.said()[1]['images without detections'] == '0'
+    assert peer.newest_diagnosis()[1]['images without detections'] == '0'
 
 
-def test_detections_that_are_there_already_are_final(run_filter: FilterRunner) -> None:
+def test_detections_before_the_image_make_its_verdict_final(run_filter: FilterRunner) -> None:
     peer = run_filter()
     peer.send_boxes(0, PERSON)
     peer.probe.spin_for(0.2)
@@ -117,7 +117,9 @@ def test_detections_that_are_there_already_are_final(run_filter: FilterRunner) -
     assert num_inside(features, PERSON) == 0
 
 
-def test_the_first_verdict_is_final_when_none_comes_in_time(run_filter: FilterRunner) -> None:
+def test_the_provisional_verdict_becomes_final_without_detections_in_time(
+    run_filter: FilterRunner,
+) -> None:
     peer = run_filter(**{'detections.wait_s': 0.2})
     peer.send_boxes(0, PERSON)
     peer.probe.spin_for(0.2)
@@ -166,7 +168,7 @@ def test_features_are_published_before_motion_is_segmented(
         left = 100 + 14 * i
         box = (float(left), 120.0, left + 200.0, 320.0)
         image_bgr[120:320, left : left + 200] = IMAGE[0:200, 0:200]
-        depth_m[120:320, left : left + 200] = 1.5  # it passes before a wall
+        depth_m[120:320, left : left + 200] = 1.5  # the square passes in front of a wall
         if strategy == 'hoid+':  # nobody is detected
             peer.send_boxes(i)
             peer.probe.spin_for(0.1)
@@ -178,38 +180,35 @@ def test_features_are_published_before_motion_is_segmented(
     (seen,) = final.objects
     assert (seen.class_name, seen.reason) == ('unknown', ObjectMsg.MOVING)
     assert (seen.x_min, seen.y_min, seen.x_max, seen.y_max) == pytest.approx(box, abs=16)
-    before = peer.objects[-2].objects[
-        0
-    ]  # the provisional verdict has the region of the image before
+    before = peer.objects[-2].objects[0]  # the provisional verdict has the previous region
     assert before.x_max == pytest.approx(box[2] - 14, abs=16)
     peer.probe.spin_until(
         lambda: len(peer.verdicts) == len(masks) == num, 'final verdicts or masks are missing'
     )
     assert [v.header for v in peer.verdicts] == headers
-    assert any(
-        any(v.dynamic) for v in peer.verdicts[1:]
-    )  # features on pixels that did not move before
-    # Pixels that the square covers first in the last image are dropped by its verdict, and masked.
+    # Features on pixels that did not move before become dynamic.
+    assert any(any(v.dynamic) for v in peer.verdicts[1:])
+    # The final verdict masks the pixels that the square covers only in the last image.
     new = ('', (box[2] - 10, 140.0, box[2], 300.0))
     assert num_inside(peer.features[-1], ('', box)) < 0.2 * num_inside(peer.features[0], ('', box))
     mask = np.frombuffer(masks[-1].data, np.uint8).reshape(HEIGHT, WIDTH)
     assert not mask[140:300, int(new[1][0]) : int(new[1][2])].any()
 
 
-def test_an_image_that_the_next_overtakes_skips_motion_segmentation(
+def test_motion_segmentation_is_skipped_while_the_next_image_waits(
     run_filter: FilterRunner,
 ) -> None:
     peer = run_filter(strategy='motion', **{'input.reliability': 'reliable'})
     peer.send_images(0)
     peer.answer(2, num_features=1)
     num = 6
-    for i in range(1, num):  # faster than they can be worked on
+    for i in range(1, num):  # faster than the node can process them
         peer.send_images(i)
     peer.answer(2 * num, num_features=num)
     final = [objects.header for objects in peer.objects if not objects.provisional]
     assert final == [peer.header(i) for i in range(num)]
     peer.wait_for_count('images without motion segmentation', 1)
-    assert int(peer.said()[1]['images without motion segmentation']) < num - 1
+    assert int(peer.newest_diagnosis()[1]['images without motion segmentation']) < num - 1
 
 
 @pytest.mark.parametrize('on_loss', ['unfiltered', 'stop'])
@@ -222,31 +221,33 @@ def test_the_loss_of_the_detector_is_reported_and_survived(
     for i in range(1, 46):
         peer.send_images(i)
         peer.probe.spin_for(0.033)
-    features, objects = peer.answer(2)  # at first it goes on with predicted boxes
+    features, objects = peer.answer(2)  # predicted boxes are used at first
     assert [o.reason for o in objects.objects] == [ObjectMsg.PREDICTED]
     assert num_inside(features, PERSON) == 0
     peer.probe.spin_until(
-        lambda: 'is the detector alive?' in peer.said()[0], 'the loss is not said'
+        lambda: 'is the detector alive?' in peer.newest_diagnosis()[0], 'the loss is not reported'
     )
     if on_loss == 'stop':
         assert peer.features[-1].header.stamp != peer.header(45).stamp
     else:
         peer.probe.spin_until(
-            lambda: peer.features[-1].header.stamp == peer.header(45).stamp, 'it stopped'
+            lambda: peer.features[-1].header.stamp == peer.header(45).stamp,
+            'the filter has stopped',
         )
         assert num_inside(peer.features[-1], PERSON) > 50
     peer.send_boxes(45, PERSON)
     peer.probe.spin_until(
-        lambda: 'is the detector alive?' not in peer.said()[0], 'the detector stays lost'
+        lambda: 'is the detector alive?' not in peer.newest_diagnosis()[0],
+        'the detector is still reported as lost',
     )
     peer.show(46, PERSON)
     peer.probe.spin_until(
-        lambda: peer.features[-1].header.stamp == peer.header(46).stamp, 'it does not come back'
+        lambda: peer.features[-1].header.stamp == peer.header(46).stamp, 'features do not resume'
     )
     assert num_inside(peer.features[-1], PERSON) == 0
 
 
-def test_debug_image_is_drawn_for_a_listener(run_filter: FilterRunner) -> None:
+def test_the_debug_image_is_drawn_for_a_subscriber(run_filter: FilterRunner) -> None:
     peer = run_filter()
     pictures = peer.probe.collect(Image, 'hoid_filter/debug_image')
     peer.probe.spin_for(0.3)
@@ -273,7 +274,7 @@ def test_a_parameter_set_at_run_time_changes_the_verdicts(run_filter: FilterRunn
 
 
 @pytest.mark.parametrize('strategy', ['person', 'hoid+'])
-def test_masked_images_for_another_slam(
+def test_masked_images_for_another_slam_exclude_the_person(
     run_filter: FilterRunner, probe: Probe, strategy: str
 ) -> None:
     peer = run_filter(strategy=strategy)
@@ -281,7 +282,7 @@ def test_masked_images_for_another_slam(
     depths = probe.collect(Image, 'hoid_filter/static_depth')
     probe.spin_for(0.5)
     depth_m = np.full_like(DEPTH_M, 4.0)
-    depth_m[50:450, 100:300] = 2.0  # the person before a wall
+    depth_m[50:450, 100:300] = 2.0  # the person in front of a wall
     peer.show(0, PERSON, depth_m=depth_m)
     probe.spin_until(lambda: bool(masks and depths), 'no masked images')
     assert masks[0].header == depths[0].header == peer.header(0)

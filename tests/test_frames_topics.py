@@ -1,4 +1,4 @@
-"""The frame tree of a robot on real topics: planar motion, and edges that somebody else sends."""
+"""The frame tree of a robot: planar motion, and transforms that other nodes publish."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ T_BASE_CAMERA = se3.exp(np.array([0, 0, 0, 0.2, 0.0, 1.0])) @ T_BODY_OPTICAL
 
 
 def camera_at(i: int) -> FloatArray:
-    """Return T_world_camera of image i: forward, up, turning left and nodding."""
+    """Return the (4, 4) T_world_camera of image i: forward, up, turning left and nodding."""
     T = se3.exp(np.array([0.004 * i, -0.01 * i, 0.003 * i, 0, 0, 0]))
     T[:3, 3] = 0.0, -0.01 * i, 0.015 * i
     return T
 
 
 class Peer(SlamPeer):
-    """Sends a dozen images of a world of points."""
+    """Publishes the features of a dozen images of a point world."""
 
     def __init__(self, probe: Probe) -> None:
         self.odom = probe.collect(Odometry, 'odom', wait=False)
         super().__init__(probe)
 
-    def say_where_the_camera_sits(self) -> None:
+    def publish_camera_mounting(self) -> None:
         static = self.probe.publisher(TFMessage, '/tf_static', qos.TF_STATIC)
         T = conversions.transform_to_msg(T_BASE_CAMERA, START_NS, 'base_link', OPTICAL)
         static.publish(TFMessage(transforms=[T]))
@@ -78,21 +78,22 @@ def test_a_planar_robot_stays_on_the_floor_and_upright(start: Start, probe: Prob
     parameters = {'frames.base': 'base_link', 'frames.planar': True}
     start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
     peer = Peer(probe)
-    peer.say_where_the_camera_sits()
+    peer.publish_camera_mounting()
     peer.play()
     moved = poses(peer.odom)
     np.testing.assert_allclose(moved[:, 2, 3], 0.0, atol=1e-9)
     np.testing.assert_allclose(moved[:, 2, :3], np.tile([0.0, 0, 1], (IMAGES, 1)), atol=1e-9)
     true = np.array([flattened(T) for T in expected_bases()])
     np.testing.assert_allclose(moved, true, atol=0.005)
-    assert np.linalg.norm(expected_bases()[-1][2, 3]) > 0.05  # which it has to leave out
+    # Without `frames.planar` the height would change.
+    assert np.linalg.norm(expected_bases()[-1][2, 3]) > 0.05
     assert peer.edges() == {('map', 'odom'), ('odom', 'base_link')}
     for msg in peer.tf:
         for edge in msg.transforms:
             assert conversions.transform_from_msg(edge)[2, 3] == pytest.approx(0, abs=1e-9)
 
 
-def test_map_to_odom_is_left_to_somebody_else(start: Start, probe: Probe) -> None:
+def test_map_to_odom_is_not_published_when_switched_off(start: Start, probe: Probe) -> None:
     start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_map_to_odom': False} | NO_SCENE)
     peer = Peer(probe)
     peer.play()
@@ -103,33 +104,33 @@ def test_map_to_odom_is_left_to_somebody_else(start: Start, probe: Probe) -> Non
 
 
 class Wheels:
-    """Say on /tf, at 50 Hz, where they think the robot is: 5 m away, and they slip."""
+    """Wheel odometry on /tf at 50 Hz, which slips and starts 5 m away."""
 
     def __init__(self, probe: Probe) -> None:
         self._tf = probe.publisher(TFMessage, '/tf', qos.TF)
 
     @staticmethod
     def at(stamp_ns: int) -> FloatArray:
-        """Return T_odom_base, which the wheels drive at 2 m/s and turn in."""
+        """Return the (4, 4) T_odom_base of wheels that report 2 m/s and 0.3 rad/s."""
         driven_s = (stamp_ns - START_NS) / NS_PER_S
         start = se3.exp(np.array([0, 0, 0.5, 5.0, 1.0, 0.0]))
         return start @ se3.exp(np.array([0.0, 0.0, 0.3, 2.0, 0.0, 0.0]) * driven_s)
 
     def send_around(self, stamp_ns: int) -> None:
-        """Send what they say 7 ms before and 13 ms after an image."""
+        """Publish the transforms 7 ms before and 13 ms after an image."""
         for at_ns in (stamp_ns - 7_000_000, stamp_ns + 13_000_000):
             T = conversions.transform_to_msg(self.at(at_ns), at_ns, 'odom', 'base_link')
             self._tf.publish(TFMessage(transforms=[T]))
 
 
-def test_wheels_that_slip_do_not_move_the_pose_and_bridge_a_covered_lens(
+def test_slipping_wheels_do_not_move_the_pose_and_bridge_a_covered_lens(
     start: Start, probe: Probe
 ) -> None:
     parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
     start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
     own = probe.collect(Odometry, 'visual_odom', wait=False)
     peer, wheels, world = Peer(probe), Wheels(probe), PointWorld()
-    peer.say_where_the_camera_sits()
+    peer.publish_camera_mounting()
     peer.begin()
 
     def send(features: Features) -> None:
@@ -138,7 +139,7 @@ def test_wheels_that_slip_do_not_move_the_pose_and_bridge_a_covered_lens(
         peer.answer_to(features_msg(features))
 
     def map_to_odom(i: int) -> FloatArray:
-        """Return what is said for an image, dated 0.1 s ahead."""
+        """Return the (4, 4) T_map_odom for an image, which is stamped 0.1 s ahead."""
         dated_ns = START_NS + i * PERIOD_NS + NS_PER_S // 10
         probe.spin_until(lambda: ('map', 'odom') in edges(peer.tf, dated_ns), 'no map -> odom')
         return edges(peer.tf, dated_ns)['map', 'odom']
@@ -153,13 +154,13 @@ def test_wheels_that_slip_do_not_move_the_pose_and_bridge_a_covered_lens(
         seen = world.features(camera_at(i), START_NS + i * PERIOD_NS)
         send(seen.select(np.arange(0)))
         np.testing.assert_allclose(map_to_odom(i), map_to_odom(IMAGES - 1), atol=1e-9)
-    bridged = poses(own[IMAGES:])  # by wheels that slip, as far as anybody knows
+    bridged = poses(own[IMAGES:])  # by the wheels alone
     steps = se3.inverse(wheels.at(START_NS + (IMAGES - 1) * PERIOD_NS)) @ [
         wheels.at(START_NS + i * PERIOD_NS) for i in range(IMAGES, IMAGES + 3)
     ]
     np.testing.assert_allclose(bridged, poses(own)[IMAGES - 1] @ steps, atol=1e-6)
     sigma_m = [math.sqrt(msg.pose.covariance[0]) for msg in own[IMAGES - 1 :]]
-    assert (np.diff(sigma_m) > 0.01).all()  # they were seen to slip
+    assert (np.diff(sigma_m) > 0.01).all()  # it grows by the slip measured before
     status = peer.status[-1]
     assert status.state == SlamStatus.LOST
     assert status.message == (
@@ -174,39 +175,39 @@ def test_wheels_that_slip_do_not_move_the_pose_and_bridge_a_covered_lens(
 
 
 class GoodWheels(Wheels):
-    """Wheels that do not slip, on a robot that leaps as images that come seldom show it."""
+    """Wheel odometry without slip, of a robot that moves far between the last two images."""
 
     @staticmethod
     def at(stamp_ns: int) -> FloatArray:
         start = se3.exp(np.array([0, 0, 0.5, 5.0, 1.0, 0.0]))
-        T = T_BASE_CAMERA @ leap((stamp_ns - START_NS) / PERIOD_NS)
+        T = T_BASE_CAMERA @ displaced_at((stamp_ns - START_NS) / PERIOD_NS)
         return np.asarray(start @ T @ se3.inverse(T_BASE_CAMERA))
 
 
-def leap(i: float) -> FloatArray:
-    """Return T_world_camera of image i: at rest, and from the tenth on elsewhere."""
+def displaced_at(i: float) -> FloatArray:
+    """Return the (4, 4) T_world_camera of image i: at rest, and displaced in the last image."""
     twist = np.array([0.0, 0.2, 0, 0.35, 0, 0]) if i > IMAGES - 1.5 else np.zeros(6)
     return se3.exp(twist)
 
 
-def test_wheels_tell_where_to_look(start: Start, probe: Probe) -> None:
+def test_wheel_odometry_predicts_a_large_motion(start: Start, probe: Probe) -> None:
     parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
     start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
     own = probe.collect(Odometry, 'visual_odom', wait=False)
     peer, wheels, world = Peer(probe), GoodWheels(probe), PointWorld()
-    peer.say_where_the_camera_sits()
+    peer.publish_camera_mounting()
     peer.begin()
     for i in range(IMAGES):
         stamp_ns = START_NS + i * PERIOD_NS
         wheels.send_around(stamp_ns)
         probe.spin_for(0.05)
-        status = peer.answer_to(features_msg(world.features(leap(i), stamp_ns)))
+        status = peer.answer_to(features_msg(world.features(displaced_at(i), stamp_ns)))
         assert (status.state, status.relocalizations) == (SlamStatus.TRACKING, 0)
-    expected = T_BASE_CAMERA @ leap(IMAGES - 1) @ se3.inverse(T_BASE_CAMERA)
+    expected = T_BASE_CAMERA @ displaced_at(IMAGES - 1) @ se3.inverse(T_BASE_CAMERA)
     np.testing.assert_allclose(poses(own)[-1], expected, atol=0.005)
 
 
-def test_wheels_that_say_nothing_are_missed(start: Start, probe: Probe) -> None:
+def test_missing_wheel_odometry_is_reported(start: Start, probe: Probe) -> None:
     start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_odom_to_base': False} | NO_SCENE)
     peer = Peer(probe)
     peer.begin()
@@ -215,17 +216,15 @@ def test_wheels_that_say_nothing_are_missed(start: Start, probe: Probe) -> None:
     assert peer.edges() == set()
 
 
-def test_planar_motion_without_a_base_is_said_to_have_no_effect(
-    start: Start, probe: Probe
-) -> None:
+def test_planar_motion_without_a_base_frame_is_reported(start: Start, probe: Probe) -> None:
     start('rgbd_slam', 'rgbd_slam_node', {'frames.planar': True} | NO_SCENE)
     peer = Peer(probe)
     peer.play()
     peer.probe.spin_until(
-        lambda: any('frames.planar needs frames.base' in s.message for s in said(peer)),
-        'nothing is said',
+        lambda: any('frames.planar needs frames.base' in s.message for s in statuses(peer)),
+        'no warning is published',
     )
 
 
-def said(peer: Peer) -> list[Any]:
+def statuses(peer: Peer) -> list[Any]:
     return [status for msg in peer.diagnostics for status in msg.status]

@@ -1,4 +1,4 @@
-"""Somebody says on /initialpose where the robot is, as RViz does."""
+"""Relocalization at a pose that RViz, for example, publishes on /initialpose."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rcl_interfaces.msg import Log
 from hoid_common import se3
 from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
-from hoid_system_tests.point_world import PointWorld, walked
+from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
@@ -22,7 +22,7 @@ AWAY = se3.exp(np.array([0.0, 0.0, 0.1, 0.3, 0.0, 0.0]))  # along x, forward, tu
 
 
 class Peer(SlamPeer):
-    """Maps 40 places, and gives poses of them."""
+    """Maps 40 places, and publishes initial poses near them."""
 
     def __init__(self, probe: Probe) -> None:
         self.log = probe.collect(Log, '/rosout', wait=False)
@@ -37,16 +37,16 @@ class Peer(SlamPeer):
     def send(self, place: int) -> SlamStatus:
         stamp_ns = START_NS + self.num_sent * PERIOD_NS
         self.num_sent += 1
-        return self.answer_to(features_msg(self.world.features(walked(place, 0.01), stamp_ns)))
+        return self.answer_to(features_msg(self.world.features(pose_after(place, 0.01), stamp_ns)))
 
-    def give(self, msg: PoseWithCovarianceStamped) -> None:
+    def publish_pose(self, msg: PoseWithCovarianceStamped) -> None:
         self.poses.publish(msg)
         self.probe.spin_for(0.3)
 
     def refused(self, msg: PoseWithCovarianceStamped) -> str:
-        """Give a pose that is refused; return the new line of the log."""
+        """Publish a pose that is refused, and return the line that is logged."""
         self.log.clear()
-        self.give(msg)
+        self.publish_pose(msg)
         self.probe.spin_until(
             lambda: any(line.level >= 40 for line in self.log), 'nothing is logged'
         )
@@ -54,39 +54,39 @@ class Peer(SlamPeer):
 
 
 def pose(place: int, frame: str = 'map', off: FloatArray = AWAY) -> PoseWithCovarianceStamped:
-    """Return a pose off that of a place, of the camera's body: x forward, z up."""
-    T = T_BODY_OPTICAL @ walked(place, 0.01) @ se3.inverse(T_BODY_OPTICAL) @ off
+    """Return a pose of the camera's body (x forward, z up), displaced from a place by `off`."""
+    T = T_BODY_OPTICAL @ pose_after(place, 0.01) @ se3.inverse(T_BODY_OPTICAL) @ off
     msg = PoseWithCovarianceStamped(header=conversions.header_to_msg(0, frame))
     msg.pose.pose = conversions.pose_to_msg(T)
-    msg.pose.covariance[[0, 7, 35]] = 0.25, 0.25, 0.0685  # what RViz sends
+    msg.pose.covariance[[0, 7, 35]] = 0.25, 0.25, 0.0685  # the values of RViz
     return msg
 
 
-def test_the_camera_is_looked_for_there_first(start: Start, probe: Probe) -> None:
+def test_the_camera_is_relocalized_near_the_initial_pose_first(start: Start, probe: Probe) -> None:
     start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
     peer = Peer(probe)
-    for frame in ('odom', 'map'):  # the same, until the camera is found elsewhere
+    for frame in ('odom', 'map'):  # both frames are equal until the camera is relocalized
         peer.log.clear()
-        peer.give(pose(20, frame))
+        peer.publish_pose(pose(20, frame))
         status = peer.send(20)
         assert status.state == SlamStatus.TRACKING
         assert status.message == 'found 0.3 m and 6 degrees from the pose given'
         T = peer.pose(START_NS + (peer.num_sent - 1) * PERIOD_NS)
-        np.testing.assert_allclose(T, T_BODY_OPTICAL @ walked(20, 0.01), atol=0.005)
+        np.testing.assert_allclose(T, T_BODY_OPTICAL @ pose_after(20, 0.01), atol=0.005)
         probe.spin_until(lambda: bool(peer.log), 'nothing is logged')
         assert [line.msg for line in peer.log] == [status.message]
 
     behind = se3.exp(np.array([0.0, 0.0, math.pi, 0.0, 0.0, 0.0]))
-    peer.give(pose(20, off=behind))
+    peer.publish_pose(pose(20, off=behind))
     lines = ['not found at the pose given; looking everywhere']
     lines += ['found 0.0 m and 180 degrees from the pose given']
     peer.log.clear()
-    assert peer.send(20).message == lines[1]  # at once
+    assert peer.send(20).message == lines[1]  # with the next image
     probe.spin_until(lambda: len(peer.log) == 2, 'nothing is logged')
     assert [line.msg for line in peer.log] == lines
 
 
-def test_what_is_no_pose_is_refused_in_a_line(start: Start, probe: Probe) -> None:
+def test_an_invalid_initial_pose_is_refused_in_one_line(start: Start, probe: Probe) -> None:
     start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
     peer = Peer(probe)
     assert peer.refused(pose(20, 'kitchen')) == (
@@ -101,12 +101,12 @@ def test_what_is_no_pose_is_refused_in_a_line(start: Start, probe: Probe) -> Non
     assert 'pose is no rigid transform' in line
     assert line.endswith(', on initialpose')
     assert peer.diagnosis()[1]['initial poses refused'] == '2'
-    peer.give(zero)  # a second line of the kind is held back
+    peer.publish_pose(zero)  # a second line of this kind is throttled
     assert peer.diagnosis()[1]['initial poses refused'] == '3'
-    peer.give(negative)
+    peer.publish_pose(negative)
     assert peer.diagnosis()[1]['initial poses refused'] == '4'
     assert peer.send(39).state == SlamStatus.TRACKING
     assert peer.set_mode('mapping').success
-    peer.give(pose(20))
+    peer.publish_pose(pose(20))
     assert peer.diagnosis()[1]['initial poses refused'] == '5'
     assert peer.send(39).message == ''

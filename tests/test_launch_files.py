@@ -1,4 +1,4 @@
-"""The launch files: what they start, and how what they started ends."""
+"""The launch files: the nodes that they start, and how these nodes end."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _END_S = 30.0
 
 @pytest.fixture
 def _stand_in() -> Iterator[None]:
-    """Let launch files be read without ROS's launch packages."""
+    """Remove the stand-ins for ROS's launch packages after the test."""
     before = dict(sys.modules)
     yield
     for name in {*sys.modules} - before.keys():
@@ -41,7 +41,7 @@ def _stand_in() -> Iterator[None]:
 
 
 def nodes_of(path: Path, *arguments: str) -> dict[str, Node]:
-    """Return the nodes that a launch file makes."""
+    """Return the nodes that a launch file starts, by package."""
     nodes, _ = launch_stand_in.load(path, list(arguments))
     return {node.package: node for node in nodes}
 
@@ -55,7 +55,7 @@ def test_the_suite_has_three_nodes_and_rviz() -> None:
 
 @pytest.mark.usefixtures('_stand_in')
 @pytest.mark.parametrize('camera', CAMERA_TOPICS)
-def test_a_cameras_topics(camera: str) -> None:
+def test_a_camera_preset_remaps_its_topics(camera: str) -> None:
     for node in nodes_of(SUITE, f'camera:={camera}').values():
         renamed = dict(node.remappings)
         assert renamed.items() >= dict(CAMERA_TOPICS[camera].remappings()).items()
@@ -63,7 +63,7 @@ def test_a_cameras_topics(camera: str) -> None:
 
 
 @pytest.mark.usefixtures('_stand_in')
-def test_two_robots_with_the_same_camera() -> None:
+def test_the_camera_namespace_separates_two_robots() -> None:
     def color(robot: str) -> str:
         nodes = nodes_of(SUITE, 'camera:=realsense', f'camera_namespace:=/{robot}/d435')
         return dict(nodes['hoid_filter'].remappings)['rgb/image']
@@ -73,7 +73,7 @@ def test_two_robots_with_the_same_camera() -> None:
 
 
 @pytest.mark.usefixtures('_stand_in')
-def test_topics_by_name() -> None:
+def test_topics_are_remapped_by_argument() -> None:
     given = {'rgb_topic': '/c', 'depth_topic': '/d', 'camera_info_topic': '/i', 'map_topic': '/m'}
     nodes = nodes_of(SUITE, 'camera:=zed', *(f'{k}:={v}' for k, v in given.items()))
     renamed = dict(nodes['rgbd_slam'].remappings)
@@ -103,7 +103,7 @@ def test_choices_are_declared(argument: str, choices: str) -> None:
 
 @pytest.mark.usefixtures('_stand_in')
 @pytest.mark.parametrize('path', OWN, ids=lambda p: p.name)
-def test_a_nodes_own_launch_file(path: Path) -> None:
+def test_each_node_has_a_launch_file(path: Path) -> None:
     package = path.parents[1].name
     nodes = nodes_of(path, 'image:=/c', 'log_level:=debug', 'respawn:=True')
     assert list(nodes) == [package]
@@ -128,7 +128,7 @@ def test_all_arguments_are_described(path: Path) -> None:
 
 @contextmanager
 def launched(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Launch the suite, by `ros2 launch` where there is one, in a process group of its own."""
+    """Launch the suite in a new process group, by `ros2 launch` where it is installed."""
     real = find_spec('ros2launch') is not None
     how = ['ros2', 'launch'] if real else [sys.executable, '-m', launch_stand_in.__name__]
     with subprocess.Popen(
@@ -146,7 +146,7 @@ def launched(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def pid_of(launch: subprocess.Popen[str], package: str) -> int | None:
-    """Return the process of a node that a launch started, or None."""
+    """Return the process id of a node that a launch started, or None."""
     name = f'{package}_node'
     for child in psutil.Process(launch.pid).children():
         with suppress(psutil.Error):  # it has just ended
@@ -156,10 +156,10 @@ def pid_of(launch: subprocess.Popen[str], package: str) -> int | None:
 
 
 def await_slam(launch: subprocess.Popen[str], probe: Probe) -> int:
-    """Wait until the SLAM node says something of itself, and return its process."""
-    heard = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
+    """Wait for the first diagnostics of the SLAM node, and return its process id."""
+    received = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
     probe.spin_until(
-        lambda: any(status.name == '/rgbd_slam' for said in heard for status in said.status),
+        lambda: any(status.name == '/rgbd_slam' for msg in received for status in msg.status),
         'the SLAM node does not start',
         LIMIT_S,
     )
@@ -170,28 +170,28 @@ def await_slam(launch: subprocess.Popen[str], probe: Probe) -> int:
 
 @pytest.mark.usefixtures('domain_id')
 @pytest.mark.parametrize('respawn', ['true', 'false'])
-def test_a_refusal_ends_the_launch_with_its_one_line(respawn: str) -> None:
+def test_a_node_that_refuses_to_start_ends_the_launch_with_one_line(respawn: str) -> None:
     with launched('model:=/nope.onnx', f'respawn:={respawn}') as launch:
-        said, _ = launch.communicate(timeout=LIMIT_S)
-    assert sum('/nope.onnx does not exist' in line for line in said.splitlines()) == 1, said
-    assert 'hoid_detector refused to start' in said
-    assert 'Traceback' not in said
+        output, _ = launch.communicate(timeout=LIMIT_S)
+    assert sum('/nope.onnx does not exist' in line for line in output.splitlines()) == 1, output
+    assert 'hoid_detector refused to start' in output
+    assert 'Traceback' not in output
 
 
-def test_a_killed_node_comes_back_and_two_interrupts_end_all_cleanly(probe: Probe) -> None:
-    """The terminal sends SIGINT to all at once, then launch sends its own."""
+def test_a_killed_node_is_restarted_and_two_interrupts_end_all_cleanly(probe: Probe) -> None:
+    """A terminal sends SIGINT to the whole process group, then launch sends another one."""
     with launched('detector:=false', 'strategy:=none', 'respawn:=true') as launch:
         first = await_slam(launch, probe)
         os.kill(first, signal.SIGKILL)
         assert await_slam(launch, probe) != first
         os.killpg(launch.pid, signal.SIGINT)
-        said, _ = launch.communicate(timeout=_END_S)
-    assert said.count('process has died') == 1, said  # the one that was killed
-    assert 'Traceback' not in said
+        output, _ = launch.communicate(timeout=_END_S)
+    assert output.count('process has died') == 1, output  # the one that was killed
+    assert 'Traceback' not in output
 
 
-def test_a_node_that_died_ends_a_launch_without_respawn(probe: Probe) -> None:
+def test_a_killed_node_ends_a_launch_without_respawn(probe: Probe) -> None:
     with launched('detector:=false', 'strategy:=none') as launch:
         os.kill(await_slam(launch, probe), signal.SIGKILL)
-        said, _ = launch.communicate(timeout=_END_S)
-    assert 'rgbd_slam ended with status -9' in said
+        output, _ = launch.communicate(timeout=_END_S)
+    assert 'rgbd_slam ended with status -9' in output

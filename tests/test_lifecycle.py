@@ -1,4 +1,4 @@
-"""What a lifecycle manager such as Nav2's does with the nodes, over their services."""
+"""The nodes under a lifecycle manager, such as Nav2's, which calls their services."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 
 from hoid_system_tests.filter_peer import FilterRunner
-from hoid_system_tests.point_world import PointWorld, walked
+from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
@@ -17,7 +17,7 @@ _SILENCE_S = 0.7
 
 
 class Manager:
-    """Drives one node."""
+    """Calls the lifecycle services of one node."""
 
     def __init__(self, probe: Probe, node: str) -> None:
         self._probe, self._node = probe, node
@@ -28,7 +28,7 @@ class Manager:
         return str(answer.current_state.label)
 
     def change(self, *transitions: int) -> list[bool]:
-        """Ask for transitions one by one; return whether each was made."""
+        """Request transitions one by one; return whether each succeeded."""
         requests = [ChangeState.Request(transition=Transition(id=t)) for t in transitions]
         name = f'{self._node}/change_state'
         return [self._probe.call(ChangeState, name, request).success for request in requests]
@@ -44,7 +44,7 @@ class Manager:
         ) == [True, True]  # fmt: skip
 
 
-def test_the_filter_takes_images_only_while_active(run_filter: FilterRunner) -> None:
+def test_the_filter_processes_images_only_while_active(run_filter: FilterRunner) -> None:
     peer = run_filter(autostart=False)
     manager = Manager(peer.probe, 'hoid_filter')
 
@@ -68,13 +68,13 @@ def test_the_filter_takes_images_only_while_active(run_filter: FilterRunner) -> 
     assert manager.state == 'active'
 
 
-def test_slam_forgets_the_map_when_it_is_cleaned_up(probe: Probe, start: Start) -> None:
+def test_cleanup_discards_the_map(probe: Probe, start: Start) -> None:
     start('rgbd_slam', 'rgbd_slam_node', {**NO_SCENE, 'autostart': False})
     peer, manager, world = SlamPeer(probe), Manager(probe, 'rgbd_slam'), PointWorld()
 
     def send(i: int) -> None:
         stamp_ns = START_NS + i * PERIOD_NS
-        peer.answer_to(features_msg(world.features(walked(i, 0.004), stamp_ns)))
+        peer.answer_to(features_msg(world.features(pose_after(i, 0.004), stamp_ns)))
 
     peer.send_camera()
     probe.spin_for(_SILENCE_S)
@@ -85,7 +85,7 @@ def test_slam_forgets_the_map_when_it_is_cleaned_up(probe: Probe, start: Start) 
         send(i)
     assert not np.allclose(peer.pose(START_NS + 9 * PERIOD_NS)[:3, 3], 0.0, atol=0.05)
     assert manager.change(Transition.TRANSITION_DEACTIVATE) == [True]
-    peer.features.publish(features_msg(world.features(walked(10, 0.004), START_NS + 10**9)))
+    peer.features.publish(features_msg(world.features(pose_after(10, 0.004), START_NS + 10**9)))
     before = len(peer.status)
     probe.spin_for(_SILENCE_S)
     assert len(peer.status) == before
@@ -98,7 +98,7 @@ def test_slam_forgets_the_map_when_it_is_cleaned_up(probe: Probe, start: Start) 
 
 
 @pytest.mark.usefixtures('domain_id')
-def test_a_map_that_cannot_be_read_fails_the_manager(probe: Probe, start: Start) -> None:
+def test_an_unreadable_map_fails_the_configure_transition(probe: Probe, start: Start) -> None:
     start('rgbd_slam', 'rgbd_slam_node', {**NO_SCENE, 'autostart': False, 'map_file': 'none'})
     manager, peer = Manager(probe, 'rgbd_slam'), SlamPeer(probe)
     assert manager.change(Transition.TRANSITION_CONFIGURE) == [False]

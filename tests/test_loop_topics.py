@@ -1,4 +1,4 @@
-"""A loop closed live: the map is corrected, odometry does not notice, and /tf stays a tree."""
+"""A live loop closure: the map is corrected, odometry stays continuous, /tf stays a tree."""
 
 from __future__ import annotations
 
@@ -42,35 +42,35 @@ class Edges(NamedTuple):
     T_odom_camera: FloatArray
 
 
-class Walker(SlamPeer):
-    """Carries a camera round, and waits for the mapper at each place as a slow robot would."""
+class RingPeer(SlamPeer):
+    """Moves a camera along the ring, and waits for the mapper at each place like a slow robot."""
 
     def __init__(self, probe: Probe) -> None:
         super().__init__(probe)
         self.world = BentRing()
-        self.steps: list[int] = []  # of each image
+        self.steps: list[int] = []  # the step of each image
         self.begin()
 
-    def walk(self, first: int, last: int) -> None:
+    def travel(self, first: int, last: int) -> None:
         for step in range(first, last):
-            self.look(step)
+            self.observe(step)
             while self.status[-1].mapper_queue:
-                self.probe.spin_for(_PAUSE_S)  # which leaves the mapper the processor
-                self.look(step)
+                self.probe.spin_for(_PAUSE_S)  # leaves the processor to the mapper
+                self.observe(step)
 
-    def look(self, step: int) -> None:
-        """Send the image of a place, and wait for the answer."""
+    def observe(self, step: int) -> None:
+        """Send the features of an image at a place, and wait for its status."""
         stamp_ns = START_NS + len(self.steps) * PERIOD_NS
         self.steps.append(step)
         status = self.answer_to(features_msg(self.world.features(step * STEP_RAD, stamp_ns)))
         assert status.state == SlamStatus.TRACKING
 
     def camera_at(self, step: int) -> FloatArray:
-        """Return the true T_odom_camera."""
+        """Return the true (4, 4) T_odom_camera."""
         return T_BODY_OPTICAL @ self.world.camera_at(step * STEP_RAD)
 
     def edges(self) -> list[Edges]:
-        """Return all of /tf, which is a tree: one parent for each, stamps in order."""
+        """Return the transforms of all images, and check that each frame has one parent."""
         last_ns = START_NS + (len(self.steps) - 1) * PERIOD_NS
         self.probe.spin_until(lambda: bool(self.tf) and stamp_of(self.tf[-1]) == last_ns, 'no /tf')
         found = []
@@ -88,7 +88,7 @@ class Walker(SlamPeer):
         return found
 
     def deaths(self) -> int:
-        """Return how many mapping processes died, by the next diagnostics."""
+        """Return the number of mapping processes that died, from the next diagnostics."""
         return int(self.diagnosis()[1]['mapping processes that died'])
 
 
@@ -106,42 +106,42 @@ def node(start: Start) -> Supervisor:
 
 
 @pytest.mark.usefixtures('node')
-def test_odometry_does_not_move_when_a_loop_corrects_the_map(probe: Probe) -> None:
-    walker = Walker(probe)
-    walker.walk(0, LAP + OVERLAP)
-    assert walker.status[-1].loops == 1
-    edges = walker.edges()
+def test_odometry_stays_continuous_when_a_loop_corrects_the_map(probe: Probe) -> None:
+    peer = RingPeer(probe)
+    peer.travel(0, LAP + OVERLAP)
+    assert peer.status[-1].loops == 1
+    edges = peer.edges()
     assert [edge.stamp_ns for edge in edges] == [
-        START_NS + n * PERIOD_NS for n in range(len(walker.steps))
+        START_NS + n * PERIOD_NS for n in range(len(peer.steps))
     ]
-    true = [walker.camera_at(step) for step in walker.steps]
+    true = [peer.camera_at(step) for step in peer.steps]
     jumps_m = [distance_m(a.T_map_odom, b.T_map_odom) for a, b in pairwise(edges)]
     assert max(jumps_m) > 0.04
     assert distance_m(edges[LAP // 2].T_map_odom, np.eye(4)) < 0.005
     for (edge, later), (T, T_later) in zip(pairwise(edges), pairwise(true), strict=True):
         T_measured = se3.inverse(edge.T_odom_camera) @ later.T_odom_camera
-        # The closed map is bent by 1 %: odometry may follow the bend of what it is measured by,
-        # which may be the far wall alone, but not the jump.
-        assert distance_m(se3.inverse(T) @ T_later, T_measured) < walker.world.bend_m
-    assert walker.world.bend_m < 0.35 * max(jumps_m)
-    known = walker.camera_at(OVERLAP - 1)  # the same place, a lap ago
+        # The closed map is bent by 1 %. Odometry may follow that bend, at most that of the far
+        # wall, but not the jump of the correction.
+        assert distance_m(se3.inverse(T) @ T_later, T_measured) < peer.world.bend_m
+    assert peer.world.bend_m < 0.35 * max(jumps_m)
+    known = peer.camera_at(OVERLAP - 1)  # the same place, a lap ago
     gap_m = distance_m(edges[-1].T_odom_camera, known)
     assert gap_m > 0.04
     assert distance_m(edges[-1].T_map_odom @ edges[-1].T_odom_camera, known) < 0.7 * gap_m
 
 
-def test_a_killed_mapper_is_replaced_while_tracking_goes_on(
+def test_a_killed_mapper_is_replaced_while_tracking_continues(
     node: Supervisor, probe: Probe
 ) -> None:
-    walker = Walker(probe)
-    walker.walk(0, 20)
-    before = walker.status[-1].keyframes
+    peer = RingPeer(probe)
+    peer.travel(0, 20)
+    before = peer.status[-1].keyframes
     assert before > 2
-    assert walker.deaths() == 0
+    assert peer.deaths() == 0
     mapper_of(node).kill()
-    walker.walk(20, 40)
-    assert walker.deaths() == 1
-    assert walker.status[-1].keyframes > before
-    last = walker.edges()[-1]
+    peer.travel(20, 40)
+    assert peer.deaths() == 1
+    assert peer.status[-1].keyframes > before
+    last = peer.edges()[-1]
     T_map_camera = last.T_map_odom @ last.T_odom_camera
-    assert distance_m(T_map_camera, walker.camera_at(39)) < 0.01
+    assert distance_m(T_map_camera, peer.camera_at(39)) < 0.01

@@ -1,4 +1,4 @@
-"""Map files and modes over real clients: saved, found again, continued, joined, refused."""
+"""Map files and modes through real clients: saved, loaded, extended, merged, refused."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hoid_common import se3
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
-from hoid_system_tests.point_world import CAMERA, PointWorld, walked
+from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, mapper_of
 from hoid_system_tests.slam_peer import (
@@ -39,12 +39,12 @@ pytestmark = pytest.mark.thorough
 
 
 def camera_at(i: int) -> FloatArray:
-    """Return T_world_camera of place i."""
-    return walked(i, turn_rad=0.01)
+    """Return the (4, 4) T_world_camera of place i."""
+    return pose_after(i, turn_rad=0.01)
 
 
 class Peer(SlamPeer):
-    """Sends images from places of a world of points."""
+    """Publishes the features of images at places of a point world."""
 
     def __init__(self, probe: Probe) -> None:
         self.odom = probe.collect(Odometry, 'odom', wait=False)
@@ -53,7 +53,7 @@ class Peer(SlamPeer):
         self.begin()
 
     def send(self, *places: int) -> list[SlamStatus]:
-        """Send images and return what is said of each."""
+        """Send images and return the status of each."""
         answers = []
         for place in places:
             stamp_ns = START_NS + self.num_sent * PERIOD_NS
@@ -63,7 +63,7 @@ class Peer(SlamPeer):
         return answers
 
     def last_pose(self) -> FloatArray:
-        """Return T_map_camera of the last image."""
+        """Return the (4, 4) T_map_camera of the last image."""
         return self.pose(START_NS + (self.num_sent - 1) * PERIOD_NS)
 
 
@@ -78,7 +78,9 @@ def begin(start: Start, probe: Probe, folder: Path) -> Callable[..., tuple[Peer,
 
     def begin(**params: Any) -> tuple[Peer, Supervisor]:
         probe.spin_until(
-            lambda: probe.node.count_subscribers('features') == 0, 'the node before stays', 30.0
+            lambda: probe.node.count_subscribers('features') == 0,
+            'the previous node does not leave the graph',
+            30.0,
         )
         given = {'map_directory': str(folder)} | NO_SCENE | params
         supervisor = start('rgbd_slam', 'rgbd_slam_node', given)
@@ -88,7 +90,7 @@ def begin(start: Start, probe: Probe, folder: Path) -> Callable[..., tuple[Peer,
 
 
 def check_pose(peer: Peer, place: int) -> None:
-    """The camera is where it is in the first session's map: within 2 cm and 1 degree."""
+    """Check the last pose in the first session's map, within 2 cm and 1 degree."""
     error = se3.log(se3.inverse(T_BODY_OPTICAL @ camera_at(place)) @ peer.last_pose())
     assert np.linalg.norm(error[3:]) < 0.02
     assert np.degrees(np.linalg.norm(error[:3])) < 1
@@ -97,7 +99,7 @@ def check_pose(peer: Peer, place: int) -> None:
 Begin = Callable[..., tuple[Peer, Supervisor]]
 
 
-def test_a_saved_map_outlives_the_node(begin: Begin, folder: Path) -> None:
+def test_a_saved_map_is_used_and_extended_by_a_later_node(begin: Begin, folder: Path) -> None:
     peer, supervisor = begin()
     peer.send(*range(40))
     answer = peer.save()
@@ -113,7 +115,7 @@ def test_a_saved_map_outlives_the_node(begin: Begin, folder: Path) -> None:
     assert answer.success, answer.message
     answer = peer.set_mode('localization')
     assert answer.success, answer.message
-    status = peer.send(30)[-1]  # another start
+    status = peer.send(30)[-1]  # not where the first session started
     assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.LOCALIZATION)
     assert status.keyframes == len(saved.map)
     check_pose(peer, 30)
@@ -128,7 +130,7 @@ def test_a_saved_map_outlives_the_node(begin: Begin, folder: Path) -> None:
     statuses = peer.send(*range(45, 100))
     assert {status.mode for status in statuses} == {SlamStatus.MAPPING}
     peer.probe.spin_until(
-        lambda: peer.send(99)[-1].keyframes > len(saved.map), 'mapping does not go on', 30.0
+        lambda: peer.send(99)[-1].keyframes > len(saved.map), 'mapping does not continue', 30.0
     )
     check_pose(peer, 99)
     assert peer.save('more').success
@@ -137,14 +139,14 @@ def test_a_saved_map_outlives_the_node(begin: Begin, folder: Path) -> None:
     assert (more.map_id == 0).all()
 
 
-def test_a_second_session_is_joined_to_a_loaded_map(begin: Begin, folder: Path) -> None:
+def test_a_second_session_is_merged_with_a_loaded_map(begin: Begin, folder: Path) -> None:
     peer, supervisor = begin()
     peer.send(*range(70))
     assert peer.save('first').success
     supervisor.stop()
 
     peer, _ = begin()
-    peer.send(*range(150, 110, -1))  # of this session's own, in a frame of its own
+    peer.send(*range(150, 110, -1))  # a new map in a frame of its own
     answer = peer.load('first', merge=True)
     assert answer.success, answer.message
     statuses = peer.send(110)
@@ -152,7 +154,7 @@ def test_a_second_session_is_joined_to_a_loaded_map(begin: Begin, folder: Path) 
     assert statuses[-1].maps == 2
     statuses = peer.send(*range(109, 10, -1))
     assert {status.state for status in statuses} == {SlamStatus.TRACKING}
-    peer.probe.spin_until(lambda: peer.send(10)[-1].maps == 1, 'the maps stay apart', 30.0)
+    peer.probe.spin_until(lambda: peer.send(10)[-1].maps == 1, 'the maps are not merged', 30.0)
     check_pose(peer, 10)
     assert peer.status[-1].merges == 1
     odom = np.array([conversions.pose_from_msg(msg.pose.pose) for msg in peer.odom])
@@ -174,7 +176,7 @@ def test_a_map_is_loaded_at_the_start(begin: Begin) -> None:
     check_pose(peer, 12)
 
 
-def test_reset_forgets_a_loaded_map(begin: Begin) -> None:
+def test_reset_discards_a_loaded_map(begin: Begin) -> None:
     peer, _ = begin()
     peer.send(*range(20))
     assert peer.save().success
@@ -191,7 +193,7 @@ def test_reset_forgets_a_loaded_map(begin: Begin) -> None:
 
 
 def repeated(state: MapState, times: int) -> MapState:
-    """Return a map with so many copies of one, as maps that no place joins."""
+    """Return a state with `times` copies of one, as separate maps."""
     arrays = {name: np.concatenate([array] * times) for name, array in state.arrays().items()}
     for name, size in (
         ('parent', len(state)), ('point', len(state.position_m)), ('reference', len(state)),
@@ -234,8 +236,8 @@ def test_images_are_tracked_while_a_large_map_is_saved(begin: Begin, folder: Pat
 
 
 @contextmanager
-def mapper_at_a_stand(node: Supervisor) -> Iterator[None]:
-    """Let a node's mapper do nothing for a while, as one that has much to do."""
+def suspended_mapper(node: Supervisor) -> Iterator[None]:
+    """Suspend a node's mapper, so that it seems to be busy."""
     mapper = mapper_of(node)
     mapper.suspend()
     try:
@@ -260,11 +262,11 @@ def test_images_are_tracked_while_a_service_waits_for_the_mapper(
     assert peer.save().success
     client = peer.probe.node.create_client(type_, f'rgbd_slam/{name}')
     peer.probe.spin_until(client.service_is_ready, f'no {name}')
-    with mapper_at_a_stand(node):
+    with suspended_mapper(node):
         statuses = peer.send(*range(10, 60))
         assert statuses[-1].mapper_queue > 0
         answer = client.call_async(request_)
-        peer.probe.spin_for(0.5)  # it is at work
+        peer.probe.spin_for(0.5)  # the service waits for the mapper
         statuses += peer.send(*range(60, 50, -1))
         assert {status.state for status in statuses} == {SlamStatus.TRACKING}
         assert not answer.done()
@@ -275,12 +277,13 @@ def test_images_are_tracked_while_a_service_waits_for_the_mapper(
 
 
 def tampered(data: bytes) -> bytes:
+    """Return a copy of a file with one byte inverted."""
     out = bytearray(data)
     out[len(out) // 2] ^= 0xFF
     return bytes(out)
 
 
-def test_faulty_files_leave_the_running_map_alone(begin: Begin, folder: Path) -> None:
+def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path) -> None:
     peer, _ = begin()
     for answer in (peer.save(), peer.set_mode('localization')):
         assert not answer.success
@@ -302,7 +305,7 @@ def test_faulty_files_leave_the_running_map_alone(begin: Begin, folder: Path) ->
     map_file.save(folder / 'other.hoidmap', other._replace(camera=camera))
     octaves = other._replace(num_octaves=4)
     map_file.save(folder / 'octaves.hoidmap', octaves)
-    for name, said in (
+    for name, message in (
         ('none', 'there is no such file'),
         ('cut', 'damaged'),
         ('flipped', 'damaged'),
@@ -319,7 +322,7 @@ def test_faulty_files_leave_the_running_map_alone(begin: Begin, folder: Path) ->
         for merge in (False, True):
             answer = peer.load(name, merge=merge)
             assert not answer.success, name
-            assert said in answer.message, (name, answer.message)
+            assert message in answer.message, (name, answer.message)
             assert '\n' not in answer.message
     assert not peer.save('../outside').success
     assert not peer.save('link').success

@@ -1,4 +1,4 @@
-"""The entry point of nodes, in a process: how they end and how they say that they cannot start."""
+"""The entry point of nodes in a process: how they end, and how they report a failed start."""
 
 import os
 import signal
@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -68,69 +68,71 @@ def test_nodes_end_cleanly(sign: signal.Signals) -> None:
 
 @pytest.mark.usefixtures('domain_id')
 @pytest.mark.parametrize('sign', SIGNALS)
-def test_a_signal_lets_the_callback_that_runs_return(sign: signal.Signals) -> None:
+def test_a_signal_lets_the_running_callback_return(sign: signal.Signals) -> None:
     assert ended_by(sign, 'long') == (0, 'is done\n', '')
 
 
 @pytest.mark.usefixtures('domain_id')
 @pytest.mark.parametrize('sign', SIGNALS)
-def test_a_signal_ends_a_node_that_is_being_made(sign: signal.Signals) -> None:
+def test_a_signal_ends_a_node_during_its_construction(sign: signal.Signals) -> None:
     assert ended_by(sign, 'load') == (EXIT_INTERRUPTED, '', '')
 
 
 @pytest.mark.usefixtures('domain_id')
 @pytest.mark.parametrize('loads', [('swallow',), ('garble',)], ids=str)
-def test_what_a_library_makes_of_an_interrupt_does_not_matter(loads: tuple[str, ...]) -> None:
+def test_an_interrupt_that_a_library_suppresses_or_replaces_ends_the_node(
+    loads: tuple[str, ...],
+) -> None:
     assert ended_by(signal.SIGINT, *loads) == (EXIT_INTERRUPTED, '', '')
 
 
 @pytest.mark.usefixtures('domain_id')
 @pytest.mark.parametrize('seed', range(STOPS))
-def test_any_number_of_interrupts_while_it_starts(seed: int) -> None:
-    """As under `ros2 launch`, where the terminal and launch send one each."""
+def test_any_number_of_interrupts_ends_a_starting_node(seed: int) -> None:
+    """As under `ros2 launch`, where the terminal and launch each send one."""
     rng = np.random.default_rng(seed)
     with real_node() as process:
         time.sleep(rng.uniform(0.0, 2.0))
-        status, said = interrupted(process, rng)
-    assert said == ''
+        status, errors = interrupted(process, rng)
+    assert errors == ''
     assert status in {0, EXIT_INTERRUPTED}
 
 
 @pytest.mark.parametrize('seed', range(STOPS))
-def test_any_number_of_interrupts_once_it_is_up(seed: int, probe: Probe) -> None:
+def test_any_number_of_interrupts_ends_a_running_node(seed: int, probe: Probe) -> None:
     diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
     with real_node() as process:
-        probe.spin_until(lambda: bool(diagnostics), 'it does not get up', _UP_S)
+        probe.spin_until(lambda: bool(diagnostics), 'the node does not start', _UP_S)
         assert interrupted(process, np.random.default_rng(seed)) == (0, '')
 
 
 @pytest.mark.usefixtures('domain_id')
-def test_a_node_that_cannot_start_says_why_in_one_line() -> None:
+def test_a_node_that_cannot_start_reports_why_in_one_line() -> None:
     assert failure('fail') == ['error: the focal length is 0; calibrate the camera']
 
 
 @pytest.mark.usefixtures('domain_id')
-def test_arguments_that_ros_refuses_are_said_in_one_line() -> None:
-    said = failure('--ros-args', '-r', '__ns:=/two words')
-    assert said[-1].startswith('error: ')
-    assert "'-r __ns:=/two words'" in said[-1]
-    assert 'Traceback' not in ''.join(said)
+def test_arguments_that_ros_refuses_are_reported_in_one_line() -> None:
+    errors = failure('--ros-args', '-r', '__ns:=/two words')
+    assert errors[-1].startswith('error: ')
+    assert "'-r __ns:=/two words'" in errors[-1]
+    assert 'Traceback' not in ''.join(errors)
 
 
-def test_a_node_without_shared_memory_says_so(probe: Probe) -> None:
-    """As in a container, whose /dev/shm is small; here the process may write no large file."""
+def test_a_node_without_shared_memory_reports_it(probe: Probe) -> None:
+    """As in a container with a small /dev/shm. Here a limit on file sizes has that effect."""
     diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
     with real_node('bash', '-c', 'ulimit -f 1000; exec "$@"', 'bash') as process:
-        probe.spin_until(lambda: bool(diagnostics), 'it does not get up', _UP_S)
-        _, said = interrupted(process, np.random.default_rng(0))
+        probe.spin_until(lambda: bool(diagnostics), 'the node does not start', _UP_S)
+        _, errors = interrupted(process, np.random.default_rng(0))
     (status,) = diagnostics[0].status
     assert status.level == DiagnosticStatus.ERROR
     assert status.message.startswith('Fast DDS got no shared memory')
-    assert [line for line in said.splitlines() if status.message.split(';')[0] in line]
+    assert [line for line in errors.splitlines() if status.message.split(';')[0] in line]
 
 
 def failure(*arguments: str) -> list[str]:
-    """Return what a node says that cannot start."""
+    """Return the error lines of a node that cannot start."""
     argv = [sys.executable, '-c', NODE, *arguments]
     result = subprocess.run(argv, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == EXIT_CONFIG
@@ -138,7 +140,7 @@ def failure(*arguments: str) -> list[str]:
 
 
 def ended_by(sign: signal.Signals, *arguments: str) -> tuple[int, str, str]:
-    """Send a node a signal at its first line; return its status, further output and errors."""
+    """Send a signal after a node's first line; return its status, further output and errors."""
     argv = [sys.executable, '-c', NODE, *arguments]
     pipe = subprocess.PIPE
     with subprocess.Popen(argv, stdout=pipe, stderr=pipe, text=True) as process:
@@ -154,9 +156,9 @@ def ended_by(sign: signal.Signals, *arguments: str) -> tuple[int, str, str]:
 
 @contextmanager
 def real_node(*prefix: str) -> Iterator[subprocess.Popen[str]]:
-    """Start the executable of a real node, as launch does, by a command if one is given.
+    """Start the executable of a real node, as launch does, after the words of a prefix.
 
-    It is born with SIGINT blocked, as no program can hear a signal before its first instruction.
+    It starts with SIGINT blocked: no program can handle a signal before its first instruction.
     """
     program = str(executable('hoid_filter', 'hoid_filter_node'))
     argv = [*prefix, program, '--ros-args', '-p', 'strategy:=none']
@@ -172,11 +174,12 @@ def real_node(*prefix: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def interrupted(process: subprocess.Popen[str], rng: np.random.Generator) -> tuple[int, str]:
-    """Interrupt a process until it ends, twice and more; return its status and what it said."""
+    """Interrupt a process at least twice, until it ends; return its status and errors."""
     for _ in range(2):
         process.send_signal(signal.SIGINT)
         time.sleep(rng.choice((0.0, 0.01)))
     while process.poll() is None:
         process.send_signal(signal.SIGINT)
-        time.sleep(rng.uniform(0.0, 0.1))
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(rng.uniform(0.0, 0.1))
     return process.returncode, process.communicate()[1]

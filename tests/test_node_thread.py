@@ -1,8 +1,9 @@
-"""Functions called in a node's thread return their result, or are given up and never called."""
+"""Functions called in a node's thread return their result, or time out and are never called."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from threading import Event, Thread
 from typing import Any
 
@@ -11,9 +12,11 @@ import pytest
 from hoid_common.errors import InputError
 from rgbd_slam.ros.node_thread import NodeThread
 
+LIMIT_S = 0.05
+
 
 class FakeNode:
-    """A node whose test decides when it is between two messages."""
+    """A node whose test decides when it runs the calls."""
 
     def __init__(self) -> None:
         self.run_calls: Callable[[], None] = lambda: None
@@ -34,12 +37,16 @@ def node() -> FakeNode:
 
 @pytest.fixture
 def thread(node: FakeNode, monkeypatch: pytest.MonkeyPatch) -> NodeThread:
-    monkeypatch.setattr('rgbd_slam.ros.node_thread._LIMIT_S', 0.05)
+    """A node thread whose limit is reached after 0.05 s."""
+    result = Future.result
+    monkeypatch.setattr(
+        Future, 'result', lambda future, timeout=None: result(future, timeout and LIMIT_S)
+    )
     as_node: Any = node
     return NodeThread(as_node)
 
 
-def test_a_call_that_is_given_up_is_never_made(thread: NodeThread, node: FakeNode) -> None:
+def test_a_call_that_timed_out_is_never_made(thread: NodeThread, node: FakeNode) -> None:
     done: list[int] = []
     with pytest.raises(InputError, match='busy'):
         thread.call(lambda: done.append(1))
@@ -47,11 +54,11 @@ def test_a_call_that_is_given_up_is_never_made(thread: NodeThread, node: FakeNod
     assert done == []
 
 
-def test_a_call_that_has_begun_is_waited_for_beyond_the_limit(
+def test_a_call_that_has_started_is_awaited_beyond_the_limit(
     thread: NodeThread, node: FakeNode
 ) -> None:
     def function() -> str:
-        caller.join(0.2)  # beyond the limit
+        caller.join(4 * LIMIT_S)
         return 'done'
 
     results: list[str] = []

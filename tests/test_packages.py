@@ -1,4 +1,4 @@
-"""What every package.xml has to say, so that rosdep and colcon know all that the code imports."""
+"""Every package.xml and setup.py declares all that the code imports."""
 
 import ast
 import re
@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 MANIFESTS = sorted([*ROOT.glob('src/*/package.xml'), *ROOT.glob('[bt]*s/package.xml')])
 SETUPS = [m.parent / 'setup.py' for m in MANIFESTS if (m.parent / 'setup.py').exists()]
-# What Python packages are called by rosdep, where it knows them,
+# rosdep keys of Python modules.
 KEYS = {
     'cv2': 'python3-opencv',
     'gtsam': 'gtsam',
@@ -27,7 +27,7 @@ KEYS = {
     'tqdm': 'python3-tqdm',
     'yaml': 'python3-yaml',
 }
-# and by pip, where that differs from the module's name.
+# Names of distributions on PyPI that differ from the module's name.
 DISTRIBUTIONS = {
     'backports': 'backports-zstd',
     'cv2': 'opencv-python-headless',
@@ -40,18 +40,19 @@ LABORATORY = {path.parent.name for path in ROOT.glob('lab/*/__init__.py')}
 OF_ROS = re.compile(r'.*_(msgs|srvs|interfaces)|rclpy|launch|launch_ros')
 
 
-def said(manifest: Path, tag: str) -> str | None:
+def element(manifest: Path, tag: str) -> str | None:
     """Return the text of an element of a package.xml."""
     return ET.parse(manifest).findtext(tag)  # noqa: S314  # our own file
 
 
 @cache
 def names() -> frozenset[str]:
-    """The workspace's own packages."""
-    return frozenset(said(manifest, 'name') or '' for manifest in MANIFESTS)
+    """Return the names of the packages of the workspace."""
+    return frozenset(element(manifest, 'name') or '' for manifest in MANIFESTS)
 
 
 def imported(folder: Path) -> set[str]:
+    """Return the top-level modules that the Python files of a folder import."""
     modules: set[str] = set()
     for path in folder.rglob('*.py'):
         if path.name == 'setup.py':
@@ -80,7 +81,7 @@ def test_dependencies_are_complete(manifest: Path) -> None:
 
 @pytest.mark.parametrize('setup', SETUPS, ids=lambda path: path.parent.name)
 def test_setup_names_every_python_package(setup: Path) -> None:
-    told = requirements(setup)
+    declared = requirements(setup)
     own = {path.stem for path in setup.parent.glob('test/*.py')}  # helpers of the tests
     foreign = {
         DISTRIBUTIONS.get(name, name)
@@ -88,8 +89,8 @@ def test_setup_names_every_python_package(setup: Path) -> None:
         if name not in names() | own | sys.stdlib_module_names and not OF_ROS.fullmatch(name)
     }
     foreign -= {'ament_index_python', 'rosidl_runtime_py', 'setuptools', *LABORATORY}
-    assert foreign - {'hypothesis', 'playwright'} <= told
-    assert told - {'hypothesis', 'pytest'} <= foreign
+    assert foreign - {'hypothesis', 'playwright'} <= declared
+    assert declared - {'hypothesis', 'pytest'} <= foreign
 
 
 @pytest.mark.parametrize('setup', SETUPS, ids=lambda path: path.parent.name)
@@ -98,7 +99,7 @@ def test_colcon_finds_the_tests(setup: Path) -> None:
 
 
 def requirements(setup: Path) -> set[str]:
-    """Return what a setup.py asks pip for, extras included."""
+    """Return the distributions that a setup.py requires, extras included."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(setup.read_text())):
         if isinstance(node, ast.keyword) and node.arg in ('install_requires', 'extras_require'):
@@ -109,18 +110,18 @@ def requirements(setup: Path) -> set[str]:
 
 
 @pytest.mark.parametrize('setup', SETUPS, ids=lambda path: path.parent.name)
-def test_setup_and_manifest_say_the_same(setup: Path) -> None:
-    told = dict(re.findall(r"^    (\w+)='(.*)',$", setup.read_text(), re.MULTILINE))
-    told |= dict(re.findall(r"^(NAME) = '(.*)'$", setup.read_text(), re.MULTILINE))
+def test_setup_and_manifest_agree(setup: Path) -> None:
+    declared = dict(re.findall(r"^    (\w+)='(.*)',$", setup.read_text(), re.MULTILINE))
+    declared |= dict(re.findall(r"^(NAME) = '(.*)'$", setup.read_text(), re.MULTILINE))
     manifest = setup.with_name('package.xml')
-    assert told['NAME'] == said(manifest, 'name')
+    assert declared['NAME'] == element(manifest, 'name')
     for name in ('version', 'description', 'maintainer', 'license'):
-        assert told[name] == said(manifest, name)
-    assert f'email="{told["maintainer_email"]}"' in manifest.read_text()
+        assert declared[name] == element(manifest, name)
+    assert f'email="{declared["maintainer_email"]}"' in manifest.read_text()
 
 
 @pytest.mark.parametrize('manifest', MANIFESTS, ids=lambda path: path.parent.name)
-def test_all_packages_have_one_version_and_the_licence_at_the_root(manifest: Path) -> None:
-    assert said(manifest, 'version') == said(MANIFESTS[0], 'version')
-    assert said(manifest, 'license') == 'Apache-2.0'
+def test_all_packages_have_one_version_and_the_license_at_the_root(manifest: Path) -> None:
+    assert element(manifest, 'version') == element(MANIFESTS[0], 'version')
+    assert element(manifest, 'license') == 'Apache-2.0'
     assert (ROOT / 'LICENSE').read_text().split()[:4] == ['Apache', 'License', 'Version', '2.0,']

@@ -1,4 +1,4 @@
-"""The page: its text, and how a real browser shows it."""
+"""The page of results: its text, and its display in a real browser."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def content() -> Content:
     return Content(head, sections, published(), runs, {job: i for i, job in enumerate(JOBS)})
 
 
-def test_the_page_is_self_contained_and_escapes() -> None:
+def test_the_page_is_self_contained_and_escapes_text() -> None:
     page = render_page(content())
     body = page[page.index('<body>') :]
     assert 'a &lt; b &amp; c' in body
@@ -80,7 +80,7 @@ def column(page: Page, number: int) -> list[str]:
     return page.locator(f'#table-numbers tbody td:nth-child({number})').all_inner_texts()[:3]
 
 
-def test_columns_sort_by_value_and_turn_round(page: Page) -> None:
+def test_columns_sort_by_value_in_both_directions(page: Page) -> None:
     header = page.locator('#table-numbers th button').nth(1)
     assert column(page, 2) == ['0.2', '0.1', '10.0']
     header.click()
@@ -114,7 +114,7 @@ def test_a_legend_is_beside_the_curves_and_hides_them(page: Page) -> None:
         assert lines.count() == left
 
 
-def test_a_number_leads_to_its_run_and_opens_it(page: Page) -> None:
+def test_a_number_links_to_its_run_and_opens_it(page: Page) -> None:
     assert not page.locator('#run-1').get_attribute('open')
     page.locator('#table-numbers td a', has_text='0.1').first.click()
     page.wait_for_selector('#run-1[open]')
@@ -125,5 +125,5 @@ def test_nothing_is_wider_than_a_phone(page: Page) -> None:
     assert page.evaluate('document.documentElement.scrollWidth') <= 390
 
 
-def test_it_prints(page: Page) -> None:
+def test_the_page_prints_to_pdf(page: Page) -> None:
     assert page.pdf(format='A4').startswith(b'%PDF')

@@ -1,4 +1,4 @@
-"""What `ros2 param` lists, dumps and sets of each node, started in the ways that users do."""
+"""`ros2 param list`, `dump` and `set` on each node, started as users start them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hoid_system_tests.slam_peer import NO_SCENE
 pytestmark = pytest.mark.thorough
 
 OF_ROS = {'use_sim_time', 'start_type_description_service'}
-# A user's choice for each node, among it integers for doubles and empty lists.
+# User parameters of each node, including integers for doubles and empty lists.
 CHOSEN: dict[str, dict[str, Any]] = {
     'hoid_detector': {'score_threshold': 1, 'threads': 2, 'classes': ['']},
     'hoid_filter': {'depth_limit_m': 1, 'dynamic_classes': [''], 'strategy': 'none'},
@@ -47,7 +47,7 @@ def launch(node: str, start: Start, probe: Probe, tmp_path: Path) -> Launch:
     running: list[Supervisor] = []
 
     def launched(given: dict[str, Any], *arguments: str) -> ParameterClient:
-        for before in running:  # of the same name
+        for before in running:  # nodes of the same name
             before.stop()
         if node == 'hoid_detector' and not arguments:
             given = {**given, 'model': str(write_model(tmp_path / 'model.onnx'))}
@@ -63,7 +63,7 @@ def names_of(node: str, *, expert: bool) -> set[str]:
 
 
 def dumped(client: ParameterClient, node: str, path: Path) -> Path:
-    """Write what `ros2 param dump` writes: a tree of names, by PyYAML's defaults."""
+    """Write the file of `ros2 param dump`: a tree of names, with PyYAML's defaults."""
     names = sorted(client.names())
     tree: dict[str, Any] = {}
     for name, value in zip(names, client.get(names), strict=True):
@@ -76,7 +76,7 @@ def dumped(client: ParameterClient, node: str, path: Path) -> Path:
     return path
 
 
-def test_a_user_sees_what_a_user_has(node: str, launch: Launch) -> None:
+def test_only_user_parameters_are_declared_by_default(node: str, launch: Launch) -> None:
     client = launch(CHOSEN[node])
     assert set(client.names()) - OF_ROS == names_of(node, expert=False)
     assert len(set(client.names()) - OF_ROS) <= 12
@@ -86,15 +86,15 @@ def test_a_user_sees_what_a_user_has(node: str, launch: Launch) -> None:
     assert 'undeclared' in result.reason
 
 
-def test_without_the_switch_what_experts_have_is_said_to_have_no_effect(
+def test_expert_parameters_without_the_switch_are_reported(
     node: str, launch: Launch, tmp_path: Path
 ) -> None:
     client = launch({**FOR_EXPERTS[node], 'speling': 1, EXPERT: False})
     assert set(client.names()) - OF_ROS == names_of(node, expert=False)
-    said = ''.join(path.read_text() for path in (tmp_path / 'log_0').iterdir())
+    log = ''.join(path.read_text() for path in (tmp_path / 'log_0').iterdir())
     hidden = ', '.join(sorted(FOR_EXPERTS[node]))
-    assert f'expert parameters have no effect unless expert:=true is set: {hidden}\n' in said
-    assert 'no parameter is called "speling", it has no effect\n' in said
+    assert f'expert parameters have no effect unless expert:=true is set: {hidden}\n' in log
+    assert 'no parameter is called "speling", it has no effect\n' in log
 
 
 @pytest.mark.parametrize('expert', [False, True])
@@ -123,7 +123,7 @@ def test_a_dump_starts_the_same_node(
     assert [type(value) for value in again.get(names)] == [type(value) for value in before]
 
 
-def test_whole_numbers_and_empty_lists_are_taken_at_run_time(node: str, launch: Launch) -> None:
+def test_whole_numbers_and_empty_lists_are_accepted_at_run_time(node: str, launch: Launch) -> None:
     name, value, kept = {
         'hoid_detector': ('score_threshold', 1, 1.0),
         'hoid_filter': ('depth_limit_m', 1, 1.0),

@@ -1,4 +1,4 @@
-"""Every parameter file that is shipped, against the parameters that the nodes declare."""
+"""Every shipped parameter file agrees with the parameters that the nodes declare."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ def test_shipped_values_are_the_defaults_of_user_parameters(path: Path, node: st
 
 
 @pytest.mark.parametrize('node', NODE_CONFIGS)
-def test_a_file_of_one_node_names_all_that_a_user_has(node: str) -> None:
+def test_the_file_of_a_node_lists_all_its_user_parameters(node: str) -> None:
     (path,) = (path for path in FILES if path.stem == node)
     users = {leaf.name for leaf in NODE_CONFIGS[node].node_params() if not leaf.spec.expert}
-    assert users - load_params(path, node).keys() <= {'dynamic_classes'}  # thirty names
+    # The default of `dynamic_classes` is a list of thirty names, which the file leaves out.
+    assert users - load_params(path, node).keys() <= {'dynamic_classes'}

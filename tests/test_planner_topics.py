@@ -1,4 +1,4 @@
-"""What planners and other detectors exchange with the suite, in types of other packages."""
+"""Topics for planners and other detectors, in message types of other packages."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from hoid_system_tests.probe import Probe
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 EXAMPLES = Path(__file__).parents[1] / 'examples'
-# As the packages of Jazzy define them: another order or name is another type.
+# Fields as defined in the packages of Jazzy. Another order or name would be another type.
 FIELDS: dict[Any, list[tuple[str, str]]] = {
     Person: [
         ('name', 'string'), ('position', 'geometry_msgs/Point'),
@@ -66,12 +66,12 @@ FIELDS: dict[Any, list[tuple[str, str]]] = {
 
 
 @pytest.mark.parametrize('type_', FIELDS, ids=lambda type_: type_.__name__)
-def test_messages_are_those_of_their_packages(type_: Any) -> None:
+def test_message_fields_equal_those_of_the_original_packages(type_: Any) -> None:
     assert list(type_.get_fields_and_field_types().items()) == FIELDS[type_]
 
 
-# Those of TFMessage and OccupancyGridUpdate are as Jazzy's bags and `ros2 topic info -v` tell, the
-# others those of the definitions in vision_msgs 4.1.1 and wg-perception's people_msgs.
+# The hashes of TFMessage and OccupancyGridUpdate come from bags of Jazzy and from `ros2 topic info
+# -v`, the others from the definitions in vision_msgs 4.1.1 and wg-perception's people_msgs.
 HASHES = {
     'tf2_msgs/TFMessage': 'e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087',
     'map_msgs/OccupancyGridUpdate': (
@@ -85,21 +85,23 @@ HASHES = {
 
 
 @pytest.mark.parametrize('name', HASHES)
-def test_types_are_the_same_on_the_wire_as_those_of_their_packages(name: str) -> None:
+def test_type_hashes_equal_those_of_the_original_packages(name: str) -> None:
     package, _, type_ = name.partition('/')
     share = Path(get_package_share_directory(package))
-    told = json.loads((share / 'msg' / f'{type_}.json').read_text())['type_hashes']
-    (found,) = [t['hash_string'] for t in told if t['type_name'] == f'{package}/msg/{type_}']
+    hashes = json.loads((share / 'msg' / f'{type_}.json').read_text())['type_hashes']
+    (found,) = [t['hash_string'] for t in hashes if t['type_name'] == f'{package}/msg/{type_}']
     assert found == f'RIHS01_{HASHES[name]}'
 
 
-def test_another_detectors_boxes_are_filtered_by(run_filter: FilterRunner, probe: Probe) -> None:
+def test_the_filter_uses_the_boxes_of_another_detector(
+    run_filter: FilterRunner, probe: Probe
+) -> None:
     peer = run_filter(**{'detections.as_vision_msgs': True, 'detections.wait_s': 5.0})
     boxes = probe.publisher(Detection2DArray, 'detections_2d')
     box = np.array([PERSON[1]], np.float32)
     person = Detections(0, box, ('person',), np.array([0.9], np.float32))
     boxes.publish(Detection2DArray(header=peer.header(0), detections=[Detection2D()]))
-    peer.wait_for_count('detections refused', 1)  # and it lives on
+    peer.wait_for_count('detections refused', 1)  # and the node keeps running
     boxes.publish(conversions.detections_2d_to_msg(person, peer.header(1)))
     peer.send_images(1)
     features, objects = peer.answer()
@@ -109,12 +111,12 @@ def test_another_detectors_boxes_are_filtered_by(run_filter: FilterRunner, probe
     assert num_inside(features, PERSON) == 0
 
 
-def test_points_of_what_moves_and_of_what_does_not(run_filter: FilterRunner, probe: Probe) -> None:
+def test_moving_and_static_points_are_published(run_filter: FilterRunner, probe: Probe) -> None:
     peer = run_filter(strategy='person')
     moving, static = (probe.collect(PointCloud2, t) for t in ('moving_points', 'static_points'))
     probe.spin_for(0.5)
     depth_m = np.full_like(DEPTH_M, 4.0)
-    depth_m[50:450, 100:300] = 2.0  # the person before a wall
+    depth_m[50:450, 100:300] = 2.0  # the person in front of a wall
     depth_m[0, 0] = 0.0
     peer.show(0, PERSON, depth_m=depth_m)
     probe.spin_until(lambda: bool(moving and static), 'no points')
@@ -126,11 +128,11 @@ def test_points_of_what_moves_and_of_what_does_not(run_filter: FilterRunner, pro
     np.testing.assert_allclose(points.min(0), [-0.864, -0.736, 2.0], atol=1e-6)
     np.testing.assert_allclose(points.max(0), [-0.096, 0.832, 2.0], atol=1e-6)
     rest = conversions.cloud_from_msg(static[0]).points_m
-    assert len(rest) == WIDTH * HEIGHT // 64 - len(points) - 1  # that without depth
+    assert len(rest) == WIDTH * HEIGHT // 64 - len(points) - 1  # minus the pixel without depth
     assert set(rest[:, 2]) == {4.0}
 
 
-def test_somebody_who_fills_the_view_is_there_for_planners(
+def test_a_person_who_fills_the_view_is_published_for_planners(
     run_filter: FilterRunner, probe: Probe
 ) -> None:
     peer = run_filter(strategy='hoid+')
@@ -138,12 +140,12 @@ def test_somebody_who_fills_the_view_is_there_for_planners(
     probe.spin_for(0.5)
     peer.show(0, ('person', (0.0, 0.0, float(WIDTH), float(HEIGHT))))
     features, _ = peer.answer()
-    assert len(features.octave) > 0  # given back: there is nothing else
+    assert len(features.octave) == 0
     probe.spin_until(lambda: bool(moving), 'no points')
     assert moving[0].width > 0.9 * WIDTH * HEIGHT / 64
 
 
-def test_the_example_hears_of_people_the_frame_tree_and_the_grid(probe: Probe) -> None:
+def test_the_example_prints_the_distance_of_people_and_their_floor(probe: Probe) -> None:
     example = EXAMPLES / 'people_consumer.py'
     assert len(example.read_text().splitlines()) <= 30
     grids = probe.publisher(OccupancyGrid, topics.GRID_MAP, qos.LATCHED, wait=False)
@@ -164,7 +166,7 @@ def test_the_example_hears_of_people_the_frame_tree_and_the_grid(probe: Probe) -
                 probe.publisher(People, topics.PEOPLE),
                 probe.publisher(TFMessage, topics.TF),
             )
-            for second in (1, 2):  # the camera goes forward by 1 m/s, along its own z
+            for second in (1, 2):  # the camera moves at 1 m/s along its z axis
                 edges = [('map', 'odom', shifted(0.5)), ('odom', 'camera', camera_at(second))]
                 tf.publish(TFMessage(transforms=[
                     conversions.transform_to_msg(T, second * NS_PER_S, parent, child)
@@ -172,7 +174,8 @@ def test_the_example_hears_of_people_the_frame_tree_and_the_grid(probe: Probe) -
                 ]))  # fmt: skip
             probe.spin_for(0.5)
             at_m = ((4.0, 0.0), (0.6, 0.2), (-0.8, 0.7), (0.2, 0.7))
-            header = conversions.header_to_msg(3 * NS_PER_S // 2, 'map')  # between the two
+            between_ns = 3 * NS_PER_S // 2  # between the stamps of the two transforms
+            header = conversions.header_to_msg(between_ns, 'map')
             people.publish(People(header=header, people=[
                 Person(name=str(i), position=Point(x=x, y=y, z=0.9))
                 for i, (x, y) in enumerate(at_m)
@@ -194,19 +197,19 @@ def shifted(x: float, y: float = 0.0, z: float = 0.0) -> FloatArray:
 
 
 def camera_at(second: float) -> FloatArray:
-    """Return T_odom_camera of a camera that looks along x."""
+    """Return the (4, 4) T_odom_camera of a camera that faces along x."""
     return np.asarray(shifted(second) @ T_BODY_OPTICAL)
 
 
-def test_the_page_shows_the_example_as_it_is() -> None:
+def test_the_page_includes_the_example() -> None:
     page = EXAMPLES.parent / 'docs' / 'howto' / 'nav2.md'
     assert '```python\n--8<-- "examples/people_consumer.py"\n```\n' in page.read_text()
 
 
-def test_the_example_for_nav2_marks_and_clears_with_what_is_published() -> None:
-    told = yaml.safe_load((EXAMPLES / 'nav2_params.yaml').read_text())
+def test_the_example_for_nav2_marks_and_clears_with_published_topics() -> None:
+    parameters = yaml.safe_load((EXAMPLES / 'nav2_params.yaml').read_text())
     for name in ('local_costmap', 'global_costmap'):
-        layers = told[name][name]['ros__parameters']
+        layers = parameters[name][name]['ros__parameters']
         assert set(layers['plugins']) <= layers.keys()
         layer = layers['obstacle_layer']
         sources = [layer[source] for source in layer['observation_sources'].split()]
@@ -215,5 +218,5 @@ def test_the_example_for_nav2_marks_and_clears_with_what_is_published() -> None:
             (f'/{topics.STATIC_POINTS}', False, True),
         ]
         assert {s['data_type'] for s in sources} == {'PointCloud2'}
-    static = told['global_costmap']['global_costmap']['ros__parameters']['static_layer']
+    static = parameters['global_costmap']['global_costmap']['ros__parameters']['static_layer']
     assert static['map_topic'] == f'/{topics.GRID_MAP}'

@@ -1,4 +1,4 @@
-"""Playing and recording on real topics."""
+"""`hoid play` and `hoid record` on real topics."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def bag(tmp_path: Path) -> Path:
 
 
 class Commands:
-    """`hoid` commands in the background, always ended."""
+    """`hoid` commands in the background, which `close` ends."""
 
     def __init__(self, domain_id: int) -> None:
         self._env = {**os.environ, 'ROS_DOMAIN_ID': str(domain_id)}
@@ -91,14 +91,16 @@ def commands(domain_id: int) -> Iterator[Commands]:
 
 
 def ended(probe: Probe, process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Let messages come in until a command ends; return its status and what it said."""
+    """Receive messages until a command ends; return its status and error output."""
     probe.spin_until(lambda: process.poll() is not None, 'the command does not end', LIMIT_S)
     probe.spin_for(0.2)
     assert process.stderr is not None
     return process.returncode, process.stderr.read()
 
 
-def test_what_is_played_is_what_is_in_the_bag(probe: Probe, commands: Commands, bag: Path) -> None:
+def test_the_played_messages_equal_those_in_the_bag(
+    probe: Probe, commands: Commands, bag: Path
+) -> None:
     images = probe.collect(Image, 'r1/rgb/image', qos.input_qos('best_effort', 50), wait=False)
     depths = probe.collect(Image, 'r1/depth/image', wait=False)
     infos = probe.collect(CameraInfo, 'r1/rgb/camera_info', wait=False)
@@ -120,13 +122,13 @@ def test_what_is_played_is_what_is_in_the_bag(probe: Probe, commands: Commands, 
     assert START_NS <= times_ns[0] < times_ns[-1] <= stamps_ns()[-1] + NS_PER_S
 
 
-def test_loops_go_on_in_time(probe: Probe, commands: Commands, bag: Path) -> None:
+def test_stamps_increase_when_a_bag_loops(probe: Probe, commands: Commands, bag: Path) -> None:
     images = probe.collect(Image, 'rgb/image', wait=False)
     process = commands.start('play', bag, '--loop', '--rate', '2', '--topics', 'rgb/image')
     probe.spin_until(lambda: len(images) > 2.5 * NUM_FRAMES, 'the bag is not repeated')
     process.send_signal(signal.SIGINT)
-    status, said = ended(probe, process)
-    assert (status, said) == (130, 'hoid play: interrupted\n')
+    status, errors = ended(probe, process)
+    assert (status, errors) == (130, 'hoid play: interrupted\n')
     seen_ns = [stamp_from_msg(m.header.stamp) for m in images]
     assert seen_ns == sorted(seen_ns)
     assert np.diff(seen_ns).max() == 100_000_000
@@ -145,32 +147,36 @@ def test_lockstep_waits_for_odometry(probe: Probe, commands: Commands, bag: Path
     assert ended(probe, process) == (0, '')
 
 
-def test_a_cut_bag_is_played_and_said(probe: Probe, commands: Commands, bag: Path) -> None:
+def test_a_truncated_bag_is_played_and_reported(
+    probe: Probe, commands: Commands, bag: Path
+) -> None:
     file = next(bag.glob('*.mcap'))
     file.write_bytes(file.read_bytes()[: file.stat().st_size * 6 // 10])
     images = probe.collect(Image, 'rgb/image', wait=False)
-    status, said = ended(probe, commands.start('play', bag, '--require', 'rgb/image=1'))
+    status, errors = ended(probe, commands.start('play', bag, '--require', 'rgb/image=1'))
     assert status == 1
-    assert said.startswith(f'hoid play: {bag}: cut off after ')
-    assert said.count('\n') == 1
+    assert errors.startswith(f'hoid play: {bag}: cut off after ')
+    assert errors.count('\n') == 1
     assert [stamp_from_msg(m.header.stamp) for m in images] == stamps_ns()[: len(images)]
     assert 5 < len(images) < NUM_FRAMES
 
 
-def test_faults_of_playing(probe: Probe, commands: Commands, bag: Path) -> None:
-    status, said = ended(
+def test_missing_subscribers_and_bags_are_reported(
+    probe: Probe, commands: Commands, bag: Path
+) -> None:
+    status, errors = ended(
         probe, commands.start('play', bag, '--require', 'rgb/image=2', '--wait', '1')
     )
     assert status == 1
-    assert said == (
+    assert errors == (
         'hoid play: topic "rgb/image": 0 of 2 subscribers after 1 s; are the nodes running?\n'
     )
-    status, said = ended(probe, commands.start('play', bag.parent / 'none'))
+    status, errors = ended(probe, commands.start('play', bag.parent / 'none'))
     assert status == 1
-    assert said.endswith('none: no such bag\n')
+    assert errors.endswith('none: no such bag\n')
 
 
-def test_what_is_recorded_is_what_was_published(
+def test_the_recorded_messages_equal_those_published(
     probe: Probe, commands: Commands, bag: Path, tmp_path: Path
 ) -> None:
     recorded = tmp_path / 'recorded'
@@ -185,25 +191,25 @@ def test_what_is_recorded_is_what_was_published(
     with BagReader(recorded) as reader:
         seen_ns = [header_stamp_ns(message.data) for message in reader.messages()]
     assert seen_ns == stamps_ns()[-len(seen_ns) :]
-    assert len(seen_ns) > NUM_FRAMES - 3  # /clock has to arrive first
+    assert len(seen_ns) > NUM_FRAMES - 3  # recording starts when /clock arrives
 
 
 @pytest.mark.parametrize('name', ['SIGHUP', 'SIGQUIT', 'SIGTERM'])
-def test_whatever_ends_a_recording_leaves_a_whole_bag(
+def test_any_signal_that_ends_a_recording_leaves_a_complete_bag(
     name: str, probe: Probe, commands: Commands, tmp_path: Path
 ) -> None:
     recorder = commands.start('record', tmp_path / 'bag', '--topics', 'clock')
     publisher = probe.publisher(Clock, 'clock')
     publisher.publish(Clock())
     probe.spin_for(0.3)
-    for _ in range(3):  # a shell that closes says so more than once
+    for _ in range(3):  # a closing shell sends the signal more than once
         recorder.send_signal(signal.Signals[name])
     assert ended(probe, recorder) == (0, '')
     assert summarize(tmp_path / 'bag').num_messages == 1
     assert [path.name for path in tmp_path.iterdir()] == ['bag']
 
 
-def test_a_killed_recording_loses_no_more_than_a_second(
+def test_a_killed_recording_loses_at_most_one_second(
     probe: Probe, commands: Commands, tmp_path: Path
 ) -> None:
     recorder = commands.start('record', tmp_path / 'bag', '--topics', 'clock')
@@ -217,9 +223,9 @@ def test_a_killed_recording_loses_no_more_than_a_second(
     killed_ns = time.time_ns()
     ended(probe, recorder)
     (left,) = tmp_path.iterdir()
-    status, said = ended(probe, commands.start('info', tmp_path / 'other'))
+    status, errors = ended(probe, commands.start('info', tmp_path / 'other'))
     assert status == 1
-    assert said.startswith(f'hoid: {left}: left by a killed recording; "hoid info --repair"')
+    assert errors.startswith(f'hoid: {left}: left by a killed recording; "hoid info --repair"')
     assert ended(probe, commands.start('info', '--repair', left)) == (0, '')
     with BagReader(tmp_path / 'bag') as reader:
         seen_ns = [message.log_ns for message in reader.messages()]
@@ -227,13 +233,13 @@ def test_a_killed_recording_loses_no_more_than_a_second(
     assert seen_ns[-1] > killed_ns - NS_PER_S
 
 
-def test_recording_nothing_leaves_nothing(
+def test_a_recording_without_messages_leaves_no_bag(
     probe: Probe, commands: Commands, tmp_path: Path
 ) -> None:
     process = commands.start('record', tmp_path / 'bag', '--topics', 'silence')
-    probe.publisher(Image, 'silence')  # which the recorder listens to from here on
+    probe.publisher(Image, 'silence')  # returns once the recorder subscribes
     process.send_signal(signal.SIGINT)
-    status, said = ended(probe, process)
+    status, errors = ended(probe, process)
     assert status == 1
-    assert said == f'hoid record: {tmp_path / "bag"}: nothing was recorded on silence\n'
+    assert errors == f'hoid record: {tmp_path / "bag"}: nothing was recorded on silence\n'
     assert list(tmp_path.iterdir()) == []

@@ -20,7 +20,7 @@ def test_yaml_is_well_formed(name: str) -> None:
     assert yaml.safe_load((ROOT / name).read_text())
 
 
-def test_the_workflow_has_a_lane_with_ros_and_one_without() -> None:
+def test_the_workflow_has_one_job_with_ros_and_one_without() -> None:
     jobs = yaml.safe_load((ROOT / '.github/workflows/ci.yml').read_text())['jobs']
     commands = {
         name: ' '.join(step.get('run', '') for step in job['steps']) for name, job in jobs.items()

@@ -1,4 +1,4 @@
-"""A rendered scene played through the real processes: accuracy, and that the filter helps."""
+"""A rendered scene replayed through the real processes: accuracy, and effect of the filter."""
 
 from __future__ import annotations
 
@@ -34,10 +34,11 @@ def replay(scene: Path, out: Path, *options: str) -> dict[str, Any]:
 
 
 @pytest.mark.usefixtures('domain_id')
-def test_the_filter_helps_and_no_image_is_lost(scene: Path, tmp_path: Path) -> None:
+def test_the_filter_reduces_the_error_and_no_image_is_lost(scene: Path, tmp_path: Path) -> None:
     filtered = replay(scene, tmp_path / 'with', '--filter', 'hoid2d')
-    all_vote = '--set', 'slam.tracking.consensus.enabled=false'  # no second line of defence
-    plain = replay(scene, tmp_path / 'without', '--filter', 'none', *all_vote)
+    # The consensus would protect the pose as well.
+    no_consensus = '--set', 'slam.tracking.consensus.enabled=false'
+    plain = replay(scene, tmp_path / 'without', '--filter', 'none', *no_consensus)
     for summary in (filtered, plain):
         assert summary['frames_total'] == FRAMES
         assert summary['frames_processed'] == FRAMES
@@ -75,7 +76,7 @@ def test_a_replay_agrees_with_the_offline_run(
 
 
 @pytest.mark.usefixtures('domain_id')
-def test_a_node_that_cannot_start_ends_the_replay_with_its_own_words(
+def test_a_node_that_cannot_start_ends_the_replay_with_its_message(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     argv = ['replay', str(scene), '--out', str(tmp_path / 'out'), '--detector', 'nowhere.onnx']

@@ -1,4 +1,4 @@
-"""SLAM that is killed goes on in the same map; one that is asked to end begins anew."""
+"""A killed SLAM node resumes its map; one that ended cleanly starts a new map."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hoid_common import se3
 from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
 from hoid_system_tests.frame_tree import OPTICAL
-from hoid_system_tests.point_world import CAMERA, PointWorld, walked
+from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
@@ -31,11 +31,11 @@ _WRITTEN_S = 20.0
 
 
 def camera_at(i: int) -> FloatArray:
-    return walked(i, turn_rad=0.01)
+    return pose_after(i, turn_rad=0.01)
 
 
 class Peer(SlamPeer):
-    """A camera whose clock goes on whatever becomes of the node."""
+    """A camera whose clock keeps running while the node is down."""
 
     def __init__(self, probe: Probe) -> None:
         super().__init__(probe)
@@ -45,12 +45,12 @@ class Peer(SlamPeer):
         self.stamp_ns += PERIOD_NS
         return self.answer_to(features_msg(self.world.features(camera_at(place), self.stamp_ns)))
 
-    def wake(self) -> None:
-        """Send camera infos as a driver does, until the node speaks."""
+    def await_ready(self) -> None:
+        """Publish camera infos, as a driver does, until the node publishes a status."""
         self.status.clear()
         due_s = 0.0
 
-        def speaks() -> bool:
+        def has_status() -> bool:
             nonlocal due_s
             if time.monotonic() > due_s:
                 due_s = time.monotonic() + 0.1
@@ -58,7 +58,7 @@ class Peer(SlamPeer):
                 self.camera.publish(conversions.camera_to_msg(CAMERA, header))
             return bool(self.status)
 
-        self.probe.spin_until(speaks, 'the node does not get ready', 60.0)
+        self.probe.spin_until(has_status, 'the node does not get ready', 60.0)
 
     def check_pose(self, place: int) -> None:
         error = se3.log(se3.inverse(T_BODY_OPTICAL @ camera_at(place)) @ self.pose(self.stamp_ns))
@@ -94,13 +94,13 @@ def kill(node: Supervisor) -> None:
         os.kill(pid, signal.SIGKILL)
 
 
-def test_a_killed_node_goes_on_in_its_map(
+def test_a_killed_node_resumes_its_map(
     run: Callable[[], Supervisor], probe: Probe, folder: Path
 ) -> None:
     started_s = time.monotonic()
     node = run()
     peer = Peer(probe)
-    peer.wake()
+    peer.await_ready()
     clean_s = time.monotonic() - started_s
     for place in range(60):
         assert peer.send(place).state == SlamStatus.TRACKING
@@ -114,7 +114,7 @@ def test_a_killed_node_goes_on_in_its_map(
         kill(node)
         killed_s = time.monotonic()
         node = run()
-        peer.wake()
+        peer.await_ready()
         assert 'relocalizing the camera' in peer.status[0].message
         assert peer.status[0].mode == SlamStatus.LOCALIZATION
         peer.stamp_ns += round(1e9 * (time.monotonic() - killed_s))
@@ -127,20 +127,20 @@ def test_a_killed_node_goes_on_in_its_map(
         peer.check_pose(place)
     # A busy machine makes every start slow.
     assert sorted(times_s)[1] < max(_BACK_S, 1.5 * clean_s)
-    for place in range(30, 110):  # and mapping goes on
+    for place in range(30, 110):  # and mapping continues
         assert peer.send(place).state == SlamStatus.TRACKING
     peer.probe.spin_until(
-        lambda: peer.send(109).keyframes > keyframes, 'mapping does not go on', 30.0
+        lambda: peer.send(109).keyframes > keyframes, 'mapping does not continue', 30.0
     )
     peer.check_pose(109)
 
 
-def test_what_is_ended_or_reset_is_not_resumed(
+def test_a_map_that_was_stopped_or_reset_is_not_resumed(
     run: Callable[[], Supervisor], probe: Probe, folder: Path
 ) -> None:
     node = run()
     peer = Peer(probe)
-    peer.wake()
+    peer.await_ready()
     for place in range(20):
         peer.send(place)
     peer.await_checkpoint(folder)
@@ -152,24 +152,24 @@ def test_what_is_ended_or_reset_is_not_resumed(
     node.stop()
     assert list(folder.iterdir()) == []
     run()
-    peer.wake()
+    peer.await_ready()
     status = peer.send(30)
     assert (status.mode, status.keyframes) == (SlamStatus.MAPPING, 1)
     assert status.message == ''
 
 
-def test_a_recording_played_again_is_mapped_anew(
+def test_a_restarted_recording_gets_a_new_map(
     run: Callable[[], Supervisor], probe: Probe, folder: Path
 ) -> None:
     node = run()
     peer = Peer(probe)
-    peer.wake()
+    peer.await_ready()
     for place in range(20):
         peer.send(place)
     peer.await_checkpoint(folder)
     kill(node)
     peer.stamp_ns = START_NS
     run()
-    peer.wake()
+    peer.await_ready()
     status = peer.send(0)
     assert (status.mode, status.keyframes) == (SlamStatus.MAPPING, 1)

@@ -1,4 +1,4 @@
-"""Scores of maps and tracks whose agreement with the truth is known."""
+"""Scores of maps and tracks with known errors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OFFSET_M = np.array([0.03, 0.0, 0.04])
 
 @dataclass
 class EverythingSeen:
-    """Every class fills every image."""
+    """Ground-truth boxes in which every class fills every image."""
 
     camera: CameraModel
     true_detections: dict[int, Detections]
@@ -66,7 +66,7 @@ def track(truth: RoomTruth, number: int, name: str, world_m: FloatArray) -> Trac
 
 
 def tracks(truth: RoomTruth, *, new_ids: bool) -> Tracks:
-    """Return tracks of all people and objects, all off by the same."""
+    """Return tracks of all people and objects, each displaced by OFFSET_M."""
     out: Tracks = {}
     for i in range(0, SCENE.frames, 3):
         people = [
@@ -91,16 +91,16 @@ def room(truth: RoomTruth, points_world_m: FloatArray, found: Tracks) -> MappedR
     return MappedRoom(ColoredCloud(points, np.zeros((len(points), 3), np.uint8)), grid, found)
 
 
-def test_points_cells_and_people_are_counted(truth: RoomTruth, sequence: BagSequence) -> None:
+def test_map_points_and_grid_cells_are_scored(truth: RoomTruth, sequence: BagSequence) -> None:
     vertices = truth.stage.static_mesh.vertices_m[:300].astype(float)
-    walker = truth.stage.bodies[0].xy_m[::3]
-    walked = np.c_[walker, np.full(len(walker), 1.2)]
-    scores = score(room(truth, np.concatenate([vertices, walked]), {}), truth, sequence)
-    assert scores.num_points == 300 + len(walked)
-    apart = truth.distance_m(in_map(truth, walked)) > 0.05
+    xy_m = truth.stage.bodies[0].xy_m[::3]
+    path_m = np.c_[xy_m, np.full(len(xy_m), 1.2)]
+    scores = score(room(truth, np.concatenate([vertices, path_m]), {}), truth, sequence)
+    assert scores.num_points == 300 + len(path_m)
+    apart = truth.distance_m(in_map(truth, path_m)) > 0.05
     assert scores.path_share == pytest.approx(apart.sum() / scores.num_points)
     assert scores.near_share >= 300 / scores.num_points
-    assert scores.grid_share == pytest.approx(0.9)  # 3 of 30 rows are the wrong way round
+    assert scores.grid_share == pytest.approx(0.9)  # 3 of 30 rows are inverted
     assert np.isnan(scores.people_m)
     assert all(item.error_m == np.inf for item in scores.carried)
 
@@ -118,7 +118,7 @@ def test_tracks_are_compared_with_people_and_objects(
         assert item.keeps_id is not new_ids
 
 
-def test_a_cylinder_is_seen_where_it_stands() -> None:
+def test_a_cylinder_is_rendered_at_its_position() -> None:
     T_world_camera = np.eye(4)
     T_world_camera[:3, :3] = T_BODY_OPTICAL[:3, :3]
     T_world_camera[2, 3] = 1.2
@@ -127,7 +127,7 @@ def test_a_cylinder_is_seen_where_it_stands() -> None:
     np.testing.assert_allclose(depth_m, [[1.8, 0, 0, 1.8]], atol=1e-6)
 
 
-def test_somebody_undetected_is_mapped_and_gone_2_s_after_leaving() -> None:
+def test_an_undetected_person_is_mapped_and_removed_2_s_after_leaving() -> None:
     scene = SceneConfig(seed=2, num_people=0, num_frames=180, width_px=160)
     truth = RoomTruth(scene, T_BODY_OPTICAL)
     config = RunConfig().updated({'dense.pixel_stride': 1})

@@ -1,4 +1,4 @@
-"""Every parameter of every node, over a real client: described, and changed or refused."""
+"""Every parameter of every node through a real client: described, and changed or refused."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def test_each_parameter_is_described_and_changes_or_is_refused(
     node = request.node.callspec.params['client']
     leaves = {leaf.name: leaf for leaf in NODE_CONFIGS[node].node_params()}
     assert leaves.keys() <= set(client.names())
-    for leaf, said in zip(leaves.values(), client.describe(list(leaves)), strict=True):
-        check_description(leaf, said)
+    for leaf, descriptor in zip(leaves.values(), client.describe(list(leaves)), strict=True):
+        check_description(leaf, descriptor)
     fixed = {name: leaf for name, leaf in leaves.items() if leaf.spec.read_only}
     before = client.get(list(fixed))
     for result in client.set({name: other_value(leaf) for name, leaf in fixed.items()}):
@@ -75,18 +75,18 @@ def test_each_parameter_is_described_and_changes_or_is_refused(
             check_no_list(client, name)
 
 
-def check_description(leaf: Param, said: Any) -> None:
-    assert said.name == leaf.name
-    assert said.description == leaf.spec.description
-    assert said.description
-    assert said.read_only == leaf.spec.read_only
-    for limits in (*said.floating_point_range, *said.integer_range):
+def check_description(leaf: Param, descriptor: Any) -> None:
+    assert descriptor.name == leaf.name
+    assert descriptor.description == leaf.spec.description
+    assert descriptor.description
+    assert descriptor.read_only == leaf.spec.read_only
+    for limits in (*descriptor.floating_point_range, *descriptor.integer_range):
         if leaf.spec.minimum is not None:
             assert limits.from_value == leaf.spec.minimum
         if leaf.spec.maximum is not None:
             assert limits.to_value == leaf.spec.maximum
     for choice in leaf.spec.choices:
-        assert choice in said.additional_constraints
+        assert choice in descriptor.additional_constraints
 
 
 def check_change(client: ParameterClient, name: str, leaf: Param) -> None:
@@ -103,7 +103,7 @@ def check_change(client: ParameterClient, name: str, leaf: Param) -> None:
 
 
 def check_no_list(client: ParameterClient, name: str) -> None:
-    """What is no list of names is refused, and an empty list is one of one empty name."""
+    """Check that values of other types than a list of names are refused."""
     before = client.get([name])
     for value in (5, 0.5, True, 'person', [b'p'], [1, 2], [True], None):  # None deletes it
         (result,) = client.set({name: value})

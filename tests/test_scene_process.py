@@ -1,4 +1,4 @@
-"""The scene process: it is replaced when it dies, and all its outputs belong to the SLAM node."""
+"""The scene process is replaced when it dies; all its outputs belong to the SLAM node."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def play(peer: ScenePeer, images: list[Messages]) -> None:
 
 
 def test_the_threads_of_the_middleware_keep_their_priority(peer: ScenePeer) -> None:
-    """Other participants take the process for dead if these threads are in the idle class too."""
+    """Other participants would consider the process dead if these threads ran at idle priority."""
     pid = int(peer.diagnosis(SCENE_NODE)[1]['process'])
     policies = {
         (task / 'comm').read_text().strip(): os.sched_getscheduler(int(task.name))
@@ -125,7 +125,7 @@ def test_the_dense_map_is_restored_after_the_node_was_killed(
     assert np.mean(RoomTruth(SCENE, T_BODY_OPTICAL).distance_m(after_m) < 0.03) >= 0.98
 
 
-def test_all_services_and_outputs_are_on_the_node_itself(peer: ScenePeer) -> None:
+def test_all_services_and_outputs_belong_to_the_slam_node(peer: ScenePeer) -> None:
     node = peer.probe.node
     services = dict(node.get_service_names_and_types_by_node('rgbd_slam', '/'))
     own = {name.removeprefix('/rgbd_slam/') for name in services}

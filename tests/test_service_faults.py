@@ -1,4 +1,4 @@
-"""Services of rgbd_slam answer every request, whatever it asks and whatever files there are."""
+"""Services of rgbd_slam answer every request, even with invalid names and damaged files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from hoid_msgs.msg import SlamStatus
 from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
 
-from hoid_system_tests.point_world import PointWorld, walked
+from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
@@ -56,11 +56,11 @@ def peer(start: Start, probe: Probe, folder: Path) -> SlamPeer:
 
 
 def track(peer: SlamPeer, i: int) -> SlamStatus:
-    seen = PointWorld(3000).features(walked(i, turn_rad=0.01), START_NS + i * PERIOD_NS)
+    seen = PointWorld(3000).features(pose_after(i, turn_rad=0.01), START_NS + i * PERIOD_NS)
     return peer.answer_to(features_msg(seen))
 
 
-def test_every_request_is_answered_in_a_line(peer: SlamPeer) -> None:
+def test_every_request_is_answered_in_one_line(peer: SlamPeer) -> None:
     for name, type_ in SERVICES:
         for text in NAMES:
             answer = peer.probe.call(type_, f'rgbd_slam/{name}', type_.Request(name=text))
@@ -77,7 +77,7 @@ def test_every_request_is_answered_in_a_line(peer: SlamPeer) -> None:
     assert track(peer, 10).state == SlamStatus.TRACKING
 
 
-def test_damaged_maps_are_refused_and_the_next_is_loaded(peer: SlamPeer, folder: Path) -> None:
+def test_damaged_maps_are_refused_and_a_valid_one_is_loaded(peer: SlamPeer, folder: Path) -> None:
     assert peer.save('good').success
     with zipfile.ZipFile(folder / 'good.hoidmap') as archive:
         members = {name: archive.read(name) for name in archive.namelist()}

@@ -1,4 +1,4 @@
-"""The documents as a site, in a real browser: its tables of results sort."""
+"""The documentation site in a real browser: tables of results can be sorted."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _TABLE = 'table[data-sorts]'
 
 
 def first_numbers(page: Page, column: int) -> list[float]:
-    """Return the first number of each cell of a column that begins with one, top down."""
+    """Return the first number of each cell in a column that has one, from top to bottom."""
     cells = (
         page.locator(_TABLE).first.locator(f'tbody tr td:nth-child({column})').all_inner_texts()
     )
     return [float(cell.split()[0]) for cell in cells if cell != '-']
 
 
-def test_tables_of_results_sort_by_mouse_and_by_key(tmp_path: Path) -> None:
+def test_tables_of_results_sort_by_mouse_and_by_keyboard(tmp_path: Path) -> None:
     build = [sys.executable, '-m', 'mkdocs', 'build', '--quiet', '--site-dir', str(tmp_path)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     with headless_browser() as browser:
@@ -36,7 +36,8 @@ def test_tables_of_results_sort_by_mouse_and_by_key(tmp_path: Path) -> None:
         table.get_by_role('button', name='better', exact=True).click()
         assert first_numbers(page, 5) == sorted(before) != before
         rows = table.locator('tbody tr')
-        assert rows.last.locator('td').nth(4).inner_text() == '-'  # what has no number
+        # A row without a number comes last.
+        assert rows.last.locator('td').nth(4).inner_text() == '-'
         heads = table.locator('th[aria-sort]')
         assert heads.evaluate_all('all => all.map(h => h.ariaSort)') == ['ascending']
         page.keyboard.press('Enter')

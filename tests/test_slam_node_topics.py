@@ -1,4 +1,4 @@
-"""rgbd_slam on real topics: exact features go in, poses of known value come out."""
+"""rgbd_slam on real topics: known poses are recovered from exact features."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hoid_common.io.trajectory_io import read_tum
 from hoid_common.ros import conversions, qos
 from hoid_common.values import FloatArray
 from hoid_system_tests.frame_tree import OPTICAL, edges
-from hoid_system_tests.point_world import PointWorld, walked
+from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import (
@@ -35,12 +35,12 @@ from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 
 def camera_at(i: int) -> FloatArray:
-    """Return T_world_camera of image i."""
-    return walked(i, turn_rad=0.004)
+    """Return the (4, 4) T_world_camera of image i."""
+    return pose_after(i, turn_rad=0.004)
 
 
 class Peer(SlamPeer):
-    """Sends images of a world of points."""
+    """Publishes the features of images of a point world."""
 
     def __init__(self, probe: Probe) -> None:
         self.odom = probe.collect(Odometry, 'odom', wait=False)
@@ -81,7 +81,7 @@ def peer(start: Start, probe: Probe, tmp_path: Path) -> Peer:
     return peer
 
 
-def test_odometry_transforms_and_status_of_each_image(peer: Peer) -> None:
+def test_each_image_yields_odometry_transforms_and_a_status(peer: Peer) -> None:
     peer.send(30)
     peer.probe.spin_until(lambda: len(peer.odom) == 30, 'odometry is missing')
     for i, msg in enumerate(peer.odom):
@@ -117,7 +117,7 @@ def test_odometry_transforms_and_status_of_each_image(peer: Peer) -> None:
     assert 'track' in status.stage_names
 
 
-def test_transforms_are_switched_at_run_time(peer: Peer) -> None:
+def test_map_to_odom_can_be_switched_off_at_run_time(peer: Peer) -> None:
     peer.send(2)
     peer.probe.set_parameters('rgbd_slam', {'frames.publish_map_to_odom': False})
     peer.send(1)
@@ -129,11 +129,11 @@ def test_transforms_are_switched_at_run_time(peer: Peer) -> None:
     assert [set(edges(peer.tf, ns)) for ns in sent] == [both, {('odom', OPTICAL)}, both]
 
 
-def test_the_map_is_published_as_often_as_asked_at_run_time(peer: Peer) -> None:
+def test_the_map_period_can_be_changed_at_run_time(peer: Peer) -> None:
     peer.send(1)
     peer.probe.spin_until(lambda: bool(peer.paths), 'no path')
     peer.probe.set_parameters('rgbd_slam', {'map_period_s': 3600.0})
-    peer.probe.spin_for(0.3)  # what was under way
+    peer.probe.spin_for(0.3)  # for messages already sent
     before = len(peer.paths)
     while peer.status[-1].keyframes == 1:
         assert peer.next < 150, 'no second keyframe'
@@ -144,30 +144,31 @@ def test_the_map_is_published_as_often_as_asked_at_run_time(peer: Peer) -> None:
     peer.probe.spin_until(lambda: len(peer.paths) > before, 'no path')
 
 
-def test_the_map_is_published_and_kept_for_those_who_come_late(peer: Peer) -> None:
+def test_the_map_is_latched_for_late_subscribers(peer: Peer) -> None:
     peer.send(10)
     peer.probe.spin_until(lambda: bool(peer.paths and peer.paths[-1].poses), 'no map')
     late = peer.probe.collect(PointCloud2, 'map_points', qos.LATCHED)
-    peer.probe.spin_until(lambda: bool(late and late[-1].width), 'nothing was kept')
+    peer.probe.spin_until(lambda: bool(late and late[-1].width), 'no latched message')
     assert late[-1].header.frame_id == 'map'
     points_m = conversions.cloud_from_msg(late[-1]).points_m
     assert len(points_m) > 200
     world_m = se3.transform(T_BODY_OPTICAL, peer.world.points_m)
     gaps_m = np.linalg.norm(points_m[:, None] - world_m[None], axis=2).min(axis=1)
     assert np.median(gaps_m) < 0.005
-    stamps_ns, poses = conversions.path_from_msg(peer.paths[-1])
-    assert stamps_ns[0] == START_NS
-    np.testing.assert_allclose(poses[0], T_BODY_OPTICAL, atol=1e-9)
-    assert len(peer.markers[-1].markers[0].points) == 16 * len(stamps_ns)
+    path = peer.paths[-1].poses
+    assert conversions.stamp_from_msg(path[0].header.stamp) == START_NS
+    T_map_first = conversions.pose_from_msg(path[0].pose)
+    np.testing.assert_allclose(T_map_first, T_BODY_OPTICAL, atol=1e-9)
+    assert len(peer.markers[-1].markers[0].points) == 16 * len(path)
 
 
-def test_the_status_before_the_first_image_is_kept_for_those_who_come_late(peer: Peer) -> None:
+def test_the_status_before_the_first_image_is_latched_for_late_subscribers(peer: Peer) -> None:
     late = peer.probe.collect(SlamStatus, 'slam_status', qos.latched(1))
-    peer.probe.spin_until(lambda: bool(late), 'nothing was kept')
+    peer.probe.spin_until(lambda: bool(late), 'no latched message')
     assert late == peer.status[-1:]
 
 
-def test_pause_resume_and_reset(peer: Peer) -> None:
+def test_pause_ignores_images_and_reset_discards_the_map(peer: Peer) -> None:
     peer.send(8)
     assert 'paused' in peer.call('pause')
     peer.send(2)
@@ -177,7 +178,7 @@ def test_pause_resume_and_reset(peer: Peer) -> None:
     peer.send(3)
     assert peer.status[-1].state == SlamStatus.TRACKING
     assert peer.status[-1].frames_processed == 11
-    assert peer.status[-1].frames_dropped == 0  # those that came in the pause are not missing
+    assert peer.status[-1].frames_dropped == 0  # images of the pause do not count as dropped
     peer.call('reset')
     peer.send(1)
     assert peer.status[-1].frames_processed == 1
@@ -201,9 +202,9 @@ def test_trajectories_are_saved(peer: Peer, tmp_path: Path, kind: str, count: in
     np.testing.assert_allclose(trajectory.T_world_camera[i], expected, atol=0.004)
 
 
-def test_saving_is_refused_outside_the_folder_and_of_unknown_kinds(peer: Peer) -> None:
+def test_trajectories_outside_the_folder_or_of_unknown_kind_are_refused(peer: Peer) -> None:
     peer.send(1)
-    for name, kind, said in (
+    for name, kind, message in (
         ('../a.txt', '', 'no plain file name'),
         ('/elsewhere/a.txt', '', 'no plain file name'),
         ('a.txt', 'best', 'no trajectory "best"'),
@@ -211,10 +212,10 @@ def test_saving_is_refused_outside_the_folder_and_of_unknown_kinds(peer: Peer) -
         request = SaveTrajectory.Request(name=name, kind=kind)
         answer = peer.probe.call(SaveTrajectory, 'rgbd_slam/save_trajectory', request)
         assert not answer.success
-        assert said in answer.message
+        assert message in answer.message
 
 
-def test_services_before_the_first_camera_info_say_so(start: Start, probe: Probe) -> None:
+def test_services_before_the_first_camera_info_are_refused(start: Start, probe: Probe) -> None:
     start('rgbd_slam', 'rgbd_slam_node')
     answer = probe.call(
         SaveTrajectory, 'rgbd_slam/save_trajectory', SaveTrajectory.Request(name='a.txt')
@@ -225,7 +226,7 @@ def test_services_before_the_first_camera_info_say_so(start: Start, probe: Probe
     assert not answer.success
 
 
-def test_wrong_messages_are_refused_and_counted_and_the_node_lives_on(peer: Peer) -> None:
+def test_invalid_features_are_refused_and_counted_while_tracking_continues(peer: Peer) -> None:
     peer.send(2)
     short, outside, nan = (peer.message(5) for _ in range(3))
     short.depth_m = short.depth_m[:-1]
@@ -239,7 +240,7 @@ def test_wrong_messages_are_refused_and_counted_and_the_node_lives_on(peer: Peer
     assert peer.status[-1].frames_processed == 4
 
 
-def test_missing_images_are_counted(peer: Peer) -> None:
+def test_missing_images_are_counted_as_dropped(peer: Peer) -> None:
     peer.send(10)
     peer.next += 3
     peer.send(1)

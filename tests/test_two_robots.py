@@ -53,8 +53,8 @@ ROBOTS = (
 )
 
 
-class Heard:
-    """What one robot says."""
+class Outputs:
+    """The outputs of one robot."""
 
     def __init__(self, probe: Probe, robot: Robot) -> None:
         ns = f'/{robot.name}'
@@ -64,17 +64,17 @@ class Heard:
         camera = probe.publisher(CameraInfo, f'{ns}/rgb/camera_info', wait=False)
         probe.spin_until(
             lambda: camera.get_subscription_count() == 2,  # filter and SLAM
-            f'{ns} does not listen',
+            f'{ns} does not subscribe',
             LIMIT_S,
         )
-        probe.spin_for(0.5)  # they may still have to learn of us
+        probe.spin_for(0.5)  # until the subscribers have discovered the publisher
         header = conversions.header_to_msg(robot.start_ns - 1, OPTICAL)
         camera.publish(conversions.camera_to_msg(CAMERA, header))
         probe.spin_until(lambda: bool(self.status), f'{ns} does not get ready', LIMIT_S)
         self._probe = probe
 
     def await_edges(self, expected: set[tuple[str, str, int]]) -> None:
-        """Wait until these are all of its frame tree's edges: parent, child, stamp in ns."""
+        """Wait until these are all edges of its frame tree: parent, child, stamp [ns]."""
         self._probe.spin_until(lambda: edges(self.tf) == expected, 'transforms differ')
 
 
@@ -101,7 +101,7 @@ def record(folder: Path, robot: Robot) -> Path:
 
 
 def play(bag: Path, robot: Robot) -> subprocess.Popen[str]:
-    """Play a robot's recording to it, image by image."""
+    """Play a robot's recording in its namespace, image by image."""
     color, depth, _ = image_topics(robot.compressed)
     listeners = {topics.CAMERA_INFO: 2, color: 1, depth: 1}
     required = [f'--require={name}={number}' for name, number in listeners.items()]
@@ -128,7 +128,7 @@ def test_each_robot_follows_its_own_camera(
 ) -> None:
     bags = {robot: record(tmp_path, robot) for robot in ROBOTS}
     diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
-    heard = {robot: Heard(probe, robot) for robot in ROBOTS}
+    outputs = {robot: Outputs(probe, robot) for robot in ROBOTS}
     players = [play(bag, robot) for robot, bag in bags.items()]
     probe.spin_until(
         lambda: all(p.poll() is not None for p in players), 'a player does not end', LIMIT_S
@@ -137,14 +137,14 @@ def test_each_robot_follows_its_own_camera(
         assert player.stderr is not None
         assert (player.returncode, player.stderr.read()) == (0, '')
     probe.spin_until(
-        lambda: all(len(h.odom) == FRAMES for h in heard.values()), 'odometry is missing'
+        lambda: all(len(h.odom) == FRAMES for h in outputs.values()), 'odometry is missing'
     )
-    for robot, said in heard.items():
+    for robot, received in outputs.items():
         stamps_ns = [robot.start_ns + i * PERIOD_NS for i in range(FRAMES)]
-        assert [conversions.stamp_from_msg(m.header.stamp) for m in said.odom] == stamps_ns
+        assert [conversions.stamp_from_msg(m.header.stamp) for m in received.odom] == stamps_ns
         true_m = STEP_M * np.arange(FRAMES)[:, None] * np.array(robot.moves_m)
-        np.testing.assert_allclose(positions_m(said.odom), true_m, atol=0.02)
-        said.await_edges(
+        np.testing.assert_allclose(positions_m(received.odom), true_m, atol=0.02)
+        received.await_edges(
             {edge for t in stamps_ns for edge in (('map', 'odom', t), ('odom', OPTICAL, t))}
         )
     assert probe.node.count_publishers('/tf') == 0

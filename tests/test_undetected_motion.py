@@ -1,4 +1,4 @@
-"""A rendered group that nobody detects walks past: the pose stays with the room."""
+"""The pose follows the static room while a rendered group walks past undetected."""
 
 import json
 from pathlib import Path
@@ -33,8 +33,8 @@ def run(scene: Path, out: Path, *options: str) -> dict[str, Any]:
     return summary
 
 
-def test_what_moves_undetected_does_not_take_the_pose_with_it(scene: Path, tmp_path: Path) -> None:
-    """In this scene it does where every match has the same say."""
+def test_undetected_people_do_not_capture_the_pose(scene: Path, tmp_path: Path) -> None:
+    """Without the consensus they do in this scene, because every match counts alike."""
     assert run(scene, tmp_path / 'consensus')['ate_rmse_m'] < 0.015
     captured = run(scene, tmp_path / 'all', '--set', 'slam.tracking.consensus.enabled=false')
     assert captured['ate_rmse_m'] > 0.03

@@ -44,7 +44,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(bag: Path, tmp_path: Path) -> Path:
-    """The output folder of a run that found the true path, in a map frame of its own."""
+    """The output folder of a run that estimated the true trajectory, in another map frame."""
     truth = BagSequence(bag).ground_truth
     assert truth is not None
     final = Trajectory(truth.stamps_ns, T_MAP_WORLD @ truth.T_world_camera)
@@ -74,7 +74,7 @@ Columns = dict[str, dict[str, list[Any]]]
 
 
 def saved(argv: list[str], path: Path) -> Columns:
-    """Run `hoid view` and return what the file holds: entity, component, a value a row."""
+    """Run `hoid view` and return the rows of the file by entity and component."""
     assert cli.main(['view', *argv, '--save', str(path)]) == 0
     out: Columns = defaultdict(lambda: defaultdict(list))
     for chunk in RrdReader(path).stream():
@@ -88,7 +88,7 @@ def saved(argv: list[str], path: Path) -> Columns:
 
 
 def strip_m(columns: Columns, entity: str) -> FloatArray:
-    """Return (N, 3) of a path in one stroke."""
+    """Return the (N, 3) positions of a trajectory that is one line strip."""
     (strips,) = columns[entity]['LineStrips3D:strips']
     return np.array(strips[0])
 
@@ -114,22 +114,22 @@ def test_a_recording_is_shown_image_by_image(bag: Path, tmp_path: Path) -> None:
     assert np.abs(color.astype(float) - frame.image_bgr).mean() < 6  # JPEG
     np.testing.assert_allclose(depth_mm / 1000, frame.depth_m[::2, ::2], atol=6e-4)
     assert all(len(points) > 20 for points in shown[log.KEPT]['Points2D:positions'])
-    exact = sequence.true_detections
-    assert exact is not None
+    true = sequence.true_detections
+    assert true is not None
     named = [' '.join(labels or ()) for labels in shown[log.BOXES]['Boxes2D:labels']]
-    people = [list(exact[stamp_ns].class_names).count('person') for stamp_ns in stamps_ns]
+    people = [list(true[stamp_ns].class_names).count('person') for stamp_ns in stamps_ns]
     assert [text.count('person') for text in named] == people
     assert sum(people) > 0
 
 
-def test_a_run_is_shown_with_map_keyframes_and_truth(run: Path, tmp_path: Path) -> None:
+def test_a_run_is_shown_with_map_keyframes_and_ground_truth(run: Path, tmp_path: Path) -> None:
     shown = saved([str(run)], tmp_path / 'run.rrd')
     np.testing.assert_array_equal(shown[log.POINTS]['Points3D:positions'][0], POINTS_M)
     np.testing.assert_array_equal(shown[log.CLOUD]['Points3D:positions'][0], POINTS_M)
     assert set(shown[log.CLOUD]['Points3D:colors'][0]) == {30 << 24 | 20 << 16 | 10 << 8 | 255}
     assert len(shown[log.KEYFRAMES]['LineStrips3D:strips'][0]) == 2
     assert len(shown[log.IMAGE]['EncodedImage:blob']) == FRAMES
-    # The truth lies on the estimate, though it was given in another frame.
+    # The ground truth is aligned with the estimate, whose frame differs.
     np.testing.assert_allclose(
         strip_m(shown, log.TRUE_PATH), strip_m(shown, log.ESTIMATED_PATH), atol=1e-3
     )
@@ -148,7 +148,7 @@ def test_a_run_whose_recording_is_gone_is_shown_without_images(
     assert 'elsewhere' in capsys.readouterr().out
 
 
-def test_a_moved_recording_is_named(run: Path, bag: Path, tmp_path: Path) -> None:
+def test_a_moved_recording_is_given_by_an_option(run: Path, bag: Path, tmp_path: Path) -> None:
     summary = run / 'summary.json'
     summary.write_text(summary.read_text().replace('scene"', 'elsewhere"'))
     shown = saved([str(run), '--recording', str(bag), '--filter', 'none'], tmp_path / 'run.rrd')
@@ -156,7 +156,7 @@ def test_a_moved_recording_is_named(run: Path, bag: Path, tmp_path: Path) -> Non
     assert not any(shown[log.BOXES].get('Boxes2D:labels', []))
 
 
-def test_the_viewer_itself_accepts_the_file(run: Path, tmp_path: Path) -> None:
+def test_the_viewer_accepts_the_file(run: Path, tmp_path: Path) -> None:
     saved([str(run)], tmp_path / 'run.rrd')
     argv = [sys.executable, '-m', 'rerun', 'rrd', 'verify', str(tmp_path / 'run.rrd')]
     done = subprocess.run(argv, capture_output=True, text=True, check=False, timeout=60)
@@ -165,12 +165,12 @@ def test_the_viewer_itself_accepts_the_file(run: Path, tmp_path: Path) -> None:
 
 def complaint(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     assert cli.main(['view', *argv]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith('hoid view: ')
-    return said
+    errors = capsys.readouterr().err
+    assert errors.startswith('hoid view: ')
+    return errors
 
 
-def test_what_cannot_be_shown_is_said_and_leaves_no_file(
+def test_unreadable_input_is_reported_and_leaves_no_file(
     run: Path, bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     save = ['--save', str(tmp_path / 'out.rrd')]
@@ -184,7 +184,7 @@ def test_what_cannot_be_shown_is_said_and_leaves_no_file(
     assert [p.name for p in tmp_path.iterdir()] == ['run']
 
 
-def test_without_viewer_or_display_it_says_what_to_do(
+def test_a_missing_viewer_or_display_is_reported_with_a_remedy(
     bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ('DISPLAY', 'WAYLAND_DISPLAY'):

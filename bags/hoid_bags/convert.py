@@ -63,11 +63,11 @@ def convert(
     *,
     show_progress: bool = False,
 ) -> None:
-    """Convert a TUM folder; memory does not grow with its length.
+    """Convert a TUM folder to a bag; memory does not grow with the length of the recording.
 
     Args:
         folder: The recording.
-        bag: The folder to make.
+        bag: The folder to create.
         config: Options of the conversion.
         camera: Camera of the recording; None takes it from the folder's name.
         show_progress: Whether to draw a progress bar on stderr.

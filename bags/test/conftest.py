@@ -1,4 +1,4 @@
-"""Small TUM folders to read and to break."""
+"""Small TUM folders and bags, which tests read and damage."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def camera() -> CameraModel:
 
 @pytest.fixture(scope='session')
 def big_camera() -> CameraModel:
-    """Of folders made with a scale of 5: eleven frames fill a chunk of a bag."""
+    """Return the camera of folders with scale 5, of which eleven frames fill a chunk of a bag."""
     return CameraModel(5 * SIZE[0], 5 * SIZE[1], 150.0, 155.0, 77.5, 57.5)
 
 
 def write_folder(
     folder: Path, num_frames: int, *, ext: str = 'png', depth_step: int = 1, scale: int = 1
 ) -> Path:
-    """Make a folder of N frames, color smooth, depth random."""
+    """Write a folder of N frames with smooth color and random depth images."""
     rng = np.random.default_rng(num_frames)
     width, height = SIZE[0] * scale, SIZE[1] * scale
     lists: dict[str, list[str]] = {'rgb': [], 'depth': []}
@@ -72,7 +72,7 @@ def make_folder(tmp_path: Path) -> FolderMaker:
 
 @pytest.fixture(scope='session')
 def whole_bag(tmp_path_factory: pytest.TempPathFactory, big_camera: CameraModel) -> Path:
-    """A bag of 60 frames in six chunks; not to be changed."""
+    """Return a bag of 60 frames in six chunks, which tests must not change."""
     folder = tmp_path_factory.mktemp('whole')
     convert(write_folder(folder / 'tum', 60, scale=5), folder / 'bag', None, big_camera)
     return folder / 'bag'
@@ -80,7 +80,7 @@ def whole_bag(tmp_path_factory: pytest.TempPathFactory, big_camera: CameraModel)
 
 @pytest.fixture
 def bag(whole_bag: Path, tmp_path: Path) -> Path:
-    """A copy of that bag, to break."""
+    """Return a copy of `whole_bag` that a test may damage."""
     return shutil.copytree(whole_bag, tmp_path / 'bag')
 
 

@@ -12,7 +12,7 @@ STAMPS = st.lists(st.integers(0, 60), max_size=12, unique=True).map(sorted)
 
 
 def reference(first: list[int], second: list[int], max_gap: int) -> list[tuple[int, int]]:
-    """The TUM benchmark's rule in its plainest form."""
+    """Return the pairs by the rule of the TUM benchmark, implemented as plainly as possible."""
     close = sorted(
         (abs(a - b), i, j)
         for i, a in enumerate(first)

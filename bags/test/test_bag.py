@@ -29,7 +29,7 @@ def write_frames(
     *,
     extra: Callable[[BagWriter, int], None] | None = None,
 ) -> Path:
-    """Write three frames under names of one's own: keys color, depth, info and others."""
+    """Write three frames on the topics `names`, whose keys are color, depth, info and others."""
     kinds = {'color': bag_types.IMAGE, 'depth': bag_types.IMAGE, 'info': bag_types.CAMERA_INFO}
     with BagWriter(path) as writer:
         for key, name in names.items():
@@ -126,14 +126,14 @@ def test_several_that_could_be_meant(tmp_path: Path, camera: CameraModel) -> Non
         open_sequence(path)
 
 
-@pytest.mark.parametrize(('left_out', 'said'), [('depth', 'depth'), ('color', 'color')])
+@pytest.mark.parametrize(('left_out', 'expected'), [('depth', 'depth'), ('color', 'color')])
 def test_images_that_are_missing(
-    tmp_path: Path, camera: CameraModel, left_out: str, said: str
+    tmp_path: Path, camera: CameraModel, left_out: str, expected: str
 ) -> None:
     names = {'color': '/rgb/image', 'depth': '/depth/image', 'info': '/rgb/camera_info'}
     del names[left_out]
     path = write_frames(tmp_path / 'bag', names, camera)
-    with pytest.raises(InputError, match=f'has no {said} images'):
+    with pytest.raises(InputError, match=f'has no {expected} images'):
         open_sequence(path)
 
 
@@ -197,7 +197,7 @@ def test_stamps_that_go_backwards(tmp_path: Path, camera: CameraModel) -> None:
 
 
 @pytest.mark.parametrize(
-    ('field', 'value', 'said'),
+    ('field', 'value', 'expected'),
     [
         ('k', np.zeros(9), 'has fx=0.0 fy=0.0 at 32x24 px; is the camera calibrated'),
         ('k', np.full(9, np.nan), 'is the camera calibrated'),
@@ -206,7 +206,7 @@ def test_stamps_that_go_backwards(tmp_path: Path, camera: CameraModel) -> None:
     ],
 )
 def test_camera_info_that_says_too_little(
-    tmp_path: Path, camera: CameraModel, field: str, value: Any, said: str
+    tmp_path: Path, camera: CameraModel, field: str, value: Any, expected: str
 ) -> None:
     def changed(writer: BagWriter, t_ns: int) -> None:
         message = bag_messages.camera_info(t_ns, camera)
@@ -217,7 +217,7 @@ def test_camera_info_that_says_too_little(
 
     names = {'color': '/rgb/image', 'depth': '/depth/image'}
     path = write_frames(tmp_path / 'bag', names, camera, extra=changed)
-    with pytest.raises(InputError, match=f'bag: /rgb/camera_info: camera_info .*{said}'):
+    with pytest.raises(InputError, match=f'bag: /rgb/camera_info: camera_info .*{expected}'):
         open_sequence(path)
 
 

@@ -82,21 +82,21 @@ def test_a_bag_with_wrong_metadata_has_a_fault(bag: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('old', 'new', 'said'),
+    ('old', 'new', 'expected'),
     [
         ('rosbag2_bagfile_information:', 'a: &a [1]\nb: *a\nc:', 'an alias'),
         ('rosbag2_bagfile_information:', 'a: ' + '[' * 3000 + '\nc:', 'nested deeper'),
         ('  version: ', '  version: !!int ', 'the tag'),
     ],
 )
-def test_hostile_metadata_is_not_read(bag: Path, old: str, new: str, said: str) -> None:
+def test_hostile_metadata_is_not_read(bag: Path, old: str, new: str, expected: str) -> None:
     path = bag / 'metadata.yaml'
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
     sequence = open_sequence(bag)
     assert sequence.fault is not None
-    assert said in sequence.fault
+    assert expected in sequence.fault
     assert 'read without metadata.yaml' in sequence.fault
     assert len(sequence) == 60
 

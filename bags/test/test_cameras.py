@@ -49,7 +49,7 @@ def test_camera_info_yaml(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('old', 'new', 'said'),
+    ('old', 'new', 'expected'),
     [
         ('500.5', '0', 'focal lengths must be in [32, 64000] px at 640x480, got fx=0.0'),
         ('501.5', '-1', 'focal lengths must be in'),
@@ -63,13 +63,13 @@ def test_camera_info_yaml(tmp_path: Path) -> None:
         ('image_width:', 'image_width: [', 'is not YAML'),
     ],
 )
-def test_bad_camera_files(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_bad_camera_files(tmp_path: Path, old: str, new: str, expected: str) -> None:
     path = tmp_path / 'camera.yaml'
     path.write_text(YAML.replace(old, new))
     with pytest.raises(InputError) as caught:
         read_camera_yaml(path)
     message = str(caught.value)
-    assert said in message
+    assert expected in message
     assert str(path) in message
     assert '\n' not in message
 

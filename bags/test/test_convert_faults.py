@@ -45,13 +45,13 @@ def _truncate(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
 
 
-@pytest.mark.parametrize('said', list(FAULTS))
+@pytest.mark.parametrize('expected', list(FAULTS))
 def test_a_fault_leaves_nothing(
-    make_folder: FolderMaker, camera: CameraModel, tmp_path: Path, said: str
+    make_folder: FolderMaker, camera: CameraModel, tmp_path: Path, expected: str
 ) -> None:
     folder = make_folder(3)
-    FAULTS[said](folder)
-    with pytest.raises(InputError, match=said) as caught:
+    FAULTS[expected](folder)
+    with pytest.raises(InputError, match=expected) as caught:
         convert(folder, tmp_path / 'bag', MM, camera)
     assert '\n' not in str(caught.value)
     assert list(tmp_path.iterdir()) == [folder]

@@ -71,16 +71,16 @@ def test_rounds_follow_each_other_with_rising_stamps(whole_bag: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('config', 'topics', 'said'),
+    ('config', 'topics', 'expected'),
     [
         (PlayConfig(start_s=100.0), (), '--start 100 s lies after its end'),
         (PlayConfig(), ('/nothing',), 'has no topic "/nothing"'),
     ],
 )
 def test_nothing_to_play(
-    whole_bag: Path, config: PlayConfig, topics: tuple[str, ...], said: str
+    whole_bag: Path, config: PlayConfig, topics: tuple[str, ...], expected: str
 ) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=expected):
         open_plan(whole_bag, config, topics)
 
 
@@ -160,7 +160,7 @@ def test_read_ahead_hands_errors_on() -> None:
 
 @pytest.fixture
 def uneven(tmp_path: Path) -> Path:
-    """Color at 1, 100, 200 and 300 ms; the depth of 1 and 300 comes before, 200 has none."""
+    """Write color at 1, 100, 200 and 300 ms; depth comes first at 1 and 300, and lacks at 200."""
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic('rgb/image', bag_types.IMAGE)
         writer.add_topic('depth/image', bag_types.IMAGE)

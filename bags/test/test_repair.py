@@ -1,4 +1,4 @@
-"""Repair of what a killed recorder leaves, and of damaged bags."""
+"""Repair of the folder of a killed recorder, and of damaged bags."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ with BagWriter(Path(sys.argv[1])) as writer:
 
 
 def killed_recording(bag: Path) -> Path:
-    """Leave what a recorder leaves that is killed ten messages after its last flush."""
+    """Return the folder of a recorder that was killed ten messages after its last flush."""
     subprocess.run([sys.executable, '-c', KILLED, str(bag)], check=False, timeout=60)
     (left,) = abandoned_scratch_folders(bag.parent)
     return left

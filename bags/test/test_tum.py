@@ -24,7 +24,7 @@ def image(folder: Path, kind: str, index: int = 1) -> Path:
 
 
 def fault_of(folder: Path, camera: CameraModel) -> str:
-    """Return what opening and reading a folder says."""
+    """Return the error message of opening and reading a folder."""
     with pytest.raises(InputError) as caught:
         list(open_sequence(folder, camera))
     assert '\n' not in str(caught.value)
@@ -152,7 +152,7 @@ def test_image_said_to_be_huge(make_folder: FolderMaker, camera: CameraModel, ki
 
 
 @pytest.mark.parametrize(
-    ('pixels', 'said'),
+    ('pixels', 'expected'),
     [
         (np.zeros((24, 32), np.uint8), 'got 8-bit with 1 channel'),
         (np.zeros((24, 32, 3), np.uint8), 'got 8-bit with 3 channel'),
@@ -160,12 +160,12 @@ def test_image_said_to_be_huge(make_folder: FolderMaker, camera: CameraModel, ki
     ],
 )
 def test_depth_of_another_kind(
-    make_folder: FolderMaker, camera: CameraModel, pixels: np.ndarray, said: str
+    make_folder: FolderMaker, camera: CameraModel, pixels: np.ndarray, expected: str
 ) -> None:
     folder = make_folder(2)
     path = image(folder, 'depth')
     cv2.imwrite(str(path), pixels)
-    assert f'{path}: depth must be 16-bit gray, {said}' in fault_of(folder, camera)
+    assert f'{path}: depth must be 16-bit gray, {expected}' in fault_of(folder, camera)
 
 
 def test_camera_of_another_size(make_folder: FolderMaker) -> None:
@@ -207,7 +207,7 @@ def test_empty_trajectory_round_trip(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'expected'),
     [
         ('1 0 0 0 0 0 0\n', 'line 1: not 7 numbers'),
         ('1 0 0 0 0 0 0 one\n', 'line 1: not 7 numbers'),
@@ -216,12 +216,12 @@ def test_empty_trajectory_round_trip(tmp_path: Path) -> None:
         ('2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n', 'line 2: stamp 1000000000 ns is not after'),
     ],
 )
-def test_bad_trajectories(tmp_path: Path, text: str, said: str) -> None:
+def test_bad_trajectories(tmp_path: Path, text: str, expected: str) -> None:
     path = tmp_path / 'truth.txt'
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         read_tum(path)
-    assert said in str(caught.value)
+    assert expected in str(caught.value)
     assert '\n' not in str(caught.value)
 
 

@@ -1,1 +1,1 @@
-"""The experiments: the paper's and ours, declared in files, run in one command."""
+"""Experiments of the paper and of this project, declared in YAML files and run by one command."""

@@ -1,4 +1,4 @@
-"""`hoid bench`: the experiments and their report, or the speed of one stage."""
+"""`hoid bench`: experiments and their report, the time of one stage, or a special report."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MASKS, _PAIRS, _ROOMS = 'masks', 'pairs', 'rooms'
 _FAULTS, _COVARIANCES = 'faults', 'covariances'
 _BUILDING = 'building'
 REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES, _BUILDING)
-"""What else can be asked for beside experiments and stages."""
+"""Reports that `hoid bench` can write besides experiments and the times of stages."""
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
 
@@ -47,11 +47,11 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         default='full',
         metavar='WHAT',
         help=f'experiments: full, quick or a YAML file; a stage to time ({", ".join(STAGES)}); '
-        f'{_MASKS}: judge the masks corner by corner; {_PAIRS}: of two real images each; '
-        f'{_ROOMS}: dense map, grid and tracks; '
-        f'{_COVARIANCES}: errors against what is published as uncertainty; '
-        f'{_FAULTS}: {", ".join(CAMPAIGNS)}; '
-        f'{_BUILDING}: SLAM in a simulated building: {", ".join(SCENARIOS)}',
+        f'{_MASKS}: dynamic masks, evaluated at corners; {_PAIRS}: dynamic masks of image pairs; '
+        f'{_ROOMS}: dense map, grid and object tracks of rendered rooms; '
+        f'{_COVARIANCES}: published covariances compared with the errors; '
+        f'{_FAULTS}: fault injection ({", ".join(CAMPAIGNS)}); '
+        f'{_BUILDING}: SLAM in a simulated building ({", ".join(SCENARIOS)})',
     )
     add('--quick', action='store_true', help='run the plan "quick", which takes a few minutes')
     add(
@@ -59,20 +59,20 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='ID',
-        help='run this experiment or scenario only; may be repeated',
+        help='run only this experiment or scenario; may be repeated',
     )
     add(
         '--seed',
         type=int,
         default=0,
         metavar='N',
-        help='seed of the faults or of the building (default: %(default)s)',
+        help='seed of the first fault case, or of the building (default: %(default)s)',
     )
     add(
         '--cases',
         type=int,
         metavar='N',
-        help='number of cases of each fault, or minutes of the soak test',
+        help='number of cases of each kind of fault, and minutes of the soak test',
     )
     add(
         '--keyframes',
@@ -90,10 +90,14 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='S',
         help='building: constant delay of the mapper in s; may be repeated',
     )
-    add('--job', metavar='KEY', help='run this job again; the report names its key')
-    add('--report', action='store_true', help='only write the report of finished runs')
-    add('--detector', metavar='MODEL', help='detector model to use instead of those of the plan')
-    add('--data', type=Path, metavar='DIR', help='folder of the unpacked official sequences')
+    add('--job', metavar='KEY', help='repeat the run with this key, which the report lists')
+    add(
+        '--report',
+        action='store_true',
+        help='write the report of finished runs without running anything',
+    )
+    add('--detector', metavar='MODEL', help='detector model to use instead of those in the plan')
+    add('--data', type=Path, metavar='DIR', help='folder of the unpacked TUM and Bonn sequences')
     add(
         '--out',
         type=Path,
@@ -112,10 +116,10 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         '--cluster',
         default='',
         metavar='ADDRESS',
-        help='address of a Dask scheduler with shared files',
+        help='address of a Dask scheduler whose machines share the files of this one',
     )
     add('--check', action='store_true', help='fail if a result exceeds its stored bound')
-    add('--renew', action='store_true', help='repeat runs of other versions of the code')
+    add('--renew', action='store_true', help='repeat the runs of other versions of the code')
     add(
         '--publish', action='store_true',
         help='write complete results to the tables of README and docs/results',
@@ -123,10 +127,10 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def bench_command(args: argparse.Namespace) -> None:
-    """Time a stage; or run what has not run yet, write the report, and check bounds if asked.
+    """Write the requested report, or run the experiments that are not finished and report them.
 
     Raises:
-        HoidError: A bound is broken, or the experiments cannot be read.
+        HoidError: A result exceeds its bound, or the experiments cannot be read.
     """
     if args.what == _FAULTS:
         _faults(args)
@@ -198,15 +202,15 @@ def _experiments(args: argparse.Namespace, store: Store) -> None:
 
 def _publish(plan: Plan, results: Mapping[Job, Result]) -> None:
     kept = keep(plan, results, results_path(_ROOT, plan.name))
-    left = [e.id for e in plan.experiments if e.id not in kept]
+    incomplete = [e.id for e in plan.experiments if e.id not in kept]
     write_pages(_ROOT)
-    for words, names in (('published', kept), ('not complete, left as it was', left)):
+    for state, names in (('published', kept), ('incomplete, not published', incomplete)):
         if names:
-            sys.stdout.write(f'{words}: {", ".join(names)}\n')
+            sys.stdout.write(f'{state}: {", ".join(names)}\n')
 
 
 def repeating_command(what: str, args: argparse.Namespace) -> str:
-    """Return what asks for the same experiments, data and folder in the root of the project."""
+    """Return the shell command, for the project's root, with the same plan, data and folder."""
     words = ['./hoid', 'bench', _from_root(what) if Path(what).suffix else what]
     if args.data is not None:
         words += ['--data', _from_root(args.data)]
@@ -220,7 +224,7 @@ def _from_root(path: str | Path) -> str:
 
 
 def _repeat(engine: Engine, job: Job) -> None:
-    """Run one job whatever is stored of it, and say what came out."""
+    """Run one job, even if its result is stored, and print the main numbers of the result."""
     result = engine.repeat(job)
     if not result.ok:
         raise HoidError(result.error)
@@ -236,5 +240,5 @@ def _counted(results: Iterable[Result]) -> str:
     failed = sum(not r.ok for r in every) - missing
     return (
         f'{len(every) - failed - missing} runs done, {failed} failed, '
-        f'{missing} of sequences that are not here'
+        f'{missing} without their sequence'
     )

@@ -1,8 +1,8 @@
-"""Consistency of published covariances with the errors: normalized estimation error squared.
+"""Consistency of published covariances with errors, by normalized estimation errors squared.
 
 The mean of e' P^-1 e over the degrees of freedom is 1 where P is the covariance of the error e
-(Bar-Shalom, Li and Kirubarajan 2001, 5.4). The reference has errors as well, which are estimated
-from its own poses.
+(Bar-Shalom, Li and Kirubarajan 2001, 5.4). The reference trajectory has errors too, which are
+estimated from the smoothness of its poses.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from hoid_common.values import NS_PER_S, S_PER_NS, BoolArray, FloatArray, IntArr
 from rgbd_slam.tracking.pose_noise import WINDOW, smoothness_residuals
 
 INTERVAL_S = 1.0
-_ASSOCIATION_S = 0.02  # largest difference of an interval from INTERVAL_S, as in the ATE
-_LONGEST_GAP_S = 0.05  # chosen: the reference is not interpolated in longer gaps
+# Largest deviation from INTERVAL_S, equal to the association limit of the ATE.
+_ASSOCIATION_S = 0.02
+_LONGEST_GAP_S = 0.05  # chosen: the reference is not interpolated across longer gaps
 _CLOCKS_S = np.arange(-50, 51, 2) / 1e3  # chosen: candidate offsets of the reference's clock
 _MIN_PAIRS = 10  # chosen
 
@@ -36,13 +37,13 @@ class Estimates:
 
 @dataclass(frozen=True)
 class Consistency:
-    """Normalized squared errors per degree of freedom, and the errors themselves."""
+    """Normalized errors squared (1 = consistent, more = overconfident), errors and sigmas."""
 
-    pose: float  # of the motion over a second
-    twist: float
-    error_m: float  # RMS over a second
+    pose: float  # of the relative motion over one second
+    twist: float  # of the mean velocity between successive poses
+    error_m: float  # RMS error of the relative motion over one second
     error_deg: float
-    sigma_m: float  # RMS by the published covariance
+    sigma_m: float  # RMS expected from the published covariance
     sigma_deg: float
 
 
@@ -50,26 +51,26 @@ class Consistency:
 class ReferenceNoise:
     """Errors of the reference itself.
 
-    Where its two clock offsets differ, no shift of its stamps makes it agree with the camera.
+    If the two clock offsets differ, no single offset aligns the reference with the camera.
     """
 
-    covariance: FloatArray  # (6, 6) of one pose, from its smoothness residuals
-    rotation_clock_s: float  # shift of its stamps that fits its rotations best
-    translation_clock_s: float  # shift of its stamps that fits its translations best
+    covariance: FloatArray  # (6, 6) of one pose, rotation first, from smoothness residuals
+    rotation_clock_s: float  # offset of its stamps at which the rotations agree best
+    translation_clock_s: float  # offset of its stamps at which the translations agree best
 
 
 def consistency(
     estimates: Estimates, truth: Trajectory, noise: ReferenceNoise | None = None
 ) -> Consistency:
-    """Return the ratio of the errors to the covariances.
+    """Return how well the published covariances explain the errors.
 
     Args:
         estimates: Published poses and covariances.
-        truth: The reference.
-        noise: Errors of the reference, whose covariance is added.
+        truth: The reference trajectory.
+        noise: Errors of the reference; their covariance is added to the published one.
 
     Raises:
-        InputError: The two share less than a second.
+        InputError: Estimate and reference overlap by less than a second.
     """
     own = np.zeros((6, 6)) if noise is None else noise.covariance
     true, is_known = _at(truth, estimates.stamps_ns, 0.0)
@@ -93,10 +94,10 @@ def consistency(
 
 
 def reference_noise(estimates: Estimates, truth: Trajectory) -> ReferenceNoise:
-    """Return the pose noise of a reference, and the clock offsets that fit the camera's motion.
+    """Return the pose noise of a reference, and its clock offsets from the camera.
 
     Raises:
-        InputError: The two share less than a second.
+        InputError: Estimate and reference overlap by less than a second.
     """
     rows = np.arange(len(truth) - WINDOW + 1)[:, None] + np.arange(WINDOW)
     jitter = smoothness_residuals(truth.stamps_ns[rows], truth.T_world_camera[rows])
@@ -154,7 +155,7 @@ def _pairs(stamps_ns: IntArray, is_known: BoolArray) -> tuple[IntArray, IntArray
     late_s = S_PER_NS * (stamps_ns[second] - stamps_ns[first]) - INTERVAL_S
     keep = (np.abs(late_s) <= _ASSOCIATION_S) & is_known[first] & is_known[second]
     if np.count_nonzero(keep) < _MIN_PAIRS:
-        raise InputError('estimate and ground truth share less than a second')
+        raise InputError('estimate and ground truth overlap by less than a second')
     return first[keep], second[keep]
 
 

@@ -1,4 +1,4 @@
-"""`hoid demo`: people who walk past the camera, rendered or real, with the filter and without."""
+"""`hoid demo`: a scene with people, rendered or recorded, run with and without the filter."""
 
 from __future__ import annotations
 
@@ -36,11 +36,12 @@ from rgbd_slam.scene.export import read_ply
 
 _WORKERS = 2
 _FRAMES, _SECONDS = 210, 20.0
-_SNAPSHOTS = (0.35, 0.6, 0.85)  # of the recording
+_SNAPSHOTS = (0.35, 0.6, 0.85)  # as shares of the recording
 _ANIMATED_EVERY = 10
 _ANIMATED_PX = (240, 180)
-_DRAWN = (Reason.PERSON, Reason.HANDLED)  # what is predicted or remembered would clutter
-# What the paper put HOID on, without it; and ours.
+# Predicted and remembered objects would clutter the picture.
+_DRAWN = (Reason.PERSON, Reason.HANDLED)
+# The baseline of the paper, and the default configuration.
 _WITHOUT, _WITH = "ORB-SLAM3's rules, no filter", 'HOID'
 
 
@@ -90,7 +91,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def demo_command(args: argparse.Namespace) -> None:
-    """Show what the suite does, in a few minutes."""
+    """Render or record a scene, run it with and without the filter, and draw the comparison."""
     from hoid_bringup.live.replay import replay  # needs ROS
 
     bag_path = args.out / 'scene.bag'
@@ -103,7 +104,7 @@ def demo_command(args: argparse.Namespace) -> None:
     bag = BagSequence(bag_path)
     configs = _configs(args)
     print_detection_note(configs[_WITH])
-    print(f'2/3  every image offline, so that the mapper is never late: {_WITHOUT}')
+    print(f'2/3  processing every image offline, without a time limit: {_WITHOUT}')
     summaries = {_WITHOUT: run_offline(bag, configs[_WITHOUT], args.out / _folder(_WITHOUT))}
     print(f'3/3  replaying it in real time through the live nodes: {_WITH}')
     summaries[_WITH] = replay(bag, ReplayConfig(run=configs[_WITH]), args.out / _folder(_WITH))
@@ -120,14 +121,15 @@ def demo_command(args: argparse.Namespace) -> None:
 
 
 def _record(args: argparse.Namespace, bag_path: Path) -> None:
-    """Record a camera; its topics are awaited."""
+    """Record the topics of a camera, after waiting for them to appear."""
     from hoid_bags.live.record import record  # needs ROS
 
     names = CAMERA_TOPICS[args.camera].topics(args.camera_namespace)
     print(f'1/3  recording {args.seconds:g} s of {", ".join(names)}: look around')
     bag_path.parent.mkdir(parents=True, exist_ok=True)
     record(bag_path, names, duration_s=args.seconds, show_progress=True)
-    os.environ.pop(VARIABLE, None)  # the camera goes on: the replay takes a domain of its own
+    # The camera keeps publishing, so the replay needs its own domain.
+    os.environ.pop(VARIABLE, None)
 
 
 def _scene(args: argparse.Namespace) -> SceneConfig:
@@ -137,7 +139,7 @@ def _scene(args: argparse.Namespace) -> SceneConfig:
 
 
 def _configs(args: argparse.Namespace) -> dict[str, RunConfig]:
-    """Return what is compared, by label."""
+    """Return the compared configurations by label."""
     seed_method = {**load_profile('orb_slam3'), STRATEGY: 'none'}
     model = args.detector or ('' if args.camera else SYNTHETIC)
     ours = RunConfig().updated({'detector.model': model})
@@ -152,7 +154,7 @@ def _folder(label: str) -> str:
 
 
 def _pictures(bag: BagSequence, config: RunConfig) -> list[Snapshot]:
-    """Return what the filter sees and decides, image by image."""
+    """Return the images with the decisions of the filter drawn into them."""
     detect = detection_source(bag, config)
     feature_filter = FeatureFilter(config.filter, bag.camera)
     found = []
@@ -174,7 +176,7 @@ def _drawn(frame: RgbdFrame, result: FilterResult) -> ByteArray:
 
 
 def _run(bag: BagSequence, out: Path, label: str) -> DemoRun:
-    """Return path and map of a run, in the truth's frame where there is a truth."""
+    """Return trajectory and map of a run, aligned to the ground truth if there is one."""
     folder = out / _folder(label)
     found = read_tum(folder / outputs.FINAL)
     points_m = read_ply(folder / outputs.MAP).points_m.astype(np.float64)
@@ -191,18 +193,18 @@ def _run(bag: BagSequence, out: Path, label: str) -> DemoRun:
 
 
 def _table(summaries: dict[str, Summary]) -> str:
-    """Return the numbers of both runs side by side."""
+    """Return a table with the numbers of both runs side by side."""
     rows = [('', *summaries)]
     every = list(summaries.values())
     rows.append(('frames tracked', *(f'{s.frames_tracked} of {s.frames_total}' for s in every)))
     rows.append(('coverage', *(f'{100 * s.coverage:.1f} %' for s in every)))
-    rows.append(('ATE RMSE', *(_metres(s.ate_rmse_m) for s in every)))
+    rows.append(('ATE RMSE', *(_meters(s.ate_rmse_m) for s in every)))
     rows.append(('time per frame', *(_median_ms(s.stage_ms.get('frame')) for s in every)))
     rows.append(('image to odometry', *(_median_ms(s.latency_ms) for s in every)))
     return '\n' + '\n'.join(f'{a:20s}{b:>30s}{c:>12s}' for a, b, c in rows)
 
 
-def _metres(value_m: float | None) -> str:
+def _meters(value_m: float | None) -> str:
     return '-' if value_m is None else f'{value_m:.4f} m'
 
 

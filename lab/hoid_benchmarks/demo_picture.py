@@ -21,28 +21,28 @@ _HEIGHTS = (3.2, 5.0, 2.2)
 _TRUTH, _PATH, _MAP = '#111111', '#d1495b', '#8fa3b8'
 _COLORS = ('#d1495b', '#2563a8')
 _LEAST_SHOWN_CM = 0.05
-_SHOWN_M = (0.15, 2.3)  # heights between which map points show in the plan
-_SHOWN_ABOUT_CAMERA_M = (-1.0, 1.0)  # the same where the first image is the origin
+_SHOWN_M = (0.15, 2.3)  # heights of the map points drawn in the floor plan
+_SHOWN_ABOUT_CAMERA_M = (-1.0, 1.0)  # the same if the first camera is the origin
 _PATH_LABEL = 'camera, estimated'
 _ANIMATED_MS = 130
-_PALETTE = 48  # colours of the animation
+_PALETTE = 48  # colors of the animation
 
 
 class Snapshot(NamedTuple):
-    """An image with what the filter decided drawn into it."""
+    """An image with the decisions of the filter drawn into it."""
 
     stamp_ns: int
     image_bgr: ByteArray  # (H, W, 3)
 
 
 class DemoRun(NamedTuple):
-    """What a run leaves, in the truth's frame or, without a truth, in the run's own."""
+    """Trajectory and map of a run, in the frame of the ground truth or else of the run."""
 
     stamps_ns: IntArray  # (N,)
     T_world_camera: FloatArray  # (N, 4, 4)
-    points_world_m: FloatArray  # (M, 3), of the sparse map
+    points_world_m: FloatArray  # (M, 3) points of the sparse map
     T_world_camera_true: FloatArray | None = None  # (N, 4, 4)
-    error_m: FloatArray | None = None  # (N,), distance to the truth
+    error_m: FloatArray | None = None  # (N,) distance to the ground truth
 
 
 def draw_demo(path: Path, runs: Mapping[str, DemoRun], shown: Sequence[Snapshot]) -> None:
@@ -60,7 +60,7 @@ def draw_demo(path: Path, runs: Mapping[str, DemoRun], shown: Sequence[Snapshot]
 
 
 def write_animation(path: Path, images_bgr: Sequence[ByteArray]) -> None:
-    """Write images (H, W, 3) as a GIF that repeats."""
+    """Write images (H, W, 3) as a looping GIF."""
     frames = [Image.fromarray(image[..., ::-1]).quantize(_PALETTE) for image in images_bgr]
     frames[0].save(
         path, save_all=True, append_images=frames[1:], duration=_ANIMATED_MS, loop=0, optimize=True
@@ -85,7 +85,7 @@ def _draw_snapshots(figure: SubFigure, shown: Sequence[Snapshot]) -> None:
 
 
 def _draw_plan(axes: Axes, label: str, run: DemoRun) -> None:
-    """Draw map points and path from above."""
+    """Draw map points and camera trajectory seen from above."""
     height = run.points_world_m[:, 2]
     lowest, highest = _SHOWN_M if run.error_m is not None else _SHOWN_ABOUT_CAMERA_M
     shown = run.points_world_m[(height > lowest) & (height < highest)]
@@ -95,7 +95,10 @@ def _draw_plan(axes: Axes, label: str, run: DemoRun) -> None:
         axes.set_title(label, loc='left', fontsize=11)
     else:
         axes.plot(
-            *run.T_world_camera_true[:, :2, 3].T, color=_TRUTH, lw=3.0, label='camera, truth'
+            *run.T_world_camera_true[:, :2, 3].T,
+            color=_TRUTH,
+            lw=3.0,
+            label='camera, ground truth',
         )
         rmse_cm = 100 * float(np.sqrt(np.mean(run.error_m**2)))
         axes.set_title(f'{label}: {rmse_cm:.1f} cm RMSE', loc='left', fontsize=11)
@@ -107,7 +110,7 @@ def _draw_plan(axes: Axes, label: str, run: DemoRun) -> None:
 
 
 def _draw_errors(axes: Axes, runs: Mapping[str, DemoRun]) -> None:
-    """Draw the errors, or, without a truth, how far the runs are from each other."""
+    """Draw the errors, or without ground truth the distance between the runs."""
     for color, (label, stamps_ns, error_m) in zip(_COLORS, _errors(runs), strict=False):
         since_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
         axes.plot(since_s, 100 * error_m, color=color, lw=1.8, label=label)

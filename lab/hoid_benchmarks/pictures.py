@@ -1,8 +1,8 @@
-"""The command `pictures`: draws features and verdicts of the filter, as in the paper's figures.
+"""The command `pictures`: draws features and verdicts of the filter as in the paper's figures.
 
-For some frames of a recording (scenarios A, B, C ...) three sheets are written: the verdict for
-each object (Figure 4), all features with the detections (Figure 6), and the features that the 2-D
-rule and the 3-D rule keep, side by side (Figure 7).
+It writes three sheets for some frames of a recording: the verdict on each object (Figure 4), all
+features with the detections (Figure 6), and the features kept by the 2-D rule beside those kept by
+the 3-D rule (Figure 7).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _STATELESS = ('none', 'hoid2d', 'hoid3d')  # strategies that classify each image
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Results of the strategies for one frame, as (H, W, 3) BGR pictures."""
+    """Results of the strategies for one frame, as (H, W, 3) BGR images."""
 
     verdict: ByteArray
     everything: ByteArray  # all features with the detections
@@ -68,7 +68,7 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def pictures_command(args: argparse.Namespace) -> None:
-    """Write the sheets.
+    """Write the three sheets.
 
     Raises:
         HoidError: The recording, the detector, a frame number or the folder is invalid.
@@ -76,7 +76,7 @@ def pictures_command(args: argparse.Namespace) -> None:
     sequence = open_sequence(args.input, chosen_camera(args), args.depth_factor)
     wanted = frame_numbers(args.frames, len(sequence))
     run = RunConfig().updated({'detector.model': args.detector})
-    detect = detection_source(sequence, run)  # also for the strategy "none"
+    detect = detection_source(sequence, run)  # needed even if the strategy is "none"
     config = FilterConfig(strategy=args.filter)
     scenes = dict(draw_scenes(sequence, wanted, detect, config))
     for path in write_sheets([scenes[n] for n in wanted], wanted, args.filter, args.out):
@@ -104,9 +104,9 @@ def frame_numbers(requested: list[int] | None, num_frames: int) -> list[int]:
 def draw_scenes(
     sequence: Sequence, wanted: Iterable[int], detect: DetectionSource, config: FilterConfig
 ) -> Iterator[tuple[int, Scene]]:
-    """Yield numbers and pictures of the wanted frames in the order of time.
+    """Yield the number and pictures of each wanted frame, in order of time.
 
-    The strategy of `config` processes all frames up to the last wanted one, as it may be stateful.
+    The strategy of `config` may be stateful: it processes every frame up to the last wanted one.
     """
     chosen = frozenset(wanted)
     last = max(chosen)

@@ -1,1 +1,1 @@
-"""A rendered scene with people who handle objects, with exact truth about everything."""
+"""Renders scenes with people who handle objects, with exact ground truth."""

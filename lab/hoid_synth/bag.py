@@ -1,4 +1,4 @@
-"""A rendered scene to an MCAP bag, with poses and exact detections beside the images."""
+"""Writes a rendered scene as an MCAP bag with ground-truth poses and boxes."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def write_bag(
     """Render a scene into a bag.
 
     Args:
-        config: what to render.
-        bag: the folder to make.
-        workers: processes that render.
-        show_progress: whether to draw a progress bar on stderr.
+        config: The scene.
+        bag: The folder to create.
+        workers: Number of rendering processes.
+        show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
-        InputError: the bag exists already or cannot be written; then nothing of it is left.
+        InputError: The bag exists already, or cannot be written. No partial bag is left.
     """
     with BagWriter(bag) as writer:
         for topic, type_name in _TYPES.items():

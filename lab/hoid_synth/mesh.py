@@ -1,4 +1,4 @@
-"""Triangle meshes with texture coordinates, and the primitives that things are made of."""
+"""Triangle meshes with texture coordinates, and geometric primitives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hoid_common.values import ByteArray, Float32Array, FloatArray
 
-CELL_M = 0.12  # edge of a mesh cell: light is baked at the vertices
+CELL_M = 0.12  # edge of a mesh cell; light is computed at the vertices
 Vector = Sequence[float] | FloatArray
 
 _FACES = ('left', 'right', 'front', 'back', 'bottom', 'top')  # -x +x -y +y -z +z
@@ -18,7 +18,7 @@ _FACES = ('left', 'right', 'front', 'back', 'bottom', 'top')  # -x +x -y +y -z +
 
 @dataclass(frozen=True)
 class Surface:
-    """A texture and the size of one repetition; None stretches it over the patch."""
+    """A texture and the size of one repetition in m; None stretches it over the patch."""
 
     texture: int
     size_m: tuple[float, float] | None = None
@@ -26,14 +26,14 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles; all per-vertex arrays have V rows, all per-face arrays F."""
+    """A triangle mesh with V vertices and F faces."""
 
     vertices_m: Float32Array  # (V, 3)
     normals: Float32Array  # (V, 3), unit, outwards
     uv: Float32Array  # (V, 2), in repetitions of the texture
     faces: NDArray[np.int32]  # (F, 3)
     texture: NDArray[np.int16]  # (F,)
-    instance: ByteArray  # (F,); 0 = background
+    instance: ByteArray  # (F,) instance of each face; 0 = background
 
     def transformed(self, T_a_b: FloatArray) -> Mesh:
         """Return the mesh moved by a rigid transform (4, 4)."""
@@ -42,12 +42,12 @@ class Mesh:
         return replace(self, vertices_m=moved, normals=self.normals @ R.T)
 
     def as_instance(self, instance: int) -> Mesh:
-        """Return the mesh with every face belonging to an instance."""
+        """Return the mesh with all faces assigned to one instance."""
         return replace(self, instance=np.full(len(self.faces), instance, np.uint8))
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
-    """Return one mesh of several."""
+    """Return the union of meshes."""
     starts = np.cumsum([0] + [len(m.vertices_m) for m in meshes[:-1]])
     return Mesh(
         np.concatenate([m.vertices_m for m in meshes]),
@@ -74,13 +74,13 @@ def _tangent(points: FloatArray, axis: int, closed: bool) -> FloatArray:
 
 
 def grid(points: FloatArray, uv: FloatArray, surface: Surface, closed: bool = False) -> Mesh:
-    """Return the mesh of a (rows, columns, 3) grid; outwards is d/dcolumn x d/drow.
+    """Return the mesh of a grid of points; its outward normal is d/dcolumn x d/drow.
 
     Args:
-        points: vertices.
+        points: (rows, columns, 3) vertices.
         uv: (rows, columns, 2) texture coordinates.
-        surface: what covers it.
-        closed: the last column repeats the first, as around a tube.
+        surface: Texture of the mesh.
+        closed: Whether the last column repeats the first one, as around a tube.
     """
     normals = _unit(np.cross(_tangent(points, 1, closed), _tangent(points, 0, False)))
     rows, columns = points.shape[:2]
@@ -106,7 +106,7 @@ def quad(
     surface: Surface,
     cell_m: float = CELL_M,
 ) -> Mesh:
-    """Return a flat patch; seen from outside, u runs right and v down (edge_v is downwards)."""
+    """Return a flat patch; seen from outside, u points right and v (along edge_v) down."""
     o, eu, ev = (np.asarray(x, float) for x in (origin, edge_u, edge_v))
     lengths = np.linalg.norm(eu), np.linalg.norm(ev)
     counts = [max(1, int(np.ceil(length / cell_m))) + 1 for length in lengths]
@@ -127,7 +127,7 @@ def box(
     faces: Mapping[str, Surface] | None = None,
     omit: Sequence[str] = (),
 ) -> Mesh:
-    """Return an axis-aligned box; `faces` overrides left, right, front (-y), back, ...."""
+    """Return an axis-aligned box; `faces` gives sides (left, right, front = -y, ...) a surface."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
     sides = {
@@ -149,14 +149,14 @@ def tube(
     surface: Surface,
     around: int = 14,
 ) -> Mesh:
-    """Return a generalised cylinder with closed ends along a curve.
+    """Return a tube with elliptic cross sections and closed ends along a curve.
 
     Args:
-        centers_m: (N, 3) centre line.
+        centers_m: (N, 3) center line.
         radii_m: (N, 2) half axes along `side` and across it.
-        side: direction, not along the curve, from which the angle counts.
-        surface: what covers it; u runs around, v along.
-        around: columns.
+        side: Direction of angle 0; must not be parallel to the curve.
+        surface: Texture; u points around the tube, v along it.
+        around: Number of vertices around the tube.
     """
     along = _unit(np.gradient(centers_m, axis=0))
     s = np.asarray(side, float)
@@ -196,7 +196,7 @@ def ellipsoid(
     columns: int = 18,
     latitude: tuple[float, float] = (-np.pi / 2, np.pi / 2),
 ) -> Mesh:
-    """Return (part of) an ellipsoid; u runs around z from -y, v from the top down."""
+    """Return an ellipsoid or a zone of it; u points around z from -y, v from the top down."""
     theta = np.linspace(latitude[1], latitude[0], rows)[:, None]
     phi = np.linspace(-1.5 * np.pi, 0.5 * np.pi, columns)[None]
     unit = np.stack(

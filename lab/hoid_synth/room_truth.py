@@ -1,4 +1,4 @@
-"""What maps of a rendered recording should show, in a map frame that starts at its first image."""
+"""Ground truth for maps of a rendered recording, in the frame of its map."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from hoid_synth.config import SceneConfig
 from hoid_synth.mesh import merged
 from hoid_synth.static_model import StaticModel
 
-_LEFT_ALONE_FRAMES = 60  # 2 s: what rested as long ago as that may still be in the map
+_LEFT_ALONE_FRAMES = 60  # 2 s; the map may show an object at the place it left less than this ago
 _PATH_RADIUS_M = 0.3
 _BODY_M = (0.1, 1.85)
 _OBSTACLE_M = (0.1, 1.8)
 
 
 class RoomTruth:
-    """The resting surfaces, people's paths and the floor plan.
+    """Static surfaces, paths of people and occupancy of a rendered recording.
 
     Args:
-        config: Of the recording.
-        T_map_camera: (4, 4) the first camera in the map.
+        config: Configuration of the recording.
+        T_map_camera: (4, 4) pose of the first camera in the map frame.
     """
 
     def __init__(self, config: SceneConfig, T_map_camera: FloatArray) -> None:
@@ -35,11 +35,11 @@ class RoomTruth:
         self.T_world_map = self.stage.T_world_camera[0] @ se3.inverse(T_map_camera)
 
     def distance_m(self, points_map_m: FloatArray) -> FloatArray:
-        """Return (N,) distances to what rests, up to 6 cm."""
+        """Return distances (N,) of points (N, 3) to static surfaces, limited to 6 cm."""
         return self._model.distance_m(se3.transform(self.T_world_map, points_map_m))
 
     def on_paths(self, points_map_m: FloatArray) -> BoolArray:
-        """Return which of (N, 3) points are where people walked, and nothing that rests is."""
+        """Return whether (N,) points (N, 3) are where people walked and no static surface is."""
         points = se3.transform(self.T_world_map, points_map_m)
         paths = np.concatenate([body.xy_m for body in self.stage.bodies])
         gap = np.linalg.norm(points[:, None, :2] - paths[None, ::3], axis=2).min(1)
@@ -49,7 +49,7 @@ class RoomTruth:
     def occupied(
         self, T_map_origin: FloatArray, shape: tuple[int, int], resolution_m: float
     ) -> BoolArray:
-        """Return the true cells (H, W) of a grid: something stands 0.1 to 1.8 m over the floor."""
+        """Return the true occupancy (H, W) of a grid, by surfaces 0.1 to 1.8 m above the floor."""
         points = _samples(self._mesh.vertices_m[self._mesh.faces].astype(float), 0.01)
         points = points[(points[:, 2] > _OBSTACLE_M[0]) & (points[:, 2] < _OBSTACLE_M[1])]
         local = se3.transform(se3.inverse(self.T_world_map @ T_map_origin), points)
@@ -61,7 +61,7 @@ class RoomTruth:
 
 
 def _with_resting_objects(stage: Stage) -> Stage:
-    """Return the stage whose static mesh has the handled objects too, where they rested last."""
+    """Return a stage whose static mesh includes handled objects at their last resting place."""
     end, meshes = stage.config.frames, [stage.world.static]
     for placed, track in zip(stage.world.props, stage.objects, strict=True):
         late = np.flatnonzero(~track.handled[:end])
@@ -73,7 +73,7 @@ def _with_resting_objects(stage: Stage) -> Stage:
 
 
 def _samples(corners: FloatArray, spacing_m: float) -> FloatArray:
-    """Return random points (N, 3), about so far apart, on triangles (F, 3, 3)."""
+    """Return random points (N, 3) on triangles (F, 3, 3), about `spacing_m` apart."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     face = np.repeat(np.arange(len(a)), np.ceil(area / spacing_m**2).astype(int))

@@ -1,4 +1,4 @@
-"""The rendered scene, frame by frame."""
+"""Rendering of all frames of a scene, in several processes."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _TASKS_AHEAD_PER_WORKER = 3
 
 @dataclass(frozen=True, eq=False)
 class SynthFrame:
-    """One rendered frame with the truth about it."""
+    """One rendered frame with its ground truth."""
 
     index: int
     frame: RgbdFrame
     T_world_camera: FloatArray  # (4, 4)
-    detections: Detections  # exact boxes of visible pixels, scores 1
-    instances: tuple[int, ...]  # of the detections
-    handled: tuple[bool, ...]  # whether each detection is in somebody's hands
+    detections: Detections  # ground-truth boxes of the visible pixels, with scores 1
+    instances: tuple[int, ...]  # instance of each detection
+    handled: tuple[bool, ...]  # whether the object of each detection is in somebody's hands
     instance_image: ByteArray  # (H, W), 0 = background; index of Stage.world.class_names
-    true_depth_m: Float32Array  # (H, W), before the sensor
+    true_depth_m: Float32Array  # (H, W), without errors of the sensor
 
 
 class SceneRenderer:
@@ -71,7 +71,7 @@ def render(config: SceneConfig, workers: int = 1) -> Iterator[SynthFrame]:
         for i in range(config.frames):
             yield renderer.frame(i)
         return
-    context = get_context('spawn')  # threads of this process would not survive a fork
+    context = get_context('spawn')  # a fork would copy this process without its threads
     with ProcessPoolExecutor(workers, context, _start_worker, (config,)) as pool:
         tasks = iter(range(0, config.frames, _FRAMES_PER_TASK))
         waiting: deque[Future[list[SynthFrame]]] = deque()

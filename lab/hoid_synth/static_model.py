@@ -1,4 +1,4 @@
-"""The true resting surfaces of a stage: how far a point is from them."""
+"""Distances of points to the static surfaces of a stage."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _PAIRS_PER_CHUNK = 2_000_000
 
 
 class StaticModel:
-    """Distances of points to the surfaces of everything that rests during the whole recording.
+    """Distances of points to the surfaces that are static during the whole recording.
 
     Args:
-        stage: its static mesh counts; handled objects and people do not.
-        reach_m: distances beyond it are not told apart.
+        stage: The stage, whose static mesh is used.
+        reach_m: Upper limit of the distances.
     """
 
     def __init__(self, stage: Stage, reach_m: float = _REACH_M) -> None:
@@ -32,7 +32,7 @@ class StaticModel:
         self._starts = np.searchsorted(cells[order], np.arange(int(self._shape.prod()) + 1))
 
     def distance_m(self, points_m: FloatArray | Float32Array) -> FloatArray:
-        """Return (N,) distances of world points (N, 3); `reach_m` stands for that or more."""
+        """Return distances (N,) of world points (N, 3), limited to `reach_m`."""
         points = np.asarray(points_m, float)
         out = np.full(len(points), self._reach_m)
         cell = np.floor((points - self._low) / self._reach_m).astype(int)
@@ -47,13 +47,13 @@ class StaticModel:
         return out
 
     def _pairs(self, cells: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
-        """Return the index of the point and the face of every pair to compare."""
+        """Return the indices of point and face of every pair to compare."""
         which = np.repeat(np.arange(len(cells)), count)
         first = np.repeat(self._starts[cells] - np.cumsum(count) + count, count)
         return which, self._faces[first + np.arange(len(which))]
 
     def _touched_cells(self) -> tuple[IntArray, IntArray]:
-        """Return the pairs of a cell and a face that may be within reach of points in it."""
+        """Return the pairs of a cell and a face that is within reach of points in the cell."""
         low = np.floor((self._corners.min(1) - self._reach_m - self._low) / self._reach_m)
         high = np.floor((self._corners.max(1) + self._reach_m - self._low) / self._reach_m)
         low, size = low.astype(int), (high - low).astype(int) + 1

@@ -1,4 +1,4 @@
-"""Exact truth about one frame: boxes of visible pixels, who handles what, who is where."""
+"""Ground truth of one frame: boxes of visible pixels, states of objects, places of people."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ import cv2
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, ByteArray, Detections, FloatArray
+from hoid_common.values import BoolArray, ByteArray, Detections, Float32Array, FloatArray
 from hoid_synth.acting.stage import Stage
 
-MIN_VISIBLE_PX = 60  # at VGA; what shows less is not listed
+MIN_VISIBLE_PX = 60  # at VGA; instances with fewer visible pixels are not listed
 
 
 class VisibleObjects(NamedTuple):
-    """The instances that show, in rising order of instance; rows belong together."""
+    """The visible instances in ascending order; the fields have one entry for each."""
 
     instances: tuple[int, ...]
-    detections: Detections  # exact boxes, scores 1
-    handled: tuple[bool, ...]  # in somebody's hands; people are not
+    detections: Detections  # ground-truth boxes, scores 1
+    handled: tuple[bool, ...]  # whether it is in somebody's hands; False for people
 
 
 class TrueObjectState(NamedTuple):
-    """Where a movable object is, seen or not."""
+    """State of a movable object, whether it is visible or not."""
 
     instance: int
     class_name: str
-    center_m: tuple[float, float, float]  # of its bounding box, world
+    center_m: tuple[float, float, float]  # of its bounding box, in the world frame
     handled: bool
-    holder: int  # index of the person, -1 when nobody
+    holder: int  # index of the person who holds it, -1 for nobody
 
 
 def visible_objects(stage: Stage, i: int, stamp_ns: int, instances: ByteArray) -> VisibleObjects:
-    """Return the labelled instances of an instance image (H, W)."""
+    """Return the visible instances that have a class in an instance image (H, W)."""
     counts = np.bincount(instances.ravel(), minlength=len(stage.world.class_names))
     least = max(4.0, MIN_VISIBLE_PX * stage.config.scale**2)
     shown = [k for k, name in enumerate(stage.world.class_names) if name and counts[k] >= least]
@@ -56,14 +56,14 @@ def _box(mask: BoolArray) -> tuple[int, int, int, int]:
 
 
 def people_centers(stage: Stage, i: int) -> FloatArray:
-    """Return (P, 3) the middle of each person, between the feet's floor and the head, world."""
+    """Return the middle (P, 3) of each person between floor and head, in the world frame."""
     joints = [stage.joints(n, i) for n in range(len(stage.bodies))]
     centers = [[*(0.5 * (j.pelvis + j.neck))[:2], 0.5 * (j.head[2] + 0.12)] for j in joints]
     return np.array(centers).reshape(-1, 3)
 
 
 def object_states(stage: Stage, i: int) -> tuple[TrueObjectState, ...]:
-    """Return the state of every movable object, also of those that nobody touches."""
+    """Return the state of every movable object, handled or not."""
     states = []
     for placed, track in zip(stage.world.props, stage.objects, strict=True):
         vertices = placed.prop.mesh.vertices_m
@@ -79,3 +79,12 @@ def object_states(stage: Stage, i: int) -> tuple[TrueObjectState, ...]:
             )
         )
     return tuple(states)
+
+
+def box_iou(a_xyxy: Float32Array, b_xyxy: Float32Array) -> Float32Array:
+    """Return the intersection over union (N, M) of boxes (N, 4) and (M, 4)."""
+    low = np.maximum(a_xyxy[:, None, :2], b_xyxy[None, :, :2])
+    high = np.minimum(a_xyxy[:, None, 2:], b_xyxy[None, :, 2:])
+    shared = np.maximum(high - low, 0).prod(axis=2)
+    area_a, area_b = ((boxes[:, 2:] - boxes[:, :2]).prod(axis=1) for boxes in (a_xyxy, b_xyxy))
+    return np.asarray(shared / np.maximum(area_a[:, None] + area_b - shared, 1e-9))

@@ -1,1 +1,1 @@
-"""Renders a training set, trains the detector for rendered scenes, measures it."""
+"""Training and evaluation of the synthetic detector, which is for rendered scenes."""

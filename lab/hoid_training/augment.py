@@ -1,4 +1,4 @@
-"""Random views of the training images: zoomed, mirrored, in other light."""
+"""Augmentation of the training images: zoom, mirroring, brightness, blur and noise."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from hoid_training.loss import Labels
 
 VIEW_WH = (320, 224)
 _ZOOM = (0.72, 1.35)
-_MIN_VISIBLE_PX = 150  # at VGA; of less nothing is asked
-_MIN_SHARE = 0.1  # of a box that must lie within the view: edges cut off most of many things
+_MIN_VISIBLE_PX = 150  # at VGA; objects with fewer visible pixels are ignored in training
+_MIN_SHARE = 0.1  # of a box that must lie within the view; otherwise it is ignored
 
 
 class Sample(NamedTuple):
-    """One labelled image."""
+    """One labeled image."""
 
     image_bgr: ByteArray  # (H, W, 3)
     boxes: Float32Array  # (N, 4) xyxy, px
@@ -29,7 +29,7 @@ class Sample(NamedTuple):
 
 
 def samples(home: Home) -> list[Sample]:
-    """Return a home's images with their labels."""
+    """Return the images of a home with their labels."""
     out = []
     for k, image in enumerate(home.images_bgr):
         own = home.frame == k
@@ -49,7 +49,7 @@ def batches(
 
 
 def collated(group: list[Sample]) -> tuple[torch.Tensor, Labels]:
-    """Return a batch of samples of one size."""
+    """Return samples of equal size as a batch of images (B, 3, H, W) and labels."""
     images = np.stack([cv2.cvtColor(s.image_bgr, cv2.COLOR_BGR2RGB) for s in group])
     most = max(1, *(len(s.class_ids) for s in group))
     boxes = np.zeros((len(group), most, 4), np.float32)
@@ -67,7 +67,7 @@ def collated(group: list[Sample]) -> tuple[torch.Tensor, Labels]:
 
 
 def varied(s: Sample, rng: np.random.Generator) -> Sample:
-    """Return a random view of a sample."""
+    """Return a randomly augmented sample of the size VIEW_WH."""
     zoom = float(np.exp(rng.uniform(*np.log(_ZOOM))))
     height, width = s.image_bgr.shape[:2]
     shift = np.array([VIEW_WH[0] - zoom * width, VIEW_WH[1] - zoom * height]) * rng.random(2)
@@ -97,7 +97,7 @@ def _area(boxes: Float32Array) -> Float32Array:
 
 
 def _relit(image: ByteArray, rng: np.random.Generator) -> ByteArray:
-    """Return the image in other light, softer or noisier."""
+    """Return the image with random brightness, color, blur and noise."""
     gain = np.exp(rng.normal(0, 0.18)) * np.exp(rng.normal(0, 0.06, 3))
     saturation = rng.uniform(0.6, 1.3)
     mix = (saturation * np.eye(3) + (1 - saturation) / 3) * gain

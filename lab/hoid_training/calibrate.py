@@ -1,7 +1,7 @@
-"""Shifts a trained detector's scores: what reaches the default threshold is right often enough.
+"""Shifts the scores of a trained detector to a given precision at the default threshold.
 
 Usage: python -m hoid_training.calibrate WEIGHTS.pt FOLDER MODEL.onnx
-FOLDER holds homes that were not trained on.
+FOLDER contains homes that were not used for training.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from hoid_training.export import write_onnx
 from hoid_training.network import Detector
 
 _LOG = logging.getLogger(__name__)
-_PRECISION = 0.92  # on homes held out; 0.9 is what unseen seeds are to have
+_PRECISION = 0.92  # on held-out homes; the goal on unseen seeds is 0.9
 _SCORES = np.arange(0.08, 0.6, 0.01)
 
 Seen = list[tuple[Truth, Detections]]
 
 
 def calibrate(weights: Path, folder: Path, model: Path) -> None:
-    """Write a model whose scores of people and of objects are shifted."""
+    """Write a model in which the scores of people and of objects are shifted."""
     network = Detector(len(CLASSES)).eval()
     network.load_state_dict(torch.load(weights))
     write_onnx(network, model)
@@ -52,7 +52,7 @@ def calibrate(weights: Path, folder: Path, model: Path) -> None:
 
 
 def _look(model: Path, folder: Path) -> Seen:
-    """Return the objects of all images of a folder, and what a model sees of them."""
+    """Return the true objects in all images of a folder, and the detections of a model."""
     detector = OnnxDetector(model, DetectorConfig(score_threshold=float(_SCORES[0])))
     return [
         (

@@ -1,7 +1,7 @@
-"""Renders the training set: many homes, a few frames of each, labelled exactly.
+"""Renders the training set: a few frames of each of many homes, with ground-truth boxes.
 
 Usage: python -m hoid_training.dataset FOLDER [--homes N] [--first SEED] [--workers N]
-Homes that are there already are kept.
+Existing homes are kept.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from hoid_synth.scene import SceneRenderer
 FIRST_SEED = 100_000  # tests use seeds below 1000
 INPUT_WH = (384, 288)  # of the network
 FRAMES_PER_HOME = 8
-CLASSES = (  # of the scenes all but 'keyboard', of which too little ever shows
+CLASSES = (  # those of the scenes, without 'keyboard', which is hardly ever visible
     'person',
     'backpack',
     'suitcase',
@@ -45,9 +45,9 @@ CLASSES = (  # of the scenes all but 'keyboard', of which too little ever shows
 
 @dataclass(frozen=True, eq=False)
 class Home:
-    """The labelled frames of one seed."""
+    """The labeled frames of one seed."""
 
-    images_bgr: ByteArray  # (F, H, W, 3), size of the network's input
+    images_bgr: ByteArray  # (F, H, W, 3), with the size of the network's input
     frame: IntArray  # (N,) index of each box's frame
     boxes_xyxy_px: Float32Array  # (N, 4) in the network's input
     class_ids: IntArray  # (N,) index in CLASSES
@@ -55,7 +55,7 @@ class Home:
 
 
 def scene_of(seed: int) -> SceneConfig:
-    """Return a home with a random path, layout and number of people."""
+    """Return the scene of a seed, with random camera path, layout and number of people."""
     rng = np.random.default_rng(seed)
     path = PATHS[int(rng.choice(len(PATHS), p=[0.5, 0.2, 0.1, 0.1, 0.1]))]
     layout = LAYOUTS[int(rng.random() < 0.1)]
@@ -71,14 +71,15 @@ def scene_of(seed: int) -> SceneConfig:
 
 
 def render_home(seed: int) -> Home:
-    """Render frames spread over a recording of one seed."""
+    """Render frames spread over the recording of one seed."""
     config = scene_of(seed)
     renderer = SceneRenderer(config)
     images, frame, boxes, ids, visible = [], [], [], [], []
     rng = np.random.default_rng([seed, 7])
     for k, i in enumerate(sorted(rng.choice(config.frames, FRAMES_PER_HOME, replace=False))):
         out = renderer.frame(int(i))
-        images.append(cv2.resize(out.frame.image_bgr, INPUT_WH))  # as the detector's letterbox
+        # The same scaling as the letterbox of the detector.
+        images.append(cv2.resize(out.frame.image_bgr, INPUT_WH))
         counts = np.bincount(out.instance_image.ravel(), minlength=256)
         for box, name, instance in zip(
             out.detections.boxes_xyxy_px, out.detections.class_names, out.instances, strict=True
@@ -114,18 +115,18 @@ def _render_to(path: Path) -> None:
 
 
 def load_home(path: Path) -> Home:
-    """Return one rendered home."""
+    """Return a rendered home from its file."""
     with np.load(path) as arrays:
         return Home(**{name: arrays[name] for name in arrays.files})
 
 
 def home_files(folder: Path) -> list[Path]:
-    """Return the rendered homes of a folder, in order of seed."""
+    """Return the files of a folder in order of their seeds."""
     return sorted(path for path in folder.glob('[0-9]*.npz') if path.suffixes == ['.npz'])
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Render what is missing."""
+    """Render the missing homes of a folder."""
     parser = argparse.ArgumentParser(description='Render the training set.')
     parser.add_argument('folder', type=Path)
     parser.add_argument('--homes', type=int, default=300)

@@ -1,7 +1,7 @@
-"""Measures a detector on rendered scenes of seeds that training never uses.
+"""Recall and precision of a detector on rendered scenes that training never uses.
 
 Usage: python -m hoid_training.evaluate MODEL.onnx [--seeds N] [--frames N] [--score S]
-It needs the suite's own environment only.
+It runs in the environment of the suite, without PyTorch.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from hoid_detector.config import DetectorConfig
 from hoid_detector.onnx_detector import OnnxDetector
 from hoid_synth.config import SceneConfig
 from hoid_synth.scene import SceneRenderer, SynthFrame
+from hoid_synth.truth import box_iou
 
-MIN_VISIBLE_PX = 400  # at VGA: an object of which less shows need not be found
-LARGE_PX = 32 * 32  # visible, at VGA: not "small" in COCO's terms
+MIN_VISIBLE_PX = 400  # at VGA; objects with fewer visible pixels need not be found
+LARGE_PX = 32 * 32  # visible pixels at VGA from which an object is not "small" in COCO
 _IOU = 0.5
 _FIRST_SEED = 500
 _PATHS = ('room', 'room', 'loop')
@@ -30,28 +31,28 @@ _PATHS = ('room', 'room', 'loop')
 
 @dataclass
 class Count:
-    """Hits and misses of one class."""
+    """Numbers of objects and detections of one class."""
 
-    asked: int = 0  # objects that should be found
+    asked: int = 0  # objects that should be found, "asked" in the report
     found: int = 0
-    large: int = 0  # of those
+    large: int = 0  # large ones among them
     large_found: int = 0
     reported: int = 0
-    right: int = 0  # reports that fit an object, however little of it shows
+    right: int = 0  # detections that match an object, visible enough or not
 
     @property
     def recall(self) -> float:
-        """Return the share that was found of what was asked for."""
+        """Return the share of the objects that was found."""
         return self.found / max(self.asked, 1)
 
     @property
     def large_recall(self) -> float:
-        """Return the share that was found of what is large."""
+        """Return the share of the large objects that was found."""
         return self.large_found / max(self.large, 1)
 
     @property
     def precision(self) -> float:
-        """Return the share that is right of what was reported."""
+        """Return the share of the detections that are correct."""
         return self.right / max(self.reported, 1)
 
     def __add__(self, other: Count) -> Count:
@@ -60,7 +61,7 @@ class Count:
 
 @dataclass
 class Tally:
-    """Counts by class."""
+    """Counts for each class."""
 
     counts: dict[str, Count] = field(default_factory=dict)
 
@@ -78,25 +79,16 @@ class Tally:
 
 
 class Truth(NamedTuple):
-    """The objects of one frame."""
+    """The true objects of one frame."""
 
     names: tuple[str, ...]
     boxes: Float32Array  # (N, 4)
     visible_px: FloatArray  # (N,) at VGA
 
 
-def overlaps(a: Float32Array, b: Float32Array) -> Float32Array:
-    """Return (N, M) intersection over union."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    shared = np.maximum(high - low, 0).prod(-1)
-    areas = [(x[:, 2:] - x[:, :2]).prod(-1) for x in (a, b)]
-    return np.asarray(shared / np.maximum(areas[0][:, None] + areas[1][None] - shared, 1e-9))
-
-
 def count(tally: Tally, truth: Truth, found: Detections, min_score: float = 0.0) -> None:
-    """Match the detections of one frame to its objects, the strongest first."""
-    overlap = overlaps(found.boxes_xyxy_px, truth.boxes)
+    """Match the detections of one frame to its objects in order of score, and count both."""
+    overlap = box_iou(found.boxes_xyxy_px, truth.boxes)
     same = np.array([[a == b for b in truth.names] for a in found.class_names], bool)
     overlap = np.where(same.reshape(overlap.shape), overlap, 0)
     free = np.ones(len(truth.names), bool)
@@ -119,7 +111,7 @@ def count(tally: Tally, truth: Truth, found: Detections, min_score: float = 0.0)
 
 
 def truth_of(synth: SynthFrame, scale: float, known: tuple[str, ...]) -> Truth:
-    """Return the objects of a frame that are of the classes that a detector knows."""
+    """Return the objects of a frame whose class is known to a detector."""
     seen = np.flatnonzero(np.isin(synth.detections.class_names, known))
     visible = np.bincount(synth.instance_image.ravel(), minlength=256)[list(synth.instances)]
     names = tuple(synth.detections.class_names[k] for k in seen)
@@ -127,7 +119,7 @@ def truth_of(synth: SynthFrame, scale: float, known: tuple[str, ...]) -> Truth:
 
 
 def scenes(number: int) -> list[SceneConfig]:
-    """Return what to render: seeds that nothing was chosen by."""
+    """Return test scenes, whose seeds were not used to choose anything."""
     return [
         SceneConfig(seed=_FIRST_SEED + k, path=_PATHS[k % len(_PATHS)], depth_holes=False)
         for k in range(number)
@@ -137,7 +129,7 @@ def scenes(number: int) -> list[SceneConfig]:
 def measure(
     detector: OnnxDetector, configs: Iterable[SceneConfig], frames_of_each: int
 ) -> tuple[Tally, float]:
-    """Return counts over frames spread over scenes, and the network's median time in ms."""
+    """Return the counts over frames of scenes, and the median time of the network in ms."""
     tally, network_ms = Tally(), []
     for config in configs:
         renderer = SceneRenderer(config)
@@ -150,11 +142,11 @@ def measure(
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Print recall and precision by class, for people and for objects."""
+    """Print recall and precision of each class, of people and of all objects."""
     parser = argparse.ArgumentParser(description='Measure a detector on rendered scenes.')
     parser.add_argument('model', type=Path)
     parser.add_argument('--seeds', type=int, default=24)
-    parser.add_argument('--frames', type=int, default=15, help='of each seed')
+    parser.add_argument('--frames', type=int, default=15, help='frames of each seed')
     parser.add_argument('--score', type=float, default=DetectorConfig().score_threshold)
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)

@@ -1,4 +1,4 @@
-"""Writes a trained network as ONNX: output like YOLOv8's, half-precision weights, class names."""
+"""Exports a trained network as ONNX with YOLOv8's output, half-precision weights and classes."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _SMALL = 64  # arrays of fewer elements stay in single precision
 
 
 class YoloOutput(nn.Module):
-    """A detector whose output is (1, 4 + C, N): centre x, y, width, height, class scores."""
+    """A detector with the output (1, 4 + C, N): center x, y, width, height and class scores."""
 
     def __init__(self, detector: nn.Module) -> None:
         super().__init__()
         self.detector = detector
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return what YOLOv8's head returns."""
+        """Return the output of YOLOv8's head for an image."""
         boxes, logits = self.detector(image)
         low, high = boxes[..., :2], boxes[..., 2:]
         out = torch.cat([(low + high) / 2, high - low, logits.sigmoid()], -1)
@@ -35,12 +35,13 @@ class YoloOutput(nn.Module):
 
 
 def write_onnx(network: nn.Module, path: Path) -> None:
-    """Write a network for images of INPUT_WH; whole or not at all."""
+    """Write a network for images of the size INPUT_WH; no partial file is left."""
     buffer = BytesIO()
     image = torch.zeros(1, 3, INPUT_WH[1], INPUT_WH[0])
     wrapped = YoloOutput(network).eval()
     with warnings.catch_warnings():
-        warnings.simplefilter('ignore')  # that the size of the input becomes a constant, as meant
+        # A warning that the input size becomes a constant, as intended.
+        warnings.simplefilter('ignore')
         torch.onnx.export(
             wrapped,
             (image,),
@@ -61,7 +62,7 @@ def write_onnx(network: nn.Module, path: Path) -> None:
 
 
 def _halve_weights(model: onnx.ModelProto) -> None:
-    """Store big weights in half precision; runtimes widen them once, when they load the model."""
+    """Store large arrays in half precision; runtimes convert them when they load the model."""
     casts = []
     for weight in model.graph.initializer:
         array = numpy_helper.to_array(weight)
@@ -76,5 +77,5 @@ def _halve_weights(model: onnx.ModelProto) -> None:
 
 
 def num_parameters(network: Detector) -> int:
-    """Return how many weights a network has."""
+    """Return the number of weights of a network."""
     return sum(p.numel() for p in network.parameters())

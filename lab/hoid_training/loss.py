@@ -1,4 +1,4 @@
-"""Which cell answers for which object, and what its answer costs.
+"""Assignment of objects to cells of the feature maps, and the loss.
 
 Assignment: Feng et al., TOOD: Task-aligned One-stage Object Detection, 2021. Boxes: Zheng et al.,
 Distance-IoU Loss, 2020.
@@ -14,7 +14,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, one_hot
 
 _CELLS_PER_OBJECT = 9
 _SCORE_POWER, _IOU_POWER = 0.5, 4.0
-_SMALLEST_PX = 12.0  # smaller objects are assigned as if they were so large
+_SMALLEST_PX = 12.0  # smaller objects are assigned as if they had this size
 _BOX_WEIGHT = 2.5
 
 
@@ -23,12 +23,12 @@ class Labels(NamedTuple):
 
     boxes: Tensor  # (B, M, 4) xyxy, px
     class_ids: Tensor  # (B, M) int64
-    valid: Tensor  # (B, M) bool: an object to be found
-    ignored: Tensor  # (B, M) bool: too little of it shows to be asked for or to be wrong
+    valid: Tensor  # (B, M) bool: whether the entry is an object to be found
+    ignored: Tensor  # (B, M) bool: too little is visible to count as found or missed
 
 
 def iou(a: Tensor, b: Tensor) -> Tensor:
-    """Return the overlap of boxes, shapes broadcast."""
+    """Return the intersection over union of boxes (..., 4), xyxy; shapes are broadcast."""
     low, high = torch.maximum(a[..., :2], b[..., :2]), torch.minimum(a[..., 2:], b[..., 2:])
     shared = (high - low).clamp(min=0).prod(-1)
     areas = (a[..., 2:] - a[..., :2]).prod(-1) + (b[..., 2:] - b[..., :2]).prod(-1)
@@ -36,7 +36,7 @@ def iou(a: Tensor, b: Tensor) -> Tensor:
 
 
 def distance_iou(a: Tensor, b: Tensor) -> Tensor:
-    """Return the overlap less the distance of the centres over the diagonal of both, eq. (7)."""
+    """Return the distance-IoU of boxes (..., 4), equation (7)."""
     low, high = torch.minimum(a[..., :2], b[..., :2]), torch.maximum(a[..., 2:], b[..., 2:])
     diagonal = (high - low).square().sum(-1) + 1e-6
     gap = (a[..., :2] + a[..., 2:] - b[..., :2] - b[..., 2:]).square().sum(-1) / 4
@@ -49,10 +49,10 @@ def assign(
     """Return for each cell (B, N) its object's index, whether it has one, and its target score.
 
     Args:
-        boxes: (B, N, 4) predicted.
-        scores: (B, N, C) predicted, in [0, 1].
-        centers: (N, 2) of the cells.
-        labels: objects.
+        boxes: (B, N, 4) predicted boxes.
+        scores: (B, N, C) predicted scores in [0, 1].
+        centers: (N, 2) centers of the cells.
+        labels: The objects.
     """
     overlap = iou(labels.boxes[:, :, None], boxes[:, None])  # (B, M, N)
     ids = labels.class_ids[:, :, None].expand(-1, -1, boxes.shape[1])
@@ -62,7 +62,7 @@ def assign(
     best = fit.topk(_CELLS_PER_OBJECT, dim=-1)
     chosen = torch.zeros_like(fit).scatter_(-1, best.indices, (best.values > 0).float())
     fit = fit * chosen
-    value, index = fit.max(1)  # one object a cell
+    value, index = fit.max(1)  # one object per cell
     positive = value > 0
     chosen = chosen * one_hot(index, fit.shape[1]).transpose(1, 2) * positive[:, None]
     best_fit = (fit * chosen).amax(-1, keepdim=True)
@@ -72,7 +72,7 @@ def assign(
 
 
 def _covers(boxes: Tensor, centers: Tensor) -> Tensor:
-    """Return (B, M, N) which cells' centres lie in which boxes; small boxes are widened."""
+    """Return whether (B, M, N) the center of a cell lies in a box; small boxes are enlarged."""
     middle = (boxes[..., :2] + boxes[..., 2:]) / 2
     half = ((boxes[..., 2:] - boxes[..., :2]) / 2).clamp(min=_SMALLEST_PX / 2)
     return ((centers - middle[:, :, None]).abs() < half[:, :, None]).all(-1)

@@ -1,4 +1,4 @@
-"""The network: a small convolutional backbone, a feature pyramid, one head for all levels."""
+"""The network: a small convolutional backbone, a feature pyramid, and one shared head."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Conv(nn.Sequential):
 
 
 class Split(nn.Module):
-    """Half of the channels go on as they are, half through residual 3x3 convolutions."""
+    """A block that passes half of the channels on, the others through residual convolutions."""
 
     def __init__(self, channels: int, repeats: int) -> None:
         super().__init__()
@@ -41,7 +41,7 @@ class Split(nn.Module):
 
 
 class Context(nn.Module):
-    """Adds what lies far around: maximum over three sizes of window."""
+    """Spatial pyramid pooling: adds maxima over three sizes of windows."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -58,7 +58,7 @@ class Context(nn.Module):
 
 
 class Detector(nn.Module):
-    """Image to boxes and class scores on the cells of three levels."""
+    """Predicts boxes and class logits on the cells of three feature levels."""
 
     def __init__(self, num_classes: int) -> None:
         super().__init__()
@@ -81,7 +81,7 @@ class Detector(nn.Module):
         """Return boxes (B, N, 4), xyxy in pixels, and class logits (B, N, C).
 
         Args:
-            image: (B, 3, H, W), RGB in [0, 1]; sides are multiples of 32.
+            image: (B, 3, H, W) RGB in [0, 1]; H and W must be multiples of 32.
         """
         boxes, logits = [], []
         for stride, level in zip(STRIDES_PX, self._levels(image), strict=True):
@@ -107,6 +107,6 @@ class Detector(nn.Module):
 
 
 def cell_centers(height: int, width: int, stride_px: int) -> Tensor:
-    """Return (height * width, 2) centres x, y of a level's cells, in pixels of the input."""
+    """Return the cell centers (height * width, 2) of a level, x and y in pixels of the input."""
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing='ij')
     return (torch.stack([x, y], -1).reshape(-1, 2).float() + 0.5) * stride_px

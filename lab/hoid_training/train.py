@@ -1,7 +1,7 @@
-"""Trains the detector for rendered scenes and writes it as ONNX.
+"""Trains the synthetic detector and writes it as ONNX.
 
 Usage: python -m hoid_training.train FOLDER MODEL.onnx [--minutes N] [--weights MODEL.pt]
-FOLDER is what `hoid_training.dataset` rendered, or renders meanwhile.
+FOLDER contains the homes of `hoid_training.dataset`, which may still be running.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ _LOG = logging.getLogger(__name__)
 _BATCH = 16
 _WEIGHT_DECAY = 0.02
 _WARM_UP_STEPS = 200
-_PASSES = 4  # over the images, in an epoch
-_AVERAGE = 0.998  # of the weights, per step
+_PASSES = 4  # over the images in one epoch
+_AVERAGE = 0.998  # decay of the running mean of the weights per step
 _CENTERS = torch.cat([cell_centers(VIEW_WH[1] // s, VIEW_WH[0] // s, s) for s in STRIDES_PX])
 
 
 class Average:
-    """The running mean of a network's weights, which is what ships."""
+    """Running mean of the weights of a network, which is exported."""
 
     def __init__(self, network: nn.Module) -> None:
         self.network = copy.deepcopy(network).eval()
         self._steps = 0
 
     def update(self, network: nn.Module) -> None:
-        """Move a little towards the network."""
+        """Update the mean with the current weights."""
         self._steps += 1
         keep = min(_AVERAGE, self._steps / (self._steps + 10))
         mine, its = self.network.state_dict(), network.state_dict()
@@ -58,7 +58,7 @@ class Average:
 
 
 class Schedule:
-    """The learning rate: rises over the first steps, then falls with the time that is given."""
+    """Learning rate, which rises in the first steps and then falls until the time is over."""
 
     def __init__(self, minutes: float, highest: float) -> None:
         self._start_s, self._given_s, self._steps = time.monotonic(), 60 * minutes, 0
@@ -66,7 +66,7 @@ class Schedule:
 
     @property
     def done(self) -> float:
-        """Return which share of the time is over, in [0, 1]."""
+        """Return the elapsed share of the time, in [0, 1]."""
         return min((time.monotonic() - self._start_s) / self._given_s, 1.0)
 
     def next_rate(self) -> float:
@@ -77,7 +77,7 @@ class Schedule:
 
 
 class Pool:
-    """The images of a folder of homes, which may grow while they are used."""
+    """Images of a folder of homes; new homes may be added during training."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -85,7 +85,7 @@ class Pool:
         self.samples: list[Sample] = []
 
     def grow(self) -> None:
-        """Take in what was rendered since the last call."""
+        """Load the homes that were rendered since the last call."""
         for path in home_files(self._folder):
             if path not in self._known:
                 self._known.add(path)
@@ -93,7 +93,7 @@ class Pool:
 
 
 def train(folder: Path, model: Path, schedule: Schedule, weights: Path | None) -> None:
-    """Train from the fixed seed or from given weights; write the model after every epoch."""
+    """Train from the fixed seed or from given weights, and write the model after every epoch."""
     torch.manual_seed(SEED)
     rng = np.random.default_rng(SEED)
     network = Detector(len(CLASSES)).to(memory_format=torch.channels_last)
@@ -127,7 +127,7 @@ def train(folder: Path, model: Path, schedule: Schedule, weights: Path | None) -
 def _step(
     network: Detector, optimizer: torch.optim.Optimizer, images: torch.Tensor, labels: Labels
 ) -> float:
-    """Move the weights once; return the loss."""
+    """Do one optimization step, and return the loss."""
     with torch.autocast('cpu', torch.bfloat16):
         boxes, logits = network(images)
     cost = loss(boxes, logits, _CENTERS, labels)
@@ -145,7 +145,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument('model', type=Path)
     parser.add_argument('--minutes', type=float, default=70)
     parser.add_argument('--rate', type=float, default=2.5e-3, help='highest learning rate')
-    parser.add_argument('--weights', type=Path, help='go on from a .pt file')
+    parser.add_argument('--weights', type=Path, help='continue from the weights in a .pt file')
     parser.add_argument('--threads', type=int, default=1)
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format='%(message)s')

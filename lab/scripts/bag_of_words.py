@@ -1,7 +1,7 @@
-"""A binary bag of words, the usual way to recognise places, to compare the hashing index with.
+"""A binary bag of words for place recognition, for comparison with the hashing index.
 
-Galvez-Lopez and Tardos, T-RO 2012: a tree of binary centres by k-majority, tf-idf weights, and
-the L1 score over an inverted file.
+Galvez-Lopez and Tardos, T-RO 2012: a tree of binary centers by k-majority, tf-idf weights, and
+the L1 score with an inverted file.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from hoid_common.values import ByteArray, Float32Array, IntArray
 
 
 class Vocabulary:
-    """A tree of words; each level's centres are (nodes, branching, 32) bytes."""
+    """A tree of words; the centers of each level are (nodes, branching, 32) bytes."""
 
     def __init__(self, training: ByteArray, branching: int, depth: int, seed: int = 0) -> None:
         self.branching = branching
@@ -23,27 +23,27 @@ class Vocabulary:
         self.levels: list[NDArray[np.uint64]] = []
         for level in range(depth):
             count = branching**level
-            centres = np.zeros((count, branching, 32), np.uint8)
+            centers = np.zeros((count, branching, 32), np.uint8)
             below = node * branching
             for n in np.unique(node).tolist():
                 rows = np.flatnonzero(node == n)
-                centre, chosen = _k_majority(bits[rows], branching, rng)
-                centres[n] = np.packbits(centre > 0, axis=1)
+                center, chosen = _k_majority(bits[rows], branching, rng)
+                centers[n] = np.packbits(center > 0, axis=1)
                 below[rows] += chosen
             node = below
-            self.levels.append(centres.view(np.uint64))
+            self.levels.append(centers.view(np.uint64))
 
     @property
     def num_words(self) -> int:
-        """Return the number of leaves."""
+        """Return the number of leaves of the tree."""
         return int(self.branching ** len(self.levels))
 
     def words(self, descriptors: ByteArray) -> IntArray:
-        """Return (N,) words of (N, 32) descriptors."""
+        """Return the words (N,) of descriptors (N, 32)."""
         query = np.ascontiguousarray(descriptors).view(np.uint64)
         node = np.zeros(len(query), np.int64)
-        for centres in self.levels:
-            apart = np.bitwise_count(centres[node] ^ query[:, None]).sum(2, dtype=np.uint16)
+        for centers in self.levels:
+            apart = np.bitwise_count(centers[node] ^ query[:, None]).sum(2, dtype=np.uint16)
             node = node * self.branching + np.argmin(apart, axis=1)
         return node
 
@@ -51,18 +51,18 @@ class Vocabulary:
 def _k_majority(
     bits: Float32Array, count: int, rng: np.random.Generator, iterations: int = 5
 ) -> tuple[Float32Array, IntArray]:
-    """Return centres (count, 256) of +-1, and the nearest of each of the (N, 256) rows."""
-    centre = bits[rng.choice(len(bits), count, replace=len(bits) < count)]
+    """Return centers (count, 256) of +-1, and the index (N,) of the nearest to each row."""
+    center = bits[rng.choice(len(bits), count, replace=len(bits) < count)]
     for _ in range(iterations):
-        member = np.eye(count, dtype=np.float32)[np.argmax(bits @ centre.T, axis=1)]
+        member = np.eye(count, dtype=np.float32)[np.argmax(bits @ center.T, axis=1)]
         votes = member.T @ bits
-        centre = np.where(member.sum(0)[:, None] > 0, np.where(votes >= 0, 1, -1), centre)
-        centre = centre.astype(np.float32)
-    return centre, np.argmax(bits @ centre.T, axis=1)
+        center = np.where(member.sum(0)[:, None] > 0, np.where(votes >= 0, 1, -1), center)
+        center = center.astype(np.float32)
+    return center, np.argmax(bits @ center.T, axis=1)
 
 
 class BagIndex:
-    """Images as tf-idf vectors in an inverted file, built once for all of them."""
+    """Inverted file with the tf-idf vectors of images, built once."""
 
     def __init__(self, vocabulary: Vocabulary, images: list[ByteArray]) -> None:
         self._vocabulary = vocabulary
@@ -78,7 +78,7 @@ class BagIndex:
         self._start = np.searchsorted(word, np.arange(vocabulary.num_words + 1))
 
     def scores(self, descriptors: ByteArray) -> NDArray[np.float64]:
-        """Return (images,) similarities in [0, 1]."""
+        """Return the similarities (images,) to all images, in [0, 1]."""
         word, count = np.unique(self._vocabulary.words(descriptors), return_counts=True)
         weight = count * self._idf[word]
         weight = weight / max(weight.sum(), 1e-12)

@@ -1,12 +1,12 @@
-"""Are loops closed where there are some, and nowhere else? Each one is held against the truth.
+"""Checks every loop closure against the ground truth.
 
     python lab/scripts/loop_check.py SEQUENCE [SEQUENCE ...] [--seeds 1] [--filter hoid+]
         [--detector truth] [--without]
 
-A SEQUENCE is a TUM folder or a bag with ground truth. Every loop closed, place rejoined and pair
-of maps merged claims a relative pose of two images; where the truth says otherwise by more than
-0.1 m or 3 degrees, it is false. With `--without`, each run is repeated without loops: its ATE
-is what closing them has to improve.
+A SEQUENCE is a TUM folder or a bag with ground truth. A loop closure, a return to a known place
+and a merge of maps each estimate the relative pose of two images. It is false if it differs from
+the ground truth by more than 0.1 m or 3 degrees. With `--without`, each run is repeated without
+loop closing, for comparison of the ATE.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _JOINS = logging.getLogger('rgbd_slam.loops.loop_closing')
 
 
 class Checked(NamedTuple):
-    """A join and how far it is from the truth."""
+    """A join with the error of its relative pose."""
 
     event: LoopEvent
     error_m: float
@@ -44,12 +44,12 @@ class Checked(NamedTuple):
 
     @property
     def is_false(self) -> bool:
-        """Return whether the two images do not show one place as claimed."""
+        """Return whether the error of the relative pose exceeds the limits."""
         return self.error_m > _FALSE_M or self.error_deg > _FALSE_DEG
 
 
 class Outcome(NamedTuple):
-    """What a run came to."""
+    """Errors, coverage and joins of a run."""
 
     ate_m: float
     ate_online_m: float
@@ -70,7 +70,7 @@ class _Listener(logging.Handler):
 
 @contextmanager
 def listening() -> Iterator[list[Join]]:
-    """Give the list that each join is added to."""
+    """Yield a list to which every join is appended until the block is left."""
     handler, level = _Listener(), _JOINS.level
     _JOINS.addHandler(handler)
     _JOINS.setLevel(logging.INFO)
@@ -82,7 +82,7 @@ def listening() -> Iterator[list[Join]]:
 
 
 def checked(join: Join, truth: Trajectory) -> Checked:
-    """Hold a join against the truth at its two images."""
+    """Return a join with its error, by the ground truth at the stamps of its images."""
     T_place, T_camera = (_pose_at(truth, ns) for ns in (join.place_stamp_ns, join.stamp_ns))
     T_error = se3.inverse(se3.inverse(T_place) @ T_camera) @ join.T_place_camera
     turn_rad = np.linalg.norm(se3.log(T_error)[:3])
@@ -139,7 +139,7 @@ _HEAD = (
 
 
 def main() -> int:
-    """Print a table with a row for each run; the status is 1 when any join was false."""
+    """Print a table with a row for each run; return status 1 if any join is false."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('sequence', nargs='+', type=Path)
     parser.add_argument('--seeds', type=int, default=1)

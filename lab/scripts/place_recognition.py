@@ -1,11 +1,11 @@
-"""Which keyframe index finds places best: recall, margin and time over thousands of keyframes.
+"""Compares keyframe indices: recall, margin and time with thousands of keyframes.
 
     python lab/scripts/place_recognition.py SEQUENCE [SEQUENCE ...] [--keyframes 2000]
 
-A SEQUENCE is a TUM folder or a bag with ground truth. Every tenth frame is a keyframe; distractors
-fill the database: bags of real descriptors with some bits changed. Every keyframe is asked for.
-The right answers are keyframes of the same recording more than five seconds away with nearly the
-same view; those with a view in between count neither way.
+A SEQUENCE is a TUM folder or a bag with ground truth. Every tenth frame is a keyframe and a query.
+Distractors fill the index: sets of real descriptors with some changed bits. Correct results are
+keyframes of the same recording with nearly the same view, more than five seconds away. Keyframes
+with a partly overlapping view count neither as correct nor as wrong.
 """
 
 from __future__ import annotations
@@ -49,24 +49,24 @@ class Keyframes(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """Which keyframes (columns) show what each query (row) shows."""
+    """Which keyframes (columns) show the same place as a query (row), and which another one."""
 
     same: BoolArray  # (Q, N)
     other: BoolArray  # (Q, N)
 
 
 class Measured(NamedTuple):
-    """How an index did."""
+    """Recall and times of an index."""
 
     recall_1: float
     recall_5: float
-    margin: float  # score of the best right keyframe over that of the best wrong one; median
+    margin: float  # median ratio of the best correct to the best wrong score
     query_ms: float
     worst_ms: float
 
 
 def keyframes_of(path: Path) -> Keyframes:
-    """Extract every tenth frame of a recording."""
+    """Return the descriptors and true poses of every tenth frame of a recording."""
     sequence = open_sequence(path)
     extractor = OrbExtractor(ExtractionConfig())
     truth = sequence.ground_truth
@@ -77,7 +77,9 @@ def keyframes_of(path: Path) -> Keyframes:
         if n % _EVERY:
             continue
         gray = np.asarray(cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
-        features = extractor.extract(gray, frame.depth_m, None, frame.stamp_ns)
+        corners = extractor.detect(gray)
+        chosen = extractor.choose(corners, None, gray.size)
+        features = extractor.describe(corners, chosen, frame.depth_m, frame.stamp_ns)
         descriptors.append(features.descriptors[features.depth_m > 0])
         stamp_s.append(S_PER_NS * frame.stamp_ns)
         nearest = np.argmin(np.abs(truth.stamps_ns - frame.stamp_ns))
@@ -86,7 +88,7 @@ def keyframes_of(path: Path) -> Keyframes:
 
 
 def truth_of(recordings: list[Keyframes], num_images: int) -> Truth:
-    """Say for each pair of keyframes whether they show the same place; distractors never do."""
+    """Return which pairs of keyframes show the same place; distractors never do."""
     total = sum(len(r.descriptors) for r in recordings)
     same = np.zeros((total, num_images), np.bool_)
     other = np.ones((total, num_images), np.bool_)
@@ -104,7 +106,7 @@ def truth_of(recordings: list[Keyframes], num_images: int) -> Truth:
 
 
 def distractors(pool: ByteArray, count: int, size: int) -> list[ByteArray]:
-    """Return bags of real descriptors, each from anywhere, with some bits changed."""
+    """Return sets of descriptors, chosen at random from the pool, with some changed bits."""
     rng = np.random.default_rng(0)
     out = []
     for _ in range(count):
@@ -114,7 +116,7 @@ def distractors(pool: ByteArray, count: int, size: int) -> list[ByteArray]:
 
 
 def measure(scores: Scores, queries: list[ByteArray], truth: Truth) -> Measured:
-    """Ask for every query that has a right answer."""
+    """Return the recall and times over all queries that have a correct result."""
     asked = np.flatnonzero(truth.same.any(axis=1))
     ranks, margins, spent_s = [], [], []
     for n in asked.tolist():
@@ -135,7 +137,7 @@ def measure(scores: Scores, queries: list[ByteArray], truth: Truth) -> Measured:
 
 
 def hashing(images: list[ByteArray], config: IndexConfig) -> Scores:
-    """Return the scores of the project's index."""
+    """Return the scoring function of the hashing index."""
     index = HashIndex(config)
     for uid, descriptors in enumerate(images):
         index.add(uid, descriptors)
@@ -146,12 +148,12 @@ def hashing(images: list[ByteArray], config: IndexConfig) -> Scores:
         out[votes.uids] = votes.votes
         return out
 
-    scores(images[0])  # sorts what was added
+    scores(images[0])  # the first query sorts the added entries
     return scores
 
 
 def words(images: list[ByteArray], training: ByteArray, branching: int, depth: int) -> Scores:
-    """Return the scores of a bag of words."""
+    """Return the scoring function of a bag of words."""
     return BagIndex(Vocabulary(training, branching, depth), images).scores
 
 

@@ -1,4 +1,4 @@
-"""Normalized squared errors for known errors."""
+"""Normalized squared errors of estimates with known errors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def path(stamps_ns: IntArray) -> FloatArray:
 
 
 def estimates(claimed: FloatArray, late_ns: int = 0) -> Estimates:
-    """Return what a tracker with errors of `SIGMA` says, which claims others."""
+    """Return estimates with errors of `SIGMA` and covariances of `claimed` sigmas."""
     noise = np.random.default_rng(0).normal(0, SIGMA, (len(IMAGES_NS) + 1, 6))
     stamps_ns = np.r_[IMAGES_NS[0] - 33_333_333, IMAGES_NS]
     T = path(stamps_ns - late_ns) @ se3.exp(noise)
@@ -54,7 +54,7 @@ def test_covariances_that_are_right_or_not(
     assert found.sigma_m == pytest.approx(claimed * found.error_m, rel=0.1)
 
 
-def test_a_reference_tells_its_jitter_and_its_clock() -> None:
+def test_pose_noise_and_clock_offset_of_a_reference_are_estimated() -> None:
     jitter = np.array([5e-4, 1e-3, 5e-4, 2e-3, 1e-3, 1e-3])
     noise = np.random.default_rng(1).normal(0, jitter, (len(REFERENCE_NS), 6))
     truth = Trajectory(REFERENCE_NS, path(REFERENCE_NS) @ se3.exp(noise))
@@ -65,17 +65,18 @@ def test_a_reference_tells_its_jitter_and_its_clock() -> None:
     assert found.translation_clock_s == pytest.approx(-0.02, abs=0.004)
 
 
-def test_the_references_noise_is_added() -> None:
+def test_the_noise_of_the_reference_is_added() -> None:
     noise = np.random.default_rng(1).normal(0, SIGMA, (len(REFERENCE_NS), 6))
     truth = Trajectory(REFERENCE_NS, path(REFERENCE_NS) @ se3.exp(noise))
-    told = estimates(SIGMA)
-    assert consistency(told, truth).pose > 1.5
-    both = consistency(told, truth, ReferenceNoise(np.diag(SIGMA**2), 0.0, 0.0))
-    assert both.pose == pytest.approx(0.85, rel=0.15)  # between two stamps half of it averages out
+    optimistic = estimates(SIGMA)
+    assert consistency(optimistic, truth).pose > 1.5
+    both = consistency(optimistic, truth, ReferenceNoise(np.diag(SIGMA**2), 0.0, 0.0))
+    # Interpolation between two stamps halves its variance.
+    assert both.pose == pytest.approx(0.85, rel=0.15)
     assert both.twist == pytest.approx(0.85, rel=0.15)
 
 
 def test_a_reference_of_another_time_is_refused(truth: Trajectory) -> None:
     later = Trajectory(truth.stamps_ns + 10**12, truth.T_world_camera)
-    with pytest.raises(InputError, match='less than a second'):
+    with pytest.raises(InputError, match='overlap by less than a second'):
         consistency(estimates(SIGMA), later)

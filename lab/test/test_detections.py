@@ -1,10 +1,10 @@
-"""Detections that are kept from run to run."""
+"""The cache of detections."""
 
 from pathlib import Path
 
 import numpy as np
 
-from hoid_benchmarks.plan.detections import KeptDetections
+from hoid_benchmarks.plan.detections import DetectionCache
 from hoid_common.values import Detections, RgbdFrame
 
 
@@ -14,7 +14,7 @@ def frame(shown: int, stamp_ns: int | None = None) -> RgbdFrame:
 
 
 class Detector:
-    """Sees as many people as the image is bright, each somewhere else."""
+    """Returns as many people as the brightness of the image, at different places."""
 
     def __init__(self) -> None:
         self.asked: list[int] = []
@@ -30,11 +30,11 @@ class Detector:
 def test_a_detector_is_asked_once_about_each_image(tmp_path: Path) -> None:
     path = tmp_path / 'new' / 'kept.npz'
     detector = Detector()
-    first = KeptDetections(path, detector)
-    told = [first(frame(n)) for n in (3, 0, 1)]
+    first = DetectionCache(path, detector)
+    detections = [first(frame(n)) for n in (3, 0, 1)]
     first.save()
-    again = KeptDetections(path, detector)
-    for before, n in zip(told, (3, 0, 1), strict=True):
+    again = DetectionCache(path, detector)
+    for before, n in zip(detections, (3, 0, 1), strict=True):
         after = again(frame(n))
         assert before is not None
         assert after is not None
@@ -45,14 +45,14 @@ def test_a_detector_is_asked_once_about_each_image(tmp_path: Path) -> None:
     assert detector.asked == [3, 0, 1]
     again(frame(2))
     again.save()
-    KeptDetections(path, detector)(frame(2))
+    DetectionCache(path, detector)(frame(2))
     assert detector.asked == [3, 0, 1, 2]
     assert list(path.parent.iterdir()) == [path]
 
 
 def test_an_image_made_harder_is_asked_about_though_its_stamp_is_known(tmp_path: Path) -> None:
     detector = Detector()
-    kept = KeptDetections(tmp_path / 'kept.npz', detector)
+    kept = DetectionCache(tmp_path / 'kept.npz', detector)
     assert [len(kept(frame(n, stamp_ns=7)) or ()) for n in (3, 2)] == [3, 2]
     later = kept(frame(3, stamp_ns=9))
     assert later is not None

@@ -1,4 +1,4 @@
-"""The engine, with a job that takes no time in place of a run."""
+"""The engine, with a stub instead of the run of a job."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ JOBS = (
 
 @dataclass(frozen=True)
 class Log:
-    """What was run, in order, whatever thread or process ran it."""
+    """File of the executed jobs in order, shared by threads and processes."""
 
     path: Path
 
@@ -40,7 +40,7 @@ class Log:
 
 @pytest.fixture
 def ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Log:
-    """Seed 2 fails."""
+    """Replace the run of a job by a stub in which seed 2 fails."""
     log = Log(tmp_path / 'ran')
 
     def run_job(job: Job, path: Path, store: Store) -> Outcome:
@@ -66,7 +66,7 @@ def test_each_job_runs_once_and_what_is_timed_runs_alone_at_the_end(
     engine: Engine, ran: Log
 ) -> None:
     results = engine.run(JOBS)
-    assert tuple(results) == JOBS  # the missing one and the one that runs last in their places
+    assert tuple(results) == JOBS  # in the order of the plan, including missing and late ones
     assert set(ran.jobs) == set(JOBS[:3])
     assert ran.jobs[-1] == JOBS[0]
     assert results[JOBS[1]].summary == {'ate_rmse_m': 0.1}
@@ -75,7 +75,7 @@ def test_each_job_runs_once_and_what_is_timed_runs_alone_at_the_end(
     assert results[JOBS[3]].missing
     assert engine.stored(JOBS).keys() == {JOBS[0], JOBS[1]}
     engine.run(JOBS)
-    assert ran.jobs[3:] == [JOBS[2]]  # what failed is tried again, what is there is not
+    assert ran.jobs[3:] == [JOBS[2]]  # only the failed job runs again
     assert engine.repeat(JOBS[1]).ok
     assert ran.jobs[4:] == [JOBS[1]]
 

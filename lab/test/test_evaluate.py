@@ -1,4 +1,4 @@
-"""How detections are counted against the truth."""
+"""Matching of detections with true objects."""
 
 import numpy as np
 import pytest

@@ -6,7 +6,7 @@ import pytest
 
 from hoid_common.errors import ConfigError
 from hoid_synth.acting.acting import ObjectTrack
-from hoid_synth.acting.seat import write_seat
+from hoid_synth.acting.seat import seat_motion
 from hoid_synth.acting.stage import Stage, set_stage
 from hoid_synth.config import CARRIED, EVENTS, SceneConfig
 from hoid_synth.scene import SceneRenderer
@@ -51,7 +51,7 @@ def test_what_an_event_moves_is_seen(event: str) -> None:
 
 
 def test_who_sits_down_leaves_with_the_chair() -> None:
-    stage, seat = set_stage(config('take_chair')), write_seat(config('take_chair'))
+    stage, seat = set_stage(config('take_chair')), seat_motion(config('take_chair'))
     T = mover(stage).T_world_object
     np.testing.assert_array_equal(mover(stage).handled, np.arange(301) >= seat.grips)
     np.testing.assert_array_equal(T[: seat.grips], np.tile(T[0], (seat.grips, 1, 1)))
@@ -117,11 +117,11 @@ def test_what_passes_slowly_is_in_view_all_the_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ('event', 'changes', 'says'),
+    ('event', 'changes', 'message'),
     [('door', {'speed_mps': 0.1}, 'speed_mps'), ('followed', {'rest_s': 1.0}, 'rest_s')],
 )
 def test_what_an_event_cannot_do_is_refused(
-    event: str, changes: dict[str, Any], says: str
+    event: str, changes: dict[str, Any], message: str
 ) -> None:
-    with pytest.raises(ConfigError, match=says):
+    with pytest.raises(ConfigError, match=message):
         replace(config(event), **changes)

@@ -1,4 +1,4 @@
-"""The reference that knows what moves."""
+"""The oracle filter."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_nothing_on_what_moves_is_left(tmp_path: Path) -> None:
     assert moving.mean() > 0.1
     *_, mask = moving_masks(scene)
     assert (mask != moving).mean() < 0.002
-    for _ in range(2):  # made, then read
+    for _ in range(2):  # the masks are rendered, then read
         exact = ExactFilter(SCENE, tmp_path / 'masks' / 'scene.npy', ExtractionConfig())
         found = exact.process(shown.frame)
         u, v = np.rint(found.features.uv_px).astype(int).T

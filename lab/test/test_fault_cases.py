@@ -1,4 +1,4 @@
-"""The table of a fault campaign."""
+"""The table of fault-injection outcomes."""
 
 from hoid_benchmarks.faults.cases import Outcome, merged, table
 

@@ -103,7 +103,8 @@ def test_their_way_is_free(seed: int, num_people: int, near_m: float) -> None:
 
 def test_they_pass_as_near_as_said() -> None:
     y_m = positions(stage())[..., 1]
-    assert y_m.mean() - 1.0 == pytest.approx(1.5, abs=0.05)  # from the middle of the camera's way
+    # Distance from the middle of the camera trajectory.
+    assert y_m.mean() - 1.0 == pytest.approx(1.5, abs=0.05)
     assert 0.1 < np.ptp(y_m) < 0.4  # a row, loosely two deep
 
 
@@ -132,14 +133,14 @@ def test_objects_are_in_hands_and_bump_into_nobody(seed: int) -> None:
 @pytest.mark.slow
 def test_boxes_tell_what_is_carried() -> None:
     renderer = SceneRenderer(replace(GROUP, seed=1, width_px=160))
-    told: set[tuple[str, bool]] = set()
+    found: set[tuple[str, bool]] = set()
     for i in (30, 90):
         synth = renderer.frame(i)
         held = {s.instance for s in object_states(renderer.stage, i) if s.handled}
         assert [k in held for k in synth.instances] == list(synth.handled)
-        told |= set(zip(synth.detections.class_names, synth.handled, strict=True))
-    assert any(handled for _, handled in told)
-    assert ('person', False) in told
+        found |= set(zip(synth.detections.class_names, synth.handled, strict=True))
+    assert any(handled for _, handled in found)
+    assert ('person', False) in found
 
 
 def test_same_seed_same_group_and_other_seeds_others() -> None:

@@ -1,4 +1,4 @@
-"""Two images of a scene with a known answer."""
+"""Motion segmentation of two images with known motion."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hoid_benchmarks.jobs.pairs import PLAYED, judge_pair, pair_report
+from hoid_benchmarks.jobs.pairs import PRESENTATIONS, evaluate_pair, pair_report
 from hoid_benchmarks.plan.sequences import Store
 from hoid_common.errors import InputError
 
@@ -16,7 +16,7 @@ SIDE_PX, FROM_PX, TO_PX, TOP_PX = 160, 200, 216, 160
 
 
 def write_pair(folder: Path) -> None:
-    """A wall that rests at 3 m, and before it a square at 1.5 m that goes 16 px to the right."""
+    """Write images of a static wall at 3 m and a square at 1.5 m that moves 16 px to the right."""
     rng = np.random.default_rng(0)
     wall, square = (
         cv2.resize(rng.integers(0, 256, (h, w, 3), np.uint8), (4 * w, 4 * h))
@@ -34,9 +34,9 @@ def test_what_moves_is_found_where_it_has_come_to(tmp_path: Path) -> None:
     write_pair(tmp_path)
     x, y, s = TO_PX, TOP_PX, SIDE_PX
     outline = [x, y, x + s, y, x + s, y + s, x, y + s]
-    shares = [judge_pair(tmp_path, [outline], played) for played in PLAYED]
+    shares = [evaluate_pair(tmp_path, [outline], presentation) for presentation in PRESENTATIONS]
     once, seldom, often = (found for found, _ in shares)
-    assert once == 0  # one look is not believed
+    assert once == 0  # a single observation is not sufficient
     assert min(seldom, often) > 0.8
     assert max(lost for _, lost in shares) < 0.02
 

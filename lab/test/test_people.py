@@ -62,10 +62,10 @@ def test_a_person_is_as_tall_as_said() -> None:
 
 
 def test_a_walk_starts_and_stops_at_rest() -> None:
-    way = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0]])
-    xy, heading = walk_along(way, 1.0)
+    path = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0]])
+    xy, heading = walk_along(path, 1.0)
     speed = np.linalg.norm(np.diff(xy, axis=0), axis=1) * 30
-    np.testing.assert_allclose(xy[[0, -1]], way[[0, -1]], atol=0.02)
+    np.testing.assert_allclose(xy[[0, -1]], path[[0, -1]], atol=0.02)
     assert speed[0] < 0.05
     assert speed[-1] < 0.2
     assert speed.max() == pytest.approx(1.0, abs=0.05)

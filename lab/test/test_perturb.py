@@ -1,4 +1,4 @@
-"""Made-worse recordings and detections."""
+"""Perturbed recordings and detections."""
 
 from collections.abc import Iterator
 
@@ -38,7 +38,7 @@ def test_perturbed_frames_are_the_same_each_time_and_as_hard_as_asked() -> None:
 
 def test_a_looped_recording_goes_forth_and_back_in_time_order() -> None:
     recording = Recording()
-    walked = np.tile(np.eye(4), (80, 1, 1))  # of the last frames no truth is known
+    walked = np.tile(np.eye(4), (80, 1, 1))  # the last frames have no ground truth
     walked[:, 0, 3] = np.arange(80)
     recording.ground_truth = Trajectory(33_333_333 * np.arange(80) + 3_000_000, walked)
     looped = PerturbedSequence(recording, Perturbation(loops=3), 0)
@@ -50,18 +50,19 @@ def test_a_looped_recording_goes_forth_and_back_in_time_order() -> None:
     there = truth.T_world_camera[:, 0, 3].astype(int).tolist()
     assert there == [*range(80), *reversed(range(80)), *range(80)]
     assert set(truth.stamps_ns.tolist()) <= set(stamps)
-    assert truth.stamps_ns[80] == stamps[100]  # the way back begins with what is not known
+    # The backward pass begins with frames without ground truth.
+    assert truth.stamps_ns[80] == stamps[100]
 
 
 def walked(count: int) -> Trajectory:
-    """Return a true pose for each image of the recording, a metre further each time."""
+    """Return one true pose per image of the recording, each one meter further."""
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, 0, 3] = np.arange(count)
     return Trajectory(33_333_333 * np.arange(count), poses)
 
 
 def arranged(perturbation: Perturbation) -> tuple[list[RgbdFrame], dict[int, int], int]:
-    """Return the images, where each was truly taken by its stamp, and how many show anything."""
+    """Return the images, the true position of each by stamp, and the number of visible images."""
     recording = Recording()
     recording.ground_truth = walked(90)
     made = PerturbedSequence(recording, perturbation, 3)
@@ -135,7 +136,7 @@ def test_missed_detections_are_empty_and_late_ones_none() -> None:
     slow = outcomes(Perturbation(detector_hz=10.0))
     assert sum(d is not None for d in slow) == 30
     run = [is_empty(d) for d in outcomes(Perturbation(missed_run=10))]
-    assert sum(run) == 0  # the first run comes after 3 s
+    assert sum(run) == 0  # the first run of missed frames comes after 3 s
 
 
 def test_people_are_missed_and_things_are_not() -> None:
@@ -151,8 +152,8 @@ def test_people_are_missed_and_things_are_not() -> None:
 
 
 def test_a_detector_that_dies_says_nothing_more() -> None:
-    said = [d is not None for d in outcomes(Perturbation(detector_dead_s=1.0))]
-    assert said == [True] * 31 + [False] * 59  # frame 30 is a nanosecond too early
+    has_detections = [d is not None for d in outcomes(Perturbation(detector_dead_s=1.0))]
+    assert has_detections == [True] * 31 + [False] * 59  # frame 30 is 1 ns before the limit
 
 
 def test_what_the_cover_hides_is_not_detected() -> None:

@@ -1,4 +1,4 @@
-"""What the documents show of results: rows that know their commit, never mixed silently."""
+"""Results in the documents: rows have their commit, and commits are not mixed."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -50,7 +50,7 @@ def plan(root: Path) -> Plan:
 
 
 def results(plan: Plan, commit: str) -> dict[Job, Result]:
-    """Return results in which a filter takes 75 % of an error of 8 cm."""
+    """Return results in which a filter reduces an error of 8 cm by 75 %."""
     return {
         job: Result(
             job,
@@ -137,7 +137,7 @@ def test_a_table_names_its_commit_and_machine_once(root: Path, plan: Plan) -> No
     assert keep(plan, results(plan, 'c1'), results_path(root, 'tiny')) == ('one', 'two')
     write_pages(root)
     text = (root / 'docs/page.md').read_text()
-    assert '| `a` | `hoid2d` | exact boxes | 0.0200 [0.0200-0.0200] | 75.0 % |' in text
+    assert '| `a` | `hoid2d` | ground-truth boxes | 0.0200 [0.0200-0.0200] | 75.0 % |' in text
     assert 'Made at commit c1, on M.' in text
     assert text.startswith('# Page\n')
     assert text.endswith('<!-- /bench -->\n\nEnd.\n')
@@ -197,5 +197,5 @@ def test_reports_stand_between_the_marks_of_their_pages(root: Path) -> None:
 
 def test_a_damaged_file_of_results_is_named(root: Path) -> None:
     results_path(root, 'tiny').write_text('{"one": []}')
-    with pytest.raises(InputError, match=r'tiny\.json: no file of results'):
+    with pytest.raises(InputError, match=r'tiny\.json: not a file of results'):
         rewritten(PAGE, root)

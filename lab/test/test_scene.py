@@ -118,9 +118,9 @@ def test_handled_objects_move_with_their_holder_and_others_rest() -> None:
 def test_some_objects_are_never_touched_and_somebody_stands_still() -> None:
     stage = renderer().stage
     assert sum(not track.handled.any() for track in stage.objects) >= 3
-    spells = [spell for part in stage.parts for spell in part.standing]
+    spells = [spell for motion in stage.motions for spell in motion.standing]
     assert max(end - first for first, end in spells) >= 90  # 3 s
-    n, (first, end) = next((n, p.standing[0]) for n, p in enumerate(stage.parts) if p.standing)
+    n, (first, end) = next((n, p.standing[0]) for n, p in enumerate(stage.motions) if p.standing)
     xy = stage.bodies[n].xy_m[first + 10 : end - 10]
     assert np.ptp(xy, axis=0).max() < 0.02
 

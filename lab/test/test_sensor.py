@@ -18,9 +18,9 @@ def read(depth_m: float, config: SceneConfig = SMALL) -> np.ndarray:
     return sensor.depth_image(flat, FACING, NOT_DARK, config, np.random.default_rng(0))
 
 
-def test_depth_is_in_whole_millimetres() -> None:
-    millimetres = read(2.0) * 1000
-    np.testing.assert_allclose(millimetres, np.rint(millimetres), atol=1e-3)
+def test_depth_is_in_whole_millimeters() -> None:
+    millimeters = read(2.0) * 1000
+    np.testing.assert_allclose(millimeters, np.rint(millimeters), atol=1e-3)
 
 
 def test_depth_noise_grows_with_the_square() -> None:
@@ -61,10 +61,10 @@ def test_motion_blur_smears_along_the_flow_only() -> None:
     assert out[20, 20] < 30
 
 
-def test_colour_noise_has_the_stated_size() -> None:
-    grey = np.full((200, 200, 3), 100, np.float32)
+def test_color_noise_has_the_stated_size() -> None:
+    gray = np.full((200, 200, 3), 100, np.float32)
     still = np.zeros((200, 200, 2), np.float32)
-    noisy = sensor.colour_image(grey, still, SMALL, np.random.default_rng(0)).astype(float)
+    noisy = sensor.color_image(gray, still, SMALL, np.random.default_rng(0)).astype(float)
     assert noisy.mean() == pytest.approx(100, abs=0.2)
     assert noisy.std() == pytest.approx(1.3 + 0.11 * 10, rel=0.1)
 

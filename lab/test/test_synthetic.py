@@ -1,4 +1,4 @@
-"""The project's own detector on rendered scenes that it was not trained on."""
+"""The synthetic detector on rendered scenes that it was not trained on."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from hoid_synth.config import SceneConfig
 from hoid_training.dataset import CLASSES
 from hoid_training.evaluate import Tally, measure
 
-SCENE = SceneConfig(  # training takes seeds from 100000 on
+SCENE = SceneConfig(  # training uses seeds from 100000 on
     seed=900, num_frames=120, width_px=416, depth_holes=False
 )
 FRAMES = 8
@@ -25,7 +25,7 @@ def tally(detector: OnnxDetector) -> Tally:
     return measure(detector, [SCENE], FRAMES)[0]
 
 
-def test_it_tells_by_itself_how_to_be_fed(detector: OnnxDetector) -> None:
+def test_the_model_states_its_input_size_and_classes(detector: OnnxDetector) -> None:
     assert detector.layout.name == 'yolov8'
     assert detector.class_names == CLASSES
     assert detector.network.path.stat().st_size <= 1_500_000

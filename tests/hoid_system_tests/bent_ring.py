@@ -1,7 +1,7 @@
-"""A world that closes early: whoever goes round in it measures less than a whole turn.
+"""A ring-shaped world of known drift: a lap measures 1 % less than a full turn.
 
-Every view is exactly rigid, so that tracking is exact, too, and the gap at the end of a lap is the
-drift that a loop has to take out.
+Every view is exactly rigid, so that tracking is exact. The gap at the end of a lap is the drift
+that a loop closure has to correct.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _OCTAVE = 2
 
 
 class BentRing:
-    """Points on a round wall; the camera goes round on a ring inside it and looks outwards."""
+    """Points on a round wall; the camera moves on a ring inside it and faces outward."""
 
     def __init__(self, num_points: int = 3000, seed: int = 1) -> None:
         rng = np.random.default_rng(seed)
@@ -30,17 +30,17 @@ class BentRing:
 
     @property
     def bend_m(self) -> float:
-        """Return how far the bend of a closed map moves the farthest wall over half a view."""
+        """Return the shift [m] by which a closed map bends the farthest wall over half a view."""
         half_view_rad = np.arctan(CAMERA.width_px / 2 / CAMERA.fx_px)
         return float(_MISSING_SHARE * half_view_rad * self._radius_m.max())
 
     def camera_at(self, turn_rad: float) -> FloatArray:
-        """Return T_start_camera (4, 4) as measured along the way."""
+        """Return the (4, 4) T_start_camera as odometry measures it."""
         T_world_start, T_world_camera = (_on_ring(turn) for turn in (0.0, turn_rad))
         return se3.inverse(T_world_start) @ T_world_camera
 
     def features(self, turn_rad: float, stamp_ns: int) -> Features:
-        """Return the features of an image after some of a turn, or more than one."""
+        """Return the features of an image after a turn of any angle."""
         ahead = np.mod(self._angle_rad - turn_rad + np.pi, 2 * np.pi) - np.pi
         angle_rad = _measured(ahead)
         x = self._radius_m * np.sin(angle_rad)

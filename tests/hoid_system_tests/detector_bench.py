@@ -1,4 +1,4 @@
-"""A detector node on a network whose answer is known, and a peer that talks to it."""
+"""A detector node with a network of known output, and a peer node."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STAMP_NS = 1_305_031_102_175_304_123
 
 
 def write_model(path: Path, *, work: int = 0) -> Path:
-    """Write a network 96 x 64 that sees ROWS in every image, after `work` multiplications."""
+    """Write a 96 x 64 network that outputs ROWS for every image, after `work` multiplications."""
     onnx = pytest.importorskip('onnx', reason='builds its models with the onnx package')
     h, f32 = onnx.helper, onnx.TensorProto.FLOAT
     array = onnx.numpy_helper.from_array
@@ -54,7 +54,7 @@ def write_model(path: Path, *, work: int = 0) -> Path:
 
 
 class Bench:
-    """A detector node and a peer that talks to it, spun by one executor in this thread."""
+    """A detector node and a peer node, spun by one executor in this thread."""
 
     def __init__(self) -> None:
         self.executor = SingleThreadedExecutor()
@@ -79,13 +79,13 @@ class Bench:
         return self.node
 
     def until(self, condition: Callable[[], Any], limit_s: float = 15.0) -> Any:
-        """Spin until the condition gives something, and return that."""
+        """Spin until the condition returns a value, and return that value."""
         end_s = time.monotonic() + limit_s
         while time.monotonic() < end_s:
             if (value := condition()) not in (None, False):
                 return value
             self.executor.spin_once(timeout_sec=0.02)
-        raise AssertionError('nothing came in time')
+        raise AssertionError('no value within the limit')
 
     def spin(self, duration_s: float) -> None:
         end_s = time.monotonic() + duration_s
@@ -99,7 +99,7 @@ class Bench:
         self.images.publish(msg)
 
     def answer(self) -> DetectionArray:
-        """Return the next detections; they may come from a model that is slow under load."""
+        """Return the next detections."""
         return self.until(lambda: self.detections.pop(0) if self.detections else None)
 
     def call(self, type_: Any, name: str, request: Any) -> Any:
@@ -113,7 +113,7 @@ class Bench:
         return future.result()
 
     def values(self) -> dict[str, str]:
-        """Return what the node says of itself from now on."""
+        """Return level, message and values of the node's next diagnostics."""
         self.diagnostics.clear()
         status = self.until(lambda: self.diagnostics[-1] if self.diagnostics else None)
         return {'level': status.level, 'message': status.message} | {

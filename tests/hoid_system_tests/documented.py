@@ -1,4 +1,4 @@
-"""The commands that README and the documents show, and what they say comes of them."""
+"""The commands in README and the documents, and the output shown for them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def shape(lines: Iterable[str]) -> list[str]:
 
 
 def _of_block(page: str, block: str) -> Iterator[Shown]:
-    """Yield each command of a block; a line that begins with none is what the last one prints."""
+    """Yield each command of a block; other lines are the output of the previous command."""
     command, output = '', list[str]()
     for line in block.splitlines():
         if _BEGINNING.match(line):

@@ -1,4 +1,4 @@
-"""Drift over recordings that are too short for an error over a second."""
+"""End drift of recordings that are too short for the relative pose error over a second."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from hoid_common.values import FloatArray, IntArray, Trajectory
 
 
 def end_drift_m(estimate: Trajectory, truth: Trajectory) -> float:
-    """Return how far the last pose is from the truth, seen from the first one.
+    """Return the translation error [m] of the last pose relative to the first one.
 
-    Truth is interpolated to the stamps of the estimate: a nearest pose 10 ms away is centimetres
-    away in a hand.
+    The ground truth is interpolated to the stamps of the estimate, because a hand-held camera
+    moves by up to a centimeter in 10 ms.
 
     Raises:
-        InputError: Less than two poses of the estimate lie within the truth's time.
+        InputError: Fewer than two poses lie within the time of the ground truth.
     """
     stamps = estimate.stamps_ns
     within = (stamps >= truth.stamps_ns[0]) & (stamps <= truth.stamps_ns[-1])
@@ -33,7 +33,7 @@ def end_drift_m(estimate: Trajectory, truth: Trajectory) -> float:
 
 
 def interpolated(trajectory: Trajectory, stamps_ns: IntArray) -> FloatArray:
-    """Return (N, 4, 4) poses at stamps within a trajectory's time, on screws between its own."""
+    """Return (N, 4, 4) poses at stamps, interpolated by the screw motion between neighbors."""
     known_ns = trajectory.stamps_ns
     after = np.clip(np.searchsorted(known_ns, stamps_ns), 1, len(known_ns) - 1)
     T = trajectory.T_world_camera[after - 1]

@@ -1,4 +1,4 @@
-"""The test's end of the filter's topics: publishes images and boxes, collects the results."""
+"""Peer of hoid_filter: publishes images and boxes, and collects the outputs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FRAME = 'camera_color_optical_frame'
 START_NS = 1_305_031_102_175_304_123
 PERIOD_NS = 33_333_333
 PERSON = ('person', (100.0, 50.0, 300.0, 450.0))
-CUP = ('cup', (280.0, 200.0, 320.0, 240.0))  # half of it in the person's box
+CUP = ('cup', (280.0, 200.0, 320.0, 240.0))  # half of it is in the person's box
 TV = ('tv', (400.0, 40.0, 600.0, 200.0))
 Row = tuple[str, tuple[float, float, float, float]]
 
@@ -52,11 +52,11 @@ class Peer:
         self.verdicts = probe.collect(FeatureVerdicts, 'feature_verdicts', wait=False)
         self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
 
-    def connect(self, *, hears_boxes: bool = True) -> None:
+    def connect(self, *, waits_for_boxes: bool = True) -> None:
         """Wait until the node subscribes to the inputs, and send it the camera."""
         self.color = self.probe.publisher(Image, 'rgb/image')
         self.depth = self.probe.publisher(Image, 'depth/image')
-        self.boxes = self.probe.publisher(DetectionArray, 'detections', wait=hears_boxes)
+        self.boxes = self.probe.publisher(DetectionArray, 'detections', wait=waits_for_boxes)
         self.camera = self.probe.publisher(CameraInfo, 'rgb/camera_info')
         self.camera.publish(conversions.camera_to_msg(CAMERA, self.header(0)))
         self.wait_for_count('camera infos received', 1)
@@ -96,7 +96,7 @@ class Peer:
         self.probe.spin_for(0.2)
         self.send_images(i, depth_m)
 
-    def said(self) -> tuple[str, dict[str, str]]:
+    def newest_diagnosis(self) -> tuple[str, dict[str, str]]:
         """Return the message and the values of the node's newest diagnostics."""
         mine = [s for d in self.diagnostics for s in d.status if s.name == '/hoid_filter']
         if not mine:
@@ -106,7 +106,7 @@ class Peer:
     def wait_for_count(self, name: str, number: int, timeout_s: float = TIMEOUT_S) -> None:
         """Wait until a counter of the diagnostics has reached a number."""
         self.probe.spin_until(
-            lambda: int(self.said()[1].get(name, 0)) >= number,
+            lambda: int(self.newest_diagnosis()[1].get(name, 0)) >= number,
             f'"{name}" stays below {number}',
             timeout_s,
         )

@@ -1,4 +1,4 @@
-"""What /tf says of one image."""
+"""The transforms of one image from /tf."""
 
 from typing import Any
 

@@ -1,9 +1,9 @@
-"""Runs our launch files as `ros2 launch` does, for machines without ROS's launch packages.
+"""Runs the launch files as `ros2 launch` does, for machines without ROS's launch packages.
 
     python -m hoid_system_tests.launch_stand_in FILE NAME:=VALUE ...
 
-Its rules are those of launch 3.4: a dead process is started anew (respawn), `on_exit` is asked
-what to do, and at the end all get SIGINT, though a terminal may have sent it to them before.
+It follows launch 3.4: a process that ended is restarted (`respawn`), `on_exit` may request a
+shutdown, and then every process gets SIGINT, even if a terminal has sent it before.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class Node:
     on_exit: Callable[[Any, LaunchContext], list[Shutdown]] = lambda *_: []
 
     def argv(self, context: LaunchContext, folder: Path) -> list[str]:
-        """Return the command line, as launch_ros makes it."""
+        """Return the command line of launch_ros."""
         argv = [str(executable(self.package, self.executable))]
         argv += [text(argument, context) for argument in self.arguments]
         argv += ['--ros-args', '-r', f'__node:={self.name}']
@@ -150,11 +150,11 @@ LifecycleNode = Node
 
 
 class ProcessExited(SimpleNamespace):
-    """Has the `returncode`."""
+    """Event with the `returncode` of a process."""
 
 
 def text(value: Any, context: LaunchContext) -> str:
-    """Return what a text or substitution stands for."""
+    """Return the text of a value or substitution."""
     return value.perform(context) if isinstance(value, Substitution) else str(value)
 
 
@@ -170,15 +170,15 @@ def _params_file(
 
 
 class Launched:
-    """A node's process, started anew when it is to be."""
+    """The process of a node, which is restarted if the node has `respawn`."""
 
     def __init__(self, node: Node, argv: list[str]) -> None:
         self.node, self._argv = node, argv
         self.process = subprocess.Popen(argv)
-        self._due_s: float | None = None  # when it starts anew
+        self._due_s: float | None = None  # time of the restart; infinite: never
 
     def poll(self, context: LaunchContext) -> list[Shutdown]:
-        """Start it anew when due; return what its end asks for."""
+        """Restart the process when due; return the shutdowns that its end requests."""
         if self._due_s is not None:
             if time.monotonic() >= self._due_s:
                 self._due_s = None
@@ -186,40 +186,40 @@ class Launched:
             return []
         if (status := self.process.poll()) is None or self._due_s == float('inf'):
             return []
-        say_end(self.node.executable, status)
+        print_end(self.node.executable, status)
         self._due_s = (
             time.monotonic() + self.node.respawn_delay if self.node.respawn else float('inf')
         )
         return self.node.on_exit(ProcessExited(returncode=status), context)
 
 
-def say(who: str, what: str) -> None:
-    """Write a line."""
+def print_line(who: str, what: str) -> None:
+    """Print a line as launch does."""
     sys.stdout.write(f'[{who}]: {what}\n')
     sys.stdout.flush()
 
 
-def say_end(name: str, status: int) -> None:
-    """Say how a process ended, in launch's words."""
-    say(name, f'process has died [exit code {status}]' if status else 'finished cleanly')
+def print_end(name: str, status: int) -> None:
+    """Print how a process ended, in the words of launch."""
+    print_line(name, f'process has died [exit code {status}]' if status else 'finished cleanly')
 
 
 def run(nodes: list[Node], context: LaunchContext, folder: Path) -> None:
-    """Run until Ctrl-C or until a process's end asks for a shutdown."""
+    """Run until SIGINT or until the end of a process requests a shutdown."""
     interrupts: list[int] = []
     signal.signal(signal.SIGINT, lambda sign, _frame: interrupts.append(sign))
     launched = [Launched(node, node.argv(context, folder)) for node in nodes]
     while not interrupts:
         for one in launched:
             for shutdown in one.poll(context):
-                say('launch', shutdown.reason)
+                print_line('launch', shutdown.reason)
                 interrupts.append(0)
         time.sleep(_TICK_S)
     end([one for one in launched if one.process.poll() is None])
 
 
 def end(launched: list[Launched]) -> None:
-    """Send SIGINT, and what launch sends to those who do not hear it."""
+    """End processes as launch does: SIGINT, then SIGTERM and SIGKILL to those that remain."""
     start_s = time.monotonic()
     stages = [
         (0.0, signal.SIGINT),
@@ -233,12 +233,12 @@ def end(launched: list[Launched]) -> None:
                 one.process.send_signal(sign)
         for one in [one for one in launched if one.process.poll() is not None]:
             launched.remove(one)
-            say_end(one.node.executable, one.process.returncode)
+            print_end(one.node.executable, one.process.returncode)
         time.sleep(_TICK_S)
 
 
 def description(path: Path) -> LaunchDescription:
-    """Return what a launch file describes."""
+    """Return the launch description of a launch file."""
     for name, members in NAMES.items():
         module = ModuleType(name)
         for member in members.split():
@@ -250,7 +250,7 @@ def description(path: Path) -> LaunchDescription:
 
 
 def load(path: Path, arguments: list[str]) -> tuple[list[Node], LaunchContext]:
-    """Return the nodes that a launch file makes of launch arguments."""
+    """Return the nodes that a launch file starts with launch arguments, and the context."""
     pairs = [argument.partition(':=') for argument in arguments]
     context = LaunchContext({name: value for name, _, value in pairs})
     nodes: list[Node] = []

@@ -17,7 +17,7 @@ class ParameterClient:
         self._probe, self._node = probe, node
 
     def names(self) -> list[str]:
-        """Return the names that are declared."""
+        """Return the names of all declared parameters."""
         answer = self._call(ListParameters, 'list_parameters', ListParameters.Request())
         return list(answer.result.names)
 
@@ -33,7 +33,7 @@ class ParameterClient:
         return [parameter_value_to_python(value) for value in values]
 
     def set(self, values: dict[str, Any]) -> list[Any]:
-        """Set one by one and return the results."""
+        """Set parameters one by one and return the results."""
         parameters = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
         request = SetParameters.Request(parameters=parameters)
         return list(self._call(SetParameters, 'set_parameters', request).results)

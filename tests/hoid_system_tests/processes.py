@@ -1,4 +1,4 @@
-"""Nodes as processes, started as an installed executable is, and always ended."""
+"""Nodes as processes, started from their installed executables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hoid_bringup.live.supervisor import ProcessSpec, Supervisor
 from hoid_common.config import EXPERT
 
 Start = Callable[..., Supervisor]
-"""The fixture `start`: gets package, executable and parameters, gives who watches the process."""
+"""Fixture `start`: takes package, executable and parameters, returns the supervisor."""
 
 
 def executable(package: str, name: str) -> Path:
@@ -36,7 +36,7 @@ def node_spec(
     params: Mapping[str, Any],
     ros_args: Sequence[str] = (),
 ) -> ProcessSpec:
-    """Return how to start `ros2 run package name` with parameters, also those for experts."""
+    """Return the specification of `ros2 run package name` with user and expert parameters."""
     argv = [sys.executable, str(executable(package, name)), '--ros-args', *ros_args]
     for key, value in with_switch(package, params).items():
         text = yaml.safe_dump(value, default_flow_style=True).removesuffix('\n...\n').strip()
@@ -45,7 +45,7 @@ def node_spec(
 
 
 def with_switch(package: str, params: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a node's parameters, with the switch where one of them is for experts."""
+    """Return a node's parameters, with the switch `expert` if one of them needs it."""
     config = NODE_CONFIGS.get(package)
     leaves = [] if config is None else config.node_params()
     needs_switch = any(leaf.spec.expert and leaf.name in params for leaf in leaves)

@@ -1,4 +1,4 @@
-"""A rendered recording as the nodes before rgbd_slam would hand it on."""
+"""A rendered recording as the messages that reach rgbd_slam."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Messages(NamedTuple):
 
 
 def recording(config: SceneConfig, strategy: str, workers: int = 2) -> Iterator[Messages]:
-    """Render, filter with exact boxes, and yield the messages image by image."""
+    """Render, filter with ground-truth boxes, and yield the messages of each image."""
     camera = config.camera
     size_px = (camera.width_px, camera.height_px)
     feature_filter = FeatureFilter(FilterConfig(strategy=strategy), camera)

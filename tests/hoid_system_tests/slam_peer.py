@@ -1,4 +1,4 @@
-"""The other end of rgbd_slam's topics: gives it a camera and images, and keeps what it says."""
+"""Peer of rgbd_slam: publishes a camera and features, and collects the outputs."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from hoid_system_tests.probe import Probe
 NO_SCENE = {'dense.enabled': False, 'objects.enabled': False}
 """Parameters that switch the scene mapper off, which needs images."""
 START_NS, PERIOD_NS = 1_305_031_102_175_304_123, 33_333_333
-_READY_S = 60.0  # it starts processes
+_READY_S = 60.0  # the node starts processes
 _RESEND_S = 3.0
 
 
 def features_msg(features: Features) -> FeaturesMsg:
-    """Return the message of what the camera of a world of points sees."""
+    """Return the message of features that the camera of a point world sees."""
     header = conversions.header_to_msg(features.stamp_ns, OPTICAL)
     size_px = (CAMERA.width_px, CAMERA.height_px)
     return conversions.features_to_msg(features, header, size_px)
 
 
 class SlamPeer:
-    """Sends images one by one, each when the one before has been answered."""
+    """Publishes the features of images, each after the status of the previous one."""
 
     def __init__(self, probe: Probe) -> None:
         self.probe = probe
@@ -45,12 +45,12 @@ class SlamPeer:
         self.features = probe.publisher(FeaturesMsg, 'features')
 
     def send_camera(self, msg: CameraInfo | None = None) -> None:
-        """Send a camera; by default that of a world of points."""
+        """Publish a camera info; by default that of a point world."""
         header = conversions.header_to_msg(START_NS, OPTICAL)
         self.camera.publish(msg or conversions.camera_to_msg(CAMERA, header))
 
     def begin(self, msg: CameraInfo | None = None) -> None:
-        """Send the camera, again and again as a driver does, until the node is ready."""
+        """Publish the camera info repeatedly, as a driver does, until the node is ready."""
         due_s = 0.0
 
         def is_ready() -> bool:
@@ -63,7 +63,7 @@ class SlamPeer:
         self.probe.spin_until(is_ready, 'the node does not get ready', _READY_S)
 
     def answer_to(self, features: FeaturesMsg) -> SlamStatus:
-        """Send an image's features and return what is said of it."""
+        """Publish the features of an image and return its status."""
         before = len(self.status)
         self.features.publish(features)
         self.probe.spin_until(lambda: len(self.status) > before, 'no slam_status')
@@ -75,7 +75,7 @@ class SlamPeer:
         return edges(self.tf, stamp_ns)
 
     def pose(self, stamp_ns: int) -> FloatArray:
-        """Return T_map_camera of an image, from /tf."""
+        """Return the (4, 4) T_map_camera of an image, from /tf."""
         tree = self.tree(stamp_ns)
         return np.asarray(tree['map', 'odom'] @ tree['odom', OPTICAL])
 

@@ -1,4 +1,4 @@
-"""Bags of a camera that slides before a picture on a wall: what it does is known exactly."""
+"""Bags of a camera that slides along a textured wall with exactly known motion."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def write_sliding(
     *,
     compressed: bool = False,
 ) -> None:
-    """Write a bag.
+    """Write a bag of a sliding camera.
 
     Args:
-        path: Of the bag.
+        path: Folder of the bag.
         start_ns: Stamp of the first image.
-        num_frames: At 30 Hz.
-        direction_px: Where the camera goes, such as (1, 0) for right or (0, 1) for down.
+        num_frames: Number of images, at 30 Hz.
+        direction_px: Direction of the motion, such as (1, 0) for right or (0, 1) for down.
         compressed: Write JPEG and compressedDepth.
     """
     color_topic, depth_topic, type_name = image_topics(compressed)
@@ -76,7 +76,7 @@ def _packed(
 
 
 def image_topics(compressed: bool) -> tuple[str, str, str]:
-    """Return the topics of colour and depth, and the type of both."""
+    """Return the topics of color and depth, and the type of both."""
     color, depth = topics.RGB_IMAGE, topics.DEPTH_IMAGE
     if not compressed:
         return color, depth, bag_types.IMAGE
@@ -84,9 +84,9 @@ def image_topics(compressed: bool) -> tuple[str, str, str]:
 
 
 def _wall(num_frames: int) -> ByteArray:
-    """Return a picture with corners everywhere, large enough for the whole path."""
-    room_px = _STEP_PX * num_frames
-    width, height = CAMERA.width_px + room_px, CAMERA.height_px + room_px
+    """Return a picture with corners everywhere, large enough for the whole motion."""
+    motion_px = _STEP_PX * num_frames
+    width, height = CAMERA.width_px + motion_px, CAMERA.height_px + motion_px
     noise = np.random.default_rng(5).integers(0, 255, (height // 5, width // 5, 3), np.uint8)
     wall = cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC)
     return np.asarray(wall, np.uint8)

@@ -1,4 +1,4 @@
-"""What happens to a message on its way."""
+"""Transport of messages between nodes."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 
 def sent(msg: Any) -> Any:
-    """Return what arrives at the other end."""
+    """Return a message after serialization and deserialization."""
     return deserialize_message(serialize_message(msg), type(msg))

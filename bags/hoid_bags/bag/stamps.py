@@ -9,7 +9,7 @@ from hoid_common.errors import InputError, MessageError
 from hoid_common.values import NS_PER_S
 
 _HEADER_FIELD = ('header', 'std_msgs/msg/Header')
-_CDR_HEADER_BYTES = 4  # of which the second tells the byte order
+_CDR_HEADER_BYTES = 4  # of which the second gives the byte order
 _LITTLE, _BIG = struct.Struct('<iI'), struct.Struct('>iI')  # seconds, nanoseconds
 
 

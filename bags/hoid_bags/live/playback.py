@@ -50,7 +50,7 @@ class PlaybackPlan:
     topics: tuple[BagTopic, ...]
     start_ns: int  # log time of the bag
     end_ns: int  # the same, inclusive
-    fault: str | None  # what is known to be wrong with the bag before it is played
+    fault: str | None  # damage that is known before the bag is played
 
     @property
     def period_ns(self) -> int:

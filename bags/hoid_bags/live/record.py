@@ -48,11 +48,11 @@ def record(
 ) -> int:
     """Record for a time or until a KeyboardInterrupt; return the number of messages.
 
-    A kill leaves a hidden folder with all messages but those of the last half second; `repair`
-    makes a bag of it.
+    If the process is killed, a hidden folder remains with all messages except those of the last
+    half second; `repair` turns it into a bag.
 
     Args:
-        bag: The folder to make.
+        bag: The folder to create.
         topic_names: Topics to record. Each is subscribed to when its first publisher appears.
         namespace: Namespace of relative names.
         duration_s: Length from the first message on; 0 = until interrupted.

@@ -1,4 +1,4 @@
-"""The fault campaign: what is wrong, cut off, hostile or killed, by seed, each with an oracle.
+"""Fault injection: damaged files, wrong messages, killed processes; each case has an oracle.
 
-`./hoid bench faults` runs it at nightly size, `--quick` a slice of it.
+`./hoid bench faults` runs the nightly number of cases, `--quick` a few. Cases repeat by seed.
 """

@@ -1,4 +1,4 @@
-"""The campaign as a whole: which cases, how many, and its report."""
+"""The fault-injection campaign: selection and number of cases, and the report."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ CAMPAIGNS = (FILES, KILLS, NETWORK, MESSAGES, CONDITIONS, CAMERAS, DEATHS, SOAK)
 class Size:
     """Number of cases of each kind of fault."""
 
-    files: int  # of each kind
-    kills: int  # of each kind
-    network: int  # of each weather
-    messages: int  # of each input
-    conditions: int  # of clocks, of loads and of disks
-    cameras: int  # of each camera
-    deaths: int  # of each process
-    soak: int  # minutes, live and offline
+    files: int  # for each kind of file
+    kills: int  # for each writer
+    network: int  # for each fault of the link
+    messages: int  # for each input topic
+    conditions: int  # for clocks, for loads and for disks
+    cameras: int  # for each camera
+    deaths: int  # for each process
+    soak: int  # minutes of the live run, and of the offline run
 
 
 NIGHTLY = Size(
@@ -41,17 +41,17 @@ SLICE = Size(files=8, kills=4, network=0, messages=20, conditions=1, cameras=0, 
 
 
 def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:
-    """Run the campaign, write its table into a folder and return it.
+    """Run the campaign, write its Markdown table into a folder, and return the table.
 
     Args:
-        seed: Of the first case; another one gives other cases.
-        size: How many.
-        only: Kinds of fault to run; empty means all.
-        out: The folder.
+        seed: Seed of the first case; the others follow it.
+        size: Number of cases.
+        only: Kinds of fault to inject; empty means all.
+        out: The folder of the table.
 
     Raises:
         ConfigError: There is no such kind of fault.
-        HoidError: A case did not end as it must.
+        HoidError: At least one case failed.
     """
     for name in only:
         if name not in CAMPAIGNS:
@@ -84,19 +84,22 @@ def _outcomes(seed: int, size: Size, kinds: Sequence[str]) -> Iterator[Outcome]:
 
 
 def _live_outcomes(samples: Samples, folder: Path, seeds: dict[str, range]) -> Iterator[Outcome]:
-    """Yield those of running nodes, the last: they start threads, which others may not have."""
-    # They need ROS.
+    """Yield the outcomes of running nodes; they come last, because the other cases fork.
+
+    A process with threads, such as those of ROS, must not fork.
+    """
+    # These modules need ROS.
     from hoid_benchmarks.faults.live.cameras import camera_cases  # noqa: PLC0415
     from hoid_benchmarks.faults.live.deaths import death_cases  # noqa: PLC0415
+    from hoid_benchmarks.faults.live.shared_nodes import shared_node_cases  # noqa: PLC0415
     from hoid_benchmarks.faults.live.soak import soak_cases  # noqa: PLC0415
-    from hoid_benchmarks.faults.live.standing import standing_cases  # noqa: PLC0415
     from hoid_benchmarks.faults.live.two_hosts.network import network_cases  # noqa: PLC0415
 
     if found := seeds.get(NETWORK):
         yield from network_cases(folder / NETWORK, found)
     messages, conditions = (seeds.get(kind, range(0)) for kind in (MESSAGES, CONDITIONS))
     if messages or conditions:
-        yield from standing_cases(samples, folder, messages, conditions)
+        yield from shared_node_cases(samples, folder, messages, conditions)
     if found := seeds.get(CAMERAS):
         yield from camera_cases(folder / CAMERAS, found)
     if found := seeds.get(DEATHS):

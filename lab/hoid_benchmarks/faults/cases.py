@@ -1,4 +1,4 @@
-"""What became of each case of the campaign, and the table of it."""
+"""Outcomes of the cases of the campaign, and their table."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ _HEAD_LINES = 2
 
 
 class Outcome(NamedTuple):
-    """What became of one case."""
+    """Outcome of one case."""
 
     kind: str
     seed: int
-    complaint: str  # of the oracle; empty when all is as it must be
+    complaint: str  # what the oracle found wrong; empty if the case passed
     was_refused: bool = False
     wall_s: float = 0.0
     peak_mb: float = 0.0
-    note: str = ''  # a number of its own
-    note_rank: float | None = None  # its kind's row has the note of the highest; None: wall_s
-    number: int = 1  # of faults that were judged together
-    skipped: str = ''  # why it was not tried; empty when it was
+    note: str = ''  # a measured value, as text
+    # The row of a kind shows the note of the highest rank; None: wall_s.
+    note_rank: float | None = None
+    number: int = 1  # of faults that were checked together
+    skipped: str = ''  # why the case was not run; empty if it was
 
 
 def table(outcomes: Iterable[Outcome]) -> str:
-    """Return a Markdown table of the kinds, and a line for each case that failed."""
+    """Return a Markdown table with a row for each kind, and a line for each failed case."""
     by_kind: dict[str, list[Outcome]] = {}
     for outcome in outcomes:
         by_kind.setdefault(outcome.kind, []).append(outcome)
@@ -41,7 +42,7 @@ def table(outcomes: Iterable[Outcome]) -> str:
 
 
 def merged(before: str, after: str) -> str:
-    """Return a table with the rows of a later one in place of those of the same kind."""
+    """Return a table in which the rows of a later table replace those of the same kind."""
     head: list[str] = []
     rows: dict[str, str] = {}
     for line in (*before.splitlines(), *after.splitlines()):
@@ -53,7 +54,7 @@ def merged(before: str, after: str) -> str:
 
 
 def totals(outcomes: Iterable[Outcome]) -> Mapping[str, int]:
-    """Return the numbers of cases and of those that failed."""
+    """Return the number of cases, and how many of them failed."""
     every = list(outcomes)
     return {'cases': len(every), 'failed': sum(bool(o.complaint) for o in every)}
 

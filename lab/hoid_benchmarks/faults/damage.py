@@ -1,4 +1,4 @@
-"""Bytes made wrong, by seed."""
+"""Random damage to bytes, repeatable by seed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ Rng = np.random.Generator
 
 
 def damaged(data: bytes, rng: Rng) -> bytes:
-    """Return bytes with one kind of damage at a random place; nothing of length 0 changes."""
+    """Return bytes with one kind of damage at a random place; empty bytes stay empty."""
     if not data:
         return data
     at = int(rng.integers(len(data)))
@@ -19,7 +19,7 @@ def damaged(data: bytes, rng: Rng) -> bytes:
         data[:at] + data[end:],
         data[:at] + bytes(end - at) + data[end:],
         data[:at] + rng.bytes(end - at) + data[end:],
-        data[:end] + data[at:],  # said twice
+        data[:end] + data[at:],  # a repeated part
     )
     return kinds[int(rng.integers(len(kinds)))]
 

@@ -1,4 +1,4 @@
-"""Files that are damaged, hostile or no files at all, given to the commands that read them."""
+"""Damaged, hostile and irregular files as inputs of the commands that read them."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from hoid_common.errors import HoidError
 from hoid_common.io.files import abandoned_scratch_folders
 
 LIMIT_S = 10.0
-_MEMORY_FACTOR, _MEMORY_MB = 1.3, 50.0  # over that of the same command on good files
-_SILENT = 98
-_HEAD_BYTES = 100  # of a message: its header, and what an image says of itself
+_MEMORY_FACTOR, _MEMORY_MB = 1.3, 50.0  # chosen: limit relative to the command on good files
+_SILENT = 98  # exit status of a child that read wrong data without an error
+_HEAD_BYTES = 100  # of a message: its header, and size and encoding of an image
 _STAMPS = ('nan', 'sNaN', '-inf', '1e999999', '9e999980', '9' * 5000, '1_0', '-1', '\u0661', '1:2')
 _PATHS = (
     'x' * 300,
@@ -45,22 +45,22 @@ Work = Callable[[], int]
 
 
 def file_cases(samples: Samples, folder: Path, seeds: range) -> Iterator[Outcome]:
-    """Yield the outcomes of all kinds of files, one of each kind for each seed.
+    """Yield one outcome for each kind of file and each seed.
 
     Raises:
-        HoidError: Good files are refused, so that nothing could be told of damaged ones.
+        HoidError: A command refuses good files, so that damaged ones would prove nothing.
     """
     clean_mb = {}
     for i, (kind, make) in enumerate(KINDS.items()):
-        ended = run_guarded(make(samples, _made(folder / f'clean {i}'), None), LIMIT_S)
+        ended = run_guarded(make(samples, _new_folder(folder / f'clean {i}'), None), LIMIT_S)
         if ended.status:
-            raise HoidError(f'{kind}: good files are refused: {ended.said}')
+            raise HoidError(f'{kind}: good files are refused: {ended.stderr}')
         clean_mb[kind] = ended.peak_mb
     for seed in seeds:
         for kind, make in KINDS.items():
-            place = _made(folder / f'{seed}')
+            place = _new_folder(folder / f'{seed}')
             ended = run_guarded(make(samples, place, np.random.default_rng(seed)), LIMIT_S)
-            complaint = _complaint(ended, clean_mb[kind]) or _half_written(place, ended)
+            complaint = _complaint(ended, clean_mb[kind]) or _leftovers(place, ended)
             shutil.rmtree(place)
             yield Outcome(
                 kind, seed, complaint, ended.status == _REFUSED, ended.wall_s, ended.peak_mb
@@ -68,30 +68,30 @@ def file_cases(samples: Samples, folder: Path, seeds: range) -> Iterator[Outcome
 
 
 def _complaint(ended: Ended, clean_mb: float) -> str:
-    lines = [line for line in ended.said.splitlines() if line.startswith('hoid ')]
-    if ended.was_late:
+    lines = [line for line in ended.stderr.splitlines() if line.startswith('hoid ')]
+    if ended.was_killed:
         return f'it hung for {LIMIT_S:g} s'
     if ended.status == _SILENT:
-        return 'wrong data were read without a word'
-    if 'Traceback' in ended.said or ended.status not in (0, 1, 2):
-        return f'status {ended.status}: {" ".join(ended.said.split())[-300:]}'
+        return 'wrong data were read without an error'
+    if 'Traceback' in ended.stderr or ended.status not in (0, 1, 2):
+        return f'status {ended.status}: {" ".join(ended.stderr.split())[-300:]}'
     if ended.status == _REFUSED and (len(lines) != 1 or not lines[0].isprintable()):
-        return f'{len(lines)} lines said: {ended.said[:300]!a}'
+        return f'{len(lines)} error lines: {ended.stderr[:300]!a}'
     if ended.peak_mb > _MEMORY_FACTOR * clean_mb + _MEMORY_MB:
         return f'{ended.peak_mb:.0f} MB where good files take {clean_mb:.0f}'
     return ''
 
 
-def _half_written(place: Path, ended: Ended) -> str:
+def _leftovers(place: Path, ended: Ended) -> str:
     if left := abandoned_scratch_folders(place):
         return f'{left[0].name} was left behind'
     if ended.status == _REFUSED and (place / 'out').exists():
-        return 'refused, and yet a bag was written'
+        return 'refused, but a bag was written'
     return ''
 
 
 def _bag_bytes(samples: Samples, place: Path, rng: Rng | None) -> Work:
-    """A bag's content; what is read of it must be as it was, or the fault must be said."""
+    """Read a damaged .mcap file: messages must be unchanged, or the damage must be reported."""
     bag = shutil.copytree(samples.bag, place / 'bag')
     _damage(bag / 'bag.mcap', rng)
     return lambda: _read_bag(bag, _digests(samples.bag))
@@ -104,7 +104,7 @@ def _metadata(samples: Samples, place: Path, rng: Rng | None) -> Work:
 
 
 def _bag_message(samples: Samples, place: Path, rng: Rng | None) -> Work:
-    """A bag that is whole, of which one message is none."""
+    """Read an intact bag of which one serialized message is damaged."""
     bag = place / 'bag'
     with BagReader(samples.bag) as reader, BagWriter(bag) as writer:
         for topic in reader.topics:
@@ -112,9 +112,9 @@ def _bag_message(samples: Samples, place: Path, rng: Rng | None) -> Work:
         messages = list(reader.messages())
         if rng is not None:
             i = int(rng.integers(len(messages)))
-            data = messages[i].data  # most bytes are pixels, which may be anything
-            said = damaged(data[:_HEAD_BYTES], rng) + data[_HEAD_BYTES:]
-            messages[i] = messages[i]._replace(data=said)
+            data = messages[i].data  # most other bytes are pixels, of which every value is valid
+            data = damaged(data[:_HEAD_BYTES], rng) + data[_HEAD_BYTES:]
+            messages[i] = messages[i]._replace(data=data)
         for topic_name, log_ns, data in messages:
             writer.write_serialized(topic_name, log_ns, data)
     return lambda: _read_bag(bag, _digests(bag))
@@ -128,12 +128,12 @@ def _read_bag(bag: Path, good: list[str]) -> int:
         for _ in open_sequence(bag, CAMERA):
             pass
     except HoidError:
-        status = status or _said_elsewhere()
+        status = status or _report_refusal()
     return status
 
 
-def _said_elsewhere() -> int:
-    """Return the status of a fault that only who looks at images meets, with its one line."""
+def _report_refusal() -> int:
+    """Return the status of a fault that only reading the images finds; write its error line."""
     sys.stderr.write('hoid run: refused\n')
     return _REFUSED
 
@@ -160,7 +160,7 @@ def _tum_list(samples: Samples, place: Path, rng: Rng | None) -> Work:
 
 
 def _tum_row(samples: Samples, place: Path, rng: Rng | None) -> Work:
-    """A list with one row that nobody wrote in earnest."""
+    """Convert a TUM folder whose image list has one row with an abnormal stamp or path."""
     tum = shutil.copytree(samples.tum, place / 'tum')
     if rng is not None:
         rows = (tum / 'rgb.txt').read_text().splitlines()
@@ -190,7 +190,7 @@ def _trajectory(samples: Samples, place: Path, rng: Rng | None) -> Work:
 
 
 def _no_file(samples: Samples, place: Path, rng: Rng | None) -> Work:
-    """A pipe, a device, a folder or nothing in the place of a file."""
+    """Run a command with a pipe, a device, a folder, a link or nothing instead of a file."""
     tum, bag = (shutil.copytree(p, place / p.name) for p in (samples.tum, samples.bag))
     works = [
         (tum / 'rgb.txt', _converted(tum, samples.camera, place)),
@@ -198,7 +198,7 @@ def _no_file(samples: Samples, place: Path, rng: Rng | None) -> Work:
         (bag / 'metadata.yaml', lambda: cli.main(['info', str(bag)])),
         (place / 'path', lambda: cli.main(['evaluate', str(place / 'path'), str(place / 'path')])),
     ]
-    if rng is None:  # the clean memory is that of the command that takes most
+    if rng is None:  # the memory limit is that of the most demanding command
         good = str(samples.trajectory)
         return lambda: (
             works[0][1]() or cli.main(['info', str(bag)]) or cli.main(['evaluate', good, good])
@@ -209,7 +209,7 @@ def _no_file(samples: Samples, place: Path, rng: Rng | None) -> Work:
         lambda: os.mkfifo(path),
         lambda: path.symlink_to('/dev/zero'),
         path.mkdir,
-        lambda: path.symlink_to(path.name),  # to itself
+        lambda: path.symlink_to(path.name),  # a link to itself
         lambda: None,
     ]
     replacements[int(rng.integers(len(replacements)))]()
@@ -217,7 +217,7 @@ def _no_file(samples: Samples, place: Path, rng: Rng | None) -> Work:
 
 
 def _name(samples: Samples, place: Path, rng: Rng | None) -> Work:
-    """A name that no file can have, for one of a command's files."""
+    """Convert with an abnormal file name in one argument."""
     argv = ['convert', str(samples.tum), str(place / 'out'), '--camera', str(samples.camera)]
     if rng is not None:
         strange = ('x' * 5000, 'é' * 200, os.fsdecode(b'caf\xe9'), '', 'a\nb' * 100, '\x1b[2J')
@@ -226,7 +226,7 @@ def _name(samples: Samples, place: Path, rng: Rng | None) -> Work:
 
 
 def _damaged_model(_samples: Samples, place: Path, rng: Rng | None) -> Work:
-    """The detector's own model; what is found by whatever is left of it must be sound."""
+    """Run the damaged model of the synthetic detector: any boxes that it returns must be valid."""
     return damaged_model(place, rng)
 
 
@@ -234,7 +234,7 @@ def _hostile_model(_samples: Samples, place: Path, rng: Rng | None) -> Work:
     return hostile_model(place, rng)
 
 
-def _made(folder: Path) -> Path:
+def _new_folder(folder: Path) -> Path:
     folder.mkdir(parents=True)
     return folder
 

@@ -1,4 +1,4 @@
-"""Writers that are killed at random moments: nothing false is left, and what was kept is found."""
+"""Writers of bags killed at random times: bags are never wrong, flushed messages remain."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from hoid_common.values import NS_PER_S
 
 CONVERT, RECORD = 'convert, killed', 'recording, killed'
 _LIMIT_S = 20.0
-# What is said of leftovers of somebody who was killed before a message was written.
+# Errors of a repair if the writer was killed before it had written a message.
 _NOTHING_YET = ('no message can be read', 'not a bag', 'no such bag')
 _MESSAGES_PER_FRAME = 3  # two images and a camera
 _FLUSH_S = 0.5
@@ -33,7 +33,7 @@ _PERIOD_S = 0.005
 
 
 def kill_cases(samples: Samples, folder: Path, seeds: range) -> Iterator[Outcome]:
-    """Yield the outcomes of a conversion and of a recording that are killed, for each seed."""
+    """Yield the outcomes of a killed conversion and a killed recording for each seed."""
     whole = run_guarded(_convert(samples, folder / 'whole'), _LIMIT_S)
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -59,18 +59,18 @@ def _killed_conversion(samples: Samples, place: Path, after_s: float) -> str:
         whole = summary.fault is None
         if not whole or summary.num_messages != _MESSAGES_PER_FRAME * NUM_FRAMES:
             return f'a bag of {summary.num_messages} messages: {summary.fault}'
-    elif not ended.was_late:
-        return f'no bag without a kill: {ended.said}'
+    elif not ended.was_killed:
+        return f'no bag without a kill: {ended.stderr}'
     return _unrepaired(place)
 
 
 def _unrepaired(place: Path) -> str:
-    """Return what is wrong with what was left, once it has been repaired; '' if all is well."""
+    """Return what is wrong with the repaired remains of a killed writer; '' if nothing is."""
     for left in abandoned_scratch_folders(place):
         try:
             bag = repair(left)
         except InputError as error:
-            if not any(said in str(error) for said in _NOTHING_YET):
+            if not any(text in str(error) for text in _NOTHING_YET):
                 return f'no repair: {error}'
         else:
             if fault := summarize(bag).fault:
@@ -96,7 +96,7 @@ def _killed_recording(place: Path, after_s: float) -> str:
 
 
 def _record(bag: Path) -> int:
-    """Write a message every 5 ms, flushed as the recorder does, until killed."""
+    """Write a message every 5 ms until killed, with the flush period of the recorder."""
     with BagWriter(bag) as writer:
         writer.add_topic('imu', IMU)
         flush_s = 0.0

@@ -1,4 +1,4 @@
-"""ONNX models that are damaged, hostile or strange, written without the onnx package."""
+"""Damaged and hostile ONNX models, written without the onnx package."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hoid_detector.config import DetectorConfig
 from hoid_detector.model.model_path import SYNTHETIC, find_model
 from hoid_detector.onnx_detector import OnnxDetector
 
-_FLOAT, _IR_VERSION, _OPSET = 1, 8, 17  # of onnx.proto
+_FLOAT, _IR_VERSION, _OPSET = 1, 8, 17  # constants of onnx.proto
 _IMAGE_PX = (96, 128)
 _STRANGE = ('\udcff', '', 'é\u202e\n', 'x' * 100_000, '../../etc/passwd', '%s%n')
 _NAMES = (
@@ -32,20 +32,20 @@ _HUGE = 1 << 40
 
 
 def damaged_model(place: Path, rng: Rng | None) -> Callable[[], int]:
-    """Return what loads and runs the model for rendered scenes, some of its bytes wrong."""
+    """Return a function that loads and runs the synthetic detector with damaged bytes."""
     data = find_model(SYNTHETIC).read_bytes()
-    return _tried(place, data if rng is None else damaged(data, rng))
+    return _detection_work(place, data if rng is None else damaged(data, rng))
 
 
 def hostile_model(place: Path, rng: Rng | None) -> Callable[[], int]:
-    """Return what loads and runs a model whose author meant ill, or did not know better."""
+    """Return a function that loads and runs a model with abnormal shapes, values or names."""
     model = ConstantModel()
     if rng is not None:
         changes = (
             lambda: model._replace(value=float(rng.choice([np.nan, np.inf, -np.inf, 1e30]))),
             lambda: model._replace(shape=_SHAPES[int(rng.integers(len(_SHAPES)))]),
-            lambda: model._replace(says=(1, _HUGE, _HUGE)),
-            lambda: model._replace(says=(-1, 84)),
+            lambda: model._replace(declared_shape=(1, _HUGE, _HUGE)),
+            lambda: model._replace(declared_shape=(-1, 84)),
             lambda: model._replace(operator='Detect', domain='evil.example'),
             lambda: model._replace(operator='NoSuchOperator'),
             lambda: model._replace(output=str(rng.choice(_STRANGE))),
@@ -54,10 +54,10 @@ def hostile_model(place: Path, rng: Rng | None) -> Callable[[], int]:
             lambda: model._replace(image=(1, 3, -1, -1)),
         )
         model = changes[int(rng.integers(len(changes)))]()
-    return _tried(place, model.data())
+    return _detection_work(place, model.data())
 
 
-def _tried(place: Path, data: bytes) -> Callable[[], int]:
+def _detection_work(place: Path, data: bytes) -> Callable[[], int]:
     path = place / 'model.onnx'
     path.write_bytes(data)
 
@@ -72,7 +72,7 @@ def _tried(place: Path, data: bytes) -> Callable[[], int]:
         height_px, width_px = _IMAGE_PX
         boxes = found.boxes_xyxy_px
         if not (np.isfinite(boxes).all() and np.isfinite(found.scores).all()):
-            raise AssertionError('boxes that are no numbers')
+            raise AssertionError('boxes or scores that are not finite')
         if len(boxes) and (boxes.min() < 0 or (boxes > [width_px, height_px] * 2).any()):
             raise AssertionError('boxes outside the image')
         return 0
@@ -81,21 +81,21 @@ def _tried(place: Path, data: bytes) -> Callable[[], int]:
 
 
 class ConstantModel(NamedTuple):
-    """A model whose only answer is a constant, whatever it sees."""
+    """An ONNX model whose output is a constant for every image."""
 
-    image: Sequence[int] = (1, 3, 96, 128)  # shape of the input
-    shape: Sequence[int] = (1, 84, 252)
+    image: Sequence[int] = (1, 3, 96, 128)  # declared shape of the input
+    shape: Sequence[int] = (1, 84, 252)  # of the stored constant
     value: float = 0.5
-    says: Sequence[int] | None = None  # shape that the constant claims
+    declared_shape: Sequence[int] | None = None  # of the constant; None: the true one
     operator: str = 'Identity'
     domain: str = ''
     output: str = 'output0'
     names: str = ''
 
     def data(self) -> bytes:
-        """Return the file: a ModelProto of onnx.proto."""
+        """Return the bytes of the file, a serialized ModelProto."""
         numbers: FloatArray = np.full(self.shape, self.value)
-        dims = b''.join(_number(1, d) for d in (self.says or self.shape))
+        dims = b''.join(_number(1, d) for d in (self.declared_shape or self.shape))
         constant = dims + _number(2, _FLOAT) + _text(8, 'c')
         constant += _bytes(9, numbers.astype('<f4').tobytes())
         node = _text(1, 'c') + _text(2, self.output) + _text(4, self.operator)

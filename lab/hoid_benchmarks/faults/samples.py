@@ -1,13 +1,15 @@
-"""Small files of each kind, all good, to be damaged."""
+"""Small intact files of each kind, which the fault cases damage."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from hoid_bags.convert import convert
 from hoid_common import se3
@@ -16,11 +18,12 @@ from hoid_common.values import CameraModel, Trajectory
 
 CAMERA = CameraModel(160, 120, 150.0, 150.0, 79.5, 59.5)
 NUM_FRAMES = 30
+_ImagePair = tuple[NDArray[np.uint8 | np.uint16], NDArray[np.uint8 | np.uint16]]
 START_NS, PERIOD_NS = 1_305_031_102_000_000_000, 33_333_333
 
 
 class Samples(NamedTuple):
-    """Where they lie."""
+    """Paths of the intact files and folders."""
 
     tum: Path
     camera: Path
@@ -31,7 +34,7 @@ class Samples(NamedTuple):
 def make_samples(folder: Path) -> Samples:
     """Write one file or folder of each kind."""
     samples = Samples(*(folder / name for name in ('tum', 'camera.yaml', 'bag', 'path.txt')))
-    _write_tum_folder(samples.tum)
+    write_tum_folder(samples.tum, _random_images(), PERIOD_NS)
     samples.camera.write_text(camera_yaml(CAMERA))
     convert(samples.tum, samples.bag, None, CAMERA)
     stamps_ns = START_NS + PERIOD_NS * np.arange(NUM_FRAMES)
@@ -40,20 +43,23 @@ def make_samples(folder: Path) -> Samples:
     return samples
 
 
-def _write_tum_folder(folder: Path) -> None:
+def _random_images() -> Iterator[_ImagePair]:
     rng = np.random.default_rng(0)
-    for kind in ('rgb', 'depth'):
-        (folder / kind).mkdir(parents=True)
-    lists: dict[str, list[str]] = {'rgb': [], 'depth': []}
     size = CAMERA.height_px, CAMERA.width_px
-    for i in range(NUM_FRAMES):
-        stamp_ns = START_NS + i * PERIOD_NS
+    for _ in range(NUM_FRAMES):
+        color = rng.integers(0, 256, (*size, 3), np.uint8)
+        yield color, rng.integers(0, 13107, size).astype(np.uint16)
+
+
+def write_tum_folder(folder: Path, images: Iterable[_ImagePair], period_ns: int) -> None:
+    """Write a TUM folder of color images (H, W, 3) and depth images (H, W) in units of 0.2 mm."""
+    lists: dict[str, list[str]] = {'rgb': [], 'depth': []}
+    for kind in lists:
+        (folder / kind).mkdir(parents=True)
+    for i, pair in enumerate(images):
+        stamp_ns = START_NS + i * period_ns
         stamp = f'{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}'
-        pixels = {
-            'rgb': rng.integers(0, 256, (*size, 3), np.uint8),
-            'depth': rng.integers(0, 13107, size).astype(np.uint16),
-        }
-        for kind, image in pixels.items():
+        for kind, image in zip(lists, pair, strict=True):
             cv2.imwrite(str(folder / kind / f'{stamp}.png'), image)
             lists[kind].append(f'{stamp} {kind}/{stamp}.png')
     for kind, rows in lists.items():

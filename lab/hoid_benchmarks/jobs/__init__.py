@@ -1,4 +1,4 @@
-"""Carries the plan out, run by run, and keeps the results.
+"""Runs the jobs of a plan and stores their results.
 
-Nothing here draws.
+Nothing here writes tables of experiments or draws figures.
 """

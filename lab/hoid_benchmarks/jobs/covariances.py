@@ -1,10 +1,10 @@
-"""`hoid bench covariances`: whether what is published as uncertainty is that of the errors.
+"""`hoid bench covariances`: whether the published covariances are consistent with the errors.
 
-The pose's covariance is held against its motion over a second, the twist's against the mean
-velocity since the last image, each by its normalised squared error per degree of freedom: 1 is
-right, more is too sure. A recorded reference errs as well: the last columns add its own jitter,
-and say by how much its stamps were to be moved for its rotations and its translations to fit best;
-the very last supposes instead that motion capture errs by 1 mm and 0.5 degrees over a motion.
+The table shows the normalized squared error per degree of freedom of the relative pose over one
+second, and of the mean velocity since the last image: 1 is consistent, more is overconfident. A
+recorded reference has errors too. Further columns add its pose noise, and show the offsets of its
+clock at which its rotations and its translations agree best. The last column assumes instead that
+motion capture has an error of 1 mm and 0.5 degrees over a motion.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from hoid_common.errors import InputError
 from rgbd_slam.robot_frames import RobotPose
 
 RECORDINGS = ('fr1_xyz', 'synth-1', 'empty_room', 'crowd', 'group-1', 'moving-robot')
-_YOUNG = 5  # images until the noise is measured
-# Of each axis of a pose, where a motion between two errs by so much in all.
+_YOUNG = 5  # images until the pose noise has been measured
+# Covariance of one pose if a motion between two has a total error of 0.5 degrees and 1 mm.
 _CAPTURED = np.diag(np.square([np.radians(0.5)] * 3 + [1e-3] * 3)) / 6
 _HEADER = (
     '| recording | pose | twist | error over 1 s | claimed | reference jitters | its clocks '
@@ -40,11 +40,11 @@ _HEADER = (
 
 
 def covariance_report(names: List[str], store: Store) -> str:
-    """Return a table of how errors compare with covariances.
+    """Return a table that compares errors with published covariances.
 
     Args:
-        names: Recordings with ground truth; none for the usual ones.
-        store: Where they are kept, and rendered when missing.
+        names: Recordings with ground truth; empty means the default ones.
+        store: Folders of the recordings; missing rendered ones are made.
 
     Raises:
         InputError: A recording is missing, or has no ground truth.
@@ -72,7 +72,7 @@ def _row(name: str, path: Path) -> str:
 
 
 def tracked(sequence: Sequence) -> Estimates:
-    """Return what is published of a recording's images, with exact boxes where it has them."""
+    """Return the published estimates of a recording, run with ground-truth boxes if it has any."""
     exact = {'filter.strategy': 'hoid+', 'detector.model': TRUTH}
     config = exact if sequence.true_detections is not None else {'filter.strategy': 'none'}
     pipeline = OfflinePipeline(sequence, RunConfig().updated(config))

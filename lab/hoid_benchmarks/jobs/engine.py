@@ -1,4 +1,4 @@
-"""Run jobs on all local cores or on a Dask cluster; what has run is not run again."""
+"""Runs jobs on all local cores or on a Dask cluster; stored results are reused."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from hoid_benchmarks.plan.plan import Job
 from hoid_benchmarks.plan.sequences import Store
 from hoid_common.errors import InputError
 
-_QUIET = 50  # Dask's log level: what matters is in the results
-_MODES_ALONE = ('live', 'timed', 'detect')  # what is timed by the wall needs the whole machine
+_QUIET = 50  # Dask's log level (critical only): errors are stored in the results
+_MODES_ALONE = ('live', 'timed', 'detect')  # wall-clock times need the whole machine
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Where jobs run and where their results go.
+    """Runs jobs and stores their results.
 
     Args:
-        folder: Of the results.
-        store: Of the sequences; a cluster's machines must see it under the same paths.
-        code: What runs; noted with each result.
-        cluster: Address of a Dask scheduler; empty for all cores of this machine.
-        only_this_code: Whether results of other code are run again.
-        workers: Jobs at a time on this machine; 0 for one a core.
+        folder: Folder of the results.
+        store: Folders of the sequences, at the same paths on all machines of a cluster.
+        code: Version of the code, stored with each result.
+        cluster: Address of a Dask scheduler; empty means all cores of this machine.
+        only_this_code: Whether to repeat runs whose result is of another version of the code.
+        workers: Number of parallel jobs on this machine; 0 means one per core.
     """
 
     folder: Path
@@ -44,7 +44,7 @@ class Engine:
     workers: int = 0
 
     def run(self, jobs: Sequence[Job]) -> dict[Job, Result]:
-        """Run what has not run yet, and return every result; a failed run is a result too."""
+        """Run the jobs without a stored result, and return all results, also of failed runs."""
         done = self.stored(jobs)
         waiting = [job for job in jobs if job not in done]
         paths, reasons = self._sequences(waiting)
@@ -56,24 +56,24 @@ class Engine:
         ready = [job for job in waiting if job.sequence in paths]
         if ready:
             done |= self._run_all(ready, paths)
-        return {job: done[job] for job in jobs}  # in the plan's order, whichever ended first
+        return {job: done[job] for job in jobs}  # in the order of the plan
 
     def repeat(self, job: Job) -> Result:
-        """Run a job whatever is stored of it."""
+        """Run a job even if its result is stored."""
         paths, reasons = self._sequences([job])
         if job.sequence in reasons:
             return Result(job, {}, reasons[job.sequence], missing=True)
         return self._keep(job, run_job(job, paths[job.sequence], self.store))
 
     def stored(self, jobs: Iterable[Job]) -> dict[Job, Result]:
-        """Return the results that are there and need not be run again."""
+        """Return the stored results that can be reused."""
         found = {job: r for job in jobs if (r := read_result(self.folder, job)) and r.ok}
         if not self.only_this_code:
             return found
         return {job: r for job, r in found.items() if r.code == self.code.digest}
 
     def _sequences(self, jobs: Iterable[Job]) -> tuple[dict[str, Path], dict[str, str]]:
-        """Find or make each sequence once; return where they are, and why some are not."""
+        """Find or make each sequence once; return the paths, and the errors of missing ones."""
         paths: dict[str, Path] = {}
         reasons: dict[str, str] = {}
         names = list(dict.fromkeys(job.sequence for job in jobs))
@@ -103,7 +103,7 @@ class Engine:
                 yield client
             return
         with (
-            # Threads will do: each job is a process of its own, for which its thread waits.
+            # Threads suffice: each of them only waits for the process of its job.
             LocalCluster(
                 n_workers=1,
                 threads_per_worker=self.workers or os.cpu_count(),
@@ -129,7 +129,7 @@ class Engine:
             self._stop(client, [future for future in futures if not future.done()])
 
     def _stop(self, client: Client, left: Sequence[Future[Outcome]]) -> None:
-        """End what still runs when somebody interrupts; otherwise it would be waited for."""
+        """Cancel the remaining jobs after an interrupt; closing the client would wait for them."""
         if not left:
             return
         client.cancel(left)
@@ -155,9 +155,9 @@ class Engine:
 
 
 def _batches(jobs: Sequence[Job]) -> Iterator[list[Job]]:
-    """Yield the jobs that may run side by side, then each of the others by itself.
+    """Yield the jobs that may run in parallel, then each of the others alone.
 
-    First seeds come first: a set that is stopped halfway says something about everything.
+    Jobs are ordered by seed, so that an interrupted campaign has results for every experiment.
     """
     jobs = sorted(jobs, key=lambda job: job.seed)
     together = [job for job in jobs if job.mode not in _MODES_ALONE]

@@ -1,4 +1,4 @@
-"""The best that a filter could do: no feature on what moves, by the renderer's own word."""
+"""An oracle filter: removes exactly the features on moving surfaces, as known to the renderer."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from hoid_synth.acting.stage import set_stage
 from hoid_synth.config import SceneConfig
 from hoid_synth.render.tracer import Tracer
 
-_EDGE_PX = 5  # corners this near to what moves see both
-_COARSE_PX = 64  # wide are the textures, which nobody looks at
+_EDGE_PX = 5  # descriptors of corners this near to a moving surface include it
+_COARSE_PX = 64  # image width for which the scene is prepared; textures are not used
 
 
 class ExactFilter:
-    """Finds features as the filter does, but none on what people and events move, or near it.
+    """Extracts features as the filter does, without those on or near moving surfaces.
 
     Args:
-        name: Of a rendered scene.
-        file: Where the masks of its frames are, or are to be kept.
-        extraction: How features are found.
+        name: Name of a rendered scene.
+        file: Cache of the masks of its frames.
+        extraction: Configuration of the feature extraction.
 
     Raises:
-        InputError: It is no rendered scene.
+        InputError: The name is not that of a rendered scene.
     """
 
     def __init__(self, name: str, file: Path, extraction: ExtractionConfig) -> None:
         scene = scene_of(name)
         if scene is None:
-            raise InputError(f'{name}: only of rendered scenes it is known exactly what moves')
+            raise InputError(f'{name}: the moving surfaces are known for rendered scenes only')
         if not file.is_file():
             _keep(scene, file)
         self._packed: ByteArray = np.load(file, mmap_mode='r')
@@ -48,7 +48,7 @@ class ExactFilter:
         self._extractor = OrbExtractor(extraction)
 
     def process(self, frame: RgbdFrame, _: Detections | None = None) -> FilterResult:
-        """Return the features of a frame."""
+        """Return the features of a frame that are not on moving surfaces."""
         start = time.thread_time()
         moving = np.unpackbits(self._packed[self._frame_of[frame.stamp_ns]]).view(np.bool_)
         read = time.thread_time()
@@ -65,7 +65,7 @@ class ExactFilter:
 
 
 def moving_masks(scene: SceneConfig) -> Iterator[BoolArray]:
-    """Yield for each frame of a scene (H, W) what people and things that move hide."""
+    """Yield the (H, W) mask of moving people and objects for each frame of a scene."""
     stage, camera = set_stage(replace(scene, width_px=_COARSE_PX)), scene.camera
     resting = Tracer(stage.static_mesh.vertices_m, stage.static_mesh.faces)
     v, u = np.mgrid[0 : camera.height_px, 0 : camera.width_px]
@@ -83,7 +83,7 @@ def moving_masks(scene: SceneConfig) -> Iterator[BoolArray]:
 
 
 def _keep(scene: SceneConfig, file: Path) -> None:
-    """Write the masks, widened, a row of bits a frame; of two that do so the last one wins."""
+    """Write the dilated masks, one row of bits per frame, and rename the file when complete."""
     kernel = np.ones((2 * _EDGE_PX + 1, 2 * _EDGE_PX + 1), np.uint8)
     widened = (cv2.dilate(mask.view(np.uint8), kernel) for mask in moving_masks(scene))
     rows = np.stack([np.packbits(np.asarray(mask, np.uint8)) for mask in widened])

@@ -1,4 +1,4 @@
-"""What machine and code a result comes from."""
+"""The machine and the version of the code that produce a result."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _SOURCES = ('*.py', '*.cpp', '*.hpp', '*.h', '*.onnx')
-_CODE_FOLDERS = ('src', 'bags')  # of what a run executes
+_CODE_FOLDERS = ('src', 'bags')  # folders of the code that a run executes
 
 
 @dataclass(frozen=True)
 class Code:
-    """Which state of the project ran."""
+    """Version of the project."""
 
-    digest: str  # of sources and models; tests and training left out
-    commit: str  # with a mark when files differ from it; empty outside a clone
+    digest: str  # of sources and models, without tests and training
+    commit: str  # marked if files differ from it; empty outside a clone
 
     @classmethod
     def of(cls, root: Path) -> Code:
-        """Return the state of a checkout."""
+        """Return the version of a checkout."""
         digest = hashlib.sha256()
         for path in _sources(root):
             digest.update(str(path.relative_to(root)).encode())

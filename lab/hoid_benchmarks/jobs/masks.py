@@ -1,7 +1,7 @@
-"""How well the filter's masks cover what moves, and nothing else: judged corner by corner.
+"""Accuracy of the filter's masks: which corners on moving and on static surfaces are removed.
 
-A trajectory hides what a part of the filter does behind the noise of tracking; here it is counted
-which corners on moving things are kept and which static ones are lost.
+The error of a trajectory shows the effect of one part of the filter only through the noise of
+tracking. Here the kept corners on moving surfaces and the lost static corners are counted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from hoid_bags.tum.tum_folder import open_tum_folder
-from hoid_benchmarks.jobs.labelled import Labelled, pasted_people, rendered_people
+from hoid_benchmarks.jobs.labeled import Labeled, pasted_people, rendered_people
 from hoid_benchmarks.plan.perturb import perturb_detections
 from hoid_benchmarks.plan.plan import Job, Perturbation
 from hoid_benchmarks.plan.sequences import PEOPLE_SUFFIX, Store
@@ -33,21 +33,15 @@ from hoid_filter.strategy import FilterInput, Verdict, make_strategy
 from hoid_filter.strategy_registry import STRATEGIES
 from hoid_synth.config import SceneConfig
 
-_EDGE_PX = 5  # corners this near to what moves see both: they count for nothing
+_EDGE_PX = 5  # corners this near to a moving surface are not counted
 _SYNTH = 'synth-'
-SHARES = (
-    'moving kept',
-    'static lost',
-    'moving among kept',
-    'moving among seeds',
-    'static not seeds',
-)
+SHARES = ('moving kept', 'static lost', 'moving among kept')
 _COLUMNS = ('variant', 'frames that differ', *SHARES)
 
 
 @dataclass(frozen=True)
 class MaskCase:
-    """A recording, a detector, and what is done to its detections."""
+    """A recording, a detector, and a perturbation of its detections."""
 
     sequence: str
     detector: str
@@ -70,43 +64,37 @@ CASES: Mapping[str, MaskCase] = {
 
 @dataclass
 class Tally:
-    """What became of the corners of a recording."""
+    """Counts of the corners of a recording by motion and verdict."""
 
     moving: int = 0
     moving_kept: int = 0
-    moving_seeds: int = 0
     static: int = 0
     static_lost: int = 0
-    seeds: int = 0
-    frames_that_differ: int = 0  # from the first variant
+    frames_that_differ: int = 0  # frames whose verdict differs from that of the first variant
 
-    def add(self, moving: BoolArray, static: BoolArray, kept: BoolArray, seeds: BoolArray) -> None:
-        """Count the corners of a frame; each argument is (K,)."""
+    def add(self, moving: BoolArray, static: BoolArray, kept: BoolArray) -> None:
+        """Count the corners of a frame; each argument is a (K,) mask."""
         self.moving += _count(moving)
         self.moving_kept += _count(moving & kept)
-        self.moving_seeds += _count(moving & seeds)
         self.static += _count(static)
         self.static_lost += _count(static & ~kept)
-        self.seeds += _count(seeds & (moving | static))
 
     def shares(self) -> tuple[float, ...]:
-        """Return what `SHARES` names, each in [0, 1]."""
+        """Return the shares named in `SHARES`, each in [0, 1]."""
         kept = self.moving_kept + self.static - self.static_lost
         return (
             self.moving_kept / max(self.moving, 1),
             self.static_lost / max(self.static, 1),
             self.moving_kept / max(kept, 1),
-            self.moving_seeds / max(self.seeds, 1),
-            1 - (self.seeds - self.moving_seeds) / max(self.static, 1),
         )
 
 
 def mask_report(only: Sequence[str], store: Store) -> str:
-    """Return a table for each case, or for each that is named.
+    """Return a table for each case, or for each named case.
 
     Args:
-        only: Names, each with frames if not all count: `pasted-yolox` or `pasted-yolox@150-330`.
-        store: Where the recordings are.
+        only: Names of cases, with frames if not all count: `pasted-yolox@150-330`.
+        store: Folders of the recordings.
 
     Raises:
         HoidError: A case is unknown, or its recording or detector is missing.
@@ -116,21 +104,21 @@ def mask_report(only: Sequence[str], store: Store) -> str:
 
 
 def mask_rows(job: Job, store: Store) -> list[list[str | float]]:
-    """Return a row for each variant: its name, the frames that differ, then `SHARES`.
+    """Return a row for each variant: its name, the number of frames that differ, and `SHARES`.
 
     Raises:
         HoidError: The recording or the detector is missing.
     """
     case = MaskCase(job.sequence, job.detector, job.perturbation)
-    judged = judge_masks(case, variants(), store)
-    return [[name, n.frames_that_differ, *n.shares()] for name, n in judged.items()]
+    tallies = evaluate_masks(case, variants(), store)
+    return [[name, n.frames_that_differ, *n.shares()] for name, n in tallies.items()]
 
 
 def find_case(text: str) -> MaskCase:
-    """Return a case by its name, of the frames that follow an "@" (FIRST-END).
+    """Return a case by its name, restricted to the frames after an "@" (FIRST-END).
 
     Raises:
-        ConfigError: There is no such case, or what follows are no frames.
+        ConfigError: There is no such case, or the frames are malformed.
     """
     name, at, frames = text.partition('@')
     if name not in CASES:
@@ -144,7 +132,7 @@ def find_case(text: str) -> MaskCase:
 
 
 def variants() -> dict[str, FilterConfig]:
-    """Return hoid+, hoid+ without each of its switches, and the other strategies."""
+    """Return the configurations: hoid+, hoid+ without each switch, and the other strategies."""
     plus = FilterConfig()
     switches = [f.name for f in fields(PlusConfig) if isinstance(getattr(plus.plus, f.name), bool)]
     without = {f'without {name}': plus.updated({f'plus.{name}': False}) for name in switches}
@@ -159,7 +147,7 @@ def _table(name: str, case: MaskCase, store: Store) -> str:
         f'| {" | ".join(_COLUMNS)} |',
         '|---' * len(_COLUMNS) + '|',
     ]
-    for variant, n in judge_masks(case, variants(), store).items():
+    for variant, n in evaluate_masks(case, variants(), store).items():
         cells = ' | '.join(f'{100 * share:.1f} %' for share in n.shares())
         lines.append(f'| {variant} | {n.frames_that_differ} | {cells} |')
     return '\n'.join([*lines, ''])
@@ -171,23 +159,23 @@ def _title(name: str, case: MaskCase) -> str:
     return f'{name}: {case.sequence}, {", ".join([case.detector, *words])}'
 
 
-def judge_masks(
+def evaluate_masks(
     case: MaskCase, configs: Mapping[str, FilterConfig], store: Store
 ) -> dict[str, Tally]:
-    """Return what each variant makes of the corners of a recording."""
+    """Return the counts of each variant on the corners of a recording."""
     strategies = {name: make_strategy(config) for name, config in configs.items()}
     tallies = {name: Tally() for name in configs}
     for view, moving, static in _views(case, store):
         num_corners = len(view.corner_pixels)
         kept = [_kept(strategy.classify(view), num_corners) for strategy in strategies.values()]
-        for tally, (keep, seed) in zip(tallies.values(), kept, strict=True):
-            tally.add(moving, static, keep, seed)
-            tally.frames_that_differ += not np.array_equal((keep, seed), kept[0])
+        for tally, keep in zip(tallies.values(), kept, strict=True):
+            tally.add(moving, static, keep)
+            tally.frames_that_differ += not np.array_equal(keep, kept[0])
     return tallies
 
 
 def _views(case: MaskCase, store: Store) -> Iterator[tuple[FilterInput, BoolArray, BoolArray]]:
-    """Yield each frame as strategies get it, and its (K,) corners that move or rest for sure."""
+    """Yield each frame as the strategies receive it, and (K,) masks of moving, static corners."""
     exact: dict[int, Detections] = {}
     detect = perturb_detections(_detector(case, exact), case.perturbation, seed=0)
     extractor = OrbExtractor(FilterConfig().extraction)
@@ -203,7 +191,7 @@ def _views(case: MaskCase, store: Store) -> Iterator[tuple[FilterInput, BoolArra
         yield view, moving.ravel()[pixels], ~near.ravel()[pixels]
 
 
-def _open(name: str, store: Store) -> Iterator[Labelled]:
+def _open(name: str, store: Store) -> Iterator[Labeled]:
     if name.startswith(_SYNTH):
         config = SceneConfig(seed=int(name.removeprefix(_SYNTH)))
         return rendered_people(config, os.cpu_count() or 1)
@@ -219,11 +207,11 @@ def _detector(case: MaskCase, exact: Mapping[int, Detections]) -> DetectionSourc
     return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)
 
 
-def _kept(verdict: Verdict, num_corners: int) -> tuple[BoolArray, BoolArray]:
-    """Return the (K,) corners that are kept, and those that may become map points."""
+def _kept(verdict: Verdict, num_corners: int) -> BoolArray:
+    """Return the (K,) flags of the corners that are kept."""
     keep = np.zeros(num_corners, np.bool_)
     keep[slice(None) if verdict.kept is None else verdict.kept] = True
-    return keep, keep if verdict.seeds is None else keep & verdict.seeds
+    return keep
 
 
 def _count(flags: BoolArray) -> int:

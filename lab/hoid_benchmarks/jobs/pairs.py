@@ -1,4 +1,4 @@
-"""How much of what moves shows in two real images of a scene, and what else is taken for it."""
+"""Motion segmentation of two real images: shares of moving pixels found and static ones lost."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from hoid_filter.motion.moving_regions import MotionDetector
 _OUTLINES = Path(__file__).with_name('pairs.yaml')
 _CAMERA = CameraModel(640, 480, 527.0, 533.0, 319.5, 239.5)
 _DEPTH_UNITS_PER_M = 5000.0
-_EDGE_PX = 4  # outlines are rough: so near to them nothing counts
+_EDGE_PX = 4  # pixels this near to an outline are not counted, because outlines are rough
 
 
-class Played(NamedTuple):
-    """A way to show a pair: which of its images comes when."""
+class Presentation(NamedTuple):
+    """Order and period in which the two images of a pair are presented."""
 
-    words: str
+    label: str
     order: tuple[int, ...]
     period_s: float
 
 
-PLAYED = (
-    Played('once, 33 ms apart', (0, 1), 1 / 30),
-    Played('once, 100 ms apart', (0, 1), 0.1),
-    Played('to and fro, 10 images at 30 Hz', (0, 1) * 5, 1 / 30),
+PRESENTATIONS = (
+    Presentation('once, 33 ms apart', (0, 1), 1 / 30),
+    Presentation('once, 100 ms apart', (0, 1), 0.1),
+    Presentation('to and fro, 10 images at 30 Hz', (0, 1) * 5, 1 / 30),
 )
 
 
 def pair_report(only: Sequence[str], store: Store) -> str:
-    """Return a table of the shares found and lost, of every pair or of those named.
+    """Return a table of the shares found and lost, for every pair or the named ones.
 
     Raises:
         InputError: A pair is unknown or missing.
@@ -49,34 +49,38 @@ def pair_report(only: Sequence[str], store: Store) -> str:
     outlines = read_yaml(_OUTLINES)
     if unknown := set(only) - set(outlines):
         raise InputError(f'no pair {min(unknown)}: {", ".join(outlines)}')
-    heads = ' | '.join(f'{played.words}: found / lost' for played in PLAYED)
-    lines = [f'| pair | {heads} |', '|---' * (len(PLAYED) + 1) + '|']
+    heads = ' | '.join(f'{presentation.label}: found / lost' for presentation in PRESENTATIONS)
+    lines = [f'| pair | {heads} |', '|---' * (len(PRESENTATIONS) + 1) + '|']
     for name in only or outlines:
         folder = store.shared / 'data' / 'movers' / name
-        shares = [judge_pair(folder, outlines[name], played) for played in PLAYED]
+        shares = [
+            evaluate_pair(folder, outlines[name], presentation) for presentation in PRESENTATIONS
+        ]
         cells = ' | '.join(f'{found:.2f} / {lost:.2f}' for found, lost in shares)
         lines.append(f'| {name.replace("_", " ")} | {cells} |')
     return '\n'.join([*lines, ''])
 
 
-def judge_pair(
-    folder: Path, outlines: Sequence[Sequence[int]], played: Played
+def evaluate_pair(
+    folder: Path, outlines: Sequence[Sequence[int]], presentation: Presentation
 ) -> tuple[float, float]:
-    """Return the share of pixels with depth on what moves that is found, and of others lost.
+    """Return the share of moving pixels with depth that is found, and of static ones lost.
 
     Args:
-        folder: Of `color0.png`, `depth0.png` and the same of the second image.
-        outlines: Of what moves in the second image, x and y in px in turn.
-        played: How they are shown; the second image comes last.
+        folder: Folder with `color0.png`, `depth0.png`, `color1.png` and `depth1.png`.
+        outlines: Outlines of moving objects in the second image, as x, y, x, y, ... in px.
+        presentation: Order and period of the images; the second image is the last one.
     """
     views = [_view(folder, k) for k in (0, 1)]
     motion = MotionDetector(MotionConfig())
-    for i, k in enumerate(played.order):
-        motion.detect(views[k]._replace(stamp_ns=round(i * played.period_s * 1e9)))
+    for i, k in enumerate(presentation.order):
+        motion.detect(views[k]._replace(stamp_ns=round(i * presentation.period_s * 1e9)))
     last = views[1].depth_m
     everywhere = np.arange(last.size)
     found = (
-        motion.regions_at(round(len(played.order) * 1e9)).label_at(everywhere).reshape(last.shape)
+        motion.regions_at(round(len(presentation.order) * 1e9))
+        .label_at(everywhere)
+        .reshape(last.shape)
         > 0
     )
     moving, resting = (part & (last > 0) for part in _parts(outlines))
@@ -94,7 +98,7 @@ def _view(folder: Path, k: int) -> MotionView:
 
 
 def _parts(outlines: Sequence[Sequence[int]]) -> tuple[BoolArray, BoolArray]:
-    """Return (H, W) what is surely inside an outline, and what is surely outside of all."""
+    """Return (H, W) masks of pixels clearly inside an outline and clearly outside of all."""
     inside = np.zeros((_CAMERA.height_px, _CAMERA.width_px), np.uint8)
     for outline in outlines:
         cv2.fillPoly(inside, [np.reshape(outline, (-1, 2)).astype(np.int32)], [1])

@@ -1,4 +1,4 @@
-"""Results of jobs: one JSON file a run, and medians over seeds."""
+"""Results of jobs: one JSON file per run, and medians over runs."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from hoid_benchmarks.plan.plan import Job
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one job: the run's summary, or why there is none."""
+    """Result of one job: the summary of the run, or the error."""
 
     job: Job
     summary: Mapping[str, Any]  # summary.json of the run; empty when it failed
     error: str = ''
-    missing: bool = False  # its sequence is not here; never stored
-    code: str = ''  # digest of what ran
+    missing: bool = False  # its sequence is missing; such results are not stored
+    code: str = ''  # digest of the code that ran
     commit: str = ''
-    machine: str = ''  # that ran it; not noted by earlier versions
+    machine: str = ''  # machine that ran it; empty in results of earlier versions
 
     @property
     def ok(self) -> bool:
-        """Return whether the run ended well."""
+        """Return whether the run succeeded."""
         return not self.error
 
 
 class Spread(NamedTuple):
-    """Median and range over seeds; NaN when no run has the value."""
+    """Median and range over runs; NaN if no run has the value."""
 
     median: float
     low: float
@@ -41,12 +41,12 @@ class Spread(NamedTuple):
 
 
 def result_path(folder: Path, job: Job) -> Path:
-    """Return where a job's result lies."""
+    """Return the path of a job's result."""
     return folder / 'runs' / job.key / 'result.json'
 
 
 def write_result(folder: Path, result: Result) -> None:
-    """Write a result under a temporary name and rename it, so that a cut-off run is no result."""
+    """Write a result under a temporary name and rename it, so that no partial result is stored."""
     path = result_path(folder, result.job)
     path.parent.mkdir(parents=True, exist_ok=True)
     document = {
@@ -63,7 +63,7 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def read_result(folder: Path, job: Job) -> Result | None:
-    """Return the result of a job that has run, or None."""
+    """Return the stored result of a job, or None."""
     path = result_path(folder, job)
     if not path.is_file():
         return None
@@ -79,7 +79,7 @@ def read_result(folder: Path, job: Job) -> Result | None:
 
 
 def spread(results: Iterable[Result], value: Callable[[Mapping[str, Any]], Any]) -> Spread:
-    """Return the spread of a value over the runs that ended well and have it."""
+    """Return the spread of a value over the successful runs that have it."""
     values = [value(r.summary) for r in results if r.ok]
     numbers = [float(v) for v in values if v is not None and math.isfinite(v)]
     if not numbers:
@@ -88,7 +88,7 @@ def spread(results: Iterable[Result], value: Callable[[Mapping[str, Any]], Any])
 
 
 def key_value(name: str) -> Callable[[Mapping[str, Any]], Any]:
-    """Return a getter of a dotted name in a summary, such as `stage_ms.track.median`."""
+    """Return a function that reads a dotted name in a summary, such as `stage_ms.track.median`."""
 
     def get(summary: Mapping[str, Any]) -> Any:
         value: Any = summary

@@ -1,4 +1,4 @@
-"""Time per frame of one stage, on a recording: median, 95th percentile and the machine."""
+"""Time per frame of one stage on a recording: median and 95th percentile."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hoid_detector.onnx_detector import OnnxDetector
 from hoid_filter.config import FilterConfig
 from hoid_filter.feature_filter import FeatureFilter
 
-_RECORDINGS = ('fr1_xyz', 'synth-1')  # the first that is there
+_RECORDINGS = ('fr1_xyz', 'synth-1')  # the first one that is available
 _FRAMES = 300
 _BOXES = 20
 _STRATEGIES = ('none', 'person', 'hoid2d', 'hoid3d', 'descriptor', 'motion', 'hoid+')
@@ -31,7 +31,7 @@ def time_stage(stage: str, store: Store) -> str:
     """Return a table of a stage's times in ms.
 
     Raises:
-        InputError: No recording is there and none can be rendered.
+        InputError: No recording is available, and none can be rendered.
     """
     sequence = _recording(store)
     rows = STAGES[stage](sequence)
@@ -49,13 +49,13 @@ def _recording(store: Store) -> Sequence:
     for name in _RECORDINGS:
         try:
             return open_sequence(store.find(name))
-        except InputError:  # tried in order; the last can be rendered anywhere
+        except InputError:  # tried in order; the last one can always be rendered
             continue
-    raise InputError(f'none of {", ".join(_RECORDINGS)} is there or can be made')
+    raise InputError(f'none of {", ".join(_RECORDINGS)} is available or can be rendered')
 
 
 def _time_track(sequence: Sequence) -> Rows:
-    """Time every stage of a whole run without a filter; thread CPU time."""
+    """Yield the thread CPU times of every stage of a run without a filter."""
     config = RunConfig().updated({'filter.strategy': 'none'})
     pipeline = OfflinePipeline(sequence, config)
     for frame in sequence:
@@ -64,8 +64,8 @@ def _time_track(sequence: Sequence) -> Rows:
 
 
 def _time_filter(sequence: Sequence) -> Rows:
-    """Time extraction and, per strategy, boxes to kept features; thread CPU time."""
-    cv2.setNumThreads(1)  # what other threads do would not be counted
+    """Yield the thread CPU times of the extraction, and of each strategy without it."""
+    cv2.setNumThreads(1)  # thread CPU time would not include other threads
     for strategy in _STRATEGIES:
         config = replace(FilterConfig(), strategy=strategy)
         stage = FeatureFilter(config, sequence.camera)
@@ -76,7 +76,7 @@ def _time_filter(sequence: Sequence) -> Rows:
 
 
 def _time_detect(sequence: Sequence) -> Rows:
-    """Time the detector that is found first; wall time, as the network has threads of its own."""
+    """Yield the wall times of the default detector, whose network runs in several threads."""
     from hoid_common.ros import conversions  # noqa: PLC0415  the other stages need no ROS
 
     path = find_model(None)
@@ -100,7 +100,7 @@ def _first(sequence: Sequence) -> Iterator[RgbdFrame]:
 
 
 def _crowd(frame: RgbdFrame) -> Detections:
-    """Return as many boxes as the bar asks for: a few people and small objects, all moving."""
+    """Return 20 moving boxes, a few of people and the others of cups."""
     rng = np.random.default_rng(0)
     size = rng.uniform(20, 90, (_BOXES, 2))
     phase = rng.uniform(0, 2 * np.pi, (_BOXES, 2)) + frame.stamp_ns * S_PER_NS
@@ -115,4 +115,4 @@ STAGES: dict[str, Callable[[Sequence], Rows]] = {
     'filter': _time_filter,
     'detect': _time_detect,
 }
-"""What `hoid bench` can time by itself."""
+"""Stages that `hoid bench` can time."""

@@ -1,7 +1,7 @@
-"""Whether the filter tells handled objects from those that somebody merely passes in front of.
+"""Verdicts on handled objects, and on objects that a person merely passes in front of.
 
-Only a rendered scene knows who holds what. A trajectory hides these mistakes as long as enough
-of the background is left; here they are counted.
+The ground truth is known for rendered scenes only. Wrong verdicts hardly change a trajectory as
+long as enough background is visible; here they are counted.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ _Point = tuple[float, float]
 
 @dataclass
 class Verdicts:
-    """Counts right and wrong verdicts, object by object and frame by frame.
+    """Counts correct and wrong verdicts over all objects and frames.
 
     Args:
-        scene: Name of the rendered scene, from which the truth is made anew.
-        camera: Of the recording.
+        scene: Name of the rendered scene, whose ground truth is computed again.
+        camera: Camera of the recording.
 
     Raises:
-        InputError: It is no rendered scene.
+        InputError: The name is not that of a rendered scene.
     """
 
     scene: InitVar[str]
@@ -45,7 +45,7 @@ class Verdicts:
         self._stage = _stage(scene)
 
     def add(self, i: int, objects: Many[DynamicObject]) -> None:
-        """Judge what the filter said of the objects of frame i."""
+        """Compare the verdicts on the objects of frame i with the ground truth."""
         for state in object_states(self._stage, i):
             point_px = _project(state, self._stage, i, self.camera)
             seen = _object_at(point_px, state.class_name, objects)
@@ -59,7 +59,7 @@ class Verdicts:
                 self.passed_removed += seen.is_dynamic
 
     def summary(self) -> dict[str, float | int | None]:
-        """Return the counts, and the shares of handled objects removed and of others spared."""
+        """Return the counts, and the shares of handled objects removed and of others kept."""
         found = self.handled_removed / self.handled if self.handled else None
         spared = 1 - self.passed_removed / self.passed if self.passed else None
         return {
@@ -76,13 +76,13 @@ class Verdicts:
 def _stage(name: str) -> Stage:
     scene = scene_of(name)
     if scene is None:
-        raise InputError(f'{name}: only rendered scenes know who handles what')
-    # Fine textures take seconds, and are not looked at.
+        raise InputError(f'{name}: handled objects are known for rendered scenes only')
+    # A small image width, because fine textures take seconds and are not used.
     return set_stage(replace(scene, width_px=64))
 
 
 def _project(state: TrueObjectState, stage: Stage, i: int, camera: CameraModel) -> _Point | None:
-    """Return where the middle of an object is in the image; None behind the camera."""
+    """Return the projected center of an object in px; None if it is behind the camera."""
     T_camera_world = se3.inverse(stage.T_world_camera[i])
     x, y, z = se3.transform(T_camera_world, np.array([state.center_m]))[0].tolist()
     if z <= 0:
@@ -93,7 +93,7 @@ def _project(state: TrueObjectState, stage: Stage, i: int, camera: CameraModel) 
 def _object_at(
     point_px: _Point | None, class_name: str, objects: Many[DynamicObject]
 ) -> DynamicObject | None:
-    """Return the object of a class whose box holds a point, the one centred nearest to it."""
+    """Return the object of a class whose box contains a point, with the nearest box center."""
     if point_px is None:
         return None
     x, y = point_px

@@ -1,4 +1,4 @@
-"""One job, in a process of its own so that its memory and time are its own."""
+"""Runs one job in a separate process, so that its memory and time can be measured."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from hoid_benchmarks.jobs.exact import ExactFilter
 from hoid_benchmarks.jobs.machine import machine as this_machine
 from hoid_benchmarks.jobs.masks import mask_rows
 from hoid_benchmarks.jobs.verdicts import Verdicts
-from hoid_benchmarks.plan.detections import kept_detections
-from hoid_benchmarks.plan.detectors import judge_detector
+from hoid_benchmarks.plan.detections import cached_detections
+from hoid_benchmarks.plan.detectors import evaluate_detector
 from hoid_benchmarks.plan.perturb import PerturbedSequence, perturb_detections
 from hoid_benchmarks.plan.plan import EXACT, Job
 from hoid_benchmarks.plan.reference import reference_ms
@@ -39,16 +39,16 @@ _TIMEOUT_S = 4 * 3600
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a job leaves behind: its summary and its files, or an error."""
+    """Summary and files of a job, or its error."""
 
     summary: dict[str, Any] = field(default_factory=dict)
     files: dict[str, bytes] = field(default_factory=dict)
     error: str = ''
-    machine: str = field(default_factory=this_machine)  # that ran it, also in a cluster
+    machine: str = field(default_factory=this_machine)  # machine that ran the job
 
 
 def command_of(job: Job, path: str, out: str = 'OUT') -> list[str]:
-    """Return the `hoid` arguments that repeat a job that needs no perturbation."""
+    """Return the `hoid` arguments that repeat a job without a perturbation."""
     method = ['--filter', job.filter]
     if job.detector:
         method += ['--detector', job.detector]
@@ -61,12 +61,12 @@ def command_of(job: Job, path: str, out: str = 'OUT') -> list[str]:
 
 
 def run_job(job: Job, path: Path, store: Store) -> Outcome:
-    """Run a job in a child process; never raises, so that one failure does not end the rest.
+    """Run a job in a child process. Errors are part of the outcome, so that other jobs continue.
 
     Args:
-        job: What to run.
-        path: Of its sequence.
-        store: Where other sequences lie, and detections are kept from run to run.
+        job: The job.
+        path: Path of its sequence.
+        store: Folders of other sequences and of cached detections.
     """
     with tempfile.TemporaryDirectory(prefix='hoid-bench-') as folder:
         out = Path(folder) / 'run'
@@ -76,7 +76,7 @@ def run_job(job: Job, path: Path, store: Store) -> Outcome:
                 timeout=_TIMEOUT_S, env={**os.environ, 'OMP_NUM_THREADS': '1'},
             )  # fmt: skip
         except subprocess.TimeoutExpired:
-            return Outcome(error=f'not done after {_TIMEOUT_S // 3600} hours')
+            return Outcome(error=f'not finished after {_TIMEOUT_S // 3600} hours')
         if done.returncode:
             lines = done.stderr.strip().splitlines()
             return Outcome(error=lines[-1] if lines else f'exit status {done.returncode}')
@@ -104,10 +104,10 @@ def _collect(job: Job, out: Path, path: Path) -> Outcome:
 
 
 def _more_errors(out: Path) -> dict[str, float | None]:
-    """Return what the paper's tables need beside the summary."""
+    """Return the mean and median ATE, which only the paper's tables need."""
     try:
         found = evaluate(read_tum(out / 'trajectory.txt'), read_tum(out / _TRUTH))
-    except InputError:  # too short to align: the summary says null as well
+    except InputError:  # too short to align; the RMSE in the summary is null as well
         return {'ate_mean_m': None, 'ate_median_m': None}
     return {'ate_mean_m': found.ate_mean_m, 'ate_median_m': found.ate_median_m}
 
@@ -118,13 +118,13 @@ def _config(job: Job) -> RunConfig:
 
 
 def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
-    """Run every frame, and note beside the usual outputs what the experiments need."""
+    """Run every frame, and write the outputs of a run and the values that the experiments need."""
     config = _config(job)
     base = open_sequence(path)
-    kept = store.made / 'detections_of_images'
-    known = kept_detections(base, config, kept) if job.mode != 'timed' else None
+    cache_folder = store.made / 'detections_of_images'
+    cached = cached_detections(base, config, cache_folder) if job.mode != 'timed' else None
     detect = perturb_detections(
-        known or detection_source(base, config), job.perturbation, job.seed
+        cached or detection_source(base, config), job.perturbation, job.seed
     )
     sequence = PerturbedSequence(base, job.perturbation, job.seed)
     find_features = None
@@ -139,9 +139,9 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
         lines.append(f'{frame.stamp_ns},{pipeline.num_kept[-1]}')
         if verdicts is not None:
             verdicts.add(i, pipeline.objects)
-    if known is not None:
-        known.save()
-        pipeline.stage_ms.pop('detect', None)  # of reading a file, mostly
+    if cached is not None:
+        cached.save()
+        pipeline.stage_ms.pop('detect', None)  # mostly the time of reading the cache
     summary = write_outputs(out, pipeline.finish(sequence, config.summary_options()))
     (out / 'features.csv').write_text('\n'.join(lines) + '\n')
     if sequence.ground_truth is not None:
@@ -154,7 +154,7 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
 
 def _run_detector(job: Job, path: Path, out: Path, _store: Store) -> None:
     out.mkdir()
-    summary = {'detector': judge_detector(open_sequence(path), path, job.detector)}
+    summary = {'detector': evaluate_detector(open_sequence(path), path, job.detector)}
     (out / 'summary.json').write_text(json.dumps(summary))
 
 
@@ -173,7 +173,7 @@ _RUNNERS = {
 
 
 def main() -> int:
-    """Run one job, pickled in the file that the argument names."""
+    """Run the job that is pickled in the file named by the first argument."""
     order = Path(sys.argv[1]).read_bytes()
     job, path, out, store = pickle.loads(order)  # noqa: S301  written by the parent process
     try:

@@ -1,4 +1,4 @@
-"""What is measured on what: experiments, sequences, and how they are perturbed.
+"""The plan: experiments, sequences, and perturbations of sequences and detections.
 
-Nothing here runs or draws.
+Nothing here runs jobs or draws figures.
 """

@@ -1,6 +1,7 @@
-"""Detections kept from run to run: a detector says the same of an image each time.
+"""Cache of detections, by recording, model and image.
 
-Most of an experiment's time would go into saying it again. Runs that are timed keep nothing.
+A detector is deterministic, and repeating it would take most of an experiment's time. Timed runs
+do not use the cache.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from hoid_detector.model.model_path import find_model
 _DIGEST_BYTES = 16
 
 
-class KeptDetections:
-    """A detector that is asked once about each image of a recording, and of what it is made into.
+class DetectionCache:
+    """A detector that runs once for each distinct image of a recording.
 
-    Images are told apart by what they show: made harder, one has the stamp of another.
+    Images are identified by their pixels, because a perturbed image has the stamp of another one.
     """
 
     def __init__(self, path: Path, detect: DetectionSource) -> None:
@@ -34,7 +35,7 @@ class KeptDetections:
         self._num_read = len(self._known)
 
     def __call__(self, frame: RgbdFrame) -> Detections | None:
-        """Return what was seen in the image, at its first or an earlier time."""
+        """Return the detections of an image, from the cache if possible."""
         image = _digest(frame)
         if image not in self._known:
             found = self._detect(frame)
@@ -44,7 +45,7 @@ class KeptDetections:
         return replace(self._known[image], stamp_ns=frame.stamp_ns)
 
     def save(self) -> None:
-        """Keep what is new; of two runs that do so at a time, the last one wins."""
+        """Write new detections to the file. If two runs do so at once, the last one wins."""
         if len(self._known) == self._num_read:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -53,8 +54,10 @@ class KeptDetections:
         unfinished.replace(self._path)
 
 
-def kept_detections(sequence: Sequence, config: RunConfig, folder: Path) -> KeptDetections | None:
-    """Return the kept detections of a recording; None where no detector runs.
+def cached_detections(
+    sequence: Sequence, config: RunConfig, folder: Path
+) -> DetectionCache | None:
+    """Return the cached detector of a recording; None if no detector is needed.
 
     Raises:
         ModelError: There is no such model.
@@ -62,9 +65,9 @@ def kept_detections(sequence: Sequence, config: RunConfig, folder: Path) -> Kept
     if not config.needs_detections or config.detector.model == TRUTH:
         return None
     model = find_model(config.detector.model or None)
-    told_by = model.read_bytes() + repr(config.detector).encode()
-    name = f'{sequence.name}-{model.stem}-{hashlib.sha256(told_by).hexdigest()[:8]}.npz'
-    return KeptDetections(folder / name, detection_source(sequence, config))
+    identity = model.read_bytes() + repr(config.detector).encode()
+    name = f'{sequence.name}-{model.stem}-{hashlib.sha256(identity).hexdigest()[:8]}.npz'
+    return DetectionCache(folder / name, detection_source(sequence, config))
 
 
 def _digest(frame: RgbdFrame) -> bytes:

@@ -1,4 +1,4 @@
-"""Detectors side by side on recordings whose boxes are known (the paper's Table 1)."""
+"""Evaluation of detectors on recordings with ground-truth boxes (the paper's Table 1)."""
 
 from __future__ import annotations
 
@@ -14,38 +14,41 @@ from google.protobuf.unknown_fields import UnknownFieldSet
 
 from hoid_bags.sequence import Sequence
 from hoid_common.errors import InputError
-from hoid_common.values import PERSON, Detections, Float32Array, FloatArray
+from hoid_common.values import PERSON, Detections
 from hoid_detector.config import DetectorConfig
 from hoid_detector.model.model_path import find_model
 from hoid_detector.onnx_detector import OnnxDetector
+from hoid_synth.truth import box_iou
 
-_BOXES = 'people.csv'  # beside a recording into which people were pasted
+_BOXES = 'people.csv'  # in the folder of a recording into which people were pasted
 _FOUND_IOU = 0.5
-_SMALL_PX = 32  # COCO's "small" things: what shows less of itself counts for nothing
+# Limit of COCO's "small" objects, by the shorter side; smaller boxes are not counted.
+_SMALL_PX = 32
 _GRAPH, _INITIALIZER, _DIMS = 7, 5, 1  # fields of ONNX's ModelProto, GraphProto and TensorProto
 
 
 @dataclass
 class _Count:
-    """Boxes that should be found and that were."""
+    """Numbers of ground-truth boxes and of those that were found."""
 
-    known: dict[bool, int] = field(default_factory=lambda: {True: 0, False: 0})  # by "is a person"
+    # By whether it is a person.
+    known: dict[bool, int] = field(default_factory=lambda: {True: 0, False: 0})
     found: dict[bool, int] = field(default_factory=lambda: {True: 0, False: 0})
 
     def recall(self, is_person: bool) -> float | None:
         return self.found[is_person] / self.known[is_person] if self.known[is_person] else None
 
 
-def judge_detector(sequence: Sequence, path: Path, model: str) -> dict[str, Any]:
-    """Return input size, parameters, latency and recall of a detector on a recording.
+def evaluate_detector(sequence: Sequence, path: Path, model: str) -> dict[str, Any]:
+    """Return input size, number of parameters, latency and recall of a detector.
 
     Args:
-        sequence: With exact boxes, or with the list of pasted ones beside it.
-        path: Of the recording.
+        sequence: The recording, with ground-truth boxes or a list of pasted people.
+        path: Folder of the recording.
         model: Path or name of an ONNX model.
 
     Raises:
-        InputError: No boxes are known.
+        InputError: The recording has no ground-truth boxes.
         ModelError: There is no such model.
     """
     truth = _known_boxes(sequence, path)
@@ -71,7 +74,7 @@ def judge_detector(sequence: Sequence, path: Path, model: str) -> dict[str, Any]
 
 
 def num_parameters(model: bytes) -> int:
-    """Return how many values an ONNX file stores; small constants of the graph are among them."""
+    """Return the number of stored values of an ONNX file, including constants of the graph."""
     total = 0
     for graph in _fields(model, _GRAPH):
         for tensor in _fields(graph, _INITIALIZER):
@@ -79,19 +82,10 @@ def num_parameters(model: bytes) -> int:
     return total
 
 
-def overlaps(a_xyxy: Float32Array, b_xyxy: Float32Array) -> FloatArray:
-    """Return the (N, M) intersections over unions of boxes (N, 4) and (M, 4)."""
-    low = np.maximum(a_xyxy[:, None, :2], b_xyxy[None, :, :2])
-    high = np.minimum(a_xyxy[:, None, 2:], b_xyxy[None, :, 2:])
-    shared = np.prod(np.maximum(high - low, 0), axis=2)
-    area_a, area_b = (np.prod(b[:, 2:] - b[:, :2], axis=1) for b in (a_xyxy, b_xyxy))
-    return np.asarray(shared / np.maximum(area_a[:, None] + area_b - shared, 1e-9), np.float64)
-
-
 def _compare(known: Detections, found: Detections, classes: set[str], count: _Count) -> None:
-    """Count the known boxes of classes that the model knows, and which of them it found."""
+    """Count the ground-truth boxes of the model's classes, and those that were found."""
     sides_px = known.boxes_xyxy_px[:, 2:] - known.boxes_xyxy_px[:, :2]
-    iou = overlaps(known.boxes_xyxy_px, found.boxes_xyxy_px)
+    iou = box_iou(known.boxes_xyxy_px, found.boxes_xyxy_px)
     same = np.array(known.class_names)[:, None] == np.array(found.class_names)[None, :]
     hit = ((iou >= _FOUND_IOU) & same).any(axis=1)
     for name, side_px, is_hit in zip(known.class_names, sides_px, hit, strict=True):
@@ -104,7 +98,7 @@ def _known_boxes(sequence: Sequence, path: Path) -> Mapping[int, Detections]:
     if sequence.true_detections is not None:
         return sequence.true_detections
     if not (path / _BOXES).is_file():
-        raise InputError(f'{sequence.name}: neither exact boxes nor {_BOXES} say what is there')
+        raise InputError(f'{sequence.name}: has neither ground-truth boxes nor {_BOXES}')
     rows: dict[int, list[dict[str, str]]] = {}
     with (path / _BOXES).open(newline='') as file:
         for row in csv.DictReader(file):
@@ -119,13 +113,13 @@ def _pasted(stamp_ns: int, rows: list[dict[str, str]]) -> Detections:
 
 
 def _fields(message: bytes, number: int) -> list[bytes]:
-    """Return the length-delimited fields of a number, without needing the message's schema."""
+    """Return the length-delimited fields with a number, without the schema of the message."""
     parsed = Empty.FromString(message)
     return [f.data for f in UnknownFieldSet(parsed) if f.field_number == number]
 
 
 def _dims(tensor: bytes) -> list[int]:
-    """Return the sizes of a tensor: one field each, or packed in one."""
+    """Return the dimensions of a tensor, which are separate fields or packed in one."""
     dims: list[int] = []
     for found in UnknownFieldSet(Empty.FromString(tensor)):
         if found.field_number == _DIMS:

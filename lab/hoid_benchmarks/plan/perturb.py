@@ -1,4 +1,4 @@
-"""Harder versions of a recording or of its detections, for the robustness curves."""
+"""Perturbations of a recording or of its detections, for the robustness experiments."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _NS_PER_MS = 1_000_000
 _REARRANGING = ('loops', 'cut_images', 'jump_back', 'keep_every', 'stamp_jitter_ms')
 _COVER_PERIOD_S = 6.0
 _COVER_DEPTH_M = 0.8
-_FALSE_SCORE, _FALSE_SIDE = 0.28, 0.91  # score, share of each side: as YOLOX-nano was seen to err
+_FALSE_SCORE, _FALSE_SIDE = 0.28, 0.91  # score and relative size of false people of YOLOX-nano
 
 
 class PerturbedSequence:
-    """A sequence whose frames are made harder, the same way at each iteration."""
+    """A sequence with perturbed frames; every iteration yields the same frames."""
 
     def __init__(self, recording: Sequence, perturbation: Perturbation, seed: int) -> None:
         self._base = base = _rearranged(recording, perturbation, seed)
@@ -47,7 +47,7 @@ class PerturbedSequence:
         self.fault = base.fault
 
     def __len__(self) -> int:
-        """Return how many images show anything."""
+        """Return the number of images that are not black."""
         return len(self._base) - self._perturbation.black_images
 
     def __iter__(self) -> Iterator[RgbdFrame]:
@@ -58,9 +58,11 @@ class PerturbedSequence:
             if n in black:
                 yield _black(frame)
             else:
-                yield self._harder(frame, rng, texture)
+                yield self._perturb(frame, rng, texture)
 
-    def _harder(self, frame: RgbdFrame, rng: np.random.Generator, texture: ByteArray) -> RgbdFrame:
+    def _perturb(
+        self, frame: RgbdFrame, rng: np.random.Generator, texture: ByteArray
+    ) -> RgbdFrame:
         p = self._perturbation
         depth_m, image = frame.depth_m, frame.image_bgr
         if p.depth_noise > 0:
@@ -92,7 +94,7 @@ def _black(frame: RgbdFrame) -> RgbdFrame:
 
 
 def _rearranged(recording: Sequence, perturbation: Perturbation, seed: int) -> Sequence:
-    """Return a recording with its images in the order and at the times that are asked for."""
+    """Return a recording with the order and stamps of images that the perturbation requires."""
     p, rng = perturbation, np.random.default_rng(seed)
     plain = Perturbation()
     if all(getattr(p, name) == getattr(plain, name) for name in _REARRANGING):
@@ -117,7 +119,7 @@ def _rearranged(recording: Sequence, perturbation: Perturbation, seed: int) -> S
 
 
 def cover_columns(width_px: int, share: float, stamp_ns: int) -> tuple[int, int]:
-    """Return the columns that the moving cover hides at a time."""
+    """Return the first and end column (px) that the moving cover hides at a time."""
     wide = round(width_px * share)
     swing = 0.5 + 0.5 * np.sin(2 * np.pi * (stamp_ns * S_PER_NS) / _COVER_PERIOD_S)
     left = round((width_px - wide) * swing)
@@ -127,7 +129,7 @@ def cover_columns(width_px: int, share: float, stamp_ns: int) -> tuple[int, int]
 def perturb_detections(
     detect: DetectionSource, perturbation: Perturbation, seed: int
 ) -> DetectionSource:
-    """Return a source that misses frames or runs slowly; None is what a late detector gives."""
+    """Return a perturbed detection source, which returns None while it is late or dead."""
     state = _Clock(np.random.default_rng(seed + 1))
 
     def perturbed(frame: RgbdFrame) -> Detections | None:
@@ -154,7 +156,7 @@ def perturb_detections(
 
 
 class _Clock:
-    """Decides which frames a made-worse detector sees."""
+    """Selects the frames that a perturbed detector processes."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
@@ -204,10 +206,10 @@ def _with_cover(found: Detections, share: float, shape_hw: tuple[int, ...]) -> D
 
 
 def _not_hidden(found: Detections, left: int, right: int) -> Detections:
-    """Return what at least half is seen of beside the hidden columns, cut off there."""
+    """Return the boxes of which at least half is visible, clipped at the hidden columns."""
     x1, x2 = found.boxes_xyxy_px[:, 0], found.boxes_xyxy_px[:, 2]
     first, last = np.stack([x1, np.maximum(x1, right)]), np.stack([np.minimum(x2, left), x2])
-    side = np.argmax(last - first, axis=0)  # the wider of the two that are left of it
+    side = np.argmax(last - first, axis=0)  # the wider of the two visible parts
     boxes = found.boxes_xyxy_px.copy()
     boxes[:, 0], boxes[:, 2] = (np.choose(side, ends) for ends in (first, last))
     seen = np.flatnonzero(boxes[:, 2] - boxes[:, 0] >= 0.5 * (x2 - x1))
@@ -215,7 +217,7 @@ def _not_hidden(found: Detections, left: int, right: int) -> Detections:
 
 
 def _with_false_person(found: Detections, shape_hw: tuple[int, ...]) -> Detections:
-    """Add what small detectors now and then make of a whole scene."""
+    """Add a false person over most of the image, as small detectors sometimes report."""
     size_px = np.array(shape_hw[1::-1], np.float32)
     margin_px = size_px * (1 - _FALSE_SIDE) / 2
     box = np.concatenate([margin_px, size_px - margin_px])
@@ -223,7 +225,7 @@ def _with_false_person(found: Detections, shape_hw: tuple[int, ...]) -> Detectio
 
 
 def _with_extra(found: Detections, number: int, shape_hw: tuple[int, ...]) -> Detections:
-    """Add small boxes of things, about where a real detector would see clutter: anywhere."""
+    """Add small boxes of objects at random places."""
     rng = np.random.default_rng(found.stamp_ns % 2**32)
     size_px = rng.uniform(20, 60, (number, 2))
     corner = rng.uniform(0, 1, (number, 2)) * (np.array(shape_hw[1::-1]) - size_px)

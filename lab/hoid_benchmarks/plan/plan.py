@@ -1,4 +1,4 @@
-"""What is to be run: experiments declared in YAML, expanded to independent jobs."""
+"""Plans: experiments declared in YAML and expanded to independent jobs."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _VIEWS = (
     'pictures', 'masks',
 )  # fmt: skip
 _MODES = ('offline', 'timed', 'live', 'detect', 'verdicts', 'pictures', 'masks')
-_OFFICIAL = 'official'  # as a sequence: every one that --data holds
+_OFFICIAL = 'official'  # in `sequences`: every sequence in the folder of --data
 EXACT = 'exact'
-"""As a filter: no feature on what moves, by the word of what rendered it."""
+"""Name of the oracle filter, which removes the features on moving surfaces (`exact.py`)."""
 _WITHOUT_DETECTOR = ('none', 'motion', EXACT)
 _BUDGET = 'filter.extraction.num_features'
 _BUDGET_STEP = 0.01
@@ -36,32 +36,31 @@ _BUDGET_STEP = 0.01
 
 @dataclass(frozen=True)
 class Perturbation:
-    """What is done to a recording or to its detections before the system sees them."""
+    """Changes of a recording or its detections before the system processes them."""
 
     missed_share: float = 0.0  # of the frames whose detections are lost, at random
     missed_every: int = 0  # 3: the detections of every third frame are lost
     missed_run: int = 0  # frames lost in a row, once every 3 s
-    missed_people: float = 0.0  # share of the people who are not seen, at random
-    detector_dead_s: float = 0.0  # after so long it says nothing any more; 0 = it lives on
-    detector_hz: float = 0.0  # detections only so often; 0 = every frame
-    depth_noise: float = 0.0  # added sigma (m) at 1 m, growing with depth squared
-    depth_missing_share: float = 0.0  # of the pixels without a reading
-    covered_share: float = 0.0  # of the image's width hidden by a moving person-like box
-    loops: int = 1  # the recording forth and back so many times
-    black_images: int = 0  # in a row, from the middle on
-    cut_images: int = (
-        0  # left out after these, as if the camera had been carried elsewhere at once
-    )
-    jump_back: int = 0  # images: from the middle on once more, from so long before
-    keep_every: int = 1  # 2: every second image is lost
-    stamp_jitter_ms: float = 0.0  # by how much stamps are off, at most
-    extra_boxes: int = 0  # objects reported beside those that are there
-    false_every: int = 0  # 10: a weak person over most of the image in every tenth frame
+    missed_people: float = 0.0  # share of the people who are not detected, at random
+    detector_dead_s: float = 0.0  # time after which there are no more detections; 0 = never
+    detector_hz: float = 0.0  # rate of the detections; 0 = every frame
+    depth_noise: float = 0.0  # sigma (m) of added noise at 1 m; grows with depth squared
+    depth_missing_share: float = 0.0  # of the pixels whose depth is removed
+    # Of the image width, hidden by a moving box with the texture of noise.
+    covered_share: float = 0.0
+    loops: int = 1  # number of passes over the recording, alternately forward and backward
+    black_images: int = 0  # number of successive black images from the middle of the recording on
+    cut_images: int = 0  # number of images left out after the black ones
+    jump_back: int = 0  # number of images by which the recording jumps back in the middle
+    keep_every: int = 1  # 2: only every second image is kept
+    stamp_jitter_ms: float = 0.0  # largest error of the stamps
+    extra_boxes: int = 0  # number of false objects in each frame
+    false_every: int = 0  # 10: a false person of low score in every tenth frame
 
 
 @dataclass(frozen=True)
 class Job:
-    """One run of the system: everything that its result depends on, beside the code."""
+    """One run of the system: everything but the code that its result depends on."""
 
     sequence: str
     filter: str
@@ -73,7 +72,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Return a name that differs when anything in the job differs."""
+        """Return a unique name, which depends on every field of the job."""
         text = json.dumps(asdict(self), sort_keys=True)
         return f'{self.sequence}-{self.filter}-{hashlib.sha256(text.encode()).hexdigest()[:12]}'
 
@@ -85,12 +84,12 @@ class Job:
 
     @property
     def strategy(self) -> str:
-        """Return the strategy that the system runs with."""
+        """Return the filter strategy of the system for this job."""
         return 'none' if self.filter == EXACT else self.filter
 
     @property
     def variant(self) -> str:
-        """Return what the job changes, for people; empty when nothing."""
+        """Return the changed parameters and perturbations as text; empty if there are none."""
         default = asdict(Perturbation())
         done = {k: v for k, v in asdict(self.perturbation).items() if v != default[k]}
         return ', '.join(f'{k}={v}' for k, v in [*self.parameters, *done.items()])
@@ -98,9 +97,9 @@ class Job:
     def settings(self) -> dict[str, Any]:
         """Return the parameters that differ from the defaults, by dotted name.
 
-        An offline run is repeatable, and nothing that it samples matters much: a seed that is not
-        0 changes the feature budget by a percent or two as well, so that seeds are runs that a
-        user could have had, not copies of one.
+        Offline runs are repeatable, and their random samples have little influence. A seed other
+        than 0 therefore also changes the number of features by 1 or 2 %, so that the runs of
+        several seeds vary as the runs of a user would.
         """
         settings = dict(self.parameters)
         if self.seed:
@@ -112,32 +111,32 @@ class Job:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A table or figure: which jobs it needs and how it is shown."""
+    """A table or figure: its jobs and its presentation."""
 
     id: str
     title: str
-    view: str  # how it is tabled and drawn: one of _VIEWS
-    about: str  # one or two sentences for the reader
-    differs: str  # from the paper's setting; empty when it is ours
-    varied: str  # the parameter or perturbation on the curve's axis; empty when none
+    view: str  # kind of table and figures: one of _VIEWS
+    about: str  # one or two sentences for the reader of the page
+    differs: str  # difference from the paper's setting; empty without one
+    varied: str  # parameter or perturbation on the axis of the curve; may be empty
     jobs: tuple[Job, ...]
-    part: str = 'Beyond the paper'  # of the page
+    part: str = 'Beyond the paper'  # heading on the page
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All experiments of one call."""
+    """The experiments of one YAML file."""
 
     name: str
     experiments: tuple[Experiment, ...]
-    command: str = ''  # that asks for it
+    command: str = ''  # shell command that runs the plan
 
     def jobs(self) -> tuple[Job, ...]:
         """Return each distinct job once, in order."""
         return tuple(dict.fromkeys(job for e in self.experiments for job in e.jobs))
 
     def only(self, ids: Sequence[str]) -> Plan:
-        """Return the plan with just the named experiments; all of them when none is named."""
+        """Return the plan with the named experiments only, or with all if none is named."""
         known = [e.id for e in self.experiments]
         unknown = [name for name in ids if name not in known]
         if unknown:
@@ -147,14 +146,14 @@ class Plan:
         )
 
     def job(self, key: str) -> Job:
-        """Return the job of a key, as the page names it."""
+        """Return the job with a key, which the page shows."""
         found = [job for job in self.jobs() if job.key == key]
         if not found:
             raise ConfigError(f'no run {key} in {self.name}: its page lists them')
         return found[0]
 
     def with_detector(self, detector: str) -> Plan:
-        """Return the plan with one detector in place of all; of jobs that compare them, too."""
+        """Return the plan with one detector instead of all others."""
         return replace(
             self,
             command=f'{self.command} --detector {detector}',
@@ -166,14 +165,14 @@ class Plan:
 
 
 def load_plan(name_or_path: str, official: Sequence[str] = ()) -> Plan:
-    """Read a plan that ships with the project by name, or any YAML file.
+    """Read a plan of the project by name, or any YAML file.
 
     Args:
-        name_or_path: Of the plan.
-        official: Sequences to run in experiments that list the sequence "official".
+        name_or_path: Name of a plan in `experiments`, or a path with a suffix.
+        official: Sequences that replace the entry "official" of experiments.
 
     Raises:
-        ConfigError: There is no such plan, or it is none.
+        ConfigError: There is no such plan, or the file is not a plan.
     """
     path = Path(name_or_path)
     if path.suffix not in ('.yaml', '.yml'):
@@ -192,7 +191,7 @@ def load_plan(name_or_path: str, official: Sequence[str] = ()) -> Plan:
 
 
 def load_profile(name: str) -> dict[str, Any]:
-    """Return the parameters of a named profile, by dotted name.
+    """Return the parameters of a profile by dotted name.
 
     Raises:
         ConfigError: There is no such profile.
@@ -245,7 +244,7 @@ def _expand(entry: Mapping[str, Any], varied: Mapping[str, list[Any]]) -> Iterat
         entry.get('detectors', ['']),
         entry['seeds'],
     ):
-        # Where no detector runs there is one job, whatever detectors are listed.
+        # A filter without a detector has one job, however many detectors are listed.
         used = '' if method in _WITHOUT_DETECTOR and mode != 'detect' else detector
         yield _job(sequence, method, used, seed, mode, setting)
 

@@ -1,4 +1,4 @@
-"""A recording whose images come in another order, fewer of them, or at other times."""
+"""A recording with another order, selection or timing of its images."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from hoid_common.values import CameraModel, IntArray, RgbdFrame, Trajectory
 
 
 class Arrangement(NamedTuple):
-    """Which images of a recording come when."""
+    """Order and stamps of the images of a rearranged recording."""
 
-    order: IntArray  # (M,) of the recording's images
+    order: IntArray  # (M,) indices of the recording's images
     stamps_ns: IntArray  # (M,), ascending
 
 
 class RearrangedSequence:
-    """A recording rearranged; the truth goes with the images. It has no exact detections.
+    """A rearranged recording. Ground truth follows the images; there are no true detections.
 
     Args:
         base: The recording.
-        arrange: From the stamps (N,) of its images to what comes when.
+        arrange: Returns the arrangement for the stamps (N,) of its images.
     """
 
     true_detections = None
@@ -35,16 +35,15 @@ class RearrangedSequence:
         self.name = base.name
         self.camera: CameraModel = base.camera
         self.fault = base.fault
-        self._folder = tempfile.TemporaryDirectory(
-            prefix='hoid-rearranged-'
-        )  # too much for memory
+        # Images do not fit in memory.
+        self._folder = tempfile.TemporaryDirectory(prefix='hoid-rearranged-')
         self._paths = [_spool(frame, Path(self._folder.name)) for frame in base]
         recorded_ns = np.array([int(path.stem) for path in self._paths])
         self._order, self._stamps_ns = arrange(recorded_ns)
         self.ground_truth = self._rearranged(base.ground_truth, recorded_ns)
 
     def _rearranged(self, truth: Trajectory | None, recorded_ns: IntArray) -> Trajectory | None:
-        """Return the true poses of the frames; those of which none is known are left out."""
+        """Return the ground truth of the rearranged frames; frames without it are left out."""
         if truth is None:
             return None
         pairs = associate(recorded_ns, truth.stamps_ns)

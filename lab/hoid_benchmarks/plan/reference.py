@@ -1,4 +1,4 @@
-"""A piece of work that never changes, as the unit of cost on this machine."""
+"""A fixed computation whose time is the unit of cost on a machine."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _REPEATS = 15
 
 
 def reference_ms() -> float:
-    """Return the thread CPU time in ms of OpenCV's own ORB (1000 features) on a fixed picture.
+    """Return the thread CPU time (ms) of OpenCV's ORB with 1000 features on a fixed image.
 
-    Costs as multiples of it can be compared across machines, where times cannot; the median of
-    several calls, in the process whose cost is in question.
+    Multiples of this time can be compared across machines. It is the median of several calls in
+    the process whose cost is measured.
     """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -29,9 +29,9 @@ def reference_ms() -> float:
 
 
 def _picture() -> cv2.typing.MatLike:
-    """Return random grey boxes, VGA: thousands of corners."""
+    """Return a VGA image of random gray boxes, which have thousands of corners."""
     rng = np.random.default_rng(0)
     picture = np.zeros((480, 640), np.uint8)
-    for x, y, width, height, grey in rng.integers(0, (640, 480, 60, 60, 256), (3000, 5)).tolist():
-        picture[y : y + height, x : x + width] = grey
+    for x, y, width, height, gray in rng.integers(0, (640, 480, 60, 60, 256), (3000, 5)).tolist():
+        picture[y : y + height, x : x + width] = gray
     return picture

@@ -1,4 +1,4 @@
-"""The sequences of the experiments: found, made, or said to be missing."""
+"""The sequences of the experiments: where they are, and how missing ones are made."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hoid_common.io.yaml_file import read_yaml
 from hoid_synth.commands import add_synth_arguments, scene_config
 from hoid_synth.config import SceneConfig
 
-# Short names of experiments, and the official ones of TUM RGB-D and Bonn RGB-D Dynamic.
+# Short names in experiments, and official names of TUM RGB-D and Bonn RGB-D Dynamic.
 _OFFICIAL = ((r'fr([123])_(\w+)', r'rgbd_dataset_freiburg\1_\2'), (r'bonn_(\w+)', r'rgbd_bonn_\1'))
 _SHORT = (
     (r'rgbd_dataset_freiburg([123])_(\w+)', r'fr\1_\2'),
@@ -35,17 +35,17 @@ _WHERE = (
 
 @dataclass(frozen=True)
 class Store:
-    """Where sequences lie and where made ones are kept."""
+    """Folders of recorded sequences and of rendered or derived ones."""
 
-    shared: Path  # the project's recordings, beside the repository; need not exist
+    shared: Path  # recordings beside the repository; may be absent
     made: Path  # rendered and derived sequences
-    official: Path | None = None  # unpacked official folders (--data)
+    official: Path | None = None  # unpacked TUM and Bonn sequences (--data)
 
     def find(self, name: str) -> Path:
-        """Return the folder or bag of a sequence, making it if it can be made.
+        """Return the folder or bag of a sequence, which is made if it is missing and can be made.
 
         Raises:
-            InputError: the sequence is missing and cannot be made here.
+            InputError: The sequence is missing and cannot be made.
 
         """
         path = self.locate(name)
@@ -59,7 +59,7 @@ class Store:
         return path
 
     def locate(self, name: str) -> Path | None:
-        """Return where a sequence is or would be made; None for one that has to be got."""
+        """Return the path of a sequence, also if it is still to be made; None if it is missing."""
         if options := scene_options(name):
             return self._bag(name, options)
         folder = official_name(name)
@@ -71,10 +71,10 @@ class Store:
         return self.made / name if name.endswith(PEOPLE_SUFFIX) else None
 
     def official_sequences(self) -> tuple[str, ...]:
-        """Return the short names of the official folders that are here.
+        """Return the short names of the available official sequences.
 
         Raises:
-            InputError: the folder that should hold them does not exist or holds none.
+            InputError: The folder of --data does not exist or contains none.
         """
         if self.official is None:
             return ()
@@ -83,8 +83,8 @@ class Store:
         names = tuple(filter(None, (_renamed(p.name, _SHORT) for p in self._folders())))
         if not names:
             raise InputError(
-                f'--data {self.official}: holds no folder with an official name, such as '
-                f'{official_name("fr3_walking_xyz")}; get them from {_WHERE} and unpack them there'
+                f'--data {self.official}: has no folder with an official name, such as '
+                f'{official_name("fr3_walking_xyz")}; download from {_WHERE} and unpack there'
             )
         return names
 
@@ -97,7 +97,7 @@ class Store:
         return sorted(p for p in (self.official or Path()).iterdir() if p.is_dir())
 
     def _bag(self, name: str, options: list[str]) -> Path:
-        """Return a bag's path: another one when the scene or what renders it has changed."""
+        """Return the path of a rendered bag, by a digest of scene and renderer code."""
         made_by = Path(hoid_synth.__file__).parent
         text = ' '.join(options).encode() + b''.join(
             p.read_bytes() for p in sorted(made_by.rglob('*.py'))
@@ -108,7 +108,7 @@ class Store:
         base = self.find(name.removesuffix(PEOPLE_SUFFIX))
         tool = self.shared / _MAKE_PEOPLE
         if not tool.is_file():
-            raise InputError(f'sequence {name} is missing: it is made by {_MAKE_PEOPLE}, not here')
+            raise InputError(f'sequence {name} is missing, as is its script {_MAKE_PEOPLE}')
         unfinished = folder.with_name(f'.{name}.unfinished')
         shutil.rmtree(unfinished, ignore_errors=True)
         _call([sys.executable, str(tool), str(base), str(unfinished)])
@@ -116,14 +116,14 @@ class Store:
 
 
 def official_name(name: str) -> str:
-    """Return the official folder name of a short one, or nothing."""
+    """Return the official folder name for a short name; empty if there is none."""
     return _renamed(name, _OFFICIAL)
 
 
 def scene_options(name: str) -> list[str]:
-    """Return the `hoid synth` options of a rendered scene, or nothing for a recording.
+    """Return the `hoid synth` options of a rendered scene; empty for a recording.
 
-    Scenes have names in `experiments/scenes.yaml`; beside those there are `synth-SEED[-OPTION+…]`,
+    Scenes are named in `experiments/scenes.yaml`, or by their options as `synth-SEED[-OPTION+…]`,
     such as `synth-3-no-people` or `synth-1-path=loop+frames=600`.
     """
     scenes: dict[str, str] = read_yaml(_SCENES)
@@ -136,7 +136,7 @@ def scene_options(name: str) -> list[str]:
 
 
 def scene_of(name: str) -> SceneConfig | None:
-    """Return what is rendered under a name; None for a recording."""
+    """Return the configuration of a rendered scene; None for a recording."""
     options = scene_options(name)
     if not options:
         return None
@@ -155,7 +155,7 @@ def _renamed(name: str, rules: tuple[tuple[str, str], ...]) -> str:
 def _advice(name: str) -> str:
     if folder := official_name(name):
         return f'unpack {folder} ({_WHERE}) and pass its parent folder as --data DIR'
-    return 'neither an official name nor a scene of experiments/scenes.yaml'
+    return 'the name is neither official nor in experiments/scenes.yaml'
 
 
 def _call(command: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""Results that the documents show: one file of rows, and the tables that are written from it.
+"""Results in the documents: a file of rows for each plan, and the tables written from it.
 
-No experiment runs here, and nothing else writes the tables between a page's markers.
+No experiment runs here. Only this package writes the tables between the markers of a page.
 """

@@ -1,4 +1,4 @@
-"""Figures of the pages of results, drawn from the rows that their tables show."""
+"""Figures of the result pages, drawn from the rows of their tables."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from hoid_benchmarks.publish.results_file import Kept
 
 ATE, TIME, WORTH = 'ate.svg', 'time.svg', 'worth.svg'
-_EXACT = 'exact'  # what the renderer knows is looked up, which takes no time that says anything
+_EXACT = 'exact'  # the oracle filter, whose masks are precomputed: its time means nothing
 _STYLES = {
     'none': ('#7f7f7f', 'o'), 'person': ('#e69f00', 'v'), 'hoid2d': ('#56b4e9', 's'),
     'hoid3d': ('#0072b2', 'D'), 'descriptor': ('#cc79a7', '^'), 'motion': ('#009e73', 'P'),
     'hoid+': ('#d55e00', '*'), _EXACT: ('#000000', 'x'),
 }  # fmt: skip
 _SPARE_STYLES = (('#8c564b', 'p'), ('#bcbd22', 'h'), ('#17becf', '<'), ('#9467bd', '>'))
-_NOT_DRAWN = 'truth'  # exact boxes say nothing of a run that somebody could have
-_OTHER_RULES = 'seed_method'  # these runs are of ORB-SLAM3's
+_NOT_DRAWN = 'truth'  # ground-truth boxes are not available to a user
+_OTHER_RULES = 'seed_method'  # runs with the rules of ORB-SLAM3
 _NUMBER = re.compile(r'\d+(?:\.\d+)?')
 _DEFAULT = 'default'
 _MM = 1e3
-_LEGEND_LETTERS = 70  # of names that fit beside each other
+_LEGEND_LETTERS = 70  # total length of names in one row of a legend
 _WIDTH_INCH, _ROW_INCH, _REST_INCH = 7.2, 0.24, 1.1
 
 
 class Mark(NamedTuple):
-    """One median with its range: `group` chooses colour and row, `row` the line it stands on."""
+    """One median with its range, on the line `row`, with the color and marker of `group`."""
 
     row: str
     group: str
@@ -49,20 +49,24 @@ class Mark(NamedTuple):
 
 
 def figures(readme: Mapping[str, Kept], ablation: Mapping[str, Kept]) -> dict[str, list[Mark]]:
-    """Return what each figure shows, by its file's name; nothing where no row is kept."""
+    """Return the marks of each figure by file name; figures without rows have none."""
     compared = [
         one
         for name, one in readme.items()
         if 'RMSE [m]' in one.columns and not name.startswith(_OTHER_RULES)
     ]
-    drawn = {ATE: _errors(compared), TIME: _times(compared), WORTH: _worths(ablation.values())}
+    drawn = {
+        ATE: _errors(compared),
+        TIME: _times(compared),
+        WORTH: _ablation_ratios(ablation.values()),
+    }
     return {name: marks for name, marks in drawn.items() if marks}
 
 
 def save_figures(folder: Path, drawn: Mapping[str, Sequence[Mark]]) -> None:
     """Write the figures as SVG."""
     labels = {
-        ATE: 'ATE RMSE [mm], median and range of five feature budgets',
+        ATE: 'ATE RMSE [mm], median and range of five runs',
         TIME: 'CPU time of extraction, filter and tracking per frame [ms], median to largest p95',
         WORTH: 'ATE without the part / ATE with all parts',
     }
@@ -71,12 +75,12 @@ def save_figures(folder: Path, drawn: Mapping[str, Sequence[Mark]]) -> None:
 
 
 def digest(marks: Sequence[Mark]) -> str:
-    """Return what a figure is signed with, so that one of other rows is told."""
+    """Return a digest of the marks, by which a page can be compared with the file of results."""
     return sha256(repr([*map(tuple, marks)]).encode()).hexdigest()
 
 
 def _errors(compared: Sequence[Kept]) -> list[Mark]:
-    """Return ATE by sequence and filter; of several detectors, the first one is shown."""
+    """Return the ATE by sequence and filter, with the first of several detectors."""
     found: dict[tuple[str, str], Mark] = {}
     for sequence, strategy, detector, cell in _cells(compared, 'RMSE [m]'):
         if detector != _NOT_DRAWN:
@@ -88,9 +92,9 @@ def _errors(compared: Sequence[Kept]) -> list[Mark]:
 
 
 def _times(compared: Sequence[Kept]) -> list[Mark]:
-    """Return the time of a frame by filter: over sequences, the median, and the largest p95.
+    """Return the time per frame by filter: median over sequences, and the largest p95.
 
-    Times of two machines do not compare: the one of most rows counts.
+    Times of different machines are not comparable; only the machine with the most rows is used.
     """
     machines = Counter(row.machine for one in compared for row in one.rows)
     usual = max(machines, key=machines.__getitem__, default='')
@@ -107,8 +111,8 @@ def _times(compared: Sequence[Kept]) -> list[Mark]:
     return marks
 
 
-def _worths(experiments: Iterable[Kept]) -> list[Mark]:
-    """Return by what the error grows without a part, by part and sequence."""
+def _ablation_ratios(experiments: Iterable[Kept]) -> list[Mark]:
+    """Return the ratio of the ATE without a part to the ATE with it, by part and sequence."""
     marks = []
     for one in experiments:
         if 'ATE RMSE [m]' not in one.columns:
@@ -129,7 +133,7 @@ def _worths(experiments: Iterable[Kept]) -> list[Mark]:
 
 
 def _cells(compared: Sequence[Kept], column: str) -> Iterator[tuple[str, str, str, str]]:
-    """Yield sequence, filter, detector and a cell of each row."""
+    """Yield sequence, filter, detector and the cell of a column for each row."""
     for one in compared:
         at = one.columns.index(column)
         for row in one.rows:
@@ -144,7 +148,7 @@ def _numbers(cell: str) -> list[float]:
 def _save(path: Path, marks: Sequence[Mark], label: str, *, logarithmic: bool) -> None:
     rows = list(dict.fromkeys(mark.row for mark in marks))
     size = _WIDTH_INCH, _REST_INCH + _ROW_INCH * len(rows)
-    # Text stays text, and equal rows make equal files.
+    # Text is stored as text, and equal marks give equal files.
     with plt.rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'hoid', 'font.size': 9}):
         figure, axes = plt.subplots(figsize=size, layout='constrained')
         if logarithmic:

@@ -1,4 +1,4 @@
-"""The page of published values, with ours beside them where the sequence was at hand."""
+"""The page of published values beside those of this project, for available sequences."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hoid_benchmarks.report.tables import text
 _ATE, _SEQUENCE, _FILTER = 'RMSE [m]', 'sequence', 'filter'
 _HEAD = """# Published values
 
-ATE RMSE in metres as the papers have it; nothing of it was run here. `./hoid bench full --data
-DATA` puts ours beside all of them, which needs the recordings
+ATE RMSE in meters as stated in the papers, which was not reproduced here. `./hoid bench full
+--data DATA` adds the values of this project, which needs the recordings
 ([how](../howto/official_sequences.md)). `make reference` writes this page.
 """
 
 
 def literature_page(kept: Mapping[str, Kept]) -> str:
-    """Return the page, in Markdown: a section for each table."""
+    """Return the page as Markdown, with a section for each table."""
     parts = [_HEAD]
     for table in published():
         ours = [_without_filter(kept, sequence) for sequence in table.columns[1:]]

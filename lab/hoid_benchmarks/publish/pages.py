@@ -1,9 +1,9 @@
-"""Writes the tables of README and of the pages of results from the files of results.
+"""Writes the tables of README and of the result pages from the files of results.
 
-A table stands between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; in place of the
-experiments, `summary` stands for README's rows. What `hoid bench faults` and `rooms` print stands
-between `<!-- printed -->` and `<!-- /printed -->` of their pages. `make reference` writes all
-tables, the figures, the list of decisions and the page of published values.
+A table is written between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`. The word
+`summary` instead of experiments means the table of README. The output of `hoid bench faults` and
+`rooms` is written between `<!-- printed -->` and `<!-- /printed -->` of their pages. `make
+reference` writes all tables, the figures, the list of decisions and the page of published values.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from hoid_common.errors import InputError
 from hoid_common.io.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[3]
-RESULTS = Path('docs/results')  # a file for each plan and the pages
-DECISIONS = Path('docs/decisions')  # a page for each, `NNN-what-was-chosen.md`
+RESULTS = Path('docs/results')  # the result pages, and a file of results for each plan
+DECISIONS = Path('docs/decisions')  # one page each, `NNN-the-choice-in-words.md`
 _DECISIONS_HEAD = """# Decisions
 
-Context, what was measured, the choice, and what would reopen it. Numbers are those of the day;
-today's are in [results](../results/index.md). `make reference` writes this list.
+Context, measurements, the choice, and what would reopen it. Numbers are those of the date; current
+ones are in [results](../results/index.md). `make reference` writes this list.
 
 | | decision | date |
 |---|---|---|
@@ -40,19 +40,19 @@ _ATE = 'RMSE [m]'
 _DETECTORS = {
     'yolox_nano': 'YOLOX-nano',
     'yolov8n_int8': 'YOLOv8n',
-    'synthetic': 'own',
-    'truth': 'exact boxes',
+    'synthetic': 'synthetic',
+    'truth': 'ground-truth boxes',
 }
 _IN_TICKS = ('sequence', 'filter', 'variant')
 
 
 def results_path(root: Path, plan: str) -> Path:
-    """Return the file of a plan's results."""
+    """Return the path of the file with the results of a plan."""
     return root / RESULTS / f'{plan}.json'
 
 
 def rewritten(text: str, root: Path) -> str:
-    """Return a page with every marked table as the files of results have it.
+    """Return the text of a page with every marked table updated from the files of results.
 
     Raises:
         InputError: A file of results is damaged.
@@ -61,13 +61,13 @@ def rewritten(text: str, root: Path) -> str:
 
 
 def marked_pages(root: Path) -> list[Path]:
-    """Return the pages that show results."""
+    """Return the pages with marked tables."""
     pages = [root / 'README.md', *sorted((root / 'docs').rglob('*.md'))]
     return [page for page in pages if _MARKED.search(page.read_text(encoding='utf-8'))]
 
 
 def written_pages(root: Path) -> dict[Path, str]:
-    """Return the pages that are written as a whole: the list of decisions, published values."""
+    """Return the texts of generated pages by path: list of decisions, published values."""
     kept = read_kept(results_path(root, 'readme'))
     return {
         root / DECISIONS / 'index.md': _decisions(root),
@@ -83,22 +83,22 @@ def write_pages(root: Path) -> None:
 
 
 def drawn_figures(root: Path) -> dict[str, list[Mark]]:
-    """Return what the figures of results show, by the file's name."""
+    """Return the marks of the figures by file name."""
     return figures(*(read_kept(results_path(root, plan)) for plan in ('readme', 'ablation')))
 
 
 def publish_faults(root: Path, table: str) -> None:
-    """Write the rows of a fault campaign into its page; what was not tried stays."""
-    _print(root, 'faults', lambda before: merged(before, table))
+    """Replace the rows of a fault campaign in its page; rows of other kinds are kept."""
+    _replace_printed(root, 'faults', lambda before: merged(before, table))
 
 
 def publish_rooms(root: Path, report: str) -> None:
     """Write the report of mapped rooms into its page."""
-    _print(root, 'rooms', lambda _: f'\n{report}\n')
+    _replace_printed(root, 'rooms', lambda _: f'\n{report}\n')
 
 
-def _print(root: Path, name: str, new: Callable[[str], str]) -> None:
-    """Replace what a page of results has between its marks."""
+def _replace_printed(root: Path, name: str, new: Callable[[str], str]) -> None:
+    """Replace the text between the `printed` markers of a result page."""
     page = root / RESULTS / f'{name}.md'
     text = page.read_text(encoding='utf-8')
     page.write_text(
@@ -107,7 +107,7 @@ def _print(root: Path, name: str, new: Callable[[str], str]) -> None:
 
 
 def _decisions(root: Path) -> str:
-    """Return the list of decisions: number, title and date as each page has them."""
+    """Return the list of decisions with number, title and date of each page."""
     rows = []
     for page in sorted((root / DECISIONS).glob('0*.md')):
         title, _, date, *_ = page.read_text(encoding='utf-8').splitlines()
@@ -131,10 +131,10 @@ def _filled(found: re.Match[str], root: Path) -> str:
 
 
 def _table(kept: Sequence[Kept]) -> str:
-    """Return the rows of experiments with the same columns as one table, with what they are of."""
+    """Return the rows of experiments with equal columns as one table, with commit and machine."""
     columns = kept[0].columns
     if any(one.columns != columns for one in kept):
-        raise InputError(f'experiments of one table differ in their columns: {columns}')
+        raise InputError(f'experiments in one table have different columns: {columns}')
     rows = [row for one in kept for row in one.rows]
     commits = {row.commit for row in rows}
     shown = [(*map(_shown, columns, row.cells), row.commit) for row in rows]
@@ -163,7 +163,7 @@ def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _summary(kept: dict[str, Kept]) -> str:
-    """Return README's table; a row of which nothing has run is left out."""
+    """Return the table of README without the rows that have no results."""
     table = read_yaml(_SUMMARY_ROWS)
     rows, commits = [], {name: set[str]() for name in table['filters']}
     for wanted in table['rows']:
@@ -182,7 +182,7 @@ def _summary(kept: dict[str, Kept]) -> str:
 
 
 def _found(kept: dict[str, Kept], wanted: dict[str, Any], name: str) -> Any:
-    """Return the row of a filter, or None; without one no detector runs."""
+    """Return the row of a filter and its detector, or None."""
     experiment = kept.get(wanted['experiment'])
     detector = '-' if name == 'none' else wanted['detector']
     names = (wanted['sequence'], name, detector)

@@ -1,4 +1,4 @@
-"""The file of results that the documents show: a row knows the commit and machine it is of."""
+"""The file of results shown in the documents: each row has its commit and machine."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from hoid_benchmarks.report.tables import Cell
 from hoid_benchmarks.report.views import commits_of, make_table, results_of
 from hoid_common.errors import InputError
 
-_MOST_COLUMNS = {'comparison': 8}  # mean and median of the error stay on the experiments' page
+_MOST_COLUMNS = {'comparison': 8}  # without mean and median of the ATE
 
 
 @dataclass(frozen=True)
 class Row:
-    """One row as the documents show it."""
+    """One row of a table in the documents."""
 
     cells: tuple[str, ...]
-    commit: str  # that made it; several, with commas, where its runs are of several
+    commit: str  # commit of its runs; several are separated by commas
     machine: str
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What is kept of an experiment."""
+    """The stored table of an experiment."""
 
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
 
 
 def read_kept(path: Path) -> dict[str, Kept]:
-    """Return what is kept, by the experiment's name; nothing where there is no file.
+    """Return the stored tables by name of the experiment; none without the file.
 
     Raises:
         InputError: The file is damaged.
@@ -50,11 +50,11 @@ def read_kept(path: Path) -> dict[str, Kept]:
             for name, kept in json.loads(path.read_text(encoding='utf-8')).items()
         }
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f'{path}: no file of results: {error}') from error
+        raise InputError(f'{path}: not a file of results: {error}') from error
 
 
 def write_kept(path: Path, kept: Mapping[str, Kept]) -> None:
-    """Write all experiments, a row a line, so that a difference shows which rows are new."""
+    """Write all experiments with one row per line, so that diffs show the changed rows."""
     parts = []
     for name, one in kept.items():
         rows = ',\n'.join(f'  {json.dumps(asdict(row))}' for row in one.rows)
@@ -64,9 +64,9 @@ def write_kept(path: Path, kept: Mapping[str, Kept]) -> None:
 
 
 def keep(plan: Plan, results: Mapping[Job, Result], path: Path) -> tuple[str, ...]:
-    """Replace in a file every experiment of which all runs ended well; return their names.
+    """Store every experiment whose runs all succeeded; return the names of these experiments.
 
-    What is not complete stays as it was, row for row, with the commit it is of.
+    Incomplete experiments keep their stored rows, with the commit of those.
     """
     kept, new = read_kept(path), []
     for experiment in plan.experiments:

@@ -1,7 +1,7 @@
-"""Stored bounds on the quick set, so that a loss of accuracy or speed fails the build.
+"""Bounds on the results of the quick plan: a loss of accuracy or speed fails the check.
 
-Times are ratios within one process to a piece of work that never changes (`reference.py`), never
-wall times: another machine or a busy one must not matter.
+Times are relative to a fixed computation in the same process (`reference.py`), because wall times
+depend on the machine and its load.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ _FILE = Path(__file__).parent / 'bounds.yaml'
 
 
 def check(results: Iterable[Result], bounds: Path = _FILE) -> list[str]:
-    """Return a line for each broken bound and each failed run; no line means that all is well.
+    """Return one line for each broken bound and each failed run.
 
-    A rule names runs (`of`: sequence, filter, and where they matter mode and variant), a value of
-    their summaries whose median counts, and its bounds (`min`, `max`). With `over`, the value is
-    divided by another one, with `of` replaced in part by `against` if given.
+    A rule selects runs (`of`: sequence, filter, and optionally mode and variant) and a value of
+    their summaries, whose median must lie between `min` and `max`. With `over`, the value is
+    divided by another value, of the runs selected by `of` with the changes in `against`.
     """
     rules: list[dict[str, Any]] = read_yaml(bounds)['bounds']
     found = list(results)
@@ -35,7 +35,7 @@ def _broken(rule: Mapping[str, Any], results: list[Result]) -> str:
     if 'over' in rule:
         value /= _median({**rule['of'], **rule.get('against', {})}, rule['over'], results)
     low, high = rule.get('min', -math.inf), rule.get('max', math.inf)
-    if low <= value <= high:  # False for NaN: a bound on nothing is broken
+    if low <= value <= high:  # False for NaN: a bound without runs is broken
         return ''
     return f'{rule["name"]}: {value:.4g} is not in [{low}, {high}]'
 

@@ -1,4 +1,4 @@
-"""Figures as PNG and SVG, for papers."""
+"""Figures as PNG and SVG files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hoid_benchmarks.report.figures import TRUTH, Plot
 _COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#8c6bb1', '#7f7f7f')
 _SIZE_INCH = (6.4, 4.0)
 _DPI = 150
-_DATES = {'.png': {}, '.svg': {'Date': None}}  # equal results, equal files
+_DATES = {'.png': {}, '.svg': {'Date': None}}  # without a date, equal results give equal files
 
 
 def save_figures(experiment: Experiment, plots: Sequence[Plot], folder: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Figures of the experiments, as plotly draws them on the page; `figure_files.py` saves them."""
+"""Figures of the experiments as plotly figures for the page; `figure_files.py` saves them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _VALUES = {
     ),
     'cost': (('stage_ms.frame.median', 'time per frame [ms]'), ('peak_rss_mb', 'memory [MB]')),
 }
-_MAX_POINTS = 1500  # of a drawn trajectory; keeps the page small
-_WIDE_RANGE = 10.0  # of values on an axis, which is logarithmic from there on
+_MAX_POINTS = 1500  # of a drawn trajectory, to limit the size of the page
+_WIDE_RANGE = 10.0  # ratio of largest to smallest value from which an axis is logarithmic
 _FEATURES = 'features.csv'
 TRUTH = 'ground truth'
 _TIME = 'time [s]'
@@ -37,7 +37,7 @@ _TIME = 'time [s]'
 def make_plots(
     experiment: Experiment, results: Sequence[Result], folder: Path
 ) -> tuple[Plot, ...]:
-    """Return the interactive plots of an experiment; runs whose files are gone are left out."""
+    """Return the interactive plots of an experiment, without runs whose files are missing."""
     if experiment.view in _VALUES:
         plots = (
             _curve_plot(experiment, results, name, label)
@@ -54,7 +54,7 @@ def make_plots(
 
 
 def _is_constant(plot: Plot) -> bool:
-    """Return whether a plot says nothing but that one value is everywhere the same."""
+    """Return whether all values of a plot are equal."""
     return len({y for trace in plot['data'] for y in trace['y']}) <= 1
 
 
@@ -156,7 +156,7 @@ def _over_time(name: str, since_ns: IntArray, values: NDArray[np.generic]) -> Pl
 
 
 def _widest_plane(aligned: AlignedTrajectory) -> tuple[int, int]:
-    """Return the two axes of the world along which the camera truly moved most, in order."""
+    """Return the two world axes along which the true camera moved most, in ascending order."""
     spans_m = np.ptp(aligned.T_world_camera_true[:, :3, 3], axis=0)
     first, second = sorted(np.argsort(-spans_m, kind='stable')[:2].tolist())
     return first, second

@@ -1,4 +1,4 @@
-"""The results at the top of the page."""
+"""The main results at the top of the page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ATE, _COVERAGE = key_value('ate_rmse_m'), key_value('coverage')
 
 
 def headlines(plan: Plan, results: Mapping[Job, Result]) -> tuple[Headline, ...]:
-    """Return how much a comparison's last filter lowers ATE against its first, by sequence."""
+    """Return the reduction of ATE from the first to the last filter, for each sequence."""
     jobs = [job for e in plan.experiments if e.view == 'comparison' for job in e.jobs]
     ended_well = [r for job in jobs if (r := results.get(job)) and r.ok]
     groups = grouped(ended_well, lambda job: (job.sequence,)).values()

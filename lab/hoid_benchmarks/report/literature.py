@@ -1,4 +1,4 @@
-"""The comparison with the literature: published values, marked as such, and ours beside them."""
+"""Tables of published values, marked as such, with a row of this project."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hoid_benchmarks.jobs.results import Result, key_value, spread
-from hoid_benchmarks.report.tables import Cell, Table, metres, text
+from hoid_benchmarks.report.tables import Cell, Table, meters, text
 from hoid_common.io.yaml_file import read_yaml
 
 _FILE = Path(__file__).parent / 'literature.yaml'
@@ -15,10 +15,10 @@ _ATE = key_value('ate_rmse_m')
 
 
 def published(results: Sequence[Result] = ()) -> tuple[Table, ...]:
-    """Return the tables of published values; only the row of this project was run here.
+    """Return the tables of published values, which were not reproduced here.
 
     Args:
-        results: From which that row comes; it is left out when none of the sequences is here.
+        results: Results for the row of this project, which is left out without any of them.
     """
     return tuple(_table(e, results) for e in read_yaml(_FILE)['tables'])
 
@@ -41,7 +41,7 @@ def _ours(column: str, entry: Mapping[str, Any], results: Sequence[Result]) -> C
         and (r.job.sequence, r.job.filter, r.job.detector) == method
         and (r.job.mode, r.job.variant) == ('offline', '')
     ]
-    return metres(spread(plain, _ATE), plain) if plain else text('-')
+    return meters(spread(plain, _ATE), plain) if plain else text('-')
 
 
 def _cell(value: float | str) -> Cell:

@@ -1,4 +1,4 @@
-"""What a curve says, in words: where the best value is, and what the ends of the range cost."""
+"""Notes on curves as text: the best value, and the loss at the ends of the range."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _MIN_VALUES = 3  # fewer make no curve
 
 
 def curve_note(experiment: Experiment, results: Sequence[Result]) -> str:
-    """Return where a parameter's curve has its minimum; nothing where no parameter is varied.
+    """Return a note on the minimum of a parameter's curve; empty if no parameter is varied.
 
-    Over several sequences, a value is judged by how much worse than each sequence's own best it
-    is, on (geometric) average: metres cannot be averaged over easy and hard sequences.
+    For several sequences, the note uses the geometric mean of the ratio of ATE to the lowest ATE
+    of the sequence, because an average in meters would depend on the hardest sequence only.
     """
     if experiment.view == 'verdicts':
         return f'{_verdict_note(experiment, results)} {_ate_note(experiment, results)}'.strip()
@@ -40,29 +40,29 @@ def _ate_note(experiment: Experiment, results: Sequence[Result]) -> str:
     return (
         f'Lowest ATE over all sequences at {best:g} ({100 * (factor[best] - 1):.0f} % above each '
         f"sequence's own best value, on average); the ends of the range cost {ends}. "
-        f'Seeds alone vary ATE by {noise:.0f} %. Lowest by sequence: {each}.'
+        f'Runs with equal parameters vary by {noise:.0f} %. Lowest by sequence: {each}.'
     )
 
 
 def _verdict_note(experiment: Experiment, results: Sequence[Result]) -> str:
-    """Say where handled objects are told best from those that are passed, by filter."""
+    """Return, for each filter, the value that best separates handled from passed objects."""
     notes = []
     for (method,), group in grouped([r for r in results if r.ok], lambda j: (j.filter,)).items():
         by_value = grouped(group, lambda j: (str(setting_of(j, experiment.varied)),))
-        shares = {float(value): _told_apart(mine) for (value,), mine in by_value.items()}
+        shares = {float(value): _correct_shares(mine) for (value,), mine in by_value.items()}
         best = max(shares, key=lambda x: sum(shares[x]))
-        told = '; '.join(
-            f'at {x:g} {100 * found:.0f} % of the handled ones go and {100 * spared:.0f} % of the '
-            f'others stay'
+        shares_text = '; '.join(
+            f'at {x:g} {100 * found:.0f} % of the handled objects are removed and '
+            f'{100 * spared:.0f} % of the others are kept'
             for x in dict.fromkeys((min(shares), best, max(shares)))
             for found, spared in [shares[x]]
         )
-        notes.append(f'{method}: told apart best at {best:g}; {told}.')
+        notes.append(f'{method}: best separation at {best:g}; {shares_text}.')
     return ' '.join(notes)
 
 
-def _told_apart(results: Sequence[Result]) -> tuple[float, float]:
-    """Return the share of handled objects removed and of others spared, over all recordings."""
+def _correct_shares(results: Sequence[Result]) -> tuple[float, float]:
+    """Return the share of handled objects removed and of others kept, over all recordings."""
 
     def right(wrong: str, of: str) -> float:
         wrong_sum, total = (
@@ -91,7 +91,7 @@ def _factor(curves: dict[str, dict[float, float]], value: float) -> float:
 
 
 def _seed_noise(experiment: Experiment, results: Sequence[Result]) -> float:
-    """Return the median over all groups of half the range over seeds, as a share."""
+    """Return half the relative range of ATE over seeds, as the median over all groups."""
     groups = grouped(
         results, lambda j: (j.sequence, j.filter, str(setting_of(j, experiment.varied)))
     )

@@ -1,4 +1,4 @@
-"""One self-contained HTML page of all tables and figures; opens with no network."""
+"""One self-contained HTML page with all tables and figures, which needs no network."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ class Section(NamedTuple):
     table: Table
     plots: tuple[dict[str, Any], ...]  # plotly figures: data, layout
     pictures: tuple[Picture, ...] = ()
-    note: str = ''  # what the numbers say
-    missing: tuple[str, ...] = ()  # sequences that are not here
+    note: str = ''  # conclusion from the numbers
+    missing: tuple[str, ...] = ()  # missing sequences
 
 
 class Headline(NamedTuple):
-    """A result that stands at the top."""
+    """A main result at the top of the page."""
 
     value: Cell
     what: str
 
 
 class RunGroup(NamedTuple):
-    """Runs that differ in their seed only, as the page lists them."""
+    """Runs that differ only in their seed, as one entry of the page."""
 
     label: str
     commands: tuple[str, ...]
-    results: tuple[str, ...]  # a line each
+    results: tuple[str, ...]  # one line for each run
 
 
 class Head(NamedTuple):
-    """What stands at the top of the page."""
+    """Title, facts and main results at the top of the page."""
 
     title: str
     facts: Mapping[str, str]  # machine, versions, command, ...
@@ -60,7 +60,7 @@ class Head(NamedTuple):
 
 
 class Page(NamedTuple):
-    """Everything that is on the page."""
+    """The content of the page."""
 
     head: Head
     sections: Sequence[Section]
@@ -107,18 +107,18 @@ def _intro(page: Page) -> str:
     return (
         f'<header><h1>{_e(head.title)}</h1>'
         + (f'<ul class="headlines">{tiles}</ul>' if tiles else '')
-        + '<p>Medians over seeds, with the range in brackets. A seed other than 0 changes the '
-        'feature budget by 1 or 2 % as well, because offline runs repeat bit for bit. ATE and RPE '
+        + '<p>Medians over runs, with the range in brackets. Offline runs repeat bit for bit, so '
+        'a seed other than 0 also changes the number of features by 1 or 2 %. ATE and RPE '
         '(over 1 s) are RMSE after SE(3) alignment without scale, poses associated within 0.02 s, '
-        'of the final trajectory unless a column says online. Coverage is frames tracked over '
-        'frames in the recording. Every number links to its runs and to the commands that repeat '
+        'of the final trajectory unless a column says online. Coverage is the share of the '
+        'frames with a pose. Every number links to its runs and to the commands that repeat '
         f'them; a click on a column sorts.</p><dl class="facts">{facts}</dl></header>'
     )
 
 
 def _contents(parts: Sequence[tuple[str, list[Section]]], extra: Sequence[Table]) -> str:
     groups = [(part, [(s.experiment.id, s.experiment.title) for s in ss]) for part, ss in parts]
-    groups.append(('Beside', [*((t.id, t.title) for t in extra), ('runs', 'Runs and commands')]))
+    groups.append(('Other', [*((t.id, t.title) for t in extra), ('runs', 'Runs and commands')]))
     lists = ''.join(
         f'<div><h2>{_e(part)}</h2><ul>'
         + ''.join(f'<li><a href="#{_e(i)}">{_e(title)}</a></li>' for i, title in items)
@@ -142,7 +142,7 @@ def _section(section: Section, run_of: Mapping[Job, int]) -> str:
         else '',
         f'<p class="note">{_e(section.note)}</p>' if section.note else '',
         _table(section.table, run_of) if section.table.rows else '',
-        f'<p class="missing">Not here: {_e(", ".join(section.missing))} '
+        f'<p class="missing">Missing: {_e(", ".join(section.missing))} '
         '(<a href="#missing">how to add them</a>).</p>'
         if section.missing
         else '',

@@ -1,4 +1,4 @@
-"""From results to files: tables, figures and the page."""
+"""The report of a plan: files of tables and figures, and the page."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hoid_benchmarks.report.headlines import headlines
 from hoid_benchmarks.report.literature import published
 from hoid_benchmarks.report.notes import curve_note
 from hoid_benchmarks.report.page import Head, Page, Picture, Section, render_page
-from hoid_benchmarks.report.runs import RunList, but_seed
+from hoid_benchmarks.report.runs import RunList, key_without_seed
 from hoid_benchmarks.report.tables import Table, text
 from hoid_benchmarks.report.views import failures, grouped, make_table, missing, with_commits
 
@@ -34,7 +34,7 @@ _JPEG = (cv2.IMWRITE_JPEG_QUALITY, 80)
 
 @dataclass(frozen=True)
 class Report:
-    """Writes what is known so far; experiments of which nothing has run are named."""
+    """Writes the available results, and lists the experiments that are not complete."""
 
     plan: Plan
     results: Mapping[Job, Result]
@@ -54,7 +54,7 @@ class Report:
             if table.rows:
                 (self.folder / 'tables' / f'{table.id}.csv').write_text(table.csv())
                 (self.folder / 'tables' / f'{table.id}.md').write_text(table.markdown())
-        groups = grouped([r for r in every if not r.missing], but_seed)
+        groups = grouped([r for r in every if not r.missing], key_without_seed)
         run_of = {r.job: i for i, group in enumerate(groups.values()) for r in group}
         runs = [self.runs.group(group) for group in groups.values()]
         page = self.folder / 'index.html'
@@ -89,7 +89,7 @@ class Report:
         return Head(f'HOID RGB-D SLAM: {self.plan.name} experiments', facts, top)
 
     def _not_run(self) -> Table:
-        """Return the experiments that are not complete, with the command that completes them."""
+        """Return the incomplete experiments with the command that completes each of them."""
         rows = []
         for e in self.plan.experiments:
             left = sum(job not in self.results for job in e.jobs)
@@ -110,12 +110,12 @@ def _distinct(values: Iterable[str]) -> str:
 
 
 def _versions(summary: Mapping[str, Any]) -> str:
-    versions = sorted(summary.get('versions', {}).items())  # stored results are sorted, too
+    versions = sorted(summary.get('versions', {}).items())  # stored results are sorted by key
     return ', '.join(f'{name} {version}' for name, version in versions)
 
 
 def _pictures(result: Result, folder: Path) -> list[Picture]:
-    """Return the pictures that a run left, small enough for a page."""
+    """Return the pictures of a run, reduced in size for the page."""
     run = result_path(folder, result.job).parent
     found = []
     for name, caption in _CAPTIONS.items():

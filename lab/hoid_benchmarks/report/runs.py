@@ -1,4 +1,4 @@
-"""Runs as the page lists them: what came out, and the commands that repeat them."""
+"""The list of runs on the page: main results, and the commands that repeat each run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hoid_benchmarks.plan.plan import EXACT, Job, Perturbation, Plan
 from hoid_benchmarks.plan.sequences import Store
 from hoid_benchmarks.report.page import RunGroup
 
-_SHOWN = (  # name in the summary, how it reads
+_SHOWN = (  # name in the summary, format of the text
     ('ate_rmse_m', 'ATE {:.4f} m'),
     ('ate_online_rmse_m', 'online {:.4f} m'),
     ('coverage', 'coverage {:.3f}'),
@@ -28,24 +28,24 @@ _SHOWN = (  # name in the summary, how it reads
 
 @dataclass(frozen=True)
 class RunList:
-    """Describes runs; commands are to be given in the root of the project."""
+    """Describes runs; their commands must be run in the root of the project."""
 
     plan: Plan
     store: Store
     root: Path
 
     def group(self, results: Sequence[Result]) -> RunGroup:
-        """Return runs that differ in their seed only as one entry."""
+        """Return the entry of runs that differ only in their seed."""
         first = results[0].job
         label = replace(first, seed=0).label.removesuffix(' seed 0')
         return RunGroup(
             label,
             tuple(self.command(r.job) for r in results),
-            tuple(_came_out(r) for r in results),
+            tuple(_run_line(r) for r in results),
         )
 
     def command(self, job: Job) -> str:
-        """Return the shell lines that repeat a job."""
+        """Return the shell command that repeats a job."""
         recipe = self.store.recipe(job.sequence)
         path = self.store.locate(job.sequence)
         lines = [self._hoid(recipe)] if recipe else []
@@ -65,12 +65,12 @@ class RunList:
         return os.path.relpath(word, self.root) if Path(word).is_absolute() else word
 
 
-def but_seed(job: Job) -> tuple[str, ...]:
-    """Return what runs have in common that differ in their seed only."""
+def key_without_seed(job: Job) -> tuple[str, ...]:
+    """Return a key that is equal for runs which differ only in their seed."""
     return (replace(job, seed=0).key,)
 
 
-def _came_out(result: Result) -> str:
+def _run_line(result: Result) -> str:
     if not result.ok:
         return f'Failed: {result.error}'
     words = [

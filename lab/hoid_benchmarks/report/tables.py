@@ -1,4 +1,4 @@
-"""Tables and their cells, as CSV and Markdown; the page renders them as HTML."""
+"""Tables of cells, as CSV and Markdown; `page.py` renders them as HTML."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hoid_benchmarks.plan.plan import Job
 
 @dataclass(frozen=True)
 class Cell:
-    """One cell: text for the reader, number for sorting, and the runs it came from."""
+    """One cell: its text, a number for sorting (NaN for text), and the runs it is made from."""
 
     text: str
     value: float = math.nan
@@ -46,12 +46,12 @@ class Table:
 
 
 def text(words: str) -> Cell:
-    """Return a cell of words."""
+    """Return a cell of text without runs."""
     return Cell(words)
 
 
-def metres(s: Spread, group: Sequence[Result]) -> Cell:
-    """Return a median in m, with the range over seeds."""
+def meters(s: Spread, group: Sequence[Result]) -> Cell:
+    """Return a cell with a median in m and the range over runs."""
     if s.runs == 0:
         failed = any(not r.ok for r in group)
         return Cell('failed' if failed else 'none', math.inf, _jobs(group))
@@ -62,17 +62,17 @@ def metres(s: Spread, group: Sequence[Result]) -> Cell:
 
 
 def share(s: Spread, group: Sequence[Result]) -> Cell:
-    """Return a share in [0, 1]."""
+    """Return a cell with a share in [0, 1]."""
     return number(s.median, group, 3)
 
 
 def percent(value: float, group: Sequence[Result]) -> Cell:
-    """Return a percentage."""
+    """Return a cell with a percentage."""
     return Cell('-' if math.isnan(value) else f'{value:.1f} %', value, _jobs(group))
 
 
 def number(value: float, group: Sequence[Result], digits: int | None = None) -> Cell:
-    """Return a number with so many digits after the point, or as short as it can be."""
+    """Return a cell with a number of fixed decimals, or as short as possible without `digits`."""
     if math.isnan(value):
         return Cell('-', value, _jobs(group))
     return Cell(f'{value:g}' if digits is None else f'{value:.{digits}f}', value, _jobs(group))

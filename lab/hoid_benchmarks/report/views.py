@@ -1,4 +1,4 @@
-"""From the results of an experiment to its table, by the experiment's view."""
+"""Tables of the experiments, one function for each kind of view."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from hoid_benchmarks.jobs.masks import SHARES
 from hoid_benchmarks.jobs.results import Result, key_value, removed_share, spread
 from hoid_benchmarks.plan.plan import Experiment, Job
-from hoid_benchmarks.report.tables import Cell, Table, metres, number, percent, share, text
+from hoid_benchmarks.report.tables import Cell, Table, meters, number, percent, share, text
 
 _ATE = key_value('ate_rmse_m')
 _COVERAGE = key_value('coverage')
@@ -21,13 +21,13 @@ Rows = list[tuple[Cell, ...]]
 
 
 def make_table(experiment: Experiment, results: Sequence[Result]) -> Table:
-    """Return the experiment's table; pictures have none, so theirs has no rows."""
+    """Return the table of an experiment; it has no rows for the view `pictures`."""
     columns, rows = _MAKERS[experiment.view](experiment, results)
     return Table(experiment.id, experiment.title, columns, tuple(rows))
 
 
 def with_commits(table: Table, results: Sequence[Result]) -> Table:
-    """Return the table, with each row's commit where rows are of different ones."""
+    """Return the table, with a column of commits if its rows are of different commits."""
     if len({r.commit for r in results}) < 2:
         return table
     rows = ((*row, text(commits_of(results_of(row, results)))) for row in table.rows)
@@ -35,31 +35,31 @@ def with_commits(table: Table, results: Sequence[Result]) -> Table:
 
 
 def results_of(row: Sequence[Cell], results: Sequence[Result]) -> list[Result]:
-    """Return the results that a row was made from."""
+    """Return the results that a row is made from."""
     jobs = {job for cell in row for job in cell.jobs}
     return [r for r in results if r.job in jobs]
 
 
 def commits_of(results: Sequence[Result]) -> str:
-    """Return the commits that made some results."""
+    """Return the commits of some results, separated by commas."""
     return ', '.join(sorted({r.commit for r in results}))
 
 
 def failures(results: Sequence[Result]) -> Table:
-    """Return the runs that failed, with the reason."""
+    """Return a table of failed runs with their errors."""
     rows = [(text(r.job.label), text(r.error)) for r in results if not r.ok and not r.missing]
     return Table('failures', 'Runs that failed', ('run', 'why'), tuple(rows))
 
 
 def missing(results: Sequence[Result]) -> Table:
-    """Return the sequences that are not here, each once, with where to get them."""
+    """Return a table of missing sequences, with the places to get them from."""
     reasons = {r.job.sequence: r.error for r in results if r.missing}
     rows = tuple((text(name), text(why)) for name, why in sorted(reasons.items()))
-    return Table('missing', 'Sequences that are not here', ('sequence', 'what to do'), rows)
+    return Table('missing', 'Missing sequences', ('sequence', 'what to do'), rows)
 
 
 def _comparison(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
-    """Compare every filter with the first one, in the paper's form."""
+    """Return the comparison of every filter with the first one, as in the paper's tables."""
     first = results[0].job.filter if results else ''
     rows = []
     for key, group in grouped(results, by_method).items():
@@ -68,8 +68,8 @@ def _comparison(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
         for name in ('ate_rmse_m', 'ate_mean_m', 'ate_median_m'):
             after = spread(group, key_value(name))
             better = improvement(baseline, group, name)
-            errors += [metres(after, group), text('-') if key[1] == first else better]
-        online = metres(spread(group, key_value('ate_online_rmse_m')), group)
+            errors += [meters(after, group), text('-') if key[1] == first else better]
+        online = meters(spread(group, key_value('ate_online_rmse_m')), group)
         other = online, share(spread(group, _COVERAGE), group), _frame_times(group)
         rows.append((*map(text, key), *errors[:2], *other, *errors[2:]))
     columns = (*_METHOD, 'RMSE [m]', 'better', 'online RMSE [m]', 'coverage')
@@ -78,7 +78,7 @@ def _comparison(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
 
 
 def _frame_times(group: Sequence[Result]) -> Cell:
-    """Return what a frame takes; empty where no run was timed."""
+    """Return a cell with the median and p95 of the time per frame; empty without timed runs."""
     median, p95 = (
         spread(group, key_value(f'stage_ms.frame.{q}')).median for q in ('median', 'p95')
     )
@@ -89,7 +89,7 @@ def _frame_times(group: Sequence[Result]) -> Cell:
 def improvement(
     baseline: Sequence[Result], group: Sequence[Result], name: str = 'ate_rmse_m'
 ) -> Cell:
-    """Return by how many percent the median of a value falls; of runs of one state only."""
+    """Return a cell with the reduction (%) of a median; NaN between different commits."""
     if commits_of(baseline) != commits_of(group):
         return percent(math.nan, group)
     before, after = (spread(g, key_value(name)).median for g in (baseline, group))
@@ -101,7 +101,7 @@ def _curve(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Ro
         (
             *map(text, key[:3]),
             number(setting_of(group[0].job, experiment.varied), group),
-            metres(spread(group, _ATE), group),
+            meters(spread(group, _ATE), group),
             share(spread(group, _COVERAGE), group),
             share(spread(group, removed_share), group),
         )
@@ -118,7 +118,7 @@ def _ablation(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
     rows = [
         (
             *map(text, names),
-            metres(spread(group, _ATE), group),
+            meters(spread(group, _ATE), group),
             share(spread(group, _COVERAGE), group),
             share(spread(group, removed_share), group),
         )
@@ -134,7 +134,7 @@ def _accuracy(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
         rows.append(
             (
                 *map(text, key),
-                *(metres(spread(group, key_value(name)), group) for name in names),
+                *(meters(spread(group, key_value(name)), group) for name in names),
                 number(spread(group, key_value('rpe_rot_1s_rmse_deg')).median, group, 2),
                 share(spread(group, _COVERAGE), group),
                 share(spread(group, _processed_share), group),
@@ -194,7 +194,7 @@ def _verdicts(experiment: Experiment, results: Sequence[Result]) -> tuple[Group,
             share(spread(group, key_value('verdicts.balanced')), group),
             _wrong('wrongly_static', 'handled', group),
             _wrong('wrongly_dynamic', 'passed', group),
-            metres(spread(group, _ATE), group),
+            meters(spread(group, _ATE), group),
             share(spread(group, _COVERAGE), group),
             share(spread(group, removed_share), group),
         )
@@ -206,7 +206,7 @@ def _verdicts(experiment: Experiment, results: Sequence[Result]) -> tuple[Group,
 
 
 def _wrong(name: str, of: str, group: Sequence[Result]) -> Cell:
-    """Return how many wrong verdicts there were, an object in a frame each, of how many."""
+    """Return a cell with the wrong verdicts and all verdicts, counted per object and frame."""
     wrong, every = (spread(group, key_value(f'verdicts.{key}')).median for key in (name, of))
     cell = number(wrong, group, 0)
     return cell if math.isnan(wrong) else replace(cell, text=f'{wrong:.0f} of {every:.0f}')
@@ -222,7 +222,7 @@ def _cost(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Row
             number(spread(group, key_value('peak_rss_mb')).median, group, 0),
             number(spread(group, key_value('frames_processed')).median, group, 0),
             number(spread(group, key_value('keyframes')).median, group, 0),
-            metres(spread(group, _ATE), group),
+            meters(spread(group, _ATE), group),
         )
         for key, group in grouped(results, _by_setting(experiment.varied)).items()
     ]
@@ -270,7 +270,7 @@ def setting_of(job: Job, name: str) -> float:
 
 
 def by_method(job: Job) -> Group:
-    """Return what a method is told by: sequence, filter, detector."""
+    """Return the key of a method: sequence, filter and detector."""
     return (job.sequence, job.filter, job.detector or '-')
 
 
@@ -279,7 +279,7 @@ def _by_setting(varied: str) -> Callable[[Job], Group]:
 
 
 def grouped(results: Sequence[Result], key: Callable[[Job], Group]) -> dict[Group, list[Result]]:
-    """Return the results by a key of their jobs, in order."""
+    """Return the results grouped by a key of their jobs, in order of appearance."""
     groups: dict[Group, list[Result]] = {}
     for result in results:
         groups.setdefault(key(result.job), []).append(result)

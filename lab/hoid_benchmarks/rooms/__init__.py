@@ -1,4 +1,4 @@
-"""Dense map, grid and tracks of rendered rooms, against the truth.
+"""Evaluation of dense map, occupancy grid and object tracks in rendered rooms.
 
-Nothing here concerns trajectories.
+Trajectories are evaluated elsewhere.
 """

@@ -1,4 +1,4 @@
-"""Somebody whom no detector sees stands still for 3 s and leaves: what stays in the map."""
+"""Remains in the dense map of an undetected person who stands still for 3 s and leaves."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 _STAY_FRAMES, _AFTER_FRAMES = 90, 60  # 3 s and 2 s
 _RADIUS_M, _HEIGHT_M = 0.2, 1.75
-_DISTANCES_M = (1.8, 2.2, 2.6, 3.0)  # from the camera, tried in turn
+_DISTANCES_M = (1.8, 2.2, 2.6, 3.0)  # distances from the camera, tried in turn
 _BEARINGS_RAD = (0.0, 0.15, -0.15, 0.3, -0.3)
-_JUDGED_M = (0.5, 1.5)  # heights that have to be in view all the time
+# Heights on the person that must be visible all the time, and where points are counted.
+_EVALUATED_M = (0.5, 1.5)
 _MARGIN_PX = 4
 _NEAR_M = 0.06
 _SKIN_BGR = (90, 110, 140)
 
 
 class Ghost:
-    """A cylinder pasted into images of an empty room, and a map of the room made with them.
+    """Pastes a cylinder into the images of an empty room, and maps the room with them.
 
     Attributes:
-        num_standing: Map points on it when it leaves; 0 where there was no place for it.
-        num_left: The same 2 s later.
+        num_standing: Map points on the cylinder when it leaves; 0 if there was no place for it.
+        num_left: Map points there 2 s later.
     """
 
     def __init__(self, truth: RoomTruth, config: RunConfig) -> None:
@@ -48,12 +49,12 @@ class Ghost:
     def fuse(
         self, pose: SceneRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
     ) -> None:
-        """Map an image, with somebody in it while he is there."""
+        """Fuse an image, with the cylinder in it for 3 s, and count the points when it leaves."""
         i = self._frame_of[frame.stamp_ns] - self._first
         if self._xy_m is None or i >= _STAY_FRAMES + _AFTER_FRAMES:
             return
         if 0 <= i < _STAY_FRAMES:
-            frame = self._with_somebody(frame, self._xy_m)
+            frame = self._with_cylinder(frame, self._xy_m)
         self._room.fuse(pose, frame.depth_m, frame.image_bgr, objects)
         count = self._count(self._xy_m)
         if i < _STAY_FRAMES:
@@ -62,7 +63,7 @@ class Ghost:
             self.num_left = count
 
     def _place(self) -> tuple[int, FloatArray | None]:
-        """Return when and where (2,) somebody can stand in full view."""
+        """Return the first frame and the position (2,) of a place in full view, or None."""
         poses = self._truth.stage.T_world_camera
         span = _STAY_FRAMES + _AFTER_FRAMES
         for first in range(0, len(poses) - span, 15):
@@ -89,7 +90,7 @@ class Ghost:
                 return False
         return True
 
-    def _with_somebody(self, frame: RgbdFrame, xy_m: FloatArray) -> RgbdFrame:
+    def _with_cylinder(self, frame: RgbdFrame, xy_m: FloatArray) -> RgbdFrame:
         T_world_camera = self._truth.stage.T_world_camera[self._frame_of[frame.stamp_ns]]
         body_m = cylinder_depth_m(self._rays, T_world_camera, xy_m)
         before = (body_m > 0) & ((frame.depth_m == 0) | (body_m < frame.depth_m))
@@ -99,15 +100,15 @@ class Ghost:
     def _count(self, xy_m: FloatArray) -> int:
         points = self._room.cloud().points_m.astype(np.float64)
         world = se3.transform(self._truth.T_world_map, points)
-        height = (world[:, 2] > _JUDGED_M[0]) & (world[:, 2] < _JUDGED_M[1])
+        height = (world[:, 2] > _EVALUATED_M[0]) & (world[:, 2] < _EVALUATED_M[1])
         near = np.linalg.norm(world[:, :2] - xy_m, axis=1) < _RADIUS_M + 0.05
         apart = self._truth.distance_m(points) > 0.05
         return int(np.count_nonzero(height & near & apart))
 
 
 def _surface_m(xy_m: FloatArray) -> FloatArray:
-    """Return points (N, 3) on the judged part of a cylinder at a place (2,)."""
-    angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 16), np.linspace(*_JUDGED_M, 8))
+    """Return points (N, 3) on the evaluated part of a cylinder at a place (2,)."""
+    angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 16), np.linspace(*_EVALUATED_M, 8))
     around = np.stack([np.cos(angle), np.sin(angle)], axis=2) * _RADIUS_M + xy_m
     return np.concatenate([around, height[..., None]], axis=2).reshape(-1, 3)
 
@@ -115,7 +116,7 @@ def _surface_m(xy_m: FloatArray) -> FloatArray:
 def cylinder_depth_m(
     rays: FloatArray, T_world_camera: FloatArray, xy_m: FloatArray
 ) -> Float32Array:
-    """Return the depth (H, W) at which rays (H, W, 3), 1 long in z, meet the cylinder; else 0."""
+    """Return the depth (H, W) of the cylinder along rays (H, W, 3) with z = 1; 0 where missed."""
     d = rays @ T_world_camera[:3, :3].T
     offset = T_world_camera[:2, 3] - xy_m
     a = d[..., 0] ** 2 + d[..., 1] ** 2

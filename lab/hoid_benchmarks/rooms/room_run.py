@@ -1,4 +1,4 @@
-"""A rendered recording through filter, SLAM and room mapper, with all that is said of the room."""
+"""Runs filter, SLAM and scene mapper on a rendered recording."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from rgbd_slam.scene.voxel_map import ColoredCloud
 from rgbd_slam.session import SlamSession
 
 Tracks = dict[int, tuple[TrackedObject, ...]]
-"""By the stamp (ns) of the image after which they were published."""
+"""Published object tracks by the stamp (ns) of their image."""
 
 
-class Onlooker(Protocol):
-    """Sees the images that the dense map is made of."""
+class FusionObserver(Protocol):
+    """Receives the images that are fused into the dense map."""
 
     def fuse(
         self, pose: SceneRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
     ) -> None:
-        """Look at an image with the verdicts on its objects."""
+        """Process an image with the verdicts on its objects."""
 
 
 @dataclass(frozen=True, eq=False)
 class MappedRoom:
-    """What a run leaves."""
+    """Dense map, grid and tracks of a run."""
 
     cloud: ColoredCloud
     grid: Grid | None
@@ -44,11 +44,11 @@ class MappedRoom:
 
 
 def map_room(
-    sequence: BagSequence, config: RunConfig, onlookers: Sequence[Onlooker] = ()
+    sequence: BagSequence, config: RunConfig, observers: Sequence[FusionObserver] = ()
 ) -> MappedRoom:
-    """Run every frame, as the nodes do live, and return map, grid and tracks."""
+    """Process every frame as the nodes do, and return dense map, grid and tracks."""
     detect = detection_source(sequence, config)
-    judge = FeatureFilter(config.filter, sequence.camera)
+    feature_filter = FeatureFilter(config.filter, sequence.camera)
     session = SlamSession(
         sequence.camera,
         config.slam,
@@ -59,7 +59,7 @@ def map_room(
     publish = Rate(1 / config.slam.dense.publish_period_s)
     tracks: Tracks = {}
     for frame in tqdm(sequence, f'{sequence.name} {config.filter.strategy}', unit=' frames'):
-        filtered = judge.process(frame, detect(frame))
+        filtered = feature_filter.process(frame, detect(frame))
         request = session.process(filtered.features).scene_request
         if request is None:
             continue
@@ -67,10 +67,10 @@ def map_room(
             tracks[frame.stamp_ns] = scene.track_objects(request, frame.depth_m, filtered.objects)
         if request.keyframes is not None:
             scene.fuse(request, frame.depth_m, frame.image_bgr, filtered.objects)
-            for onlooker in onlookers:
-                onlooker.fuse(request, frame, filtered.objects)
+            for observer in observers:
+                observer.fuse(request, frame, filtered.objects)
         if publish.take_due(frame.stamp_ns):
-            scene.grid(scene.cloud())  # finds the floor, on which people stand
+            scene.grid(scene.cloud())  # estimates the floor, which the tracks of people need
     session.slam.map.finish()
     session.close()
     scene.ledger.correct(session.robot_map.keyframes(), force=True)

@@ -1,4 +1,4 @@
-"""How well maps and tracks of a rendered room agree with the truth."""
+"""Comparison of maps and tracks of a rendered room with the ground truth."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from hoid_synth.truth import object_states, people_centers
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
 
 _NEAR_M = 0.03
-_SETTLED_FRAMES = 60  # an object is scored when put down so long before the end
-_SEEN_FRAMES = 30  # and seen so often since
+_SETTLED_FRAMES = 60  # an object is evaluated if put down this long before the end
+_SEEN_FRAMES = 30  # and visible in this many frames since
 _MOVED_M = 0.12
-_SAME_M = 0.3  # a track farther from an object is another object's
+_SAME_M = 0.3  # a track farther away belongs to another object
 
 
 class Carried(NamedTuple):
-    """An object that was carried to another place, where the camera then saw it."""
+    """An object that was carried to another place, and was visible there."""
 
     class_name: str
-    error_m: float  # of its track at the end; inf when there is none
-    keeps_id: bool | None  # through being carried; None when it had none before
+    error_m: float  # position error of its track at the end; inf without a track
+    keeps_id: bool | None  # whether its track id is the one before; None without a track before
 
 
 class RoomScores(NamedTuple):
-    """Shares are in [0, 1]; NaN where there was nothing to judge."""
+    """Scores of maps and tracks; shares are in [0, 1], NaN if there is nothing to evaluate."""
 
     num_points: int
-    near_share: float  # of the map's points within 3 cm of what rests
-    path_share: float  # of the map's points where people walked, and nothing rests
-    grid_share: float  # of the known cells that are right
-    people_m: float  # median distance of people's tracks from the truth
+    near_share: float  # of map points within 3 cm of a static surface
+    path_share: float  # of map points where people walked and no static surface is
+    grid_share: float  # of known cells that are correct
+    people_m: float  # median distance of person tracks from the nearest person
     carried: tuple[Carried, ...]
 
 
 def score(room: MappedRoom, truth: RoomTruth, sequence: BagSequence) -> RoomScores:
-    """Compare with the truth."""
+    """Return the scores of a mapped room."""
     points_m = room.cloud.points_m.astype(np.float64)
     return RoomScores(
         len(points_m),
@@ -100,7 +100,7 @@ def _carried(tracks: Tracks, truth: RoomTruth, sequence: BagSequence) -> list[Ca
 def _nearest(
     tracks: Tracks, truth: RoomTruth, class_name: str, place_m: FloatArray, before_frame: int
 ) -> TrackedObject | None:
-    """Return the track of an object at a place (3,), as last published before a frame."""
+    """Return the track of a class at a place (3,) in the last message before a frame, or None."""
     frame_of = _frames(truth)
     earlier = [stamp_ns for stamp_ns in tracks if frame_of[stamp_ns] < before_frame]
     if not earlier:
@@ -117,7 +117,7 @@ def _nearest(
 def _num_seen(
     sequence: BagSequence, truth: RoomTruth, class_name: str, place_m: FloatArray, after: int
 ) -> int:
-    """Return in how many images after a frame a box of the class shows a place (3,)."""
+    """Return in how many images after a frame a box of the class covers a place (3,)."""
     frame_of, count = _frames(truth), 0
     for stamp_ns, boxes in (sequence.true_detections or {}).items():
         i = frame_of[stamp_ns]

@@ -1,7 +1,7 @@
-"""`hoid bench rooms`: dense map, grid and tracks of rendered rooms with people, against the truth.
+"""`hoid bench rooms`: dense map, grid and tracks of rendered rooms, compared with ground truth.
 
-Each room is mapped with the filter and, for contrast, without. Boxes are the exact ones unless a
-detector is named.
+Each room is mapped with several filter strategies and without a filter. Boxes are ground truth
+unless a detector is named.
 """
 
 from __future__ import annotations
@@ -37,28 +37,28 @@ _WANTED = (
 
 
 def room_report(names: Sequence[str], store: Store, detector: str | None = None) -> str:
-    """Return a table of how rooms are mapped.
+    """Return a Markdown table with the scores of rooms.
 
     Args:
-        names: Rendered recordings, such as synth-3; none for the usual two.
-        store: Where they are kept, and rendered when missing.
-        detector: Model in place of the exact boxes.
+        names: Rendered recordings, such as synth-3; empty means the two default ones.
+        store: Folders of the recordings; missing ones are rendered.
+        detector: Detector model to use instead of ground-truth boxes.
 
     Raises:
-        InputError: A name is of no rendered recording.
+        InputError: A name is not that of a rendered recording.
     """
     rows: list[tuple[str, ...]] = [_HEADER, ('---',) * len(_HEADER), _WANTED]
     for name in names or ROOMS:
         rows += _rows(name, store, detector or TRUTH)
     table = ''.join(f'| {" | ".join(row)} |\n' for row in rows)
     made = f'Made at commit {Code.of(_ROOT).commit}, on {machine()}'
-    return f'{table}\n{made}, with {detector or "exact boxes"}.\n'
+    return f'{table}\n{made}, with {detector or "ground-truth boxes"}.\n'
 
 
 def _rows(name: str, store: Store, model: str) -> Iterable[tuple[str, ...]]:
     kind, _, seed = name.partition('-')
     if kind != 'synth' or not seed.isdecimal():
-        raise InputError(f'{name}: the truth is known of rendered rooms only, such as synth-1')
+        raise InputError(f'{name}: ground truth is known for rendered rooms only, such as synth-1')
     ghost = _ghost(name, int(seed), store)
     sequence = BagSequence(store.find(name))
     truth = RoomTruth(SceneConfig(seed=int(seed)), T_BODY_OPTICAL)
@@ -69,7 +69,7 @@ def _rows(name: str, store: Store, model: str) -> Iterable[tuple[str, ...]]:
 
 
 def _ghost(name: str, seed: int, store: Store) -> str:
-    """Return the points on somebody undetected, when he leaves the empty room and 2 s later."""
+    """Return the numbers of points on an undetected person when leaving, and 2 s later."""
     sequence = BagSequence(store.find(f'{name}-no-people+frames={_GHOST_FRAMES}'))
     scene = SceneConfig(seed=seed, num_people=0, num_frames=_GHOST_FRAMES)
     config = RunConfig().updated({'filter.strategy': 'none'})

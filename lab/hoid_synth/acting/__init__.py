@@ -1,4 +1,4 @@
-"""Who goes where and handles what, and the path of the camera.
+"""Motions of people, objects and the camera, and which objects are handled.
 
 Nothing here renders.
 """

@@ -1,4 +1,4 @@
-"""Turns the written parts into body stances and object poses, frame by frame."""
+"""Body stances and object poses of every frame, from the planned motions of people."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from hoid_common.values import BoolArray, FloatArray, IntArray
-from hoid_synth.acting.script import CONTACT, GRASP_S, Handling, Part
+from hoid_synth.acting.script import CONTACT, GRASP_S, Handling, PersonMotion
 from hoid_synth.config import FRAME_RATE_HZ
 from hoid_synth.noise import Rng
 from hoid_synth.people.gait import Stance
@@ -21,20 +21,20 @@ _FULL_STRIDE_MPS = 0.7
 
 @dataclass(frozen=True, eq=False)
 class ObjectTrack:
-    """Where one movable object is in every frame."""
+    """Pose and handling of one movable object in every frame."""
 
     T_world_object: FloatArray  # (N, 4, 4)
-    handled: BoolArray  # (N,), from the hand's grip to its release
-    holder: IntArray  # (N,), person, -1 when nobody
+    handled: BoolArray  # (N,) whether it is in somebody's hands
+    holder: IntArray  # (N,) index of the person who holds it, -1 for nobody
 
     def at(self, frames: IntArray) -> ObjectTrack:
-        """Return the track with these of its frames, (M,)."""
+        """Return the track with the given frames (M,) only."""
         return ObjectTrack(*(getattr(self, f.name)[frames] for f in fields(self)))
 
 
 @dataclass(eq=False)
 class BodyTrack:
-    """One person's stance in every frame."""
+    """Stance of one person in every frame."""
 
     xy_m: FloatArray  # (N, 2)
     heading_rad: FloatArray  # (N,)
@@ -63,7 +63,7 @@ class BodyTrack:
         )
 
     def at(self, frames: IntArray) -> BodyTrack:
-        """Return the track with these of its frames, (M,); who is in one for long stands."""
+        """Return the track with the given frames (M,); while one repeats, the person stands."""
         track = BodyTrack(*(getattr(self, f.name)[frames] for f in fields(self)))
         moves = np.diff(frames, append=frames[-1] + 1) > 0
         if not moves.all():
@@ -71,9 +71,9 @@ class BodyTrack:
         return track
 
 
-def body_track(part: Part, count: int, rng: Rng) -> BodyTrack:
-    """Return a person's track without any reaching yet."""
-    xy, heading = part.xy_m[:count], np.unwrap(part.heading_rad[:count])
+def body_track(motion: PersonMotion, count: int, rng: Rng) -> BodyTrack:
+    """Return the track of a person who walks and stands, without reaching for objects."""
+    xy, heading = motion.xy_m[:count], np.unwrap(motion.heading_rad[:count])
     xy = _smoothed(xy, 7)
     step = np.linalg.norm(np.diff(xy, axis=0, prepend=xy[:1]), axis=1)
     speed = _smoothed(step * FRAME_RATE_HZ, 9)
@@ -95,7 +95,7 @@ def body_track(part: Part, count: int, rng: Rng) -> BodyTrack:
 
 
 def _smoothed(values: FloatArray, width: int) -> FloatArray:
-    """Return rows filtered by a Hann window along time."""
+    """Return values filtered by a Hann window along time."""
     kernel = np.hanning(width + 2)[1:-1]
     kernel /= kernel.sum()
     half = width // 2
@@ -106,14 +106,14 @@ def _smoothed(values: FloatArray, width: int) -> FloatArray:
 
 
 def object_tracks(
-    world: World, parts: list[Part], bodies: list[BodyTrack], count: int
+    world: World, motions: list[PersonMotion], bodies: list[BodyTrack], count: int
 ) -> list[ObjectTrack]:
-    """Return every object's track; bend the carriers and set their hands on the way."""
+    """Return the track of every object; also set lean and hands of the bodies that carry them."""
     tracks = []
     for k, placed in enumerate(world.props):
         T = np.tile(pose(*placed.spot.position_m, placed.yaw_rad), (count, 1, 1))
         track = ObjectTrack(T, np.zeros(count, bool), np.full(count, -1))
-        own = [(h, n) for n, part in enumerate(parts) for h in part.handlings if h.prop == k]
+        own = [(h, n) for n, motion in enumerate(motions) for h in motion.handlings if h.prop == k]
         yaw = placed.yaw_rad
         for handling, n in sorted(own, key=lambda item: item[0].take_frame):
             yaw = _handle(placed.prop, handling, yaw, bodies[n], n, track)
@@ -122,7 +122,7 @@ def object_tracks(
 
 
 def ease(frames: IntArray, start: float, end: float) -> FloatArray:
-    """Return (N,) a smooth step from 0 at the start to 1 at the end."""
+    """Return a smooth step (N,) from 0 at `start` to 1 at `end`."""
     x = np.clip((frames - start) / max(end - start, 1e-9), 0, 1)
     return np.asarray(x * x * (3 - 2 * x))
 
@@ -130,7 +130,7 @@ def ease(frames: IntArray, start: float, end: float) -> FloatArray:
 def _handle(
     prop: Prop, h: Handling, yaw_rad: float, body: BodyTrack, n: int, track: ObjectTrack
 ) -> float:
-    """Write one handling into the tracks; return the object's yaw at its new place."""
+    """Add one handling to the tracks of object and body; return the yaw at the new place."""
     count = len(track.handled)
     i = np.arange(count)
     grip, release = h.take_frame + _HOLD_FRAMES, h.put_frame + _GRASP_FRAMES - _HOLD_FRAMES
@@ -154,7 +154,7 @@ def _handle(
 
 
 def _carried(prop: Prop, body: BodyTrack) -> FloatArray:
-    """Return (N, 4): x, y, z, yaw of the object in the carrier's hands."""
+    """Return x, y, z and yaw (N, 4) of the object while it is carried."""
     right, ahead, up = prop.hold_m
     c, s = np.cos(body.heading_rad), np.sin(body.heading_rad)
     x = body.xy_m[:, 0] + ahead * c + right * s
@@ -164,7 +164,7 @@ def _carried(prop: Prop, body: BodyTrack) -> FloatArray:
 
 
 def _bend(body: BodyTrack, prop: Prop, h: Handling, i: IntArray) -> None:
-    """Bend the carrier down to the object's grip, at both places."""
+    """Bend the body down to the grip of the object, where it is taken and put down."""
     held = _HOLD_FRAMES
     spots: list[tuple[Spot, int, int]] = [
         (h.source, h.take_frame, h.take_frame + held),
@@ -181,7 +181,7 @@ def _bend(body: BodyTrack, prop: Prop, h: Handling, i: IntArray) -> None:
 def _reach(
     body: BodyTrack, prop: Prop, h: Handling, T: FloatArray, i: IntArray, grip: int, release: int
 ) -> None:
-    """Put the hands on the object from shortly before the grip until shortly after the release."""
+    """Move the hands to the object before the grip, and away from it after the release."""
     weight = ease(i, h.take_frame, grip) * (1 - ease(i, release, release + 10))
     used = (i >= h.take_frame) & (i < release + 10)
     mirrored = np.array([-1.0, 1.0, 1.0])

@@ -1,4 +1,4 @@
-"""How the camera moves: smooth, as in the hand, with the hand's tremor on top."""
+"""Trajectories of a hand-held camera: a smooth path with tremor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FRONT_Y_M = 1.0
 
 
 def camera_poses(config: SceneConfig, times_s: FloatArray) -> FloatArray:
-    """Return T_world_camera (N, 4, 4), optical frames, at times since the first frame."""
+    """Return T_world_camera (N, 4, 4) of the optical frame at times (N,) since the first frame."""
     rng = np.random.default_rng([config.seed, 2])
     make = {'loop': _loop, 'room': _room, 'xyz': _xyz, 'rpy': _rpy, 'static': _static}[config.path]
     position, yaw, pitch = make(rng, times_s)
@@ -31,7 +31,7 @@ def camera_poses(config: SceneConfig, times_s: FloatArray) -> FloatArray:
 
 
 def _wander(rng: Rng, t: FloatArray, rate_hz: float) -> FloatArray:
-    """Return smooth noise (N,), about in [-1, 1], with most power below the rate."""
+    """Return smooth noise (N,) of about [-1, 1], with most power below `rate_hz`."""
     rates = rate_hz * np.array([0.37, 0.71, 1.0])
     phases = rng.uniform(0, 2 * np.pi, 3)
     weights = np.array([0.5, 0.35, 0.25])
@@ -39,7 +39,7 @@ def _wander(rng: Rng, t: FloatArray, rate_hz: float) -> FloatArray:
 
 
 def _tremor(rng: Rng, t: FloatArray) -> FloatArray:
-    """Return (N, 6) band-limited noise, 0.8 to 7 Hz, amplitude falling with frequency."""
+    """Return noise (N, 6) from 0.8 to 7 Hz whose amplitude falls with frequency."""
     rates = np.geomspace(0.8, 7.0, 7) * rng.uniform(0.9, 1.1, (6, 7))
     phases = rng.uniform(0, 2 * np.pi, (6, 7))
     waves = np.sin(2 * np.pi * t[:, None, None] * rates + phases)
@@ -47,7 +47,7 @@ def _tremor(rng: Rng, t: FloatArray) -> FloatArray:
 
 
 Path = tuple[FloatArray, FloatArray, FloatArray]
-"""Position (N, 3) m, yaw (N,) and pitch (N,) rad; up is positive."""
+"""Position (N, 3) in m, yaw (N,) and pitch (N,) in rad; pitch is positive upwards."""
 
 
 def _look_at(position: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -98,7 +98,7 @@ def _static(rng: Rng, t: FloatArray) -> Path:
 
 
 def loop_line() -> FloatArray:
-    """Return (N, 2) points every centimetre along the loop, back to its start."""
+    """Return points (N, 2) every centimeter along the closed loop."""
     x1, x2 = _LOOP_MARGIN_M, sum(WIDTHS_M) + PARTITION_M - _LOOP_MARGIN_M
     y1, y2 = LANES_Y_M
     r, pieces = _CORNER_M, []
@@ -120,7 +120,7 @@ def _lengths(points: FloatArray) -> FloatArray:
 
 def _loop(rng: Rng, t: FloatArray) -> Path:
     line = loop_line()
-    step = np.roll(line, -30, 0) - np.roll(line, 30, 0)  # the heading, smoothed over 0.6 m
+    step = np.roll(line, -30, 0) - np.roll(line, 30, 0)  # heading, smoothed over 0.6 m
     heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
     kernel = np.hanning(161) / np.hanning(161).sum()
     turn = 2 * np.pi

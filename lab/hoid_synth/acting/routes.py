@@ -1,4 +1,4 @@
-"""Ways around the furniture on a grid."""
+"""Paths around the furniture by A* on a grid."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from hoid_synth.room.world import Rect, World
 
 CELL_M = 0.1
 BODY_RADIUS_M = 0.27
-_WAYS = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1))
-_STEPS = tuple((dr, dc, math.hypot(dr, dc)) for dr, dc in _WAYS)
+_DIRECTIONS = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1))
+_STEPS = tuple((dr, dc, math.hypot(dr, dc)) for dr, dc in _DIRECTIONS)
 
 
 class FloorMap:
-    """Where a person may walk."""
+    """Grid of the floor where a person can walk."""
 
     def __init__(self, world: World, keep_out: Sequence[Rect] = ()) -> None:
         self._size_m = max(r[2] for r in world.rooms), max(r[3] for r in world.rooms)
@@ -36,7 +36,7 @@ class FloorMap:
         self._empty = walls
 
     def route(self, start_m: Vector, end_m: Vector, around: Sequence[Rect] = ()) -> FloatArray:
-        """Return (N, 2) points from start to end; none when there is no way."""
+        """Return the points (N, 2) of a path from start to end; N = 0 if there is none."""
         blocked = self._blocked
         if around:
             walls = self._empty.copy()
@@ -54,7 +54,7 @@ class FloorMap:
         return _smoothed(_pulled(points, blocked))
 
     def is_free(self, at_m: Vector) -> bool:
-        """Return whether one can stand there."""
+        """Return whether a person can stand at a position."""
         return not self._blocked[self._cell(at_m)]
 
     def _cell(self, at_m: Vector) -> tuple[int, int]:
@@ -79,7 +79,7 @@ def _grown(walls: ByteArray) -> BoolArray:
 def _a_star(
     blocked: BoolArray, start: tuple[int, int], end: tuple[int, int]
 ) -> list[tuple[int, int]]:
-    """Return the cells of a shortest way; start and end may lie in blocked cells."""
+    """Return the cells of a shortest path; start and end may lie in blocked cells."""
     rows, columns = blocked.shape
     to_end = np.hypot(*np.ogrid[-end[0] : rows - end[0], -end[1] : columns - end[1]]).tolist()
     weight = np.where(blocked, 8.0, 1.0).tolist()
@@ -111,7 +111,7 @@ def _unrolled(
 
 
 def _pulled(points: FloatArray, blocked: BoolArray) -> FloatArray:
-    """Drop corners that a straight free line can cut."""
+    """Return the path without the corners that a straight free line can skip."""
     kept = [points[0]]
     k = 0
     while k < len(points) - 1:
@@ -132,7 +132,7 @@ def _line_free(a: FloatArray, b: FloatArray, blocked: BoolArray) -> bool:
 
 
 def _smoothed(points: FloatArray, rounds: int = 3) -> FloatArray:
-    """Cut corners (Chaikin, 1974), ends kept."""
+    """Return the path with rounded corners (Chaikin, 1974) and the same ends."""
     for _ in range(rounds):
         a, b = points[:-1], points[1:]
         inner = np.stack([0.75 * a + 0.25 * b, 0.25 * a + 0.75 * b], 1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""What is decided before rendering: world, camera path, people's and objects' tracks."""
+"""Content of a recording before rendering: world, camera trajectory, tracks of all movers."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from hoid_common.values import FloatArray
 from hoid_synth.acting.acting import BodyTrack, ObjectTrack, body_track, object_tracks
 from hoid_synth.acting.camera_path import camera_poses
-from hoid_synth.acting.events import mover_track, write_carriers
-from hoid_synth.acting.group import write_group
-from hoid_synth.acting.script import Part, Playwright
+from hoid_synth.acting.events import carrier_motions, mover_track
+from hoid_synth.acting.group import group_motions
+from hoid_synth.acting.script import MotionPlanner, PersonMotion
 from hoid_synth.config import FRAME_RATE_HZ, SceneConfig
 from hoid_synth.mesh import Mesh, merged
 from hoid_synth.noise import Rng
@@ -26,19 +26,19 @@ _CAMERA_ZONE: Rect = (WIDTHS_M[0] / 2 - 1.6, 0.0, WIDTHS_M[0] / 2 + 1.6, 1.45)
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A whole recording before rendering; tracks have one row more than there are frames."""
+    """Content of a recording before rendering; tracks have one row more than there are frames."""
 
     config: SceneConfig
     world: World
     T_world_camera: FloatArray  # (N + 1, 4, 4)
-    parts: tuple[Part, ...]
+    motions: tuple[PersonMotion, ...]
     bodies: tuple[BodyTrack, ...]
     objects: tuple[ObjectTrack, ...]  # in the order of world.props
-    mover: ObjectTrack | None = None  # of what an event moves
+    mover: ObjectTrack | None = None  # of the object of an event
 
     @cached_property
     def static_mesh(self) -> Mesh:
-        """Return all that does not move during the recording."""
+        """Return the mesh of everything that does not move during the recording."""
         resting = [
             placed.prop.mesh.as_instance(placed.instance).transformed(track.T_world_object[0])
             for placed, track in zip(self.world.props, self.objects, strict=True)
@@ -47,11 +47,11 @@ class Stage:
         return merged([self.world.static, *resting])
 
     def joints(self, person: int, i: int) -> Joints:
-        """Return a person's joints in frame i."""
+        """Return the joints of a person in frame i."""
         return joints(self.bodies[person].stance(i), self.world.wardrobes[person].build)
 
     def moving_mesh(self, i: int) -> Mesh | None:
-        """Return people and handled objects in frame i, with the same faces in every frame."""
+        """Return the mesh of moving people and objects in frame i; all frames have equal faces."""
         world = self.world
         meshes = [
             skin_mesh(self.joints(n, i), w).as_instance(instance)
@@ -71,37 +71,37 @@ class Stage:
 
 
 def set_stage(config: SceneConfig) -> Stage:
-    """Build the world and write the play of a configuration."""
+    """Build the world of a configuration, and plan all motions in it."""
     world = build_world(config)
     times_s = config.start_s + np.arange(config.frames + 1) / FRAME_RATE_HZ
     T_world_camera = camera_poses(config, times_s)
     rng = np.random.default_rng([config.seed, 4, *config.people_stream])
-    shown, count = config.play_frames, config.play_length
-    T_play_camera = T_world_camera[np.searchsorted(shown, np.arange(count))]
-    parts = _write_parts(config, world, T_play_camera, rng)
-    bodies = [body_track(part, count, rng) for part in parts]
-    objects = object_tracks(world, parts, bodies, count)
+    shown, count = config.timeline_frames, config.timeline_length
+    T_timeline_camera = T_world_camera[np.searchsorted(shown, np.arange(count))]
+    motions = _plan_motions(config, world, T_timeline_camera, rng)
+    bodies = [body_track(motion, count, rng) for motion in motions]
+    objects = object_tracks(world, motions, bodies, count)
     mover = None
     if config.event:
-        mover = mover_track(config, world, parts, bodies, T_play_camera, rng).at(shown)
+        mover = mover_track(config, world, motions, bodies, T_timeline_camera, rng).at(shown)
     return Stage(
         config,
         world,
         T_world_camera,
-        tuple(parts),
+        tuple(motions),
         tuple(body.at(shown) for body in bodies),
         tuple(track.at(shown) for track in objects),
         mover,
     )
 
 
-def _write_parts(
+def _plan_motions(
     config: SceneConfig, world: World, T_world_camera: FloatArray, rng: Rng
-) -> list[Part]:
+) -> list[PersonMotion]:
     if config.carriers:
-        return write_carriers(config)
+        return carrier_motions(config)
     if config.together:
-        return write_group(world, config, rng)
+        return group_motions(world, config, rng)
     keep_out = () if config.path == 'loop' else (_CAMERA_ZONE,)
-    playwright = Playwright(world, T_world_camera, rng, keep_out, config.near_m)
-    return playwright.write(config.num_people)
+    planner = MotionPlanner(world, T_world_camera, rng, keep_out, config.near_m)
+    return planner.plan(config.num_people)

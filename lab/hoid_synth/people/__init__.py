@@ -1,4 +1,4 @@
-"""Bodies and how they walk.
+"""Body models of people, and their gait.
 
-Nothing here knows a room.
+Nothing here depends on a room.
 """

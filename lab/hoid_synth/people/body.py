@@ -1,4 +1,4 @@
-"""The skin of a person: smooth tubes and ellipsoids around the joints, clothed in textures."""
+"""The mesh of a person: textured tubes and ellipsoids around the joints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 from hoid_synth.mesh import Mesh, Surface, ellipsoid, merged, tube
-from hoid_synth.noise import Bgr, Rng, any_colour, hsv
+from hoid_synth.noise import Bgr, Rng, any_color, hsv
 from hoid_synth.texture import prints, surfaces
 from hoid_synth.texture.palette import Studio
 
@@ -18,30 +18,30 @@ _HAIR_STYLES = ('short', 'long', 'bun', 'bald')
 
 @dataclass(frozen=True)
 class Build:
-    """Body measures, metres."""
+    """Measures of a body."""
 
     height_m: float
     girth: float  # 1 = average
 
     @property
     def leg_m(self) -> float:
-        """Return hip to ankle."""
+        """Return the length from hip to ankle in m."""
         return 0.465 * self.height_m
 
     @property
     def torso_m(self) -> float:
-        """Return pelvis to shoulders."""
+        """Return the length from pelvis to shoulders in m."""
         return 0.303 * self.height_m
 
     @property
     def arm_m(self) -> float:
-        """Return shoulder to wrist."""
+        """Return the length from shoulder to wrist in m."""
         return 0.315 * self.height_m
 
 
 @dataclass(frozen=True)
 class Wardrobe:
-    """What a person looks like."""
+    """Body measures, hair and clothes of a person."""
 
     build: Build
     skin: Surface
@@ -57,12 +57,12 @@ class Wardrobe:
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """Where the joints are, world frame, metres; pairs are (right, left)."""
+    """Joint positions in the world frame in m; pairs are (right, left)."""
 
     forward: FloatArray  # (3,) unit, horizontal
     pelvis: FloatArray  # (3,)
     neck: FloatArray  # (3,) base of the neck
-    head: FloatArray  # (3,) centre
+    head: FloatArray  # (3,) center
     T_world_head: FloatArray  # (4, 4); the face looks along -y
     shoulders: FloatArray  # (2, 3)
     elbows: FloatArray
@@ -74,7 +74,7 @@ class Joints:
 
 
 def dress(studio: Studio) -> Wardrobe:
-    """Draw a person's looks."""
+    """Return random body measures, hair and clothes."""
     rng = studio.rng
     skin = hsv(rng.uniform(14, 28), rng.uniform(0.3, 0.6), rng.uniform(0.4, 0.93))
     hair = hsv(rng.uniform(15, 40), rng.uniform(0.2, 0.65), rng.uniform(0.08, 0.6))
@@ -98,14 +98,14 @@ def dress(studio: Studio) -> Wardrobe:
         sleeve=shirt if rng.random() < 0.6 else skin_tile,
         trousers=_trousers(studio),
         shorts=bool(rng.random() < 0.15),
-        shoes=studio.plain(any_colour(rng, (0.0, 0.6), (0.1, 0.8))),
+        shoes=studio.plain(any_color(rng, (0.0, 0.6), (0.1, 0.8))),
     )
 
 
 def _shirt(studio: Studio) -> Surface:
     rng, size = studio.rng, (0.5, 0.5)
     shape = studio.shape(*size, 1.3)
-    base, ink = _two_colours(rng)
+    base, ink = _two_colors(rng)
     patterned = (surfaces.plaid, surfaces.stripes, surfaces.dotted, surfaces.knit)[
         int(rng.integers(0, 4))
     ]
@@ -115,8 +115,8 @@ def _shirt(studio: Studio) -> Surface:
     return studio.tile(image, size)
 
 
-def _two_colours(rng: Rng) -> tuple[Bgr, Bgr]:
-    return any_colour(rng, (0.1, 0.62), (0.25, 0.85)), any_colour(rng, (0.0, 0.6), (0.12, 0.95))
+def _two_colors(rng: Rng) -> tuple[Bgr, Bgr]:
+    return any_color(rng, (0.1, 0.62), (0.25, 0.85)), any_color(rng, (0.0, 0.6), (0.12, 0.95))
 
 
 def _trousers(studio: Studio) -> Surface:
@@ -130,14 +130,14 @@ def _trousers(studio: Studio) -> Surface:
             size,
         )
     return studio.tile(
-        surfaces.cloth(studio.paint(), shape, any_colour(rng, (0.0, 0.5), (0.15, 0.6))), size
+        surfaces.cloth(studio.paint(), shape, any_color(rng, (0.0, 0.5), (0.15, 0.6))), size
     )
 
 
 def bent(
     a: FloatArray, b: FloatArray, c: FloatArray, count: int = 15, smooth: float = 0.3
 ) -> FloatArray:
-    """Return (count, 3) points from a over b to c with the corner rounded by a parabola."""
+    """Return points (count, 3) from a over b to c, with the corner rounded by a parabola."""
     t = np.linspace(0, 2, count)[:, None]
     line = np.where(t < 1, a + t * (b - a), b + (t - 1) * (c - b))
     start, end = b + smooth * (a - b), b + smooth * (c - b)
@@ -147,7 +147,7 @@ def bent(
 
 
 def _profile(count: int, knots: list[tuple[float, float, float]]) -> FloatArray:
-    """Return (count, 2) radii interpolated over (position, half width, half depth) in [0, 1]."""
+    """Return radii (count, 2), interpolated between knots (position in [0, 1], width, depth)."""
     at, width, depth = np.array(knots).T
     t = np.linspace(0, 1, count)
     return np.stack([np.interp(t, at, width), np.interp(t, at, depth)], -1)
@@ -180,7 +180,7 @@ _TORSO = [
 
 
 def skin_mesh(j: Joints, w: Wardrobe) -> Mesh:
-    """Return the person's mesh; equal in everything but vertices and normals from pose to pose."""
+    """Return the mesh of a person; only vertices and normals depend on the pose."""
     left = np.cross(_UP, j.forward)
     s = w.build.height_m / 1.75
     g = s * w.build.girth

@@ -1,4 +1,4 @@
-"""From where a person stands and reaches to the joints: walking, bending, grasping."""
+"""Joints of a person who walks, bends and grasps."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ import numpy as np
 from hoid_common.values import FloatArray
 from hoid_synth.people.body import Build, Joints
 
-STRIDE_PER_HEIGHT = 0.7  # metres walked per cycle of two steps and metre of height
-_STANCE = 0.6  # share of the cycle with the foot on the ground
+STRIDE_PER_HEIGHT = 0.7  # distance walked per gait cycle of two steps, divided by the body height
+_STANCE = 0.6  # share of the gait cycle with the foot on the ground
 _ANKLE_M = 0.085
 
 
 @dataclass(frozen=True, eq=False)
 class Stance:
-    """What the body does at one moment."""
+    """Position and posture of a body at one time."""
 
     position_m: FloatArray  # (2,) on the floor
     heading_rad: float
-    walked_m: float  # distance so far: the phase of the gait
-    stride: float  # 0 standing .. 1 full steps
-    lean_rad: float  # of the torso, forwards
-    drop_m: float  # of the pelvis, by bending the knees
-    back_m: float  # of the pelvis, behind the feet, as one sits
+    walked_m: float  # distance walked so far, which determines the phase of the gait
+    stride: float  # 0 = standing to 1 = full steps
+    lean_rad: float  # of the torso, forward
+    drop_m: float  # lowering of the pelvis by bent knees
+    back_m: float  # of the pelvis behind the feet, when seated
     gaze_rad: float  # of the head, to the left
     hands_m: FloatArray  # (2, 3) targets of the right and left palm
-    reach: FloatArray  # (2,) 0 free .. 1 at the target
+    reach: FloatArray  # (2,) 0 = hand free to 1 = hand at its target
 
 
 def standing_height(build: Build) -> float:
-    """Return how high the pelvis of who stands is above the floor, m."""
+    """Return the height of the pelvis above the floor of a standing person in m."""
     return build.leg_m * 0.985 + _ANKLE_M
 
 
@@ -97,7 +97,8 @@ def _feet(
     eased = swing * swing * (3 - 2 * swing)
     ahead = np.where(phase < _STANCE, 1 - 2 * phase / _STANCE, 2 * eased - 1) * length * at.stride
     lift = at.stride * 0.1 * np.sin(np.pi * swing)
-    heel = at.stride * (0.05 * np.clip((phase - 0.4) / 0.2, 0, 1) * (1 - swing))  # off the ground
+    # Lift of the heel.
+    heel = at.stride * (0.05 * np.clip((phase - 0.4) / 0.2, 0, 1) * (1 - swing))
     ankles = root + ahead[:, None] * forward + 0.05 * build.height_m * sides
     ankles = ankles + (_ANKLE_M + lift + heel)[:, None] * np.array([0, 0, 1.0])
     pitch = at.stride * (0.25 * np.sin(np.pi * swing) - 6 * heel)
@@ -142,7 +143,7 @@ def _head_pose(at: Stance, head: FloatArray) -> FloatArray:
 
 
 def _middle(start: FloatArray, end: FloatArray, link_m: float, pole: FloatArray) -> FloatArray:
-    """Return (2, 3) elbows or knees of two equal links; stretched straight when out of reach."""
+    """Return the elbows or knees (2, 3) between two equal links; straight if out of reach."""
     way = end - start
     square = np.einsum('ij,ij->i', way, way)[:, None]
     across = pole - way * np.einsum('ij,ij->i', pole, way)[:, None] / np.maximum(square, 1e-9)

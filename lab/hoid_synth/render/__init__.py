@@ -1,4 +1,4 @@
-"""Ray casting, light and the sensor model: from a scene at one time to colour and depth.
+"""Ray casting, light and sensor model: color and depth images of a stage.
 
-Nothing here decides what is in the scene.
+Nothing here determines the content of a scene.
 """

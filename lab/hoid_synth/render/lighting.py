@@ -1,4 +1,4 @@
-"""Light at mesh vertices: lamps with soft shadows, and ambient light that corners darken."""
+"""Light at mesh vertices: lamps with soft shadows, and ambient light with occlusion."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ CEILING_POINTS = 4
 _OCCLUSION_RAYS = 20
 _OCCLUSION_REACH_M = 0.9
 _LIFT_M = 0.012
-_SOFT_M2 = 1.2  # keeps the light near a lamp finite
+_SOFT_M2 = 1.2  # limits the light near a lamp
 
 
 def _hemisphere(count: int) -> Float32Array:
-    """Return cosine-weighted unit vectors around +z, evenly spread (a Fibonacci spiral)."""
+    """Return cosine-weighted unit vectors (N, 3) around +z on a Fibonacci spiral."""
     k = np.arange(count) + 0.5
     radius, angle = np.sqrt(k / count), k * np.pi * (3 - np.sqrt(5))
     z = np.sqrt(1 - radius**2)
@@ -37,7 +37,7 @@ def _frames(normals: Float32Array) -> Float32Array:
 
 
 def openness(tracer: Tracer, mesh: Mesh) -> Float32Array:
-    """Return (V,) in [0, 1]: the share of the hemisphere within reach that is free."""
+    """Return the unoccluded share (V,) of the hemisphere at each vertex."""
     origin = mesh.vertices_m + _LIFT_M * mesh.normals
     frames = _frames(mesh.normals)
     total = np.zeros(len(origin), np.float32)
@@ -50,7 +50,7 @@ def openness(tracer: Tracer, mesh: Mesh) -> Float32Array:
 def direct(
     tracer: Tracer, vertices_m: Float32Array, normals: Float32Array, lamps: tuple[Lamp, ...]
 ) -> Float32Array:
-    """Return (V,) light that arrives from the lamps."""
+    """Return the direct light (V,) of the lamps."""
     origin = vertices_m + _LIFT_M * normals
     total = np.zeros(len(origin), np.float32)
     for lamp in lamps:
@@ -67,12 +67,12 @@ def direct(
 
 
 def bake(tracer: Tracer, mesh: Mesh, lamps: tuple[Lamp, ...]) -> Float32Array:
-    """Return (V,) light of meshes that never move."""
+    """Return the light (V,) of a static mesh."""
     ambient = AMBIENT * (0.25 + 0.75 * openness(tracer, mesh))
     return np.asarray(direct(tracer, mesh.vertices_m, mesh.normals, lamps) + ambient, np.float32)
 
 
 def light_moving(tracer: Tracer, mesh: Mesh, lamps: tuple[Lamp, ...]) -> Float32Array:
-    """Return (V,) light of moving meshes: no occlusion rays, ambient light from above instead."""
+    """Return the light (V,) of a moving mesh, with ambient light from above and no occlusion."""
     ambient = AMBIENT * (0.62 + 0.3 * mesh.normals[:, 2])
     return direct(tracer, mesh.vertices_m, mesh.normals, lamps) + ambient

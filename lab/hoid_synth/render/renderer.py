@@ -1,4 +1,4 @@
-"""Renders single frames of a stage: rays, shading, shadows, image motion, sensor."""
+"""Renders single frames of a stage: rays, shading, shadows, motion blur, sensor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hoid_synth.render import lighting, sensor, shading
 from hoid_synth.render.tracer import Hits, Tracer
 
 _COARSE = 2  # shadows and image motion are computed on every second pixel
-_SHADOW_DEPTH = 0.55  # share of the light that a lamp's full shadow takes away
+_SHADOW_DEPTH = 0.55  # share of the light that a full shadow removes
 _SHADOW_REACH_M = 1.8
 _EXPOSURE_SWING = 0.07
 _MARGIN_PX = 2
@@ -27,20 +27,20 @@ _MARGIN_PX = 2
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """One frame: what the camera reads, and the truth per pixel."""
+    """One frame: the images of the camera, and the ground truth of each pixel."""
 
     image_bgr: ByteArray  # (H, W, 3)
-    depth_m: Float32Array  # (H, W), as read
+    depth_m: Float32Array  # (H, W), with the errors of the sensor
     true_depth_m: Float32Array  # (H, W)
     instances: ByteArray  # (H, W)
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A camera pose and its rays."""
+    """A camera pose and the rays of its pixels."""
 
     T_world_camera: FloatArray
-    directions: Float32Array  # (N, 3) in the world, depth 1
+    directions: Float32Array  # (N, 3) in the world frame, scaled to depth 1
 
     @property
     def origin(self) -> Float32Array:
@@ -49,16 +49,16 @@ class _View:
 
 @dataclass(frozen=True, eq=False)
 class _Moving:
-    """People and handled objects in one frame."""
+    """Meshes that move, in one frame."""
 
     mesh: Mesh
     tracer: Tracer
     normals: Float32Array  # (F, 3)
-    steps_m: Float32Array  # (V, 3), each vertex's way to the next frame
+    steps_m: Float32Array  # (V, 3) motion of each vertex to the next frame
 
 
 class Renderer:
-    """Renders any frame of a stage; no frame depends on another."""
+    """Renders the frames of a stage, independently of each other."""
 
     def __init__(self, stage: Stage) -> None:
         config, camera, mesh = stage.config, stage.config.camera, stage.static_mesh
@@ -99,7 +99,7 @@ class Renderer:
             self._overlay(hits, moving, view)
         cosine = self._cosine(hits, moving, view)
         footprint = hits.t**2 / (cosine * np.float32(self._config.camera.fx_px**2))
-        colour = shading.shade(
+        color = shading.shade(
             self._table,
             hits,
             footprint,
@@ -111,7 +111,7 @@ class Renderer:
         texture = self._texture[hits.face]
         depth = hits.t.reshape(self._shape)
         dark = self._stage.world.atlas.ir_dark[texture].reshape(self._shape)
-        image = sensor.colour_image(colour.reshape(*self._shape, 3), flow, self._config, rng)
+        image = sensor.color_image(color.reshape(*self._shape, 3), flow, self._config, rng)
         read = sensor.depth_image(depth, cosine.reshape(self._shape), dark, self._config, rng)
         return Rendering(image, read, depth, self._instance[hits.face].reshape(self._shape))
 
@@ -127,7 +127,7 @@ class Renderer:
         )
 
     def _overlay(self, hits: Hits, moving: _Moving, view: _View) -> None:
-        """Let moving things hide what is behind them."""
+        """Replace the hits that lie behind moving meshes."""
         pixels = np.flatnonzero(self._may_show(moving.mesh, view))
         if len(pixels) == 0:
             return
@@ -139,7 +139,7 @@ class Renderer:
         hits.barycentric[at] = front.barycentric[nearer]
 
     def _may_show(self, mesh: Mesh, view: _View) -> BoolArray:
-        """Return (N,) the pixels inside the bounding boxes of moving instances."""
+        """Return a mask (N,) of the pixels inside the bounding boxes of moving instances."""
         mask = np.zeros(self._shape, bool)
         camera, T_camera_world = self._config.camera, se3.inverse(view.T_world_camera)
         points = se3.transform(T_camera_world, mesh.vertices_m.astype(float))
@@ -147,7 +147,7 @@ class Renderer:
             own = points[np.unique(mesh.faces[mesh.instance == instance])]
             if own[:, 2].max() < 0.05:
                 continue
-            if own[:, 2].min() < 0.05:  # reaches behind the camera: no bounding box
+            if own[:, 2].min() < 0.05:  # reaches behind the camera, so that no bounding box exists
                 return np.ones(mask.size, bool)
             u = camera.fx_px * own[:, 0] / own[:, 2] + camera.cx_px
             v = camera.fy_px * own[:, 1] / own[:, 2] + camera.cy_px
@@ -164,25 +164,25 @@ class Renderer:
         return np.asarray(np.maximum(np.abs(along) / self._ray_lengths, 1e-3), np.float32)
 
     def _exposure(self, i: int) -> float:
-        """Return the gain of frame i: it wanders as an automatic exposure does."""
+        """Return the gain of frame i, which varies slowly as with automatic exposure."""
         waves = np.sin(
             2 * np.pi * self._config.time_s(i) * np.array([0.13, 0.31]) + self._exposure_phases
         )
         return float(1.15 * (1 + _EXPOSURE_SWING * waves.sum()))
 
     def _coarse(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return every second pixel of every second row, of (N, ...) values."""
+        """Return the values (N, ...) of every second pixel in every second row."""
         rest = values.shape[1:]
         return values.reshape(*self._shape, *rest)[::_COARSE, ::_COARSE].reshape(-1, *rest)
 
     def _fine(self, coarse: NDArray[Any]) -> Float32Array:
-        """Return (H, W, ...) values interpolated between coarse ones."""
+        """Return values (H, W, ...) interpolated from coarse ones."""
         shape = [-(-n // _COARSE) for n in self._shape]
         image = coarse.reshape(*shape, *coarse.shape[1:])
         return np.asarray(cv2.resize(image, self._shape[::-1]), np.float32)
 
     def _shadow(self, hits: Hits, moving: _Moving | None, view: _View) -> Float32Array:
-        """Return (N,) the share of light that the shadows of moving things leave on the rest."""
+        """Return the share (N,) of light that remains in the shadows of moving meshes."""
         if moving is None:
             return np.ones(len(hits.t), np.float32)
         t, face = self._coarse(hits.t), self._coarse(hits.face)
@@ -200,7 +200,7 @@ class Renderer:
         return np.asarray(cv2.blur(self._fine(left), (9, 9)), np.float32).ravel()
 
     def _flow(self, i: int, hits: Hits, moving: _Moving | None) -> Float32Array:
-        """Return (H, W, 2) how far image points move during the exposure, px."""
+        """Return the image motion (H, W, 2) during the exposure in px."""
         T, T_next = self._stage.T_world_camera[i : i + 2]
         share = sensor.EXPOSURE_S * FRAME_RATE_HZ * self._config.motion_blur
         twist = share * se3.log(se3.inverse(T) @ T_next)
@@ -221,7 +221,7 @@ class Renderer:
 
 
 def _near(xy_m: Float32Array, mesh: Mesh) -> BoolArray:
-    """Return (N,) which positions are close enough to a moving instance for its shadow."""
+    """Return a mask (N,) of the positions within reach of a moving instance's shadow."""
     near = np.zeros(len(xy_m), bool)
     for instance in np.unique(mesh.instance):
         own = mesh.vertices_m[mesh.faces[mesh.instance == instance, 0], :2]

@@ -1,4 +1,4 @@
-"""What an RGB-D camera makes of perfect images: blur and noise; steps and holes in depth."""
+"""Sensor model of an RGB-D camera: blur and noise; quantization and holes in depth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hoid_synth.noise import Rng
 EXPOSURE_S = 0.011
 MIN_DEPTH_M, MAX_DEPTH_M = 0.4, 8.0
 _LENS_SIGMA_PX = 0.5
-_READ_NOISE, _SHOT_NOISE = 1.3, 0.11  # grey levels; and per square root of a level
+_READ_NOISE, _SHOT_NOISE = 1.3, 0.11  # in gray levels; per square root of the gray level
 _PROJECTOR_BASELINE_M = 0.075
 _DISPARITY_STEP_PX = 0.125
 _GRAZING_COSINE = 0.16
@@ -20,7 +20,7 @@ _MAX_SAMPLES = 9
 
 
 def motion_blurred(image: Float32Array, flow_px: Float32Array) -> Float32Array:
-    """Return the image smeared along a flow field (H, W, 2) that covers the exposure."""
+    """Return the image blurred along the image motion (H, W, 2) during the exposure in px."""
     length = float(np.percentile(np.abs(flow_px[::8, ::8]), 99))
     samples = min(_MAX_SAMPLES, int(np.ceil(length)) + 1)
     if samples < 2:
@@ -34,15 +34,15 @@ def motion_blurred(image: Float32Array, flow_px: Float32Array) -> Float32Array:
     return total / np.float32(samples)
 
 
-def colour_image(
+def color_image(
     image: Float32Array, flow_px: Float32Array, config: SceneConfig, rng: Rng
 ) -> ByteArray:
-    """Return the color image (H, W, 3) as read out: lens and motion blur, shot and read noise."""
+    """Return the color image (H, W, 3) with lens and motion blur, shot and read noise."""
     soft = cv2.GaussianBlur(image, (0, 0), max(_LENS_SIGMA_PX * config.scale, 0.3))
     out = motion_blurred(np.asarray(soft, np.float32), flow_px)
     out = np.clip(out, 0, 255)
     sigma = np.float32(_READ_NOISE) + np.float32(_SHOT_NOISE) * np.sqrt(out)
-    out += np.float32(config.colour_noise) * sigma * rng.standard_normal(out.shape, np.float32)
+    out += np.float32(config.color_noise) * sigma * rng.standard_normal(out.shape, np.float32)
     return np.asarray(np.clip(out + 0.5, 0, 255).astype(np.uint8))
 
 
@@ -53,17 +53,17 @@ def depth_image(
     config: SceneConfig,
     rng: Rng,
 ) -> Float32Array:
-    """Return the depth image (H, W) as read out, in whole millimetres.
+    """Return the measured depth image (H, W) in m, quantized to millimeters.
 
-    Noise grows with the square of depth (Nguyen et al., 2012) and neighbours share it; readings
-    are steps of an eighth of a pixel of disparity, and missing where the projector does not shine.
+    Noise grows with the square of depth (Nguyen et al., 2012) and is correlated between neighbors.
+    Disparity has steps of an eighth of a pixel. Depth is missing in the shadow of the projector.
 
     Args:
-        depth_m: (H, W) true depth, inf where there is nothing.
-        cosine: (H, W) between the line of sight and the surface.
-        ir_dark: (H, W) share of readings lost to dark and shiny surfaces.
-        config: noise scale, holes.
-        rng: random source.
+        depth_m: (H, W) true depth, inf without a surface.
+        cosine: (H, W) cosine of the angle between line of sight and surface normal.
+        ir_dark: (H, W) share of readings lost on dark and shiny surfaces.
+        config: Scale of the noise, and whether there are holes.
+        rng: Random number generator.
     """
     shape = depth_m.shape
     z = np.minimum(_ragged(depth_m, config, rng), np.float32(1e3))
@@ -75,7 +75,7 @@ def depth_image(
         np.float32(0.0008) + np.float32(0.0017) * (z - np.float32(0.4)) ** 2
     )
     read = np.maximum(z + np.minimum(spread, np.float32(0.08)) * noise, np.float32(0.1))
-    # Of the sensor, whatever the image size.
+    # The disparity of the sensor does not depend on the image size.
     focal_baseline = np.float32(525.0 * _PROJECTOR_BASELINE_M)
     if config.depth_noise > 0:
         step = np.float32(_DISPARITY_STEP_PX)
@@ -89,7 +89,7 @@ def depth_image(
 
 
 def _ragged(depth_m: Float32Array, config: SceneConfig, rng: Rng) -> Float32Array:
-    """Return depth looked up up to a pixel beside: the edges of real depth images are uneven."""
+    """Return depth sampled up to a pixel away, because edges in real depth images are uneven."""
     if config.depth_noise == 0:
         return depth_m
     shift = rng.integers(-1, 2, (2, *depth_m.shape), np.int8)
@@ -107,7 +107,7 @@ def _holes(
     config: SceneConfig,
     rng: Rng,
 ) -> BoolArray:
-    """Return where the sensor gives no reading."""
+    """Return a mask (H, W) of pixels without a reading."""
     dots = cv2.resize(
         rng.random((depth_m.shape[0] // 2 + 1, depth_m.shape[1] // 2 + 1), np.float32),
         depth_m.shape[::-1],
@@ -118,10 +118,11 @@ def _holes(
 
 
 def shadowed(depth_m: Float32Array, config: SceneConfig) -> BoolArray:
-    """Return where something nearer hides a surface from the projector, right of the camera."""
+    """Return a mask (H, W) of surfaces occluded from the projector, right of the camera."""
     reach_px = np.float32(config.camera.fx_px * _PROJECTOR_BASELINE_M)
     column = np.arange(depth_m.shape[1], dtype=np.float32)
-    seen_at = column - reach_px / np.maximum(depth_m, np.float32(0.05))  # the projector's column
+    # Column in the view of the projector.
+    seen_at = column - reach_px / np.maximum(depth_m, np.float32(0.05))
     nearest_left = np.minimum.accumulate(seen_at[:, ::-1], axis=1)[:, ::-1]
     behind = np.roll(nearest_left, -1, axis=1)
     behind[:, -1] = np.inf

@@ -1,4 +1,4 @@
-"""From ray hits to colours: texture coordinates and light, affine over each triangle."""
+"""Colors of ray hits, by texture coordinates and light that are affine over each triangle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from hoid_synth.mesh import Mesh
 from hoid_synth.render.tracer import Hits
 from hoid_synth.texture.atlas import LEVELS, TextureAtlas
 
-_U, _V, _LIGHT = slice(0, 3), slice(3, 6), slice(6, 9)  # value at vertex 0, its steps to 1 and 2
+# Value at vertex 0, and differences to vertices 1 and 2.
+_U, _V, _LIGHT = slice(0, 3), slice(3, 6), slice(6, 9)
 _PLACE = slice(9, 13)
 _DENSITY, _GLOW = 13, 14
 _COLUMNS = 16
@@ -17,10 +18,10 @@ _CHUNK = 1 << 15
 
 
 def face_table(mesh: Mesh, light: Float32Array, atlas: TextureAtlas) -> Float32Array:
-    """Return one row per face with all that shading needs."""
+    """Return a table with one row per face of the values that shading needs."""
     table = np.zeros((len(mesh.faces), _COLUMNS), np.float32)
     place = atlas.places[mesh.texture]
-    uv = mesh.uv[mesh.faces] * place[:, None, 2:]  # level-0 texels
+    uv = mesh.uv[mesh.faces] * place[:, None, 2:]  # in texels of level 0
     for columns, axis in ((_U, 0), (_V, 1)):
         table[:, columns] = _affine(uv[..., axis])
     du, dv = table[:, 1:3], table[:, 4:6]
@@ -33,20 +34,20 @@ def face_table(mesh: Mesh, light: Float32Array, atlas: TextureAtlas) -> Float32A
 
 
 def face_vectors(mesh: Mesh) -> Float32Array:
-    """Return (F, 3) face normals, twice the face's area long."""
+    """Return face normals (F, 3) with the length of twice the area of the face."""
     a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a).astype(np.float32)
 
 
 def face_normals(mesh: Mesh) -> Float32Array:
-    """Return (F, 3) unit face normals."""
+    """Return unit face normals (F, 3)."""
     out = face_vectors(mesh)
     length = np.linalg.norm(out, axis=1, keepdims=True)
     return np.asarray(out / np.maximum(length, np.float32(1e-12)))
 
 
 def set_light(table: Float32Array, mesh: Mesh, light: Float32Array) -> None:
-    """Write the light of a mesh's vertices into its table."""
+    """Set the light of the vertices (V,) in the table of a mesh."""
     table[:, _LIGHT] = _affine(light[mesh.faces])
 
 
@@ -65,22 +66,22 @@ def shade(
     shadow: Float32Array,
     exposure: float,
 ) -> Float32Array:
-    """Return colours (N, 3), 0..255 in a square-root tone curve.
+    """Return BGR colors (N, 3) of 0 to 255, with a square-root tone curve.
 
     Args:
-        table: rows of all faces.
-        hits: N of them, none missed.
-        footprint_m2: (N,) area of surface in one pixel.
-        atlas: textures.
-        shadow: (N,) factor on the baked light.
-        exposure: factor on all light.
+        table: Table of all faces.
+        hits: N hits; every ray must hit a face.
+        footprint_m2: (N,) surface area seen by one pixel.
+        atlas: All textures.
+        shadow: (N,) factor of the light.
+        exposure: Factor of all light.
     """
-    colour = np.empty((len(hits.face), 3), np.float32)
-    for start in range(0, len(colour), _CHUNK):  # what fits the cache takes half the time
+    color = np.empty((len(hits.face), 3), np.float32)
+    for start in range(0, len(color), _CHUNK):  # chunks that fit in the cache take half the time
         k = slice(start, start + _CHUNK)
         rows = np.take(table, hits.face[k], axis=0)
-        colour[k] = _shaded(rows, hits.barycentric[k], footprint_m2[k], atlas, shadow[k], exposure)
-    return colour
+        color[k] = _shaded(rows, hits.barycentric[k], footprint_m2[k], atlas, shadow[k], exposure)
+    return color
 
 
 def _shaded(
@@ -102,6 +103,6 @@ def _shaded(
     level = 0.5 * np.log2(np.maximum(rows[:, _DENSITY] * footprint_m2, 1e-6))
     glow = rows[:, _GLOW]
     light = exposure * (light * shadow * (1 - glow) + glow)
-    colour = atlas.sample(xy, np.clip(level, 0, LEVELS - 1.001).astype(np.float32))
-    colour *= np.sqrt(np.maximum(light, 0))[:, None]
-    return colour
+    color = atlas.sample(xy, np.clip(level, 0, LEVELS - 1.001).astype(np.float32))
+    color *= np.sqrt(np.maximum(light, 0))[:, None]
+    return color

@@ -1,4 +1,4 @@
-"""Rooms, furniture, props and their surfaces.
+"""Rooms, furniture and movable objects at their first place.
 
-Nothing here moves.
+Motions are planned in `acting`.
 """

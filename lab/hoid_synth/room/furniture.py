@@ -1,4 +1,4 @@
-"""Furniture in its own frame: x right, y to the wall, z up; origin on the floor, mid back edge."""
+"""Furniture meshes: x right, y to the wall, z up; origin on the floor, middle of the back edge."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from hoid_common.values import ByteArray
 from hoid_synth.mesh import Mesh, Surface, box, cylinder, ellipsoid, grid, merged, quad, tube
 from hoid_synth.texture import pictures, prints, surfaces
-from hoid_synth.texture.palette import Palette, Studio, wood_colour
+from hoid_synth.texture.palette import Palette, Studio, wood_color
 
 DESK_HEIGHT_M = 0.74
 TABLE_HEIGHT_M = 0.72
@@ -92,9 +92,9 @@ def bookshelf(studio: Studio, p: Palette, width_m: float, height_m: float = 1.95
 def cupboard(
     studio: Studio, p: Palette, width_m: float, height_m: float = 1.9, depth_m: float = 0.5
 ) -> Mesh:
-    """Return a wardrobe with panelled doors."""
+    """Return a wardrobe with paneled doors."""
     rng = studio.rng
-    from_wood = prints.panelled(_wood_image(studio, width_m, height_m), int(rng.integers(2, 4)), 2)
+    from_wood = prints.paneled(_wood_image(studio, width_m, height_m), int(rng.integers(2, 4)), 2)
     w = width_m / 2
     front = studio.sheet(from_wood)
     return merged(
@@ -112,14 +112,14 @@ def cupboard(
 
 def _wood_image(studio: Studio, width_m: float, height_m: float) -> ByteArray:
     return surfaces.wood(
-        studio.paint(), studio.shape(width_m, height_m), wood_colour(studio.rng, (0.4, 0.7))
+        studio.paint(), studio.shape(width_m, height_m), wood_color(studio.rng, (0.4, 0.7))
     )
 
 
 def sideboard(studio: Studio, p: Palette, width_m: float, depth_m: float = 0.38) -> Mesh:
     """Return a low cupboard."""
     w, h = width_m / 2, SIDEBOARD_HEIGHT_M
-    front = studio.sheet(prints.panelled(_wood_image(studio, width_m, h), 1, 3))
+    front = studio.sheet(prints.paneled(_wood_image(studio, width_m, h), 1, 3))
     return merged(
         [
             box((-w, -depth_m, 0.08), (w, 0, h), p.wood, {'front': front}, omit=('back',)),
@@ -146,7 +146,7 @@ def couch(p: Palette, width_m: float = 1.9) -> Mesh:
 
 
 def chair(studio: Studio, p: Palette) -> Mesh:
-    """Return a dining chair, its back to the back; origin below the seat's centre."""
+    """Return a dining chair, its back to the back; origin below the seat's center."""
     seat, half = 0.45, 0.21
     frame = p.dark_wood if studio.rng.random() < 0.5 else p.wood
     parts = _legs((-half + 0.02, half - 0.02), (-half + 0.02,), seat - 0.03, 0.019, frame)
@@ -167,7 +167,7 @@ def chair(studio: Studio, p: Palette) -> Mesh:
 
 
 def table(p: Palette, width_m: float, depth_m: float) -> Mesh:
-    """Return a table; origin below its centre."""
+    """Return a table; origin below its center."""
     w, d, h = width_m / 2, depth_m / 2, TABLE_HEIGHT_M
     return merged(
         [
@@ -184,7 +184,7 @@ def table(p: Palette, width_m: float, depth_m: float) -> Mesh:
 
 
 def plant(studio: Studio, p: Palette, height_m: float = 1.0) -> Mesh:
-    """Return a pot with a bush of arching leaves; origin below the pot's centre."""
+    """Return a pot with a bush of arching leaves; origin below the pot's center."""
     rng = studio.rng
     pot = 0.3 * height_m
     radius = 0.16 * height_m
@@ -223,7 +223,7 @@ def _leaf(
 
 
 def floor_lamp(studio: Studio, p: Palette) -> Mesh:
-    """Return a standing lamp; origin below its foot's centre."""
+    """Return a standing lamp; origin below its foot's center."""
     shade = studio.sheet(pictures.filled((32, 32), (170, 215, 240)), glow=0.8)
     centers = np.array([[0, 0, 1.35], [0, 0, 1.45], [0, 0, 1.7]])
     return merged(
@@ -269,7 +269,7 @@ def cylinder_rail(p: Palette, half_m: float, height_m: float) -> Mesh:
 
 def door(studio: Studio, p: Palette) -> Mesh:
     """Return a closed door in its frame."""
-    leaf = studio.sheet(prints.panelled(_wood_image(studio, 0.9, 2.05), 3, 2))
+    leaf = studio.sheet(prints.paneled(_wood_image(studio, 0.9, 2.05), 3, 2))
     return merged(
         [
             quad((-0.45, -0.02, 2.05), (0.9, 0, 0), (0, 0, -2.05), leaf),

@@ -31,8 +31,8 @@ from hoid_synth.texture.palette import Studio
 WIDTHS_M = (6.4, 5.8)
 PARTITION_M = 0.12
 DOORWAYS_M = ((0.55, 1.55), (3.92, 4.92))  # y ranges of the openings between the rooms
-LANES_Y_M = (1.05, 4.42)  # where one walks through them
-PASSAGE_Y_M = (1.45, 3.3)  # free from wall to wall where people walk together
+LANES_Y_M = (1.05, 4.42)  # y of the paths through the doorways
+PASSAGE_Y_M = (1.45, 3.3)  # kept free for people who walk as a group
 DOORWAY_HEIGHT_M = 2.1
 _TABLE_BEYOND_PASSAGE_Y_M = 3.85
 _TEXELS_PER_M = 260.0
@@ -44,7 +44,7 @@ Place = Callable[[WorldBuilder, FloatArray], None]
 
 
 def build_world(config: SceneConfig) -> World:
-    """Build the world of a seed; the camera path decides whether there is a second room."""
+    """Build the world of a configuration; the path "loop" has two rooms, the others one."""
     rng = np.random.default_rng([config.seed, 1])
     textures, builder = Textures(), WorldBuilder()
     studio = Studio(textures, rng, _TEXELS_PER_M * min(config.scale, 1.0))
@@ -127,7 +127,7 @@ def _furnish(f: Furnisher, k: int, config: SceneConfig) -> None:
 
 
 def _window_side(f: Furnisher, side: str, two: bool) -> None:
-    """Furnish the wall opposite the sofa; of two rooms, the front wall has the window."""
+    """Furnish the wall opposite the sofa; with two rooms, the window is in the front wall."""
     wall = 'front' if two else side
     middle = f.width_m / 2 if two else DEPTH_M / 2
     T = f.wall_pose(wall, middle)
@@ -145,7 +145,7 @@ def _window_side(f: Furnisher, side: str, two: bool) -> None:
 
 
 def _repeating(f: Furnisher, place: Place) -> Place:
-    """Return a placer that draws the same random numbers every time: identical furniture."""
+    """Return a placer that repeats its random numbers, so that all pieces are identical."""
     state = f.rng.bit_generator.state
 
     def place_again(builder: WorldBuilder, T_world_thing: FloatArray) -> None:
@@ -158,7 +158,7 @@ def _repeating(f: Furnisher, place: Place) -> Place:
 
 
 def _partition(f: Furnisher) -> tuple[Rect, ...]:
-    """Add the wall between the rooms; return its doorways."""
+    """Add the wall between the rooms; return the floor areas of its doorways."""
     x0, x1 = WIDTHS_M[0], WIDTHS_M[0] + PARTITION_M
     paint = f.palette.accent
     (a, b), (c, d) = DOORWAYS_M
@@ -181,7 +181,7 @@ def _partition(f: Furnisher) -> tuple[Rect, ...]:
 def _floor_spots(
     rng: Rng, obstacles: list[Rect], rooms: tuple[Rect, ...], config: SceneConfig
 ) -> list[Spot]:
-    """Draw free places on the floor, off the lanes, with room to stand beside."""
+    """Return random free places on the floor beside the lanes, with space for a person."""
     rects = np.array(obstacles)
     two = config.path == 'loop'
     front_m = PASSAGE_Y_M[1] + 0.25 if config.together else 1.7
@@ -217,7 +217,7 @@ def _clearance(at: FloatArray, rects: FloatArray) -> float:
 
 
 def _place_props(f: Furnisher, rng: Rng) -> tuple[tuple[PlacedProp, ...], tuple[Spot, ...]]:
-    """Put objects on a random choice of places; return them and the places left free."""
+    """Place objects at random spots; return them and the free spots."""
     placed: list[PlacedProp] = []
     builder = f.builder
     free = [builder.spots[int(k)] for k in rng.permutation(len(builder.spots))]

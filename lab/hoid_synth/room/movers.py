@@ -1,4 +1,4 @@
-"""Large things that are carried, pushed, or move by themselves; origin on the floor, z up."""
+"""Large objects that are carried, pushed or move by themselves; origin on the floor, z up."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from hoid_synth.mesh import Mesh, box, ellipsoid, merged
-from hoid_synth.noise import any_colour
+from hoid_synth.noise import any_color
 from hoid_synth.room.furniture import chair
 from hoid_synth.texture import prints, surfaces
 from hoid_synth.texture.palette import Palette, Studio, picture
 
 
 class Mover(NamedTuple):
-    """A thing that moves: its mesh, and COCO's name of it, empty where no detector knows it."""
+    """A moving object: its mesh, and its COCO class, which is empty if COCO has none."""
 
     class_name: str
     mesh: Mesh
@@ -22,7 +22,7 @@ class Mover(NamedTuple):
 def _printed_box(
     studio: Studio, p: Palette, size_m: tuple[float, float, float], floor_m: float = 0.0
 ) -> Mesh:
-    """Return a box (width, depth, height) with a print on every side: rich in corners."""
+    """Return a box (width, depth, height) with a print on every side, which has many corners."""
     w, d, h = size_m
     sides = {name: picture(studio, w, h) for name in ('front', 'back')}
     sides |= {name: picture(studio, d, h) for name in ('left', 'right')}
@@ -67,13 +67,13 @@ def _robot(studio: Studio, p: Palette) -> Mover:
 
 def _ball(studio: Studio, _: Palette) -> Mover:
     rng = studio.rng
-    ink, ground = any_colour(rng, (0.6, 1.0), (0.6, 1.0)), any_colour(rng, (0.0, 0.4), (0.8, 1.0))
+    ink, ground = any_color(rng, (0.6, 1.0), (0.6, 1.0)), any_color(rng, (0.0, 0.4), (0.8, 1.0))
     image = surfaces.dotted(studio.paint(), studio.shape(0.9, 0.5, 1.5), ground, ink)
     return Mover('', ellipsoid((0, 0, 0), (0.16, 0.16, 0.16), studio.sheet(image), 14, 21))
 
 
 def _cat(studio: Studio, p: Palette) -> Mover:
-    brown = any_colour(studio.rng, (0.3, 0.6), (0.4, 0.8))
+    brown = any_color(studio.rng, (0.3, 0.6), (0.4, 0.8))
     image = surfaces.fur(studio.paint(), studio.shape(0.3, 0.3, 1.5), brown)
     fur = studio.tile(image, (0.3, 0.3))
     parts = [
@@ -93,7 +93,7 @@ def _wall_picture(studio: Studio, p: Palette) -> Mover:
 
 def _panel(studio: Studio, p: Palette) -> Mover:
     """Return two large pictures that hang from the ceiling, side by side."""
-    low, high = 0.95, 2.45  # over tables and desks
+    low, high = 0.95, 2.45  # above tables and desks
     sheets = [
         box((x, -0.015, low), (x + 1, 0.015, high), p.white, {'front': picture(studio, 1, 1.5)})
         for x in (-1, 0)
@@ -120,5 +120,5 @@ MAKERS: dict[str, Callable[[Studio, Palette], Mover]] = {
 
 
 def make_mover(event: str, studio: Studio, palette: Palette) -> Mover:
-    """Return the thing that moves in an event of `config.EVENTS`."""
+    """Return the moving object of an event in `config.EVENTS`."""
     return MAKERS[event](studio, palette)

@@ -1,4 +1,4 @@
-"""Things that people carry; origin below the middle, z up, front towards -y."""
+"""Objects that people carry; origin below the middle, z up, front towards -y."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hoid_synth.mesh import Mesh, Surface, box, ellipsoid, merged, quad, tube
-from hoid_synth.noise import any_colour, hsv
+from hoid_synth.noise import any_color, hsv
 from hoid_synth.room.furniture import chair, plant
 from hoid_synth.texture import pictures, prints, surfaces
 from hoid_synth.texture.palette import Palette, Studio
@@ -16,16 +16,18 @@ from hoid_synth.texture.palette import Palette, Studio
 
 @dataclass(frozen=True, eq=False)
 class Prop:
-    """A movable object and how a hand takes it."""
+    """A movable object, and how it is gripped and carried."""
 
-    class_name: str  # COCO's
+    class_name: str  # class of COCO
     mesh: Mesh
     radius_m: float  # of its footprint
     two_handed: bool
-    grip_m: tuple[float, float, float]  # right hand's grip; the left one's is mirrored in x
-    hold_m: tuple[float, float, float]  # carried: right, ahead of and above the carrier's feet
-    on_floor: bool  # stands on the floor rather than on furniture
-    hold_yaw_rad: float = 0.0  # 0: its front towards the carrier
+    # Grip of the right hand; that of the left hand is mirrored in x.
+    grip_m: tuple[float, float, float]
+    # Position when carried: right of, ahead of and above the feet.
+    hold_m: tuple[float, float, float]
+    on_floor: bool  # whether it stands on the floor, not on furniture
+    hold_yaw_rad: float = 0.0  # yaw when carried; 0: its front faces the carrier
 
 
 Maker = Callable[[Studio, Palette], Prop]
@@ -44,8 +46,8 @@ def cup(studio: Studio, p: Palette) -> Prop:
     image = prints.label(
         studio.paint(),
         studio.shape(0.3, 0.12, 2.0),
-        any_colour(rng, (0.5, 0.9), (0.5, 1.0)),
-        any_colour(rng, (0.0, 0.3), (0.85, 1.0)),
+        any_color(rng, (0.5, 0.9), (0.5, 1.0)),
+        any_color(rng, (0.0, 0.3), (0.85, 1.0)),
     )
     body = _revolved([(0.042, 0), (0.048, 0.01), (0.05, 0.06), (0.05, 0.12)], studio.sheet(image))
     angle = np.linspace(-1.3, 1.3, 9)
@@ -59,7 +61,7 @@ def cup(studio: Studio, p: Palette) -> Prop:
 def bottle(studio: Studio, _: Palette) -> Prop:
     """Return a bottle with a label."""
     rng = studio.rng
-    glass = any_colour(rng, (0.6, 0.9), (0.3, 0.6))
+    glass = any_color(rng, (0.6, 0.9), (0.3, 0.6))
     image = prints.label(studio.paint(), studio.shape(0.3, 0.3, 2.0), glass, (225.0, 235.0, 240.0))
     profile = [
         (0.042, 0),
@@ -77,7 +79,7 @@ def bottle(studio: Studio, _: Palette) -> Prop:
 def book(studio: Studio, p: Palette) -> Prop:
     """Return a book lying flat."""
     cover = studio.sheet(pictures.cover(studio.paint(), studio.shape(0.2, 0.27, 2.0)))
-    back = studio.sheet(pictures.filled((32, 32), any_colour(studio.rng, (0.3, 0.9), (0.2, 0.7))))
+    back = studio.sheet(pictures.filled((32, 32), any_color(studio.rng, (0.3, 0.9), (0.2, 0.7))))
     mesh = box(
         (-0.1, -0.135, 0),
         (0.1, 0.135, 0.045),
@@ -141,11 +143,11 @@ def suitcase(studio: Studio, p: Palette) -> Prop:
     """Return a hard-shell case with a handle."""
     rng = studio.rng
     shape = studio.shape(0.5, 0.62, 1.2)
-    colour = any_colour(rng, (0.5, 0.9), (0.35, 0.8))
+    color = any_color(rng, (0.5, 0.9), (0.35, 0.8))
     image = surfaces.stripes(
-        studio.paint(), shape, colour, (colour[0] * 0.7, colour[1] * 0.7, colour[2] * 0.7), 9
+        studio.paint(), shape, color, (color[0] * 0.7, color[1] * 0.7, color[2] * 0.7), 9
     )
-    shell = studio.sheet(prints.panelled(image, 2, 1))
+    shell = studio.sheet(prints.paneled(image, 2, 1))
     parts = [
         box((-0.24, -0.12, 0.04), (0.24, 0.12, 0.66), shell),
         box((-0.245, -0.012, 0.04), (0.245, 0.012, 0.665), p.black),
@@ -164,15 +166,15 @@ def suitcase(studio: Studio, p: Palette) -> Prop:
 def backpack(studio: Studio, p: Palette) -> Prop:
     """Return a rucksack with a front pocket."""
     rng = studio.rng
-    colour = any_colour(rng, (0.4, 0.9), (0.25, 0.7))
+    color = any_color(rng, (0.4, 0.9), (0.25, 0.7))
     fabric = studio.tile(
-        surfaces.cloth(studio.paint(), studio.shape(0.4, 0.4, 1.5), colour), (0.4, 0.4)
+        surfaces.cloth(studio.paint(), studio.shape(0.4, 0.4, 1.5), color), (0.4, 0.4)
     )
     other = studio.tile(
         surfaces.dotted(
             studio.paint(),
             studio.shape(0.3, 0.3, 1.5),
-            any_colour(rng, (0.4, 0.9), (0.3, 0.9)),
+            any_color(rng, (0.4, 0.9), (0.3, 0.9)),
             (230.0, 230.0, 230.0),
         ),
         (0.3, 0.3),
@@ -195,8 +197,8 @@ def ball(studio: Studio, _: Palette) -> Prop:
     image = surfaces.stripes(
         studio.paint(),
         studio.shape(0.7, 0.4, 1.2)[::-1],
-        any_colour(rng, (0.7, 1.0), (0.6, 1.0)),
-        any_colour(rng, (0.0, 0.5), (0.8, 1.0)),
+        any_color(rng, (0.7, 1.0), (0.6, 1.0)),
+        any_color(rng, (0.0, 0.5), (0.8, 1.0)),
         4,
     )
     turned = np.ascontiguousarray(image.swapaxes(0, 1))

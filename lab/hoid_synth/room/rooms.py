@@ -1,4 +1,4 @@
-"""Furnishes a room."""
+"""Furnishing of one room."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from hoid_synth.texture.palette import Studio, make_palette, picture
 HEIGHT_M = 2.6
 DEPTH_M = 5.6
 
-Slot = tuple[float, Callable[[WorldBuilder, FloatArray], None]]  # width, how to place it
+# Width in m, and the function that places it.
+Slot = tuple[float, Callable[[WorldBuilder, FloatArray], None]]
 
 
 class Furnisher:
-    """Furnishes one room: knows the studio and the palette, and where the room is."""
+    """Places furniture, pictures and walls of one room."""
 
     def __init__(self, studio: Studio, builder: WorldBuilder, x0: float, width_m: float) -> None:
         self.studio, self.rng, self.builder = studio, studio.rng, builder
@@ -28,7 +29,7 @@ class Furnisher:
         self.x0, self.width_m = x0, width_m
 
     def wall_pose(self, wall: str, along_m: float) -> FloatArray:
-        """Return the frame of furniture with its back to a wall, `along_m` from its left end."""
+        """Return the pose (4, 4) of furniture at a wall, `along_m` from the wall's left end."""
         x0, x1, y1 = self.x0, self.x0 + self.width_m, DEPTH_M
         return {
             'back': pose(x0 + along_m, y1, 0, 0),
@@ -38,7 +39,7 @@ class Furnisher:
         }[wall]
 
     def shell(self, open_sides: tuple[str, ...], accent: str) -> None:
-        """Add floor, ceiling and the closed walls."""
+        """Add floor, ceiling, and all walls but the open sides."""
         w, d, h = self.width_m, DEPTH_M, HEIGHT_M
         p, at = self.palette, pose(self.x0, 0, 0, 0)
         walls = {
@@ -70,7 +71,7 @@ class Furnisher:
     def hang(
         self, wall: str, along_m: float, height_m: float, size_m: tuple[float, float], s: Surface
     ) -> None:
-        """Hang a flat thing on a wall."""
+        """Place a flat object on a wall."""
         w, h = size_m[0] / 2, size_m[1]
         front = box(
             (-w, -0.02, height_m),
@@ -84,7 +85,7 @@ class Furnisher:
     def pictures(
         self, wall: str, spans: list[tuple[float, float]], low_m: float, top_m: float = 2.3
     ) -> None:
-        """Hang pictures side by side over spans of a wall."""
+        """Place pictures side by side above spans of a wall."""
         for start, end in spans:
             along = start
             while end - along > 0.35:
@@ -101,7 +102,7 @@ class Furnisher:
                 along += width + float(self.rng.uniform(0.12, 0.4))
 
     def clock(self, wall: str, along_m: float) -> None:
-        """Hang a clock high on a wall."""
+        """Place a clock high on a wall."""
         face = self.studio.sheet(
             prints.clock(self.studio.paint(), self.studio.shape(0.34, 0.34, 1.5))
         )
@@ -115,7 +116,7 @@ class Furnisher:
         self.builder.add(mesh, self.wall_pose(wall, along_m), 'clock')
 
     def desk(self, builder: WorldBuilder, T: FloatArray, width_m: float = 1.5) -> None:
-        """Place a desk with a computer on it, a chair before it, pictures above."""
+        """Place a desk with a computer, a chair and pictures above."""
         p, h, w = self.palette, furniture.DESK_HEIGHT_M, width_m / 2
         builder.add(furniture.desk(p, width_m), T, '', (-w, -0.62, w, 0))
         side = -1.0 if self.rng.random() < 0.5 else 1.0
@@ -159,7 +160,7 @@ class Furnisher:
         )
 
     def sideboard(self, builder: WorldBuilder, T: FloatArray, width_m: float = 1.5) -> None:
-        """Place a sideboard with a television and room for things."""
+        """Place a sideboard with a television and spots for objects."""
         p, h, w = self.palette, furniture.SIDEBOARD_HEIGHT_M, width_m / 2
         builder.add(furniture.sideboard(self.studio, p, width_m), T, '', (-w, -0.38, w, 0))
         builder.add(furniture.monitor(self.studio, p, 0.8), T @ pose(-w + 0.48, -0.18, h, 0), 'tv')
@@ -171,12 +172,12 @@ class Furnisher:
         builder.add(furniture.couch(self.palette), T, 'couch', (-0.95, -0.9, 0.95, 0))
 
     def standing(self, mesh: Mesh, x: float, y: float, class_name: str, half_m: float) -> None:
-        """Place a free-standing thing."""
+        """Place a free-standing object."""
         T = pose(self.x0 + x, y, 0, float(self.rng.uniform(-3, 3)))
         self.builder.add(mesh, T, class_name, (-half_m, -half_m, half_m, half_m))
 
     def table_group(self, x: float, y: float, yaw_rad: float) -> None:
-        """Place a rug, a table with chairs at its ends, and places on and around it."""
+        """Place a rug, a table with chairs at its ends, and spots for objects on and around it."""
         p, b, h = self.palette, self.builder, furniture.TABLE_HEIGHT_M
         T = pose(self.x0 + x, y, 0, yaw_rad)
         image = prints.rug(self.studio.paint(), self.studio.shape(2.8, 1.9, 0.9))
@@ -201,7 +202,7 @@ class Furnisher:
     def along(
         self, wall: str, slots: list[Slot], start_m: float, end_m: float
     ) -> list[tuple[float, float]]:
-        """Place things along a wall in random order; return the spans that they cover."""
+        """Place furniture along a wall in random order; return the covered spans."""
         order = self.rng.permutation(len(slots))
         free = end_m - start_m - sum(s[0] for s in slots)
         gaps = self.rng.dirichlet(np.full(len(slots) + 1, 2.0)) * max(free, 0.0)

@@ -1,4 +1,4 @@
-"""What a scene consists of before anybody moves."""
+"""Static content of a scene, and the initial places of movable objects."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from hoid_synth.room.movers import Mover
 from hoid_synth.room.props import Prop
 from hoid_synth.texture.atlas import TextureAtlas
 
-Rect = tuple[float, float, float, float]  # x1, y1, x2, y2 on the floor, metres
+Rect = tuple[float, float, float, float]  # x1, y1, x2, y2 on the floor in m
 
 
 @dataclass(frozen=True)
 class Spot:
-    """A place where an object can rest, and where one stands to reach it."""
+    """A place for an object, and the position of a person who reaches for it."""
 
     position_m: tuple[float, float, float]
     stand_m: tuple[float, float]
-    heading_rad: float  # of the person who reaches for it
+    heading_rad: float  # of the person
     on_floor: bool
 
 
 def resting_yaw(prop: Prop, spot: Spot) -> float:
-    """Return how an object stands after being put down: as it was held."""
+    """Return the yaw of an object after it was put down, as it was held."""
     return spot.heading_rad - np.pi / 2 + prop.hold_yaw_rad
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedProp:
-    """A movable object at its first place."""
+    """A movable object at its initial place."""
 
     prop: Prop
     spot: Spot
@@ -43,7 +43,7 @@ class PlacedProp:
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """A light: points spread over it, and its strength."""
+    """An area light, given by points on it."""
 
     points_m: FloatArray  # (K, 3)
     strength: float
@@ -51,24 +51,24 @@ class Lamp:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A furnished home: x and y along the walls, z up, origin in a corner on the floor."""
+    """A furnished home; x and y are along the walls, z up, the origin is in a floor corner."""
 
-    static: Mesh  # everything that never moves
-    class_names: tuple[str, ...]  # by instance; '': the background (0) and what has no class
+    static: Mesh  # mesh of everything that never moves
+    class_names: tuple[str, ...]  # by instance; '' for the background (0) and without a class
     props: tuple[PlacedProp, ...]
-    spots: tuple[Spot, ...]  # free places to put things down
+    spots: tuple[Spot, ...]  # free places for objects
     obstacles: tuple[Rect, ...]  # footprints of furniture
     rooms: tuple[Rect, ...]  # floors
     doorways: tuple[Rect, ...]  # floors between rooms
     lamps: tuple[Lamp, ...]
-    wardrobes: tuple[Wardrobe, ...]  # of the people
+    wardrobes: tuple[Wardrobe, ...]  # one for each person
     person_instances: tuple[int, ...]
     atlas: TextureAtlas
-    mover: tuple[Mover, int] | None = None  # what an event moves, and its instance
+    mover: tuple[Mover, int] | None = None  # object of an event, and its instance
 
 
 def pose(x_m: float, y_m: float, z_m: float, yaw_rad: float) -> FloatArray:
-    """Return the transform (4, 4) of an upright thing."""
+    """Return the pose (4, 4) of an upright object."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, -s, 0, x_m], [s, c, 0, y_m], [0, 0, 1.0, z_m], [0, 0, 0, 1.0]])
 
@@ -76,7 +76,7 @@ def pose(x_m: float, y_m: float, z_m: float, yaw_rad: float) -> FloatArray:
 def upright_poses(
     xy_m: FloatArray, z_m: FloatArray | float, yaw_rad: FloatArray | float
 ) -> FloatArray:
-    """Return the transforms (N, 4, 4) of an upright thing at (N, 2)."""
+    """Return the poses (N, 4, 4) of an upright object at positions (N, 2)."""
     T = np.tile(np.eye(4), (len(xy_m), 1, 1))
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
@@ -85,7 +85,7 @@ def upright_poses(
 
 
 class WorldBuilder:
-    """Collects furniture, its footprints, instances and places for objects."""
+    """Collects meshes, instances, footprints and spots of a world."""
 
     def __init__(self) -> None:
         self.meshes: list[Mesh] = []
@@ -106,7 +106,7 @@ class WorldBuilder:
         class_name: str = '',
         footprint: Rect | None = None,
     ) -> None:
-        """Place a mesh; a class makes it an instance, a footprint (own frame) an obstacle."""
+        """Add a mesh: an instance if it has a class, an obstacle if it has a footprint."""
         if class_name:
             mesh = mesh.as_instance(self.new_instance(class_name))
         self.meshes.append(mesh.transformed(T_world_thing))
@@ -124,7 +124,7 @@ class WorldBuilder:
         stand_m: tuple[float, float],
         on_floor: bool = False,
     ) -> None:
-        """Add a resting place given in a thing's frame; one faces from `stand_m` towards it."""
+        """Add a spot in the frame of `T_world_thing`; a person at `stand_m` faces it."""
         at = T_world_thing[:3, :3] @ np.array(position_m) + T_world_thing[:3, 3]
         stand = T_world_thing[:2, :2] @ np.array(stand_m) + T_world_thing[:2, 3]
         way = at[:2] - stand
@@ -133,5 +133,5 @@ class WorldBuilder:
         self.spots.append(Spot(place, (float(stand[0]), float(stand[1])), heading, on_floor))
 
     def mesh(self) -> Mesh:
-        """Return all that was placed as one mesh."""
+        """Return the union of all added meshes."""
         return merged(self.meshes)

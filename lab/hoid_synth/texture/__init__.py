@@ -1,4 +1,4 @@
-"""Textures of rooms, people and props: papers, fabrics, prints, and the atlas that holds them.
+"""Procedural textures of rooms, people and objects, and the atlas that contains them.
 
-Nothing here has a shape.
+Meshes are made elsewhere.
 """

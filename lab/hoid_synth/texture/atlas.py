@@ -1,4 +1,4 @@
-"""All textures of a scene in one image with its mip levels: one remap samples a whole frame."""
+"""All textures of a scene in one image with mip levels, so that one remap samples a frame."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _WIDTH_PX = 4096
 
 @dataclass(frozen=True, eq=False)
 class TextureAtlas:
-    """Textures packed at level 0, halved level by level to its right."""
+    """Textures packed in one image; the mip levels are to the right of level 0."""
 
     image: ByteArray  # (H, W, 3) BGR
-    places: Float32Array  # (T, 4) by texture: x, y, width, height at level 0, px
-    glow: Float32Array  # (T,) 0 = lit by the lamps only .. 1 = shines by itself
-    ir_dark: Float32Array  # (T,) 0 .. 1, share of depth readings lost on it
-    level_offsets_px: Float32Array  # (LEVELS, 2): x, y
+    places: Float32Array  # (T, 4) x, y, width and height (px) of each texture at level 0
+    glow: Float32Array  # (T,) from 0 = lit by lamps only to 1 = emits light
+    ir_dark: Float32Array  # (T,) share of depth readings lost, in [0, 1]
+    level_offsets_px: Float32Array  # (LEVELS, 2) x and y
 
     def sample(self, xy_px: Float32Array, level: Float32Array) -> Float32Array:
-        """Return (N, 3) colours at level-0 positions (N, 2), trilinear between mip levels."""
+        """Return colors (N, 3) at level-0 positions (N, 2), interpolated between mip levels."""
         low = np.clip(level.astype(np.int32), 0, LEVELS - 2)
         weight = np.clip(level - low, 0, 1).astype(np.float32)[:, None]
         fine, coarse = self._lookup(xy_px, low), self._lookup(xy_px, low + 1)
@@ -43,13 +43,13 @@ class TextureAtlas:
 
 
 def _rows(n: int) -> tuple[int, int]:
-    """Return a shape of n elements that remap accepts (sides below 32768)."""
+    """Return a shape for n elements with sides below 32768, as remap requires."""
     columns = next(c for c in (640, 512, 320, 256, 64, 16, 4, 2, 1) if n % c == 0)
     return n // columns, columns
 
 
 class Textures:
-    """Collects textures, then packs them."""
+    """Collects textures and packs them into an atlas."""
 
     def __init__(self) -> None:
         self._images: list[ByteArray] = []
@@ -60,7 +60,7 @@ class Textures:
     def add(
         self, image: ByteArray, wrap: bool = False, glow: float = 0.0, ir_dark: float = 0.0
     ) -> int:
-        """Register a texture; return its index. `wrap`: it repeats beyond its edges."""
+        """Add a texture and return its index; with `wrap` it repeats beyond its edges."""
         height, width = (max(_ALIGN_PX, round(n / _ALIGN_PX) * _ALIGN_PX) for n in image.shape[:2])
         resized = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
         self._images.append(np.asarray(resized, np.uint8))
@@ -70,7 +70,7 @@ class Textures:
         return len(self._images) - 1
 
     def pack(self) -> TextureAtlas:
-        """Return the atlas of all textures so far."""
+        """Return the atlas of all textures added so far."""
         pad = _ALIGN_PX
         order = sorted(range(len(self._images)), key=lambda k: -self._images[k].shape[0])
         places = np.zeros((len(order), 4), np.float32)

@@ -1,4 +1,4 @@
-"""Procedural pictures: posters, paintings, the view from a window; (H, W, 3) bytes, BGR."""
+"""Procedural pictures, such as posters and views from a window, as (H, W, 3) BGR bytes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hoid_synth.noise import (
     Bgr,
     Rng,
     Shape,
-    any_colour,
+    any_color,
     as_bytes,
     fractal,
     hsv,
@@ -30,10 +30,10 @@ def word(rng: Rng, longest: int = 9) -> str:
     return ''.join(rng.choice(list(_LETTERS), int(rng.integers(2, longest))))
 
 
-def filled(shape: Shape, colour: Sequence[float]) -> ByteArray:
-    """Return an image of one colour."""
+def filled(shape: Shape, color: Sequence[float]) -> ByteArray:
+    """Return an image of one color."""
     image = np.empty((*shape, 3), np.uint8)
-    image[:] = np.asarray(colour, np.uint8)
+    image[:] = np.asarray(color, np.uint8)
     return image
 
 
@@ -42,13 +42,13 @@ def write(
     text: str,
     at: tuple[float, float],
     height_px: float,
-    colour: Bgr,
+    color: Bgr,
     font: int = 0,
 ) -> None:
     """Draw text with its lower left corner at (x, y)."""
     thickness = max(1, round(height_px / 9))
     origin = (round(at[0]), round(at[1]))
-    cv2.putText(image, text, origin, _FONTS[font], height_px / 22, colour, thickness, cv2.LINE_AA)
+    cv2.putText(image, text, origin, _FONTS[font], height_px / 22, color, thickness, cv2.LINE_AA)
 
 
 def lines_of_text(
@@ -66,31 +66,31 @@ def shapes(rng: Rng, image: ByteArray, count: int) -> None:
     """Draw random shapes."""
     height, width = image.shape[:2]
     for _ in range(count):
-        colour = any_colour(rng, (0.2, 0.9), (0.2, 1.0))
+        color = any_color(rng, (0.2, 0.9), (0.2, 1.0))
         x, y = int(rng.integers(0, width)), int(rng.integers(0, height))
         size = int(rng.uniform(0.04, 0.3) * width)
         match int(rng.integers(0, 4)):
             case 0:
                 cv2.circle(
-                    image, (x, y), size, colour, -1 if rng.random() < 0.6 else 3, cv2.LINE_AA
+                    image, (x, y), size, color, -1 if rng.random() < 0.6 else 3, cv2.LINE_AA
                 )
             case 1:
                 cv2.rectangle(
-                    image, (x, y), (x + size, y + int(size * rng.uniform(0.3, 2))), colour, -1
+                    image, (x, y), (x + size, y + int(size * rng.uniform(0.3, 2))), color, -1
                 )
             case 2:
                 corners = rng.integers(-size, size + 1, (int(rng.integers(3, 6)), 2))
                 cv2.fillPoly(
-                    image, [(corners + np.array([x, y])).astype(np.int32)], colour, cv2.LINE_AA
+                    image, [(corners + np.array([x, y])).astype(np.int32)], color, cv2.LINE_AA
                 )
             case _:
                 end = (x + int(rng.integers(-size, size + 1)), y + size)
-                cv2.line(image, (x, y), end, colour, int(rng.integers(1, 6)), cv2.LINE_AA)
+                cv2.line(image, (x, y), end, color, int(rng.integers(1, 6)), cv2.LINE_AA)
 
 
 def abstract(rng: Rng, shape: Shape) -> ByteArray:
     """Return abstract art."""
-    image = filled(shape, any_colour(rng, (0.1, 0.5), (0.5, 0.95)))
+    image = filled(shape, any_color(rng, (0.1, 0.5), (0.5, 0.95)))
     shapes(rng, image, int(rng.integers(18, 40)))
     return as_bytes(image * (1 + 0.05 * fractal(rng, shape, (20, 20), 4))[..., None])
 
@@ -106,17 +106,17 @@ def landscape(rng: Rng, shape: Shape) -> ByteArray:
     ground, leap = rng.uniform(0, 360), rng.uniform(-50, 50)
     for k in range(5):
         ridge = 0.35 + 0.12 * k + 0.06 * fractal(rng, (1, width), (1, width / 3), 5)
-        colour = hsv((ground + k * leap) % 360, 0.25 + 0.1 * k, rng.uniform(0.55, 0.85) - 0.09 * k)
+        color = hsv((ground + k * leap) % 360, 0.25 + 0.1 * k, rng.uniform(0.55, 0.85) - 0.09 * k)
         shade = 1 + 0.16 * fractal(rng, shape, (12, 20), 4)
-        image = mixed(image, tinted(colour, shade), smoothstep((v - ridge) * height / 2))
+        image = mixed(image, tinted(color, shade), smoothstep((v - ridge) * height / 2))
     return as_bytes(image)
 
 
 def poster(rng: Rng, shape: Shape) -> ByteArray:
     """Return a printed poster: a picture between a headline and small print."""
     height, width = shape
-    paper = any_colour(rng, (0.0, 0.7), (0.75, 1.0))
-    ink = any_colour(rng, (0.3, 1.0), (0.05, 0.35))
+    paper = any_color(rng, (0.0, 0.7), (0.75, 1.0))
+    ink = any_color(rng, (0.3, 1.0), (0.05, 0.35))
     image = filled(shape, paper)
     top, bottom = int(height * 0.2), int(height * 0.74)
     margin = int(width * 0.07)
@@ -137,9 +137,9 @@ def framed(image: ByteArray, frame: Bgr, mat: Bgr, border: float = 0.05) -> Byte
     """Return a picture with a mat and a frame painted around it."""
     edge = max(3, int(min(image.shape[:2]) * border))
     out = image.copy()
-    for inset, colour in ((0, frame), (edge, mat)):
+    for inset, color in ((0, frame), (edge, mat)):
         size = (out.shape[1] - 1 - inset, out.shape[0] - 1 - inset)
-        cv2.rectangle(out, (inset, inset), size, colour, edge)
+        cv2.rectangle(out, (inset, inset), size, color, edge)
     return out
 
 
@@ -150,7 +150,7 @@ def cover(rng: Rng, shape: Shape) -> ByteArray:
         image,
         (0, 0),
         (max(2, shape[1] // 14), shape[0]),
-        any_colour(rng, (0.4, 0.9), (0.1, 0.5)),
+        any_color(rng, (0.4, 0.9), (0.1, 0.5)),
         -1,
     )
     return image

@@ -1,4 +1,4 @@
-"""Procedural prints: book spines, screens, labels, faces and the like; (H, W, 3) bytes, BGR."""
+"""Procedural prints, such as book spines, screens and faces, as (H, W, 3) BGR bytes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hoid_synth.noise import (
     Bgr,
     Rng,
     Shape,
-    any_colour,
+    any_color,
     as_bytes,
     fractal,
     grain,
@@ -22,7 +22,7 @@ from hoid_synth.texture.pictures import filled, landscape, lines_of_text, shapes
 
 
 def book_spines(rng: Rng, shape: Shape) -> ByteArray:
-    """Return a shelf's row of book backs; black above the books, as in shadow."""
+    """Return the book spines of a shelf, black above the books as in shadow."""
     height, width = shape
     image = filled(shape, (22, 26, 30))
     x = 1
@@ -39,9 +39,9 @@ def book_spines(rng: Rng, shape: Shape) -> ByteArray:
 
 def _spine(rng: Rng, spine: ByteArray) -> None:
     height, width = spine.shape[:2]
-    colour = any_colour(rng, (0.1, 0.85), (0.2, 0.95))
-    ink = any_colour(rng, (0.0, 0.6), (0.75, 1.0) if sum(colour) < 380 else (0.05, 0.25))
-    spine[:] = np.asarray(colour, np.uint8)
+    color = any_color(rng, (0.1, 0.85), (0.2, 0.95))
+    ink = any_color(rng, (0.0, 0.6), (0.75, 1.0) if sum(color) < 380 else (0.05, 0.25))
+    spine[:] = np.asarray(color, np.uint8)
     for y in rng.uniform(0.05, 0.95, int(rng.integers(1, 4))):
         cv2.line(spine, (0, int(y * height)), (width, int(y * height)), ink, max(1, height // 60))
     title = np.zeros((width, height, 3), np.uint8)
@@ -71,7 +71,7 @@ def screen(rng: Rng, shape: Shape) -> ByteArray:
         dark = rng.random() < 0.6
         cv2.rectangle(image, (x, y), (x + w, y + h), (40, 34, 30) if dark else (244, 244, 244), -1)
         cv2.rectangle(image, (x, y), (x + w, y + max(3, h // 14)), (150, 120, 90), -1)
-        ink = any_colour(rng, (0.2, 0.6), (0.8, 1.0)) if dark else (40.0, 40.0, 40.0)
+        ink = any_color(rng, (0.2, 0.6), (0.8, 1.0)) if dark else (40.0, 40.0, 40.0)
         lines_of_text(rng, image, (x + 4, y + h * 0.1, x + w - 4, y + h - 4), height * 0.028, ink)
     cv2.rectangle(image, (0, height - height // 18), (width, height), (60, 50, 45), -1)
     return image
@@ -117,26 +117,26 @@ def rug(rng: Rng, shape: Shape) -> ByteArray:
     """Return an oriental rug: borders, a medallion and rows of motifs."""
     height, width = shape
     v, u = (np.mgrid[0:height, 0:width] / np.reshape(shape, (2, 1, 1)) * 2 - 1).astype(np.float32)
-    colours = [any_colour(rng, (0.4, 0.85), (0.25, 0.8)) for _ in range(5)]
+    colors = [any_color(rng, (0.4, 0.85), (0.25, 0.8)) for _ in range(5)]
     edge = np.minimum(1 - np.abs(u), (1 - np.abs(v)) * height / width)
     image = np.empty((*shape, 3), np.float32)
-    image[:] = colours[0]
-    for limit, colour in zip((0.3, 0.22, 0.1, 0.06), colours[1:], strict=True):
-        image = mixed(image, colour, smoothstep((limit - edge) * 90))
+    image[:] = colors[0]
+    for limit, color in zip((0.3, 0.22, 0.1, 0.06), colors[1:], strict=True):
+        image = mixed(image, color, smoothstep((limit - edge) * 90))
     diamond = np.abs(u) * 1.25 + np.abs(v) * 1.6 + 0.05 * np.cos(24 * np.arctan2(v, u))
-    for limit, colour in zip((0.72, 0.56, 0.36, 0.2), colours[::-1], strict=False):
-        image = mixed(image, colour, smoothstep((limit - diamond) * 40))
+    for limit, color in zip((0.72, 0.56, 0.36, 0.2), colors[::-1], strict=False):
+        image = mixed(image, color, smoothstep((limit - diamond) * 40))
     motif = np.cos(u * 34) * np.cos(v * 34 * height / width)
-    image = mixed(image, colours[4], 0.7 * smoothstep((np.abs(motif) - 0.72) * 12))
+    image = mixed(image, colors[4], 0.7 * smoothstep((np.abs(motif) - 0.72) * 12))
     image = mixed(
-        image, colours[2], 0.6 * smoothstep((0.1 - np.abs(np.cos(u * 17) + np.cos(v * 17))) * 9)
+        image, colors[2], 0.6 * smoothstep((0.1 - np.abs(np.cos(u * 17) + np.cos(v * 17))) * 9)
     )
     pile = 1 + 0.08 * grain(rng, shape) + 0.09 * fractal(rng, shape, (30, 30), 4)
     return as_bytes(image * pile[..., None])
 
 
 def face(rng: Rng, shape: Shape, skin: Bgr, hair: Bgr) -> ByteArray:
-    """Return a head's skin unrolled: the face in the middle, ears at the quarters."""
+    """Return the unrolled texture of a head: face in the middle, ears at the quarters."""
     height, width = shape
     image = tinted(skin, 1 + 0.03 * fractal(rng, shape, (20, 20), 4))
 
@@ -195,7 +195,7 @@ def label(rng: Rng, shape: Shape, base: Bgr, ink: Bgr) -> ByteArray:
     return as_bytes(image * (1 + 0.03 * fractal(rng, shape, (20, 20), 4))[..., None])
 
 
-def panelled(wood_image: ByteArray, rows: int, columns: int) -> ByteArray:
+def paneled(wood_image: ByteArray, rows: int, columns: int) -> ByteArray:
     """Return wood with a relief of panels painted on, for doors and cupboards."""
     image = wood_image.copy()
     height, width = image.shape[:2]

@@ -182,7 +182,7 @@ def test_parameters_are_passed_to_nodes_in_files(tmp_path: Path) -> None:
     options = NodeOptions(
         nodes=('rgbd_slam',),
         namespace='robot1',
-        parameters={'rgbd_slam': {'tracking.max_speed_mps': 2.0, 'frames.base': 'base: link'}},
+        parameters={'rgbd_slam': {'keyframes.min_gap_s': 2.0, 'frames.base': 'base: link'}},
         remappings=(('rgb/image', '/a b'),),
     )
     (spec,) = node_specs(options, tmp_path)
@@ -190,9 +190,9 @@ def test_parameters_are_passed_to_nodes_in_files(tmp_path: Path) -> None:
     assert 'rgb/image:=/a b' in spec.argv
     values = load_params(tmp_path / 'rgbd_slam.yaml', 'rgbd_slam')
     assert values == {
-        'tracking.max_speed_mps': 2.0,
+        'keyframes.min_gap_s': 2.0,
         'frames.base': 'base: link',
-        'expert': True,  # as tracking.max_speed_mps is a parameter for experts
+        'expert': True,  # as keyframes.min_gap_s is a parameter for experts
         'use_sim_time': False,
     }
 

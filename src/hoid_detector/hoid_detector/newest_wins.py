@@ -1,4 +1,4 @@
-"""Worker thread with room for one waiting item, which a newer item replaces."""
+"""Worker thread with a queue of one item, which a newer item replaces."""
 
 from __future__ import annotations
 

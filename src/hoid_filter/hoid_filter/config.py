@@ -92,11 +92,6 @@ class PlusConfig(Config):
         'instead of the whole box.',
         read_only=False,
     )
-    fall_back: bool = param(
-        default=True,  # ablation, covered_share=0.8: coverage 0.29 with it, 0.43 without
-        description='Relaxes the mask in steps when too few features are left outside it.',
-        read_only=False,
-    )
 
     # Chosen: a false person covers more of the image than this, with a lower score than this, and
     # rarely in so many images in a row.
@@ -109,9 +104,6 @@ class PlusConfig(Config):
     # a pixel of the same.
     person_depth_m: ClassVar[float] = 0.45
     object_depth_m: ClassVar[float] = 0.25
-    # Chosen: the mask is relaxed below this number of corners with depth, as a share of
-    # num_features.
-    min_static_share: ClassVar[float] = 0.1
     # Greatest distance of a handled object before the torso of a person (m); behind it,
     # depth_limit_m holds (chosen: the length of an arm).
     reach_m: ClassVar[float] = 0.6

@@ -12,7 +12,6 @@ from hoid_common.values import ByteArray, DynamicObject, FilterResult, Float32Ar
 Bgr = tuple[int, int, int]
 
 KEPT_BGR: Bgr = (80, 220, 60)
-TRACK_ONLY_BGR: Bgr = (60, 220, 220)
 REMOVED_BGR: Bgr = (60, 60, 240)
 REASON_BGR: dict[Reason, Bgr] = {
     Reason.STATIC: (60, 190, 60),
@@ -32,14 +31,12 @@ _BAR_BGR: Bgr = (50, 50, 50)
 def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
     """Return a copy of the image (H, W, 3) with features and the boxes of objects.
 
-    Kept features are green, those that do not become map points yellow, removed ones red. Boxes
-    are colored by reason and labeled with class, score, overlap ratio and depth gap.
+    Kept features are green, removed ones red. Boxes are colored by reason and labeled with class,
+    score, overlap ratio and depth gap.
     """
     picture = image_bgr.copy()
-    seeds = result.features.may_seed
     draw_points(picture, result.removed_uv_px, REMOVED_BGR)
-    draw_points(picture, result.features.uv_px[~seeds], TRACK_ONLY_BGR)
-    draw_points(picture, result.features.uv_px[seeds], KEPT_BGR)
+    draw_points(picture, result.features.uv_px, KEPT_BGR)
     for item in result.objects:
         draw_object(picture, item)
     return picture

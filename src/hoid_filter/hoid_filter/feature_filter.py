@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections import Counter
 from typing import NamedTuple
@@ -149,15 +148,12 @@ class FeatureFilter:
         start_s = time.thread_time()
         verdict = self._classify(frame.stamp_ns, detections, frame.depth_m, corners.pixel)
         self._detected_mask = verdict.detected_mask
-        self.counters['frames with too few static features'] += verdict.fallback_step > 0
         classified_s = time.thread_time()
         chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)
         is_dynamic = [reason is not Reason.STATIC for reason in verdict.reasons]
         features = self._extractor.describe(
             corners, chosen, frame.depth_m, frame.stamp_ns, verdict.boxes_xyxy_px[is_dynamic]
         )
-        if verdict.seeds is not None:
-            features = dataclasses.replace(features, may_seed=verdict.seeds[chosen])
         done_s = time.thread_time()
         return FilterResult(
             features=features,
@@ -193,8 +189,6 @@ class FeatureFilter:
         if verdict.kept is not None:
             is_dynamic[:] = True
             is_dynamic[verdict.kept] = False
-        if verdict.seeds is not None:
-            is_dynamic |= ~verdict.seeds
         return FinalVerdict(
             self._objects(verdict, (width, height)),
             FeatureVerdicts(features.stamp_ns, is_dynamic),

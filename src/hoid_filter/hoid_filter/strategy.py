@@ -47,8 +47,6 @@ class Verdict(NamedTuple):
     depth_gaps_m: FloatArray  # (N,) to the person with that overlap; NaN = unknown
     static_area_px: int  # unmasked area of the image
     kept: IntArray | None  # indices of the static ones of the K corners, ascending; None = all
-    seeds: BoolArray | None = None  # (K,) corners that may become map points; None = all kept ones
-    fallback_step: int = 0  # how often the mask was relaxed because too few corners were left
     dynamic_mask: BoolArray | None = None  # (h, w) at low resolution; None: the dynamic boxes
     velocities_mps: FloatArray | None = None  # (N, 3) of undetected moving regions, else NaN
     # (h, w) at low resolution: detected dynamic objects. Motion segmentation estimates the camera

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoid_common.values import ByteArray, Float32Array
+from hoid_common.values import BoolArray, ByteArray, Features, Float32Array
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.extraction.extractor import OrbExtractor, octave_budgets
 
@@ -21,6 +21,24 @@ def image_gray() -> ByteArray:
     return np.asarray(resized, np.uint8)
 
 
+def extract(
+    image_gray: ByteArray,
+    depth_m: Float32Array,
+    is_static: BoolArray | None = None,
+    num_levels: int = 8,
+    stamp_ns: int = 0,
+) -> Features:
+    extractor = OrbExtractor(ExtractionConfig(num_levels=num_levels))
+    corners = extractor.detect(image_gray)
+    area_px = image_gray.size
+    kept = None
+    if is_static is not None:
+        kept = np.flatnonzero(is_static.ravel()[corners.pixel])
+        area_px = int(np.count_nonzero(is_static))
+    chosen = extractor.choose(corners, kept, area_px)
+    return extractor.describe(corners, chosen, depth_m, stamp_ns)
+
+
 @pytest.fixture
 def depth_m() -> Float32Array:
     return np.full((HEIGHT, WIDTH), 2.0, np.float32)
@@ -29,7 +47,7 @@ def depth_m() -> Float32Array:
 def test_fills_the_budget_over_the_whole_image(
     image_gray: ByteArray, depth_m: Float32Array
 ) -> None:
-    features = OrbExtractor(ExtractionConfig()).extract(image_gray, depth_m, None, 5)
+    features = extract(image_gray, depth_m, stamp_ns=5)
     assert len(features) == 1000
     assert features.stamp_ns == 5
     assert features.depth_m.min() == features.depth_m.max() == 2.0
@@ -40,18 +58,16 @@ def test_fills_the_budget_over_the_whole_image(
 
 
 def test_refills_the_budget_outside_the_mask(image_gray: ByteArray, depth_m: Float32Array) -> None:
-    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
-    mask[:, 200:500] = 0
-    features = OrbExtractor(ExtractionConfig()).extract(image_gray, depth_m, mask, 0)
+    is_static = np.ones((HEIGHT, WIDTH), np.bool_)
+    is_static[:, 200:500] = False
+    features = extract(image_gray, depth_m, is_static)
     assert len(features) == 1000
     columns = np.rint(features.uv_px[:, 0]).astype(int)
     assert not ((columns > 201) & (columns < 498)).any()  # a coarse level's pixel is 3.6 wide
 
 
 def test_same_image_same_features(image_gray: ByteArray, depth_m: Float32Array) -> None:
-    first, second = (
-        OrbExtractor(ExtractionConfig()).extract(image_gray, depth_m, None, 0) for _ in range(2)
-    )
+    first, second = (extract(image_gray, depth_m) for _ in range(2))
     assert np.array_equal(first.uv_px, second.uv_px)
     assert np.array_equal(first.descriptors, second.descriptors)
 
@@ -62,9 +78,8 @@ def test_rotated_image_gives_rotated_features(
     """A quarter turn moves positions exactly, turns angles by 90 degrees and keeps descriptors."""
     square = image_gray[:, :HEIGHT].copy()
     depth = depth_m[:, :HEIGHT]
-    config = ExtractionConfig(num_levels=1)
-    plain = OrbExtractor(config).extract(square, depth, None, 0)
-    turned = OrbExtractor(config).extract(np.rot90(square, -1).copy(), depth, None, 0)
+    plain = extract(square, depth, num_levels=1)
+    turned = extract(np.rot90(square, -1).copy(), depth, num_levels=1)
     expected = np.column_stack([HEIGHT - 1 - plain.uv_px[:, 1], plain.uv_px[:, 0]])
     gaps = np.abs(expected[:, None] - turned.uv_px[None]).sum(2)
     i, k = np.nonzero(gaps < 0.5)
@@ -82,9 +97,8 @@ def test_features_follow_a_move_by_less_than_a_pixel(depth_m: Float32Array) -> N
     move_px = np.array([0.4, -0.3], np.float32)
     to_moved = np.column_stack([np.eye(2), move_px])
     moved_gray = cv2.warpAffine(image_gray, to_moved, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
-    extractor = OrbExtractor(ExtractionConfig(num_levels=1))
     before, after = (
-        extractor.extract(np.asarray(gray, np.uint8), depth_m, None, 0)
+        extract(np.asarray(gray, np.uint8), depth_m, num_levels=1)
         for gray in (image_gray, moved_gray)
     )
     steps_px = after.uv_px[None] - before.uv_px[:, None]
@@ -122,16 +136,14 @@ def test_descriptors_are_those_of_opencv_at_the_same_pixels(
 
 
 def test_blank_image_gives_no_features(depth_m: Float32Array) -> None:
-    features = OrbExtractor(ExtractionConfig()).extract(
-        np.full((HEIGHT, WIDTH), 90, np.uint8), depth_m, None, 0
-    )
+    features = extract(np.full((HEIGHT, WIDTH), 90, np.uint8), depth_m)
     assert len(features) == 0
     assert features.descriptors.shape == (0, 32)
 
 
 def test_depth_is_that_of_the_nearest_pixel(image_gray: ByteArray) -> None:
     ramp_m = np.linspace(2.0, 2.5, HEIGHT * WIDTH, dtype=np.float32).reshape(HEIGHT, WIDTH)
-    features = OrbExtractor(ExtractionConfig()).extract(image_gray, ramp_m, None, 0)
+    features = extract(image_gray, ramp_m)
     column, row = np.rint(features.uv_px).astype(int).T
     np.testing.assert_array_equal(features.depth_m, ramp_m[row, column])
 

@@ -299,7 +299,7 @@ def test_each_pixel_maps_to_the_downscaled_pixel_of_its_undistorted_position() -
     uv_px = np.stack([pixels % 640, pixels // 640], axis=1).astype(np.float32)
     small_px = (camera.undistort_px(uv_px) + 0.5) / 4 - 0.5
     nearest_px = np.clip(np.rint(small_px), 0, (159, 119))
-    row, column = np.divmod(DownscaledCamera(camera).downscaled_pixels(pixels), 160)
+    row, column = np.divmod(DownscaledCamera(camera).downscaled_of_pixel[pixels], 160)
     off_px = np.abs(np.stack([column, row], axis=1) - nearest_px).max(axis=1)
     assert off_px.max() <= 1  # where it lies between two
     assert np.mean(off_px > 0) < 0.01

@@ -18,7 +18,7 @@ import pytest
 from hoid_common.values import NS_PER_S, BoolArray, CameraModel, RgbdFrame
 from hoid_filter.config import FilterConfig
 from hoid_filter.feature_filter import FeatureFilter
-from hoid_filter.masked_images import pixel_masks
+from hoid_filter.masked_images import dynamic_mask
 
 PAIRS = Path(__file__).parents[4] / 'shared' / 'data' / 'movers'
 OUTLINES = json.loads((Path(__file__).parent / 'data' / 'movers.json').read_text())
@@ -61,7 +61,7 @@ def measured(name: str) -> Shares:
         seen = frame(name, n)
         result = motion.process(seen, None)
     final = motion.reevaluate(result.features, seen.depth_m, None)
-    moving = pixel_masks(final.verdict, CAMERA.size_px).dynamic
+    moving = dynamic_mask(final.verdict, CAMERA.size_px)
     known, moves = seen.depth_m > 0, outlined(name)
     return Shares(float(moving[known & moves].mean()), float(moving[known & ~moves].mean()))
 

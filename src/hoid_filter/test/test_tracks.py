@@ -63,7 +63,7 @@ def test_a_track_of_unsure_detections_ends_when_it_is_missed() -> None:
     for n in range(6):
         boxes.observe(detections(('person', CHAIR), stamp_ns=n * FRAME_NS), doubt)
     (track,), _ = boxes.advance(5 * FRAME_NS, 640, 480)
-    assert track.is_confirmed  # but believed, after four in a row
+    assert track.is_confirmed  # confirmed after four detections in a row
     observe(boxes, Detections.none(6 * FRAME_NS))
     assert boxes.advance(6 * FRAME_NS, 640, 480)[0] == ()
 

@@ -711,11 +711,10 @@ def segment_objects(
     areas_xyxy_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
     depths_m: numpy.typing.NDArray[Any],
     reaches_m: numpy.typing.NDArray[Any],
-    certainties: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
     seen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-) -> Annotated[NDArray[numpy.uint8], dict(shape=(None, None))]:
+) -> Annotated[NDArray[numpy.bool_], dict(shape=(None, None))]:
     """
-    Return the (H, W) uint8 certainty that each pixel shows a dynamic object; 0 = static.
+    Return the (H, W) mask of the pixels that show a dynamic object.
 
     The image is split into regions along depth jumps. An object is the regions that lie mostly in its
     area and near its depth, and the gaps without readings beside them. It may extend beyond its area
@@ -727,7 +726,6 @@ def segment_objects(
         areas_xyxy_px: (N, 4) int32 whole pixels within the image; x2 and y2 are exclusive.
         depths_m: (N,) depths of the objects; NaN = unknown: the object is its whole area.
         reaches_m: (N,) extents of the objects in depth, before and behind their own depth.
-        certainties: (N,) uint8 values that their pixels get; the largest wins.
         seen: (N,) bool, whether each was detected in this image. If the regions of a detected object
             fill too little of its area, it has merged with what it touches: all pixels of the area
             near its depth count.

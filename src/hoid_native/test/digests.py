@@ -126,9 +126,7 @@ def masks() -> dict[str, Any]:
     pixels = rng.integers(0, depth_m.size, 2000)
     areas = np.round(boxes).astype(np.int32)
     far_m = kernels.box_center_depths_m(depth_m, boxes, 10)
-    certainty = kernels.segment_objects(
-        depth_m, areas, far_m, np.full(30, 0.3), roles + np.uint8(1), roles > 1
-    )
+    dynamic = kernels.segment_objects(depth_m, areas, far_m, np.full(30, 0.3), roles > 1)
     rows, columns = np.arange(480) // 4, np.arange(640) // 4
     return {
         'box_center_depths_m': far_m,
@@ -137,8 +135,8 @@ def masks() -> dict[str, Any]:
         'classify_boxes by reach': kernels.classify_boxes(
             depth_m, pixels[:50], boxes, roles, 10, 0.4, 0.2, 3.0
         ),
-        'segment_objects': certainty,
-        'values_at': kernels.values_at(pixels, certainty, rows, columns),
+        'segment_objects': dynamic,
+        'values_at': kernels.values_at(pixels, dynamic.view(np.uint8), rows, columns),
         'overlap_ratios': kernels.overlap_ratios(boxes, boxes),
         'intersections_over_union': kernels.intersections_over_union(boxes, boxes),
     }

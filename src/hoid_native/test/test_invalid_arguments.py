@@ -30,7 +30,7 @@ DEPTH_M = np.ones((20, 30), np.float32)
 IMAGE = np.zeros((60, 80), np.uint8)
 ONE_STEP = np.ones((1, 2), np.float32)
 BOX = np.array([[2.0, 2.0, 9.0, 9.0]])
-OBJECT = np.array([1.0]), np.array([0.5]), np.array([3], np.uint8), np.array([True])
+OBJECT = np.array([1.0]), np.array([0.5]), np.array([True])
 NO_DESCRIPTORS = np.zeros((0, 32), np.uint8)
 
 

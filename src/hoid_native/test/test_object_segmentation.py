@@ -21,20 +21,17 @@ def plain_segmentation(
     areas: NDArray[np.int32],
     depths_m: NDArray[np.float64],
     reaches_m: NDArray[np.float64],
-    certainties: NDArray[np.uint8],
     seen: NDArray[np.bool_],
-) -> NDArray[np.uint8]:
+) -> NDArray[np.bool_]:
     gradient_m = cv2.morphologyEx(depth_m, cv2.MORPH_GRADIENT, NEIGHBORS)
     smooth = (gradient_m < 0.02 + 0.03 * depth_m) & (depth_m > 0)
     num, labels = cv2.connectedComponents(smooth.view(np.uint8), connectivity=4)
     flat = labels.ravel()
     sizes = np.bincount(flat, minlength=num)
     mean_m = np.bincount(flat, weights=depth_m.ravel(), minlength=num) / np.maximum(sizes, 1)
-    confidence = np.zeros(depth_m.shape, np.uint8)
-    rows = zip(
-        areas.tolist(), depths_m.tolist(), reaches_m.tolist(), certainties, seen, strict=True
-    )
-    for (x1, y1, x2, y2), object_m, reach_m, value, there in rows:
+    dynamic = np.zeros(depth_m.shape, np.bool_)
+    rows = zip(areas.tolist(), depths_m.tolist(), reaches_m.tolist(), seen, strict=True)
+    for (x1, y1, x2, y2), object_m, reach_m, there in rows:
         area = slice(y1, y2), slice(x1, x2)
         pixels: NDArray[np.bool_] = np.ones((y2 - y1, x2 - x1), np.bool_)
         if not math.isnan(object_m):
@@ -42,14 +39,14 @@ def plain_segmentation(
             own = (inside >= 0.6 * sizes) & (np.abs(mean_m - object_m) < reach_m)
             own[0] = False
             wide = beyond(y1, y2), beyond(x1, x2)
-            np.maximum(confidence[wide], value, out=confidence[wide], where=own[labels[wide]])
+            dynamic[wide] |= own[labels[wide]]
             pixels = own[labels[area]]
             if there and sizes[own].sum() < 0.25 * pixels.size:
                 pixels |= np.abs(depth_m[area] - np.float32(object_m)) < reach_m
             beside = np.asarray(cv2.dilate(pixels.view(np.uint8), GAP))
             pixels |= (beside > 0) & (depth_m[area] <= 0)
-        np.maximum(confidence[area], value, out=confidence[area], where=pixels)
-    return confidence
+        dynamic[area] |= pixels
+    return dynamic
 
 
 def beyond(first: int, last: int) -> slice:
@@ -81,7 +78,6 @@ def objects(rng: np.random.Generator, depth_m: NDArray[np.float32], num: int) ->
         np.concatenate([first, last], 1).astype(np.int32),
         depths_m,
         rng.choice([0.25, 0.45], num),
-        rng.integers(1, 4, num).astype(np.uint8),
         rng.random(num) < 0.7,
     ]
 
@@ -101,18 +97,17 @@ def test_a_winding_region_is_one() -> None:
     """A snake whose parts only connect in the last row."""
     depth_m = np.zeros((9, 11), np.float32)
     depth_m[:, :3] = depth_m[:, 4:7] = depth_m[:, 8:] = depth_m[6:] = 2.0
-    flags = np.array([1], np.uint8), np.array([True])
-    certainty = segment_objects(
-        depth_m, np.array([[0, 0, 11, 9]], np.int32), np.array([2.0]), np.array([0.2]), *flags
-    )
-    given = (np.array([[0, 0, 11, 9]], np.int32), np.array([2.0]), np.array([0.2]), *flags)
-    np.testing.assert_array_equal(certainty, plain_segmentation(depth_m, *given))
-    assert certainty[0, 1] == certainty[0, 5] == 1
+    areas = np.array([[0, 0, 11, 9]], np.int32)
+    given = areas, np.array([2.0]), np.array([0.2]), np.array([True])
+    dynamic = segment_objects(depth_m, *given)
+    np.testing.assert_array_equal(dynamic, plain_segmentation(depth_m, *given))
+    assert dynamic[0, 1]
+    assert dynamic[0, 5]
 
 
 def test_an_empty_area_marks_nothing() -> None:
     depth_m = np.ones((HEIGHT, WIDTH), np.float32)
     area = np.array([[WIDTH, 3, WIDTH, 9]], np.int32)
     for object_m in (1.0, math.nan):
-        given = np.array([object_m]), np.array([0.5]), np.array([3], np.uint8), np.array([True])
+        given = np.array([object_m]), np.array([0.5]), np.array([True])
         assert not segment_objects(depth_m, area, *given).any()

@@ -7,6 +7,7 @@ import sys
 from hoid_msgs.msg import Features, FeatureVerdicts
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
+from std_srvs.srv import Trigger
 
 from hoid_common import topics
 from hoid_common.inputs.input_config import RELIABLE
@@ -23,7 +24,6 @@ from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
-from rgbd_slam.ros.services import SlamServices
 from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper
 from rgbd_slam.ros.timers import set_period
 from rgbd_slam.session import SlamSession
@@ -53,7 +53,9 @@ class RgbdSlamNode(ManagedNode):
         )
         require_session = self._lifecycle.require_session
         handlers = ServiceHandlers(self, self.diagnostics)
-        SlamServices(handlers, require_session, self._lifecycle.reset)
+        handlers.add(Trigger, topics.RESET, lambda _: self._reset())
+        handlers.add(Trigger, topics.PAUSE, lambda _: self._set_paused(is_paused=True))
+        handlers.add(Trigger, topics.RESUME, lambda _: self._set_paused(is_paused=False))
         self._map_services = MapServices(
             self, config, require_session, self._scene, self.diagnostics
         )
@@ -112,6 +114,14 @@ class RgbdSlamNode(ManagedNode):
         session = self._lifecycle.session
         if session is not None:
             session.apply_verdicts(conversions.feature_verdicts_from_msg(msg))
+
+    def _reset(self) -> str:
+        self._lifecycle.reset()
+        return 'the map is empty; the next image starts a new one'
+
+    def _set_paused(self, *, is_paused: bool) -> str:
+        self._lifecycle.require_session().is_paused = is_paused
+        return 'paused: images are ignored' if is_paused else 'running'
 
     def _diagnose(self, session: SlamSession, status: SlamStatus) -> None:
         self.diagnostics.set_value('state', status.state.name.lower())

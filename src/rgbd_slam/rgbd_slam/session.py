@@ -23,7 +23,7 @@ from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import status_message
 from rgbd_slam.tracking.dropped_frames import DroppedFrameCounter
 from rgbd_slam.tracking.motion_sources import MotionLookup
-from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
+from rgbd_slam.tracking.tracking_result import TrackingResult
 
 _LATE_S = 2.0  # chosen: many times the usual time of the mapper for a keyframe, 20 to 50 ms
 _LATE_MAPPER = (
@@ -114,7 +114,7 @@ class SlamSession:
         self.robot_map.has_changed |= result.is_keyframe
         if result.is_keyframe:
             self._late.note_keyframe()
-        status = self._status(SlamState(result.state.value), result)
+        status = self._status(result.state, result)
         return Processed(status, tracked.pose, self._scene_request(result))
 
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
@@ -183,7 +183,7 @@ class SlamSession:
         part of the map.
         """
         slam, reference_uid = self.slam, self.slam.odometry.anchor_uid
-        if result.state is not TrackingState.TRACKING or reference_uid is None:
+        if result.state is not SlamState.TRACKING or reference_uid is None:
             return None
         request = self._scene_scheduler.pick(
             result.stamp_ns,

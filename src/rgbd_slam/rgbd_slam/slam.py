@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hoid_common.slam_status import SlamState
 from hoid_common.values import NS_PER_S, S_PER_NS, CameraModel, Features, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.mapper import KeyframeRequest
@@ -27,7 +28,7 @@ from rgbd_slam.tracking.odometry import Odometry
 from rgbd_slam.tracking.relocalization import Relocalizer
 from rgbd_slam.tracking.rolling_shutter import RollingShutter
 from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
-from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
+from rgbd_slam.tracking.tracking_result import TrackingResult
 from rgbd_slam.tracking.warm_up import WarmUp
 
 _MS = 1e3
@@ -190,7 +191,7 @@ class RgbdSlam:
         """Start a map with this frame as its first keyframe, if it has enough depth readings."""
         if np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_FIRST_FEATURES:
             is_first = self.map.is_empty
-            state = TrackingState.NOT_INITIALIZED if is_first else TrackingState.LOST
+            state = SlamState.NOT_INITIALIZED if is_first else SlamState.LOST
             return TrackingResult(frame.stamp_ns, state)
         uid = self.map.start(frame, T_map_camera)
         self._policy.inserted(frame.stamp_ns)
@@ -227,10 +228,10 @@ class RgbdSlam:
             if started.is_keyframe:
                 return started
         if bridge is None:
-            return TrackingResult(frame.stamp_ns, TrackingState.LOST)
+            return TrackingResult(frame.stamp_ns, SlamState.LOST)
         return TrackingResult(
             frame.stamp_ns,
-            TrackingState.LOST,
+            SlamState.LOST,
             bridge.T_map_camera,
             self.odometry.T_odom_camera,
             self.odometry.in_map(bridge.covariance),
@@ -294,7 +295,7 @@ class RgbdSlam:
     ) -> TrackingResult:
         return TrackingResult(
             tracked.frame.stamp_ns,
-            TrackingState.TRACKING,
+            SlamState.TRACKING,
             tracked.T_map_camera,
             self.odometry.T_odom_camera,
             self.odometry.in_map(pose_covariance),

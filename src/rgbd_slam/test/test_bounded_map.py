@@ -7,9 +7,9 @@ from typing import NamedTuple
 import psutil
 import pytest
 
-from rgbd_slam.config.slam_config import SlamConfig
+from hoid_common.slam_status import SlamState
+from rgbd_slam.config.slam_config import CameraConfig, SlamConfig
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA, PERIOD_NS, World, sway
 
@@ -39,12 +39,14 @@ class Size(NamedTuple):
         5.0,  # hardly anything is, as in a hall
     ],
 )
-def test_what_is_seen_again_adds_nothing(close_baselines: float) -> None:
-    config = SlamConfig().updated({'camera.close_baselines': close_baselines})
-    world, slam, sizes = World(), RgbdSlam(CAMERA, config), []
+def test_what_is_seen_again_adds_nothing(
+    close_baselines: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(CameraConfig, 'close_baselines', close_baselines)
+    world, slam, sizes = World(), RgbdSlam(CAMERA, SlamConfig()), []
     for n in range(PASSES * len(POSES)):
         seen = world.features(n * PERIOD_NS, POSES[n % len(POSES)])
-        assert slam.process(seen).state is TrackingState.TRACKING
+        assert slam.process(seen).state is SlamState.TRACKING
         if (n + 1) % len(POSES) == 0:
             sizes.append(Size.of(slam))
     assert sizes[2].keyframes > 10

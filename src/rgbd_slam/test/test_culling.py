@@ -57,7 +57,7 @@ def test_new_points_that_frames_do_not_find_are_removed(found: int, stays: bool)
 @pytest.mark.parametrize(
     ('depth_m', 'observers', 'age', 'stays'),
     [
-        (2.0, 1, 1, True),  # too young to be judged
+        (2.0, 1, 1, True),  # too young to be culled
         (2.0, 1, 2, False),  # seen once, with depth: weight 2
         (2.0, 2, 2, True),  # weight 4
         (0.0, 3, 3, False),  # three without depth: weight 3

@@ -10,7 +10,7 @@ import yaml
 from hoid_common import se3
 from hoid_common.errors import ConfigError
 from hoid_common.values import FloatArray
-from rgbd_slam.config.dense_config import FILE_MODES, GridConfig
+from rgbd_slam.config.dense_config import GridConfig
 from rgbd_slam.ros.scene.steady_grid import SteadyGrid
 from rgbd_slam.scene.floor import find_floor
 from rgbd_slam.scene.grid import (
@@ -48,7 +48,7 @@ def test_a_table_alone_over_unseen_ground_is_no_floor_when_points_lie_below() ->
 
 def test_the_grid_has_free_occupied_and_unknown_cells() -> None:
     points = room(np.random.default_rng(3))
-    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=0.1, obstacle_margin_m=0.0))
+    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=0.1))
     assert grid.T_map_origin[:2, 3] == pytest.approx([0, 0])
     assert grid.cells[30, 30] == FREE
     assert grid.cells[15, 15] == OCCUPIED
@@ -62,14 +62,6 @@ def test_obstacles_are_between_two_heights() -> None:
     assert grid.cells.tolist() == [[FREE, OCCUPIED]]
 
 
-def test_obstacles_extend_beyond_their_points_by_the_margin() -> None:
-    points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0], [1.005, 0.5, 0.5]])
-    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0, obstacle_margin_m=0.01))
-    assert grid.cells.tolist() == [[OCCUPIED, OCCUPIED]]
-    grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0, obstacle_margin_m=0.0))
-    assert grid.cells.tolist() == [[FREE, OCCUPIED]]
-
-
 def test_the_floor_below_an_unconfirmed_point_is_not_free() -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]])
     unconfirmed = np.array([[1.5, 0.5, 0.7], [0.5, 0.5, 2.5], [9.0, 9.0, 0.5]])
@@ -79,7 +71,7 @@ def test_the_floor_below_an_unconfirmed_point_is_not_free() -> None:
 
 def test_the_floor_is_not_free_until_the_space_above_it_is() -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]])
-    config = GridConfig(resolution_m=1.0, clear_height_m=0.8)
+    config = GridConfig(resolution_m=1.0)
     grid = project_grid(points, np.eye(4), config)
     low = require_free_space(grid, config, lambda p: (p[:, 0] < 1) | (p[:, 2] < 0.7))
     assert low.cells.tolist() == [[FREE, UNKNOWN]]
@@ -93,30 +85,18 @@ def nav2_cells(yaml_path: Path) -> tuple[list[list[int]], FloatArray]:
     document = yaml.safe_load(yaml_path.read_text())
     image = cv2.imread(str(yaml_path.parent / document['image']), cv2.IMREAD_UNCHANGED)
     assert image is not None
-    colors = image.reshape(*image.shape[:2], -1).astype(np.float64)
-    is_opaque = colors[..., 3] == 255 if colors.shape[2] == 4 else np.ones(image.shape[:2], bool)
-    shade = colors[..., :3].mean(axis=-1) / 255
-    taken = shade if document['negate'] else 1 - shade
+    assert (document['mode'], document['negate']) == ('trinary', 0)
+    taken = 1 - image / 255
     occupied, free = document['occupied_thresh'], document['free_thresh']
-    if document['mode'] == 'raw':
-        percent = np.round(shade * 255)
-        cells = np.where(percent <= 100, percent, -1)
-    else:
-        between = -1.0
-        if document['mode'] == 'scale':
-            between = np.rint((taken - free) / (occupied - free) * 100.0)
-        cells = np.where(taken > occupied, 100, np.where(taken < free, 0, between))
-        if document['mode'] == 'scale':
-            cells = np.where(is_opaque, cells, -1)
+    cells = np.where(taken > occupied, 100, np.where(taken < free, 0, -1))
     return cells[::-1].astype(int).tolist(), np.array(document['origin'])
 
 
-@pytest.mark.parametrize('mode', FILE_MODES)
-def test_nav2_reads_a_saved_grid_as_it_is(tmp_path: Path, mode: str) -> None:
+def test_nav2_reads_a_saved_grid_as_it_is(tmp_path: Path) -> None:
     points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.5], [1.5, 0.5, 0.6], [-1.5, 2.5, 0.0]])
     grid = project_grid(points, np.eye(4), GridConfig(resolution_m=1.0))
     assert {FREE, OCCUPIED, UNKNOWN} == set(np.unique(grid.cells))
-    write_map_server(grid, tmp_path / '2024.05.17', mode)
+    write_map_server(grid, tmp_path / '2024.05.17')
     cells, origin = nav2_cells(tmp_path / '2024.05.17.yaml')
     assert cells == grid.cells.tolist()
     assert origin.tolist() == [-2.0, 0.0, 0.0]

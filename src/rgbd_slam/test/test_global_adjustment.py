@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster, apply_solution, global_problem, solve
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.optimize.gtsam_bundle import solve_bundle_gtsam
 
 from .ring_world import CAMERA, RingWorld, mapped, ring_poses
 
@@ -42,11 +42,12 @@ def test_a_perturbed_map_is_restored() -> None:
     assert _worst_m(atlas, rows, TRUTH) < 0.05 * before
 
 
-def test_both_solvers_agree_on_a_map() -> None:
-    atlas, _, _ = _shaken()
-    bundle = global_problem(atlas, 0).bundle
-    dense, sparse = solve(CAMERA, bundle, 30), solve_bundle_gtsam(CAMERA, bundle, 30)
-    np.testing.assert_allclose(dense.T_camera_map, sparse.T_camera_map, atol=1e-3)
+def test_a_map_with_too_many_keyframes_keeps_its_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('rgbd_slam.loops.global_adjustment._MAX_KEYFRAMES', len(TRUTH) - 1)
+    atlas, _, rows = _shaken()
+    before = _worst_m(atlas, rows, TRUTH)
+    GlobalAdjuster(atlas, CAMERA, 20, background=False).start(0)
+    assert _worst_m(atlas, rows, TRUTH) == before
 
 
 def test_keyframes_and_points_made_meanwhile_come_along() -> None:

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from hoid_common.values import ByteArray
 from rgbd_slam.config.place_config import IndexConfig
@@ -66,9 +67,11 @@ def test_removing_a_keyframe_that_was_never_queried_or_never_added() -> None:
     assert len(index.query(_descriptors(1)).uids) == 0
 
 
-def test_a_key_shared_by_too_many_descriptors_says_nothing() -> None:
-    config = IndexConfig(max_bucket=8)
-    index = HashIndex(config)
+def test_a_key_shared_by_too_many_descriptors_says_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(IndexConfig, 'max_bucket', 8)
+    index = HashIndex(IndexConfig())
     common = np.tile(_descriptors(0, 1), (50, 1))
     index.add(1, common)
     assert len(index.query(common).uids) == 0
@@ -79,10 +82,10 @@ def test_an_image_without_features_matches_nothing() -> None:
 
 
 def test_more_features_than_the_limit_are_thinned_evenly() -> None:
-    index = HashIndex(IndexConfig(max_features=100))
+    index = HashIndex(IndexConfig())
     place = _descriptors(0, 1000)
     index.add(1, place)
-    assert index.query(place).votes.tolist() == [100]
+    assert index.query(place).votes.tolist() == [IndexConfig.max_features]
 
 
 def test_keyframes_added_at_once_are_found_as_those_added_one_by_one() -> None:

@@ -8,6 +8,7 @@ import pytest
 from hoid_common import se3
 from hoid_common.process.child_process import ChildTimeoutError
 from hoid_common.values import FloatArray, IntArray
+from rgbd_slam.config.place_config import LoopConfig
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
 from rgbd_slam.loops.global_adjustment import global_problem
@@ -15,7 +16,6 @@ from rgbd_slam.loops.loop_closing import Join, LoopCloser, LoopEvent
 from rgbd_slam.loops.map_merging import merge_maps
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.optimize.bundle_problem import BundleSolution
-from rgbd_slam.places.geometric_verification import PlaceStatus
 from rgbd_slam.places.place_finder import PlaceFinder
 
 from .ring_world import CAMERA, RingWorld, drifted, mapped, ring_poses
@@ -80,12 +80,14 @@ def test_a_closed_loop_is_not_closed_again(
 @pytest.mark.parametrize(
     ('long_path_m', 'event'), [(5.0, LoopEvent.CLOSED), (50.0, LoopEvent.REJOINED)]
 )
-def test_a_long_loop_is_adjusted_though_its_ends_fit(long_path_m: float, event: LoopEvent) -> None:
+def test_a_long_loop_is_adjusted_though_its_ends_fit(
+    long_path_m: float, event: LoopEvent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LoopConfig, 'long_path_m', long_path_m)
     truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
     rows = mapped(atlas, RingWorld(), truth, drifted(truth, 0.05 * DRIFT))
     assert _errors_m(atlas, rows, truth).max() < 0.03
-    config = SlamConfig().updated({'places.loops.long_path_m': long_path_m})
-    assert LoopCloser(atlas, CAMERA, config).process(int(rows[-1])) is event
+    assert LoopCloser(atlas, CAMERA, SlamConfig()).process(int(rows[-1])) is event
 
 
 def test_a_map_with_a_loop_that_has_grown_is_adjusted_once_more_in_the_end(
@@ -203,7 +205,6 @@ def test_a_lost_frame_is_located() -> None:
     between = truth[7] @ se3.exp(np.array([0.02, 0.1, 0.05, 0.1, 0.05, -0.1]))
     place = finder.locate(world.frame(between, 99)[0])
     assert place is not None
-    assert place.match.status is PlaceStatus.SAME_PLACE
     np.testing.assert_allclose(place.match.T_map_camera, between, atol=5e-3)
 
 
@@ -236,16 +237,17 @@ class _Slow:
             raise ChildTimeoutError
         bundle = self.problem.bundle
         outliers = np.zeros(len(bundle.camera), np.bool_)
-        return BundleSolution(bundle.T_camera_map, bundle.points_m, outliers, 0.0, 0.0)
+        return BundleSolution(bundle.T_camera_map, bundle.points_m, outliers)
 
     def close(self) -> None:
         pass
 
 
-def test_an_adjustment_under_way_does_not_undo_a_rejoin() -> None:
+def test_an_adjustment_under_way_does_not_undo_a_rejoin(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LoopConfig, 'long_path_m', 50.0)
     truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
     rows = mapped(atlas, RingWorld(), truth, drifted(truth, 0.1 * DRIFT))
-    closer = LoopCloser(atlas, CAMERA, SlamConfig().updated({'places.loops.long_path_m': 50.0}))
+    closer = LoopCloser(atlas, CAMERA, SlamConfig())
     closer._adjusted_map, slow = 0, _Slow(atlas)
     closer._adjuster._running = slow  # type: ignore[assignment]  # as in the background
     before = _errors_m(atlas, rows, truth)

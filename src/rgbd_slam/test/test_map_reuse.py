@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.slam_status import SlamState
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
+from rgbd_slam.tracking.tracking_result import TrackingResult
 
 from .world import CAMERA, PERIOD_NS, World, sway
 
@@ -38,7 +39,7 @@ def saved() -> MapState:
 
 def errors(results: list[TrackingResult], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return errors [m] and [rad] of images that are all tracked."""
-    assert all(result.state is TrackingState.TRACKING for result in results)
+    assert all(result.state is SlamState.TRACKING for result in results)
     estimates = np.array([result.T_map_camera for result in results])
     twists = se3.log(se3.inverse(poses) @ estimates)
     return np.linalg.norm(twists[:, 3:], axis=1), np.linalg.norm(twists[:, :3], axis=1)
@@ -82,7 +83,7 @@ def test_an_unknown_place_is_not_believed_and_localisation_stays_lost(saved: Map
     slam.load(saved, keep=False)
     elsewhere = World(seed=7)
     results = run(slam, elsewhere, sway(90)[:20]) + run(slam, elsewhere, sway(90)[:5], 300)
-    assert all(result.state is TrackingState.LOST for result in results)
+    assert all(result.state is SlamState.LOST for result in results)
     assert snapshot(slam.map.atlas).digest() == saved.digest()
 
 
@@ -109,7 +110,7 @@ def test_a_place_unknown_for_long_starts_a_map_beside_the_loaded_one(saved: MapS
     slam = RgbdSlam(CAMERA, SlamConfig().updated({'places.new_map_after_s': 0.3}))
     slam.load(saved, keep=False)
     results = run(slam, World(seed=7), sway(90)[:16])
-    assert all(result.state is TrackingState.LOST for result in results[:10])
+    assert all(result.state is SlamState.LOST for result in results[:10])
     assert results[10].is_keyframe
     assert slam.stats.num_maps == 2
     assert not slam.odometry.is_in_main_map

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.slam_status import SlamState
 from hoid_common.values import S_PER_NS, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.motion_sources import MOTION_SOURCES, ConstantVelocity
-from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA, PERIOD_NS, World
 
@@ -65,5 +65,5 @@ def test_a_further_source_needs_one_entry_in_the_registry(monkeypatch: pytest.Mo
         slam, world = RgbdSlam(CAMERA, SlamConfig()), World()
         for n, T in enumerate([np.eye(4)] * 3 + [se3.inverse(_Gyroscope.T_camera_last)]):
             result = slam.process(world.features(n * PERIOD_NS, T))
-            assert result.state is TrackingState.TRACKING
+            assert result.state is SlamState.TRACKING
         assert slam.stats.num_relocalizations == (0 if has_gyroscope else 1)

@@ -19,7 +19,7 @@ CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
 CONFIG = ObjectTrackerConfig()
 WALL_M = 6.0
 RATE_HZ = 10.0
-FLOOR = Floor(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1.2], [0, 0, 0, 1]]), 1000)
+FLOOR = Floor(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1.2], [0, 0, 0, 1]]))
 
 
 class Thing(NamedTuple):
@@ -217,8 +217,10 @@ def test_the_center_of_an_object_is_behind_its_surface() -> None:
     assert track.size_m[2] == pytest.approx(0.3, abs=0.06)
 
 
-def test_the_number_of_tracks_is_bounded() -> None:
+def test_the_number_of_tracks_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ObjectTrackerConfig, 'max_objects', 5)
+    monkeypatch.setattr(ObjectTrackerConfig, 'min_sightings', 1)
     world = World()
-    world.tracker = ObjectTracker(ObjectTrackerConfig(max_objects=5, min_sightings=1))
+    world.tracker = ObjectTracker(ObjectTrackerConfig())
     crowd = [Thing('cup', 4.0, 0.45 * i - 2, 0) for i in range(9)]
     assert len(world.show(*crowd)) == 5

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import ConfigError
+from hoid_common.slam_status import SlamState
 from hoid_common.values import ByteArray
 from rgbd_slam.config.place_config import IndexConfig, PlaceConfig
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.places.place_index import PLACE_INDICES, PlaceVotes, make_place_index
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA, PERIOD_NS, World
 
@@ -37,10 +37,10 @@ def test_an_index_of_the_registry_finds_a_lost_camera(monkeypatch: pytest.Monkey
     slam, world = RgbdSlam(CAMERA, config), World()
     slam.process(world.features(0, np.eye(4)))
     assert slam.process(world.features(PERIOD_NS, np.eye(4)).select(np.arange(0))).state is (
-        TrackingState.LOST
+        SlamState.LOST
     )
     later_ns = 30 * PERIOD_NS  # too late for a prediction
-    assert slam.process(world.features(later_ns, np.eye(4))).state is TrackingState.TRACKING
+    assert slam.process(world.features(later_ns, np.eye(4))).state is SlamState.TRACKING
     assert FirstKeyframe.num_queries > 0
 
 

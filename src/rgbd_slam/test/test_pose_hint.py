@@ -56,7 +56,7 @@ def rooms() -> TwoRooms:
 def test_of_two_identical_rooms_the_hinted_one_is_found(
     rooms: TwoRooms, T_map_room: FloatArray, off: FloatArray
 ) -> None:
-    assert rooms.locate(None) is None  # neither is believed
+    assert rooms.locate(None) is None  # neither is accepted
     T_map_camera = T_map_room @ rooms.between
     place = rooms.locate(PoseHint(T_map_camera @ off))
     assert place is not None

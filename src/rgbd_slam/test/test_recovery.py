@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.slam_status import SlamState
 from hoid_common.values import Features, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA, PERIOD_NS, World, position_errors_m, sway
 
 POSES = sway(90)
-LOST, TRACKING = TrackingState.LOST, TrackingState.TRACKING
+LOST, TRACKING = SlamState.LOST, SlamState.TRACKING
 
 
 def seen(world: World, n: int, pose: FloatArray, *, covered: bool = False) -> Features:

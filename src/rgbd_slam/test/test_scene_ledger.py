@@ -174,4 +174,4 @@ def test_copies_follow_the_changes_and_restore_another_ledger() -> None:
     successor.clear()
     for change in successor.take_changes():
         copies.apply(change)
-    assert len(copies) == 0
+    assert copies.with_half_color() == []

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.slam_status import SlamState
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig, TrackingConfig
 from rgbd_slam.matching.landmarks import landmarks_of_frame, temporal_landmarks
@@ -18,7 +19,6 @@ from rgbd_slam.optimize.alignment import Alignment, align_image
 from rgbd_slam.optimize.pose_optimizer import PoseEstimate, covariance
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.tracker import Tracker
-from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA as MODEL
 from .world import PERIOD_NS, World, position_errors_m, sway
@@ -68,7 +68,7 @@ def test_ransac_samples_depend_on_the_seed(monkeypatch: pytest.MonkeyPatch) -> N
     turned = se3.exp(np.array([0, 0.3, 0, 0, 0, 0]))  # matched by descriptors, not predicted
     states: list[Any] = []
 
-    def noted(*args: Any) -> Alignment:
+    def noted(*args: Any) -> Alignment | None:
         states.append(args[-1].bit_generator.state['state'])
         return align_image(*args)
 
@@ -133,7 +133,7 @@ def test_a_camera_that_is_shaken_is_tracked() -> None:
     """Rotations of up to 12 degrees per frame in changing directions, which nothing predicts."""
     poses, world, slam = sway(18, way_m=0.2), World(), RgbdSlam(MODEL, SlamConfig())
     states = [slam.process(world.features(n * PERIOD_NS, T)).state for n, T in enumerate(poses)]
-    assert states == [TrackingState.TRACKING] * len(poses)
+    assert states == [SlamState.TRACKING] * len(poses)
     assert slam.stats.num_relocalizations == 0
     assert position_errors_m(slam.trajectory.final(), poses).max() < 0.03
 

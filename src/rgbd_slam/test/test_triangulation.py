@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.slam_status import SlamState
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig, SlamConfig, TriangulationConfig
 from rgbd_slam.local_mapping.triangulation import (
@@ -17,7 +18,6 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA as MODEL
 from .world import PERIOD_NS, World, position_errors_m, sway
@@ -108,7 +108,7 @@ def test_points_must_be_where_both_views_show_them(points_m: FloatArray) -> None
 
 def test_two_keyframes_make_points_where_they_are(points_m: FloatArray) -> None:
     atlas = Atlas(1.2, 8)
-    known = np.arange(10)  # seen by both: they make the two neighbours
+    known = np.arange(10)  # seen by both: they make the two neighbors
     pair = views(points_m)
     first = atlas.add_keyframe(pair.first, np.eye(4), 0)
     second = atlas.add_keyframe(pair.second, se3.inverse(T_SECOND_FIRST), 0, first)
@@ -125,7 +125,7 @@ def test_two_keyframes_make_points_where_they_are(points_m: FloatArray) -> None:
     made = atlas.points.position_m[seen[first, :50]]
     np.testing.assert_allclose(made, points_m[:50], rtol=2e-3, atol=2e-3)
     assert (atlas.points.num_observations[seen[first, :50]] == 2).all()
-    none = TriangulationConfig(neighbours=0)
+    none = TriangulationConfig(neighbors=0)
     assert triangulate_with_neighbors(atlas, CAMERA, first, none) == 0
 
 
@@ -136,7 +136,7 @@ def test_a_camera_that_reads_depth_in_part_of_its_view_is_tracked() -> None:
     for n, pose in enumerate(poses):
         features = world.features(n * PERIOD_NS, pose)
         features.depth_m[features.uv_px[:, 0] > 160] = 0
-        assert slam.process(features).state is TrackingState.TRACKING
+        assert slam.process(features).state is SlamState.TRACKING
     points = slam.map.atlas.points
     alive = points.indices()
     assert np.count_nonzero(points.num_stereo[alive] == 0) > 200

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from hoid_common.slam_status import SlamState
 from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.tracking_result import TrackingState
 
 from .world import CAMERA, PERIOD_NS, World, position_errors_m, sway
 
@@ -32,14 +32,14 @@ def slam_with_a_mover(config: SlamConfig) -> RgbdSlam:
         elif n == LEAVES:
             world.points_m[moves] = [0.0, 0.0, -100.0]
         state = slam.process(world.features(n * PERIOD_NS, pose)).state
-        assert state is TrackingState.TRACKING
+        assert state is SlamState.TRACKING
     slam.map.finish()
     return slam
 
 
 def test_a_moving_object_at_the_start_is_removed_from_the_first_poses() -> None:
     slam = slam_with_a_mover(SlamConfig())
-    assert first_errors_m(slam, 'online').max() > 0.015  # said at the time, and not taken back
+    assert first_errors_m(slam, 'online').max() > 0.015  # published at the time, and not corrected
     final = first_errors_m(slam, 'final')
     assert final.max() < 0.006
     assert np.sqrt((final**2).mean()) < 0.003

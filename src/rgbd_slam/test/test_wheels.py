@@ -11,7 +11,7 @@ from hoid_common.values import S_PER_NS, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.motion_sources import ExternalOdometry, MotionLookup
-from rgbd_slam.tracking.tracking_result import TrackingResult, TrackingState
+from rgbd_slam.tracking.tracking_result import TrackingResult
 
 from .world import CAMERA, PERIOD_NS, World
 
@@ -67,7 +67,7 @@ def test_slipping_wheels_do_not_change_tracked_poses(truth: FloatArray) -> None:
 def test_a_covered_lens_is_bridged(truth: FloatArray) -> None:
     slam, results = run(truth, wheels(truth))
     bridged = results[SEEN : SEEN + COVERED]
-    assert {result.state for result in bridged} == {TrackingState.LOST}
+    assert {result.state for result in bridged} == {SlamState.LOST}
     np.testing.assert_allclose(poses(bridged), truth[SEEN : SEEN + COVERED], atol=0.02)
     assert bridged[-1].note == (
         'too few map points are seen; the pose follows the wheel odometry, for 0.4 s and 0.40 m'
@@ -82,7 +82,7 @@ def test_a_covered_lens_is_bridged(truth: FloatArray) -> None:
 def test_tracking_resumes_at_the_pose_of_the_wheels(truth: FloatArray) -> None:
     slam, results = run(truth, wheels(truth))
     after = results[SEEN + COVERED :]
-    assert {result.state for result in after} == {TrackingState.TRACKING}
+    assert {result.state for result in after} == {SlamState.TRACKING}
     np.testing.assert_allclose(poses(after), truth[SEEN + COVERED :], atol=0.02)
     assert slam.stats.num_relocalizations == 0
     assert run(truth, None)[0].stats.num_relocalizations == 1  # without them
@@ -114,7 +114,7 @@ def test_a_jerk_is_tracked_with_wheels() -> None:
         slam, world = RgbdSlam(CAMERA, SlamConfig(), wheels=source), World()
         for n in range(14):
             result = slam.process(world.features(n * PERIOD_NS, T[n]))
-            assert result.state is TrackingState.TRACKING
+            assert result.state is SlamState.TRACKING
         assert slam.stats.num_relocalizations == num_relocalizations
         assert result.T_map_camera is not None
         np.testing.assert_allclose(result.T_map_camera, T[-1], atol=0.02)
@@ -126,7 +126,7 @@ def test_wheels_without_data_bridge_nothing(truth: FloatArray) -> None:
     _, results = run(truth, lambda a, b: None if b > silent_ns else said(a, b))
     known = [result.T_map_camera is not None for result in results[SEEN : SEEN + COVERED]]
     assert known == [True] * 4 + [False] * 8
-    assert results[-1].state is TrackingState.TRACKING
+    assert results[-1].state is SlamState.TRACKING
     assert SlamState(results[SEEN].state.value) is SlamState.LOST
 
 

@@ -1,1 +1,1 @@
-"""Cases of running nodes: wrong messages, two hosts, bad conditions. All of it needs ROS."""
+"""Fault injection into running nodes: wrong messages, two hosts, bad conditions. Needs ROS."""

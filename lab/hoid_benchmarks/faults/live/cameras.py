@@ -1,4 +1,4 @@
-"""Cameras of any rate and size, which slide along a wall."""
+"""Cameras of several image sizes and rates that move along a wall."""
 
 from __future__ import annotations
 
@@ -9,23 +9,30 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.node_harness import (
+    CaseResult,
+    Setup,
+    odometry_result,
+    running_nodes,
+)
 from hoid_benchmarks.faults.live.sender import WALL_M, Scene, Sender
-from hoid_benchmarks.faults.live.stage import Seen, Setup, shared, staged
 from hoid_bringup.live.node_specs import FILTER, SLAM
 from hoid_common.values import CameraModel
 
 _WHILE_S = 3.0
 _SPEED_MPS = 0.25
 _MAX_ERROR_M = 0.02
-_VIEW = 525 / 640  # focal length in widths of an image
+_VIEW = 525 / 640  # focal length / image width, that of the TUM cameras
 
 
 class Camera(NamedTuple):
-    """A kind of camera."""
+    """Image width, rate and the required share of images with odometry."""
 
     width_px: int
     rate_hz: float
-    least_share: float  # of its images that odometry must come of; a large one is cut down to less
+    least_share: (
+        float  # of images with odometry; lower where images exceed the load of one machine
+    )
 
 
 _CAMERAS = (
@@ -35,17 +42,17 @@ _CAMERAS = (
 
 
 def camera_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
-    """Yield the outcomes of cameras that slide along a wall."""
+    """Yield the outcomes of cameras that move along a wall at 0.25 m/s."""
     for seed in seeds:
         for i, camera in enumerate(_CAMERAS):
-            scene = _sliding(camera)
+            scene = _wall_scene(camera)
             setup = Setup((FILTER, SLAM), has_scene=False, scene=scene, rate_hz=camera.rate_hz)
             kind = f'camera {camera.width_px} px wide, {camera.rate_hz:g} Hz'
-            with staged(folder / f'{seed} {i}', setup) as stage:
-                yield stage.outcome(kind, seed, _slide(stage.sender, camera))
+            with running_nodes(folder / f'{seed} {i}', setup) as harness:
+                yield harness.outcome(kind, seed, _slide(harness.sender, camera))
 
 
-def _sliding(camera: Camera) -> Scene:
+def _wall_scene(camera: Camera) -> Scene:
     focal_px, height_px = _VIEW * camera.width_px, camera.width_px * 3 // 4
     model = CameraModel(
         camera.width_px, height_px, focal_px, focal_px,
@@ -54,22 +61,22 @@ def _sliding(camera: Camera) -> Scene:
     return Scene(model, max(1, round(_SPEED_MPS / camera.rate_hz * focal_px / WALL_M)))
 
 
-def _slide(sender: Sender, camera: Camera) -> Callable[[], Seen]:
-    def slide() -> Seen:
+def _slide(sender: Sender, camera: Camera) -> Callable[[], CaseResult]:
+    def slide() -> CaseResult:
         share = sender.send_for(_WHILE_S)
         error_m = _error_m(sender)
         if error_m > _MAX_ERROR_M:
-            return Seen(f'poses are wrong by {error_m:.3f} m')
-        seen = shared(share, camera.least_share)
+            return CaseResult(f'the RMS position error is {error_m:.3f} m')
+        seen = odometry_result(share, camera.least_share)
         return seen._replace(note=f'{seen.note}, error {1e3 * error_m:.1f} mm')
 
     return slide
 
 
 def _error_m(sender: Sender) -> float:
-    """Return the error of the way from the first image, root mean square."""
+    """Return the RMS error of the distance from the position of the first image."""
     known = [h for h in sender.heard if h.stamp_ns in sender.sent]
     positions_m = np.array([h.position_m for h in known])
     places_m = np.array([sender.sent[h.stamp_ns] for h in known])
-    ways_m = np.linalg.norm(positions_m - positions_m[0], axis=1)
-    return float(np.sqrt(np.mean((ways_m - np.abs(places_m - places_m[0])) ** 2)))
+    distances_m = np.linalg.norm(positions_m - positions_m[0], axis=1)
+    return float(np.sqrt(np.mean((distances_m - np.abs(places_m - places_m[0])) ** 2)))

@@ -1,4 +1,4 @@
-"""Clocks that jump, a detector that is too slow, a machine with work for all its cores."""
+"""Clocks that jump, a detector that is too slow, a machine whose cores are all busy."""
 
 from __future__ import annotations
 
@@ -13,8 +13,14 @@ from pathlib import Path
 from rosgraph_msgs.msg import Clock
 
 from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.node_harness import (
+    CaseResult,
+    NodeHarness,
+    Setup,
+    odometry_result,
+    running_nodes,
+)
 from hoid_benchmarks.faults.live.sender import Sender
-from hoid_benchmarks.faults.live.stage import Seen, Setup, Stage, shared, staged
 from hoid_bringup.live.node_specs import FILTER, SLAM
 from hoid_common import topics
 from hoid_common.ros import conversions
@@ -22,56 +28,58 @@ from hoid_common.values import NS_PER_S
 
 _JUMPS_S = (0.5, -0.5, 5.0, -5.0, 60.0, -60.0, 3600.0, -3600.0, 86400.0, -86400.0)
 _WHILE_S = 3.0
-_LEAST_SHARE, _LEAST_BUSY_SHARE = 0.9, 0.3  # of the images that odometry must come of
+_LEAST_SHARE, _LEAST_BUSY_SHARE = 0.9, 0.3  # of images with odometry
 
 
-def clock_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
-    """Yield the outcomes of stamps that leap, and then go on from there."""
+def clock_cases(harness: NodeHarness, seeds: range) -> Iterator[Outcome]:
+    """Yield the outcomes of image stamps that jump once and continue from there."""
     for seed in seeds:
         jump_s = _JUMPS_S[seed % len(_JUMPS_S)]
-        yield stage.outcome('a clock that jumps', seed, partial(_jump, stage.sender, jump_s))
+        yield harness.outcome('a clock that jumps', seed, partial(_jump, harness.sender, jump_s))
 
 
 def sim_time_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
-    """Yield the same by a /clock that leaps as well."""
-    with staged(folder, Setup((FILTER, SLAM), has_scene=False, sim_time=True)) as stage:
+    """Yield the outcomes of image stamps and a /clock that jump together."""
+    with running_nodes(folder, Setup((FILTER, SLAM), has_scene=False, sim_time=True)) as harness:
         for seed in seeds:
             jump_s = _JUMPS_S[seed % len(_JUMPS_S)]
 
-            def leap(jump_s: float = jump_s) -> Seen:
-                seen = _jump(stage.sender, jump_s)
+            def jump_with_clock(jump_s: float = jump_s) -> CaseResult:
+                seen = _jump(harness.sender, jump_s)
                 for _ in range(10):
-                    now = conversions.stamp_to_msg(stage.sender.now_ns())
-                    stage.sender.publish(topics.CLOCK, Clock(clock=now))
-                    stage.sender.send()
+                    now = conversions.stamp_to_msg(harness.sender.now_ns())
+                    harness.sender.publish(topics.CLOCK, Clock(clock=now))
+                    harness.sender.send()
                 return seen
 
-            yield stage.outcome('a /clock that jumps', seed, leap)
+            yield harness.outcome('a /clock that jumps', seed, jump_with_clock)
 
 
-def _jump(sender: Sender, jump_s: float) -> Seen:
+def _jump(sender: Sender, jump_s: float) -> CaseResult:
     sender.ahead_ns += round(jump_s * NS_PER_S)
-    return Seen(note=f'by {jump_s:g} s')
+    return CaseResult(note=f'by {jump_s:g} s')
 
 
-def load_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
-    """Yield the outcomes of a detector ten times too slow and of a machine with work for all."""
+def load_cases(harness: NodeHarness, seeds: range) -> Iterator[Outcome]:
+    """Yield the outcomes of a detector ten times too slow and of a busy machine."""
     for seed in seeds:
-        yield stage.outcome('a detector ten times too slow', seed, partial(_slow, stage.sender))
-        yield stage.outcome('all cores busy', seed, partial(_busy, stage.sender))
+        yield harness.outcome(
+            'a detector ten times too slow', seed, partial(_slow, harness.sender)
+        )
+        yield harness.outcome('all cores busy', seed, partial(_busy, harness.sender))
 
 
-def _slow(sender: Sender) -> Seen:
+def _slow(sender: Sender) -> CaseResult:
     sender.is_detector_slow = True
     share = sender.send_for(_WHILE_S)
     sender.is_detector_slow = False
-    return shared(share, _LEAST_SHARE)
+    return odometry_result(share, _LEAST_SHARE)
 
 
-def _busy(sender: Sender) -> Seen:
+def _busy(sender: Sender) -> CaseResult:
     with _spinning(os.cpu_count() or 1):
         share = sender.send_for(_WHILE_S)
-    return shared(share, _LEAST_BUSY_SHARE)
+    return odometry_result(share, _LEAST_BUSY_SHARE)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Processes that are killed while they run: who goes on, and how soon they are there again."""
+"""Processes killed while they run: the gap in odometry, and the time until recovery."""
 
 from __future__ import annotations
 
@@ -13,58 +13,65 @@ from hoid_msgs.msg import SlamStatus
 from sensor_msgs.msg import PointCloud2
 
 from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.node_harness import (
+    MAPPER,
+    SCENE,
+    NodeHarness,
+    Setup,
+    member_pids,
+    running_nodes,
+)
 from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS
-from hoid_benchmarks.faults.live.stage import MAPPER, SCENE, Setup, Stage, member_pids, staged
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
 
 VICTIMS = (DETECTOR, MAPPER, SCENE, FILTER, SLAM)
-_GAP_S = 0.2  # of odometry, when one dies that no pose waits for
+_GAP_S = 0.2  # longest gap of odometry if the killed process is not needed for a pose
 _SAME_MAP_S, _SCENE_S, _LIMIT_S = 5.0, 10.0, 30.0
 _QUIET_S = 2.0
-_LIVED_S = 21.0  # sooner after its start, a scene process counts as unable to run
+_LIVED_S = 21.0  # a scene process that ends sooner is considered unable to run
 
 
 def death_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
-    """Yield the outcome of a SIGKILL of each process, for each seed."""
-    with staged(folder, Setup(restart=True)) as stage:
-        deaths = _Deaths(stage)
+    """Yield the outcome of a SIGKILL to each process, for each seed."""
+    with running_nodes(folder, Setup(restart=True)) as harness:
+        deaths = _Deaths(harness)
         for seed in seeds:
             rng = np.random.default_rng(seed)
             for victim in VICTIMS:
-                deaths.go_on_for(_QUIET_S + rng.random())
+                deaths.send_for(_QUIET_S + rng.random())
                 yield deaths.outcome(victim, seed)
 
 
 class _Deaths:
-    def __init__(self, stage: Stage) -> None:
-        self._stage, self._sender = stage, stage.sender
-        stage.sender.node.create_subscription(
+    def __init__(self, harness: NodeHarness) -> None:
+        self._harness, self._sender = harness, harness.sender
+        harness.sender.node.create_subscription(
             PointCloud2, topics.CLOUD_MAP, self._on_cloud, qos.LATCHED
         )
         self._cloud_s = 0.0
         self._scene_since_s = time.monotonic()
 
-    def go_on_for(self, duration_s: float) -> None:
-        """Send while nothing is wrong."""
+    def send_for(self, duration_s: float) -> None:
+        """Send images for some time without a fault."""
         self._until(lambda: False, duration_s)
 
     def outcome(self, victim: str, seed: int) -> Outcome:
-        """Kill one, and wait until all is as before."""
+        """Kill one process, and wait until its outputs are complete again."""
         if victim == SCENE:
-            self.go_on_for(self._scene_since_s + _LIVED_S - time.monotonic())
+            self.send_for(self._scene_since_s + _LIVED_S - time.monotonic())
         sending_before_s = self._sender.sending_s
         killed_s = self._kill(victim)
         if victim in (SCENE, SLAM):
             self._scene_since_s = killed_s
-        is_back, limit_s = self._signs(victim, killed_s)
+        is_back, limit_s = self._recovery_check(victim, killed_s)
         self._until(is_back, _LIMIT_S)
         back_s = time.monotonic() - killed_s
         gap_s = self._gap_s(killed_s)
         complaint = ''
         if not is_back():
-            complaint = f'not back in {_LIMIT_S:g} s; {self._sender.nodes_say()}'
+            complaint = f'not back in {_LIMIT_S:g} s; {self._sender.latest_diagnostics()}'
         elif back_s > limit_s:
             complaint = f'back after {back_s:.1f} s'
         elif victim not in (FILTER, SLAM) and gap_s > _GAP_S:
@@ -79,13 +86,13 @@ class _Deaths:
         )
 
     def _kill(self, victim: str) -> float:
-        self._stage.nodes.poll()
-        pid = member_pids(self._stage.nodes.pids)[victim]
+        self._harness.nodes.poll()
+        pid = member_pids(self._harness.nodes.pids)[victim]
         os.kill(pid, signal.SIGKILL)
         return time.monotonic()
 
-    def _signs(self, victim: str, killed_s: float) -> tuple[Callable[[], bool], float]:
-        """Return what tells that all is as before, and how long that may take."""
+    def _recovery_check(self, victim: str, killed_s: float) -> tuple[Callable[[], bool], float]:
+        """Return a function that detects the recovery, and the time limit (s) of the recovery."""
         since_ns, newest_ns = self._sender.now_ns(), self._sender.newest_ns
         if victim == DETECTOR:
             return (lambda: newest_ns.get(OWN_DETECTIONS, 0) > since_ns), _SAME_MAP_S
@@ -107,11 +114,11 @@ class _Deaths:
         end_s = time.monotonic() + limit_s
         while time.monotonic() < end_s and not is_done():
             self._sender.send()
-            self._stage.nodes.poll()
+            self._harness.nodes.poll()
 
     def _gap_s(self, since_s: float) -> float:
-        self.go_on_for(1.0)
-        times_s = [heard.when_s for heard in self._sender.heard]
+        self.send_for(1.0)
+        times_s = [heard.received_s for heard in self._sender.heard]
         before = [t for t in times_s if t <= since_s][-1:]
         after = [t for t in times_s if t > since_s]
         return float(np.max(np.diff([*before, *after, time.monotonic()]), initial=0.0))

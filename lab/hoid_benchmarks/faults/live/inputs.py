@@ -1,4 +1,4 @@
-"""Wrong messages among good ones, on every input of every node."""
+"""Wrong messages between good ones, on every input of every node."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tf2_msgs.msg import TFMessage
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.damage import Rng
 from hoid_benchmarks.faults.live.mutations import mutated
+from hoid_benchmarks.faults.live.node_harness import CaseResult, NodeHarness
 from hoid_benchmarks.faults.live.sender import Sender
-from hoid_benchmarks.faults.live.stage import Seen, Stage
 from hoid_common import topics
 
 _COLOR, _DEPTH = topics.RGB_IMAGE, topics.DEPTH_IMAGE
@@ -26,50 +26,51 @@ _OTHERS = (
     topics.CAMERA_INFO, topics.DETECTIONS, topics.FEATURES, topics.FEATURE_VERDICTS,
     topics.DYNAMIC_OBJECTS, topics.INITIAL_POSE, topics.TF_STATIC,
 )  # fmt: skip
-_CLOCK_BYTES = 12
-_BETWEEN = 8  # wrong messages between two good ones
-_SETTLE_S = 0.1  # for each wrong message, at most
+_CLOCK_BYTES = 12  # of a serialized Clock
+_NUM_WRONG = 8  # wrong messages between two good ones; fewer than the queue of an input holds
+_SETTLE_S = 0.1  # longest settling time for each wrong message
 _FOREIGN = (topics.CLOCK, topics.TF, topics.DETECTIONS_2D)
 
 
-def message_cases(stage: Stage, seeds: range) -> Iterator[Outcome]:
-    """Yield one outcome for each input: all its seeds are sent to the same nodes.
+def message_cases(harness: NodeHarness, seeds: range) -> Iterator[Outcome]:
+    """Yield one outcome for each input; the messages of all seeds go to the same nodes.
 
-    A few wrong messages lie between two good ones, fewer than an input's queue holds. Before
-    many of them, the nodes settle.
+    A few wrong messages lie between two good ones. The nodes settle before the first case, so that
+    their memory can be compared.
     """
     if not seeds:
         return
-    stage.settle(_SETTLE_S * len(seeds))
-    setup = stage.setup
+    harness.settle(_SETTLE_S * len(seeds))
+    setup = harness.setup
     sent = _FOREIGN if setup.is_foreign else (*_IMAGES, *_OTHERS)
     for topic in _PACKED if setup.is_compressed else sent:
 
-        def send(topic: str = topic) -> Seen:
-            _send_wrong(stage.sender, topic, np.random.default_rng(seeds.start), len(seeds))
-            return Seen()
+        def send(topic: str = topic) -> CaseResult:
+            _send_wrong(harness.sender, topic, np.random.default_rng(seeds.start), len(seeds))
+            return CaseResult()
 
-        outcome = stage.outcome(f'messages on `{topic.lstrip("/")}`', seeds.start, send)
+        outcome = harness.outcome(f'messages on `{topic.lstrip("/")}`', seeds.start, send)
         yield outcome._replace(number=len(seeds))
 
 
 def _send_wrong(sender: Sender, topic: str, rng: Rng, number: int) -> None:
-    pause_s = sender.period_s / (_BETWEEN + 1)
+    pause_s = sender.period_s / (_NUM_WRONG + 1)
     for i in range(number):
-        if i % _BETWEEN == 0:
+        if i % _NUM_WRONG == 0:
             good = sender.send()
             msg = good.get(topic)
             if msg is None:
                 msg = _sample(sender, topic, good[topics.CAMERA_INFO].header)
         wrong = mutated(msg, rng)
-        if topic == topics.CLOCK:  # of a fixed size; the middleware sends no more than that
+        # A Clock has a fixed size, and the middleware sends no more bytes.
+        if topic == topics.CLOCK:
             wrong = wrong[:_CLOCK_BYTES]
         sender.publish(topic, wrong, type(msg))
         sender.spin_until(time.monotonic() + pause_s)
 
 
 def _sample(sender: Sender, topic: str, header: Header) -> Any:
-    """Return a good message of what the sender does not send."""
+    """Return a good message for a topic that the sender does not publish."""
     if topic == topics.FEATURES and sender.features is not None:
         sender.features.header = header
         return sender.features

@@ -1,4 +1,4 @@
-"""Messages made wrong, by field and by byte, by seed."""
+"""Random mutations of messages, by field or by byte, repeatable by seed."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _TEXTS = ('', 'x' * 10_000, 'é\u202e\x00', '../../etc/passwd', '%s%n')
 
 
 def mutated(msg: Any, rng: Rng) -> bytes:
-    """Return the CDR bytes of a message with a field or some bytes changed."""
+    """Return the CDR bytes of a message in which one field or some bytes are changed."""
     if rng.random() < 0.5:
         return damaged(serialize_message(msg), rng)
     data: bytes = serialize_message(msg)
     changed = copy.deepcopy(msg)
-    # A value may not fit the field, which the setter says or, in its way, what comes after it.
+    # If a value does not fit the field, the setter or the serializer raises one of these.
     with suppress(AssertionError, ValueError, TypeError, OverflowError, SystemError):
         _change(changed, rng)
         data = serialize_message(changed)
@@ -31,7 +31,7 @@ def mutated(msg: Any, rng: Rng) -> bytes:
 
 
 def _change(msg: Any, rng: Rng) -> None:
-    """Change one field at any depth; raises where the value does not fit."""
+    """Change one field at any depth; raises an exception if the value does not fit."""
     names = list(msg.get_fields_and_field_types())
     name = names[int(rng.integers(len(names)))]
     value = getattr(msg, name)
@@ -44,14 +44,14 @@ def _change(msg: Any, rng: Rng) -> None:
 
 
 def _other(value: Any, rng: Rng) -> Any:
-    """Return something of the same type that a sender could have meant ill."""
+    """Return an abnormal value of the same type."""
     if isinstance(value, bool):
         return not value
     for kind, others in ((int, _NUMBERS), (float, _FLOATS), (str, _TEXTS)):
         if isinstance(value, kind):
             return others[int(rng.integers(len(others)))]
-    if isinstance(value, np.ndarray):  # of a fixed length
-        with np.errstate(over='ignore'):  # the largest are infinite as float32
+    if isinstance(value, np.ndarray):  # an array of fixed length
+        with np.errstate(over='ignore'):  # the largest values overflow to infinity as float32
             return np.full_like(value, _FLOATS[int(rng.integers(len(_FLOATS)))])
     return _array(value, rng) if isinstance(value, array) else value
 

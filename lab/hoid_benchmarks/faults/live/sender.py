@@ -1,4 +1,4 @@
-"""Sends what a camera would see of a wall, and hears what the nodes make of it."""
+"""A simulated camera that looks at a wall, and subscriptions to the outputs of the nodes."""
 
 from __future__ import annotations
 
@@ -25,21 +25,23 @@ from hoid_common.values import CameraModel, Detections
 
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 FRAME = 'camera_color_optical_frame'
-OWN_DETECTIONS = 'own_detections'  # of the detector, beside those that are sent
+OWN_DETECTIONS = 'own_detections'
+"""Output of the detector node, remapped because the sender publishes `detections` itself."""
 RATE_HZ = 15.0
 WALL_M, _TRAVEL_M = 2.0, 0.3
-_BLOCKS = 80  # of the wall's picture, in the width of an image
+_BLOCKS = 80  # of the wall's texture, per image width
 _QUALITY = 90
-_SLOW_IMAGES = 8
+_SLOW_IMAGES = 8  # a slow detector answers one image in so many
 
 
 class Scene:
-    """A still picture that leans back; or a flat one, along which the camera slides to and fro."""
+    """A textured wall: slanted before a still camera, or flat before one that moves to and fro."""
 
     def __init__(self, camera: CameraModel = CAMERA, step_px: int = 0) -> None:
         self.camera, self._step_px = camera, step_px
         width_px, height_px = camera.size_px
-        slope = np.linspace(1.5, 3.0, width_px, dtype=np.float32).round(3)  # as packing keeps
+        # Whole millimeters, which compression preserves.
+        slope = np.linspace(1.5, 3.0, width_px, dtype=np.float32).round(3)
         self._depth_m = np.tile(slope, (height_px, 1))
         self._num_steps = 0
         if step_px:
@@ -51,7 +53,7 @@ class Scene:
         self._wall = cv2.resize(coarse, wall_px, interpolation=cv2.INTER_CUBIC)
 
     def view(self, i: int) -> tuple[Any, Any, float]:
-        """Return colour (H, W, 3) uint8, depth (H, W) float32 in m and the camera's place in m."""
+        """Return color (H, W, 3) uint8, depth (H, W) float32 in m and camera position in m."""
         steps = self._num_steps - abs(self._num_steps - i % max(2 * self._num_steps, 1))
         first_px = steps * self._step_px
         image_bgr = self._wall[:, first_px : first_px + self.camera.width_px]
@@ -60,22 +62,22 @@ class Scene:
 
 
 class Heard(NamedTuple):
-    """Odometry that came."""
+    """A received odometry message."""
 
-    when_s: float  # monotonic
+    received_s: float  # monotonic
     stamp_ns: int
     position_m: tuple[float, float, float]
 
 
 class Sender:
-    """Sends a scene again and again, and hears what the nodes make of it.
+    """Publishes images of a scene at a rate, and records the outputs of the nodes.
 
     Args:
-        node: Sends and listens.
-        scene: What is seen.
-        rate_hz: Of its images.
-        is_compressed: Whether they are.
-        is_foreign: Boxes are sent as vision_msgs, and where the wheels are and the time as well.
+        node: Its publishers and subscriptions are used.
+        scene: The rendered scene.
+        rate_hz: Rate of the images.
+        is_compressed: Whether images are published as JPEG and compressed depth.
+        is_foreign: Whether boxes as vision_msgs, odometry on /tf and /clock are published too.
     """
 
     def __init__(
@@ -88,17 +90,17 @@ class Sender:
         self._make = _compressed if is_compressed else _raw
         self._is_foreign = is_foreign
         self._publishers: dict[str, Publisher] = {}
-        self.sent: dict[int, float] = {}  # places by stamp
-        self.sent_s: dict[int, float] = {}  # and when, monotonic
+        self.sent: dict[int, float] = {}  # camera position [m] by stamp
+        self.sent_s: dict[int, float] = {}  # monotonic time of publishing by stamp
         self.heard: list[Heard] = []
-        self.newest_ns: dict[str, int] = {}  # stamp of the last of each output
+        self.newest_ns: dict[str, int] = {}  # stamp of the latest message by output
         self.status: SlamStatus | None = None
-        self.features: Features | None = None  # the first that came
-        self._said: dict[str, str] = {}  # by each node of itself, last
-        self.ahead_ns = 0  # stamps, of the clock
+        self.features: Features | None = None  # the first message
+        self._diagnostics: dict[str, str] = {}  # latest message by name of the status
+        self.ahead_ns = 0  # offset of the stamps from the system clock
         self.is_detector_slow = False  # boxes of one image in eight, half a second late
         self._waiting: list[DetectionArray] = []
-        self.sending_s = 0.0  # spent in the middleware, in all
+        self.sending_s = 0.0  # total time spent in calls of `publish`
         node.create_subscription(Odometry, topics.ODOM, self._on_odometry, qos.OUTPUT)
         node.create_subscription(SlamStatus, topics.SLAM_STATUS, self._on_status, qos.OUTPUT)
         node.create_subscription(
@@ -108,15 +110,15 @@ class Sender:
             (DetectionArray, OWN_DETECTIONS),
             (TrackedObjectArray, topics.TRACKED_OBJECTS),
         ):
-            node.create_subscription(type_, topic, self._noting(topic), qos.OUTPUT)
-        # Raw, as wrong ones come back here, of which the middleware writes to the terminal.
+            node.create_subscription(type_, topic, self._stamp_recorder(topic), qos.OUTPUT)
+        # Raw: wrong messages arrive here too, and deserializing them prints warnings.
         node.create_subscription(
             Features, topics.FEATURES, self._on_features, qos.OUTPUT, raw=True
         )
         self._due_s = 0.0
 
     def send(self) -> dict[str, Any]:
-        """Send one good instant, at its time, and return its messages."""
+        """Publish the messages of the next image when it is due, and return them by topic."""
         self.spin_until(self._due_s)
         self._due_s = max(self._due_s, time.monotonic()) + self.period_s
         image_bgr, depth_m, place_m = self.scene.view(len(self.sent))
@@ -140,7 +142,7 @@ class Sender:
         return messages
 
     def publish(self, topic: str, msg: Any, type_: type[Any] | None = None) -> None:
-        """Send a message, or its bytes and their type."""
+        """Publish a message, or serialized bytes of the type `type_`."""
         if topic not in self._publishers:
             profile = qos.TF_STATIC if topic == topics.TF_STATIC else qos.OUTPUT
             self._publishers[topic] = self.node.create_publisher(
@@ -151,16 +153,16 @@ class Sender:
         self.sending_s += time.monotonic() - begun_s
 
     def now_ns(self) -> int:
-        """Return the stamp of an image that is taken now."""
+        """Return the stamp (ns) of an image taken now."""
         return time.time_ns() + self.ahead_ns
 
     def spin_until(self, end_s: float) -> None:
-        """Listen until a monotonic time."""
+        """Process subscriptions until a monotonic time."""
         while (left_s := end_s - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left_s)
 
     def send_for(self, duration_s: float) -> float:
-        """Send for a while; return the share of these images that odometry came of."""
+        """Publish images for some time; return the share of them that have odometry."""
         before = len(self.sent)
         end_s = time.monotonic() + duration_s
         while time.monotonic() < end_s:
@@ -168,30 +170,30 @@ class Sender:
         return self.share_since(before)
 
     def share_since(self, first: int) -> float:
-        """Return the share of the images from this number on that odometry came of."""
+        """Return the share of images with odometry, from the image with this number on."""
         self.spin_until(time.monotonic() + 0.5)
         sent = list(self.sent)[first:]
         return len(set(sent) & {heard.stamp_ns for heard in self.heard}) / len(sent)
 
-    def silent_within(self, limit_s: float, outputs: tuple[str, ...]) -> tuple[str, ...]:
-        """Send until all outputs come of what is sent from now on; return those that do not."""
+    def missing_outputs(self, limit_s: float, outputs: tuple[str, ...]) -> tuple[str, ...]:
+        """Publish images until every output has a message for one; return the missing outputs."""
         end_s, since_ns = time.monotonic() + limit_s, self.now_ns()
         self.newest_ns.clear()
         while time.monotonic() < end_s:
             self.send()
             now_ns = self.now_ns()
-            if not (left := tuple(o for o in outputs if not self._came(o, since_ns, now_ns))):
+            if not (left := tuple(o for o in outputs if not self._is_new(o, since_ns, now_ns))):
                 break
         return left
 
-    def nodes_say(self) -> str:
-        """Return what each node last said of itself on /diagnostics."""
-        return ', '.join(f'{name}: {text}' for name, text in sorted(self._said.items()))
+    def latest_diagnostics(self) -> str:
+        """Return the latest message of each status on /diagnostics."""
+        return ', '.join(f'{name}: {text}' for name, text in sorted(self._diagnostics.items()))
 
-    def _came(self, output: str, since_ns: int, now_ns: int) -> bool:
+    def _is_new(self, output: str, since_ns: int, now_ns: int) -> bool:
         return since_ns <= self.newest_ns.get(output, 0) <= now_ns
 
-    def _noting(self, topic: str) -> Any:
+    def _stamp_recorder(self, topic: str) -> Any:
         def on_message(msg: Any) -> None:
             self.newest_ns[topic] = conversions.stamp_from_msg(msg.header.stamp)
 
@@ -206,7 +208,7 @@ class Sender:
         self.status = msg
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        self._said |= {status.name: status.message for status in msg.status}
+        self._diagnostics |= {status.name: status.message for status in msg.status}
 
     def _on_features(self, data: bytes) -> None:
         if self.features is None:

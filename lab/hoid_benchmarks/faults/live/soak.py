@@ -1,4 +1,4 @@
-"""Hours of the same: whether memory, descriptors or delays of any process grow."""
+"""Soak test: memory, file descriptors and latency of long runs must not grow."""
 
 from __future__ import annotations
 
@@ -12,23 +12,22 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 import psutil
 
 from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.node_harness import NodeHarness, Setup, member_pids, running_nodes
 from hoid_benchmarks.faults.live.sender import CAMERA, RATE_HZ, Scene, Sender
-from hoid_benchmarks.faults.live.stage import Setup, Stage, member_pids, staged
-from hoid_benchmarks.faults.samples import camera_yaml
-from hoid_common.values import FloatArray
+from hoid_benchmarks.faults.samples import camera_yaml, write_tum_folder
+from hoid_common.values import NS_PER_S, FloatArray
 
 _STEP_PX, _PERIOD_S, _S_PER_H = 4, 2.0, 3600.0
-_WARM_UP = 1 / 3  # of the time
+_WARM_UP = 1 / 3  # share of the samples that is not evaluated
 _MAX_MB_PER_H, _MAX_DESCRIPTORS, _MAX_DRIFT_MS = 2.0, 2, 10.0
-_PAUSE_S, _LATE_S = 2.0, 5.0  # longer than any image is kept for its pose
-_NUM_BURSTS, _BURST = 5, 8  # images at once, more than a queue holds
-_NUM_OFFLINE = 150  # images of the recording that is run again and again
-_OFFLINE = (  # what a collection frees does not stay
+_PAUSE_S, _LATE_S = 2.0, 5.0  # longer than any image waits for its pose
+_NUM_BURSTS, _BURST = 5, 8  # images in a burst; more than a queue holds
+_NUM_OFFLINE = 150  # images of the recording that is run repeatedly
+_OFFLINE = (  # collects garbage between runs, which would otherwise count as growth
     'import gc, sys\n'
     'from hoid_bringup.cli import main\n'
     'while main(["run", *sys.argv[1:]]) == 0: gc.collect()\n'
@@ -37,57 +36,59 @@ _OFFLINE = (  # what a collection frees does not stay
 
 
 class _Sample(NamedTuple):
-    when_s: float
+    time_s: float
     memory_mb: float
     descriptors: int
 
 
 def soak_cases(folder: Path, minutes: int) -> Iterator[Outcome]:
-    """Yield an outcome for each process of a live run, and of offline runs in one process."""
+    """Yield an outcome for each process of a live run, and one for repeated offline runs."""
     scene = Scene(step_px=_STEP_PX)
-    with staged(folder / 'live', Setup(scene=scene)) as stage:
-        _fill_queues(stage)
-        series = _live(stage, minutes)
-        yield _delays(stage.sender, minutes)
-    yield from _judged('soak, live', series, minutes)
-    yield from _judged('soak, offline', {'run': _offline(scene, folder, minutes)}, minutes)
+    with running_nodes(folder / 'live', Setup(scene=scene)) as harness:
+        _fill_queues(harness)
+        series = _live(harness, minutes)
+        yield _delay_outcome(harness.sender, minutes)
+    yield from _growth_outcomes('soak, live', series, minutes)
+    yield from _growth_outcomes(
+        'soak, offline', {'run': _offline(scene, folder, minutes)}, minutes
+    )
 
 
-def _fill_queues(stage: Stage) -> None:
-    """Send more than the nodes' queues hold: what is kept for late messages then is all.
+def _fill_queues(harness: NodeHarness) -> None:
+    """Fill the queues of the nodes, so that their memory cannot grow by filling later.
 
-    Much comes at once, and then one process after the other answers late. Without, one delay after
-    the other lets the queues fill in the course of an hour.
+    Bursts of images are followed by a pause of each process. Without this, occasional delays fill
+    the queues in the course of an hour.
     """
-    sender, period_s = stage.sender, stage.sender.period_s
+    sender, period_s = harness.sender, harness.sender.period_s
     for _ in range(_NUM_BURSTS):
         sender.period_s = 0.0
         for _ in range(_BURST):
             sender.send()
         sender.period_s = period_s
         sender.send_for(_PAUSE_S)
-    for pid in member_pids(stage.nodes.pids).values():
+    for pid in member_pids(harness.nodes.pids).values():
         os.kill(pid, signal.SIGSTOP)
         sender.send_for(_LATE_S)
         os.kill(pid, signal.SIGCONT)
         sender.send_for(_PAUSE_S)
 
 
-def _live(stage: Stage, minutes: int) -> Mapping[str, list[_Sample]]:
+def _live(harness: NodeHarness, minutes: int) -> Mapping[str, list[_Sample]]:
     series: dict[str, list[_Sample]] = defaultdict(list)
     end_s = time.monotonic() + 60 * minutes
     next_s = 0.0
     while time.monotonic() < end_s:
-        stage.sender.send()
+        harness.sender.send()
         if time.monotonic() > next_s:
             next_s = time.monotonic() + _PERIOD_S
-            for name, pid in member_pids(stage.nodes.pids).items():
+            for name, pid in member_pids(harness.nodes.pids).items():
                 series[name].append(_sample(pid))
     return series
 
 
 def _offline(scene: Scene, folder: Path, minutes: int) -> list[_Sample]:
-    """Run a recording again and again in one process."""
+    """Return samples of a process that runs one recording repeatedly."""
     recording = _recorded(scene, folder / 'recording')
     command = (sys.executable, '-c', _OFFLINE, str(recording), '--out', str(folder / 'out'))
     options = ('--camera', str(recording / 'camera.yaml'), '--filter', 'none')
@@ -104,29 +105,22 @@ def _offline(scene: Scene, folder: Path, minutes: int) -> list[_Sample]:
 
 
 def _recorded(scene: Scene, folder: Path) -> Path:
-    """Write what a camera sees of a scene as a TUM folder."""
-    for kind in ('rgb', 'depth'):
-        (folder / kind).mkdir(parents=True)
-    lists: dict[str, list[str]] = {'rgb': [], 'depth': []}
-    for i in range(_NUM_OFFLINE):
-        image_bgr, depth_m, _ = scene.view(i)
-        stamp = f'{1000 + i / RATE_HZ:.6f}'
-        pixels = {'rgb': image_bgr, 'depth': np.round(5000 * depth_m).astype(np.uint16)}
-        for kind, image in pixels.items():
-            cv2.imwrite(str(folder / kind / f'{stamp}.png'), image)
-            lists[kind].append(f'{stamp} {kind}/{stamp}.png')
-    for kind, rows in lists.items():
-        (folder / f'{kind}.txt').write_text('\n'.join(rows) + '\n')
+    """Write the images of a scene as a TUM folder, and return its path."""
+    views = (scene.view(i) for i in range(_NUM_OFFLINE))
+    images = ((color, np.round(5000 * depth_m).astype(np.uint16)) for color, depth_m, _ in views)
+    write_tum_folder(folder, images, round(NS_PER_S / RATE_HZ))
     (folder / 'camera.yaml').write_text(camera_yaml(CAMERA))
     return folder
 
 
-def _judged(what: str, series: Mapping[str, list[_Sample]], minutes: int) -> Iterator[Outcome]:
-    """Yield whether processes grow."""
+def _growth_outcomes(
+    what: str, series: Mapping[str, list[_Sample]], minutes: int
+) -> Iterator[Outcome]:
+    """Yield an outcome for each process; it fails if memory or descriptors grow."""
     for name, samples in series.items():
-        when_s, memory_mb, descriptors = np.array(samples).T
-        is_warm = when_s > when_s[0] + 60 * minutes * _WARM_UP
-        slope, error = _slope(when_s[is_warm], memory_mb[is_warm])
+        time_s, memory_mb, descriptors = np.array(samples).T
+        is_warm = time_s > time_s[0] + 60 * minutes * _WARM_UP
+        slope, error = _slope(time_s[is_warm], memory_mb[is_warm])
         more = int(descriptors[is_warm][-1] - descriptors[is_warm][0])
         complaint = ''
         if slope - 2 * error > _MAX_MB_PER_H:
@@ -140,10 +134,10 @@ def _judged(what: str, series: Mapping[str, list[_Sample]], minutes: int) -> Ite
         )
 
 
-def _delays(sender: Sender, minutes: int) -> Outcome:
-    """Judge how the time from an image to its odometry has changed."""
+def _delay_outcome(sender: Sender, minutes: int) -> Outcome:
+    """Return the outcome for the latency from image to odometry; it fails if it grows."""
     heard = [h for h in sender.heard if h.stamp_ns in sender.sent_s]
-    delays_ms = np.array([1e3 * (h.when_s - sender.sent_s[h.stamp_ns]) for h in heard])
+    delays_ms = np.array([1e3 * (h.received_s - sender.sent_s[h.stamp_ns]) for h in heard])
     third = len(delays_ms) // 3
     first_ms, last_ms = np.median(delays_ms[third : 2 * third]), np.median(delays_ms[2 * third :])
     drift_ms = float(last_ms - first_ms)
@@ -152,14 +146,15 @@ def _delays(sender: Sender, minutes: int) -> Outcome:
     return Outcome('soak, live: delay of odometry', 0, complaint, wall_s=60.0 * minutes, note=note)
 
 
-def _slope(when_s: FloatArray, values: FloatArray) -> tuple[float, float]:
-    """Return by how much values grow in an hour, and the standard error of that."""
-    coefficients, covariance = np.polyfit(when_s, values, 1, cov=True)
+def _slope(time_s: FloatArray, values: FloatArray) -> tuple[float, float]:
+    """Return the growth of values per hour by linear regression, and its standard error."""
+    coefficients, covariance = np.polyfit(time_s, values, 1, cov=True)
     return _S_PER_H * float(coefficients[0]), _S_PER_H * float(np.sqrt(covariance[0, 0]))
 
 
 def _sample(pid: int) -> _Sample:
     process = psutil.Process(pid)
     memory = process.memory_info()
-    own_mb = (memory.rss - memory.shared) / 2**20  # images are received in what is shared
+    # Images arrive in shared memory, which is not the process's own.
+    own_mb = (memory.rss - memory.shared) / 2**20
     return _Sample(time.monotonic(), own_mb, process.num_fds())

@@ -1,7 +1,7 @@
-"""Nodes that are watched by another process, as on a robot.
+"""Nodes supervised by another process, as on a robot.
 
-Whoever sends to a node that is killed may wait for seconds in the middleware, with the
-interpreter lock held. It would be that late to start the node anew.
+A process that publishes to a killed node can block for seconds in the middleware while it holds
+the interpreter lock. A supervisor in the same process would restart the node that much later.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hoid_common.process.child_process import ChildWorker
 
 _PERIOD_S = 0.02
 _START_S = 30.0
-_PATIENCE_S = 30.0  # more than a supervisor's, which ends with SIGKILL
+_PATIENCE_S = 30.0  # longer than the supervisor waits before it sends SIGKILL
 
 
 class _Change(NamedTuple):
@@ -26,7 +26,7 @@ class _Change(NamedTuple):
 
 
 class WatchedNodes:
-    """Nodes that run in a process of their own, as a `Supervisor` does it."""
+    """Nodes under a `Supervisor` in another process, with the same interface."""
 
     def __init__(self, worker: ChildWorker[None, _Change]) -> None:
         self._worker = worker
@@ -50,12 +50,12 @@ class WatchedNodes:
 def watched(
     specs: Sequence[ProcessSpec], *, restart: bool, log_dir: Path
 ) -> Iterator[WatchedNodes]:
-    """Run nodes, and end them.
+    """Run nodes, and end them when the block is left.
 
     Args:
-        specs: What to start.
-        restart: Start a dead node anew.
-        log_dir: Folder that gets one file of output per node.
+        specs: The processes to start.
+        restart: Whether to restart a node that has ended.
+        log_dir: Folder of the log files, one for each node.
     """
     worker: ChildWorker[None, _Change] = ChildWorker('supervisor', _watch, specs, restart, log_dir)
     try:
@@ -68,12 +68,12 @@ def _watch(
     messages: Connection, changes: Connection, specs: Sequence[ProcessSpec], restart: bool,
     log_dir: Path,
 ) -> None:  # fmt: skip
-    """Run the nodes until there can be no more messages; the main function of the process."""
+    """Supervise the nodes until the parent closes the pipe; main function of the process."""
     with Supervisor(specs, restart=restart, log_dir=log_dir) as nodes:
-        said = _Change(nodes.pids, [])
-        changes.send(said)
+        reported = _Change(nodes.pids, [])
+        changes.send(reported)
         while not messages.poll(_PERIOD_S):
             exits = nodes.poll()
-            if exits or nodes.pids != said.pids:
-                said = _Change(nodes.pids, exits)
-                changes.send(said)
+            if exits or nodes.pids != reported.pids:
+                reported = _Change(nodes.pids, exits)
+                changes.send(reported)

@@ -26,7 +26,7 @@ from hoid_common.values import (
     RgbdFrame,
     Trajectory,
 )
-from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, TRACK_ONLY_BGR, label
+from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, label
 
 MAP = 'map'
 POINTS, CLOUD, KEYFRAMES = f'{MAP}/points', f'{MAP}/cloud', f'{MAP}/keyframes'
@@ -143,9 +143,7 @@ class ViewLog:
             DEPTH, rr.EncodedDepthImage(blob=png, media_type='image/png', meter=images.MM_PER_M)
         )
         self._boxes(result.objects)
-        features = result.features
-        colors = np.where(features.may_seed[:, None], KEPT_BGR, TRACK_ONLY_BGR)[:, ::-1]
-        self._features(KEPT, features.uv_px, colors)
+        self._features(KEPT, result.features.uv_px, KEPT_BGR[::-1])
         self._features(REMOVED, result.removed_uv_px, REMOVED_BGR[::-1])
 
     def _pose(self, T_map_camera: FloatArray | None) -> None:

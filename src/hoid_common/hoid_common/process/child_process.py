@@ -139,16 +139,6 @@ class ChildWorker(Generic[Message, Report]):
         self._start()
 
     @property
-    def process_id(self) -> int | None:
-        """Return the process id of the child."""
-        return self._process.pid
-
-    @property
-    def is_running(self) -> bool:
-        """Return whether the child process is running."""
-        return self._process.is_alive()
-
-    @property
     def num_waiting(self) -> int:
         """Return the number of messages that are not sent to the child yet."""
         return self._to_send.qsize()

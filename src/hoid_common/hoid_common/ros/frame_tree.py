@@ -5,9 +5,12 @@ tf2_ros has the same where ROS is installed, but is missing from the wheels of r
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
+from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
 from hoid_common import topics
@@ -40,30 +43,48 @@ class TransformPublisher:
         )
 
 
+def listen_to_transforms(
+    node: Node,
+    topic: str,
+    profile: QoSProfile,
+    what: str,
+    take: Callable[[TransformStamped], None],
+    diagnostics: Diagnostics,
+) -> None:
+    """Subscribe to /tf or /tf_static; malformed messages and edges are counted and logged.
+
+    Args:
+        node: Node that subscribes.
+        topic: Name of the topic.
+        profile: Its quality of service.
+        what: The transforms in the plural, such as "static transforms".
+        take: Called with each edge of the frame tree; may raise MessageError.
+        diagnostics: Of the node.
+    """
+
+    def on_transforms(msg: TFMessage) -> None:
+        for edge in msg.transforms:
+            try:
+                take(edge)
+            except MessageError as error:
+                diagnostics.report(error, f'{what} refused')
+
+    full_name = node.resolve_topic_name(topic)
+    on_bytes = checked_callback(on_transforms, TFMessage, full_name, what, diagnostics)
+    node.create_subscription(TFMessage, topic, on_bytes, profile, raw=True)
+
+
 class StaticFrameListener:
     """Collects the transforms on /tf_static in `frames`; bad ones are counted and logged."""
 
     def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
         self.frames = StaticFrames()
-        self._diagnostics = diagnostics
-        topic = node.resolve_topic_name(topics.TF_STATIC)
-        self._subscription = node.create_subscription(
-            TFMessage,
-            topics.TF_STATIC,
-            checked_callback(
-                self._on_transforms, TFMessage, topic, 'static transforms', diagnostics
-            ),
-            qos.TF_STATIC,
-            raw=True,
+        listen_to_transforms(
+            node, topics.TF_STATIC, qos.TF_STATIC, 'static transforms', self._add, diagnostics
         )
 
-    def _on_transforms(self, msg: TFMessage) -> None:
-        for edge in msg.transforms:
-            try:
-                T = transform_from_msg(edge)
-                self.frames.add(edge.header.frame_id, edge.child_frame_id, T)
-            except MessageError as error:
-                self._diagnostics.report(error, 'static transforms refused')
+    def _add(self, edge: TransformStamped) -> None:
+        self.frames.add(edge.header.frame_id, edge.child_frame_id, transform_from_msg(edge))
 
 
 class FrameListener:

@@ -87,7 +87,7 @@ class TrackLimits:
     """How long tracks are kept without a detection, and when an unsure one is confirmed."""
 
     silent_s: float  # prediction while the detector sends nothing
-    coast_s: float  # prediction of an established track that the detector misses
+    coast_s: float  # prediction of a confirmed track that the detector misses
     rest_s: float  # time after which a handled object counts as static
     hits_to_confirm: int  # unsure detections in a row that confirm a track
 

@@ -17,8 +17,9 @@ from hoid_common.values import (
     IntArray,
 )
 from hoid_filter.config import ExtractionConfig
-from hoid_filter.extraction.pyramid import Corners, Int32Array, build_pyramid, find_corners
+from hoid_filter.extraction.pyramid import Corners, Int32Array, build_pyramid
 from hoid_native import (
+    fast_corners,
     orb_descriptors,
     orientations_deg,
     spread_evenly,
@@ -36,34 +37,12 @@ class OrbExtractor:
         self._config = config
         self._budgets = octave_budgets(config.num_features, config.num_levels, config.scale_factor)
 
-    def extract(
-        self,
-        image_gray: ByteArray,
-        depth_m: Float32Array,
-        keep_mask: ByteArray | None,
-        stamp_ns: int,
-    ) -> Features:
-        """Return at most `num_features` features.
-
-        Args:
-            image_gray: (H, W).
-            depth_m: (H, W); 0 or NaN = no reading.
-            keep_mask: (H, W), 0 where no feature may lie; None for the whole image.
-            stamp_ns: Of the image.
-        """
-        corners = self.detect(image_gray)
-        if keep_mask is None:
-            chosen = self.choose(corners, None, image_gray.size)
-        else:
-            kept = np.flatnonzero(keep_mask.ravel()[corners.pixel] > 0)
-            chosen = self.choose(corners, kept, cv2.countNonZero(keep_mask))
-        return self.describe(corners, chosen, depth_m, stamp_ns)
-
     def detect(self, image_gray: ByteArray) -> Corners:
-        """Return the corners of an (H, W) image on all levels of its pyramid."""
+        """Return the FAST corners of an (H, W) image, at least `border_px` inside their level."""
         config = self._config
         pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)
-        return find_corners(pyramid, config.fast_threshold, config.border_px)
+        found = fast_corners(*pyramid, config.fast_threshold, config.border_px)
+        return Corners(pyramid, *found)
 
     def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
         """Return the ascending indices of the corners to describe, distributed evenly.

@@ -1,4 +1,4 @@
-"""The image pyramid, and the FAST corners on all its levels."""
+"""The image pyramid, and the corners on all its levels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
-from hoid_native import fast_corners
 
 Int32Array = NDArray[np.int32]
 
@@ -46,8 +45,3 @@ def build_pyramid(image_gray: ByteArray, num_levels: int, scale_factor: float) -
         levels.append(np.asarray(smaller, np.uint8))
     steps = [(width / level.shape[1], height / level.shape[0]) for level in levels]
     return Pyramid(tuple(levels), np.array(steps, np.float32))
-
-
-def find_corners(pyramid: Pyramid, threshold: int, border_px: int) -> Corners:
-    """Return the FAST corners of all levels, at least `border_px` inside their level."""
-    return Corners(pyramid, *fast_corners(*pyramid, threshold, border_px))

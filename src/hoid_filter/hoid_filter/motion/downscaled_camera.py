@@ -58,10 +58,6 @@ class DownscaledCamera:
         """Return the (N, 2) positions in the gray image of positions in the full image."""
         return (full_px + np.float32(0.5)) / np.float32(self._gray_scale) - np.float32(0.5)
 
-    def downscaled_pixels(self, pixels: IntArray) -> IntArray:
-        """Return the flat indices into the low-resolution depth image of full-image indices."""
-        return self.downscaled_of_pixel[pixels]
-
     def measure(self, full_px: Float32Array, depth_m: FloatArray) -> FloatArray:
         """Return (N, 3) stereo observations u, v, u_right, undistorted, in gray-image pixels.
 

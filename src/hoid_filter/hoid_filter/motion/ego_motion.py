@@ -43,15 +43,7 @@ class PointObservations(NamedTuple):
 
     def select(self, mask: BoolArray) -> PointObservations:
         """Return the points of an (N,) mask."""
-        return PointObservations(
-            world_m=self.world_m[mask],
-            observed_px=self.observed_px[mask],
-            camera_m=self.camera_m[mask],
-            has_depth=self.has_depth[mask],
-            region=self.region[mask],
-            static_probability=self.static_probability[mask],
-            weights=self.weights[mask],
-        )
+        return PointObservations._make(values[mask] for values in self)
 
 
 class EgoMotionEstimate(NamedTuple):
@@ -68,12 +60,8 @@ class EgoMotion:
     def __init__(self, camera: DownscaledCamera) -> None:
         self._camera = camera
         self._random = np.random.default_rng(0)
-        self._noise_px = _MAX_NOISE_PX
-
-    @property
-    def noise_px(self) -> float:
-        """Return the standard deviation of observed static points, in gray-image pixels."""
-        return self._noise_px
+        # Standard deviation of observed static points, in gray-image pixels.
+        self.noise_px = _MAX_NOISE_PX
 
     def update_noise(self, residuals_px: FloatArray) -> None:
         """Update the noise estimate by the (N,) residuals of mostly static points."""
@@ -82,7 +70,7 @@ class EgoMotion:
         middle = len(residuals_px) // 2
         median_px = float(np.partition(residuals_px, middle)[middle])
         now_px = min(max(_NOISE_PER_MEDIAN * median_px, _MIN_NOISE_PX), _MAX_NOISE_PX)
-        self._noise_px += _NOISE_GAIN * (now_px - self._noise_px)
+        self.noise_px += _NOISE_GAIN * (now_px - self.noise_px)
 
     def estimate(self, points: PointObservations, guesses: list[FloatArray]) -> EgoMotionEstimate:
         """Return the camera pose.
@@ -140,7 +128,7 @@ class EgoMotion:
         """Return the pose with the greatest share in a column, refined on its inliers."""
         T = poses[int(shares[:, column].argmax())]
         errors_px = self.residuals_px(points, T)
-        near = errors_px < _REFINE_FACTOR * _GATE_SIGMAS * self._noise_px
+        near = errors_px < _REFINE_FACTOR * _GATE_SIGMAS * self.noise_px
         refined = self._fit(points, near, T) if np.count_nonzero(near) >= MIN_POINTS else T
         both = self._shares(points, [refined, T])
         k = int(both[:, column].argmax())
@@ -150,7 +138,7 @@ class EgoMotion:
         """Return (M, 2): the shares that poses explain of the static area, and of all area."""
         scores = score_poses(
             self._stereo(),
-            self._noise_px,
+            self.noise_px,
             _GATE_SIGMAS,
             np.array(poses),
             points.world_m,
@@ -168,7 +156,7 @@ class EgoMotion:
             _GATES,
             points.world_m.take(k, 0),
             points.observed_px.take(k, 0),
-            np.full(len(k), self._noise_px**-2),
+            np.full(len(k), self.noise_px**-2),
             guess,
         ).T_camera_map
 
@@ -180,6 +168,6 @@ class EgoMotion:
             pinhole.cx_px,
             pinhole.cy_px,
             self._camera.disparity_px_m,
-            _DISPARITY_NOISE_PX / self._noise_px,
+            _DISPARITY_NOISE_PX / self.noise_px,
             0.0,
         )

@@ -142,7 +142,7 @@ class MotionSegmentation:
     def _observe_points(self, pixels: PointPixels, small: DownscaledView) -> SegmentedPoints:
         depth_m = pixels.depth_m
         observed_px = self.camera.measure(self.camera.full_px(self._tracks.uv_px), depth_m)
-        downscaled_pixel = self.camera.downscaled_pixels(pixels.pixel)
+        downscaled_pixel = self.camera.downscaled_of_pixel[pixels.pixel]
         segment = small.segments.label.ravel()[downscaled_pixel]
         # Proportional to the square root of the area in m2, at equal area in px.
         area = _area_per_point(small.segments.area_px, segment)
@@ -255,7 +255,7 @@ class MotionSegmentation:
                 depth_m,
             )
         )
-        at = np.concatenate([occupied, self.camera.downscaled_pixels(pixels)])
+        at = np.concatenate([occupied, self.camera.downscaled_of_pixel[pixels]])
         self._static_probability = self._log_odds.static_probability(at)
 
     def _free_corners(self, view: MotionView, small: DownscaledView) -> IntArray:

@@ -30,7 +30,7 @@ class MovingRegions(NamedTuple):
         """Return the labels of full-resolution pixels, given as flat indices of any shape."""
         if self.camera is None or not len(self.depths_m):
             return np.zeros(pixels.shape, np.uint8)
-        return self.label.ravel()[self.camera.downscaled_pixels(pixels)]
+        return self.label.ravel()[self.camera.downscaled_of_pixel[pixels]]
 
     def select(self, index: IntArray) -> MovingRegions:
         """Return some of the regions; the label image keeps all of them."""

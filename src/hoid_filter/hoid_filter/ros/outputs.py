@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from hoid_msgs.msg import DynamicObjectArray
 from hoid_msgs.msg import Features as FeaturesMsg
 from hoid_msgs.msg import FeatureVerdicts as FeatureVerdictsMsg
@@ -16,7 +17,7 @@ from hoid_common.ros.debug_image import DebugImages, MaskedImages
 from hoid_common.values import CameraModel, DynamicObject, FilterResult, Float32Array, RgbdFrame
 from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import FinalVerdict
-from hoid_filter.masked_images import pixel_masks, points_m, static_depth_m
+from hoid_filter.masked_images import dynamic_mask, points_m
 
 
 class FilterOutputs:
@@ -90,12 +91,14 @@ class FilterOutputs:
             header: Of the image.
             camera: Of the image; if it is None or of another size, there are no points.
         """
-        masks = pixel_masks(final.verdict, depth_m.shape[::-1])
-        self._masked_images.publish(masks.static, static_depth_m(depth_m, masks.static), header)
+        is_dynamic = dynamic_mask(final.verdict, depth_m.shape[::-1])
+        is_static = ~is_dynamic
+        mask = is_static.astype(np.uint8) * np.uint8(255)
+        self._masked_images.publish(mask, np.where(is_static, depth_m, np.float32(0)), header)
         if camera is None or camera.size_px != depth_m.shape[::-1]:
             return
         for publisher in self._watched_clouds():
-            wanted = masks.dynamic if publisher is self._moving_points else ~masks.dynamic
+            wanted = is_dynamic if publisher is self._moving_points else is_static
             cloud = conversions.Cloud(points_m(depth_m, wanted, camera))
             publisher.publish(conversions.cloud_to_msg(cloud, header))
 

@@ -10,12 +10,7 @@ from hoid_filter.detections.overlap import areas_px2
 from hoid_filter.detections.tracks import BoxTracker, TrackLimits
 from hoid_filter.motion.moving_regions import MovingRegions
 from hoid_filter.strategies.depth_regions import STRIDE_PX, subsample, subsampled_pixels
-from hoid_filter.strategies.dynamic_mask import (
-    Masks,
-    dynamic_certainty,
-    make_masks,
-    moving_certainty,
-)
+from hoid_filter.strategies.dynamic_mask import Mask, dilate_mask, mask_objects
 from hoid_filter.strategies.interaction import (
     Interactions,
     TrackSnapshot,
@@ -52,32 +47,18 @@ class HoidPlus:
         low_depth_m = subsample(image.depth_m)
         snapshot = self._snapshot(image, low_depth_m)
         found = classify_interactions(snapshot, self._config)
-        certainty = dynamic_certainty(snapshot, found.reasons, low_depth_m, plus)
-        detected_mask = certainty > 0
-        regions = self._add_undetected(image, certainty)
-        min_corners = plus.min_static_share * self._config.extraction.num_features
-        masks = make_masks(certainty, image, plus, min_corners)
-        verdict = _verdict(snapshot, found, masks)._replace(detected_mask=detected_mask)
-        return append_objects(verdict, moving_verdict(regions, masks))
-
-    def _add_undetected(self, image: FilterInput, certainty: ByteArray) -> MovingRegions:
-        """Return the moving regions that no detection covers, and add all moving pixels to a mask.
-
-        Args:
-            image: The image.
-            certainty: (h, w) mask of the detected dynamic objects, which is changed.
-        """
-        regions = image.moving_regions
-        label = regions.label_at(subsampled_pixels(image.depth_m.shape))
-        area = np.bincount(label.ravel(), minlength=len(regions.depths_m) + 1)[1:]
-        detected_area = np.bincount(label[certainty > 0], minlength=len(area) + 1)[1:]
-        np.maximum(certainty, moving_certainty(label), out=certainty)
-        return regions.select(np.flatnonzero(detected_area < _MAX_DETECTED_SHARE * area))
+        detected_mask = mask_objects(snapshot, found.reasons, low_depth_m, plus)
+        label = image.moving_regions.label_at(subsampled_pixels(image.depth_m.shape))
+        mask = dilate_mask(detected_mask | (label > 0), image)
+        verdict = _verdict(snapshot, found, mask)._replace(detected_mask=detected_mask)
+        undetected = _undetected(image.moving_regions, label, detected_mask)
+        return append_objects(verdict, moving_verdict(undetected, mask))
 
     def _unsure(self, detections: Detections, image_area_px2: int) -> BoolArray:
         """Return the (N,) flags of people with a low score over most of the image.
 
-        Depth does not tell such a false detection: at arm's length a desk is as wide as a person.
+        Depth does not reveal such a false detection: at arm's length a desk is as wide as a
+        person.
         """
         plus = self._config.plus
         if not plus.doubt_large_people:
@@ -102,7 +83,22 @@ class HoidPlus:
         return TrackSnapshot(image.stamp_ns, tracks, boxes, depths_m)
 
 
-def _verdict(snapshot: TrackSnapshot, found: Interactions, masks: Masks) -> Verdict:
+def _undetected(
+    regions: MovingRegions, label: ByteArray, detected_mask: BoolArray
+) -> MovingRegions:
+    """Return the moving regions that lie mostly outside the detected dynamic objects.
+
+    Args:
+        regions: Of the image.
+        label: (h, w) their labels at low resolution.
+        detected_mask: (h, w), the detected dynamic objects.
+    """
+    area = np.bincount(label.ravel(), minlength=len(regions.depths_m) + 1)[1:]
+    detected_area = np.bincount(label[detected_mask], minlength=len(area) + 1)[1:]
+    return regions.select(np.flatnonzero(detected_area < _MAX_DETECTED_SHARE * area))
+
+
+def _verdict(snapshot: TrackSnapshot, found: Interactions, mask: Mask) -> Verdict:
     """Return the verdict on all tracks but static ones that the detector missed."""
     tracks = snapshot.tracks
     reported = [
@@ -119,9 +115,7 @@ def _verdict(snapshot: TrackSnapshot, found: Interactions, masks: Masks) -> Verd
         overlap_ratios=found.overlap_ratios[reported],
         depths_m=snapshot.depths_m[reported],
         depth_gaps_m=found.depth_gaps_m[reported],
-        static_area_px=masks.static_area_px,
-        kept=masks.kept,
-        seeds=masks.seeds,
-        fallback_step=masks.step,
-        dynamic_mask=masks.dynamic,
+        static_area_px=mask.static_area_px,
+        kept=mask.kept,
+        dynamic_mask=mask.is_dynamic,
     )

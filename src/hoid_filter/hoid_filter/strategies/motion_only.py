@@ -8,7 +8,7 @@ from hoid_common.values import UNKNOWN, Reason
 from hoid_filter.config import FilterConfig
 from hoid_filter.motion.moving_regions import MovingRegions
 from hoid_filter.strategies.depth_regions import subsampled_pixels
-from hoid_filter.strategies.dynamic_mask import Masks, make_masks, moving_certainty
+from hoid_filter.strategies.dynamic_mask import Mask, dilate_mask
 from hoid_filter.strategy import FilterInput, Verdict
 
 
@@ -18,18 +18,16 @@ class MotionOnly:
     needs_detections, senses_motion = False, True
 
     def __init__(self, config: FilterConfig) -> None:
-        self._config = config
+        """Accept the configuration, of which this strategy needs nothing."""
 
     def classify(self, image: FilterInput) -> Verdict:
         """Return the moving regions as dynamic objects of unknown class."""
         regions = image.moving_regions
-        plus = self._config.plus
-        certainty = moving_certainty(regions.label_at(subsampled_pixels(image.depth_m.shape)))
-        min_corners = plus.min_static_share * self._config.extraction.num_features
-        return moving_verdict(regions, make_masks(certainty, image, plus, min_corners))
+        is_moving = regions.label_at(subsampled_pixels(image.depth_m.shape)) > 0
+        return moving_verdict(regions, dilate_mask(is_moving, image))
 
 
-def moving_verdict(regions: MovingRegions, masks: Masks) -> Verdict:
+def moving_verdict(regions: MovingRegions, mask: Mask) -> Verdict:
     """Return the verdict that moving regions are the only objects of an image."""
     num = len(regions.depths_m)
     return Verdict(
@@ -41,10 +39,8 @@ def moving_verdict(regions: MovingRegions, masks: Masks) -> Verdict:
         overlap_ratios=np.zeros(num),
         depths_m=regions.depths_m,
         depth_gaps_m=np.full(num, np.nan),
-        static_area_px=masks.static_area_px,
-        kept=masks.kept,
-        seeds=masks.seeds,
-        fallback_step=masks.step,
-        dynamic_mask=masks.dynamic,
+        static_area_px=mask.static_area_px,
+        kept=mask.kept,
+        dynamic_mask=mask.is_dynamic,
         velocities_mps=regions.velocities_mps,
     )

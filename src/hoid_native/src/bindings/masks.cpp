@@ -59,25 +59,22 @@ void require_areas(const Array<int32_t, -1, 4>& areas, int width, int height)
 
 auto segment_objects(
   const ImageArray<float>& depth_m, const Array<int32_t, -1, 4>& areas,
-  const RealArray<-1>& depths_m, const RealArray<-1>& reaches_m,
-  const Vector<uint8_t>& certainties, const Vector<bool>& seen)
+  const RealArray<-1>& depths_m, const RealArray<-1>& reaches_m, const Vector<bool>& seen)
 {
   const int count = areas.size();
   require_areas(areas, depth_m.size(1), depth_m.size(0));
   require_length("depths_m", depths_m, count);
   require_length("reaches_m", reaches_m, count);
-  require_length("certainties", certainties, count);
   require_length("seen", seen, count);
   const masks::Objects objects{
     areas.data(),
     depths_m.data(),
     reaches_m.data(),
-    certainties.data(),
     reinterpret_cast<const uint8_t*>(seen.data()),
     count};
-  std::vector<uint8_t> certainty(depth_m.array.size());
-  unlocked([&] { masks::segment_objects(view(depth_m), objects, certainty.data()); });
-  return give(std::move(certainty), shape_of(depth_m));
+  std::vector<uint8_t> dynamic(depth_m.array.size());
+  unlocked([&] { masks::segment_objects(view(depth_m), objects, dynamic.data()); });
+  return give<uint8_t, bool>(std::move(dynamic), shape_of(depth_m));
 }
 
 auto values_at(
@@ -131,8 +128,8 @@ void bind_masks(nb::module_& module)
   bind_depths(module);
   module.def(
     "segment_objects", &segment_objects, "depth_m"_a, "areas_xyxy_px"_a, "depths_m"_a,
-    "reaches_m"_a, "certainties"_a, "seen"_a, R"(
-Return the (H, W) uint8 certainty that each pixel shows a dynamic object; 0 = static.
+    "reaches_m"_a, "seen"_a, R"(
+Return the (H, W) mask of the pixels that show a dynamic object.
 
 The image is split into regions along depth jumps. An object is the regions that lie mostly in its
 area and near its depth, and the gaps without readings beside them. It may extend beyond its area
@@ -144,7 +141,6 @@ Args:
     areas_xyxy_px: (N, 4) int32 whole pixels within the image; x2 and y2 are exclusive.
     depths_m: (N,) depths of the objects; NaN = unknown: the object is its whole area.
     reaches_m: (N,) extents of the objects in depth, before and behind their own depth.
-    certainties: (N,) uint8 values that their pixels get; the largest wins.
     seen: (N,) bool, whether each was detected in this image. If the regions of a detected object
         fill too little of its area, it has merged with what it touches: all pixels of the area
         near its depth count.

@@ -61,16 +61,14 @@ void person_depths(
 // Dynamic objects, from the boxes of a strategy.
 struct Objects
 {
-  const int32_t* areas;        // (count, 4) whole pixels x1, y1, x2, y2 within the image
-  const double* depths_m;      // NaN = unknown
-  const double* reaches_m;     // extent in depth, before and behind their own depth
-  const uint8_t* certainties;  // how certain it is that they move, above 0
-  const uint8_t* seen;         // not 0: detected in this image; 0: predicted
+  const int32_t* areas;     // (count, 4) whole pixels x1, y1, x2, y2 within the image
+  const double* depths_m;   // NaN = unknown
+  const double* reaches_m;  // extent in depth, before and behind their own depth
+  const uint8_t* seen;      // not 0: detected in this image; 0: predicted
   int count;
 };
 
-// Write for each pixel of a depth image how certain it is that it shows a dynamic object; 0 =
-// static.
+// Write 1 for each pixel of a depth image that shows a dynamic object, and 0 for the others.
 //
 // An object is the union of the regions that lie mostly in its area and near its depth, and the
 // gaps without readings between them. It may extend beyond its area by a tenth of a side (decision
@@ -78,7 +76,7 @@ struct Objects
 // the regions fill too little of the area of a detected object, the object has merged with its
 // surroundings; then every pixel of the area near its depth counts. An object of unknown depth is
 // its whole area.
-void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_t* certainty_out);
+void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_t* dynamic_out);
 
 // Nearest-neighbor upscaling: the row and column of a small image for each row and column of a
 // large one.

@@ -71,21 +71,20 @@ struct Object
 {
   Area area;
   double depth_m, reach_m;
-  uint8_t certainty;
   bool seen;  // detected in this image, not predicted
 };
 
-// Writes the certainty image, object by object.
+// Sets the dynamic pixels, object by object.
 class ObjectSegmentation
 {
 public:
   ObjectSegmentation(
-    const float* depth_m, int width, int height, const Regions& regions, uint8_t* certainty)
+    const float* depth_m, int width, int height, const Regions& regions, uint8_t* dynamic)
   : depth_m_(depth_m),
     width_(width),
     height_(height),
     regions_(regions),
-    certainty_(certainty),
+    dynamic_(dynamic),
     inside_(regions.count())
   {
   }
@@ -105,8 +104,7 @@ public:
     }
     for (int y = area.y1, k = 0; y < area.y2; ++y) {
       for (int x = area.x1; x < area.x2; ++x, ++k) {
-        uint8_t& out = certainty_[y * width_ + x];
-        out = pixels_[k] != 0 ? std::max(out, object.certainty) : out;
+        dynamic_[y * width_ + x] |= pixels_[k];
       }
     }
   }
@@ -164,8 +162,7 @@ private:
     each_run(wide, [&](int y, const Run& run) {
       const int last = inside_[run.region] != 0 ? std::min(run.last, wide.x2) : 0;
       for (int x = std::max(run.first, wide.x1); x < last; ++x) {
-        uint8_t& out = certainty_[y * width_ + x];
-        out = std::max(out, object.certainty);
+        dynamic_[y * width_ + x] = 1;
       }
     });
     for (const int r : touched_) {
@@ -190,7 +187,7 @@ private:
   const float* depth_m_;
   int width_, height_;
   const Regions& regions_;
-  uint8_t* certainty_;
+  uint8_t* dynamic_;
   std::vector<int> inside_;   // pixels of each region in the current area; all 0 between objects
   std::vector<int> touched_;  // regions in the current area
   std::vector<uint8_t> pixels_;
@@ -199,20 +196,18 @@ private:
 }  // namespace
 
 MULTIVERSION("avx2")
-void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_t* certainty_out)
+void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_t* dynamic_out)
 {
   const int width = depth_m.width, height = depth_m.height;
-  std::fill(
-    certainty_out, certainty_out + static_cast<std::ptrdiff_t>(width) * height, uint8_t{0});
+  std::fill_n(dynamic_out, static_cast<std::ptrdiff_t>(width) * height, uint8_t{0});
   const Regions found(depth_m.data, width, height);
-  ObjectSegmentation segmentation(depth_m.data, width, height, found, certainty_out);
+  ObjectSegmentation segmentation(depth_m.data, width, height, found, dynamic_out);
   for (int n = 0; n < objects.count; ++n) {
     const int32_t* area = objects.areas + 4 * static_cast<std::ptrdiff_t>(n);
     segmentation.add(
       {{area[0], area[1], area[2], area[3]},
        objects.depths_m[n],
        objects.reaches_m[n],
-       objects.certainties[n],
        objects.seen[n] != 0});
   }
 }

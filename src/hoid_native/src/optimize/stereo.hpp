@@ -3,7 +3,7 @@
 //
 // A map point x_map has camera coordinates x = R x_map + t and projects to u, v and
 // u_right = u - disparity_px_m / z (Mur-Artal and Tardos, T-RO 2017, eq. 1). A left twist (w, v),
-// rotation first, changes x by -hat(x) w + v (Barfoot, State Estimation for Robotics, eq. 7.180).
+// rotation first, changes x by -hat(x) w + v (Barfoot, State Estimation for Robotics, sec. 7.1).
 #pragma once
 
 #include <cmath>

@@ -8,9 +8,6 @@ from typing import ClassVar
 from hoid_common.config import Config, param, section
 from hoid_common.errors import ConfigError
 
-FILE_MODES = ('trinary', 'scale', 'raw')
-"""The modes of Nav2's map server."""
-
 
 @dataclass(frozen=True)
 class GridConfig(Config):
@@ -39,41 +36,9 @@ class GridConfig(Config):
         minimum=0.05,
         read_only=False,
     )
-    clear_height_m: float = param(
-        0.8,  # chosen: a little more than a table, under which the floor is seen before its top
-        'Height up to which the space above a cell must be seen empty before the cell is free '
-        '(m). A larger value leaves more cells unknown, a smaller one may call space under tables '
-        'free.',
-        minimum=0.0,
-        maximum=3.0,
-        read_only=False,
-        internal=True,
-    )
-    obstacle_margin_m: float = param(
-        0.0,  # chosen: Nav2 inflates obstacles itself
-        'Distance by which obstacles extend beyond their voxels in the grid (m). A larger value '
-        'keeps the robot farther away from obstacles.',
-        minimum=0.0,
-        maximum=1.0,
-        read_only=False,
-        internal=True,
-    )
-    min_obstacle_points: int = param(
-        1,  # chosen: a voxel has already been confirmed by `dense.min_views` images
-        'Number of voxels in a cell from which the cell is occupied. A larger number removes '
-        'noise and thin obstacles.',
-        minimum=1,
-        read_only=False,
-        internal=True,
-    )
-
-    file_mode: str = param(
-        'trinary',
-        "Mode of Nav2's map server in which grids are saved: trinary stores occupied, free and "
-        'unknown, scale an image with transparent unknown cells, raw the values of the message.',
-        choices=FILE_MODES,
-        expert=True,
-    )
+    # Chosen: a little more than a table, under which the floor is seen before its top. The space
+    # above a cell must be seen empty up to this height before the cell is free.
+    clear_height_m: ClassVar[float] = 0.8
 
     def __post_init__(self) -> None:
         """Raise ConfigError if the range of heights of obstacles is empty."""

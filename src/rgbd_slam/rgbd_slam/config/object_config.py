@@ -30,28 +30,11 @@ class ObjectTrackerConfig(Config):
         read_only=False,
         expert=True,
     )
-    rest_s: float = param(
-        0.8,
-        'Time for which an object must be seen at one place before it counts as at rest (s). A '
-        'longer time marks objects as at rest later, and more reliably.',
-        minimum=0.0,
-        internal=True,
-    )
-    min_sightings: int = param(
-        3,
-        'Number of sightings before a track is published. A larger number suppresses false '
-        'detections and delays new tracks.',
-        minimum=1,
-        internal=True,
-    )
-    max_objects: int = param(
-        200,  # chosen, to bound the memory
-        'Largest number of tracks; beyond it the ones unseen for longest are removed. A '
-        'larger number takes more memory and time.',
-        minimum=1,
-        internal=True,
-    )
-
+    # Time for which an object must be seen at one place before it counts as at rest.
+    rest_s: ClassVar[float] = 0.8
+    min_sightings: ClassVar[int] = 3  # after which a track is published; fewer may be false
+    # Chosen, to bound the memory: number of tracks beyond which those unseen for longest end.
+    max_objects: ClassVar[int] = 200
     gate_m: ClassVar[float] = 0.7  # a sighting farther from a track starts a new track
     rest_gate_m: ClassVar[float] = 0.35  # the same for a track that nobody handles
     measurement_sigma_m: ClassVar[float] = 0.08  # standard deviation of a measured center

@@ -32,43 +32,12 @@ class IndexConfig(Config):
         maximum=30,
         internal=True,
     )
-    max_features: int = param(
-        400,  # not tuned
-        'Number of features of a keyframe that are indexed and looked up. A larger number '
-        'recognizes more places and takes more time.',
-        minimum=50,
-        internal=True,
-    )
-    max_bucket: int = param(
-        200,  # not tuned
-        'Number of descriptors with one key beyond which the key is ignored as too common. A '
-        'larger number finds repeated textures and takes more time.',
-        minimum=8,
-        internal=True,
-    )
-
+    # Not tuned: number of features of a keyframe that are indexed and looked up.
+    max_features: ClassVar[int] = 400
+    # Not tuned: number of descriptors with one key beyond which the key is ignored as too common.
+    max_bucket: ClassVar[int] = 200
     # Not tuned; ORB-SLAM3's strict limit is 50 (ORBmatcher.cc, TH_LOW).
     max_hamming: ClassVar[int] = 40  # largest distance of two matching descriptors [bits]
-
-
-@dataclass(frozen=True)
-class AlignmentConfig(Config):
-    """RANSAC over feature matches."""
-
-    hypotheses: int = param(
-        200,  # three matches all fit with 99 % probability if 28 % of all matches do
-        'Number of pose hypotheses that are sampled. A larger number finds the pose among more '
-        'wrong matches and takes more time.',
-        minimum=10,
-        maximum=5000,
-        internal=True,
-    )
-
-    # Not tuned; the 95 % limit of the chi-square table is 2.4 px at a noise of 1 px.
-    max_error_px: ClassVar[float] = 4.0  # reprojection error of an inlier in octave 0
-    # Number of matches that must agree with a pose. A larger number accepts fewer wrong poses
-    # and fails more often (not tuned).
-    min_inliers: ClassVar[int] = 15
 
 
 @dataclass(frozen=True)
@@ -79,8 +48,6 @@ class VerificationConfig(Config):
     of docs/results/places_and_loops.md, one with repeated identical furniture among them.
     """
 
-    alignment: AlignmentConfig = section(AlignmentConfig)
-
     max_candidates: ClassVar[int] = 3  # places that are verified for one image
     min_votes: ClassVar[int] = 10  # matching features that make a keyframe a candidate
     max_hamming: ClassVar[int] = 60  # largest distance of two matching descriptors [bits]
@@ -90,15 +57,15 @@ class VerificationConfig(Config):
     max_second_place_share: ClassVar[float] = 0.6
     # Number of keyframes around the candidate whose points are matched as well. A larger number
     # finds places seen from farther away and takes more time.
-    neighbours: ClassVar[int] = 6
+    neighbors: ClassVar[int] = 6
     # Largest ratio of the best to the second best descriptor distance of a match with a
     # candidate place, as a share.
     ratio: ClassVar[float] = 0.85
     # Number of map points that must be found at a recognized place. A larger number rejects more
     # false places and more true ones.
     min_inliers: ClassVar[int] = 40
-    # Share of the points expected in view that must be found, which tells a place from another
-    # one with identical furniture.
+    # Share of the points expected in view that must be found. It distinguishes a place from one
+    # with identical furniture.
     min_found_share: ClassVar[float] = 0.5
 
 
@@ -110,14 +77,6 @@ class LoopConfig(Config):
         default=True,  # places_and_loops.md: 0.30 of the ATE is left, in the median
         description='Closes loops, and merges maps that show the same place.',
     )
-    long_path_m: float = param(
-        5.0,  # not tuned
-        'Length of a loop from which the whole map is adjusted even if its ends already fit (m). '
-        'With a longer one, fewer loops are adjusted, and drift inside them may stay.',
-        minimum=0.0,
-        internal=True,
-    )
-
     # Not tuned, except where another source is named.
     global_iterations: ClassVar[int] = 6  # of each round of the global bundle adjustment
     # Keyframes near the new one that must recognize the place as well; ORB-SLAM asks for three
@@ -135,6 +94,8 @@ class LoopConfig(Config):
     # A short loop with a smaller correction than both needs no global adjustment.
     small_m: ClassVar[float] = 0.03
     small_deg: ClassVar[float] = 1.5
+    # Length of a loop from which the whole map is adjusted even if its ends already fit.
+    long_path_m: ClassVar[float] = 5.0
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from hoid_common.config import Config, param, section
 from rgbd_slam.config.consensus_config import ConsensusConfig
-from rgbd_slam.config.place_config import AlignmentConfig, PlaceConfig
+from rgbd_slam.config.place_config import PlaceConfig
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,6 @@ class CameraConfig(Config):
         minimum=0.01,
         maximum=10.0,
     )
-    relative_depth_noise: float = param(
-        0.03,  # not tuned
-        'Standard deviation of the scale of depth readings, as a share of the disparity. A larger '
-        'share trusts near depth less.',
-        minimum=0.0,
-        maximum=0.5,
-    )
     joint_noise: bool = param(
         default=False,  # decision 021: the rule of ORB-SLAM3
         description='Gives u_right the noise of u and v and applies one robust kernel to all '
@@ -38,14 +31,6 @@ class CameraConfig(Config):
         default=True,  # decision 033; ablation: fr1_xyz by `motion` 0.0098 m without it, 0.0066 m
         description='Estimates the readout time of the image rows and compensates for it. When it '
         'is off, all rows count as taken at once, as in ORB-SLAM3.',
-    )
-    close_baselines: float = param(
-        40.0,  # ORB-SLAM3, TUM1.yaml, Stereo.ThDepth
-        'Number of baselines up to which a depth reading alone creates a map point. A larger '
-        'number creates more points, of which the far ones are noisy.',
-        minimum=1.0,
-        maximum=1000.0,
-        internal=True,
     )
     scale_factor: float = param(
         1.2,  # as extraction.scale_factor of the filter
@@ -64,6 +49,11 @@ class CameraConfig(Config):
     # Baseline of the virtual stereo camera that stands for the depth camera (m) (a Kinect's
     # distance of projector and camera (0.077 in ORB-SLAM3's TUM1.yaml)).
     baseline_m: ClassVar[float] = 0.075
+    # ORB-SLAM3, TUM1.yaml, Stereo.ThDepth: number of baselines up to which a depth reading alone
+    # creates a map point. Points that are farther away are noisy.
+    close_baselines: ClassVar[float] = 40.0
+    # Not tuned: standard deviation of the scale of depth readings, as a share of the disparity.
+    relative_depth_noise: ClassVar[float] = 0.03
 
     @property
     def close_limit_m(self) -> float:
@@ -84,7 +74,7 @@ class TrackingConfig(Config):
         internal=True,
     )
     few_points: int = param(
-        100,  # ORB-SLAM3 adds depth readings to as many (Tracking.cc, UpdateLastFrame)
+        100,  # ORB-SLAM3, in localization (Tracking.cc, UpdateLastFrame)
         'Number of map points in the last frame below which its depth readings are matched as '
         'well. A larger number uses them more often, where a moving object may be among them.',
         minimum=0,
@@ -125,21 +115,6 @@ class TrackingConfig(Config):
         maximum=1.0,
         internal=True,
     )
-    max_speed_mps: float = param(
-        3.0,  # chosen: twice the speed of walking
-        'Largest speed of the camera that matches with the reference keyframe may imply (m/s). A '
-        'larger one accepts more wrong poses, a smaller one loses a fast camera.',
-        minimum=0.0,
-        maximum=100.0,
-    )
-    max_turn_dps: float = param(
-        400.0,  # chosen: a hand-held camera that is turned as fast as possible
-        'Largest angular speed of the camera that such matches may imply (degrees/s). A larger '
-        'one accepts more wrong poses, a smaller one loses a fast camera.',
-        minimum=0.0,
-        maximum=5000.0,
-    )
-    alignment: AlignmentConfig = section(AlignmentConfig)
     consensus: ConsensusConfig = section(ConsensusConfig)
 
     # ORB-SLAM3, Tracking.cc, TrackWithMotionModel: radius of the search in octave 0, and doubled.
@@ -148,9 +123,12 @@ class TrackingConfig(Config):
     local_map_radius: ClassVar[float] = 3.0  # ORB-SLAM3, Tracking.cc, SearchLocalPoints, RGB-D
     local_map_ratio: ClassVar[float] = 0.8  # as there: best to second best distance, same octave
     max_hamming: ClassVar[int] = 100  # ORB-SLAM3, ORBmatcher.cc, TH_HIGH [bits]
+    # Chosen: speeds of the camera that a match with the reference keyframe may imply: twice the
+    # speed of walking, and a hand-held camera that is turned as fast as possible.
+    max_speed_mps: ClassVar[float] = 3.0
+    max_turn_dps: ClassVar[float] = 400.0
     # Not tuned: matches with the reference keyframe are used only if the last frame was tracked
-    # within this time, and if the motion exceeds `max_speed_mps` and `max_turn_dps` by no more
-    # than these jumps.
+    # within this time, and if the motion exceeds these speeds by no more than these jumps.
     reference_within_s: ClassVar[float] = 0.4
     jump_m: ClassVar[float] = 0.1
     jump_deg: ClassVar[float] = 10.0
@@ -193,7 +171,6 @@ class KeyframeConfig(Config):
         'tracked after the last keyframe. A larger share makes more keyframes.',
         minimum=0.0,
         maximum=1.0,
-        read_only=False,
         internal=True,
     )
     fallen_share: float = param(
@@ -203,11 +180,10 @@ class KeyframeConfig(Config):
         'keyframes.',
         minimum=0.0,
         maximum=1.0,
-        read_only=False,
         internal=True,
     )
     skip_known_views: bool = param(
-        default=True,  # decision 004: 136 passes over one path make 43 keyframes instead of 39
+        default=True,  # decision 004: 39 keyframes after one pass over a path, 43 after 136 passes
         description='Makes no keyframe where the map already has the same view, so that the map '
         'does not grow with time. ORB-SLAM3 has no such rule.',
     )
@@ -234,7 +210,7 @@ class KeyframeConfig(Config):
 class TriangulationConfig(Config):
     """Creation of points from two keyframes (decision 009)."""
 
-    neighbours: int = param(
+    neighbors: int = param(
         6,  # decision 009
         'Number of keyframes to triangulate with; 0 creates points from depth only. A larger '
         'number creates more points and takes more time.',
@@ -324,7 +300,7 @@ class MappingConfig(Config):
     min_found_ratio: ClassVar[float] = 0.25
     # Number of keyframes with which a keyframe's points are fused. A larger number finds more
     # duplicates and takes more time (ORB-SLAM3, LocalMapping.cc, SearchInNeighbors).
-    neighbours: ClassVar[int] = 10
+    neighbors: ClassVar[int] = 10
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ _OBLIQUE_RADIUS_PX = 4.0  # the window in `matching.local_map` that the radius i
 
 def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
     """Fuse points of keyframe `i` and its neighbors that project to the same features."""
-    neighbors = atlas.covisible(i, limit=config.neighbours)
+    neighbors = atlas.covisible(i, limit=config.neighbors)
     for neighbor in neighbors.tolist():
         own = atlas.keyframes.point_of_feature[i]
         fuse(atlas, camera, neighbor, own[own != NO_POINT].astype(np.int64), config)

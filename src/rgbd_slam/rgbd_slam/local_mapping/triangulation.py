@@ -44,7 +44,7 @@ def triangulate_with_neighbors(
 ) -> int:
     """Triangulate new points between keyframe `i` and its neighbors; return their number."""
     count = 0
-    for neighbor in atlas.covisible(i, limit=config.neighbours).tolist():
+    for neighbor in atlas.covisible(i, limit=config.neighbors).tolist():
         count += _triangulate_with(atlas, camera, i, neighbor, config)
     return count
 

@@ -18,6 +18,7 @@ from rgbd_slam.loops.keyframe_groups import keyframe_groups, spread_corrections
 from rgbd_slam.loops.region import Region
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_change import Move
+from rgbd_slam.places.geometric_verification import PlaceMatch
 
 _MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
 # Not tuned: standard deviations of an edge, those of good visual odometry over its length. Only
@@ -26,6 +27,9 @@ _SIGMA_M = 0.005
 _SIGMA_SHARE = 0.01
 _SIGMA_RAD = 0.002
 _STRONG_SHARED = 100  # Mur-Artal et al., T-RO 2015: shared points of a strong edge (theta)
+_LINK_FACTOR = 3.0
+_LINK_SIGMA_M = 0.002
+_LINK_SIGMA_RAD = 0.001
 _DRIFT_M_PER_RAD = 0.3  # not tuned: the path length that causes the drift of a rotation by 1 rad
 
 
@@ -36,6 +40,16 @@ class Loop(NamedTuple):
     uid_b: int
     T_a_b: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) in the frame of b, rotation first [rad^2, m^2]
+
+
+def link_covariance(match: PlaceMatch) -> FloatArray:
+    """Return the (6, 6) covariance of the relative pose that a recognized place measures.
+
+    That of the matches holds for independent errors. The points of the place share errors of the
+    map, hence the factor and the constant part.
+    """
+    constant = np.square([_LINK_SIGMA_RAD] * 3 + [_LINK_SIGMA_M] * 3)
+    return np.asarray(_LINK_FACTOR**2 * match.covariance + np.diag(constant))
 
 
 def path_length_m(atlas: Atlas, start: int, goal: int) -> float:

@@ -12,7 +12,13 @@ from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.fusion import fuse
-from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
+from rgbd_slam.loops.essential_graph import (
+    Loop,
+    closed_poses,
+    link_covariance,
+    move_map,
+    path_length_m,
+)
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster
 from rgbd_slam.loops.loop_detection import LoopDetector
 from rgbd_slam.loops.map_merging import merge_maps
@@ -143,7 +149,7 @@ class LoopCloser:
         alive = set(keyframes.uid[keyframes.alive].tolist())
         self._loops = [loop for loop in self._loops if {loop.uid_a, loop.uid_b} <= alive]
         self._loops.append(
-            Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i, match.covariance)
+            Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i, link_covariance(match))
         )
         ends = np.array([c, i])
         region = region_around(self._atlas, ends, _SMALL_LOOP if is_small else len(keyframes))

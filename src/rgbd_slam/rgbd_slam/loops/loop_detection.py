@@ -18,7 +18,7 @@ from rgbd_slam.loops.essential_graph import path_length_m
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceStatus
+from rgbd_slam.places.geometric_verification import PlaceMatch
 from rgbd_slam.places.place_finder import NEAR_SHARED, FoundPlace, PlaceFinder
 
 # Not tuned; places_and_loops.md: no false loop with all checks together.
@@ -55,7 +55,7 @@ class LoopDetector:
         seeing = keyframes.point_of_feature[i] != NO_POINT
         for c in self._finder.candidates(keyframes.descriptors[i, seeing], self._neighborhood(i)):
             match = self._finder.verifier.verify(keyframes.frame(i), c)
-            if match.status is not PlaceStatus.SAME_PLACE:
+            if match is None:
                 continue
             support = self._support_in_time(i, c, match)
             self._remember(i, c, match)
@@ -106,8 +106,7 @@ class LoopDetector:
                 continue
             expected = self._expected(n, i, match)
             seen = self._finder.verifier.search(keyframes.frame(n), expected, place)
-            is_consistent = _are_consistent(seen.T_camera_map, expected)
-            support += seen.status is PlaceStatus.SAME_PLACE and is_consistent
+            support += seen is not None and _are_consistent(seen.T_camera_map, expected)
         return support
 
     def _expected(self, n: int, i: int, match: PlaceMatch) -> FloatArray:

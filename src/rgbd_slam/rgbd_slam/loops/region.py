@@ -36,7 +36,10 @@ def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
             border.append(i)
             continue
         chosen.append(i)
-        near = [*atlas.covisible(i, NEAR_SHARED).tolist(), *order[first[i] : first[i + 1]].tolist()]
+        near = [
+            *atlas.covisible(i, NEAR_SHARED).tolist(),
+            *order[first[i] : first[i + 1]].tolist(),
+        ]
         if parents[i] >= 0:
             near.append(int(parents[i]))
         new = [n for n in near if n not in known]

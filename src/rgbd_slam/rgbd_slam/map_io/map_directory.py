@@ -31,7 +31,7 @@ class FileKind(NamedTuple):
 
 MAP = FileKind('a map', 'map', (SUFFIX,))
 TRAJECTORY = FileKind('a trajectory', 'trajectory', ('.txt', '.tum'))
-CLOUD = FileKind('a cloud', 'cloud', ('.ply', '.pcd'))
+CLOUD = FileKind('a cloud', 'cloud', ('.ply',))
 GRID = FileKind('a grid', 'grid', ('.yaml', '.pgm'))
 
 

@@ -96,8 +96,9 @@ def landmarks_of_keyframe(atlas: Atlas, i: int) -> Landmarks:
 def temporal_landmarks(last: TrackedFrame, atlas: Atlas, camera: StereoCamera) -> Landmarks:
     """Return the depth readings of a tracked frame at features that observe no map point.
 
-    These are the temporal points of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017): they help to
-    track the next frame where the map has few points, and are discarded afterwards.
+    These are the temporal points of ORB-SLAM3 (Tracking.cc, UpdateLastFrame), which uses them for
+    localization only. They help to track the next frame where the map has few points, and are
+    discarded afterwards.
     """
     frame = last.frame
     observes_none = last.current_points(atlas) == NO_POINT

@@ -46,8 +46,6 @@ class BundleSolution(NamedTuple):
     T_camera_map: FloatArray  # (C, 4, 4)
     points_m: FloatArray  # (3, P)
     outliers: BoolArray  # (M,)
-    cost_before: float  # robust cost of all observations
-    cost_after: float
 
 
 def adjust(
@@ -68,6 +66,4 @@ def adjust(
         iterations,
     )
     gate = np.where(np.isfinite(problem.measured_px[2]), CHI2_STEREO, CHI2_MONO)
-    return BundleSolution(
-        fit.T_camera_map, fit.points_m.T, fit.chi2 > gate, fit.cost_before, fit.cost_after
-    )
+    return BundleSolution(fit.T_camera_map, fit.points_m.T, fit.chi2 > gate)

@@ -180,7 +180,7 @@ class PoseConsensus:
     def _hypothesis_of_half(
         self, deciding: PoseProblem, half: BoolArray, fit: _Hypothesis
     ) -> _Hypothesis | None:
-        """Return the pose of one half and all that fit it; None if `fit` suits the half."""
+        """Return the pose of one half and all that fit it; None if `fit` agrees with the half."""
         matches_of_half = deciding.select(half)
         own = optimize_pose(self._camera, matches_of_half, fit.T_camera_map)
         least = self._evaluate(matches_of_half, own.T_camera_map).cost

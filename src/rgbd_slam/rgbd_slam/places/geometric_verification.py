@@ -8,7 +8,6 @@ not lie behind the others.
 
 from __future__ import annotations
 
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.place_config import VerificationConfig
-from rgbd_slam.matching.local_map import VisiblePoints, visible_points
+from rgbd_slam.matching.local_map import visible_points
 from rgbd_slam.matching.matching import (
     Matches,
     match_by_descriptor,
@@ -27,8 +26,8 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.projection import to_camera
-from rgbd_slam.optimize.alignment import AlignmentStatus, align_image
-from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem, optimize_pose
+from rgbd_slam.optimize.alignment import align_image
+from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem, covariance, optimize_pose
 from rgbd_slam.places.visibility import detection_probability, visibility
 
 # Not tuned: factors on the search windows of ORB-SLAM3, first for the error of a RANSAC pose, then
@@ -37,25 +36,13 @@ _SEARCH_RADII = (4.0, 2.0)
 _MIN_MATCHES = 10  # not tuned: matches below which no pose is optimized
 
 
-class PlaceStatus(Enum):
-    """The result of a verification."""
-
-    SAME_PLACE = 'same place'
-    NO_ALIGNMENT = 'no alignment'
-    TOO_FEW_FOUND = 'too few found'
-    CONTRADICTED = 'contradicted'
-
-
 class PlaceMatch(NamedTuple):
-    """The pose of an image in the map of a keyframe, and the evidence for it."""
+    """The verified pose of an image in the map of a keyframe."""
 
-    status: PlaceStatus
-    T_camera_map: FloatArray  # (4, 4); identity without an alignment
+    T_camera_map: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
     k: IntArray  # (M,) features of the image
     j: IntArray  # (M,) points that they observe
-    found_share: float = 0.0  # found points, as a share of the expected number
-    contradicted_share: float = 0.0  # share of the points in view with depth readings behind them
 
     @property
     def T_map_camera(self) -> FloatArray:  # noqa: N802
@@ -86,8 +73,8 @@ class PlaceVerifier:
         self._config = config
         self._seed = seed
 
-    def verify(self, frame: Frame, candidate: int) -> PlaceMatch:
-        """Return the pose of a frame if it shows the place of keyframe `candidate`."""
+    def verify(self, frame: Frame, candidate: int) -> PlaceMatch | None:
+        """Return the pose of a frame if it shows the place of keyframe `candidate`, else None."""
         matches, seen = self._match_descriptors(frame, candidate)
         points = self._atlas.points.position_m[seen]
         rng = np.random.default_rng((self._seed, frame.stamp_ns % 2**63, candidate))
@@ -97,49 +84,58 @@ class PlaceVerifier:
             frame.depth_m[matches.k],
             points[matches.q],
             self._camera,
-            self._config.alignment,
             rng,
         )
-        if alignment.status is not AlignmentStatus.OK:
-            nothing = np.empty(0, np.int64)
-            return PlaceMatch(PlaceStatus.NO_ALIGNMENT, np.eye(4), nothing, nothing)
-        around = self._atlas.covisible(candidate, limit=self._config.neighbours)
+        if alignment is None:
+            return None
+        around = self._atlas.covisible(candidate, limit=self._config.neighbors)
         return self.search(frame, alignment.T_camera_points, np.r_[candidate, around])
 
-    def search(self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray) -> PlaceMatch:
-        """Search the points of (K,) keyframes in a frame, starting at a predicted pose."""
+    def search(
+        self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
+    ) -> PlaceMatch | None:
+        """Return the pose of a frame if it shows the place of (K,) keyframes, else None.
+
+        Args:
+            frame: The frame.
+            T_camera_map: (4, 4) predicted pose, near which the points of the keyframes are
+                searched.
+            keyframes: Rows of the keyframes.
+        """
         points = self._atlas.points_of(keyframes)
-        k = j = np.empty(0, np.int64)
         for radius in _SEARCH_RADII:
             view = visible_points(self._atlas, self._camera, T_camera_map, points, radius)
             matches = match_by_projection(
                 view.queries, frame, self._config.max_hamming, self._config.ratio
             )
             if len(matches.k) < _MIN_MATCHES:
-                return PlaceMatch(PlaceStatus.TOO_FEW_FOUND, T_camera_map, k, j)
+                return None
             estimate = self._optimize(frame, matches.k, view.points[matches.q], T_camera_map)
             T_camera_map = estimate.T_camera_map
-            k, j = matches.k[estimate.inliers], view.points[matches.q[estimate.inliers]]
-        view = visible_points(self._atlas, self._camera, T_camera_map, points, 1.0)
-        return self._verified(frame, view, PlaceMatch(PlaceStatus.SAME_PLACE, T_camera_map, k, j))
+        found = PlaceMatch(
+            T_camera_map,
+            covariance(estimate),
+            matches.k[estimate.inliers],
+            view.points[matches.q[estimate.inliers]],
+        )
+        return found if self._is_same_place(frame, found, points) else None
 
-    def _verified(self, frame: Frame, view: VisiblePoints, found: PlaceMatch) -> PlaceMatch:
-        """Return a match with its found and contradicted shares, and its final status."""
-        points, config = self._atlas.points, self._config
-        depth_m = to_camera(found.T_camera_map, points.position_m[view.points].T)[2]
+    def _is_same_place(self, frame: Frame, found: PlaceMatch, points: IntArray) -> bool:
+        """Return whether enough of the points (P,) are found, and few are contradicted."""
+        table, config = self._atlas.points, self._config
+        view = visible_points(self._atlas, self._camera, found.T_camera_map, points, 1.0)
+        depth_m = to_camera(found.T_camera_map, table.position_m[view.points].T)[2]
         seen = visibility(view.queries.projection_px, depth_m, frame)
         is_found = np.isin(view.points, found.j)
-        expected = float(detection_probability(points, view.points[seen.observable]).sum())
-        contradicted = np.count_nonzero(seen.contradicted & ~is_found)
-        found = found._replace(
-            found_share=float(np.count_nonzero(is_found & seen.observable)) / max(expected, 1.0),
-            contradicted_share=float(contradicted) / max(len(view.points), 1),
+        expected = float(detection_probability(table, view.points[seen.observable]).sum())
+        found_share = np.count_nonzero(is_found & seen.observable) / max(expected, 1.0)
+        num_contradicted = np.count_nonzero(seen.contradicted & ~is_found)
+        contradicted_share = num_contradicted / max(len(view.points), 1)
+        return bool(
+            len(found.k) >= config.min_inliers
+            and found_share >= config.min_found_share
+            and contradicted_share <= config.max_contradicted_share
         )
-        if len(found.k) < config.min_inliers or found.found_share < config.min_found_share:
-            return found._replace(status=PlaceStatus.TOO_FEW_FOUND)
-        if found.contradicted_share > config.max_contradicted_share:
-            return found._replace(status=PlaceStatus.CONTRADICTED)
-        return found
 
     def _match_descriptors(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
         """Return matches of a keyframe's observations with features, and their (O,) points."""

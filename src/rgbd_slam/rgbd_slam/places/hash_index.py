@@ -102,7 +102,7 @@ class HashIndex:
         return descriptors[rows]
 
     def _keys(self, descriptors: ByteArray) -> KeyArray:
-        """Return the (T, N) keys, shifted to leave room for the pool row."""
+        """Return the (T, N) keys, shifted to leave space for the pool row."""
         keys = np.empty((self._config.num_tables, len(descriptors)), np.uint64)
         for start in range(0, len(descriptors), _BLOCK):
             part = slice(start, start + _BLOCK)

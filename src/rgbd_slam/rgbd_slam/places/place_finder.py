@@ -12,7 +12,7 @@ from rgbd_slam.config.place_config import PlaceConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.trajectory import main_map
-from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceStatus, PlaceVerifier
+from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
 from rgbd_slam.places.place_index import make_place_index
 from rgbd_slam.places.pose_hint import PoseHint
 
@@ -86,21 +86,20 @@ class PlaceFinder:
         if not is_near.any():
             return None
         nearest = np.argsort(hint.distances(T_map_camera[is_near]).sum(0))  # 1 m counts as 1 rad
-        around = rows[is_near][nearest[: 1 + self._config.neighbours]]
+        around = rows[is_near][nearest[: 1 + self._config.neighbors]]
         match = self.verifier.search(frame, se3.inverse(hint.T_map_camera), around)
-        place: FoundPlace | None = FoundPlace(int(around[0]), match)
-        if match.status is not PlaceStatus.SAME_PLACE:
+        if match is not None:
+            place: FoundPlace | None = FoundPlace(int(around[0]), match)
+        else:
             place = self._unambiguous_place(frame, rows[~is_near])
         is_near_hint = place is not None and hint.reaches(place.match.T_map_camera[None])[0]
         return place if is_near_hint else None
 
     def _unambiguous_place(self, frame: Frame, excluded: IntArray) -> FoundPlace | None:
         """Return the verified place with most inliers, if no other place has about as many."""
-        tried = [
-            FoundPlace(i, self.verifier.verify(frame, i))
-            for i in self.candidates(frame.descriptors, excluded)
-        ]
-        places = [place for place in tried if place.match.status is PlaceStatus.SAME_PLACE]
+        candidates = self.candidates(frame.descriptors, excluded)
+        tried = [(i, self.verifier.verify(frame, i)) for i in candidates]
+        places = [FoundPlace(i, match) for i, match in tried if match is not None]
         if not places:
             return None
         best = max(places, key=lambda place: len(place.match.k))

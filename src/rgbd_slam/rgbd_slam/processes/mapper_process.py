@@ -92,11 +92,6 @@ class MapperProcess:
         return self._worker.num_restarts
 
     @property
-    def process_id(self) -> int | None:
-        """Return the operating system's id of the process."""
-        return self._worker.process_id
-
-    @property
     def queue_length(self) -> int:
         """Return the number of requests that the process has not completed yet."""
         return len(self._queue)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
@@ -12,16 +12,6 @@ from hoid_common.errors import HoidError
 from hoid_common.ros.diagnostics import Diagnostics
 
 _FAILURES = 'requests that failed by a fault of this program'
-
-
-class Response(Protocol):
-    """The fields that the responses of all services have."""
-
-    success: bool
-    message: str
-
-
-R = TypeVar('R', bound=Response)
 
 
 class ServiceHandlers:
@@ -42,10 +32,26 @@ class ServiceHandlers:
         diagnostics.count(_FAILURES, 0)
 
     def add(self, type_: type[Any], topic: str, handle: Callable[[Any], str]) -> None:
-        """Offer a service; `handle` receives the request."""
+        """Offer a service; `handle` receives the request.
+
+        Args:
+            type_: Type of the service, whose response has the fields `success` and `message`.
+            topic: Name of the service.
+            handle: Returns the message of success; a HoidError that it raises is that of failure.
+        """
 
         def respond(request: Any, response: Any) -> Any:
-            return self._fill(response, lambda: handle(request))
+            try:
+                text, response.success = handle(request), True
+            except HoidError as error:
+                text, response.success = str(error), False
+            except Exception as error:  # noqa: BLE001 - every request gets a response
+                self.report_fault(error)
+                text = f'failed, which is a fault of rgbd_slam: {_one_line(error)}'
+                response.success = False
+            # A path may not be UTF-8, which a message must be.
+            response.message = text.encode(errors='replace').decode()
+            return response
 
         self._node.create_service(type_, topic, respond, callback_group=self._group)
 
@@ -53,19 +59,6 @@ class ServiceHandlers:
         """Count and log an error that no handler should raise."""
         self._diagnostics.count(_FAILURES)
         self._node.get_logger().error(f'a request failed: {_one_line(error)}')
-
-    def _fill(self, response: R, handle: Callable[[], str]) -> R:
-        try:
-            text, response.success = handle(), True
-        except HoidError as error:
-            text, response.success = str(error), False
-        except Exception as error:  # noqa: BLE001 - every request gets a response
-            self.report_fault(error)
-            text = f'failed, which is a fault of rgbd_slam: {_one_line(error)}'
-            response.success = False
-        # A path may not be UTF-8, which a message must be.
-        response.message = text.encode(errors='replace').decode()
-        return response
 
 
 def _one_line(error: Exception) -> str:

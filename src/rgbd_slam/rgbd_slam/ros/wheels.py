@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
-from tf2_msgs.msg import TFMessage
 
 from hoid_common import topics
-from hoid_common.errors import MessageError
 from hoid_common.pose_buffer import PoseBuffer
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.ros.inputs import checked_callback
+from hoid_common.ros.frame_tree import listen_to_transforms
 from hoid_common.static_frames import StaticFrames, check_frame_limit
 from hoid_common.values import FloatArray
 
@@ -35,16 +34,8 @@ class WheelOdometry:
     ) -> None:
         self._odom = odom
         self._static = static
-        self._diagnostics = diagnostics
         self._poses: dict[str, PoseBuffer] = {}  # child frame: T_odom_child
-        topic = node.resolve_topic_name(topics.TF)
-        self._subscription = node.create_subscription(
-            TFMessage,
-            topics.TF,
-            checked_callback(self._on_transforms, TFMessage, topic, 'transforms', diagnostics),
-            qos.TF,
-            raw=True,
-        )
+        listen_to_transforms(node, topics.TF, qos.TF, 'transforms', self._add, diagnostics)
 
     def at(self, stamp_ns: int, base: str) -> FloatArray | None:
         """Return T_odom_base (4, 4) at a stamp, or None if it is unknown."""
@@ -55,17 +46,11 @@ class WheelOdometry:
                 return T_odom_child @ T_child_base
         return None
 
-    def _on_transforms(self, msg: TFMessage) -> None:
-        for edge in msg.transforms:
-            if edge.header.frame_id != self._odom:
-                continue
-            try:
-                T = transform_from_msg(edge)
-                poses = self._poses_of(edge.child_frame_id)
-            except MessageError as error:
-                self._diagnostics.report(error, 'transforms refused')
-            else:
-                poses.add(stamp_from_msg(edge.header.stamp), T)
+    def _add(self, edge: TransformStamped) -> None:
+        if edge.header.frame_id == self._odom:
+            T_odom_child = transform_from_msg(edge)
+            poses = self._poses_of(edge.child_frame_id)
+            poses.add(stamp_from_msg(edge.header.stamp), T_odom_child)
 
     def _poses_of(self, child: str) -> PoseBuffer:
         if child not in self._poses:

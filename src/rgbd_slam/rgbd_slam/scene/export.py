@@ -1,4 +1,4 @@
-"""Write colored clouds as PLY and PCD files, and read such PLY files."""
+"""Write colored clouds as PLY files, and read them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common.errors import InputError
-from hoid_common.values import Float32Array
 from rgbd_slam.scene.voxel_map import ColoredCloud
 
 _PLY = np.dtype([('xyz', '<f4', 3), ('rgb', 'u1', 3)])
-_PCD = np.dtype([('xyz', '<f4', 3), ('rgb', '<u4')])
 
 
 def write_ply(path: Path, cloud: ColoredCloud) -> None:
@@ -49,25 +47,3 @@ def read_ply(path: Path) -> ColoredCloud:
     rows = np.frombuffer(body, row)
     white = np.full((len(rows), 3), 255, np.uint8)
     return ColoredCloud(rows['xyz'].copy(), rows['rgb'][:, ::-1] if row is _PLY else white)
-
-
-def write_pcd(path: Path, cloud: ColoredCloud) -> None:
-    """Write a binary PCD 0.7 with x y z (m) and packed rgb, as PCL reads it."""
-    rows = np.empty(len(cloud.points_m), _PCD)
-    rows['xyz'], rows['rgb'] = cloud.points_m, packed_rgb(cloud).view(np.uint32)
-    header = (
-        '# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\n'
-        f'TYPE F F F U\nCOUNT 1 1 1 1\nWIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n'
-        f'POINTS {len(rows)}\nDATA binary\n'
-    )
-    path.write_bytes(header.encode() + rows.tobytes())
-
-
-def packed_rgb(cloud: ColoredCloud) -> Float32Array:
-    """Return the (N,) colors as floats with the bits 0x00RRGGBB, as in sensor_msgs/PointCloud2."""
-    bgr = cloud.colors_bgr.astype(np.uint32)
-    return (bgr[:, 2] << 16 | bgr[:, 1] << 8 | bgr[:, 0]).view(np.float32)
-
-
-CLOUD_WRITERS = {'.ply': write_ply, '.pcd': write_pcd}
-"""Functions that write a cloud, by file name extension."""

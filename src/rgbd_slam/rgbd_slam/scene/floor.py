@@ -23,7 +23,6 @@ class Floor(NamedTuple):
     """A plane in the map frame."""
 
     T_map_floor: FloatArray  # (4, 4); z along the normal, origin next to the map's origin
-    num_points: int
 
     @property
     def T_map_ground(self) -> FloatArray:  # noqa: N802 - a transform's name
@@ -70,7 +69,7 @@ def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | N
         return None
     inliers = points_m[np.abs(heights[:, best]) < _THICKNESS_M]
     normal, offset = _fit_plane(inliers, up)
-    return Floor(_frame_on(normal, offset), len(inliers))
+    return Floor(_frame_on(normal, offset))
 
 
 def _sample_planes(

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, ByteArray, FloatArray, IntArray
-from rgbd_slam.config.dense_config import FILE_MODES, GridConfig
+from hoid_common.values import BoolArray, FloatArray
+from rgbd_slam.config.dense_config import GridConfig
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # nav_msgs/OccupancyGrid
 _STEP_M = 0.05  # chosen: vertical step of the test for free space, the thickness of a seat
-_CORNERS = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], np.float64)
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # the defaults of Nav2's map saver
 
 
@@ -53,13 +52,14 @@ class _Canvas(NamedTuple):
     high: FloatArray  # (2,)
     resolution_m: float
 
-    def counts(self, xy_m: FloatArray) -> IntArray:
-        """Return the (H, W) number of points (N, 2) in each cell."""
+    def contains(self, xy_m: FloatArray) -> BoolArray:
+        """Return the (H, W) mask of the cells that contain any of the points (N, 2)."""
         width, height = (self.high - self.low).astype(np.int64) + 1
         col, row = (np.floor(xy_m / self.resolution_m) - self.low).astype(np.int64).T
         inside = (col >= 0) & (row >= 0) & (col < width) & (row < height)
-        flat = np.bincount(row[inside] * width + col[inside], minlength=width * height)
-        return np.asarray(flat.reshape(height, width))
+        cells = np.zeros((height, width), np.bool_)
+        cells[row[inside], col[inside]] = True
+        return cells
 
 
 def project_grid(
@@ -70,24 +70,23 @@ def project_grid(
 ) -> Grid:
     """Return the grid of points (N, 3) in the map frame.
 
-    A cell is occupied if enough points are above it, between the limits of height. It is free if
-    only points of the floor are there, and not even one unconfirmed point (M, 3) above it.
+    A cell is occupied if a point is above it, between the limits of height. It is free if only
+    points of the floor are there, and not even one unconfirmed point (M, 3) above it.
     """
     T_level_map = np.asarray(np.linalg.inv(T_map_level), np.float64)
     p, unconfirmed = (se3.transform(T_level_map, x) for x in (points_m, unconfirmed_m))
     p, unconfirmed = (x[x[:, 2] < config.max_height_m] for x in (p, unconfirmed))
     if len(p) == 0:
         return Grid(np.empty((0, 0), np.int8), config.resolution_m, T_map_level, (0, 0))
-    low = np.floor((p[:, :2].min(0) - config.obstacle_margin_m) / config.resolution_m)
-    high = np.floor((p[:, :2].max(0) + config.obstacle_margin_m) / config.resolution_m)
+    low = np.floor(p[:, :2].min(0) / config.resolution_m)
+    high = np.floor(p[:, :2].max(0) / config.resolution_m)
     canvas = _Canvas(low, high, config.resolution_m)
     is_tall = p[:, 2] > config.min_height_m
-    tall_xy, rim = p[is_tall, :2], config.obstacle_margin_m * _CORNERS
-    obstacles = np.max([canvas.counts(tall_xy + offset) for offset in rim], axis=0)
-    is_blocked = canvas.counts(unconfirmed[unconfirmed[:, 2] > config.min_height_m, :2]) > 0
-    cells = np.full(obstacles.shape, UNKNOWN, np.int8)
-    cells[(canvas.counts(p[~is_tall, :2]) > 0) & ~is_blocked] = FREE
-    cells[obstacles >= config.min_obstacle_points] = OCCUPIED
+    is_occupied = canvas.contains(p[is_tall, :2])
+    is_blocked = canvas.contains(unconfirmed[unconfirmed[:, 2] > config.min_height_m, :2])
+    cells = np.full(is_occupied.shape, UNKNOWN, np.int8)
+    cells[canvas.contains(p[~is_tall, :2]) & ~is_blocked] = FREE
+    cells[is_occupied] = OCCUPIED
     return Grid(cells, config.resolution_m, T_map_level, (int(low[0]), int(low[1])))
 
 
@@ -117,34 +116,16 @@ def require_free_space(
     return replace(grid, cells=cells)
 
 
-def write_map_server(grid: Grid, stem: Path, mode: str = FILE_MODES[0]) -> None:
-    """Write `stem`.yaml and its image for Nav2's map server, in one of its modes."""
-    image, ending = _PICTURES[mode](grid.cells[::-1])  # the image's first row is at the largest y
-    picture = stem.with_name(stem.name + ending)  # not with_suffix: a date contains dots
-    cv2.imwrite(str(picture), image)
+def write_map_server(grid: Grid, stem: Path) -> None:
+    """Write `stem`.yaml and `stem`.pgm for Nav2's map server, in its mode `trinary`."""
+    cells = grid.cells[::-1]  # the image's first row is at the largest y
+    # Unknown is 1 - 205 / 255 = 0.196, just not free.
+    gray = np.select([cells == FREE, cells == OCCUPIED], [254, 0], 205).astype(np.uint8)
+    image = stem.with_name(f'{stem.name}.pgm')  # not with_suffix: a date contains dots
+    cv2.imwrite(str(image), gray)
     x, y = grid.origin_m
     stem.with_name(f'{stem.name}.yaml').write_text(
-        f'image: {picture.name}\nmode: {mode}\nresolution: {grid.resolution_m}\n'
+        f'image: {image.name}\nmode: trinary\nresolution: {grid.resolution_m}\n'
         f'origin: [{x:.6f}, {y:.6f}, 0.000000]\n'
         f'negate: 0\noccupied_thresh: {_OCCUPIED_ABOVE}\nfree_thresh: {_FREE_BELOW}\n'
     )
-
-
-def _trinary(cells: NDArray[np.int8]) -> tuple[ByteArray, str]:
-    """Return an image of three grays; unknown is 1 - 205 / 255 = 0.196, just not free."""
-    return np.select([cells == FREE, cells == OCCUPIED], [254, 0], 205).astype(np.uint8), '.pgm'
-
-
-def _scale(cells: NDArray[np.int8]) -> tuple[ByteArray, str]:
-    """Return an image in which free cells are white, occupied black, and unknown transparent."""
-    gray = np.where(cells == FREE, 255, 0)
-    opaque = np.where(cells == UNKNOWN, 0, 255)
-    return np.stack([gray, gray, gray, opaque], axis=-1).astype(np.uint8), '.png'
-
-
-def _raw(cells: NDArray[np.int8]) -> tuple[ByteArray, str]:
-    """Return an image of the cells' values, in which -1 is 255."""
-    return cells.astype(np.uint8), '.pgm'
-
-
-_PICTURES = dict(zip(FILE_MODES, (_trinary, _scale, _raw), strict=True))

@@ -67,7 +67,7 @@ class KalmanTrack:
         self.stamp_ns = stamp_ns
         self.num_sightings = 1
         self._num_images_without = 0
-        self._is_taken = False
+        self.is_taken = False  # True: it has left its place unseen, and is not published
         self.was_at_rest = self.state is ObjectState.AT_REST
         self._config = config
         self._score, self._size_m = sighting.detection.score, sighting.size_m
@@ -80,11 +80,6 @@ class KalmanTrack:
     def is_settled(self) -> bool:
         """Return whether the object is at rest."""
         return self.state in SETTLED
-
-    @property
-    def is_taken(self) -> bool:
-        """Return whether the object has left its place unseen; it is not published then."""
-        return self._is_taken
 
     @property
     def is_confirmed(self) -> bool:
@@ -115,11 +110,11 @@ class KalmanTrack:
     def count_seen_through(self) -> None:
         """Count an image that sees through the place; after several in a row it is taken away."""
         self._num_images_without += 1
-        self._is_taken = self._num_images_without >= _MIN_IMAGES_WITHOUT
+        self.is_taken = self._num_images_without >= _MIN_IMAGES_WITHOUT
 
     def mark_taken(self) -> None:
         """Mark the object as carried out of sight."""
-        self._is_taken = True
+        self.is_taken = True
 
     def is_alive(self, stamp_ns: int) -> bool:
         """Return whether the track has been seen recently enough to be kept."""
@@ -156,7 +151,7 @@ class KalmanTrack:
 
     def put_down(self, sighting: Sighting, stamp_ns: int) -> None:
         """Restart the filter where an object that was taken away is seen again."""
-        self._is_taken = False
+        self.is_taken = False
         self.state = ObjectState.HANDLED
         self._position_m = self._still_place_m = sighting.position_map_m
         self._still_since_ns = self.stamp_ns = stamp_ns

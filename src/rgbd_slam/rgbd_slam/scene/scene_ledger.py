@@ -38,11 +38,9 @@ class SceneConsumer(Protocol):
 
     def integrate(self, view: DepthView, T_map_camera: FloatArray) -> None:
         """Add an image that was taken at a pose (4, 4)."""
-        ...
 
     def clear(self) -> None:
         """Discard everything: all images follow again at corrected poses."""
-        ...
 
 
 class SceneLedger:

@@ -41,9 +41,6 @@ class ViewCopies:
     def __init__(self) -> None:
         self._copies: dict[int, StoredView] = {}
 
-    def __len__(self) -> int:
-        return len(self._copies)
-
     def apply(self, change: ViewChange) -> None:
         """Apply a change; ignore changes of unknown views, which arrive after `clear`."""
         if change.attached is None:

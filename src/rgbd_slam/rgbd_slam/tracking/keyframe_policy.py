@@ -16,7 +16,8 @@ from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.tracking.tracker import TrackerOutput
 
 # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: weight (an observation with depth counts twice) from
-# which a point of the reference keyframe counts, and the rule for a map of at most two keyframes.
+# which a point of the reference keyframe counts, and that for a map of at most two keyframes. The
+# share of such a map is that of ORB-SLAM3 for a map of one keyframe.
 _MIN_WEIGHT = 3
 _MIN_WEIGHT_NEW_MAP = 2
 _NEW_MAP_KEYFRAMES = 2

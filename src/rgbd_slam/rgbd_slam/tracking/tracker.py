@@ -28,7 +28,7 @@ from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
-from rgbd_slam.optimize.alignment import AlignmentStatus, align_image
+from rgbd_slam.optimize.alignment import align_image
 from rgbd_slam.optimize.pose_consensus import Consensus, PoseConsensus
 from rgbd_slam.optimize.pose_optimizer import PoseProblem
 
@@ -232,12 +232,12 @@ class Tracker:
             frame.depth_m[matches.k],
             landmarks.position_m[matches.q],
             self._camera,
-            config.alignment,
             np.random.default_rng((self._seed, frame.stamp_ns % 2**63)),
         )
+        if alignment is None:
+            return None
         T_camera_map = alignment.T_camera_points
-        is_aligned = alignment.status is AlignmentStatus.OK
-        if not (is_aligned and self._is_reachable(frame, last, T_camera_map)):
+        if not self._is_reachable(frame, last, T_camera_map):
             return None
         inliers = Matches(*(part[alignment.inliers] for part in matches))
         return self._initial_pose(frame, landmarks, inliers, T_camera_map)

@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 
+from hoid_common.slam_status import SlamState
 from hoid_common.values import FloatArray
 from rgbd_slam.optimize.pose_consensus import CompetingMotion
 from rgbd_slam.tracking.tracker import TrackerOutput
-
-
-class TrackingState(Enum):
-    """Whether the pose is known; the values are the constants of hoid_msgs/SlamStatus."""
-
-    NOT_INITIALIZED = 0
-    TRACKING = 1
-    LOST = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +15,7 @@ class TrackingResult:
     """The pose of one frame, its covariances and the tracking statistics."""
 
     stamp_ns: int
-    state: TrackingState
+    state: SlamState
     T_map_camera: FloatArray | None = None  # (4, 4); corrections of the map change it
     T_odom_camera: FloatArray | None = None  # (4, 4); continuous
     # (6, 6) in the camera frame, rotation first [rad^2, m^2]; large in a map that was started

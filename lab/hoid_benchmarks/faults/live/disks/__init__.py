@@ -1,1 +1,1 @@
-"""Disks that are full, read-only or slow while the nodes write their files."""
+"""Disks that are full, read-only or slow while the nodes write files."""

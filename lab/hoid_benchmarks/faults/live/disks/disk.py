@@ -1,4 +1,4 @@
-"""A disk that is full or read-only while files are written; `slow_disk` has one that is slow."""
+"""A disk that is full or read-only while files are written (slow disks: `slow_disk.py`)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hoid_msgs.srv import SaveMap, SaveTrajectory
 from std_srvs.srv import Trigger
 
 from hoid_benchmarks.faults.cases import Outcome
+from hoid_benchmarks.faults.live.node_harness import CaseResult, NodeHarness
 from hoid_benchmarks.faults.live.services import ANSWER_S
-from hoid_benchmarks.faults.live.stage import Seen, Stage
 from hoid_bringup.live.node_specs import SLAM
 from hoid_common import topics
 from hoid_common.io.files import abandoned_scratch_folders
@@ -23,7 +23,7 @@ from hoid_common.ros import qos
 
 FULL, READ_ONLY, SLOW = 'disk full', 'disk read-only', 'disk slow'
 _DISK_MB = 64
-_CHECKPOINT_S = 60.0  # one that took long is followed by a pause twenty times as long
+_CHECKPOINT_S = 60.0  # the pause after a checkpoint is twenty times its duration
 _REFILL_S, _PAUSE_S = 0.001, 0.3
 _FAILED = 'checkpoints that failed'
 _SERVICES = (
@@ -32,47 +32,47 @@ _SERVICES = (
     (SaveMap, topics.SAVE_CLOUD, 'kept.ply'),
 )
 
-Spoilt = Callable[[Path], AbstractContextManager[None]]
+DiskFault = Callable[[Path], AbstractContextManager[None]]
 
 
 def disk_cases(
-    stage: Stage, bags_of: Callable[[Path], tuple[tuple[str, ...], ...]], seeds: range
+    harness: NodeHarness, bags_of: Callable[[Path], tuple[tuple[str, ...], ...]], seeds: range
 ) -> Iterator[Outcome]:
-    """Yield the outcomes of disks that refuse to be written, one of each kind for each seed.
+    """Yield the outcomes of a full disk and of a read-only disk for each seed.
 
     Args:
-        stage: Its nodes write into their folder of maps.
-        bags_of: Returns commands of ours that write a bag.
-        seeds: Of the cases.
+        harness: The running nodes; the disk is mounted at their map folder.
+        bags_of: Returns the commands that write a bag to a path.
+        seeds: One case of each kind for each seed.
     """
     if refused := run_command(
-        'mount', '-t', 'tmpfs', '-o', f'size={_DISK_MB}m', 'tmpfs', stage.maps
+        'mount', '-t', 'tmpfs', '-o', f'size={_DISK_MB}m', 'tmpfs', harness.maps
     ):
         yield from (Outcome(kind, seeds.start, '', skipped=refused) for kind in (FULL, READ_ONLY))
         return
     try:
-        saves = Saves(stage)
+        saves = SaveChecks(harness)
         if complaint := saves.first_complaint():
             yield Outcome(FULL, seeds.start, f'on a good disk: {complaint}')
             return
         for seed in seeds:
-            for kind, spoilt in ((FULL, _filled), (READ_ONLY, _read_only)):
+            for kind, disk_fault in ((FULL, _filled), (READ_ONLY, _read_only)):
 
-                def trouble(spoilt: Spoilt = spoilt) -> Seen:
-                    with spoilt(stage.maps):
+                def trouble(disk_fault: DiskFault = disk_fault) -> CaseResult:
+                    with disk_fault(harness.maps):
                         complaint = saves.complaint(are_done=False)
-                        for command in bags_of(stage.maps / 'bag'):
-                            complaint = complaint or _bag_complaint(stage, command)
-                    return Seen(complaint or saves.complaint(are_done=True))
+                        for command in bags_of(harness.maps / 'bag'):
+                            complaint = complaint or _bag_complaint(harness, command)
+                    return CaseResult(complaint or saves.complaint(are_done=True))
 
-                yield stage.outcome(kind, seed, trouble)
+                yield harness.outcome(kind, seed, trouble)
     finally:
-        run_command('umount', '--lazy', stage.maps)
+        run_command('umount', '--lazy', harness.maps)
 
 
 @contextmanager
 def _filled(folder: Path) -> Iterator[None]:
-    """Leave no room, not even where somebody removes a file."""
+    """Fill a disk, and fill it again whenever a file is removed."""
     filler, is_ended = folder / 'filler', Event()
 
     def fill() -> None:
@@ -97,38 +97,42 @@ def _filled(folder: Path) -> Iterator[None]:
 def _read_only(folder: Path) -> Iterator[None]:
     end_s = time.monotonic() + ANSWER_S
     while run_command('mount', '-o', 'remount,ro', folder) and time.monotonic() < end_s:
-        time.sleep(_PAUSE_S)  # a file is being written
+        time.sleep(_PAUSE_S)  # the remount is refused while a file is being written
     try:
         yield
     finally:
         run_command('mount', '-o', 'remount,rw', folder)
 
 
-class Saves:
-    """Asks for all files, and knows what they were."""
+class SaveChecks:
+    """Requests all files from SLAM, and checks the answers, the files and the diagnostics."""
 
-    def __init__(self, stage: Stage) -> None:
-        self._sender, self._maps = stage.sender, stage.maps
-        self._services = stage.services
+    def __init__(self, harness: NodeHarness) -> None:
+        self._sender, self._maps = harness.sender, harness.maps
+        self._services = harness.services
         self._clients = {
             name: (type_, self._services.client(type_, SLAM, service))
             for type_, service, name in _SERVICES
         }
         self._reset = self._services.client(Trigger, SLAM, topics.RESET)
-        self._failed = 0  # checkpoints, by diagnostics
-        stage.sender.node.create_subscription(
+        self._failed = 0  # failed checkpoints, as counted by the diagnostics
+        harness.sender.node.create_subscription(
             DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, qos.OUTPUT
         )
 
     def first_complaint(self) -> str:
-        """Return the same once there is something of everything to be written."""
+        """Return `complaint(are_done=True)` once there is a map of which files can be written."""
         end_s = time.monotonic() + _CHECKPOINT_S
         while (complaint := self.complaint(are_done=True)) and time.monotonic() < end_s:
             self._sender.send()
         return complaint
 
     def complaint(self, *, are_done: bool) -> str:
-        """Return what is wrong with the answers to all requests, and with the files."""
+        """Request all files; return what is wrong with the answers and the files, '' if nothing.
+
+        Args:
+            are_done: Whether writing must succeed; otherwise it must fail and be reported.
+        """
         failed = self._failed
         for name, (type_, client) in self._clients.items():
             before = _identity(self._maps / name)
@@ -136,7 +140,7 @@ class Saves:
             if answer is None:
                 return f'{client.srv_name} gives no answer'
             is_new = _identity(self._maps / name) != before
-            # Whoever removes a file makes room for a small one.
+            # On a full disk, a save may succeed in the space of the file that it replaced.
             is_right = answer.success == is_new and (is_new or not are_done)
             if not is_right or not answer.message or '\n' in answer.message:
                 return f'{client.srv_name} answers {answer.success}: {answer.message}'
@@ -144,13 +148,13 @@ class Saves:
             return f'{left[0].name} was left'
         if are_done:
             return ''
-        # A new map is written soon, one that stays as it was is not.
+        # Only a changed map is written; after a reset, the next checkpoint comes soon.
         if self._services.answer(self._reset, Trigger.Request()) is None:
             return 'no answer to reset'
         end_s = time.monotonic() + _CHECKPOINT_S
         while self._failed == failed and time.monotonic() < end_s:
             self._sender.send()
-        return '' if self._failed > failed else 'diagnostics count no checkpoint that failed'
+        return '' if self._failed > failed else 'the diagnostics count no failed checkpoint'
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for value in (v for status in msg.status for v in status.values if v.key == _FAILED):
@@ -158,26 +162,26 @@ class Saves:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return what tells a file from the one that was there before."""
+    """Return inode and time of a file, which differ after it was replaced; None without it."""
     found = path.stat() if path.exists() else None
     return (found.st_ino, found.st_mtime_ns) if found else None
 
 
-def _bag_complaint(stage: Stage, command: tuple[str, ...]) -> str:
-    """Return what is wrong with how a command ends that cannot write its bag."""
+def _bag_complaint(harness: NodeHarness, command: tuple[str, ...]) -> str:
+    """Return what is wrong with the end of a command that cannot write its bag; '' if nothing."""
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     while child.poll() is None:
-        stage.sender.send()
-    said = child.communicate()[1]
-    lines = [line for line in said.splitlines() if line.startswith('hoid ')]
-    if child.returncode != 1 or len(lines) != 1 or 'Traceback' in said:
-        return f'{" ".join(command[2:])} ends with {child.returncode}: {said[-300:]}'
-    left = [*abandoned_scratch_folders(stage.maps), *stage.maps.glob('bag*')]
+        harness.sender.send()
+    stderr = child.communicate()[1]
+    lines = [line for line in stderr.splitlines() if line.startswith('hoid ')]
+    if child.returncode != 1 or len(lines) != 1 or 'Traceback' in stderr:
+        return f'{" ".join(command[2:])} ends with {child.returncode}: {stderr[-300:]}'
+    left = [*abandoned_scratch_folders(harness.maps), *harness.maps.glob('bag*')]
     return f'{left[0].name} was left' if left else ''
 
 
 def run_command(*command: str | Path) -> str:
-    """Run a command and return why it fails, or nothing."""
+    """Run a command and return why it fails; '' if it succeeds."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     except FileNotFoundError:

@@ -1,6 +1,6 @@
-// Preloaded into a process, makes its writes below the folder HOID_SLOW_DISK slow while the file
-// HOID_SLOW_WHILE is there: as a card that needs its time for each block, and long to sync. Each
-// call that was slowed down adds a byte to that file.
+// A library to preload (LD_PRELOAD) that delays the writes of a process below the folder
+// HOID_SLOW_DISK while the file HOID_SLOW_WHILE exists, as a slow memory card does. Each delayed
+// call appends a byte to that file.
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <sys/syscall.h>

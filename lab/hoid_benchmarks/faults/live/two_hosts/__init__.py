@@ -1,1 +1,1 @@
-"""A camera on one host and the nodes on another, joined by a link that loses packets."""
+"""A camera on one host and the nodes on another, connected by a link that loses packets."""

@@ -1,7 +1,7 @@
-"""What runs on each of two hosts: a camera, or the nodes and who listens to them.
+"""Programs of the two hosts: a simulated camera, and the nodes with a listener.
 
-Each appends lines to a file: the camera the stamps that it sends, the listener the stamps of
-odometry and what diagnostics complain of, with the time.
+Each appends lines to a file: the camera the stamps of its images, the listener the stamps of
+odometry and the problems reported by diagnostics, with the time of arrival.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from hoid_common.ros.execution.executor import SteadyExecutor
 SENT, ODOMETRY, COMPLAINT = 'sent', 'odometry', 'complaint'
 RATE_HZ = 10.0
 _QUALITY = 90
-_NOISE_M = 0.005  # which real depth has, and which makes it as large
+_NOISE_M = 0.005  # as in real depth, which therefore compresses as badly
 
 
-def camera(say: Callable[[str], None]) -> None:
-    """Send compressed images until interrupted."""
+def camera(write_line: Callable[[str], None]) -> None:
+    """Publish compressed images until interrupted."""
     node = rclpy.create_node('camera')
     color = topics.compressed(topics.RGB_IMAGE)
     depth = topics.compressed_depth(topics.DEPTH_IMAGE)
@@ -52,13 +52,13 @@ def camera(say: Callable[[str], None]) -> None:
         infos.publish(conversions.camera_to_msg(CAMERA, header))
         depths.publish(conversions.compressed_depth_to_msg(depth_m, header))
         colors.publish(conversions.compressed_color_to_msg(image_bgr, header, _QUALITY))
-        say(f'{SENT} {stamp_ns}')
+        write_line(f'{SENT} {stamp_ns}')
         due_s += 1 / RATE_HZ
         time.sleep(max(0.0, due_s - time.monotonic()))
 
 
-def robot(say: Callable[[str], None], folder: Path) -> None:
-    """Run filter and SLAM, and listen to them, until interrupted."""
+def robot(write_line: Callable[[str], None], folder: Path) -> None:
+    """Run filter and SLAM, and record odometry and diagnostics, until interrupted."""
     listening = {'input.compressed': True}
     parameters: dict[str, dict[str, Any]] = {
         FILTER: {'strategy': 'none', **listening},
@@ -67,40 +67,40 @@ def robot(say: Callable[[str], None], folder: Path) -> None:
     specs = node_specs(NodeOptions((FILTER, SLAM), parameters=parameters), folder)
     with Supervisor(specs, log_dir=folder):
         node = rclpy.create_node('listener')
-        _listen(node, say)
+        _listen(node, write_line)
         executor = SteadyExecutor()
         executor.add_node(node)
         while rclpy.ok():
             executor.spin_once()
 
 
-def _listen(node: Node, say: Callable[[str], None]) -> None:
+def _listen(node: Node, write_line: Callable[[str], None]) -> None:
     def on_odometry(msg: Odometry) -> None:
-        say(f'{ODOMETRY} {conversions.stamp_from_msg(msg.header.stamp)} {time.time_ns()}')
+        write_line(f'{ODOMETRY} {conversions.stamp_from_msg(msg.header.stamp)} {time.time_ns()}')
 
     def on_diagnostics(msg: DiagnosticArray) -> None:
         for status in msg.status:
             if status.level != DiagnosticStatus.OK:
-                say(f'{COMPLAINT} {time.time_ns()} {status.name}: {status.message}')
+                write_line(f'{COMPLAINT} {time.time_ns()} {status.name}: {status.message}')
 
     node.create_subscription(Odometry, topics.ODOM, on_odometry, qos.OUTPUT)
     node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, on_diagnostics, qos.OUTPUT)
 
 
 def main(role: str, folder: Path) -> None:
-    """Play a role until interrupted, and write what happens into a folder."""
+    """Run one host's program until interrupted; its events are appended to FOLDER/ROLE."""
     interrupt_on_termination()
     rclpy.init()
     with (folder / role).open('a', encoding='utf-8', buffering=1) as file:
 
-        def say(line: str) -> None:
+        def write_line(line: str) -> None:
             file.write(f'{line}\n')
 
         with suppress(KeyboardInterrupt):
             if role == camera.__name__:
-                camera(say)
+                camera(write_line)
             else:
-                robot(say, folder)
+                robot(write_line, folder)
     rclpy.try_shutdown()
 
 

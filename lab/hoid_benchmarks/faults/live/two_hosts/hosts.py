@@ -1,4 +1,4 @@
-"""Two hosts on this machine: network namespaces joined by a link that can lose packets."""
+"""Two simulated hosts: network namespaces connected by a link that can lose packets."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from hoid_common.errors import HoidError
 CAMERA_HOST, ROBOT_HOST = 'a', 'b'
 _ADDRESSES = {CAMERA_HOST: '10.231.7.1/24', ROBOT_HOST: '10.231.7.2/24'}
 _TABLES = ('iptables-legacy', 'iptables')
-# Processes of one host share memory; these must not.
+# Separate /dev/shm: Fast DDS uses shared memory between processes that see the same one.
 _OWN_MEMORY = 'mount -t tmpfs tmpfs /dev/shm && exec "$@"'
 
 
 class NoHostsError(HoidError):
-    """Namespaces cannot be made here, or packets not lost on demand."""
+    """The system allows no network namespaces, or has no means to drop packets."""
 
 
 class TwoHosts:
-    """Makes them, and takes them away again; use as a context manager.
+    """Context manager that creates the namespaces and the link, and removes them.
 
     Raises:
-        NoHostsError: They cannot be made here.
+        NoHostsError: The namespaces or the link cannot be created.
     """
 
     def __init__(self) -> None:
@@ -50,11 +50,11 @@ class TwoHosts:
         self._remove()
 
     def on(self, host: str) -> tuple[str, ...]:
-        """Return what to put before a command that is to run on a host."""
+        """Return the prefix that runs a command on a host."""
         return (*self._on(host), 'sh', '-c', _OWN_MEMORY, 'sh')
 
     def lose(self, share: float) -> None:
-        """Lose packets at random in both directions from now on; 1 is a link that is cut."""
+        """Drop this share of the packets at random, in both directions; 1 cuts the link."""
         for host in _ADDRESSES:
             if not self._lose_by_queue(host, share):
                 self._lose_by_table(host, share)
@@ -71,7 +71,7 @@ class TwoHosts:
             _do(*inside, 'address', 'add', address, 'dev', end)
             for link in ('lo', end):
                 _do(*inside, 'link', 'set', link, 'up')
-            _do(*inside, 'route', 'add', 'default', 'dev', end)  # multicast finds the others
+            _do(*inside, 'route', 'add', 'default', 'dev', end)  # a route for multicast discovery
 
     def _remove(self) -> None:
         for host in _ADDRESSES:
@@ -87,7 +87,7 @@ class TwoHosts:
         return ('ip', 'netns', 'exec', self._space(host))
 
     def _lose_by_queue(self, host: str, share: float) -> bool:
-        """Return whether the kernel has the queue that loses."""
+        """Drop packets by the netem queue; return False if the kernel lacks it."""
         loss = ('netem', 'loss', f'{100 * share:g}%')
         command = ('tc', 'qdisc', 'replace', 'dev', self._space(host), 'root', *loss)
         done = subprocess.run((*self._on(host), *command), capture_output=True, check=False)
@@ -95,7 +95,7 @@ class TwoHosts:
 
     def _lose_by_table(self, host: str, share: float) -> None:
         if self._tables is None:
-            raise NoHostsError('the kernel has no netem, and there is no iptables')
+            raise NoHostsError('neither netem nor iptables is available to drop packets')
         chain = (*self._on(host), self._tables, '-t', 'raw')
         _do(*chain, '-F', 'PREROUTING')
         if share > 0:
@@ -108,6 +108,6 @@ def _do(*command: str) -> None:
     try:
         subprocess.run(command, capture_output=True, check=True, text=True)
     except FileNotFoundError as error:
-        raise NoHostsError(f'there is no {command[0]}') from error
+        raise NoHostsError(f'{command[0]} is not installed') from error
     except subprocess.CalledProcessError as error:
         raise NoHostsError(f'{" ".join(command)}: {" ".join(error.stderr.split())}') from error

@@ -1,4 +1,4 @@
-"""A camera on one host and the nodes on another, joined by a link that loses packets."""
+"""A camera and the nodes on two hosts whose link loses packets."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ _PROFILE = (
     Path(__file__).resolve().parents[5] / 'src/hoid_common/config/fastdds_network_profile.xml'
 )
 _START_S, _PHASE_S, _LATE_S = 60.0, 10.0, 1.0
-_BACK_S = 3.0  # after which all must be as with a clean link
-_SOME = 20  # odometry, and the nodes are up
+_BACK_S = 3.0  # time after which the rate of a clean link must be back
+_SOME = 20  # odometry messages after which the nodes count as started
 
 
-class Weather(NamedTuple):
-    """What the link loses for a while."""
+class LinkFault(NamedTuple):
+    """Packet loss of the link for some time, and the required behavior."""
 
     name: str
     lost: float  # share of packets
     duration_s: float
-    least: float  # share of the clean rate that odometry must have meanwhile
-    is_said: bool  # by diagnostics
+    least: float  # required rate of odometry meanwhile, as a share of the rate over a clean link
+    is_diagnosed: bool  # whether diagnostics must report the loss
 
 
-WEATHERS = (
-    Weather('1 % of packets lost', 0.01, _PHASE_S, 0.95, is_said=False),
-    Weather('5 % of packets lost', 0.05, _PHASE_S, 0.8, is_said=False),
-    Weather('30 % of packets lost', 0.3, _PHASE_S, 0.0, is_said=False),
-    Weather('no link for 5 s', 1.0, 5.0, 0.0, is_said=True),
+LINK_FAULTS = (
+    LinkFault('1 % of packets lost', 0.01, _PHASE_S, 0.95, is_diagnosed=False),
+    LinkFault('5 % of packets lost', 0.05, _PHASE_S, 0.8, is_diagnosed=False),
+    LinkFault('30 % of packets lost', 0.3, _PHASE_S, 0.0, is_diagnosed=False),
+    LinkFault('no link for 5 s', 1.0, 5.0, 0.0, is_diagnosed=True),
 )
 
 
 def network_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
-    """Yield one outcome for each weather and seed."""
+    """Yield one outcome for each fault of the link and each seed."""
     folder.mkdir(parents=True)
     try:
         with own_domain(), TwoHosts() as hosts:
@@ -74,40 +74,40 @@ def _cases(hosts: TwoHosts, folder: Path, seeds: range) -> Iterator[Outcome]:
             return
         clean = events.share_while(_PHASE_S)
         for seed in seeds:
-            for weather in WEATHERS:
-                yield _weather_case(hosts, events, weather, seed, clean)
+            for link_fault in LINK_FAULTS:
+                yield _link_fault_case(hosts, events, link_fault, seed, clean)
 
 
-def _weather_case(
-    hosts: TwoHosts, events: _Events, weather: Weather, seed: int, clean: float
+def _link_fault_case(
+    hosts: TwoHosts, events: _Events, link_fault: LinkFault, seed: int, clean: float
 ) -> Outcome:
     begin_ns = time.time_ns()
-    hosts.lose(weather.lost)
-    share = events.share_while(weather.duration_s) / clean
+    hosts.lose(link_fault.lost)
+    share = events.share_while(link_fault.duration_s) / clean
     hosts.lose(0.0)
     end_ns = time.time_ns()
     time.sleep(_BACK_S)
     after = events.share_while(_PHASE_S / 2) / clean
     back_s = (events.first_after(end_ns) - end_ns) / NS_PER_S
     complaint = ''
-    if share < weather.least:
+    if share < link_fault.least:
         complaint = f'odometry at {share:.2f} of the clean rate'
-    elif after < WEATHERS[0].least:
+    elif after < LINK_FAULTS[0].least:
         complaint = f'odometry at {after:.2f} of the clean rate {_BACK_S:g} s later'
-    elif weather.is_said and 'get lost' not in events.said_since(begin_ns):
-        complaint = 'diagnostics name no loss'
+    elif link_fault.is_diagnosed and 'get lost' not in events.complaints_since(begin_ns):
+        complaint = 'the diagnostics report no loss'
     note = f'odometry {share:.2f}, back in {back_s:.1f} s'
-    return Outcome(f'{_KIND}: {weather.name}', seed, complaint, wall_s=back_s, note=note)
+    return Outcome(f'{_KIND}: {link_fault.name}', seed, complaint, wall_s=back_s, note=note)
 
 
 class _Events:
-    """What the two hosts have written so far."""
+    """The events that the two hosts have written so far."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def is_up(self) -> bool:
-        """Wait for odometry; return whether it came."""
+        """Wait for odometry; return whether it arrived."""
         end_s = time.monotonic() + _START_S
         while time.monotonic() < end_s:
             if len(self._stamps(ODOMETRY)) > _SOME:
@@ -116,7 +116,7 @@ class _Events:
         return False
 
     def share_while(self, duration_s: float) -> float:
-        """Wait, and return the share of images sent meanwhile that odometry came of."""
+        """Wait for a time; return the share of the images sent meanwhile that have odometry."""
         begin_ns = time.time_ns()
         time.sleep(duration_s)
         end_ns = time.time_ns()
@@ -125,13 +125,13 @@ class _Events:
         return len(set(sent) & set(self._stamps(ODOMETRY))) / max(len(sent), 1)
 
     def first_after(self, stamp_ns: int) -> int:
-        """Return when the first odometry came of an image that was taken after a time."""
+        """Return the arrival time (ns) of the first odometry for an image taken after a stamp."""
         lines = [line.split() for line in self._lines() if line.startswith(ODOMETRY)]
         heard = [int(heard_ns) for _, stamp, heard_ns in lines if int(stamp) >= stamp_ns]
         return min(heard, default=time.time_ns())
 
-    def said_since(self, stamp_ns: int) -> str:
-        """Return what diagnostics complained of."""
+    def complaints_since(self, stamp_ns: int) -> str:
+        """Return the problems reported by diagnostics since a time, one per line."""
         lines = [line.split(maxsplit=2) for line in self._lines() if line.startswith(COMPLAINT)]
         return '\n'.join(text for _, when_ns, text in lines if int(when_ns) >= stamp_ns)
 
@@ -141,5 +141,5 @@ class _Events:
     def _lines(self) -> list[str]:
         files = [self._folder / role.__name__ for role in (camera, robot)]
         texts = [f.read_text(encoding='utf-8') for f in files if f.exists()]
-        # The last line may not be whole yet.
+        # The last line may be incomplete.
         return [line for text in texts for line in text.rpartition('\n')[0].splitlines()]

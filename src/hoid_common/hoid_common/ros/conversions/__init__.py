@@ -4,7 +4,8 @@ The `from` functions raise MessageError with one line that names the wrong field
 functions take a Header, since every output has the stamp and frame of the image it belongs to.
 """
 
-from hoid_common.ros.conversions.camera import camera_from_msg, camera_to_msg
+from hoid_common.io.camera_info import camera_from_info as camera_from_msg
+from hoid_common.ros.conversions.camera import camera_to_msg
 from hoid_common.ros.conversions.clouds import Cloud, cloud_from_msg, cloud_to_msg
 from hoid_common.ros.conversions.detections import detections_from_msg, detections_to_msg
 from hoid_common.ros.conversions.detections_2d import (
@@ -20,9 +21,7 @@ from hoid_common.ros.conversions.features import (
     features_to_msg,
 )
 from hoid_common.ros.conversions.geometry import (
-    odometry_from_msg,
     odometry_to_msg,
-    path_from_msg,
     path_to_msg,
     pose_from_msg,
     pose_to_msg,
@@ -73,9 +72,7 @@ __all__ = [
     'header_to_msg',
     'image_from_cdr',
     'mask_to_msg',
-    'odometry_from_msg',
     'odometry_to_msg',
-    'path_from_msg',
     'path_to_msg',
     'pose_from_msg',
     'pose_to_msg',

@@ -6,13 +6,7 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
-from hoid_common.io.camera_info import camera_from_info
 from hoid_common.values import CameraModel
-
-
-def camera_from_msg(msg: CameraInfo) -> CameraModel:
-    """Return the camera model of the raw image; see `io.camera_info.camera_from_info`."""
-    return camera_from_info(msg)
 
 
 def camera_to_msg(camera: CameraModel, header: Header) -> CameraInfo:

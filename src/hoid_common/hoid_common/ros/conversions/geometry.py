@@ -24,7 +24,7 @@ from std_msgs.msg import Header
 
 from hoid_common import se3
 from hoid_common.errors import MessageError
-from hoid_common.ros.conversions.headers import stamp_from_msg, stamp_to_msg
+from hoid_common.ros.conversions.headers import stamp_to_msg
 from hoid_common.values import FloatArray, IntArray
 
 _ROS_ORDER = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # the permutation is its own inverse
@@ -88,17 +88,6 @@ def twist_to_msg(twist: FloatArray) -> Twist:
     return Twist(linear=Vector3(x=vx, y=vy, z=vz), angular=Vector3(x=wx, y=wy, z=wz))
 
 
-def odometry_from_msg(msg: Odometry) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return T_odom_base (4, 4), its covariance (6, 6) and the twist (6,).
-
-    They are expressed as in `odometry_to_msg`.
-    """
-    T_odom_base = pose_from_msg(msg.pose.pose)
-    covariance = np.array(msg.pose.covariance).reshape(6, 6)[_ROS_ORDER]
-    A = _block_rotation(T_odom_base)
-    return T_odom_base, A.T @ covariance @ A, twist_from_msg(msg.twist.twist)
-
-
 def odometry_to_msg(
     T_odom_base: FloatArray,
     covariance: FloatArray,
@@ -127,13 +116,6 @@ def odometry_to_msg(
     msg.twist.twist = twist_to_msg(twist)
     msg.twist.covariance = twist_covariance[_ROS_ORDER].ravel()
     return msg
-
-
-def path_from_msg(msg: Path) -> tuple[IntArray, FloatArray]:
-    """Return the stamps (N,) in ns and the poses (N, 4, 4) of a path, in the header's frame."""
-    stamps = np.array([stamp_from_msg(pose.header.stamp) for pose in msg.poses], np.int64)
-    T = [pose_from_msg(pose.pose) for pose in msg.poses]
-    return stamps, np.array(T, np.float64).reshape(-1, 4, 4)
 
 
 def path_to_msg(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> Path:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
 from hoid_msgs.msg import SlamStatus as SlamStatusMsg
@@ -25,6 +27,8 @@ _CORNERS = np.array(
         [-_WIDTH_M, _HEIGHT_M],
     ]
 )
+# Fields that have the same name and type in the value and in the message.
+_COPIED = {field.name for field in fields(SlamStatus)} - {'state', 'mode', 'stage_ms'}
 
 
 def slam_status_from_msg(msg: SlamStatusMsg) -> SlamStatus:
@@ -41,23 +45,9 @@ def slam_status_from_msg(msg: SlamStatusMsg) -> SlamStatus:
         state, mode = SlamState(msg.state), SlamMode(msg.mode)
     except ValueError as error:
         raise MessageError(f'slam_status: {error}; see hoid_msgs/SlamStatus') from error
-    return SlamStatus(
-        state,
-        mode,
-        msg.message,
-        msg.tracked_points,
-        msg.inliers,
-        msg.keyframes,
-        msg.map_points,
-        msg.maps,
-        msg.mapper_queue,
-        msg.loops,
-        msg.merges,
-        msg.relocalizations,
-        msg.frames_processed,
-        msg.frames_dropped,
-        dict(zip(msg.stage_names, msg.stage_ms, strict=True)),
-    )
+    copied = {name: getattr(msg, name) for name in _COPIED}
+    stage_ms = dict(zip(msg.stage_names, msg.stage_ms, strict=True))
+    return SlamStatus(state, mode, stage_ms=stage_ms, **copied)
 
 
 def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
@@ -66,20 +56,9 @@ def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
         header=header,
         state=status.state.value,
         mode=status.mode.value,
-        message=status.message,
-        tracked_points=status.tracked_points,
-        inliers=status.inliers,
-        keyframes=status.keyframes,
-        map_points=status.map_points,
-        maps=status.maps,
-        mapper_queue=status.mapper_queue,
-        loops=status.loops,
-        merges=status.merges,
-        relocalizations=status.relocalizations,
-        frames_processed=status.frames_processed,
-        frames_dropped=status.frames_dropped,
         stage_names=list(status.stage_ms),
         stage_ms=list(status.stage_ms.values()),
+        **{name: getattr(status, name) for name in _COPIED},
     )
 
 

@@ -139,7 +139,7 @@ class SceneClient:
         if not dense.fits(camera, self._config.dense.pixel_stride):
             return '; its dense map is left out: it was made with another dense.pixel_stride'
         for view in dense.views(loaded.keyframe_uids):
-            process.restore(view)
+            process.send(view)
         return ''
 
     def enqueue(self, request: SceneRequest | None) -> None:

@@ -7,20 +7,20 @@ from pathlib import Path
 
 from hoid_common.errors import InputError
 from rgbd_slam.map_io.map_directory import write_whole
-from rgbd_slam.scene.export import CLOUD_WRITERS
+from rgbd_slam.scene.export import write_ply
 from rgbd_slam.scene.grid import Grid, write_map_server
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.voxel_map import ColoredCloud
 
 
 def save_cloud(scene: SceneMapper | None, path: Path) -> str:
-    """Write the dense map in the format of the path's extension; return a message for the user.
+    """Write the dense map as PLY; return a message for the user.
 
     Raises:
         InputError: There is no dense map, or it cannot be written.
     """
     cloud = _require_map(scene).cloud()
-    write_whole(path, lambda aside: CLOUD_WRITERS[path.suffix](aside, cloud))
+    write_whole(path, lambda aside: write_ply(aside, cloud))
     return f'{len(cloud.points_m)} points written to {path}'
 
 
@@ -28,7 +28,6 @@ def save_grid(
     scene: SceneMapper | None,
     grid_of: Callable[[SceneMapper, ColoredCloud], Grid | None],
     path: Path,
-    mode: str,
 ) -> str:
     """Write the grid in the format of Nav2's map server; return a message for the user.
 
@@ -36,7 +35,6 @@ def save_grid(
         scene: The scene mapper, if there is one.
         grid_of: Returns the grid of a cloud, or None if no floor is known.
         path: Path of the YAML file or of the image, which differ in the extension.
-        mode: A mode of the map server.
 
     Raises:
         InputError: There is no grid, or it cannot be written.
@@ -46,7 +44,7 @@ def save_grid(
     if grid is None:
         raise InputError('no floor has been seen yet: a grid needs one')
     stem = path.with_suffix('')
-    write_whole(stem, lambda aside: write_map_server(grid, aside, mode))
+    write_whole(stem, lambda aside: write_map_server(grid, aside))
     height, width = grid.cells.shape
     return f'{width}x{height} cells written to {stem}.yaml and its picture'
 

@@ -130,8 +130,7 @@ class SceneNode(Node):
             if command.cloud_path is not None:
                 text = save_cloud(self._scene, command.cloud_path)
             if command.grid_path is not None:
-                mode = self._setup.dense.grid.file_mode
-                text = save_grid(self._scene, self._outputs.place_grid, command.grid_path, mode)
+                text = save_grid(self._scene, self._outputs.place_grid, command.grid_path)
         except HoidError as error:
             return CommandResult(command.number, False, str(error))
         return CommandResult(command.number, True, text)

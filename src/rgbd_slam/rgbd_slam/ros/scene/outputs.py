@@ -71,7 +71,7 @@ class SceneOutputs:
 
     Args:
         send: Sends a message to the SLAM node, which publishes it.
-        setup: Names the map frame, and tells whether it is level.
+        setup: Names the map frame, and states whether it is level.
     """
 
     def __init__(self, send: Callable[[Output], None], setup: SceneSetup) -> None:

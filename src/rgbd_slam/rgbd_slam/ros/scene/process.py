@@ -80,7 +80,9 @@ class SceneProcess:
         )
         Thread(target=self._listen, name='from scene', daemon=True).start()
 
-    def send(self, message: CameraModel | ClearScene | DenseConfig | KeyframePoses) -> None:
+    def send(
+        self, message: CameraModel | ClearScene | DenseConfig | KeyframePoses | StoredView
+    ) -> None:
         """Send a message that changes the scene; a process that replaces this one gets it too."""
         with self._lock:
             match message:
@@ -103,10 +105,6 @@ class SceneProcess:
             self.num_dropped += 1
         else:
             self._worker.send(request)
-
-    def restore(self, view: StoredView) -> None:
-        """Add an image of a saved dense map."""
-        self._worker.send(view)
 
     def command(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> int:
         """Send a command, which writes the given files; return its number for `await_result`."""

@@ -1,4 +1,4 @@
-"""The nodes on a stage: who sends to them, and what every case asks of them afterwards."""
+"""Running nodes with a simulated camera, and the checks that follow every injected fault."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from hoid_detector.model.model_path import SYNTHETIC
 START_S, BACK_S, _ALL_S = 60.0, 5.0, 10.0
 _WARM_IMAGES = 30
 _MEMORY_FACTOR = 1.3
-_YOUNG_MB = 60.0  # what nodes may grow by besides, before they have settled
+_YOUNG_MB = 60.0  # additional growth allowed before the nodes have settled
 _SETTLE_S, _SETTLED_MB = 15.0, 1.0
 MAPS = 'maps'
 MAPPER, SCENE = 'mapper', 'scene'
@@ -40,26 +40,27 @@ ALL_OUTPUTS = (topics.ODOM, OWN_DETECTIONS, topics.TRACKED_OBJECTS)
 
 @dataclass(frozen=True)
 class Setup:
-    """What runs and what it is sent."""
+    """Which nodes run, how they are configured, and what the sender publishes."""
 
     nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM)
     has_scene: bool = True  # dense map and object tracks
-    scene: Scene | None = None  # None: the still one
+    scene: Scene | None = None  # None: a still camera
     rate_hz: float = RATE_HZ
     is_compressed: bool = False
-    restart: bool = False  # what has died
+    restart: bool = False  # restart nodes that have ended
     sim_time: bool = False
-    is_foreign: bool = False  # boxes as vision_msgs, odometry of wheels on /tf
-    environment: Mapping[str, str] = field(default_factory=dict)  # of the nodes
+    is_foreign: bool = False  # boxes as vision_msgs, wheel odometry on /tf
+    # Environment variables of the nodes.
+    environment: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Return what comes of every image, or of every few."""
+        """Return the topics that are published for every image or every few images."""
         is_made = (True, DETECTOR in self.nodes, self.has_scene)
         return tuple(o for o, made in zip(ALL_OUTPUTS, is_made, strict=True) if made)
 
     def options(self, maps: Path) -> Iterator[NodeOptions]:
-        """Yield what the nodes are started with; the detector keeps its boxes to itself."""
+        """Yield the options of the nodes; the detector's output is remapped to its own topic."""
         image = {'input.compressed': self.is_compressed}
         parameters: dict[str, dict[str, Any]] = {
             DETECTOR: {'model': SYNTHETIC, **image},
@@ -80,8 +81,8 @@ class Setup:
             )  # fmt: skip
 
 
-class Seen(NamedTuple):
-    """What a case saw while it made trouble."""
+class CaseResult(NamedTuple):
+    """What a fault case observed while the fault was injected."""
 
     complaint: str = ''
     note: str = ''
@@ -93,8 +94,8 @@ class _State(NamedTuple):
     maps: int
 
 
-class Stage:
-    """The nodes that run, and who sends to them."""
+class NodeHarness:
+    """The running nodes, and the simulated camera that publishes their inputs."""
 
     def __init__(self, setup: Setup, folder: Path, nodes: WatchedNodes, sender: Sender) -> None:
         self.setup, self.folder, self.nodes, self.sender = setup, folder, nodes, sender
@@ -103,31 +104,32 @@ class Stage:
         self._settled_mb: Mapping[str, float] = {}
 
     def settle(self, limit_s: float) -> None:
-        """Send good images and ask for all services until the nodes' memory grows no more.
+        """Publish good images and request all services until the memory of the nodes is stable.
 
-        Later cases may not exceed 1.3 times that. Where the limit comes first, all is as before.
+        Later cases may use up to 1.3 times that memory. If it is not stable within the limit (s),
+        cases are compared with the memory before each of them.
         """
         now_mb = self._memory_mb()
         for _ in range(int(limit_s / _SETTLE_S)):
             before_mb = now_mb
             self.sender.send_for(_SETTLE_S)
-            self.services.silent(_ALL_S)
+            self.services.unanswered(_ALL_S)
             now_mb = self._memory_mb()
             if all(now_mb[name] < before_mb[name] + _SETTLED_MB for name in now_mb):
                 self._settled_mb = now_mb
                 return
 
     def outcome(
-        self, kind: str, seed: int, trouble: Callable[[], Seen], back_s: float = BACK_S
+        self, kind: str, seed: int, inject: Callable[[], CaseResult], back_s: float = BACK_S
     ) -> Outcome:
-        """Make trouble, and judge what is there afterwards.
+        """Inject a fault, check the nodes afterwards, and return the outcome.
 
-        All nodes must be alive, all outputs come again within `back_s` in the same number of
-        maps, all services answer, and their memory must be as before.
+        All nodes must run, all outputs must be back within `back_s` without a new map, all
+        services must respond, and memory must not have grown.
         """
         self.nodes.poll()
         before, start_s = self._state(), time.monotonic()
-        complaint, note = trouble()
+        complaint, note = inject()
         complaint = complaint or self._complaint(before, back_s)
         wall_s, peak_mb = time.monotonic() - start_s, max(self._memory_mb().values(), default=0.0)
         return Outcome(kind, seed, complaint, wall_s=wall_s, peak_mb=peak_mb, note=note)
@@ -136,18 +138,18 @@ class Stage:
         if exits := self.nodes.poll():
             return '; '.join(map(str, exits))
         if self.nodes.pids != before.pids:
-            return 'a node was started anew'
-        # What no pose waits for may come later.
+            return 'a node was restarted'
+        # Outputs that odometry does not depend on may come later.
         for outputs, limit_s in ((self.setup.outputs[:1], back_s), (self.setup.outputs, _ALL_S)):
-            if silent := self.sender.silent_within(limit_s, outputs):
+            if silent := self.sender.missing_outputs(limit_s, outputs):
                 return (
                     f'no {", ".join(silent)} for {limit_s:g} s of good messages; '
-                    f'{self.sender.nodes_say()}'
+                    f'{self.sender.latest_diagnostics()}'
                 )
         if (maps := self._state().maps) > before.maps:
-            return f'{maps} maps where there were {before.maps}'
-        if unanswered := self.services.silent(_ALL_S):
-            return f'no answer of {", ".join(unanswered)} in {_ALL_S:g} s'
+            return f'{maps} maps, {before.maps} before'
+        if unanswered := self.services.unanswered(_ALL_S):
+            return f'no response from {", ".join(unanswered)} within {_ALL_S:g} s'
         return self._grown(before.memory_mb) or self._tracebacks()
 
     def _state(self) -> _State:
@@ -158,7 +160,7 @@ class Stage:
         clean_mb, more_mb = (self._settled_mb, 0.0) if self._settled_mb else (before_mb, _YOUNG_MB)
         for name, now_mb in self._memory_mb().items():
             if now_mb > _MEMORY_FACTOR * clean_mb[name] + more_mb:
-                return f'{name} has {now_mb:.0f} MB where it had {clean_mb[name]:.0f}'
+                return f'{name} uses {now_mb:.0f} MB, {clean_mb[name]:.0f} MB before'
         return ''
 
     def _memory_mb(self) -> dict[str, float]:
@@ -168,35 +170,35 @@ class Stage:
         for log in self.folder.glob('*.log'):
             _, found, rest = log.read_text(errors='replace').partition('Traceback')
             if found:
-                said = next((line for line in rest.splitlines()[1:] if line[:1] > ' '), '')
-                return f'a traceback of {log.stem}: {said}'
+                error = next((line for line in rest.splitlines()[1:] if line[:1] > ' '), '')
+                return f'a traceback of {log.stem}: {error}'
         return ''
 
 
-def shared(share: float, least: float) -> Seen:
-    """Return what was seen when odometry came of a share of the images."""
-    complaint = '' if share >= least else f'odometry of {share:.2f} of the images'
-    return Seen(complaint, f'odometry {share:.2f}')
+def odometry_result(share: float, least: float) -> CaseResult:
+    """Return the result for a share of images with odometry; it fails below `least`."""
+    complaint = '' if share >= least else f'odometry for {share:.2f} of the images'
+    return CaseResult(complaint, f'odometry {share:.2f}')
 
 
 def member_pids(pids: Mapping[str, int]) -> dict[str, int]:
-    """Return the nodes' processes, and those that SLAM has started."""
+    """Return the process ids of the nodes and of the mapper and scene processes, by name."""
     pairs = [
         (server, worker)
         for server in psutil.Process(pids[SLAM]).children()
         for worker in server.children()
     ]
-    # The mapper alone is nicer than what started it.
+    # Only the mapper has a higher niceness than the process that started it.
     names = {SCENE if w.nice() == server.nice() else MAPPER: w.pid for server, w in pairs}
     return {**pids, **names}
 
 
 @contextmanager
-def staged(folder: Path, setup: Setup) -> Iterator[Stage]:
-    """Run the nodes, and go on once all their outputs have come.
+def running_nodes(folder: Path, setup: Setup) -> Iterator[NodeHarness]:
+    """Run the nodes, and yield them when all their outputs have been received.
 
     Raises:
-        HoidError: They do not come.
+        HoidError: An output or a response is missing after 60 s.
     """
     maps = folder / MAPS
     maps.mkdir(parents=True)
@@ -214,15 +216,15 @@ def staged(folder: Path, setup: Setup) -> Iterator[Stage]:
                 node, setup.scene or Scene(), setup.rate_hz,
                 is_compressed=setup.is_compressed, is_foreign=setup.is_foreign,
             )  # fmt: skip
-            if silent := sender.silent_within(START_S, setup.outputs):
-                raise HoidError(f'no {", ".join(silent)} of good messages in {START_S:g} s')
+            if silent := sender.missing_outputs(START_S, setup.outputs):
+                raise HoidError(f'no {", ".join(silent)} within {START_S:g} s of good messages')
             for _ in range(_WARM_IMAGES):
                 sender.send()
-            stage = Stage(setup, folder, nodes, sender)
-            # Asked before the first case, what answers take once is no growth of it.
-            if unanswered := stage.services.silent(START_S):
-                raise HoidError(f'no answer of {", ".join(unanswered)} in {START_S:g} s')
-            yield stage
+            harness = NodeHarness(setup, folder, nodes, sender)
+            # The memory of first responses must not count as growth in the first case.
+            if unanswered := harness.services.unanswered(START_S):
+                raise HoidError(f'no response from {", ".join(unanswered)} within {START_S:g} s')
+            yield harness
         finally:
             node.destroy_node()
             rclpy.try_shutdown()

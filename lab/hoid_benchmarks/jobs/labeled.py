@@ -1,4 +1,4 @@
-"""Frames of which it is known, pixel by pixel, what moves."""
+"""Frames with ground-truth masks of moving surfaces."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from hoid_synth.acting.stage import Stage, set_stage
 from hoid_synth.config import SceneConfig
 from hoid_synth.scene import render
 
-_SPECKLE_PX = 5  # pasted pixels that happen to be as far as what they hide
-_STILL_M = 1e-4  # what moves less from frame to frame rests
+_SPECKLE_PX = 5  # opening of the mask: pasted pixels can have the depth that they hide
+_STILL_M = 1e-4  # objects that move less from frame to frame count as static
 
 
-class Labelled(NamedTuple):
-    """A frame, and which of its pixels show what moves."""
+class Labeled(NamedTuple):
+    """A frame with the mask of its moving pixels."""
 
     frame: RgbdFrame
     moving: BoolArray  # (H, W)
-    exact: Detections | None  # exact boxes, where they are known
+    exact: Detections | None  # ground-truth boxes, if known
 
 
-def pasted_people(people: TumFolder, base: TumFolder) -> Iterator[Labelled]:
+def pasted_people(people: TumFolder, base: TumFolder) -> Iterator[Labeled]:
     """Yield the frames of a static recording with people pasted in.
 
-    They are where its depth images differ from those of the static recording.
+    Moving pixels are those whose depth differs from that of the static recording.
     """
     kernel = np.ones((_SPECKLE_PX, _SPECKLE_PX), np.uint8)
     without = {image.stamp_ns: image.path for image in base.depth}
@@ -39,19 +39,19 @@ def pasted_people(people: TumFolder, base: TumFolder) -> Iterator[Labelled]:
         units = decode_depth(read_image_bytes(path), path)
         differs = frame.depth_m != depth_m_from_units(units, base.depth_units_per_m)
         closed = cv2.morphologyEx(differs.view(np.uint8), cv2.MORPH_CLOSE, kernel)
-        yield Labelled(frame, np.asarray(closed, np.bool_), None)
+        yield Labeled(frame, np.asarray(closed, np.bool_), None)
 
 
-def rendered_people(config: SceneConfig, workers: int) -> Iterator[Labelled]:
-    """Yield the frames of a rendered scene, in which people move, and what they carry."""
+def rendered_people(config: SceneConfig, workers: int) -> Iterator[Labeled]:
+    """Yield the frames of a rendered scene with the masks of people and moving objects."""
     stage = set_stage(config)
     for shown in render(config, workers):
         moving = np.isin(shown.instance_image, _moving_instances(stage, shown.index))
-        yield Labelled(shown.frame, moving, shown.detections)
+        yield Labeled(shown.frame, moving, shown.detections)
 
 
 def _moving_instances(stage: Stage, i: int) -> list[int]:
-    """Return people, and the objects whose pose differs in the frames next to frame i."""
+    """Return the instances of people, and of objects whose pose changes around frame i."""
     objects = [
         placed.instance
         for placed, track in zip(stage.world.props, stage.objects, strict=True)
