@@ -41,7 +41,7 @@ _logger = logging.getLogger(__name__)
 
 
 class GlobalProblem(NamedTuple):
-    """The bundle adjustment problem of a part of a map, and the uids of its keyframes and points."""
+    """The bundle adjustment problem of a part of a map, and the uids of its elements."""
 
     bundle: BundleProblem
     keyframe_uids: IntArray  # (C,)
@@ -139,7 +139,7 @@ def apply_solution(
 def _moved(
     problem: GlobalProblem, T_map_camera: FloatArray, points_m: FloatArray, move: Move
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the poses (C, 4, 4) and points (P, 3) of a problem after a motion of its keyframes."""
+    """Return the poses (C, 4, 4) and points (P, 3) of a problem after a move of keyframes."""
     order = np.argsort(move.uids)
 
     def motions(uids: IntArray) -> FloatArray:

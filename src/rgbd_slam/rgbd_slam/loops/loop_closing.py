@@ -29,8 +29,8 @@ from rgbd_slam.places.geometric_verification import PlaceMatch
 
 _AROUND = 10  # not tuned: neighbors of each keyframe of a loop whose points are fused
 _NO_MAP = -1
-# Chosen: keyframes around a loop with hardly any drift whose poses are corrected. No recording of a
-# room has as many; in a building the cost of such a loop does not depend on the size of the map.
+# Chosen: keyframes around a loop with hardly any drift whose poses are corrected. No recording of
+# a room has as many; in a building such a loop costs the same whatever the size of the map.
 _SMALL_LOOP = 200
 
 _logger = logging.getLogger(__name__)
