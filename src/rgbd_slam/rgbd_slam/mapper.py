@@ -107,6 +107,7 @@ class Mapper:
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
         """Continue, from an empty map, with the map of a mapper that has died."""
         self.map.apply(whole)
+        self.map.version += 1  # of the changes from now on
         self.loops = loops
 
     def poll(self) -> bool:

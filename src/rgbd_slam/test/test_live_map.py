@@ -27,6 +27,8 @@ BOOKKEEPING = (
     'version',
     'born',
     'connected',
+    'reobserved',
+    'is_reobserved',
 )  # of the changes to send, which an offline run does not use
 
 

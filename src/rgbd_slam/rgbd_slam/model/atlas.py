@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
@@ -22,6 +21,7 @@ from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable, SavedKeyframes
 from rgbd_slam.model.map_change import (
     Connections,
+    FeatureStates,
     MapChange,
     Move,
     PendingKeyframe,
@@ -39,8 +39,6 @@ class Anchor(NamedTuple):
     row: int | None  # None: no ancestor is in this copy of the map yet
     T_anchor_keyframe: FloatArray  # (4, 4); T_map_keyframe without an ancestor
 
-
-PointRows = NDArray[np.int32]
 
 _NOTHING = np.empty(0, np.int64)
 
@@ -63,6 +61,7 @@ class Atlas:
     def clear(self) -> None:
         """Remove all keyframes and points; poses relative to them become undefined."""
         keyframes, points = self.keyframes, self.points
+        self._note_features(*np.nonzero(keyframes.point_of_feature != NO_POINT))
         keyframes.point_of_feature[:] = NO_POINT
         self._graph.clear()
         keyframes.release(keyframes.indices(), self.version)
@@ -164,7 +163,7 @@ class Atlas:
         """Recount the points that keyframe `i` shares with every other keyframe."""
         seen = self.keyframes.points_of(i)
         self._graph.connect(i, seen[seen != NO_POINT])
-        self.keyframes.connected[i] = self.keyframes.version[i] = self.version
+        self.keyframes.connected[i] = self.version
 
     def covisible(self, i: int, min_shared: int = 1, limit: int | None = None) -> IntArray:
         """Return (N,) keyframes that share at least `min_shared` points with `i`, most first."""
@@ -263,11 +262,12 @@ class Atlas:
     def observe(self, i: int, k: IntArray, j: IntArray) -> None:
         """Add the observations of points `j` in features `k` of keyframe `i`, both free before."""
         kf, points = self.keyframes, self.points
+        self._note_features(i, k)
         kf.point_of_feature[i, k] = j
         self._graph.observe(np.full(len(k), i), k, j)
         points.num_observations[j] += 1
         points.num_stereo[j] += kf.depth_m[i, k] > 0
-        points.version[j] = kf.version[i] = self.version
+        points.version[j] = self.version
 
     def unobserve(self, i: int, k: IntArray) -> None:
         """Remove the observations of features `k` of `i`, and points that have none left."""
@@ -277,16 +277,17 @@ class Atlas:
         self._graph.unobserve(np.full(len(k), i), k, j)
         points.num_observations[j] -= 1
         points.num_stereo[j] -= kf.depth_m[i, k] > 0
+        self._note_features(i, k)
         kf.point_of_feature[i, k] = NO_POINT
-        points.version[j] = kf.version[i] = self.version
+        points.version[j] = self.version
         points.release(j[points.num_observations[j] == 0], self.version)
         # The reference keyframe of a point always observes it, so that the point moves with it.
         self.refresh(j[points.reference_keyframe_uid[j] == kf.uid[i]])
 
     def forbid_seeds(self, i: int, k: IntArray) -> None:
         """Forbid that features `k` of `i` create points from now on."""
+        self._note_features(i, k)
         self.keyframes.may_seed[i, k] = False
-        self.keyframes.version[i] = self.version
 
     def observations_of(self, j: IntArray, keyframes: IntArray | None = None) -> Observations:
         """Return the observations of points `j` by `keyframes` (or all), sorted by i and k."""
@@ -296,8 +297,8 @@ class Atlas:
         """Remove points with all their observations."""
         seen = self.observations_of(j)
         self._graph.unobserve(*seen)
+        self._note_features(seen.i, seen.k)
         self.keyframes.point_of_feature[seen.i, seen.k] = NO_POINT
-        self.keyframes.version[seen.i] = self.version
         self.points.release(j, self.version)
 
     def replace_points(self, old: IntArray, new: IntArray) -> None:
@@ -319,6 +320,7 @@ class Atlas:
         moves = np.zeros(len(key), np.bool_)
         moves[first] = True
         moves &= ~np.isin(key, key_have)
+        self._note_features(seen.i, seen.k)
         kf.point_of_feature[seen.i, seen.k] = np.where(moves, to, NO_POINT)
         self._graph.unobserve(*seen)
         self._graph.observe(seen.i[moves], seen.k[moves], to[moves])
@@ -326,7 +328,6 @@ class Atlas:
         np.add.at(points.num_stereo, to[moves], kf.depth_m[seen.i[moves], seen.k[moves]] > 0)
         np.add.at(points.num_visible, new, points.num_visible[old])
         np.add.at(points.num_found, new, points.num_found[old])
-        kf.version[seen.i] = self.version
         points.version[new] = self.version
         points.release(old, self.version)
 
@@ -395,6 +396,7 @@ class Atlas:
 
     def append_observations(self, seen: Observations) -> None:
         """Add the observations of appended points, whose columns already count them."""
+        self._note_features(seen.i, seen.k)
         self.keyframes.point_of_feature[seen.i, seen.k] = seen.j
         self._graph.observe(*seen)
         for i in np.unique(seen.i).tolist():
@@ -410,6 +412,7 @@ class Atlas:
             tuple(self._moves),
             self.keyframes.rows_since(version),
             self.points.rows_since(version),
+            self._features_since(version),
             self._connections_since(version),
             self.redirects.take(),
         )
@@ -420,18 +423,17 @@ class Atlas:
     def whole(self) -> MapChange:
         """Return the change that makes an empty atlas equal to this one."""
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)
-        return MapChange(self.version, (), *everything, self._connections_since(0), ())
+        features = self._features_since(0)
+        return MapChange(self.version, (), *everything, features, self._connections_since(0), ())
 
     def apply(self, change: MapChange) -> None:
         """Apply a change to this copy, and add the redirects of the change to its own."""
         kf, rows = self.keyframes, change.keyframes.rows
         for move in change.moves:
             self._apply_move(move)
-        kf.reserve(change.keyframes)
-        before = kf.point_of_feature[rows]
-        kf.put_rows(change.keyframes)
-        self._reobserve(rows, before, kf.point_of_feature[rows])
-        self.points.put_rows(change.points)
+        kf.put_rows(change.keyframes, change.version)
+        self.points.put_rows(change.points, change.version)
+        self._apply_features(change.observations)
         self._connect(change.connections)
         for i in rows[kf.uid[rows] == DEAD].tolist():
             self._graph.set_neighbors(i, _NOTHING, _NOTHING)
@@ -441,13 +443,40 @@ class Atlas:
             if kf.index_of(uid) is not None or self.redirects.find(uid) is not None:
                 del self.pending[uid]
 
-    def _reobserve(self, rows: IntArray, before: PointRows, after: PointRows) -> None:
-        """Update the graph where the (R, F) points that keyframes (R,) observe have changed."""
-        n, k = np.nonzero(before != after)
-        i, old, new = rows[n], before[n, k].astype(np.int64), after[n, k].astype(np.int64)
-        gone, is_new = old != NO_POINT, new != NO_POINT
+    def _note_features(self, i: int | IntArray, k: IntArray) -> None:
+        """Note that the states of features `k` of keyframes `i` must be sent to the copies."""
+        self.keyframes.reobserved[i] = self.version
+        self.keyframes.is_reobserved[i, k] = True
+
+    def _features_since(self, version: int) -> FeatureStates:
+        """Return the states of features that changed after the last call with this version.
+
+        Since version 0, these are all features that observe a point.
+        """
+        kf = self.keyframes
+        if version == 0:
+            kf.is_reobserved[:] = False
+            return self._feature_states(*np.nonzero(kf.point_of_feature != NO_POINT))
+        rows = np.flatnonzero(kf.reobserved > version)
+        n, k = np.nonzero(kf.is_reobserved[rows])
+        kf.is_reobserved[rows] = False
+        return self._feature_states(rows[n], k)
+
+    def _feature_states(self, i: IntArray, k: IntArray) -> FeatureStates:
+        kf = self.keyframes
+        i32, k32 = i.astype(np.int32), k.astype(np.int32)
+        return FeatureStates(i32, k32, kf.point_of_feature[i, k], kf.may_seed[i, k])
+
+    def _apply_features(self, states: FeatureStates) -> None:
+        """Set the states of features to those of another copy."""
+        kf = self.keyframes
+        i, k, new = (part.astype(np.int64) for part in states[:3])
+        old = kf.point_of_feature[i, k].astype(np.int64)
+        gone, seen = old != NO_POINT, new != NO_POINT
         self._graph.unobserve(i[gone], k[gone], old[gone])
-        self._graph.observe(i[is_new], k[is_new], new[is_new])
+        self._graph.observe(i[seen], k[seen], new[seen])
+        kf.point_of_feature[i, k] = new
+        kf.may_seed[i, k] = states.may_seed
 
     def _connections_since(self, version: int) -> Connections:
         """Return the connections that were counted after `version`."""

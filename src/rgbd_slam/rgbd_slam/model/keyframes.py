@@ -54,14 +54,24 @@ class KeyframeTable(SoaTable):
         'num_features',
         'is_loaded',
         'connected',
+        'reobserved',
+        'is_reobserved',
         *_FEATURE_COLUMNS,
     )
     fixed: ClassVar[tuple[str, ...]] = (
         'stamp_ns',
         'num_features',
         'is_loaded',
-        *_FEATURE_COLUMNS[1:-1],
+        *_FEATURE_COLUMNS[1:],
     )
+    local: ClassVar[tuple[str, ...]] = (
+        *SoaTable.local,
+        'connected',
+        'reobserved',
+        'is_reobserved',
+        'point_of_feature',
+    )
+    wide: ClassVar[tuple[str, ...]] = ('stamp_ns',)
 
     def __init__(self) -> None:
         n, f = _INITIAL_CAPACITY, _INITIAL_FEATURES
@@ -75,6 +85,10 @@ class KeyframeTable(SoaTable):
         self.is_loaded: BoolArray = np.zeros(n, np.bool_)  # True: from an earlier session
         # Version of the map at which the shared points were counted last.
         self.connected: IntArray = np.zeros(n, np.int64)
+        # Version of the map at which observations or `may_seed` changed last, and which have
+        # changed since they were sent to another copy of the map.
+        self.reobserved: IntArray = np.zeros(n, np.int64)
+        self.is_reobserved: NDArray[np.bool_] = np.zeros((n, f), np.bool_)
         self.point_of_feature: NDArray[np.int32] = np.full((n, f), NO_POINT, np.int32)
         # u, v, u_right; u_right is NaN without depth.
         self.measurement_px: Float32Array = np.zeros((n, f, 3), np.float32)
@@ -97,7 +111,7 @@ class KeyframeTable(SoaTable):
 
     def grow_features(self, max_features: int) -> None:
         """Widen the feature columns to `max_features`."""
-        for name in _FEATURE_COLUMNS:
+        for name in ('is_reobserved', *_FEATURE_COLUMNS):
             old = getattr(self, name)
             new = np.zeros((old.shape[0], max_features, *old.shape[2:]), old.dtype)
             new[:, : old.shape[1]] = old
@@ -146,10 +160,9 @@ class KeyframeTable(SoaTable):
         """Return the rows of the keyframes whose parent in the spanning tree is `i`."""
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
 
-    def reserve(self, change: SoaTableRows) -> None:
-        """Enlarge the columns to the size of another copy, before `put_rows`."""
-        if change.capacity > self.capacity:
-            self.grow(change.capacity)
-        width = change.columns['point_of_feature'].shape[1]
+    def put_rows(self, change: SoaTableRows, version: int) -> None:
+        """Overwrite rows with those of another copy, whose rows may hold more features."""
+        width = change.fixed_columns['octave'].shape[1]
         if width > self.max_features:
             self.grow_features(width)
+        super().put_rows(change, version)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.soa_table import SoaTableRows
 
@@ -37,6 +40,15 @@ class Connections(NamedTuple):
     shared: IntArray  # (sum of lengths,) numbers of shared points
 
 
+class FeatureStates(NamedTuple):
+    """The state of N features of keyframes: keyframe i observes point j in its feature k."""
+
+    i: NDArray[np.int32]
+    k: NDArray[np.int32]
+    j: NDArray[np.int32]  # NO_POINT: none
+    may_seed: NDArray[np.bool_]  # whether the feature may create a point
+
+
 class Move(NamedTuple):
     """A rigid motion of each of N keyframes, with which their points move."""
 
@@ -52,6 +64,7 @@ class MapChange(NamedTuple):
     moves: tuple[Move, ...]  # applied first, in this order
     keyframes: SoaTableRows
     points: SoaTableRows
+    observations: FeatureStates  # that changed
     connections: Connections  # of the keyframes whose shared points were counted again
     redirects: tuple[Redirect, ...]
 

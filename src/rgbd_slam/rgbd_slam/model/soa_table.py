@@ -19,9 +19,9 @@ class SoaTableRows(NamedTuple):
     """Copies of some rows of a table, to be sent to another copy of the map."""
 
     capacity: int
-    rows: IntArray  # (M,)
+    rows: NDArray[np.int32]  # (M,)
     columns: dict[str, Column]  # (M, ...) each
-    new_rows: IntArray  # (L,) of these, the rows that hold a new element
+    new_rows: NDArray[np.int32]  # (L,) of these, the rows that hold a new element
     fixed_columns: dict[str, Column]  # (L, ...) each
     next_uid: int
 
@@ -34,9 +34,9 @@ class SoaTable:
     """
 
     columns: ClassVar[tuple[str, ...]] = ('uid', 'version', 'born')
-    fixed: ClassVar[
-        tuple[str, ...]
-    ] = ()  # of these, columns that never change while a row is alive
+    fixed: ClassVar[tuple[str, ...]] = ()  # of these, columns that never change in a living row
+    local: ClassVar[tuple[str, ...]] = ('version', 'born')  # of these, columns that are not sent
+    wide: ClassVar[tuple[str, ...]] = ()  # of these, integers that do not fit into 32 bits
 
     def __init__(self, capacity: int) -> None:
         self.uid: IntArray = np.full(capacity, DEAD, np.int64)  # (N,) never used twice
@@ -123,23 +123,30 @@ class SoaTable:
         """Return copies of the rows that changed after `version`, including emptied ones."""
         rows = np.flatnonzero(self.version > version)
         new_rows = rows[self.born[rows] > version]
-        changing = [name for name in self.columns if name not in self.fixed]
+        changing = [name for name in self.columns if name not in (*self.fixed, *self.local)]
         return SoaTableRows(
             self.capacity,
-            rows,
-            {name: getattr(self, name)[rows] for name in changing},
-            new_rows,
-            {name: getattr(self, name)[new_rows] for name in self.fixed},
+            rows.astype(np.int32),
+            {name: self._sent(name, rows) for name in changing},
+            new_rows.astype(np.int32),
+            {name: self._sent(name, new_rows) for name in self.fixed},
             self._next_uid,
         )
 
-    def put_rows(self, change: SoaTableRows) -> None:
-        """Overwrite rows with those of another copy of the same table."""
+    def _sent(self, name: str, rows: IntArray) -> Column:
+        values: Column = getattr(self, name)[rows]
+        is_narrow = values.dtype == np.int64 and name not in self.wide
+        return values.astype(np.int32) if is_narrow else values
+
+    def put_rows(self, change: SoaTableRows, version: int) -> None:
+        """Overwrite rows with those of another copy of the same table at a version of the map."""
         if change.capacity > self.capacity:
             self.grow(change.capacity)
         self._num_alive += int(np.count_nonzero(change.columns['uid'] != DEAD))
         self._num_alive -= int(np.count_nonzero(self.uid[change.rows] != DEAD))
         self._free = None
+        self.version[change.rows] = version
+        self.born[change.new_rows] = version
         for name, values in change.columns.items():
             getattr(self, name)[change.rows] = values
         for name, values in change.fixed_columns.items():

@@ -82,7 +82,10 @@ def run_mapper(
         while True:
             has_request = requests.poll(_IDLE_S)
             if has_request:
-                _serve(mapper, requests.recv())
+                request = requests.recv()
+                _serve(mapper, request)
+                if isinstance(request, Resume):  # the tracker has this map already
+                    version = request.whole.version
             elif not mapper.poll():
                 continue
             change = atlas.changes_since(version)
