@@ -14,16 +14,14 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
-from unittest.mock import patch
 
 from hoid_common.process.child_process import ChildTimeoutError
 from hoid_common.values import NS_PER_S
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.mapper import KeyframeRequest, Mapper
-from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.processes import mapper_process
-from rgbd_slam.processes.mapper_worker import MapperReport, Ready, Request, _serve
+from rgbd_slam.processes.mapper_process import MapperProcess
+from rgbd_slam.processes.mapper_worker import MapperReport, MapperServer, Ready, Request
 from rgbd_slam.session import SlamSession
 
 _NEVER_S = math.inf
@@ -67,14 +65,11 @@ class VirtualWorker:
     """
 
     num_restarts = 0
-    process_id = None
 
     def __init__(self, camera: StereoCamera, config: SlamConfig, delay: Delay) -> None:
-        self._own = Atlas(config.camera.scale_factor, config.camera.num_octaves)
-        self._mapper = Mapper(camera, self._own, config)
+        self._server = MapperServer(camera, config, background=False)
         self._delay = delay
-        self._version = 0
-        self._now_s = self._last_due_s = 0.0
+        self.now_s = self._last_due_s = 0.0
         self._has_stalled = False
         self._requests: deque[tuple[float, bytes]] = deque()
         self._reports = deque([_Report(0.0, pickle.dumps(Ready(), _PROTOCOL), None)])
@@ -82,19 +77,19 @@ class VirtualWorker:
 
     def proceed(self, stamp_ns: int) -> None:
         """Proceed to the image with this stamp: serve the requests that were sent before it."""
-        self._now_s = stamp_ns / NS_PER_S
+        self.now_s = stamp_ns / NS_PER_S
         self._serve_all()
 
     # ---- the interface of `ChildWorker`
 
     def send(self, request: Request) -> None:
         """Queue a request, as bytes, so that tracker and mapper share no memory."""
-        self._requests.append((self._now_s, pickle.dumps(request, _PROTOCOL)))
+        self._requests.append((self.now_s, pickle.dumps(request, _PROTOCOL)))
 
     @property
     def has_report(self) -> bool:
         """Return whether a report is due."""
-        return bool(self._reports) and self._reports[0].due_s <= self._now_s
+        return bool(self._reports) and self._reports[0].due_s <= self.now_s
 
     def receive(self, timeout_s: float) -> Ready | MapperReport:
         """Return the next report; a caller that waits gets it in no time.
@@ -108,13 +103,21 @@ class VirtualWorker:
             raise ChildTimeoutError('no report is due')
         due = self._reports.popleft()
         if due.answer is not None:
-            self.answers.append(due.answer._replace(answer_s=self._now_s))
+            self.answers.append(due.answer._replace(answer_s=self.now_s))
         report: Ready | MapperReport = pickle.loads(due.report)  # noqa: S301  our own
         return report
 
+    def restart(self) -> str:
+        """Fail: a mapper in this process does not die.
+
+        Raises:
+            NotImplementedError: Always.
+        """
+        raise NotImplementedError
+
     def close(self) -> str:
         """End the mapper."""
-        self._mapper.close()
+        self._server.close()
         return 'exit code 0'
 
     def _serve_all(self) -> None:
@@ -125,10 +128,7 @@ class VirtualWorker:
         """Serve a request at once, and determine when the tracker gets the report."""
         content: Request = pickle.loads(request)  # noqa: S301  our own
         start_s = time.process_time()
-        _serve(self._mapper, content)
-        change = self._own.changes_since(self._version)
-        self._version = change.version
-        report = pickle.dumps(MapperReport(change, self._mapper.loops, True, True), _PROTOCOL)
+        report = pickle.dumps(self._server.serve(content), _PROTOCOL)
         cpu_s = time.process_time() - start_s
         is_keyframe = isinstance(content, KeyframeRequest)
         is_stalled = is_keyframe and not self._has_stalled and request_s >= self._delay.stall_at_s
@@ -136,7 +136,7 @@ class VirtualWorker:
         latency_s = self._delay.stall_s if is_stalled else self._delay.constant_s
         due_s = max(request_s + latency_s, self._last_due_s) + self._delay.cpu_factor * cpu_s
         self._last_due_s = due_s
-        num_keyframes = len(self._own.keyframes)
+        num_keyframes = len(self._server.map.keyframes)
         answer = Answer(request_s, due_s, 1e3 * cpu_s, len(report), num_keyframes, is_stalled)
         return _Report(due_s, report, answer if is_keyframe else None)
 
@@ -145,7 +145,7 @@ def with_virtual_mapper(session: SlamSession, config: SlamConfig, delay: Delay) 
     """Replace the mapper of a session that has not started yet."""
     camera = StereoCamera.from_model(session.camera, config.camera)
     worker = VirtualWorker(camera, config, delay)
-    with patch.object(mapper_process, 'ChildWorker', lambda *_: worker):
-        mapper = mapper_process.MapperProcess(camera, session.slam.map.atlas, config)
-    session.slam.map.mapper = mapper
+    session.slam.map.mapper = MapperProcess(
+        camera, session.slam.map.atlas, config, worker=worker, clock=lambda: worker.now_s
+    )
     return worker

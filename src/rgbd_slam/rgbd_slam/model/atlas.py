@@ -405,12 +405,17 @@ class Atlas:
 
     # ---- copies in other processes
 
-    def changes_since(self, version: int) -> MapChange:
-        """Return the rows changed after `version`, and start a new version for later changes."""
+    def changes_since(self, version: int, *, with_features: bool = True) -> MapChange:
+        """Return what changed after `version`, and start a new version for later changes.
+
+        Args:
+            version: The version of the copy that the change will be applied to.
+            with_features: False: the copy has the features of the only new keyframe.
+        """
         change = MapChange(
             self.version,
             tuple(self._moves),
-            self.keyframes.rows_since(version),
+            self.keyframes.rows_since(version, with_features=with_features),
             self.points.rows_since(version),
             self._features_since(version),
             self._connections_since(version),
@@ -426,12 +431,20 @@ class Atlas:
         features = self._features_since(0)
         return MapChange(self.version, (), *everything, features, self._connections_since(0), ())
 
-    def apply(self, change: MapChange) -> None:
-        """Apply a change to this copy, and add the redirects of the change to its own."""
+    def apply(self, change: MapChange, frame: Frame | None = None) -> None:
+        """Apply a change to this copy, and add the redirects of the change to its own.
+
+        Args:
+            change: The change.
+            frame: The features of the only new keyframe, if the change does not have them.
+        """
         kf, rows = self.keyframes, change.keyframes.rows
         for move in change.moves:
             self._apply_move(move)
         kf.put_rows(change.keyframes, change.version)
+        if frame is not None:
+            for i in change.keyframes.new_rows.tolist():
+                kf.put_features(i, frame)
         self.points.put_rows(change.points, change.version)
         self._apply_features(change.observations)
         self._connect(change.connections)

@@ -121,12 +121,16 @@ class KeyframeTable(SoaTable):
 
     def store_features(self, i: int, frame: Frame) -> None:
         """Copy the features of a frame into row `i`, without observations."""
+        self.stamp_ns[i] = frame.stamp_ns
+        self.num_features[i] = len(frame)
+        self.point_of_feature[i] = NO_POINT
+        self.put_features(i, frame)
+
+    def put_features(self, i: int, frame: Frame) -> None:
+        """Copy what never changes of the features of a frame into row `i`."""
         n = len(frame)
         if n > self.max_features:
             self.grow_features(max(n, self.max_features + self.max_features // 2))
-        self.stamp_ns[i] = frame.stamp_ns
-        self.num_features[i] = n
-        self.point_of_feature[i] = NO_POINT
         for name in _FEATURE_COLUMNS[1:]:
             getattr(self, name)[i, :n] = getattr(frame, name)
 
@@ -160,9 +164,19 @@ class KeyframeTable(SoaTable):
         """Return the rows of the keyframes whose parent in the spanning tree is `i`."""
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
 
+    def rows_since(self, version: int, *, with_features: bool = True) -> SoaTableRows:
+        """Return copies of the rows that changed after `version`, perhaps without features."""
+        change = super().rows_since(version)
+        if with_features:
+            return change
+        fixed = change.fixed_columns
+        kept = {name: fixed[name] for name in fixed if name not in _FEATURE_COLUMNS}
+        return change._replace(fixed_columns=kept)
+
     def put_rows(self, change: SoaTableRows, version: int) -> None:
         """Overwrite rows with those of another copy, whose rows may hold more features."""
-        width = change.fixed_columns['octave'].shape[1]
-        if width > self.max_features:
-            self.grow_features(width)
+        if 'octave' in change.fixed_columns:
+            width = change.fixed_columns['octave'].shape[1]
+            if width > self.max_features:
+                self.grow_features(width)
         super().put_rows(change, version)

@@ -14,9 +14,10 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
-from typing import NoReturn
+from typing import NoReturn, Protocol
 
 from hoid_common.errors import HoidError
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
@@ -57,22 +58,52 @@ class MapperStoppedError(HoidError):
     """The mapping process has ended for good, or does not respond."""
 
 
+class MapperWorker(Protocol):
+    """The handle of the mapping process; see `ChildWorker`."""
+
+    num_restarts: int
+
+    @property
+    def has_report(self) -> bool: ...
+
+    def send(self, message: Request) -> None: ...
+    def receive(self, timeout_s: float) -> Ready | MapperReport: ...
+    def restart(self) -> str: ...
+    def close(self) -> str: ...
+
+
 class MapperProcess:
     """The tracker's end: sends keyframes and keeps its copy of the map up to date.
+
+    Args:
+        camera: The camera with its configured noise.
+        atlas: The tracker's copy of the map.
+        config: Parameters of the core.
+        worker: Handle of the mapping process; None: start one.
+        clock: Returns the time [s] by which a late mapper is reported.
 
     Raises:
         MapperStoppedError: The process does not start. Every method raises it as well, once the
             process cannot be kept running.
     """
 
-    def __init__(self, camera: StereoCamera, atlas: Atlas, config: SlamConfig) -> None:
+    def __init__(
+        self,
+        camera: StereoCamera,
+        atlas: Atlas,
+        config: SlamConfig,
+        *,
+        worker: MapperWorker | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._atlas = atlas
         self.loops = LoopCounts()
         self._queue: deque[Request] = deque()  # not answered yet; the first ones have been sent
         self._num_sent = self._num_done = 0
         self._sent_s = 0.0  # when the first request of the queue became the next to be answered
         self._is_settled = True
-        self._worker: ChildWorker[Request, Ready | MapperReport] = ChildWorker(
+        self._clock = clock
+        self._worker = worker or ChildWorker[Request, Ready | MapperReport](
             'mapper', run_mapper, camera, config
         )
         try:
@@ -99,7 +130,7 @@ class MapperProcess:
     @property
     def waiting_s(self) -> float:
         """Return the time [s] since the mapper began the request it is working on, else 0."""
-        return time.monotonic() - self._sent_s if self._queue else 0.0
+        return self._clock() - self._sent_s if self._queue else 0.0
 
     @property
     def is_settled(self) -> bool:
@@ -170,7 +201,7 @@ class MapperProcess:
             if isinstance(request, KeyframeRequest):
                 request = self._reattached(request)
             if self._num_sent == 0:
-                self._sent_s = time.monotonic()
+                self._sent_s = self._clock()
             self._num_sent += 1
             self._worker.send(request)
 
@@ -216,7 +247,10 @@ class MapperProcess:
             ) from None
         if isinstance(report, Ready):
             return
-        self._atlas.apply(report.change)
+        frame = None
+        if report.completes_request and isinstance(self._queue[0], KeyframeRequest | Start):
+            frame = self._queue[0].frame  # not sent back
+        self._atlas.apply(report.change, frame)
         self.loops = report.loops
         self._is_settled = report.is_settled
         if report.completes_request:
@@ -227,7 +261,7 @@ class MapperProcess:
         request = self._queue.popleft()
         self._num_sent -= 1
         self._num_done += 1
-        self._sent_s = time.monotonic()
+        self._sent_s = self._clock()
         if isinstance(request, KeyframeRequest):
             self._atlas.drop_pending(request.uid)  # if the mapper could not insert it
         self._send_ahead()
