@@ -59,17 +59,25 @@ class MapperStoppedError(HoidError):
 
 
 class MapperWorker(Protocol):
-    """The handle of the mapping process; see `ChildWorker`."""
+    """The handle of the mapping process; `ChildWorker` describes the methods."""
 
     num_restarts: int
 
     @property
-    def has_report(self) -> bool: ...
+    def has_report(self) -> bool:
+        """Return whether `receive` would return at once."""
 
-    def send(self, message: Request) -> None: ...
-    def receive(self, timeout_s: float) -> Ready | MapperReport: ...
-    def restart(self) -> str: ...
-    def close(self) -> str: ...
+    def send(self, message: Request) -> None:
+        """Queue a request."""
+
+    def receive(self, timeout_s: float) -> Ready | MapperReport:
+        """Return the next report."""
+
+    def restart(self) -> str:
+        """Replace the process, and return how the old one ended."""
+
+    def close(self) -> str:
+        """End the process, and return how it ended."""
 
 
 class MapperProcess:
