@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 
+from hoid_benchmarks.building.building import SCENARIOS, building_report
 from hoid_benchmarks.faults.campaign import CAMPAIGNS, NIGHTLY, SLICE, Size, fault_report
 from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine
@@ -30,7 +31,8 @@ from hoid_common.errors import HoidError
 
 _MASKS, _PAIRS, _ROOMS = 'masks', 'pairs', 'rooms'
 _FAULTS, _COVARIANCES = 'faults', 'covariances'
-REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES)
+_BUILDING = 'building'
+REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES, _BUILDING)
 """Reports that `hoid bench` can write besides experiments and the times of stages."""
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
@@ -48,7 +50,8 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         f'{_MASKS}: dynamic masks, evaluated at corners; {_PAIRS}: dynamic masks of image pairs; '
         f'{_ROOMS}: dense map, grid and object tracks of rendered rooms; '
         f'{_COVARIANCES}: published covariances compared with the errors; '
-        f'{_FAULTS}: fault injection ({", ".join(CAMPAIGNS)})',
+        f'{_FAULTS}: fault injection ({", ".join(CAMPAIGNS)}); '
+        f'{_BUILDING}: SLAM in a simulated building ({", ".join(SCENARIOS)})',
     )
     add('--quick', action='store_true', help='run the plan "quick", which takes a few minutes')
     add(
@@ -56,20 +59,36 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='ID',
-        help='run only this experiment; may be repeated',
+        help='run only this experiment or scenario; may be repeated',
     )
     add(
         '--seed',
         type=int,
         default=0,
         metavar='N',
-        help='seed of the first fault case (default: %(default)s)',
+        help='seed of the first fault case, or of the building (default: %(default)s)',
     )
     add(
         '--cases',
         type=int,
         metavar='N',
         help='number of cases of each kind of fault, and minutes of the soak test',
+    )
+    add(
+        '--keyframes',
+        type=int,
+        action='append',
+        default=[],
+        metavar='N',
+        help='building: size of the map; may be repeated',
+    )
+    add(
+        '--delay',
+        type=float,
+        action='append',
+        default=[],
+        metavar='S',
+        help='building: constant delay of the mapper in s; may be repeated',
     )
     add('--job', metavar='KEY', help='repeat the run with this key, which the report lists')
     add(
@@ -114,13 +133,16 @@ def bench_command(args: argparse.Namespace) -> None:
         HoidError: A result exceeds its bound, or the experiments cannot be read.
     """
     if args.what == _FAULTS:
-        size = SLICE if args.quick else NIGHTLY
-        if args.cases is not None:
-            size = Size(*[args.cases] * len(fields(Size)))
-        text = fault_report(args.seed, size, args.only, args.out / _FAULTS)
-        sys.stdout.write(text)
-        if args.publish:
-            publish_faults(_ROOT, text)
+        _faults(args)
+        return
+    if args.what == _BUILDING:
+        folder = args.out / _BUILDING
+        sys.stdout.writelines(
+            building_report(
+                args.only, args.seed, folder,
+                quick=args.quick, delays_s=args.delay, sizes=args.keyframes,
+            )
+        )  # fmt: skip
         return
     store = Store(_ROOT.parent / 'shared', args.out.absolute() / 'sequences', args.data)
     store.made.mkdir(parents=True, exist_ok=True)
@@ -139,6 +161,16 @@ def bench_command(args: argparse.Namespace) -> None:
             publish_rooms(_ROOT, text)
     else:
         _experiments(args, store)
+
+
+def _faults(args: argparse.Namespace) -> None:
+    size = SLICE if args.quick else NIGHTLY
+    if args.cases is not None:
+        size = Size(*[args.cases] * len(fields(Size)))
+    text = fault_report(args.seed, size, args.only, args.out / _FAULTS)
+    sys.stdout.write(text)
+    if args.publish:
+        publish_faults(_ROOT, text)
 
 
 def _experiments(args: argparse.Namespace, store: Store) -> None:

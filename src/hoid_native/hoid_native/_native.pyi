@@ -120,6 +120,165 @@ def orb_descriptors(
             lengths differ.
     """
 
+class ObservationGraph:
+    """
+    Which keyframes observe which map points, and how many points two keyframes share.
+
+    Keyframes, features and points are int64 row numbers from 0 to 2^31 - 2. The cost of a call depends
+    on the observations concerned, not on the size of the map.
+    """
+
+    def __init__(self) -> None: ...
+    def observe(
+        self,
+        i: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        k: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    ) -> None:
+        """
+        Add (N,) observations: keyframe i observes point j in its feature k.
+
+        Raises:
+            ValueError: Lengths differ, or a row is negative.
+        """
+
+    def unobserve(
+        self,
+        i: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        k: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    ) -> None:
+        """
+        Remove (N,) observations.
+
+        Raises:
+            ValueError: Lengths differ, or there is no such observation.
+        """
+
+    def clear(self) -> None:
+        """Remove all observations and connections."""
+
+    def observations(
+        self,
+        j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        keyframes: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)]
+        | None = None,
+    ) -> hoid_native.results.Observations:
+        """
+        Return the observations of points (P,), sorted by keyframe and feature.
+
+        Args:
+            j: (P,) points.
+            keyframes: (K,) keyframes whose observations are returned, in this order; None: all.
+        """
+
+    def connect(
+        self, i: int, j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)]
+    ) -> None:
+        """
+        Recount the points that keyframe i, which observes points j (P,), shares with all others.
+        """
+
+    def set_neighbors(
+        self,
+        i: int,
+        rows: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        shared: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    ) -> None:
+        """
+        Replace the connections of keyframe i, and those of the others with it.
+
+        Args:
+            i: the keyframe.
+            rows: (N,) keyframes that share points with it, ascending.
+            shared: (N,) numbers of shared points.
+
+        Raises:
+            ValueError: Lengths differ, or the rows do not ascend.
+        """
+
+    def neighbors(self, i: int, min_shared: int = 1) -> hoid_native.results.Neighbors:
+        """
+        Return the keyframes that share at least `min_shared` points with i, most first, then by row.
+        """
+
+    def edges(self, min_shared: int = 1) -> hoid_native.results.Edges:
+        """
+        Return the pairs of keyframes that share at least `min_shared` points, by first and second row.
+        """
+
+    def path_length_m(
+        self,
+        T_map_camera: numpy.typing.NDArray[Any],
+        parents: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        start: int,
+        goal: int,
+        min_shared: int,
+        m_per_rad: float,
+    ) -> float:
+        """
+        Return the length [m] of the shortest path between two keyframes (Dijkstra's algorithm).
+
+        Steps of the path join keyframes that share points or are next to each other in the spanning tree.
+        The length is infinite without a path.
+
+        Args:
+            T_map_camera: (K, 4, 4) poses of all keyframes.
+            parents: (K,) row of each keyframe's parent in the spanning tree; -1: none.
+            start: the first keyframe.
+            goal: the last keyframe.
+            min_shared: number of points that the keyframes of a step share at least.
+            m_per_rad: the length that a rotation of 1 rad counts as.
+
+        Raises:
+            ValueError: Lengths differ, or a row is out of range.
+        """
+
+    def count_observed(
+        self,
+        j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        keyframes: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+        """
+        Return how many of the points (P,), without repetitions, each of the keyframes (K,) observes.
+        """
+
+    def points_of(
+        self,
+        point_of_feature: Annotated[
+            NDArray[numpy.int32], dict(shape=(None, None), writable=False)
+        ],
+        keyframes: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+        """
+        Return the (P,) points, ascending, that any of the keyframes (N,) observes.
+
+        Args:
+            point_of_feature: (K, F) int32 point that each feature of each keyframe observes; -1: none.
+            keyframes: (N,) rows of it.
+        """
+
+def move_points(
+    motions: numpy.typing.NDArray[Any],
+    which: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    position_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu')],
+    view_direction: Annotated[
+        NDArray[numpy.float32], dict(shape=(None, 3), order='C', device='cpu')
+    ],
+) -> None:
+    """
+    Move points and turn their viewing directions, in place.
+
+    Args:
+        motions: (G, 4, 4) rigid motions.
+        which: (N,) int64 number of the motion of each point; -1: the point stays.
+        position_m: (N, 3) float64, changed.
+        view_direction: (N, 3) float32, changed.
+
+    Raises:
+        ValueError: Lengths differ, or a number is out of range.
+    """
+
 class QueryConstraints:
     """
     Octaves and descriptors of Q queries.

@@ -26,6 +26,29 @@ class Pairs(NamedTuple):
     distance: NDArray[np.int32]  # (M,) Hamming distances of the descriptors
 
 
+class Observations(NamedTuple):
+    """M observations: keyframe i observes point j in its feature k."""
+
+    i: NDArray[np.int64]  # (M,)
+    k: NDArray[np.int64]  # (M,)
+    j: NDArray[np.int64]  # (M,)
+
+
+class Neighbors(NamedTuple):
+    """N keyframes that share points with another one."""
+
+    rows: NDArray[np.int64]  # (N,)
+    shared: NDArray[np.int64]  # (N,) numbers of shared points
+
+
+class Edges(NamedTuple):
+    """E pairs of keyframes that share points."""
+
+    first: NDArray[np.int64]  # (E,)
+    second: NDArray[np.int64]  # (E,)
+    shared: NDArray[np.int64]  # (E,) numbers of shared points
+
+
 class PoseFit(NamedTuple):
     """A pose fitted to N matches."""
 

@@ -107,10 +107,21 @@ def poses() -> dict[str, Any]:
         'most_biasing_region': kernels.most_biasing_region(
             camera, gates, points, measured[:200], weight[:200], T[0], 0.5
         ),
+        'move_points': moved_points(),
         'adjust_bundle': kernels.adjust_bundle(
             camera, gates, moved, 5, points, camera_index, point_index, measured, weight, 2, 6
         ),
     }
+
+
+def moved_points() -> tuple[Any, Any]:
+    import hoid_native as kernels  # noqa: PLC0415
+
+    rng = np.random.default_rng(4)
+    position_m, direction = rng.normal(size=(50, 3)), rng.normal(size=(50, 3)).astype(np.float32)
+    which = rng.integers(-1, 4, 50)
+    kernels.move_points(rng.normal(size=(4, 4, 4)), which, position_m, direction)
+    return position_m, direction
 
 
 def masks() -> dict[str, Any]:

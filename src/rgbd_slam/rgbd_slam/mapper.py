@@ -10,7 +10,7 @@ from hoid_common import se3
 from hoid_common.values import FeatureVerdicts, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.culling import cull_keyframes, cull_new_points
-from rgbd_slam.local_mapping.fusion import fuse_with_neighbors
+from rgbd_slam.local_mapping.fusion import fuse, fuse_with_neighbors
 from rgbd_slam.local_mapping.retraction import retract_observations
 from rgbd_slam.local_mapping.triangulation import triangulate_with_neighbors
 from rgbd_slam.loops.loop_closing import LoopCloser, LoopCounts
@@ -27,9 +27,10 @@ from rgbd_slam.optimize.local_bundle_adjustment import local_bundle_adjustment
 class KeyframeRequest:
     """A frame that becomes a keyframe, and what was observed since the last keyframe."""
 
+    uid: int  # of the new keyframe
     frame: Frame
     T_reference_camera: FloatArray  # (4, 4)
-    reference_uid: int
+    reference_uid: int  # an earlier keyframe, which may still be queued in front of this one
     points: IntArray  # (N,) row of the point that each feature observes, or NO_POINT
     point_uids: IntArray  # (N,)
     counts: PointCounts  # how often points were visible and found since the last keyframe
@@ -63,9 +64,9 @@ class Mapper:
         self.loops = LoopCounts()
         self._close_limit_m = config.camera.close_limit_m
 
-    def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
+    def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
         """Create the first keyframe of a map, with points at all depths, and return its row."""
-        i = self.map.add_keyframe(frame, T_map_camera, map_id)
+        i = self.map.add_keyframe(frame, T_map_camera, map_id, uid=uid)
         self._add_depth_points(i, np.inf)
         return i
 
@@ -94,21 +95,19 @@ class Mapper:
         """Remove the observations of a keyframe's features that proved dynamic."""
         retract_observations(self.map, verdicts)
 
-    def load(self, state: MapState, *, keep: bool) -> int:
-        """Load a saved map; `keep` the running one beside it, or discard that; see `restore`.
-
-        Returns the row of the first keyframe of the saved map.
-        """
+    def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
+        """Load a saved map; `keep` the running one beside it, or discard that; see `restore`."""
         if not keep:
             self._closer.close()  # its place index describes the old map
             self._closer = LoopCloser(
                 self.map, self._configured_camera, self._config, background=self._background
             )
-        return int(restore(self.map, state, self._configured_camera, keep=keep)[0])
+        restore(self.map, state, self._configured_camera, first_uid, keep=keep)
 
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
         """Continue, from an empty map, with the map of a mapper that has died."""
         self.map.apply(whole)
+        self.map.version += 1  # of the changes from now on
         self.loops = loops
 
     def poll(self) -> bool:
@@ -131,27 +130,45 @@ class Mapper:
     def _add(self, request: KeyframeRequest) -> int | None:
         """Store the keyframe with the observations of points that are still in the map."""
         keyframes, points = self.map.keyframes, self.map.points
-        uid, T_reference_camera = self.map.redirects.resolve(
-            request.reference_uid, request.T_reference_camera
-        )
-        reference = keyframes.index_of(uid)
-        if reference is None:
+        anchor = self.map.anchor(request.reference_uid)
+        if anchor is None or anchor.row is None:
             return None
+        reference = anchor.row
         self.map.count_sightings(request.counts)
         is_there = points.uid[request.moved] == request.moved_uids
         self.map.remove_points(np.unique(request.moved[is_there]))
+        T_reference_camera = anchor.T_anchor_keyframe @ request.T_reference_camera
         T_map_camera = keyframes.T_map_camera[reference] @ T_reference_camera
         i = self.map.add_keyframe(
             request.frame,
             se3.orthonormalized(T_map_camera),
             int(keyframes.map_id[reference]),
             reference,
+            request.uid,
         )
         same = (request.points != NO_POINT) & (points.uid[request.points] == request.point_uids)
         k = np.flatnonzero(same)
         self.map.observe(i, k, request.points[k])
         self.map.refresh(request.points[k])
+        if len(k) < self._config.tracking.min_inliers:
+            self._match_neighborhood(i, reference)
         return i
+
+    def _match_neighborhood(self, i: int, reference: int) -> None:
+        """Observe the points around keyframe `reference` in keyframe `i`.
+
+        The tracker could not, if they did not exist yet when it tracked the frame, because the
+        mapper was late. Without common points, the keyframe would not be connected with the map.
+        """
+        around = np.r_[reference, self.map.covisible(reference)]
+        fuse(
+            self.map,
+            self._configured_camera,
+            i,
+            self.map.points_of(around),
+            self._config.mapping,
+        )
+        self.map.refresh(self.map.points_of(np.array([i])))
 
     def _add_depth_points(self, i: int, limit_m: float) -> None:
         """Create points from features with depth that observe none, the nearest first.

@@ -87,7 +87,7 @@ class RobotMap:
         Raises:
             ConfigError: There is no map.
         """
-        if self._slam.map.is_empty:
+        if len(self._slam.map.atlas.keyframes) == 0:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
         state = snapshot(self._slam.map.atlas).moved(self._frames.T_map_core)
         return MapFile(self._camera, self._config.scale_factor, self._config.num_octaves, state)

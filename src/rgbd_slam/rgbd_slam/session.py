@@ -25,6 +25,12 @@ from rgbd_slam.tracking.dropped_frames import DroppedFrameCounter
 from rgbd_slam.tracking.motion_sources import MotionLookup
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
+_LATE_S = 2.0  # chosen: many times the usual time of the mapper for a keyframe, 20 to 50 ms
+_LATE_MAPPER = (
+    'the mapper has not answered for {:.0f} s; {} requests wait and the map does not grow: free '
+    'the computer'
+)
+
 
 class Tracked(NamedTuple):
     """The pose of one image, before the image has been learned from."""
@@ -176,14 +182,13 @@ class SlamSession:
         once, but in localization as well: the present positions of people and objects are not
         part of the map.
         """
-        slam = self.slam
-        last = slam.odometry.last
-        if result.state is not SlamState.TRACKING or last is None:
+        slam, reference_uid = self.slam, self.slam.odometry.anchor_uid
+        if result.state is not SlamState.TRACKING or reference_uid is None:
             return None
         request = self._scene_scheduler.pick(
             result.stamp_ns,
             self._frames.T_map_core @ slam.odometry.pose(),
-            last.reference_uid,
+            reference_uid,
             self.robot_map.keyframes,
         )
         if request is None:
@@ -201,7 +206,7 @@ class SlamSession:
         return SlamStatus(
             state=state,
             mode=self.mode,
-            message=status_message(state, result, self.slam.odometry.is_in_main_map),
+            message=self._message(state, result),
             tracked_points=result.num_tracked if result else 0,
             inliers=result.num_inliers if result else 0,
             keyframes=stats.num_keyframes,
@@ -215,3 +220,9 @@ class SlamSession:
             frames_dropped=self._dropped.num_dropped,
             stage_ms=result.stage_ms if result else {},
         )
+
+    def _message(self, state: SlamState, result: TrackingResult | None) -> str:
+        waiting_s = self.slam.map.mapper.waiting_s
+        if state is SlamState.TRACKING and waiting_s > _LATE_S:
+            return _LATE_MAPPER.format(waiting_s, self.slam.map.mapper.queue_length)
+        return status_message(state, result, self.slam.odometry.is_in_main_map)

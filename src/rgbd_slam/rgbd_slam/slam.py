@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hoid_common.slam_status import SlamState
-from hoid_common.values import CameraModel, Features, FloatArray, IntArray
+from hoid_common.values import NS_PER_S, S_PER_NS, CameraModel, Features, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
@@ -32,6 +32,11 @@ from rgbd_slam.tracking.tracking_result import TrackingResult
 from rgbd_slam.tracking.warm_up import WarmUp
 
 _MS = 1e3
+_OFF_MAP_NS = NS_PER_S  # chosen: tracking without the map for longer is reported
+_OFF_MAP = (
+    'for {:.0f} s fewer than {} points of the map have been seen; the pose rests on the depth of '
+    'the last image and drifts'
+)
 _BY_WHEELS = (
     'too few map points are seen; the pose follows the wheel odometry, for {:.1f} s and {:.2f} m'
 )
@@ -69,8 +74,9 @@ class RgbdSlam:
         self.trajectory = TrajectoryRecorder(atlas.keyframes)
         self._warm_up = WarmUp(atlas, self.trajectory, config.tracking)
         self.odometry = Odometry(atlas, wheels)
-        on_redirects = self.trajectory.redirect, self.odometry.redirect
-        self.map = SlamMap(atlas, self._camera, config, on_redirects, background=background)
+        self.map = SlamMap(
+            atlas, self._camera, config, self.trajectory.redirect, background=background
+        )
         self._loss_timer = LossTimer()
         self._noise = NoiseEstimator(self._camera)
         self._shutter = RollingShutter(camera.height_px)
@@ -79,6 +85,8 @@ class RgbdSlam:
         close_px = self._camera.baseline_px_m / config.camera.close_limit_m
         self._policy = KeyframePolicy(atlas, config.keyframes, close_px)
         self._tallies = PointTallies(atlas.points)
+        self._off_map_since_ns: int | None = None
+        self.num_off_map = 0  # frames that were tracked with too few points of the map
 
     def process(self, features: Features) -> TrackingResult:
         """Track one frame and learn from it; raises what `track` does."""
@@ -100,8 +108,7 @@ class RgbdSlam:
             return result
         start_s = time.thread_time()
         self._update_estimates(tracking)
-        queue_length = self.map.mapper.queue_length
-        is_keyframe = self.map.is_growing and self._policy.wants(tracking, queue_length)
+        is_keyframe = self.map.is_growing and self._policy.wants(tracking)
         learned_s = time.thread_time()
         if is_keyframe:
             self._insert_keyframe(tracking)
@@ -153,7 +160,7 @@ class RgbdSlam:
         tracking = self._track(frame) or self._relocalize(frame)
         if tracking is None:
             return self._handle_loss(frame)
-        self.odometry.advance(tracking.tracked, tracking.consensus)
+        self.odometry.advance(tracking)
         result = self._result(
             tracking.tracked, self.odometry.covariance, tracking.num_matches, tracking.num_inliers
         )
@@ -162,8 +169,23 @@ class RgbdSlam:
             image_covariance=self.odometry.image_covariance,
             stage_ms={'track': _MS * (time.thread_time() - start_s)},
             competing=tracking.consensus.competing,
+            note=self._off_map_note(tracking),
             to_learn=tracking,
         )
+
+    def _off_map_note(self, tracking: TrackerOutput) -> str:
+        """Count frames that see too few map points, and return what to report of them."""
+        stamp_ns = tracking.tracked.frame.stamp_ns
+        if tracking.is_on_map:
+            self._off_map_since_ns = None
+            return ''
+        self.num_off_map += 1
+        if self._off_map_since_ns is None or stamp_ns < self._off_map_since_ns:
+            self._off_map_since_ns = stamp_ns
+        off_ns = stamp_ns - self._off_map_since_ns
+        if off_ns < _OFF_MAP_NS:
+            return ''
+        return _OFF_MAP.format(S_PER_NS * off_ns, self._config.tracking.min_inliers)
 
     def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map with this frame as its first keyframe, if it has enough depth readings."""
@@ -171,9 +193,9 @@ class RgbdSlam:
             is_first = self.map.is_empty
             state = SlamState.NOT_INITIALIZED if is_first else SlamState.LOST
             return TrackingResult(frame.stamp_ns, state)
-        i = self.map.start(frame, T_map_camera)
+        uid = self.map.start(frame, T_map_camera)
         self._policy.inserted(frame.stamp_ns)
-        tracked = tracked_keyframe(frame, self._atlas, i)
+        tracked = tracked_keyframe(frame, self._atlas, uid)
         self.odometry.restart_from(tracked)
         self._loss_timer.reset()
         self.trajectory.add(tracked)
@@ -231,13 +253,14 @@ class RgbdSlam:
         self._warm_up.reestimate_next(self._noise.camera)
 
     def _insert_keyframe(self, tracking: TrackerOutput) -> None:
-        """Send the frame to the mapper; continue from the keyframe if that exists at once."""
+        """Send the frame to the mapper and continue from the keyframe, even if it is pending."""
         tracked = tracking.tracked
         keep_outliers = self._config.keyframes.keep_outliers
         points = tracking.matched if keep_outliers else tracked.points
         self._policy.inserted(tracked.frame.stamp_ns)
         uid = self._atlas.points.uid
         request = KeyframeRequest(
+            self.map.take_uids(1),
             tracked.frame,
             tracked.T_reference_camera,
             tracked.reference_uid,
@@ -248,11 +271,14 @@ class RgbdSlam:
             tracking.moved,
             uid[tracking.moved],
         )
-        i = self.map.insert(request)
-        if i is not None:  # not in the background
+        self.map.insert(request)
+        if request.uid in self._atlas.pending:
+            here = replace(tracked, reference_uid=request.uid, T_reference_camera=np.eye(4))
+            self.odometry.restart_from(here)
+        elif self._atlas.keyframes.index_of(request.uid) is not None:
             only_in_map = tracking.is_outlier if keep_outliers else None
             self.odometry.restart_from(
-                tracked_keyframe(tracked.frame, self._atlas, i, only_in_map)
+                tracked_keyframe(tracked.frame, self._atlas, request.uid, only_in_map)
             )
 
     def _forget_pose(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -28,7 +28,6 @@ class SlamMap:
         camera: The camera with the configured noise.
         config: Parameters of the core.
         on_redirects: Called with the redirects of removed keyframes after each change of the map.
-            Poses that were stored relative to such a keyframe must be attached to its parent.
         background: Map in a separate process, as live. Otherwise each keyframe is mapped before
             the call returns, so that runs repeat bit for bit.
     """
@@ -38,7 +37,7 @@ class SlamMap:
         atlas: Atlas,
         camera: StereoCamera,
         config: SlamConfig,
-        on_redirects: Sequence[Callable[[tuple[Redirect, ...]], None]],
+        on_redirects: Callable[[tuple[Redirect, ...]], None],
         *,
         background: bool,
     ) -> None:
@@ -48,30 +47,37 @@ class SlamMap:
         self.is_growing = True  # False: localization, no keyframe is inserted
         self._on_redirects = on_redirects
         self._next_map_id = 0  # the ids of merged maps are not used again
+        self._next_uid = 0  # of the keyframes
 
     @property
     def is_empty(self) -> bool:
-        """Return whether the map has no keyframe yet."""
-        return len(self.atlas.keyframes) == 0
+        """Return whether the map has no keyframe yet, not even a pending one."""
+        return len(self.atlas.keyframes) == 0 and not self.atlas.pending
 
     def start(self, frame: Frame, T_map_camera: FloatArray) -> int:
-        """Start another map beside the existing ones and return the row of its first keyframe."""
-        i = self.mapper.start_map(frame, T_map_camera, self._next_map_id)
+        """Start another map beside the existing ones and return the uid of its first keyframe."""
+        uid = self.take_uids(1)
+        self.mapper.start_map(uid, frame, T_map_camera, self._next_map_id)
         self._next_map_id += 1
-        return i
+        return uid
 
-    def insert(self, request: KeyframeRequest) -> int | None:
-        """Insert a keyframe; return its row, or None if the mapper runs in the background."""
-        i = self.mapper.insert(request)
+    def take_uids(self, count: int) -> int:
+        """Return the first of `count` uids for new keyframes.
+
+        They are given before the mapper knows the keyframes, so that frames can refer to these.
+        """
+        self._next_uid += count
+        return self._next_uid - count
+
+    def insert(self, request: KeyframeRequest) -> None:
+        """Insert a keyframe; it is pending until the mapper, if late, has inserted it."""
+        self.mapper.insert(request)
         self.update()
-        return i
 
     def update(self) -> None:
         """Apply the changes that the mapper has finished, without waiting for others."""
         self.mapper.update()
-        redirects = self.atlas.redirects.take()
-        for on_redirects in self._on_redirects:
-            on_redirects(redirects)
+        self._on_redirects(self.atlas.redirects.take())
 
     def finish(self) -> None:
         """Wait until every inserted keyframe is mapped and the whole map has been adjusted."""
@@ -81,13 +87,16 @@ class SlamMap:
     def load(self, state: MapState, *, keep: bool) -> IntArray:
         """Load a saved map and return the (K,) uids of its keyframes.
 
+        The running map must have no pending keyframes.
+
         Args:
             state: The saved map.
             keep: Keep the running map beside the saved one until a recognized place merges the
                 two; otherwise the running map is discarded.
         """
-        self.mapper.load(state, keep=keep)
+        first_uid = self.take_uids(len(state))
+        self.mapper.load(state, first_uid, keep=keep)
         self.update()
         keyframes = self.atlas.keyframes
         self._next_map_id = 1 + int(keyframes.map_id[keyframes.alive].max())
-        return np.sort(keyframes.uid[keyframes.alive])[-len(state) :]
+        return first_uid + np.arange(len(state))

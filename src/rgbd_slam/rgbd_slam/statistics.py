@@ -37,11 +37,13 @@ class SlamStats:
 def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> SlamStats:
     """Return the size of the main map beside the numbers of loops, merges and relocalizations."""
     keyframes, points = atlas.keyframes, atlas.points
-    ids, main = keyframes.map_id[keyframes.alive], main_map(keyframes)
+    sizes, main = np.bincount(keyframes.map_id[keyframes.alive]), main_map(keyframes)
+    num_maps = int(np.count_nonzero(sizes))
+    is_in_main = points.alive & (points.map_id == main) if num_maps > 1 else None
     return SlamStats(
-        int(np.count_nonzero(ids == main)),
-        int(np.count_nonzero(points.alive & (points.map_id == main))),
-        int(np.count_nonzero(np.bincount(ids))),
+        int(sizes[main]) if num_maps else 0,
+        len(points) if is_in_main is None else int(np.count_nonzero(is_in_main)),
+        num_maps,
         loops.closed,
         loops.merged,
         num_relocalizations,

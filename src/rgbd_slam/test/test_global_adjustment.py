@@ -9,8 +9,10 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
+from rgbd_slam.loops.essential_graph import move_map
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster, apply_solution, global_problem, solve
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.optimize.bundle_problem import BundleSolution
 
 from .ring_world import CAMERA, RingWorld, mapped, ring_poses
 
@@ -38,22 +40,42 @@ def _worst_m(atlas: Atlas, rows: IntArray, truth: FloatArray) -> float:
 def test_a_perturbed_map_is_restored() -> None:
     atlas, _, rows = _shaken()
     before = _worst_m(atlas, rows, TRUTH)
-    GlobalAdjuster(atlas, CAMERA, 20, background=False).start(0)
+    GlobalAdjuster(atlas, CAMERA, 20, background=False).start(rows[-1:])
     assert _worst_m(atlas, rows, TRUTH) < 0.05 * before
 
 
-def test_a_map_with_too_many_keyframes_keeps_its_poses(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('rgbd_slam.loops.global_adjustment._MAX_KEYFRAMES', len(TRUTH) - 1)
+def test_in_a_large_map_only_the_keyframes_around_a_loop_move(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('rgbd_slam.loops.global_adjustment._MAX_KEYFRAMES', 3)
     atlas, _, rows = _shaken()
-    before = _worst_m(atlas, rows, TRUTH)
-    GlobalAdjuster(atlas, CAMERA, 20, background=False).start(0)
-    assert _worst_m(atlas, rows, TRUTH) == before
+    before = atlas.keyframes.T_map_camera[rows].copy()
+    GlobalAdjuster(atlas, CAMERA, 20, background=False).start(rows[-1:])
+    after = atlas.keyframes.T_map_camera[rows]
+    has_moved = np.abs(after - before).max((1, 2)) > 1e-4
+    assert has_moved.sum() == 3
+    assert has_moved[-1]
+    np.testing.assert_array_equal(after[~has_moved], before[~has_moved])
+
+
+def test_a_solution_is_moved_by_a_loop_that_was_closed_meanwhile() -> None:
+    atlas, _, rows = _shaken()
+    problem = global_problem(atlas, rows[-1:])
+    bundle = problem.bundle
+    nothing = np.zeros(len(bundle.camera), np.bool_)
+    as_it_was = BundleSolution(bundle.T_camera_map, bundle.points_m, nothing)
+    move = move_map(atlas, rows[1:], TRUTH[1:])
+    j = atlas.points.indices()
+    position_m = atlas.points.position_m[j]
+    apply_solution(atlas, problem, as_it_was, [move])
+    np.testing.assert_allclose(atlas.keyframes.T_map_camera[rows[1:]], TRUTH[1:], atol=1e-9)
+    np.testing.assert_allclose(atlas.points.position_m[j], position_m, atol=1e-9)
 
 
 def test_keyframes_and_points_made_meanwhile_come_along() -> None:
     atlas, _, rows = _shaken()
     keyframes = atlas.keyframes
-    problem = global_problem(atlas, 0)
+    problem = global_problem(atlas, rows[-1:])
     parent = int(rows[-1])
     T_parent_new = se3.exp(np.array([0.1, 0.0, 0.0, 0.2, 0.0, 0.0]))
     frame = keyframes.frame(parent)
@@ -71,7 +93,7 @@ def test_keyframes_and_points_made_meanwhile_come_along() -> None:
 
 def test_what_left_the_map_meanwhile_stays_away() -> None:
     atlas, _, rows = _shaken()
-    problem = global_problem(atlas, 0)
+    problem = global_problem(atlas, rows[-1:])
     atlas.remove_keyframe(int(rows[4]))
     apply_solution(atlas, problem, solve(CAMERA, problem.bundle, 20))
     assert not atlas.keyframes.alive[rows[4]]
@@ -81,7 +103,7 @@ def test_what_left_the_map_meanwhile_stays_away() -> None:
 def test_in_the_background_the_map_changes_only_when_asked() -> None:
     atlas, _, rows = _shaken()
     adjuster = GlobalAdjuster(atlas, CAMERA, 10, background=True)
-    adjuster.start(0)
+    adjuster.start(rows[-1:])
     before = _worst_m(atlas, rows, TRUTH)
     assert before > 0.01
     deadline = time.monotonic() + 30

@@ -13,6 +13,7 @@ from rgbd_slam.config.slam_config import KeyframeConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.map_change import PendingKeyframe
 from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.tracked_frame import tracked_frame
 from rgbd_slam.optimize.pose_consensus import Consensus
@@ -71,7 +72,7 @@ def tracking(
     estimate = PoseEstimate(se3.inverse(T), np.ones(num_inliers, np.bool_), np.eye(6))
     tally = PointTally(np.empty(0, np.int64), np.empty(0, np.int64))
     return TrackerOutput(
-        tracked, Consensus(estimate), points, num_inliers, tally, expected_px, tally.found
+        tracked, Consensus(estimate), points, num_inliers, tally, expected_px, tally.found, True
     )
 
 
@@ -79,13 +80,12 @@ def test_a_frame_becomes_a_keyframe_when_it_shows_less_of_the_reference() -> Non
     atlas = mapped(newer=0)
     policy = KeyframePolicy(atlas, KeyframeConfig(fewer_share=0.5), CLOSE_PX)
 
-    def wants(stamp_s: float, num_inliers: int, queue: int = 0) -> bool:
-        return policy.wants(tracking(atlas, stamp_s, num_inliers), queue)
+    def wants(stamp_s: float, num_inliers: int) -> bool:
+        return policy.wants(tracking(atlas, stamp_s, num_inliers))
 
     assert not wants(0.5, 90)
     assert not wants(0.6, 76)  # 75 % of 100 points are asked for
     assert wants(0.7, 70)
-    assert not wants(0.8, 70, queue=1)  # the mapper is busy
     policy.inserted(1_000_000_000)
     assert not wants(1.05, 100)
     assert not wants(1.1, 70)  # so soon after the last one
@@ -114,21 +114,21 @@ def test_a_view_that_the_map_knows_is_not_taken_in_again(
     atlas = mapped(newer)
     policy = KeyframePolicy(atlas, KeyframeConfig(), CLOSE_PX)
     seen = tracking(atlas, 1.0, 40, T_map_camera, expected_px)
-    assert policy.wants(seen, 0) is wanted
+    assert policy.wants(seen) is wanted
 
 
 def test_known_views_are_taken_in_where_asked_for() -> None:
     atlas = mapped(newer=10)
     config = KeyframeConfig(skip_known_views=False)
     seen = tracking(atlas, 1.0, 40, expected_px=EVERYWHERE)
-    assert KeyframePolicy(atlas, config, CLOSE_PX).wants(seen, 0)
+    assert KeyframePolicy(atlas, config, CLOSE_PX).wants(seen)
 
 
 def test_a_known_view_is_taken_in_when_tracking_falls() -> None:
     atlas = mapped(newer=10)
     policy = KeyframePolicy(atlas, KeyframeConfig(), CLOSE_PX)
-    assert not policy.wants(tracking(atlas, 1.0, 100, expected_px=EVERYWHERE), 0)
-    assert policy.wants(tracking(atlas, 1.1, 55, expected_px=EVERYWHERE), 0)
+    assert not policy.wants(tracking(atlas, 1.0, 100, expected_px=EVERYWHERE))
+    assert policy.wants(tracking(atlas, 1.1, 55, expected_px=EVERYWHERE))
 
 
 @pytest.mark.parametrize(('newer', 'wanted'), [(0, True), (10, False)])
@@ -138,6 +138,28 @@ def test_fewer_points_than_after_the_last_keyframe_are_enough_in_a_new_view(
     """Most of what the reference is certain of may be tracked while much else is lost."""
     atlas = mapped(newer)
     policy = KeyframePolicy(atlas, KeyframeConfig(reference_share=0.5), CLOSE_PX)
-    assert not policy.wants(tracking(atlas, 1.0, 100, expected_px=EVERYWHERE), 0)
-    assert not policy.wants(tracking(atlas, 1.1, 87, expected_px=EVERYWHERE), 0)
-    assert policy.wants(tracking(atlas, 1.2, 83, expected_px=EVERYWHERE), 0) is wanted
+    assert not policy.wants(tracking(atlas, 1.0, 100, expected_px=EVERYWHERE))
+    assert not policy.wants(tracking(atlas, 1.1, 87, expected_px=EVERYWHERE))
+    assert policy.wants(tracking(atlas, 1.2, 83, expected_px=EVERYWHERE)) is wanted
+
+
+@pytest.mark.parametrize(
+    ('moved_m', 'turned_rad', 'wanted'),
+    [
+        (0.0, 0.0, False),
+        (0.15 * DEPTH_M, 0.0, False),
+        (0.0, 0.25, True),
+        (0.3 * DEPTH_M, 0.0, True),
+    ],
+)
+def test_while_the_mapper_is_late_a_changed_view_becomes_a_keyframe(
+    moved_m: float, turned_rad: float, wanted: bool
+) -> None:
+    atlas = mapped(newer=0)
+    here = se3.exp(np.array([0.0, turned_rad, 0.0, moved_m, 0.0, 0.0]))
+    newest = int(atlas.keyframes.uid[0])
+    for uid in (100, 101):  # requested at the origin, not mapped yet
+        atlas.pending[uid] = PendingKeyframe(uid, newest, np.eye(4))
+        newest = uid
+    policy = KeyframePolicy(atlas, KeyframeConfig(), CLOSE_PX)
+    assert policy.wants(tracking(atlas, 9.0, 10, here)) is wanted

@@ -23,7 +23,13 @@ from rgbd_slam.slam import RgbdSlam
 from .world import CAMERA, PERIOD_NS, World, sway
 
 CONFIG = SlamConfig()
-BOOKKEEPING = ('version', 'born')  # of the changes to send, which an offline run does not use
+BOOKKEEPING = (
+    'version',
+    'born',
+    'connected',
+    'reobserved',
+    'is_reobserved',
+)  # of the changes to send, which an offline run does not use
 
 
 def offline_run(
@@ -34,11 +40,11 @@ def offline_run(
     mapper, requests = slam.map.mapper, list[Start | KeyframeRequest]()
     start_map, insert = mapper.start_map, mapper.insert
 
-    def record_start(frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
-        requests.append(Start(frame, T_map_camera, map_id))
-        return start_map(frame, T_map_camera, map_id)
+    def record_start(uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> object:
+        requests.append(Start(uid, frame, T_map_camera, map_id))
+        return start_map(uid, frame, T_map_camera, map_id)
 
-    def record_insert(request: KeyframeRequest) -> int | None:
+    def record_insert(request: KeyframeRequest) -> object:
         requests.append(request)
         return insert(request)
 
@@ -127,7 +133,7 @@ def test_a_loaded_map_is_the_same_live_and_offline(
     saved = snapshot(offline_run(monkeypatch, 30)[0])
     offline, client, live = RgbdSlam(CAMERA, CONFIG), *mapper
     offline.map.load(saved, keep=False)
-    client.load(saved, keep=False)
+    client.load(saved, 0, keep=False)
     client.update()
     assert_same(live.keyframes, offline.map.atlas.keyframes)
     assert_same(live.points, offline.map.atlas.points)

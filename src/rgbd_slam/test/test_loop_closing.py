@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.process.child_process import ChildTimeoutError
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.place_config import LoopConfig
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
-from rgbd_slam.loops.global_adjustment import global_problem
 from rgbd_slam.loops.loop_closing import Join, LoopCloser, LoopEvent
 from rgbd_slam.loops.map_merging import merge_maps
+from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.optimize.bundle_problem import BundleSolution
 from rgbd_slam.places.place_finder import PlaceFinder
 
 from .ring_world import CAMERA, RingWorld, drifted, mapped, ring_poses
@@ -64,7 +62,7 @@ def test_a_loop_is_closed_and_the_drift_is_gone(
     assert before.max() > 0.1
     assert after.max() < 0.15 * before.max()
     assert len(atlas.points) < points_before - 100  # seen twice, one point now
-    assert atlas.keyframes.covisibility[rows[-1], rows[0]] > 50
+    assert rows[0] in atlas.covisible(rows[-1], min_shared=51)
 
 
 def test_a_closed_loop_is_not_closed_again(
@@ -159,8 +157,12 @@ def test_a_loop_edge_moves_the_end_to_where_it_was_measured(
 ) -> None:
     atlas, rows, truth = drifting
     uid = atlas.keyframes.uid
-    loop = Loop(int(uid[rows[0]]), int(uid[rows[-1]]), se3.inverse(truth[0]) @ truth[-1])
-    keyframes, T = closed_poses(atlas, 0, [loop], 100)
+    covariance = np.diag(np.square([0.001] * 3 + [0.002] * 3))
+    T_first_last = se3.inverse(truth[0]) @ truth[-1]
+    loop = Loop(int(uid[rows[0]]), int(uid[rows[-1]]), T_first_last, covariance)
+    region = region_around(atlas, rows[[0, -1]], len(rows))
+    assert len(region.border) == 0
+    keyframes, T = closed_poses(atlas, region, [loop], 100)
     assert keyframes.tolist() == sorted(rows.tolist())
     last = T[keyframes.tolist().index(int(rows[-1]))]
     np.testing.assert_allclose(last[:3, 3], truth[-1, :3, 3], atol=0.01)
@@ -224,34 +226,3 @@ def test_of_two_identical_places_neither_is_returned() -> None:
     mapped(atlas, world, truth, truth)
     finder = PlaceFinder(atlas, CAMERA, SlamConfig().places, 0)
     assert finder.locate(world.frame(truth[3], 99)[0]) is None
-
-
-class _Slow:
-    """An adjustment whose solution is that of the map before the loop."""
-
-    def __init__(self, atlas: Atlas) -> None:
-        self.problem = global_problem(atlas, 0)
-
-    def take(self, timeout_s: float) -> BundleSolution:
-        if timeout_s == 0:
-            raise ChildTimeoutError
-        bundle = self.problem.bundle
-        outliers = np.zeros(len(bundle.camera), np.bool_)
-        return BundleSolution(bundle.T_camera_map, bundle.points_m, outliers)
-
-    def close(self) -> None:
-        pass
-
-
-def test_an_adjustment_under_way_does_not_undo_a_rejoin(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(LoopConfig, 'long_path_m', 50.0)
-    truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
-    rows = mapped(atlas, RingWorld(), truth, drifted(truth, 0.1 * DRIFT))
-    closer = LoopCloser(atlas, CAMERA, SlamConfig())
-    closer._adjusted_map, slow = 0, _Slow(atlas)
-    closer._adjuster._running = slow  # type: ignore[assignment]  # as in the background
-    before = _errors_m(atlas, rows, truth)
-    assert closer.process(int(rows[-1])) is LoopEvent.REJOINED
-    closer._adjuster.poll(1.0)
-    assert not closer.is_adjusting
-    assert _errors_m(atlas, rows, truth)[-1] < 0.3 * before[-1]

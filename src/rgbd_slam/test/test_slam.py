@@ -115,10 +115,14 @@ def test_mapping_in_a_process_of_its_own() -> None:
 
 def test_a_dead_mapper_is_reported() -> None:
     slam = RgbdSlam(CAMERA, SlamConfig(), background=True)
+    mapper = slam.map.mapper
+    assert isinstance(mapper, MapperProcess)
     for process in active_children():
         process.kill()
+        process.join()
+    mapper.settle()
     with pytest.raises(MapperStoppedError, match=r'ends at its start \(signal 9\)'):
-        slam.process(World().features(0, POSES[0]))
+        mapper.wait()
     slam.map.mapper.close()
 
 

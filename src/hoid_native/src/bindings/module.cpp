@@ -6,6 +6,7 @@ NB_MODULE(_native, module)
   nanobind::set_leak_warnings(false);
   module.doc() = "Compiled kernels; import them from hoid_native.";
   hoid::bindings::bind_features(module);
+  hoid::bindings::bind_graph(module);
   hoid::bindings::bind_matching(module);
   hoid::bindings::bind_optimize(module);
   hoid::bindings::bind_boxes(module);

@@ -6,6 +6,7 @@
 namespace hoid::bindings {
 
 void bind_features(nanobind::module_& module);
+void bind_graph(nanobind::module_& module);
 void bind_matching(nanobind::module_& module);
 void bind_optimize(nanobind::module_& module);
 void bind_boxes(nanobind::module_& module);

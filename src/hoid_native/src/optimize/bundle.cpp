@@ -1,9 +1,11 @@
 // Bundle adjustment of a window of keyframes by Levenberg-Marquardt.
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <Eigen/Cholesky>
+#include <Eigen/Sparse>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -20,32 +22,118 @@ namespace {
 constexpr double kFirstDamping = 1e-5, kMinDamping = 1e-9, kMaxDamping = 1e3;
 constexpr double kConverged = 1e-4;
 
-// The reduced camera system, after the Schur complement. Only its lower triangle is used.
-using Reduced = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+using Block = Eigen::Matrix<double, kPose, kPose, Eigen::RowMajor>;
 
-// Solve the damped system and update cameras and points; false if it cannot be solved.
-bool take_step(const Window& window, const System& system, double damping, State& state)
+// The reduced camera system, after the Schur complement.
+class Reduced
 {
-  const Eigen::Index n = kPose * static_cast<Eigen::Index>(window.num_free);
-  Reduced S = Reduced::Zero(n, n);
-  Eigen::VectorXd step = Eigen::Map<const Eigen::VectorXd>(system.g_c.data(), n);
-  for (int i = 0; i < window.num_free; ++i) {
-    auto block = S.block<kPose, kPose>(kPose * i, kPose * i);
-    block = Eigen::Map<const Matrix6>(&system.H_cc[36 * static_cast<std::size_t>(i)]);
-    block.diagonal().array() += damping * block.diagonal().array() + kPivot;
+public:
+  explicit Reduced(const Window& window)
+  : size_(kPose * static_cast<Eigen::Index>(window.num_free)), blocks_(window)
+  {
+    if (!blocks_.is_dense()) {
+      make_pattern();
+    }
   }
-  eliminate(window, system, damping, S.data(), step.data());
-  const Eigen::LLT<Eigen::Ref<Reduced>> factor(S);  // in place
-  if (factor.info() != Eigen::Success) {
-    return false;
+
+  // Solve the damped system for the step of the cameras; false if it cannot be solved.
+  bool solve(const Window& window, const System& system, double damping, Eigen::VectorXd& step)
+  {
+    step = Eigen::Map<const Eigen::VectorXd>(system.g_c.data(), size_);
+    blocks_.clear();
+    for (int i = 0; i < window.num_free; ++i) {
+      Eigen::Map<Block> block(blocks_.at(i, i));
+      block = Eigen::Map<const Matrix6>(&system.H_cc[36 * static_cast<std::size_t>(i)]);
+      block.diagonal().array() += damping * block.diagonal().array() + kPivot;
+    }
+    eliminate(window, system, damping, blocks_, step.data());
+    return blocks_.is_dense() ? solve_dense(step) : solve_sparse(step);
   }
-  factor.solveInPlace(step);
-  move_points(window, system, damping, step.data(), state);
-  for (int i = 0; i < window.num_free; ++i) {
-    move_pose(step.segment<kPose>(kPose * i), &state.T[kPoseSize * i]);
+
+private:
+  using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  using Sparse = Eigen::SparseMatrix<double>;
+
+  bool solve_dense(Eigen::VectorXd& step)
+  {
+    Dense S = Dense::Zero(size_, size_);
+    for (int i = 0; i < num_free(); ++i) {
+      for (const int h : blocks_.row(i)) {
+        S.block<kPose, kPose>(kPose * i, kPose * h) = Eigen::Map<Block>(blocks_.at(i, h));
+      }
+    }
+    const Eigen::LLT<Eigen::Ref<Dense>> factor(S);  // in place
+    if (factor.info() == Eigen::Success) {
+      factor.solveInPlace(step);
+    }
+    return factor.info() == Eigen::Success;
   }
-  return true;
-}
+
+  bool solve_sparse(Eigen::VectorXd& step)
+  {
+    for (int i = 0; i < num_free(); ++i) {
+      for (std::size_t n = 0; n < blocks_.row(i).size(); ++n) {
+        const double* block = blocks_.at(i, blocks_.row(i)[n]);
+        for (int a = 0; a < kPose; ++a) {
+          for (int b = 0; b < kPose; ++b) {
+            // Column b of the block is contiguous in the sparse matrix.
+            sparse_.valuePtr()[starts_[i][n][b] + a] = block[a * kPose + b];
+          }
+        }
+      }
+    }
+    factor_.factorize(sparse_);
+    if (factor_.info() == Eigen::Success) {
+      step = factor_.solve(step);
+    }
+    return factor_.info() == Eigen::Success;
+  }
+
+  // Make the sparse matrix without values, and find where each block is in it.
+  void make_pattern()
+  {
+    std::vector<std::vector<int>> columns(num_free());  // of each camera, those with a block below
+    for (int i = 0; i < num_free(); ++i) {
+      for (const int h : blocks_.row(i)) {
+        columns[h].push_back(i);
+      }
+    }
+    starts_.resize(num_free());
+    sparse_.resize(size_, size_);
+    std::vector<Eigen::Triplet<double>> entries;
+    for (int h = 0; h < num_free(); ++h) {
+      for (int b = 0; b < kPose; ++b) {
+        for (const int i : columns[h]) {
+          if (b == 0) {
+            starts_[i].emplace_back();
+          }
+          // Rows of h come in ascending order, so that this is entry n of row i.
+          starts_[i][block_number(i, h)][b] = static_cast<int64_t>(entries.size());
+          for (int a = 0; a < kPose; ++a) {
+            entries.emplace_back(kPose * i + a, kPose * h + b, 0.0);
+          }
+        }
+      }
+    }
+    sparse_.setFromTriplets(entries.begin(), entries.end());
+    factor_.analyzePattern(sparse_);
+  }
+
+  std::size_t block_number(int i, int h) const
+  {
+    const auto& row = blocks_.row(i);
+    return std::lower_bound(row.begin(), row.end(), h) - row.begin();
+  }
+
+  int num_free() const { return static_cast<int>(size_ / kPose); }
+
+  Eigen::Index size_;
+  PoseBlocks blocks_;
+  Sparse sparse_;
+  // For each block of each row, where its columns start among the values of the sparse matrix.
+  std::vector<std::vector<std::array<int64_t, kPose>>> starts_;
+  Eigen::SimplicialLLT<Sparse, Eigen::Lower> factor_;
+};
 
 class Adjustment
 {
@@ -53,6 +141,7 @@ public:
   Adjustment(Window window, State state)
   : window_(std::move(window)),
     state_(std::move(state)),
+    reduced_(window_),
     used_(window_.weight.size(), 1),
     chi2_(window_.weight.size())
   {
@@ -75,7 +164,7 @@ public:
         linearize(window_, state_, used_.data(), system_);
       }
       const State old = state_;
-      moved = take_step(window_, system_, damping, state_);
+      moved = take_step(damping);
       const double new_cost = moved ? update() : cost;
       if (!moved || !(new_cost <= cost)) {
         moved = false;
@@ -108,8 +197,23 @@ public:
   const std::vector<double>& chi2() const { return chi2_; }
 
 private:
+  // Solve the damped system and update cameras and points; false if it cannot be solved.
+  bool take_step(double damping)
+  {
+    Eigen::VectorXd step;
+    if (!reduced_.solve(window_, system_, damping, step)) {
+      return false;
+    }
+    move_points(window_, system_, damping, step.data(), state_);
+    for (int i = 0; i < window_.num_free; ++i) {
+      move_pose(step.segment<kPose>(kPose * i), &state_.T[kPoseSize * i]);
+    }
+    return true;
+  }
+
   Window window_;
   State state_;
+  Reduced reduced_;
   System system_;
   std::vector<uint8_t> used_;
   std::vector<double> chi2_;

@@ -51,10 +51,37 @@ double cost_of(const Window& window, const State& state, const uint8_t* used, do
 // Write the normal equations at the current state.
 void linearize(const Window& window, const State& state, const uint8_t* used, System& system);
 
+// The lower triangle of a symmetric matrix of 6 x 6 blocks: a block for each pair of free cameras
+// that observe a common point.
+class PoseBlocks
+{
+public:
+  explicit PoseBlocks(const Window& window);
+
+  void clear();
+
+  // The block of cameras i >= h, row-major.
+  double* at(int i, int h) { return &values_[36 * static_cast<std::size_t>(slot(i, h))]; }
+
+  // The cameras h <= i with a block, ascending.
+  const std::vector<int32_t>& row(int i) const { return rows_[i]; }
+
+  // Whether so many blocks are there that a dense factorization is faster.
+  bool is_dense() const;
+
+private:
+  int32_t& slot(int i, int h) { return slots_[static_cast<std::size_t>(i) * num_free_ + h]; }
+
+  int num_free_;
+  std::vector<int32_t> slots_;  // (free, free); -1: no block
+  std::vector<std::vector<int32_t>> rows_;
+  std::vector<double> values_;
+};
+
 // Schur complement: S -= Y^T W and right -= Y^T g_p, with W = H_pc and Y = H_pp^-1 W, summed over
-// the points. Only the lower triangle of S is written.
+// the points.
 void eliminate(
-  const Window& window, const System& system, double damping, double* S, double* right);
+  const Window& window, const System& system, double damping, PoseBlocks& S, double* right);
 
 // Update the points by back-substitution of a step of the cameras.
 void move_points(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.values import IntArray
 from rgbd_slam.config.slam_config import MappingConfig
 from rgbd_slam.matching.local_map import visible_points
 from rgbd_slam.model.atlas import Atlas
@@ -28,20 +29,26 @@ def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingC
     """Remove new points that few frames find, or that keyframe `i` should observe but does not.
 
     A new point that has left the view stays, and is tested when it comes into view again.
+    Therefore only the points around the keyframe are tested, whatever the size of the map.
     """
     points, uid = atlas.points, atlas.keyframes.uid[i]
-    j = points.indices()
+    j = atlas.points_of(_around(atlas, i))
     weight = points.num_observations[j] + points.num_stereo[j]
     age = uid - points.first_keyframe_uid[j]
     is_weak = weight <= _MIN_WEIGHT
     is_new = is_weak | (age <= _NEW_AGE)
     is_lost = is_new & (points.num_found[j] < config.min_found_ratio * points.num_visible[j])
     due = j[is_weak & (age >= _MIN_AGE)]
-    due = due[points.map_id[due] == atlas.keyframes.map_id[i]]
     T_camera_map = se3.inverse(atlas.keyframes.T_map_camera[i])
     unseen = visible_points(atlas, camera, T_camera_map, due, 1.0).points
     unseen = np.setdiff1d(unseen, atlas.keyframes.point_of_feature[i])
     atlas.remove_points(np.union1d(j[is_lost], unseen))
+
+
+def _around(atlas: Atlas, i: int) -> IntArray:
+    """Return a new keyframe, its parent, and the keyframes that share points with the parent."""
+    parent = atlas.keyframes.index_of(int(atlas.keyframes.parent_uid[i]))
+    return np.array([i]) if parent is None else np.r_[i, parent, atlas.covisible(parent)]
 
 
 def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: float) -> None:
@@ -66,11 +73,11 @@ def _is_redundant(atlas: Atlas, i: int, share: float, close_limit_m: float) -> b
     k = np.flatnonzero(close if np.count_nonzero(close) >= _MIN_CLOSE else seen_here)
     j = j[k].astype(np.int64)
     many = points.num_observations[j] > _MIN_OBSERVERS
-    octave = np.zeros(points.capacity, np.int64)
-    octave[j] = keyframes.octave[i, k]
-    others = atlas.covisible(i)
-    seen = atlas.observations_of(j[many], others)
-    fine = keyframes.octave[seen.i, seen.k] <= octave[seen.j] + 1
-    observers = np.bincount(seen.j[fine], minlength=points.capacity)
-    redundant = np.count_nonzero(observers[j[many]] >= _MIN_OBSERVERS)
+    order = np.argsort(j[many])
+    candidates, octave = j[many][order], keyframes.octave[i, k[many][order]].astype(np.int64)
+    seen = atlas.observations_of(candidates, atlas.covisible(i))
+    n = np.searchsorted(candidates, seen.j)
+    fine = keyframes.octave[seen.i, seen.k] <= octave[n] + 1
+    observers = np.bincount(n[fine], minlength=len(candidates))
+    redundant = np.count_nonzero(observers >= _MIN_OBSERVERS)
     return bool(redundant > share * len(j))

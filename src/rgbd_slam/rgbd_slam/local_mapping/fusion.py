@@ -23,8 +23,7 @@ def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: Mapp
     for neighbor in neighbors.tolist():
         own = atlas.keyframes.point_of_feature[i]
         fuse(atlas, camera, neighbor, own[own != NO_POINT].astype(np.int64), config)
-    theirs = np.unique(atlas.keyframes.point_of_feature[neighbors])
-    fuse(atlas, camera, i, theirs[theirs != NO_POINT].astype(np.int64), config)
+    fuse(atlas, camera, i, atlas.points_of(neighbors), config)
     seen = atlas.keyframes.point_of_feature[i]
     atlas.refresh(seen[seen != NO_POINT].astype(np.int64))
 
@@ -33,12 +32,10 @@ def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: Mappin
     """Add observations of the points `j` to keyframe `i`; fuse them with its own points."""
     keyframes = atlas.keyframes
     own = keyframes.point_of_feature[i]
-    is_new = np.zeros(atlas.points.capacity + 1, np.bool_)  # the last: NO_POINT
-    is_new[j] = True
-    is_new[own] = False
+    is_known = np.isin(j, own, kind='sort')
     T_camera_map = se3.inverse(keyframes.T_map_camera[i])
     radius = config.fuse_radius_px / _OBLIQUE_RADIUS_PX
-    view = visible_points(atlas, camera, T_camera_map, np.flatnonzero(is_new), radius)
+    view = visible_points(atlas, camera, T_camera_map, np.unique(j[~is_known]), radius)
     frame = keyframes.frame(i)
     matches = match_by_projection(view.queries, frame, config.max_hamming, 1.0)
     measured = frame.measurement_px[matches.k].T

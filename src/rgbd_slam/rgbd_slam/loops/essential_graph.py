@@ -7,14 +7,18 @@ observable.
 
 from __future__ import annotations
 
-from heapq import heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
+from hoid_native.results import Edges
+from rgbd_slam.loops.keyframe_groups import keyframe_groups, spread_corrections
+from rgbd_slam.loops.region import Region
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.map_change import Move
+from rgbd_slam.places.geometric_verification import PlaceMatch
 
 _MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
 # Not tuned: standard deviations of an edge, those of good visual odometry over its length. Only
@@ -23,8 +27,9 @@ _SIGMA_M = 0.005
 _SIGMA_SHARE = 0.01
 _SIGMA_RAD = 0.002
 _STRONG_SHARED = 100  # Mur-Artal et al., T-RO 2015: shared points of a strong edge (theta)
-_LOOP_SIGMA_M = 0.002
-_LOOP_SIGMA_RAD = 0.001
+_LINK_FACTOR = 3.0
+_LINK_SIGMA_M = 0.002
+_LINK_SIGMA_RAD = 0.001
 _DRIFT_M_PER_RAD = 0.3  # not tuned: the path length that causes the drift of a rotation by 1 rad
 
 
@@ -34,6 +39,17 @@ class Loop(NamedTuple):
     uid_a: int
     uid_b: int
     T_a_b: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6) in the frame of b, rotation first [rad^2, m^2]
+
+
+def link_covariance(match: PlaceMatch) -> FloatArray:
+    """Return the (6, 6) covariance of the relative pose that a recognized place measures.
+
+    That of the matches holds for independent errors. The points of the place share errors of the
+    map, hence the factor and the constant part.
+    """
+    constant = np.square([_LINK_SIGMA_RAD] * 3 + [_LINK_SIGMA_M] * 3)
+    return np.asarray(_LINK_FACTOR**2 * match.covariance + np.diag(constant))
 
 
 def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
@@ -42,110 +58,90 @@ def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
     The drift between them grows with it, not with the time between them: in known places no drift
     is added. The length is infinite between different maps (Dijkstra's algorithm).
     """
-    length = np.full(atlas.keyframes.capacity, np.inf)
-    length[start] = 0.0
-    queue = [(0.0, start)]
-    while queue:
-        so_far, i = heappop(queue)
-        if i == goal:
-            return so_far
-        if so_far > length[i]:
-            continue
-        near = _neighbors(atlas, i)
-        reached = so_far + _distance_m(atlas, i, near)
-        shorter = reached < length[near]
-        length[near[shorter]] = reached[shorter]
-        for distance_m, n in zip(reached[shorter].tolist(), near[shorter].tolist(), strict=True):
-            heappush(queue, (distance_m, n))
-    return float('inf')
-
-
-def _neighbors(atlas: Atlas, i: int) -> IntArray:
-    """Return the keyframes that share points with keyframe `i` or are next to it in the tree."""
-    keyframes = atlas.keyframes
-    parent = np.flatnonzero((keyframes.uid == keyframes.parent_uid[i]) & keyframes.alive)
-    tree = np.r_[parent, keyframes.children(i)]
-    return np.union1d(atlas.covisible(i, _MIN_SHARED), tree)
-
-
-def _distance_m(atlas: Atlas, i: int, others: IntArray) -> FloatArray:
-    """Return the (N,) distances from keyframe `i`; rotations count as the path of equal drift."""
-    poses = atlas.keyframes.T_map_camera
-    twist = se3.log(se3.inverse(poses[i]) @ poses[others])
-    turn_rad = np.linalg.norm(twist[:, :3], axis=1)
-    translation_m = np.linalg.norm(twist[:, 3:], axis=1)
-    return np.asarray(translation_m + _DRIFT_M_PER_RAD * turn_rad)
+    return atlas.path_length_m(start, goal, _MIN_SHARED, _DRIFT_M_PER_RAD)
 
 
 def closed_poses(
-    atlas: Atlas, map_id: int, loops: list[Loop], min_shared: int
+    atlas: Atlas, region: Region, loops: list[Loop], min_shared: int
 ) -> tuple[IntArray, FloatArray]:
-    """Return the keyframes of a map (N,), and their poses after closing loops (N, 4, 4).
+    """Return the keyframes of a region (N,), and their poses after closing loops (N, 4, 4).
 
-    The first keyframe is fixed. The edges are the current relative poses; the loops are the
-    measured ones.
+    The border of the region is fixed, and so is the first keyframe of the map. The edges are the
+    current relative poses; the loops are the measured ones.
     """
     # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
     from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph  # noqa: PLC0415
 
     keyframes = atlas.keyframes
-    rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == map_id))
+    rows = np.r_[region.rows, region.border]
+    position = np.full(keyframes.capacity, -1, np.int64)
+    position[rows] = np.arange(len(rows))
+    parents = atlas.parents()[rows]
+    groups = keyframe_groups(np.where(parents >= 0, position[parents], -1))
+    poses = keyframes.T_map_camera[rows]
+    T_map_head = poses[groups.heads]
+    edges = _edges(atlas, rows, min_shared)
+    pairs = _between_groups(
+        Edges(groups.group[position[edges.first]], groups.group[position[edges.second]], edges[2])
+    )
     graph = PoseGraph()
-    for i in rows.tolist():
-        is_root = keyframes.index_of(int(keyframes.parent_uid[i])) is None
-        graph.add_keyframe(int(keyframes.uid[i]), keyframes.T_map_camera[i], fixed=is_root)
-    first, second = _edges(atlas, rows, min_shared)
-    T_a_b = se3.inverse(keyframes.T_map_camera[first]) @ keyframes.T_map_camera[second]
-    shared = keyframes.covisibility[first, second]
-    weak = np.sqrt(_STRONG_SHARED / np.clip(shared, _MIN_SHARED, _STRONG_SHARED))
+    is_fixed = (parents[groups.heads] < 0) | (groups.heads >= len(region.rows))
+    for g, T in enumerate(T_map_head):
+        graph.add_keyframe(g, T, fixed=bool(is_fixed[g]))
+    T_a_b = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
+    weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, _MIN_SHARED, _STRONG_SHARED))
     sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_a_b[:, :3, 3], axis=1))
-    uid_a, uid_b = keyframes.uid[first].tolist(), keyframes.uid[second].tolist()
     sigma_rad = _SIGMA_RAD * weak
-    for edge in zip(uid_a, uid_b, T_a_b, sigma_rad.tolist(), sigma_m.tolist(), strict=True):
+    for edge in zip(
+        pairs.first.tolist(),
+        pairs.second.tolist(),
+        T_a_b,
+        sigma_rad.tolist(),
+        sigma_m.tolist(),
+        strict=True,
+    ):
         graph.add_constraint(*edge)
-    present = set(keyframes.uid[rows].tolist())
     for loop in loops:
-        if {loop.uid_a, loop.uid_b} <= present:
-            graph.add_constraint(*loop, _LOOP_SIGMA_RAD, _LOOP_SIGMA_M)
-    return rows, graph.optimize()
+        a, b = (keyframes.index_of(uid) for uid in (loop.uid_a, loop.uid_b))
+        if a is None or b is None or position[a] < 0 or position[b] < 0:
+            continue
+        g, h = (int(groups.group[position[i]]) for i in (a, b))
+        T_head_a = se3.inverse(T_map_head[g]) @ keyframes.T_map_camera[a]
+        T_b_head = se3.inverse(keyframes.T_map_camera[b]) @ T_map_head[h]
+        T_g_h = T_head_a @ loop.T_a_b @ T_b_head
+        if g != h:
+            graph.add_measurement(g, h, T_g_h, loop.covariance)
+    corrected = spread_corrections(groups, poses, graph.optimize(), pairs.first, pairs.second)
+    return region.rows, corrected[: len(region.rows)]
 
 
-def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> tuple[IntArray, IntArray]:
-    """Return the (E,) first and (E,) second keyframes of the edges between `rows`."""
+def _between_groups(edges: Edges) -> Edges:
+    """Return the pairs of different groups that edges join, each once, with the strongest edge."""
+    low, high = np.minimum(edges.first, edges.second), np.maximum(edges.first, edges.second)
+    between = np.flatnonzero(low != high)
+    order = between[np.lexsort((-edges.shared[between], high[between], low[between]))]
+    is_new = np.r_[
+        True, (low[order][1:] != low[order][:-1]) | (high[order][1:] != high[order][:-1])
+    ][: len(order)]
+    chosen = order[is_new]
+    return Edges(low[chosen], high[chosen], edges.shared[chosen])
+
+
+def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
+    """Return the pairs of `rows` that are next to each other in the tree or share many points."""
     keyframes = atlas.keyframes
-    is_edge = keyframes.covisibility[np.ix_(rows, rows)] >= min_shared
-    order = np.argsort(keyframes.uid[rows])
-    uids = keyframes.uid[rows][order]
-    position = np.minimum(np.searchsorted(uids, keyframes.parent_uid[rows]), len(rows) - 1)
-    has_parent = uids[position] == keyframes.parent_uid[rows]
-    is_edge[np.flatnonzero(has_parent), order[position[has_parent]]] = True
-    a, b = np.nonzero(np.triu(is_edge | is_edge.T, 1))
-    return rows[a], rows[b]
+    pairs = atlas.edges()
+    key = pairs.first * keyframes.capacity + pairs.second
+    parents = atlas.parents()[rows]
+    ends = np.stack([rows, parents])[:, parents >= 0]
+    tree = ends.min(0) * keyframes.capacity + ends.max(0)
+    strong = key[(pairs.shared >= min_shared) & np.isin(pairs.first, rows)]
+    chosen = np.union1d(strong, tree)
+    at = np.minimum(np.searchsorted(key, chosen), max(len(key) - 1, 0))
+    shared = np.where(key[at] == chosen, pairs.shared[at], 0) if len(key) else 0 * chosen
+    return Edges(*np.divmod(chosen, keyframes.capacity), shared)
 
 
-def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> None:
+def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> Move:
     """Move keyframes (N,) to new poses (N, 4, 4), and their points with them."""
-    keyframes, points = atlas.keyframes, atlas.points
-    motion = np.tile(np.eye(4), (keyframes.capacity, 1, 1))
-    motion[rows] = T_map_camera @ se3.inverse(keyframes.T_map_camera[rows])
-    owner = _owners(atlas, rows)
-    j = np.flatnonzero(owner >= 0)
-    T = motion[owner[j]]
-    moved = (T[:, :3, :3] @ points.position_m[j, :, None])[..., 0] + T[:, :3, 3]
-    atlas.set_poses(rows, T_map_camera)
-    atlas.set_positions(j, moved)
-    atlas.refresh(j)
-
-
-def _owners(atlas: Atlas, rows: IntArray) -> IntArray:
-    """Return the (capacity,) keyframe among `rows` that each point moves with, or -1.
-
-    It is the reference keyframe of the point, otherwise any that observes it.
-    """
-    keyframes, points = atlas.keyframes, atlas.points
-    seen = atlas.observations_of(points.indices(), rows)
-    owner = np.full(points.capacity, -1, np.int64)
-    owner[seen.j] = seen.i
-    is_reference = keyframes.uid[seen.i] == points.reference_keyframe_uid[seen.j]
-    owner[seen.j[is_reference]] = seen.i[is_reference]
-    return owner
+    return atlas.move(rows, T_map_camera @ se3.inverse(atlas.keyframes.T_map_camera[rows]))

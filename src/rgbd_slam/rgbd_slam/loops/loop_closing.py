@@ -9,20 +9,29 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import S_PER_NS, FloatArray
+from hoid_common.values import S_PER_NS, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.fusion import fuse
-from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
+from rgbd_slam.loops.essential_graph import (
+    Loop,
+    closed_poses,
+    link_covariance,
+    move_map,
+    path_length_m,
+)
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster
 from rgbd_slam.loops.loop_detection import LoopDetector
 from rgbd_slam.loops.map_merging import merge_maps
+from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
 _AROUND = 10  # not tuned: neighbors of each keyframe of a loop whose points are fused
 _NO_MAP = -1
+# Chosen: keyframes around a loop with hardly any drift whose poses are corrected. No recording of
+# a room has as many; in a building such a loop costs the same whatever the size of the map.
+_SMALL_LOOP = 200
 
 _logger = logging.getLogger(__name__)
 
@@ -121,7 +130,9 @@ class LoopCloser:
         """Adjust the last adjusted map again if it has grown since; wait up to `limit_s`."""
         self._adjuster.poll(limit_s)
         if self._has_grown and not self._adjuster.is_running:
-            self._adjust(self._adjusted_map)
+            keyframes = self._atlas.keyframes
+            rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == self._adjusted_map))
+            self._adjust(rows[[np.argmax(keyframes.uid[rows])]])
             self._adjuster.poll(limit_s)
 
     def close(self) -> None:
@@ -137,27 +148,28 @@ class LoopCloser:
         is_small &= path_m < config.long_path_m
         alive = set(keyframes.uid[keyframes.alive].tolist())
         self._loops = [loop for loop in self._loops if {loop.uid_a, loop.uid_b} <= alive]
-        self._loops.append(Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i))
-        map_id = int(keyframes.map_id[i])
-        move_map(
-            self._atlas, *closed_poses(self._atlas, map_id, self._loops, config.essential_shared)
+        self._loops.append(
+            Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i, link_covariance(match))
         )
+        ends = np.array([c, i])
+        region = region_around(self._atlas, ends, _SMALL_LOOP if is_small else len(keyframes))
+        poses = closed_poses(self._atlas, region, self._loops, config.essential_shared)
+        self._adjuster.rebase(move_map(self._atlas, *poses))
         self._fuse(i, c)
-        # The solution of a running adjustment would undo the correction of this loop.
-        is_outdated = self._adjuster.is_running and self._adjusted_map == map_id
-        if not is_small or is_outdated:
-            self._adjust(map_id)
+        if not is_small:
+            self._adjust(ends)
         return LoopEvent.REJOINED if is_small else LoopEvent.CLOSED
 
     def _merge(self, i: int, c: int, T_c_i: FloatArray) -> LoopEvent:
-        merge_maps(self._atlas, i, c, T_c_i)
+        self._adjuster.rebase(merge_maps(self._atlas, i, c, T_c_i))
         self._fuse(i, c)
-        self._adjust(int(self._atlas.keyframes.map_id[i]))
+        self._adjust(np.array([c, i]))
         return LoopEvent.MERGED
 
-    def _adjust(self, map_id: int) -> None:
-        self._adjuster.start(map_id)
-        self._adjusted_map, self._has_grown = map_id, False
+    def _adjust(self, around: IntArray) -> None:
+        self._adjuster.start(around)
+        self._adjusted_map = int(self._atlas.keyframes.map_id[around[0]])
+        self._has_grown = False
 
     def _fuse(self, i: int, c: int) -> None:
         """Fuse the points around keyframe `i` with those around keyframe `c`."""
@@ -165,10 +177,7 @@ class LoopCloser:
         there = np.setdiff1d(np.r_[c, self._atlas.covisible(c, limit=_AROUND)], here)
         for side, other in ((here, there), (there, here)):
             for n in side.tolist():
-                seen = np.unique(self._atlas.keyframes.point_of_feature[other])
-                points = seen[seen != NO_POINT].astype(np.int64)
-                fuse(self._atlas, self._camera, n, points, self._mapping)
+                fuse(self._atlas, self._camera, n, self._atlas.points_of(other), self._mapping)
         for n in np.r_[here, there].tolist():
             self._atlas.update_connections(n)
-        seen = np.unique(self._atlas.keyframes.point_of_feature[np.r_[here, there]])
-        self._atlas.refresh(seen[seen != NO_POINT].astype(np.int64))
+        self._atlas.refresh(self._atlas.points_of(np.r_[here, there]))

@@ -26,6 +26,9 @@ _AROUND = 10  # neighbors of the place whose points are searched in the supporti
 _MAX_SUPPORTERS = 5  # neighbors of the keyframe that may confirm the place
 _SUPPORT_M = 0.05  # largest difference of a supporter's pose from the expected one, and 2 degrees
 _SUPPORT_RAD = 0.035
+# ORB-SLAM3, LoopClosing.cc, NewDetectCommonRegions and older DetectLoop: the latest keyframes are
+# no loop candidates. Those that a late mapper has only just connected would be recognized as one.
+_RECENT = 10
 _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
 
@@ -67,10 +70,13 @@ class LoopDetector:
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
 
     def _neighborhood(self, i: int) -> IntArray:
-        """Return the keyframe, its neighbors and theirs, which are no loop candidates."""
+        """Return the keyframe, its neighbors, theirs, and recent ones: no loop candidates."""
+        keyframes = self._atlas.keyframes
+        is_recent = keyframes.uid > keyframes.uid[i] - _RECENT
+        is_recent &= keyframes.alive & (keyframes.map_id == keyframes.map_id[i])
         direct = self._atlas.covisible(i, NEAR_SHARED)
         around = [self._atlas.covisible(n, NEAR_SHARED) for n in direct.tolist()]
-        return np.unique(np.concatenate([[i], direct, *around]))
+        return np.unique(np.concatenate([[i], direct, *around, np.flatnonzero(is_recent)]))
 
     def _remember(self, i: int, c: int, match: PlaceMatch) -> None:
         keyframes = self._atlas.keyframes

@@ -7,10 +7,13 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.map_change import Move
 
 
-def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> None:
+def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> Move:
     """Move the newer of two maps into the frame of the older one, which is already in use.
+
+    Returns the motion of the newer map.
 
     Args:
         atlas: The maps.
@@ -20,24 +23,20 @@ def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> None:
     """
     map_id = atlas.keyframes.map_id
     if map_id[i] > map_id[c]:
-        _adopt(atlas, c, i, T_c_i)
-    else:
-        _adopt(atlas, i, c, se3.inverse(T_c_i))
+        return _adopt(atlas, c, i, T_c_i)
+    return _adopt(atlas, i, c, se3.inverse(T_c_i))
 
 
-def _adopt(atlas: Atlas, host: int, guest: int, T_host_guest: FloatArray) -> None:
+def _adopt(atlas: Atlas, host: int, guest: int, T_host_guest: FloatArray) -> Move:
     """Move the map of keyframe `guest` into that of `host`, and make `host` its parent."""
-    keyframes, points = atlas.keyframes, atlas.points
+    keyframes = atlas.keyframes
     old, new = int(keyframes.map_id[guest]), int(keyframes.map_id[host])
     rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == old))
-    j = np.flatnonzero(points.alive & (points.map_id == old))
     T_map_guest = keyframes.T_map_camera[host] @ T_host_guest
     T_new_old = se3.orthonormalized(T_map_guest @ se3.inverse(keyframes.T_map_camera[guest]))
-    atlas.set_poses(rows, T_new_old @ keyframes.T_map_camera[rows])
-    atlas.set_positions(j, se3.transform(T_new_old, points.position_m[j]))
-    atlas.set_map_id(rows, j, new)
+    move = atlas.move(rows, np.tile(T_new_old, (len(rows), 1, 1)), new)
     _reroot(atlas, guest, host)
-    atlas.refresh(j)
+    return move
 
 
 def _reroot(atlas: Atlas, i: int, parent: int) -> None:

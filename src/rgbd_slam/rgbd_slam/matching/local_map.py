@@ -10,7 +10,6 @@ from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.matching.matching import Queries
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
 
 # ORB-SLAM3: MapPoint.cc, GetMinDistanceInvariance (0.8) and GetMaxDistanceInvariance (1.2): one
@@ -27,32 +26,31 @@ _OBLIQUE_RADIUS_PX = 4.0
 class LocalMap(NamedTuple):
     """The reference keyframe of a frame, and all points of the keyframes that share points."""
 
-    reference: int  # the keyframe that shares most points with the frame
+    reference_uid: int  # the keyframe that shares most points with the frame
     points: IntArray  # (P,)
 
 
-def find_local_map(atlas: Atlas, seen: IntArray, last_reference: int, limit: int) -> LocalMap:
+def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit: int) -> LocalMap:
     """Return the local map of a frame that observes the given points.
 
     Candidates are the last reference keyframe and its covisible keyframes, so that the cost does
     not depend on the size of the map. At most `limit` of them are used, those that observe most of
-    the points.
+    the points. If the last reference keyframe is pending, its nearest ancestor in the map takes
+    its place; without any, the local map is empty.
     """
-    keyframes = atlas.keyframes
-    candidates = np.concatenate(
-        [[last_reference], atlas.covisible(last_reference, limit=2 * limit)]
-    )
-    flags = np.zeros(atlas.points.capacity + 1, np.bool_)
-    flags[seen] = True
-    flags[NO_POINT] = False
-    votes = np.count_nonzero(flags.take(keyframes.point_of_feature[candidates]), axis=1)
+    anchor = atlas.anchor(last_reference_uid)
+    if anchor is None or anchor.row is None:
+        return LocalMap(last_reference_uid, np.empty(0, np.int64))
+    around = atlas.covisible(anchor.row, limit=2 * limit)
+    candidates = np.concatenate([[anchor.row], around])
+    votes = atlas.count_observed(seen, candidates)
     order = np.argsort(-votes, kind='stable')[:limit]
-    reference = int(candidates[order[0]])
-    chosen = candidates[order[votes[order] > 0]] if votes[order[0]] else candidates[:1]
-    flags[:] = False
-    flags[keyframes.point_of_feature[chosen].ravel()] = True
-    flags[NO_POINT] = False
-    return LocalMap(reference, np.flatnonzero(flags))
+    best = candidates[order[0]]
+    if votes[order[0]] == 0:
+        return LocalMap(last_reference_uid, atlas.points_of(candidates[:1]))
+    return LocalMap(
+        int(atlas.keyframes.uid[best]), atlas.points_of(candidates[order[votes[order] > 0]])
+    )
 
 
 class VisiblePoints(NamedTuple):

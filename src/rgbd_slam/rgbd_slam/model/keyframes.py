@@ -27,20 +27,11 @@ _FEATURE_COLUMNS = (
 )
 
 
-class Observations(NamedTuple):
-    """Observations as parallel arrays (M,): keyframe i observes point j in its feature k."""
-
-    i: IntArray
-    k: IntArray
-    j: IntArray
-
-
 class SavedKeyframes(NamedTuple):
     """The keyframes (N) of an earlier session, and their features (F)."""
 
     columns: dict[str, Column]  # (N, ...) each
     parent: IntArray  # (N,) index of the parent among them, or DEAD for a root
-    covisibility: NDArray[np.int32]  # (N, N)
     keyframe: IntArray  # (F,) index of the keyframe of each feature
     feature: IntArray  # (F,) number of each feature within its keyframe
     features: dict[str, Column]  # (F, ...) each
@@ -51,8 +42,7 @@ class KeyframeTable(SoaTable):
 
     Only `Atlas` writes to the columns.
 
-    `point_of_feature` is the only record of observations. It is searched with masks over whole
-    rows, which takes 0.3 ms for 200 keyframes and needs no second list to be kept consistent.
+    `point_of_feature` is the record of observations; the graph of the `Atlas` is its inverse.
     """
 
     columns: ClassVar[tuple[str, ...]] = (
@@ -63,15 +53,25 @@ class KeyframeTable(SoaTable):
         'parent_uid',
         'num_features',
         'is_loaded',
-        'covisibility',
+        'connected',
+        'reobserved',
+        'is_reobserved',
         *_FEATURE_COLUMNS,
     )
     fixed: ClassVar[tuple[str, ...]] = (
         'stamp_ns',
         'num_features',
         'is_loaded',
-        *_FEATURE_COLUMNS[1:-1],
+        *_FEATURE_COLUMNS[1:],
     )
+    local: ClassVar[tuple[str, ...]] = (
+        *SoaTable.local,
+        'connected',
+        'reobserved',
+        'is_reobserved',
+        'point_of_feature',
+    )
+    wide: ClassVar[tuple[str, ...]] = ('stamp_ns',)
 
     def __init__(self) -> None:
         n, f = _INITIAL_CAPACITY, _INITIAL_FEATURES
@@ -83,8 +83,12 @@ class KeyframeTable(SoaTable):
         self.parent_uid: IntArray = np.zeros(n, np.int64)
         self.num_features: IntArray = np.zeros(n, np.int64)
         self.is_loaded: BoolArray = np.zeros(n, np.bool_)  # True: from an earlier session
-        # Number of points that two keyframes share.
-        self.covisibility: NDArray[np.int32] = np.zeros((n, n), np.int32)
+        # Version of the map at which the shared points were counted last.
+        self.connected: IntArray = np.zeros(n, np.int64)
+        # Version of the map at which observations or `may_seed` changed last, and which have
+        # changed since they were sent to another copy of the map.
+        self.reobserved: IntArray = np.zeros(n, np.int64)
+        self.is_reobserved: NDArray[np.bool_] = np.zeros((n, f), np.bool_)
         self.point_of_feature: NDArray[np.int32] = np.full((n, f), NO_POINT, np.int32)
         # u, v, u_right; u_right is NaN without depth.
         self.measurement_px: Float32Array = np.zeros((n, f, 3), np.float32)
@@ -100,17 +104,14 @@ class KeyframeTable(SoaTable):
         return int(self.point_of_feature.shape[1])
 
     def grow(self, capacity: int) -> None:
-        """Enlarge all columns to `capacity` rows, the covisibility in both dimensions."""
+        """Enlarge all columns to `capacity` rows."""
         old = self.capacity
         super().grow(capacity)
-        wide = np.zeros((capacity, capacity), np.int32)
-        wide[:, :old] = self.covisibility
-        self.covisibility = wide
         self.point_of_feature[old:] = NO_POINT
 
     def grow_features(self, max_features: int) -> None:
         """Widen the feature columns to `max_features`."""
-        for name in _FEATURE_COLUMNS:
+        for name in ('is_reobserved', *_FEATURE_COLUMNS):
             old = getattr(self, name)
             new = np.zeros((old.shape[0], max_features, *old.shape[2:]), old.dtype)
             new[:, : old.shape[1]] = old
@@ -120,12 +121,16 @@ class KeyframeTable(SoaTable):
 
     def store_features(self, i: int, frame: Frame) -> None:
         """Copy the features of a frame into row `i`, without observations."""
+        self.stamp_ns[i] = frame.stamp_ns
+        self.num_features[i] = len(frame)
+        self.point_of_feature[i] = NO_POINT
+        self.put_features(i, frame)
+
+    def put_features(self, i: int, frame: Frame) -> None:
+        """Copy what never changes of the features of a frame into row `i`."""
         n = len(frame)
         if n > self.max_features:
             self.grow_features(max(n, self.max_features + self.max_features // 2))
-        self.stamp_ns[i] = frame.stamp_ns
-        self.num_features[i] = n
-        self.point_of_feature[i] = NO_POINT
         for name in _FEATURE_COLUMNS[1:]:
             getattr(self, name)[i, :n] = getattr(frame, name)
 
@@ -159,10 +164,19 @@ class KeyframeTable(SoaTable):
         """Return the rows of the keyframes whose parent in the spanning tree is `i`."""
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
 
-    def put_rows(self, change: SoaTableRows) -> None:
-        """Overwrite rows with those of another copy; the covisibility stays symmetric."""
-        width = change.columns['point_of_feature'].shape[1]
-        if width > self.max_features:
-            self.grow_features(width)
-        super().put_rows(change)
-        self.covisibility[:, change.rows] = change.columns['covisibility'].T
+    def rows_since(self, version: int, *, with_features: bool = True) -> SoaTableRows:
+        """Return copies of the rows that changed after `version`, perhaps without features."""
+        change = super().rows_since(version)
+        if with_features:
+            return change
+        fixed = change.fixed_columns
+        kept = {name: fixed[name] for name in fixed if name not in _FEATURE_COLUMNS}
+        return change._replace(fixed_columns=kept)
+
+    def put_rows(self, change: SoaTableRows, version: int) -> None:
+        """Overwrite rows with those of another copy, whose rows may hold more features."""
+        if 'octave' in change.fixed_columns:
+            width = change.fixed_columns['octave'].shape[1]
+            if width > self.max_features:
+                self.grow_features(width)
+        super().put_rows(change, version)

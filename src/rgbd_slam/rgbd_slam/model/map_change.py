@@ -1,16 +1,18 @@
-"""Changes of a map: the changed rows for its copies, and redirects of removed keyframes."""
+"""Changes of a map: changed rows for its copies, and keyframes that are gone or to come."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from hoid_common.values import FloatArray
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.soa_table import SoaTableRows
 
 # Chosen: more keyframes than can be removed while a request to the mapper is queued.
-_MAX_REMEMBERED = 256
+_MAX_REMEMBERED = 4096
 
 
 class Redirect(NamedTuple):
@@ -21,21 +23,58 @@ class Redirect(NamedTuple):
     T_parent_camera: FloatArray  # (4, 4) pose of the removed keyframe relative to its parent
 
 
+class PendingKeyframe(NamedTuple):
+    """A keyframe that the tracker has requested and the mapper has not inserted yet."""
+
+    uid: int
+    parent_uid: int | None  # the keyframe, perhaps pending as well, that its pose is relative to
+    T_parent_camera: FloatArray  # (4, 4); T_map_camera for the first keyframe of a map
+
+
+class Connections(NamedTuple):
+    """The keyframes that each of R keyframes shares points with."""
+
+    rows: IntArray  # (R,)
+    lengths: IntArray  # (R,) numbers of neighbors
+    neighbors: IntArray  # (sum of lengths,) rows
+    shared: IntArray  # (sum of lengths,) numbers of shared points
+
+
+class FeatureStates(NamedTuple):
+    """The state of N features of keyframes: keyframe i observes point j in its feature k."""
+
+    i: NDArray[np.int32]
+    k: NDArray[np.int32]
+    j: NDArray[np.int32]  # NO_POINT: none
+    may_seed: NDArray[np.bool_]  # whether the feature may create a point
+
+
+class Move(NamedTuple):
+    """A rigid motion of each of N keyframes, with which their points move."""
+
+    uids: IntArray  # (N,)
+    T_new_old: FloatArray  # (N, 4, 4) in the map frame
+    map_id: int | None = None  # the map that they belong to from now on; None: as before
+
+
 class MapChange(NamedTuple):
     """The difference between two versions of a map, to be applied to a copy."""
 
     version: int
+    moves: tuple[Move, ...]  # applied first, in this order
     keyframes: SoaTableRows
     points: SoaTableRows
+    observations: FeatureStates  # that changed
+    connections: Connections  # of the keyframes whose shared points were counted again
     redirects: tuple[Redirect, ...]
 
 
 class Redirects:
-    """The redirects of a map: each is returned once by `take`; `resolve` knows the latest ones."""
+    """The redirects of a map: each is returned once by `take`; `find` knows the latest ones."""
 
     def __init__(self) -> None:
         self._to_take: list[Redirect] = []
-        self._removed: deque[Redirect] = deque(maxlen=_MAX_REMEMBERED)
+        self._removed: dict[int, Redirect] = {}  # by uid, the oldest first
 
     def clear(self) -> None:
         """Delete all redirects, as the map is cleared."""
@@ -44,19 +83,17 @@ class Redirects:
 
     def add(self, redirects: Iterable[Redirect]) -> None:
         """Add the redirects of removed keyframes."""
-        known = tuple(redirects)
-        self._to_take.extend(known)
-        self._removed.extend(known)
+        for redirect in redirects:
+            self._to_take.append(redirect)
+            self._removed[redirect.uid] = redirect
+            if len(self._removed) > _MAX_REMEMBERED:
+                del self._removed[next(iter(self._removed))]
 
     def take(self) -> tuple[Redirect, ...]:
         """Return the redirects of the keyframes removed since the last call."""
         redirects, self._to_take = tuple(self._to_take), []
         return redirects
 
-    def resolve(self, uid: int, T_keyframe_camera: FloatArray) -> tuple[int, FloatArray]:
-        """Return the uid of the present reference, and the pose (4, 4) relative to it."""
-        for redirect in self._removed:
-            if redirect.uid == uid:
-                uid = redirect.parent_uid
-                T_keyframe_camera = redirect.T_parent_camera @ T_keyframe_camera
-        return uid, T_keyframe_camera
+    def find(self, uid: int) -> Redirect | None:
+        """Return the redirect of a keyframe, or None if it was not removed lately."""
+        return self._removed.get(uid)

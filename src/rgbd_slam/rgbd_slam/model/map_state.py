@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from hoid_common import se3
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from hoid_native.results import Observations
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import Observations, SavedKeyframes
+from rgbd_slam.model.keyframes import SavedKeyframes
 from rgbd_slam.model.soa_table import DEAD
 from rgbd_slam.records.record import Array, Record, column
 
@@ -78,7 +79,6 @@ def snapshot(atlas: Atlas) -> MapState:
     row_of_point[j] = np.arange(len(j))
     point = row_of_point[_joined(keyframes.point_of_feature, features)]
     reference = _rows_of(keyframes.uid[i], points.reference_keyframe_uid[j])
-    reference = _observing_references(reference, np.repeat(np.arange(len(i)), num_features), point)
     _, map_id = np.unique(keyframes.map_id[i], return_inverse=True)
     return MapState.of(
         {
@@ -98,13 +98,21 @@ def snapshot(atlas: Atlas) -> MapState:
     )
 
 
-def restore(atlas: Atlas, state: MapState, camera: StereoCamera, *, keep: bool) -> IntArray:
+def restore(
+    atlas: Atlas,
+    state: MapState,
+    camera: StereoCamera,
+    first_uid: int | None = None,
+    *,
+    keep: bool,
+) -> IntArray:
     """Load a saved map into an atlas and return the (K,) rows of its keyframes.
 
     Args:
         atlas: The running map.
         state: The saved map, made with the same camera.
         camera: The camera.
+        first_uid: The uid of the first keyframe; None: the next unused one.
         keep: Keep the running map beside the saved one, with higher map ids; otherwise the
             running map is removed.
     """
@@ -112,7 +120,7 @@ def restore(atlas: Atlas, state: MapState, camera: StereoCamera, *, keep: bool) 
         atlas.make_younger(1 + int(state.map_id.max()))
     else:
         atlas.clear()
-    i = atlas.append_keyframes(_saved_keyframes(state, camera))
+    i = atlas.append_keyframes(_saved_keyframes(state, camera), first_uid)
     j = atlas.append_points(_saved_points(state), i[state.reference])
     seen = state.point != NONE
     of_i, k = i[state.keyframe], _feature_rows(state)
@@ -135,7 +143,6 @@ def _saved_keyframes(state: MapState, camera: StereoCamera) -> SavedKeyframes:
             'num_features': state.num_features,
         },
         np.where(state.parent == NONE, DEAD, state.parent),
-        shared_points(state),
         state.keyframe,
         _feature_rows(state),
         {
@@ -165,38 +172,6 @@ def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
     read = state.depth_m > 0
     out[read, 2] = state.uv_px[read, 0] - camera.baseline_px_m / state.depth_m[read]
     return out
-
-
-def shared_points(state: MapState) -> NDArray[np.int32]:
-    """Return the (K, K) numbers of points that two keyframes share, with a zero diagonal."""
-    seen = state.point != NONE
-    # A sparse product of SciPy does the same, but its import takes a third of a node's start.
-    order = np.argsort(state.point[seen], kind='stable')
-    point, keyframe = state.point[seen][order], state.keyframe[seen][order]
-    shared = np.zeros((len(state), len(state)), np.int32)
-    first, apart = np.arange(len(point)), 0
-    while first.size:  # pairs of observations of one point, by their distance in the sorted list
-        apart += 1
-        first = first[: np.searchsorted(first, len(point) - apart)]
-        first = first[point[first] == point[first + apart]]
-        np.add.at(shared, (keyframe[first], keyframe[first + apart]), 1)
-    shared += shared.T
-    np.fill_diagonal(shared, 0)
-    return shared
-
-
-def _observing_references(reference: IntArray, keyframe: IntArray, point: IntArray) -> IntArray:
-    """Return the (P,) reference keyframes, replaced where they do not observe their point.
-
-    The map keeps a reference keyframe that was removed, or that no longer observes the point,
-    until the point is refreshed.
-    """
-    keyframe, point = keyframe[point != NONE], point[point != NONE]
-    sees = np.zeros(len(reference), np.bool_)
-    sees[point[keyframe == reference[point]]] = True
-    other = np.empty_like(reference)
-    other[point] = keyframe
-    return np.where(sees, reference, other)
 
 
 def _feature_rows(state: MapState) -> IntArray:

@@ -8,7 +8,8 @@ import numpy as np
 
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
 from hoid_native import distinctive_descriptors
-from rgbd_slam.model.keyframes import KeyframeTable, Observations
+from hoid_native.results import Observations
+from rgbd_slam.model.keyframes import KeyframeTable
 from rgbd_slam.model.points import PointTable
 
 

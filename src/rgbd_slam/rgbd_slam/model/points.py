@@ -10,6 +10,7 @@ from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.soa_table import SoaTable
 
 _INITIAL_CAPACITY = 4096
+_NOT_COUNTED = -2  # no uid of a point or an empty row
 
 
 class PointTable(SoaTable):
@@ -72,30 +73,27 @@ class PointTallies:
 
     def __init__(self, points: PointTable) -> None:
         self._points = points
-        self._clear()
-
-    def _clear(self) -> None:
-        n = self._points.capacity
-        self._uid: IntArray = self._points.uid.copy()
-        self._visible: IntArray = np.zeros(n, np.int64)
-        self._found: IntArray = np.zeros(n, np.int64)
+        self._uid: IntArray = np.empty(0, np.int64)  # of the point that is counted in each row
+        self._visible = self._found = self._uid
+        self._counted: list[IntArray] = []  # rows, possibly with repetitions
 
     def add(self, tally: PointTally) -> None:
         """Add the tally of one frame; the counts of points removed from the map are dropped."""
-        uid = self._points.uid
-        if len(uid) > len(self._uid):
-            more = (0, len(uid) - len(self._uid))
-            self._uid = np.pad(self._uid, more)
+        if self._points.capacity > len(self._uid):
+            more = (0, self._points.capacity - len(self._uid))
+            self._uid = np.pad(self._uid, more, constant_values=_NOT_COUNTED)
             self._visible, self._found = np.pad(self._visible, more), np.pad(self._found, more)
-        other = self._uid != uid
-        self._visible[other] = self._found[other] = 0
-        self._uid[other] = uid[other]
+        uid, rows = self._points.uid, np.concatenate([tally.visible, tally.found])
+        new = rows[self._uid[rows] != uid[rows]]
+        self._uid[new] = uid[new]
+        self._visible[new] = self._found[new] = 0
+        self._counted.append(new)
         self._visible[tally.visible] += 1
         self._found[tally.found] += 1
 
     def take(self) -> PointCounts:
         """Return the sums, and reset them to zero."""
-        rows = np.flatnonzero(self._visible | self._found)
+        rows = np.unique(np.concatenate([np.empty(0, np.int64), *self._counted]))
         counts = PointCounts(rows, self._uid[rows], self._visible[rows], self._found[rows])
-        self._clear()
+        self._uid[rows], self._counted = _NOT_COUNTED, []
         return counts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from heapq import heappop, heappush
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -18,9 +19,9 @@ class SoaTableRows(NamedTuple):
     """Copies of some rows of a table, to be sent to another copy of the map."""
 
     capacity: int
-    rows: IntArray  # (M,)
+    rows: NDArray[np.int32]  # (M,)
     columns: dict[str, Column]  # (M, ...) each
-    new_rows: IntArray  # (L,) of these, the rows that hold a new element
+    new_rows: NDArray[np.int32]  # (L,) of these, the rows that hold a new element
     fixed_columns: dict[str, Column]  # (L, ...) each
     next_uid: int
 
@@ -33,9 +34,9 @@ class SoaTable:
     """
 
     columns: ClassVar[tuple[str, ...]] = ('uid', 'version', 'born')
-    fixed: ClassVar[
-        tuple[str, ...]
-    ] = ()  # of these, columns that never change while a row is alive
+    fixed: ClassVar[tuple[str, ...]] = ()  # of these, columns that never change in a living row
+    local: ClassVar[tuple[str, ...]] = ('version', 'born')  # of these, columns that are not sent
+    wide: ClassVar[tuple[str, ...]] = ()  # of these, integers that do not fit into 32 bits
 
     def __init__(self, capacity: int) -> None:
         self.uid: IntArray = np.full(capacity, DEAD, np.int64)  # (N,) never used twice
@@ -43,6 +44,9 @@ class SoaTable:
         self.version: IntArray = np.zeros(capacity, np.int64)
         self.born: IntArray = np.zeros(capacity, np.int64)  # (N,) version of its allocation
         self._next_uid = 0
+        self._num_alive = 0
+        # Empty rows as a heap; None: to be collected before the next allocation.
+        self._free: list[int] | None = None
 
     @property
     def capacity(self) -> int:
@@ -59,34 +63,51 @@ class SoaTable:
         return np.flatnonzero(self.uid != DEAD)
 
     def __len__(self) -> int:
-        return int(np.count_nonzero(self.uid != DEAD))
+        return self._num_alive
 
     def index_of(self, uid: int) -> int | None:
         """Return the row of an element, or None if it was removed."""
         rows = np.flatnonzero(self.uid == uid)
         return int(rows[0]) if uid != DEAD and len(rows) else None
 
-    def allocate(self, count: int, version: int) -> IntArray:
-        """Return (count,) empty rows, lowest first so that runs repeat, and give them new uids."""
-        rows = np.flatnonzero(self.uid == DEAD)[:count]
-        while len(rows) < count:
+    def allocate(self, count: int, version: int, first_uid: int | None = None) -> IntArray:
+        """Return (count,) empty rows, lowest first so that runs repeat, and give them uids.
+
+        Args:
+            count: Number of rows.
+            version: Version of the map.
+            first_uid: The uid of the first row; the others follow. None: the next unused one.
+        """
+        if self._free is None:
+            self._free = np.flatnonzero(self.uid == DEAD).tolist()
+        while len(self._free) < count:
+            self._free.extend(range(self.capacity, 2 * self.capacity))
             self.grow(2 * self.capacity)
-            rows = np.flatnonzero(self.uid == DEAD)[:count]
-        self.uid[rows] = self._next_uid + np.arange(count)
+        rows = np.array([heappop(self._free) for _ in range(count)], np.int64)
+        self._num_alive += count
+        first_uid = self._next_uid if first_uid is None else first_uid
+        self.uid[rows] = first_uid + np.arange(count)
         self.version[rows] = self.born[rows] = version
-        self._next_uid += count
+        self._next_uid = max(self._next_uid, first_uid + count)
         return rows
 
-    def append(self, columns: Mapping[str, Column], version: int) -> IntArray:
+    def append(
+        self, columns: Mapping[str, Column], version: int, first_uid: int | None = None
+    ) -> IntArray:
         """Add elements with the given (N, ...) columns and return their (N,) rows."""
-        rows = self.allocate(len(next(iter(columns.values()))), version)
+        rows = self.allocate(len(next(iter(columns.values()))), version, first_uid)
         for name, values in columns.items():
             getattr(self, name)[rows] = values
         return rows
 
     def release(self, rows: IntArray, version: int) -> None:
         """Mark rows as empty."""
+        rows = np.unique(rows[self.uid[rows] != DEAD])
         self.uid[rows] = DEAD
+        self._num_alive -= len(rows)
+        if self._free is not None:
+            for row in rows.tolist():
+                heappush(self._free, row)
         self.version[rows] = version
 
     def grow(self, capacity: int) -> None:
@@ -102,20 +123,30 @@ class SoaTable:
         """Return copies of the rows that changed after `version`, including emptied ones."""
         rows = np.flatnonzero(self.version > version)
         new_rows = rows[self.born[rows] > version]
-        changing = [name for name in self.columns if name not in self.fixed]
+        changing = [name for name in self.columns if name not in (*self.fixed, *self.local)]
         return SoaTableRows(
             self.capacity,
-            rows,
-            {name: getattr(self, name)[rows] for name in changing},
-            new_rows,
-            {name: getattr(self, name)[new_rows] for name in self.fixed},
+            rows.astype(np.int32),
+            {name: self._sent(name, rows) for name in changing},
+            new_rows.astype(np.int32),
+            {name: self._sent(name, new_rows) for name in self.fixed},
             self._next_uid,
         )
 
-    def put_rows(self, change: SoaTableRows) -> None:
-        """Overwrite rows with those of another copy of the same table."""
+    def _sent(self, name: str, rows: IntArray) -> Column:
+        values: Column = getattr(self, name)[rows]
+        is_narrow = values.dtype == np.int64 and name not in self.wide
+        return values.astype(np.int32) if is_narrow else values
+
+    def put_rows(self, change: SoaTableRows, version: int) -> None:
+        """Overwrite rows with those of another copy of the same table at a version of the map."""
         if change.capacity > self.capacity:
             self.grow(change.capacity)
+        self._num_alive += int(np.count_nonzero(change.columns['uid'] != DEAD))
+        self._num_alive -= int(np.count_nonzero(self.uid[change.rows] != DEAD))
+        self._free = None
+        self.version[change.rows] = version
+        self.born[change.new_rows] = version
         for name, values in change.columns.items():
             getattr(self, name)[change.rows] = values
         for name, values in change.fixed_columns.items():

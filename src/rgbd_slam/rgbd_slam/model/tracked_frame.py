@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from hoid_common.values import BoolArray, FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.map_change import Redirect
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +21,7 @@ class TrackedFrame:
     T_map_camera: FloatArray  # (4, 4), by the map at the time of tracking
     points: IntArray  # (N,) row of the point that each feature observes, or NO_POINT
     point_uids: IntArray  # (N,)
-    reference_uid: int  # the reference keyframe
+    reference_uid: int  # the reference keyframe, which may be pending
     T_reference_camera: FloatArray  # (4, 4)
 
     def current_points(self, atlas: Atlas) -> IntArray:
@@ -34,49 +32,43 @@ class TrackedFrame:
 
     def current_pose(self, atlas: Atlas) -> FloatArray:
         """Return T_map_camera (4, 4) by the current map."""
-        keyframes = atlas.keyframes
-        i = keyframes.index_of(self.reference_uid)
-        if i is None:
+        T_map_reference = atlas.pose(self.reference_uid)
+        if T_map_reference is None:
             return self.T_map_camera
-        pose: FloatArray = keyframes.T_map_camera[i] @ self.T_reference_camera
+        pose: FloatArray = T_map_reference @ self.T_reference_camera
         return pose
-
-    def redirected(self, redirects: Iterable[Redirect]) -> TrackedFrame:
-        """Return the frame relative to the parent, if its reference keyframe was removed."""
-        uid, T = self.reference_uid, self.T_reference_camera
-        for redirect in redirects:
-            if redirect.uid == uid:
-                uid, T = redirect.parent_uid, redirect.T_parent_camera @ T
-        return replace(self, reference_uid=uid, T_reference_camera=T)
 
 
 def tracked_frame(
-    frame: Frame, T_map_camera: FloatArray, points: IntArray, atlas: Atlas, reference: int
+    frame: Frame, T_map_camera: FloatArray, points: IntArray, atlas: Atlas, reference_uid: int
 ) -> TrackedFrame:
-    """Return a tracked frame whose pose is relative to keyframe `reference`."""
-    keyframes = atlas.keyframes
+    """Return a tracked frame whose pose is relative to a keyframe of the map or a pending one."""
+    T_map_reference = atlas.pose(reference_uid)
+    assert T_map_reference is not None
     return TrackedFrame(
         frame,
         T_map_camera,
         points,
         atlas.points.uid[points],
-        int(keyframes.uid[reference]),
-        se3.inverse(keyframes.T_map_camera[reference]) @ T_map_camera,
+        reference_uid,
+        se3.inverse(T_map_reference) @ T_map_camera,
     )
 
 
 def tracked_keyframe(
-    frame: Frame, atlas: Atlas, i: int, unseen: BoolArray | None = None
+    frame: Frame, atlas: Atlas, uid: int, unseen: BoolArray | None = None
 ) -> TrackedFrame:
-    """Return the tracked frame of keyframe `i`, with the pose and points that the map has.
+    """Return the tracked frame of a keyframe, with the pose and points that the map has.
 
     Args:
         frame: The frame that became the keyframe.
         atlas: The map.
-        i: Row of the keyframe.
+        uid: The keyframe; it observes no point while it is pending.
         unseen: (N,) mask of features whose observations are left out, although the map has them.
     """
-    points = atlas.keyframes.points_of(i)
+    i, T_map_camera = atlas.keyframes.index_of(uid), atlas.pose(uid)
+    assert T_map_camera is not None
+    points = np.full(len(frame), NO_POINT) if i is None else atlas.keyframes.points_of(i)
     if unseen is not None:
         points[unseen] = NO_POINT
-    return tracked_frame(frame, atlas.keyframes.T_map_camera[i].copy(), points, atlas, i)
+    return tracked_frame(frame, T_map_camera.copy(), points, atlas, uid)

@@ -34,6 +34,16 @@ class PoseGraph:
         noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
         self._graph.add(gtsam.BetweenFactorPose3(uid_a, uid_b, gtsam.Pose3(T_a_b), noise))
 
+    def add_measurement(
+        self, uid_a: int, uid_b: int, T_a_b: FloatArray, covariance: FloatArray
+    ) -> None:
+        """Connect two keyframes by a measured pose T_a_b (4, 4).
+
+        Its covariance (6, 6) is in the frame of b, rotation first.
+        """
+        noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+        self._graph.add(gtsam.BetweenFactorPose3(uid_a, uid_b, gtsam.Pose3(T_a_b), noise))
+
     def optimize(self) -> FloatArray:
         """Return the optimized poses (N, 4, 4) in the order of `add_keyframe`.
 

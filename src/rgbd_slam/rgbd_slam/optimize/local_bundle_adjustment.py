@@ -6,10 +6,10 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import IntArray
+from hoid_native.results import Observations
 from rgbd_slam.config.slam_config import MappingConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import NO_POINT, Observations
 from rgbd_slam.optimize.bundle_problem import BundleProblem, adjust
 
 _MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: points that connect keyframes
@@ -22,8 +22,7 @@ def local_bundle_adjustment(
     free = np.concatenate([[i], atlas.covisible(i, _MIN_SHARED, config.window - 1)])
     root = atlas.keyframes.parent_uid[free] < 0
     fixed_root, free = free[root], free[~root]
-    seen = atlas.keyframes.point_of_feature[free]
-    j = np.unique(seen[seen != NO_POINT]).astype(np.int64)
+    j = atlas.points_of(free)
     fixed = np.concatenate([fixed_root, _fixed_keyframes(atlas, j, free, config.fixed_window)])
     fixed = np.unique(fixed)
     if len(free) == 0 or len(fixed) == 0:
@@ -74,19 +73,18 @@ def bundle_problem(
         se3.inverse(keyframes.T_map_camera[cameras]),
         num_free,
         np.ascontiguousarray(points.position_m[j].T),
-        _positions(cameras, keyframes.capacity)[seen.i],
-        _positions(j, points.capacity)[seen.j],
+        _positions(cameras, seen.i),
+        _positions(j, seen.j),
         np.ascontiguousarray(keyframes.measurement_px[seen.i, seen.k].T, np.float64),
         atlas.octave_scale[keyframes.octave[seen.i, seen.k]] ** -2.0,
     )
     return problem, seen
 
 
-def _positions(rows: IntArray, capacity: int) -> IntArray:
-    """Return the (capacity,) position of each row in a list of rows; -1 if it is not in it."""
-    out = np.full(capacity, -1, np.int64)
-    out[rows] = np.arange(len(rows))
-    return out
+def _positions(rows: IntArray, wanted: IntArray) -> IntArray:
+    """Return the (M,) positions of the wanted rows in a list of rows (N,)."""
+    order = np.argsort(rows)
+    return np.asarray(order[np.searchsorted(rows, wanted, sorter=order)])
 
 
 def _unobserve(atlas: Atlas, seen: Observations) -> None:

@@ -27,7 +27,7 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.projection import to_camera
 from rgbd_slam.optimize.alignment import align_image
-from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem, optimize_pose
+from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem, covariance, optimize_pose
 from rgbd_slam.places.visibility import detection_probability, visibility
 
 # Not tuned: factors on the search windows of ORB-SLAM3, first for the error of a RANSAC pose, then
@@ -40,6 +40,7 @@ class PlaceMatch(NamedTuple):
     """The verified pose of an image in the map of a keyframe."""
 
     T_camera_map: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
     k: IntArray  # (M,) features of the image
     j: IntArray  # (M,) points that they observe
 
@@ -101,8 +102,7 @@ class PlaceVerifier:
                 searched.
             keyframes: Rows of the keyframes.
         """
-        seen = np.unique(self._atlas.keyframes.point_of_feature[keyframes])
-        points = seen[seen != NO_POINT].astype(np.int64)
+        points = self._atlas.points_of(keyframes)
         for radius in _SEARCH_RADII:
             view = visible_points(self._atlas, self._camera, T_camera_map, points, radius)
             matches = match_by_projection(
@@ -113,7 +113,10 @@ class PlaceVerifier:
             estimate = self._optimize(frame, matches.k, view.points[matches.q], T_camera_map)
             T_camera_map = estimate.T_camera_map
         found = PlaceMatch(
-            T_camera_map, matches.k[estimate.inliers], view.points[matches.q[estimate.inliers]]
+            T_camera_map,
+            covariance(estimate),
+            matches.k[estimate.inliers],
+            view.points[matches.q[estimate.inliers]],
         )
         return found if self._is_same_place(frame, found, points) else None
 

@@ -21,20 +21,23 @@ from rgbd_slam.places.place_index import PlaceVotes
 
 _REMOVED = -1
 _HASH_SEED = 12345  # chosen: the bits of the keys are the same in all runs
-_MERGE_SHARE = 0.25  # not tuned: largest size of the small segment, relative to the large one
+# Not tuned: with a smaller share, adding takes longer, with a larger one queries do.
+_MERGE_SHARE = 1 / 16
 _ROW_BITS = np.uint64(32)
+_ROW_MASK = np.uint64(0xFFFFFFFF)
 _BLOCK = 256  # chosen: descriptors whose unpacked bits fit into the cache
 
 KeyArray = NDArray[np.uint64]
+
+_NOTHING = np.empty(0, np.int64), np.empty(0, np.int64)
 
 
 class HashIndex:
     """Keyframes by the hash keys of their descriptors.
 
     A segment holds, for each of T tables, sorted numbers `key << 32 | pool row`. New descriptors
-    are added to a small segment, which is merged with the large one when it has reached a share of
-    its size. Therefore adding is cheap on average, and a query searches two sorted arrays in each
-    table.
+    make a segment of their own. A segment that has reached a share of the size of the one before
+    is merged with it, so that there are few segments and adding is cheap on average.
     """
 
     def __init__(self, config: IndexConfig) -> None:
@@ -45,41 +48,46 @@ class HashIndex:
         self._weights = np.zeros((8 * DESCRIPTOR_BYTES, config.num_tables))
         for t, order in enumerate(orders):
             self._weights[order[: config.key_bits], t] = 2.0 ** np.arange(config.key_bits)
-        self._members: set[int] = set()
+        self._members: IntArray = np.empty(0, np.int64)  # (K,) uids, ascending
         self._pending: list[tuple[int, ByteArray]] = []
-        self._pool: ByteArray = np.empty((0, DESCRIPTOR_BYTES), np.uint8)  # (M, 32)
-        self._uid: IntArray = np.empty(0, np.int64)  # (M,) uid of the keyframe, or _REMOVED
-        self._large: KeyArray = np.empty((self._config.num_tables, 0), np.uint64)
-        self._small = self._large
+        self._num_rows = 0  # of the pool that are in use
+        self._pool: ByteArray = np.empty((_BLOCK, DESCRIPTOR_BYTES), np.uint8)
+        # uid of the keyframe of each row of the pool, or _REMOVED
+        self._uid: IntArray = np.full(_BLOCK, _REMOVED)
+        self._rows: dict[int, slice] = {}  # of the pool, by uid
+        self._segments: list[KeyArray] = []  # from the largest to the smallest
 
     def update(self, atlas: Atlas) -> None:
         """Add the new keyframes of a map, by features that observe points; remove the gone."""
         keyframes = atlas.keyframes
-        row_of = {int(keyframes.uid[i]): i for i in keyframes.indices()}
-        for uid in self._members - row_of.keys():
+        rows = keyframes.indices()
+        rows = rows[np.argsort(keyframes.uid[rows])]
+        uids = keyframes.uid[rows]
+        for uid in np.setdiff1d(self._members, uids, assume_unique=True).tolist():
             self.remove(uid)
-        for uid in sorted(row_of.keys() - self._members):
-            i = row_of[uid]
-            self.add(uid, keyframes.descriptors[i, keyframes.point_of_feature[i] != NO_POINT])
+        for i in rows[~np.isin(uids, self._members, assume_unique=True)].tolist():
+            seen = keyframes.point_of_feature[i] != NO_POINT
+            self._append(int(keyframes.uid[i]), keyframes.descriptors[i, seen])
+        self._members = uids
 
     def add(self, uid: int, descriptors: ByteArray) -> None:
         """Add a keyframe with its (N, 32) descriptors, thinned evenly to `max_features`."""
-        self._members.add(uid)
-        self._pending.append((uid, self._thinned(descriptors)))
+        self._members = np.union1d(self._members, [uid])
+        self._append(uid, descriptors)
 
     def remove(self, uid: int) -> None:
         """Remove a keyframe, if it is in the index."""
         if uid in self._members:
-            self._members.discard(uid)
+            self._members = self._members[self._members != uid]
             self._pending = [entry for entry in self._pending if entry[0] != uid]
-            self._uid[self._uid == uid] = _REMOVED
+            self._uid[self._rows.pop(uid, slice(0))] = _REMOVED
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
         """Return keyframes that match descriptors (N, 32), most votes first, then by uid."""
         self._insert_pending()
         descriptors = self._thinned(descriptors)
         keys = self._keys(descriptors)
-        parts = [self._collisions(segment, keys) for segment in (self._large, self._small)]
+        parts = [_NOTHING, *(self._collisions(segment, keys) for segment in self._segments)]
         query, row = (np.concatenate(column) for column in zip(*parts, strict=True))
         uid = self._uid[row]
         near = hamming(descriptors[query], self._pool[row]) <= self._config.max_hamming
@@ -89,6 +97,9 @@ class HashIndex:
         uids, votes = np.unique(pairs // max(len(descriptors), 1), return_counts=True)
         order = np.argsort(-votes, kind='stable')
         return PlaceVotes(uids[order], votes[order])
+
+    def _append(self, uid: int, descriptors: ByteArray) -> None:
+        self._pending.append((uid, self._thinned(descriptors)))
 
     def _thinned(self, descriptors: ByteArray) -> ByteArray:
         count = min(len(descriptors), self._config.max_features)
@@ -116,32 +127,40 @@ class HashIndex:
         offset = np.arange(flat.sum()) - np.repeat(np.cumsum(flat) - flat, flat)
         found = segment.ravel()[np.repeat(start, flat) + offset]
         query = np.repeat(np.tile(np.arange(keys.shape[1]), len(keys)), flat)
-        return query, (found & np.uint64(0xFFFFFFFF)).astype(np.int64)
+        return query, (found & _ROW_MASK).astype(np.int64)
 
     def _insert_pending(self) -> None:
-        """Insert the pending descriptors into the small segment, or merge the segments."""
+        """Insert the pending descriptors, and merge segments of similar size."""
         if not self._pending:
             return
-        sizes = [len(descriptors) for _, descriptors in self._pending]
         new = np.concatenate([descriptors for _, descriptors in self._pending])
-        first = len(self._uid)
-        self._uid = np.concatenate([self._uid, np.repeat([u for u, _ in self._pending], sizes)])
-        self._pool = np.concatenate([self._pool, new])
+        first, end = self._num_rows, self._num_rows + len(new)
+        if end > len(self._pool):
+            more = max(end, 2 * len(self._pool)) - len(self._pool)
+            self._pool = np.pad(self._pool, ((0, more), (0, 0)))
+            self._uid = np.pad(self._uid, (0, more), constant_values=_REMOVED)
+        self._pool[first:end] = new
+        for uid, descriptors in self._pending:
+            self._rows[uid] = slice(self._num_rows, self._num_rows + len(descriptors))
+            self._uid[self._rows[uid]] = uid
+            self._num_rows += len(descriptors)
         self._pending = []
-        if self._small.shape[1] + len(new) > _MERGE_SHARE * self._large.shape[1]:
-            self._merge()
-        else:
-            fresh = self._sorted_segment(new, first)
-            self._small = np.sort(np.concatenate([self._small, fresh], axis=1), kind='stable')
+        rows = np.arange(first, end, dtype=np.uint64)
+        self._segments.append(np.sort(self._keys(new) | rows, axis=1))
+        while len(self._segments) > 1 and self._is_large(-1):
+            small, large = self._segments.pop(), self._segments.pop()
+            self._segments.append(self._merged(large, small))
 
-    def _merge(self) -> None:
-        """Merge the segments and delete the descriptors of removed keyframes."""
-        kept = np.flatnonzero(self._uid != _REMOVED)
-        self._pool, self._uid = self._pool[kept], self._uid[kept]
-        self._large = self._sorted_segment(self._pool, 0)
-        self._small = self._large[:, :0]
+    def _is_large(self, n: int) -> bool:
+        """Return whether segment `n` has reached a share of the size of the one before it."""
+        size, size_before = self._segments[n].shape[1], self._segments[n - 1].shape[1]
+        return bool(size > _MERGE_SHARE * size_before)
 
-    def _sorted_segment(self, descriptors: ByteArray, first: int) -> KeyArray:
-        """Return the (T, N) segment of descriptors whose pool rows start at `first`."""
-        rows = np.arange(first, first + len(descriptors), dtype=np.uint64)
-        return np.sort(self._keys(descriptors) | rows, axis=1)
+    def _merged(self, large: KeyArray, small: KeyArray) -> KeyArray:
+        """Return two segments as one, without the descriptors of removed keyframes."""
+        both = np.concatenate([large, small], axis=1)
+        is_kept = self._uid[(both[0] & _ROW_MASK).astype(np.int64)] != _REMOVED
+        if not is_kept.all():  # the rows of the tables are in different orders
+            is_kept = self._uid[(both & _ROW_MASK).astype(np.int64)] != _REMOVED
+            both = both[is_kept].reshape(len(both), -1)
+        return np.sort(both, axis=1, kind='stable')  # fast, as it consists of two sorted parts

@@ -52,15 +52,14 @@ class PlaceFinder:
         """
         self._index.update(self._atlas)
         keyframes = self._atlas.keyframes
-        row_of = {int(keyframes.uid[i]): i for i in keyframes.indices().tolist()}
         taken = set(excluded.tolist())
         chosen: list[int] = []
         found = self._index.query(descriptors)
         for uid, votes in zip(found.uids.tolist(), found.votes.tolist(), strict=True):
             if votes < self._config.min_votes or len(chosen) == self._config.max_candidates:
                 break
-            i = row_of[uid]
-            if i not in taken:
+            i = keyframes.index_of(uid)
+            if i is not None and i not in taken:
                 chosen.append(i)
                 taken.update([i, *self._atlas.covisible(i, NEAR_SHARED).tolist()])
         return chosen

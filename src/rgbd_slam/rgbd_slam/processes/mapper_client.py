@@ -27,19 +27,23 @@ class MapperClient(Protocol):
         """Return the number of requests that the mapper has not completed yet."""
 
     @property
+    def waiting_s(self) -> float:
+        """Return the time [s] since the mapper should have answered a request, else 0."""
+
+    @property
     def is_settled(self) -> bool:
         """Return whether the map will stay as it is until the next request."""
 
-    def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
-        """Create the first keyframe of a map and return its row."""
+    def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> object:
+        """Create the first keyframe of a map; it is pending in the tracker's map until then."""
 
-    def insert(self, request: KeyframeRequest) -> int | None:
-        """Insert a keyframe; return its row, or None while it is still queued."""
+    def insert(self, request: KeyframeRequest) -> object:
+        """Insert a keyframe; it is pending in the tracker's map until then."""
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
         """Remove the observations of a keyframe's features that proved dynamic."""
 
-    def load(self, state: MapState, *, keep: bool) -> object:
+    def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
         """Load a saved map; `keep` the running one beside it, or discard that."""
 
     def update(self) -> None:
@@ -59,6 +63,7 @@ class InlineMapper(Mapper):
     """A mapper that completes each request before the call returns, so that runs repeat."""
 
     queue_length = 0
+    waiting_s = 0.0
     num_restarts = 0
     is_settled = True
 

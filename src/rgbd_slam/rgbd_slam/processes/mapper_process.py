@@ -3,13 +3,21 @@
 The reason is GTSAM, which holds Python's interpreter lock for 100 to 250 ms (decision 020). The
 mapping process owns the map. The tracker sends it keyframes, receives the rows that changed, and
 applies these to its own copy between two frames. That copy is complete: when the process dies, a
-new one continues with it, and only the keyframes that were queued are lost.
+new one continues with it, and only the keyframe that it was working on is lost.
+
+Requests wait in the tracker's process, and few are sent ahead, so that a mapper that is late for
+long finds no more keyframes than it needs to connect the present view with the map.
 """
 
 from __future__ import annotations
 
 import logging
-from typing import NoReturn
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import islice
+from typing import NoReturn, Protocol
 
 from hoid_common.errors import HoidError
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
@@ -19,6 +27,7 @@ from rgbd_slam.loops.loop_closing import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.map_change import PendingKeyframe
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.processes.mapper_worker import (
     Load,
@@ -34,7 +43,13 @@ from rgbd_slam.processes.mapper_worker import (
 # Chosen: many times the usual durations, so that they expire only on a machine that is overloaded.
 _START_S = 30.0  # a new process loads its libraries in about 1 s
 _WORK_S = 60.0  # the longest request, and the start of a replacement process before it
+_LOAD_S = 600.0  # loading the largest map
 _SETTLE_S = 20.0  # global adjustment at the end; 4.7 s for 309 keyframes (places_and_loops.md)
+
+# Chosen: requests that the process can have before it has answered the first one, so that it need
+# not wait for the next one; and the number that may wait here.
+_MAX_SENT = 2
+_MAX_QUEUED = 64
 
 _logger = logging.getLogger(__name__)
 
@@ -43,20 +58,60 @@ class MapperStoppedError(HoidError):
     """The mapping process has ended for good, or does not respond."""
 
 
+class MapperWorker(Protocol):
+    """The handle of the mapping process; `ChildWorker` describes the methods."""
+
+    num_restarts: int
+
+    @property
+    def has_report(self) -> bool:
+        """Return whether `receive` would return at once."""
+
+    def send(self, message: Request) -> None:
+        """Queue a request."""
+
+    def receive(self, timeout_s: float) -> Ready | MapperReport:
+        """Return the next report."""
+
+    def restart(self) -> str:
+        """Replace the process, and return how the old one ended."""
+
+    def close(self) -> str:
+        """End the process, and return how it ended."""
+
+
 class MapperProcess:
     """The tracker's end: sends keyframes and keeps its copy of the map up to date.
+
+    Args:
+        camera: The camera with its configured noise.
+        atlas: The tracker's copy of the map.
+        config: Parameters of the core.
+        worker: Handle of the mapping process; None: start one.
+        clock: Returns the time [s] by which a late mapper is reported.
 
     Raises:
         MapperStoppedError: The process does not start. Every method raises it as well, once the
             process cannot be kept running.
     """
 
-    def __init__(self, camera: StereoCamera, atlas: Atlas, config: SlamConfig) -> None:
+    def __init__(
+        self,
+        camera: StereoCamera,
+        atlas: Atlas,
+        config: SlamConfig,
+        *,
+        worker: MapperWorker | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._atlas = atlas
         self.loops = LoopCounts()
+        self._queue: deque[Request] = deque()  # not answered yet; the first ones have been sent
         self._num_sent = self._num_done = 0
+        self._sent_s = 0.0  # when the first request of the queue became the next to be answered
         self._is_settled = True
-        self._worker: ChildWorker[Request, Ready | MapperReport] = ChildWorker(
+        self._clock = clock
+        self._worker = worker or ChildWorker[Request, Ready | MapperReport](
             'mapper', run_mapper, camera, config
         )
         try:
@@ -78,29 +133,38 @@ class MapperProcess:
     @property
     def queue_length(self) -> int:
         """Return the number of requests that the process has not completed yet."""
-        return self._num_sent - self._num_done
+        return len(self._queue)
+
+    @property
+    def waiting_s(self) -> float:
+        """Return the time [s] since the mapper began the request it is working on, else 0."""
+        return self._clock() - self._sent_s if self._queue else 0.0
 
     @property
     def is_settled(self) -> bool:
         """Return whether the map will stay as it is until the next request."""
         return self.queue_length == 0 and self._is_settled
 
-    def start_map(self, frame: Frame, T_map_camera: FloatArray, map_id: int) -> int:
-        """Create the first keyframe of a map, wait for it, and return its row."""
-        return self._wait_for_row(Start(frame, T_map_camera, map_id))
+    def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> None:
+        """Queue the first keyframe of a map; a later `update` brings it into the tracker's map."""
+        self._atlas.pending[uid] = PendingKeyframe(uid, None, T_map_camera)
+        self._append(Start(uid, frame, T_map_camera, map_id))
 
-    def insert(self, request: KeyframeRequest) -> int | None:
+    def insert(self, request: KeyframeRequest) -> None:
         """Queue a keyframe; a later `update` brings it into the tracker's map."""
-        self._send(request)
-        return None
+        self._atlas.pending[request.uid] = PendingKeyframe(
+            request.uid, request.reference_uid, request.T_reference_camera
+        )
+        self._append(request)
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
         """Queue the removal of the observations of a keyframe's dynamic features."""
-        self._send(verdicts)
+        self._append(verdicts)
 
-    def load(self, state: MapState, *, keep: bool) -> int:
-        """Load a saved map, wait for it, and return the row of its first keyframe."""
-        return self._wait_for_row(Load(state, keep))
+    def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
+        """Load a saved map and wait for it."""
+        self._append(Load(state, first_uid, keep))
+        self.wait(_LOAD_S)
 
     def update(self) -> None:
         """Apply the reports that have arrived to the tracker's map."""
@@ -109,18 +173,16 @@ class MapperProcess:
 
     def settle(self) -> None:
         """Request a final adjustment of the whole map; poll `is_settled` for its end."""
-        self._send(Settle(0.0))
+        self._append(Settle(0.0))
 
-    def wait(self) -> int | None:
-        """Wait until the queue is empty; return the row that the last report names, if any."""
-        row = None
-        while self.queue_length:
-            row = self._receive(_WORK_S)
-        return row
+    def wait(self, limit_s: float = _WORK_S) -> None:
+        """Wait until the queue is empty, up to `limit_s` for each request."""
+        while self._queue:
+            self._receive(limit_s)
 
     def finish(self) -> None:
         """Wait until the queue is empty and the whole map has been adjusted."""
-        self._send(Settle(_SETTLE_S))
+        self._append(Settle(_SETTLE_S))
         self.wait()
         if not self._is_settled:
             _logger.warning(
@@ -134,46 +196,101 @@ class MapperProcess:
         """End the process; queued keyframes are lost."""
         self._worker.close()
 
-    def _send(self, request: Request) -> None:
-        self._num_sent += 1
-        self._worker.send(request)
+    def _append(self, request: Request) -> None:
+        self._queue.append(request)
+        if len(self._queue) > _MAX_QUEUED:
+            self._thin_out()
+        self._send_ahead()
 
-    def _wait_for_row(self, request: Start | Load) -> int:
-        """Send a request until it is completed: again only when the process died over it."""
-        row = None
-        while row is None:
-            self._send(request)
-            row = self.wait()
-        return row
+    def _send_ahead(self) -> None:
+        """Send requests until the process has as many as it can have."""
+        while self._num_sent < min(_MAX_SENT, len(self._queue)):
+            request = self._queue[self._num_sent]
+            if isinstance(request, KeyframeRequest):
+                request = self._reattached(request)
+            if self._num_sent == 0:
+                self._sent_s = self._clock()
+            self._num_sent += 1
+            self._worker.send(request)
 
-    def _receive(self, timeout_s: float) -> int | None:
-        """Apply the next report to the map and return the row that it names, if any."""
+    def _reattached(self, request: KeyframeRequest) -> KeyframeRequest:
+        """Return a request relative to a keyframe that the process has or will have."""
+        uid, T_reference_camera = request.reference_uid, request.T_reference_camera
+        while self._atlas.keyframes.index_of(uid) is None and uid not in self._atlas.pending:
+            redirect = self._atlas.redirects.find(uid)
+            if redirect is None:
+                return request
+            uid = redirect.parent_uid
+            T_reference_camera = redirect.T_parent_camera @ T_reference_camera
+        return replace(request, reference_uid=uid, T_reference_camera=T_reference_camera)
+
+    def _thin_out(self) -> None:
+        """Remove every other keyframe that has not been sent from the queue.
+
+        Those that are left overlap less, but still enough to be connected with each other.
+        """
+        waiting = list(islice(self._queue, self._num_sent, None))
+        keyframes = [request for request in waiting if isinstance(request, KeyframeRequest)]
+        dropped = {request.uid for request in keyframes[::2]}
+        for uid in dropped:
+            self._atlas.drop_pending(uid)
+        sent = list(islice(self._queue, self._num_sent))
+        self._queue = deque(
+            request
+            for request in [*sent, *waiting]
+            if not (isinstance(request, KeyframeRequest) and request.uid in dropped)
+        )
+
+    def _receive(self, timeout_s: float) -> None:
+        """Apply the next report to the map."""
         try:
             report = self._worker.receive(timeout_s)
         except ChildEndedError:
             self._restart()
-            return None
+            return
         except ChildTimeoutError:
             raise MapperStoppedError(
                 f'the mapping process did not respond within {timeout_s:g} s because the machine '
                 'is too busy; free it and restart the node'
             ) from None
         if isinstance(report, Ready):
-            return None
-        self._atlas.apply(report.change)
+            return
+        frame = None
+        if report.completes_request and isinstance(self._queue[0], KeyframeRequest | Start):
+            frame = self._queue[0].frame  # not sent back
+        self._atlas.apply(report.change, frame)
         self.loops = report.loops
-        self._num_done += report.completes_request
         self._is_settled = report.is_settled
-        return report.row
+        if report.completes_request:
+            self._complete_request()
+
+    def _complete_request(self) -> None:
+        """Remove the first request from the queue, and send the next one."""
+        request = self._queue.popleft()
+        self._num_sent -= 1
+        self._num_done += 1
+        self._sent_s = self._clock()
+        if isinstance(request, KeyframeRequest):
+            self._atlas.drop_pending(request.uid)  # if the mapper could not insert it
+        self._send_ahead()
 
     def _restart(self) -> None:
-        """Replace the process, unless it ended before it completed a single request."""
+        """Replace the process, unless it ended before it completed a single request.
+
+        The request that it was working on is not sent again, because it may be the reason; but a
+        new map has to start, and a saved one to be loaded.
+        """
         if self._num_done == 0:
             self._give_up()
         how = self._worker.restart()
         _logger.warning('the mapping process has ended (%s); a new one continues its map', how)
+        if self._queue and not isinstance(self._queue[0], Start | Load):
+            lost = self._queue.popleft()
+            if isinstance(lost, KeyframeRequest):
+                self._atlas.drop_pending(lost.uid)
+        self._queue.appendleft(Resume(self._atlas.whole(), self.loops))
         self._num_sent = self._num_done = 0
-        self._send(Resume(self._atlas.whole(), self.loops))
+        self._send_ahead()
 
     def _give_up(self) -> NoReturn:
         how = self._worker.close()

@@ -26,6 +26,7 @@ _IDLE_S = 0.2  # chosen: how often an idle mapper polls its background adjustmen
 class Start(NamedTuple):
     """Request: create the first keyframe of a map."""
 
+    uid: int
     frame: Frame
     T_map_camera: FloatArray  # (4, 4)
     map_id: int
@@ -48,6 +49,7 @@ class Load(NamedTuple):
     """Request: load a saved map."""
 
     state: MapState
+    first_uid: int  # of its keyframes
     keep: bool  # keep the running map beside it
 
 
@@ -62,10 +64,61 @@ class MapperReport(NamedTuple):
     """Report: what changed since the last report, sent after each request and adjustment."""
 
     change: MapChange
-    row: int | None  # of the first keyframe that the request created
     loops: LoopCounts
     completes_request: bool  # False: the report follows from a background adjustment
     is_settled: bool  # whether no adjustment is running in the background
+
+
+class MapperServer:
+    """Serves the requests of a tracker to a mapper, in whatever process.
+
+    Args:
+        camera: The camera with its configured noise.
+        config: Parameters of the core.
+        background: Run global adjustment in a separate process.
+    """
+
+    def __init__(
+        self, camera: StereoCamera, config: SlamConfig, *, background: bool = True
+    ) -> None:
+        self.map = Atlas(config.camera.scale_factor, config.camera.num_octaves)
+        self._mapper = Mapper(camera, self.map, config, background=background)
+        self._version = 0  # of the map at the last report
+
+    def serve(self, request: Request) -> MapperReport:
+        """Complete a request and return the report on it."""
+        mapper = self._mapper
+        match request:
+            case KeyframeRequest():
+                mapper.insert(request)
+            case FeatureVerdicts():
+                mapper.retract(request)
+            case Settle(limit_s):
+                mapper.finish_adjustment(limit_s)
+            case Resume(whole, loops):
+                mapper.resume(whole, loops)
+                self._version = whole.version  # the tracker has this map already
+            case Load(state, first_uid, keep):
+                mapper.load(state, first_uid, keep=keep)
+            case Start():
+                mapper.start_map(*request)
+        has_features = isinstance(request, KeyframeRequest | Start)
+        return self._report(completes_request=True, has_features=has_features)
+
+    def poll(self) -> MapperReport | None:
+        """Return the report on a background adjustment that has finished, if there is one."""
+        return self._report(completes_request=False) if self._mapper.poll() else None
+
+    def close(self) -> None:
+        """Stop the background adjustment."""
+        self._mapper.close()
+
+    def _report(self, *, completes_request: bool, has_features: bool = False) -> MapperReport:
+        """Report what has changed; without new features that the tracker has sent itself."""
+        change = self.map.changes_since(self._version, with_features=not has_features)
+        self._version = change.version
+        is_settled = not self._mapper.is_adjusting
+        return MapperReport(change, self._mapper.loops, completes_request, is_settled)
 
 
 def run_mapper(
@@ -73,39 +126,15 @@ def run_mapper(
 ) -> None:
     """Serve requests until the pipe closes; the main function of the process."""
     os.nice(_NICE)
-    atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
-    mapper = Mapper(camera, atlas, config, background=True)
-    version = 0
+    server = MapperServer(camera, config)
     reports.send(Ready())
     try:
         while True:
-            has_request, row = requests.poll(_IDLE_S), None
-            if has_request:
-                row = _serve(mapper, requests.recv())
-            elif not mapper.poll():
-                continue
-            change = atlas.changes_since(version)
-            version = change.version
-            settled = not mapper.is_adjusting
-            reports.send(MapperReport(change, row, mapper.loops, has_request, settled))
+            has_request = requests.poll(_IDLE_S)
+            report = server.serve(requests.recv()) if has_request else server.poll()
+            if report is not None:
+                reports.send(report)
     except (EOFError, BrokenPipeError):
         pass  # the tracker has ended
     finally:
-        mapper.close()
-
-
-def _serve(mapper: Mapper, request: Request) -> int | None:
-    match request:
-        case KeyframeRequest():
-            return mapper.insert(request)
-        case FeatureVerdicts():
-            mapper.retract(request)
-        case Settle(limit_s):
-            mapper.finish_adjustment(limit_s)
-        case Resume(whole, loops):
-            mapper.resume(whole, loops)
-        case Load(state, keep):
-            return mapper.load(state, keep=keep)
-        case Start(frame, T_map_camera, map_id):
-            return mapper.start_map(frame, T_map_camera, map_id)
-    return None
+        server.close()

@@ -59,16 +59,17 @@ class KeyframePolicy:
         self._last_ns = stamp_ns
         self._most_inliers = 0
 
-    def wants(self, tracking: TrackerOutput, queue_length: int) -> bool:
+    def wants(self, tracking: TrackerOutput) -> bool:
         """Return whether a frame should become a keyframe.
 
-        No keyframe is requested while the mapper has others in its queue, because their points
-        may be enough, nor soon after the last one while tracking is good.
+        No keyframe is requested soon after the last one while tracking is good.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)
+        if self._atlas.pending:
+            return self._leaves_pending(tracking)
         i = self._atlas.keyframes.index_of(tracking.tracked.reference_uid)
-        if i is None or queue_length > 0:
+        if i is None:
             return False
         gap_s = S_PER_NS * (tracking.tracked.frame.stamp_ns - self._last_ns)
         share = num_inliers / max(self._most_inliers, 1)
@@ -82,6 +83,18 @@ class KeyframePolicy:
         return is_needed and not (
             self._config.skip_known_views and self._is_known_view(tracking, i)
         )
+
+    def _leaves_pending(self, tracking: TrackerOutput) -> bool:
+        """Return whether the view has changed since the newest keyframe, which is still pending.
+
+        Its points may be enough for the present view, once they are in the map. A view that has
+        changed needs a keyframe in between, with which both overlap: otherwise a late mapper
+        could not connect the present view with the map.
+        """
+        T_map_pending = self._atlas.pose(max(self._atlas.pending))
+        if T_map_pending is None:
+            return False
+        return bool(self._view_differences(tracking, T_map_pending[None])[0] > _SAME_VIEW_RAD)
 
     def _lacks_close_points(self, tracking: TrackerOutput) -> bool:
         """Return whether few close points are tracked and many could be created."""
@@ -100,10 +113,7 @@ class KeyframePolicy:
         keyframes, frame = self._atlas.keyframes, tracking.tracked.frame
         rows = np.r_[i, self._atlas.covisible(i, limit=_NUM_NEIGHBORS)]
         rows = rows[keyframes.uid[rows] <= keyframes.uid.max() - _SETTLED_AGE]
-        T = se3.inverse(tracking.tracked.T_map_camera) @ keyframes.T_map_camera[rows]
-        depth_m = np.median(frame.depth_m[frame.has_depth]) if frame.has_depth.any() else np.inf
-        difference_rad = np.linalg.norm(T[:, :3, 3], axis=1) / depth_m
-        difference_rad += np.linalg.norm(se3.log(T)[:, :3], axis=1)
+        difference_rad = self._view_differences(tracking, keyframes.T_map_camera[rows])
         if not (difference_rad < _SAME_VIEW_RAD).any():
             return False
         unknown = (tracking.tracked.points == NO_POINT) & frame.may_seed
@@ -111,6 +121,15 @@ class KeyframePolicy:
         known_px = tracking.expected_px[:, self._is_close(tracking.expected_px)]
         appeared = np.count_nonzero(~np.isin(_cells(new_px), _cells(known_px)))
         return bool(appeared <= self._config.min_close_new)
+
+    def _view_differences(self, tracking: TrackerOutput, poses: FloatArray) -> FloatArray:
+        """Return the (N,) differences [rad] of the view from those at other poses (N, 4, 4)."""
+        frame = tracking.tracked.frame
+        T = se3.inverse(tracking.tracked.T_map_camera) @ poses
+        depth_m = np.median(frame.depth_m[frame.has_depth]) if frame.has_depth.any() else np.inf
+        difference_rad = np.linalg.norm(T[:, :3, 3], axis=1) / depth_m
+        difference_rad += np.linalg.norm(se3.log(T)[:, :3], axis=1)
+        return np.asarray(difference_rad)
 
     def _is_close(self, pixels: FloatArray | Float32Array) -> BoolArray:
         """Return the (N,) mask of (3, N) u, v, u_right that are near enough to create points."""

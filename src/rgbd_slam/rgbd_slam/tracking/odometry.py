@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,12 +9,11 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
-from rgbd_slam.optimize.pose_consensus import Consensus
 from rgbd_slam.tracking.motion_sources import MOTION_SOURCES, BridgedMotion, MotionLookup
 from rgbd_slam.tracking.pose_noise import PoseNoise
+from rgbd_slam.tracking.tracker import TrackerOutput
 
 # Chosen: standard deviations [rad, m] of a pose in a map that is not connected with the main one:
 # nothing is known of the motion of the camera while it was lost.
@@ -71,9 +69,10 @@ class Odometry:
         predictions = (source.predict() for source in sources)
         return [T_camera_last for T_camera_last in predictions if T_camera_last is not None]
 
-    def advance(self, tracked: TrackedFrame, consensus: Consensus) -> None:
+    def advance(self, tracking: TrackerOutput) -> None:
         """Add the motion from the last frame to a tracked one, by the current map."""
         assert self.last is not None
+        tracked = tracking.tracked
         T_last_camera = se3.inverse(self.last.current_pose(self._atlas)) @ tracked.T_map_camera
         elapsed_ns = tracked.frame.stamp_ns - self.last.frame.stamp_ns
         self._observe(T_last_camera, elapsed_ns)
@@ -84,7 +83,7 @@ class Odometry:
         else:
             self._move(T_last_camera)
         self._pose_noise.add(tracked.frame.stamp_ns, self.T_odom_camera)
-        self._update_covariances(consensus)
+        self._update_covariances(tracking, T_last_camera)
         self.restart_from(tracked)
 
     def bridge(self) -> Bridge | None:
@@ -117,11 +116,6 @@ class Odometry:
         for source in self._sources:
             source.reset()
 
-    def redirect(self, redirects: Iterable[Redirect]) -> None:
-        """Make the last frame relative to the parents of removed keyframes."""
-        if self.last is not None:
-            self.last = self.last.redirected(redirects)
-
     def pose(self) -> FloatArray:
         """Return T_map_camera (4, 4) of the last frame by the current map; I without a frame."""
         return np.eye(4) if self.last is None else self.last.current_pose(self._atlas)
@@ -131,11 +125,21 @@ class Odometry:
         return covariance if self.is_in_main_map else covariance + _UNKNOWN_COVARIANCE
 
     @property
+    def anchor_uid(self) -> int | None:
+        """Return the keyframe of the map that the last frame hangs on, or None without one."""
+        anchor = self._atlas.anchor(self.last.reference_uid) if self.last is not None else None
+        if anchor is None or anchor.row is None:
+            return None
+        return int(self._atlas.keyframes.uid[anchor.row])
+
+    @property
     def is_in_main_map(self) -> bool:
         """Return whether the last frame is in the map with most keyframes."""
         keyframes = self._atlas.keyframes
-        i = keyframes.index_of(self.last.reference_uid) if self.last is not None else None
-        return i is None or int(keyframes.map_id[i]) == main_map(keyframes)
+        anchor = self._atlas.anchor(self.last.reference_uid) if self.last is not None else None
+        if anchor is None or anchor.row is None:  # no pose, or a map that is only starting
+            return anchor is None or len(keyframes) == 0
+        return int(keyframes.map_id[anchor.row]) == main_map(keyframes)
 
     def _observe(self, T_last_camera: FloatArray, elapsed_ns: int) -> None:
         """Measure the velocity; it is unknown if the stamps do not increase."""
@@ -151,8 +155,13 @@ class Odometry:
         motions = (source.bridge() for source in self._sources)
         return next((motion for motion in motions if motion is not None), None)
 
-    def _update_covariances(self, consensus: Consensus) -> None:
-        """Combine the noise of successive poses, once it is known, with that of the residuals."""
+    def _update_covariances(self, tracking: TrackerOutput, T_last_camera: FloatArray) -> None:
+        """Combine the noise of successive poses, once it is known, with that of the residuals.
+
+        If too few points of the map are seen, the pose is that of the last frame with a measured
+        motion, and so its error is added to that of the last pose.
+        """
+        consensus, before = tracking.consensus, self.covariance
         noise = self._pose_noise.covariance(consensus.image_covariance)
         if noise is None:
             self.covariance = consensus.covariance
@@ -160,6 +169,9 @@ class Odometry:
         else:
             self.covariance = noise + consensus.image_covariance
             self.image_covariance = noise + consensus.ambiguity
+        if not tracking.is_on_map:
+            A = se3.adjoint(se3.inverse(T_last_camera))
+            self.covariance = self.covariance + A @ before @ A.T
 
     def _move(self, T_last_camera: FloatArray) -> None:
         self.T_odom_camera = se3.orthonormalized(self._T_odom_last @ T_last_camera)

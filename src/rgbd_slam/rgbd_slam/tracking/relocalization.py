@@ -38,6 +38,7 @@ class Relocalizer:
         self, atlas: Atlas, camera: StereoCamera, tracker: Tracker, config: SlamConfig
     ) -> None:
         self.num_found = 0  # relocalized frames
+        self._atlas = atlas
         self._tracker = tracker
         self._finder = PlaceFinder(atlas, camera, config.places, config.seed)
         self._hint: PoseHint | None = None
@@ -61,7 +62,7 @@ class Relocalizer:
         points = np.full(len(frame), NO_POINT, np.int64)
         points[place.match.k] = place.match.j
         tracking = self._tracker.track_relocalized(
-            frame, place.match.T_camera_map, points, place.keyframe
+            frame, place.match.T_camera_map, points, int(self._atlas.keyframes.uid[place.keyframe])
         )
         if tracking is not None:
             self.num_found += 1

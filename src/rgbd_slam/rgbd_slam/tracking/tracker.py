@@ -49,6 +49,7 @@ class TrackerOutput:
     tally: PointTally
     expected_px: FloatArray  # (3, V) projections of the points of the local map not tracked before
     moved: IntArray  # (M,) map points that proved to be on moving objects
+    is_on_map: bool  # False: too few map points fit the pose; it rests on the last frame's depth
 
     @property
     def num_matches(self) -> int:
@@ -81,7 +82,7 @@ class _PoseEstimate(NamedTuple):
 class _LocalMapMatches(NamedTuple):
     """The result of searching the points of the local map in a frame."""
 
-    reference: int  # the keyframe that shares most points with the frame
+    reference_uid: int  # the keyframe that shares most points with the frame
     correspondences: Correspondences  # those of the initial pose and the new ones
     tally: PointTally  # points that should be visible; none found yet
     expected_px: FloatArray  # (3, V) projections of the points that were searched
@@ -124,12 +125,13 @@ class Tracker:
             *T_camera_last: (4, 4) predicted motions since then, the most likely first. They only
                 center the searches; the matches decide.
         """
-        reference = self._atlas.keyframes.index_of(last.reference_uid)
-        if reference is None:
+        if self._atlas.anchor(last.reference_uid) is None:
             return None
         best = None
-        for initial in self._initial_poses(frame, last, reference, T_camera_last):
-            tracking = None if initial is None else self._refine(frame, initial, reference)
+        for initial in self._initial_poses(frame, last, T_camera_last):
+            tracking = (
+                None if initial is None else self._refine(frame, initial, last.reference_uid)
+            )
             if tracking is None:
                 continue
             if self._is_convincing(tracking, last):
@@ -139,7 +141,7 @@ class Tracker:
         return best
 
     def track_relocalized(
-        self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference: int
+        self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference_uid: int
     ) -> TrackerOutput | None:
         """Track a frame from the points that relocalization found in it.
 
@@ -147,18 +149,17 @@ class Tracker:
             frame: The frame.
             T_camera_map: (4, 4) its approximate pose.
             points: (N,) point that each feature observes, or NO_POINT.
-            reference: A keyframe that observes many of them.
+            reference_uid: A keyframe that observes many of them.
         """
         k = np.flatnonzero(points != NO_POINT)
         found = Correspondences(k, points[k], self._atlas.points.position_m[points[k]])
         initial = self._optimize(frame, found, T_camera_map, is_initial=True)
-        return self._refine(frame, initial, reference)
+        return self._refine(frame, initial, reference_uid)
 
     def _initial_poses(
         self,
         frame: Frame,
         last: TrackedFrame,
-        reference: int,
         T_camera_last: Sequence[FloatArray],
     ) -> Iterator[_PoseEstimate | None]:
         """Yield initial poses, from the cheapest search to the most expensive; None if one fails.
@@ -174,12 +175,12 @@ class Tracker:
         if len(known.point) >= config.few_points:
             for T_camera_map in predicted:
                 yield self._pose_by_prediction(frame, known, T_camera_map, radii_px)
-            yield self._pose_by_descriptors(frame, last, known, reference)
+            yield self._pose_by_descriptors(frame, last, known)
         more = known.joined(temporal_landmarks(last, self._atlas, self._camera))
         for T_camera_map in predicted:
             yield self._pose_by_prediction(frame, more, T_camera_map, radii_px)
         if len(known.point) < config.few_points:
-            yield self._pose_by_descriptors(frame, last, known, reference)
+            yield self._pose_by_descriptors(frame, last, known)
 
     def _pose_by_prediction(
         self,
@@ -209,14 +210,16 @@ class Tracker:
         return pixels
 
     def _pose_by_descriptors(
-        self, frame: Frame, last: TrackedFrame, known: Landmarks, reference: int
+        self, frame: Frame, last: TrackedFrame, known: Landmarks
     ) -> _PoseEstimate | None:
         """Return the pose from descriptor matches with the last frame and its reference keyframe.
 
         No prediction is needed. The pose is rejected if the camera cannot have moved so far.
         """
-        config = self._config
-        landmarks = landmarks_of_keyframe(self._atlas, reference)
+        config, anchor = self._config, self._atlas.anchor(last.reference_uid)
+        if anchor is None or anchor.row is None:
+            return None
+        landmarks = landmarks_of_keyframe(self._atlas, anchor.row)
         is_only_in_last = ~np.isin(known.point, landmarks.point)
         landmarks = landmarks.joined(known.select(is_only_in_last))
         matches = match_by_descriptor(
@@ -260,21 +263,23 @@ class Tracker:
         return initial if len(initial.inliers.k) >= _MIN_INITIAL_INLIERS else None
 
     def _refine(
-        self, frame: Frame, initial: _PoseEstimate, reference: int
+        self, frame: Frame, initial: _PoseEstimate, reference_uid: int
     ) -> TrackerOutput | None:
         """Return the tracked frame after matching the local map; None if too few points fit."""
-        searched = self._match_local_map(frame, initial, reference)
+        searched = self._match_local_map(frame, initial, reference_uid)
         refined = self._optimize(frame, searched.correspondences, initial.T_camera_map)
         if len(refined.inliers.k) < self._config.min_inliers:
             return None
         return self._output(frame, searched, refined)
 
     def _match_local_map(
-        self, frame: Frame, initial: _PoseEstimate, reference: int
+        self, frame: Frame, initial: _PoseEstimate, reference_uid: int
     ) -> _LocalMapMatches:
         """Search the points of the local map where the initial pose predicts them."""
         known = initial.inliers.points
-        local_map = find_local_map(self._atlas, known, reference, self._config.max_local_keyframes)
+        local_map = find_local_map(
+            self._atlas, known, reference_uid, self._config.max_local_keyframes
+        )
         is_known = np.zeros(self._atlas.points.capacity, np.bool_)
         is_known[known] = True
         view = visible_points(
@@ -293,7 +298,7 @@ class Tracker:
         new = Correspondences(matches.k, j, self._atlas.points.position_m.take(j, 0))
         visible = np.concatenate([known, view.points])
         return _LocalMapMatches(
-            local_map.reference,
+            local_map.reference_uid,
             initial.inliers.joined(new),
             PointTally(visible, np.empty(0, np.int64)),
             view.queries.projection_px,
@@ -319,10 +324,20 @@ class Tracker:
         matched[found.k] = found.point
         points[inliers.k] = inliers.point
         T_map_camera = se3.inverse(refined.T_camera_map)
-        tracked = tracked_frame(frame, T_map_camera, points, self._atlas, searched.reference)
         tally = searched.tally._replace(found=inliers.points)
+        is_on_map = len(tally.found) >= self._config.min_inliers
+        pending = self._atlas.pending
+        # While the mapper is late, the newest keyframe shows the view, and the map does not.
+        reference_uid = searched.reference_uid if is_on_map or not pending else max(pending)
         return TrackerOutput(
-            tracked, consensus, matched, len(tally.found), tally, searched.expected_px, moved
+            tracked_frame(frame, T_map_camera, points, self._atlas, reference_uid),
+            consensus,
+            matched,
+            len(tally.found),
+            tally,
+            searched.expected_px,
+            moved,
+            is_on_map,
         )
 
     def _is_convincing(self, tracking: TrackerOutput, last: TrackedFrame) -> bool:

@@ -1,0 +1,239 @@
+#include "graph/observation_graph.hpp"
+#include "graph/moved_points.hpp"
+
+#include <nanobind/stl/optional.h>
+
+#include <limits>
+#include <optional>
+
+#include "bindings/arrays.hpp"
+#include "bindings/checks.hpp"
+#include "bindings/module.hpp"
+
+namespace hoid::bindings {
+
+namespace {
+
+using namespace nb::literals;
+using graph::ObservationGraph;
+
+HOID_RESULT(Observations);
+HOID_RESULT(Neighbors);
+HOID_RESULT(Edges);
+
+using Rows = Vector<int64_t>;
+
+void require_rows(const char* name, const Rows& rows)
+{
+  require_range(name, rows, 0, std::numeric_limits<int32_t>::max());
+}
+
+void require_observations(const Rows& i, const Rows& k, const Rows& j)
+{
+  require_length("k", k, i.size());
+  require_length("j", j, i.size());
+  require_rows("i", i);
+  require_rows("k", k);
+  require_rows("j", j);
+}
+
+void observe(ObservationGraph& self, const Rows& i, const Rows& k, const Rows& j)
+{
+  require_observations(i, k, j);
+  self.observe(i.data(), k.data(), j.data(), i.size());
+}
+
+void unobserve(ObservationGraph& self, const Rows& i, const Rows& k, const Rows& j)
+{
+  require_observations(i, k, j);
+  self.unobserve(i.data(), k.data(), j.data(), i.size());
+}
+
+Observations observations(
+  const ObservationGraph& self, const Rows& j, const std::optional<Rows>& keyframes)
+{
+  require_rows("j", j);
+  if (keyframes) {
+    require_rows("keyframes", *keyframes);
+  }
+  auto found = unlocked([&] {
+    return keyframes ? self.observations_by(
+                         j.data(), j.size(), keyframes->data(), keyframes->size())
+                     : self.observations(j.data(), j.size());
+  });
+  return make<Observations>(
+    give(std::move(found.i)), give(std::move(found.k)), give(std::move(found.j)));
+}
+
+void connect(ObservationGraph& self, int64_t i, const Rows& j)
+{
+  require(i >= 0, "i: must not be negative");
+  require_rows("j", j);
+  self.connect(i, j.data(), j.size());
+}
+
+void set_neighbors(ObservationGraph& self, int64_t i, const Rows& rows, const Rows& shared)
+{
+  require(i >= 0, "i: must not be negative");
+  require_rows("rows", rows);
+  require_length("shared", shared, rows.size());
+  require(
+    std::is_sorted(rows.data(), rows.data() + rows.size()), "rows: must ascend");
+  self.set_neighbors(i, rows.data(), shared.data(), rows.size());
+}
+
+Neighbors neighbors(const ObservationGraph& self, int64_t i, int64_t min_shared)
+{
+  require(i >= 0, "i: must not be negative");
+  auto found = self.neighbors(i, min_shared);
+  return make<Neighbors>(give(std::move(found.rows)), give(std::move(found.shared)));
+}
+
+Edges edges(const ObservationGraph& self, int64_t min_shared)
+{
+  auto found = self.edges(min_shared);
+  return make<Edges>(
+    give(std::move(found.first)), give(std::move(found.second)), give(std::move(found.shared)));
+}
+
+double path_length_m(
+  const ObservationGraph& self, const RealArray<-1, 4, 4>& T_map_camera, const Rows& parents,
+  int64_t start, int64_t goal, int64_t min_shared, double m_per_rad)
+{
+  const int count = T_map_camera.size();
+  require_length("parents", parents, count);
+  require_range("parents", parents, -1, count);
+  require(start >= 0 && start < count, "start: no row of T_map_camera");
+  require(goal >= 0 && goal < count, "goal: no row of T_map_camera");
+  const graph::Poses poses{T_map_camera.data(), parents.data(), count};
+  return unlocked([&] { return self.path_length_m(poses, start, goal, min_shared, m_per_rad); });
+}
+
+auto count_observed(const ObservationGraph& self, const Rows& j, const Rows& keyframes)
+{
+  require_rows("j", j);
+  require_rows("keyframes", keyframes);
+  return give(self.count_observed(j.data(), j.size(), keyframes.data(), keyframes.size()));
+}
+
+auto points_of(
+  ObservationGraph& self, const Array<int32_t, -1, -1>& point_of_feature, const Rows& keyframes)
+{
+  require_range("keyframes", keyframes, 0, point_of_feature.size());
+  const graph::PointTable table{
+    point_of_feature.data(), point_of_feature.size(), point_of_feature.size(1)};
+  return give(self.points_of(table, keyframes.data(), keyframes.size()));
+}
+
+template <typename T>
+using Changed = nb::ndarray<T, Shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+
+void move_points(
+  const RealArray<-1, 4, 4>& motions, const Rows& which, const Changed<double>& position_m,
+  const Changed<float>& view_direction)
+{
+  require_range("which", which, -1, motions.size());
+  require(position_m.shape(0) == which.array.shape(0), "position_m: another length than which");
+  require(
+    view_direction.shape(0) == which.array.shape(0), "view_direction: another length than which");
+  unlocked([&] {
+    graph::move_points(
+      motions.data(), which.data(), which.size(), position_m.data(), view_direction.data());
+    return 0;
+  });
+}
+
+}  // namespace
+
+void bind_graph(nb::module_& module)
+{
+  nb::class_<ObservationGraph>(module, "ObservationGraph", R"(
+Which keyframes observe which map points, and how many points two keyframes share.
+
+Keyframes, features and points are int64 row numbers from 0 to 2^31 - 2. The cost of a call depends
+on the observations concerned, not on the size of the map.)")
+    .def(nb::init<>())
+    .def(
+      "observe", &observe, "i"_a, "k"_a, "j"_a, R"(
+Add (N,) observations: keyframe i observes point j in its feature k.
+
+Raises:
+    ValueError: Lengths differ, or a row is negative.)")
+    .def(
+      "unobserve", &unobserve, "i"_a, "k"_a, "j"_a, R"(
+Remove (N,) observations.
+
+Raises:
+    ValueError: Lengths differ, or there is no such observation.)")
+    .def("clear", &ObservationGraph::clear, "Remove all observations and connections.")
+    .def(
+      "observations", &observations, "j"_a, "keyframes"_a = nb::none(), R"(
+Return the observations of points (P,), sorted by keyframe and feature.
+
+Args:
+    j: (P,) points.
+    keyframes: (K,) keyframes whose observations are returned, in this order; None: all.)")
+    .def(
+      "connect", &connect, "i"_a, "j"_a, R"(
+Recount the points that keyframe i, which observes points j (P,), shares with all others.)")
+    .def(
+      "set_neighbors", &set_neighbors, "i"_a, "rows"_a, "shared"_a, R"(
+Replace the connections of keyframe i, and those of the others with it.
+
+Args:
+    i: the keyframe.
+    rows: (N,) keyframes that share points with it, ascending.
+    shared: (N,) numbers of shared points.
+
+Raises:
+    ValueError: Lengths differ, or the rows do not ascend.)")
+    .def(
+      "neighbors", &neighbors, "i"_a, "min_shared"_a = 1, R"(
+Return the keyframes that share at least `min_shared` points with i, most first, then by row.)")
+    .def(
+      "edges", &edges, "min_shared"_a = 1, R"(
+Return the pairs of keyframes that share at least `min_shared` points, by first and second row.)")
+    .def(
+      "path_length_m", &path_length_m, "T_map_camera"_a, "parents"_a, "start"_a, "goal"_a,
+      "min_shared"_a, "m_per_rad"_a, R"(
+Return the length [m] of the shortest path between two keyframes (Dijkstra's algorithm).
+
+Steps of the path join keyframes that share points or are next to each other in the spanning tree.
+The length is infinite without a path.
+
+Args:
+    T_map_camera: (K, 4, 4) poses of all keyframes.
+    parents: (K,) row of each keyframe's parent in the spanning tree; -1: none.
+    start: the first keyframe.
+    goal: the last keyframe.
+    min_shared: number of points that the keyframes of a step share at least.
+    m_per_rad: the length that a rotation of 1 rad counts as.
+
+Raises:
+    ValueError: Lengths differ, or a row is out of range.)")
+    .def(
+      "count_observed", &count_observed, "j"_a, "keyframes"_a, R"(
+Return how many of the points (P,), without repetitions, each of the keyframes (K,) observes.)")
+    .def(
+      "points_of", &points_of, "point_of_feature"_a, "keyframes"_a, R"(
+Return the (P,) points, ascending, that any of the keyframes (N,) observes.
+
+Args:
+    point_of_feature: (K, F) int32 point that each feature of each keyframe observes; -1: none.
+    keyframes: (N,) rows of it.)");
+  module.def(
+    "move_points", &move_points, "motions"_a, "which"_a, "position_m"_a.noconvert(),
+    "view_direction"_a.noconvert(), R"(
+Move points and turn their viewing directions, in place.
+
+Args:
+    motions: (G, 4, 4) rigid motions.
+    which: (N,) int64 number of the motion of each point; -1: the point stays.
+    position_m: (N, 3) float64, changed.
+    view_direction: (N, 3) float32, changed.
+
+Raises:
+    ValueError: Lengths differ, or a number is out of range.)");
+}
+
+}  // namespace hoid::bindings

@@ -1,0 +1,106 @@
+"""Groups of keyframes: the nodes of the pose graph of a large map.
+
+The time of a pose graph grows with its nodes. In a map of more than `_MAX_NODES` keyframes, the
+keyframes are therefore grouped along the spanning tree, the pose graph holds one keyframe of each
+group, its head, and the corrections of the heads are interpolated for the others. A correction is
+spread over the whole loop, so that it changes slowly from group to group.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import FloatArray, IntArray
+
+# Chosen: up to this number, the pose graph takes less time than moving the points.
+_MAX_NODES = 500
+_NEAR_M = 1e-6  # chosen: keeps the weights of a head itself finite
+_TURN_M = 1.0  # chosen: a rotation of 1 rad from a head counts as this distance
+
+
+class KeyframeGroups(NamedTuple):
+    """N keyframes in G groups."""
+
+    heads: IntArray  # (G,) position of each group's head among the keyframes
+    group: IntArray  # (N,) group of each keyframe
+
+
+def keyframe_groups(parents: IntArray) -> KeyframeGroups:
+    """Group keyframes along the spanning tree.
+
+    Args:
+        parents: (N,) position of each keyframe's parent; -1 for a root.
+    """
+    n = len(parents)
+    size = -(-n // _MAX_NODES)
+    if size <= 1:
+        return KeyframeGroups(np.arange(n), np.arange(n))
+    children: list[list[int]] = [[] for _ in range(n)]
+    for child, parent in enumerate(parents.tolist()):
+        if parent >= 0:
+            children[parent].append(child)
+    group = np.full(n, -1, np.int64)
+    heads: list[int] = []
+    sizes: list[int] = []
+    waiting = np.flatnonzero(parents < 0).tolist()
+    while waiting:
+        i = waiting.pop()
+        of_parent = int(group[parents[i]]) if parents[i] >= 0 else -1
+        if of_parent >= 0 and sizes[of_parent] < size:
+            group[i] = of_parent
+            sizes[of_parent] += 1
+        else:
+            group[i] = len(heads)
+            heads.append(i)
+            sizes.append(1)
+        waiting += children[i]
+    return KeyframeGroups(np.array(heads, np.int64), group)
+
+
+def spread_corrections(
+    groups: KeyframeGroups,
+    T_map_camera: FloatArray,
+    T_map_head: FloatArray,
+    first: IntArray,
+    second: IntArray,
+) -> FloatArray:
+    """Return the corrected poses (N, 4, 4) of all keyframes.
+
+    The correction of a keyframe is the mean of those of its own head and of the heads of
+    neighboring groups, weighted by the inverse square of the distance (Shepard, ACM 1968): a head
+    keeps its own, and between two heads the correction changes steadily.
+
+    Args:
+        groups: The groups.
+        T_map_camera: (N, 4, 4) poses before.
+        T_map_head: (G, 4, 4) corrected poses of the heads.
+        first: (E,) one group of each pair of neighboring groups.
+        second: (E,) the other one.
+    """
+    heads, group = groups
+    if len(heads) == len(group):
+        return T_map_head[np.argsort(heads)]
+    correction = T_map_head @ se3.inverse(T_map_camera[heads])
+    own, near = (
+        np.r_[np.arange(len(heads)), first, second],
+        np.r_[np.arange(len(heads)), second, first],
+    )
+    twist = se3.log(se3.inverse(correction[own]) @ correction[near])
+    order = np.argsort(own, kind='stable')
+    starts = np.searchsorted(own[order], np.arange(len(heads) + 1))
+    counts = np.diff(starts)[group]
+    member = np.repeat(np.arange(len(group)), counts)
+    offset = np.arange(len(member)) - np.repeat(np.cumsum(counts) - counts, counts)
+    pair = order[starts[group[member]] + offset]
+    motion = se3.log(se3.inverse(T_map_camera[heads[near[pair]]]) @ T_map_camera[member])
+    square = np.sum(motion[:, 3:] ** 2, axis=1) + _TURN_M**2 * np.sum(motion[:, :3] ** 2, axis=1)
+    weight = 1 / (square + _NEAR_M**2)
+    total = np.bincount(member, weight)
+    mean = np.stack(
+        [np.bincount(member, weight * column) / total for column in twist[pair].T], axis=1
+    )
+    corrected: FloatArray = correction[group] @ se3.exp(mean) @ T_map_camera
+    return corrected

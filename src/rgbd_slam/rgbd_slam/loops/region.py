@@ -1,0 +1,48 @@
+"""The part of a map that a loop changes: keyframes near some others, and those around them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.values import IntArray
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.places.place_finder import NEAR_SHARED
+
+
+class Region(NamedTuple):
+    """Connected keyframes of one map."""
+
+    rows: IntArray  # (N,) ascending
+    # (M,) ascending: keyframes outside that share points with those inside, or are next to them in
+    # the spanning tree. A correction of the region leaves them where they are.
+    border: IntArray
+
+
+def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
+    """Return the region of at most `limit` keyframes that are nearest to given ones.
+
+    A step leads to a keyframe that shares points or is next in the spanning tree. Therefore the
+    region is the whole map if that is no larger than the limit.
+    """
+    parents = atlas.parents()
+    order = np.argsort(parents, kind='stable')
+    first = np.searchsorted(parents[order], np.arange(len(parents) + 1))
+    known, chosen, border = set(starts.tolist()), list[int](), list[int]()
+    waiting = starts.tolist()
+    for i in waiting:  # grows meanwhile
+        if len(chosen) == limit:
+            border.append(i)
+            continue
+        chosen.append(i)
+        near = [
+            *atlas.covisible(i, NEAR_SHARED).tolist(),
+            *order[first[i] : first[i + 1]].tolist(),
+        ]
+        if parents[i] >= 0:
+            near.append(int(parents[i]))
+        new = [n for n in near if n not in known]
+        known.update(new)
+        waiting += dict.fromkeys(new)
+    return Region(np.sort(np.array(chosen, np.int64)), np.sort(np.array(border, np.int64)))
