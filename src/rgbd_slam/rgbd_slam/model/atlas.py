@@ -25,6 +25,7 @@ from rgbd_slam.model.map_change import (
     MapChange,
     Move,
     PendingKeyframe,
+    PointPositions,
     Redirect,
     Redirects,
 )
@@ -257,7 +258,7 @@ class Atlas:
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
         """Set the positions (N, 3) of points (N,)."""
         self.points.position_m[j] = position_m
-        self.points.version[j] = self.version
+        self.points.shifted[j] = self.version
 
     def observe(self, i: int, k: IntArray, j: IntArray) -> None:
         """Add the observations of points `j` in features `k` of keyframe `i`, both free before."""
@@ -417,6 +418,7 @@ class Atlas:
             tuple(self._moves),
             self.keyframes.rows_since(version, with_features=with_features),
             self.points.rows_since(version),
+            self._positions_since(version),
             self._features_since(version),
             self._connections_since(version),
             self.redirects.take(),
@@ -429,7 +431,10 @@ class Atlas:
         """Return the change that makes an empty atlas equal to this one."""
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)
         features = self._features_since(0)
-        return MapChange(self.version, (), *everything, features, self._connections_since(0), ())
+        positions = self._positions_since(self.version)
+        return MapChange(
+            self.version, (), *everything, positions, features, self._connections_since(0), ()
+        )
 
     def apply(self, change: MapChange, frame: Frame | None = None) -> None:
         """Apply a change to this copy, and add the redirects of the change to its own.
@@ -446,6 +451,7 @@ class Atlas:
             for i in change.keyframes.new_rows.tolist():
                 kf.put_features(i, frame)
         self.points.put_rows(change.points, change.version)
+        self.points.position_m[change.positions.rows] = change.positions.position_m
         self._apply_features(change.observations)
         self._connect(change.connections)
         for i in rows[kf.uid[rows] == DEAD].tolist():
@@ -455,6 +461,13 @@ class Atlas:
         for uid in list(self.pending):
             if kf.index_of(uid) is not None or self.redirects.find(uid) is not None:
                 del self.pending[uid]
+
+    def _positions_since(self, version: int) -> PointPositions:
+        """Return the positions of points of which nothing else has changed after `version`."""
+        points = self.points
+        rows = np.flatnonzero((points.shifted > version) & (points.version <= version))
+        rows = rows[points.uid[rows] != DEAD]
+        return PointPositions(rows.astype(np.int32), points.position_m[rows])
 
     def _note_features(self, i: int | IntArray, k: IntArray) -> None:
         """Note that the states of features `k` of keyframes `i` must be sent to the copies."""

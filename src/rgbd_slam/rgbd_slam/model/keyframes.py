@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.soa_table import DEAD, Column, SoaTable, SoaTableRows
+from rgbd_slam.records.disk_array import DiskArray
 
 NO_POINT = -1
 
 _INITIAL_CAPACITY = 32
 _INITIAL_FEATURES = 1024
+# Chosen: rows from which features are in a file. Those of 1,000 keyframes take 60 MB.
+_MEMORY_ROWS = 1024
+_RELEASE_AFTER = 100  # chosen: new keyframes after which the memory of these columns is released
 _FEATURE_COLUMNS = (
     'point_of_feature',
     'measurement_px',
@@ -97,6 +101,8 @@ class KeyframeTable(SoaTable):
         self.angle_deg: Float32Array = np.zeros((n, f), np.float32)
         self.descriptors: ByteArray = np.zeros((n, f, 32), np.uint8)
         self.may_seed: NDArray[np.bool_] = np.zeros((n, f), np.bool_)
+        self._on_disk: dict[str, DiskArray] = {}  # columns of a large map
+        self._num_put = 0  # keyframes
 
     @property
     def max_features(self) -> int:
@@ -109,8 +115,21 @@ class KeyframeTable(SoaTable):
         super().grow(capacity)
         self.point_of_feature[old:] = NO_POINT
 
+    def _grown(self, name: str, capacity: int) -> Column:
+        if capacity <= _MEMORY_ROWS or name not in _FEATURE_COLUMNS[1:]:
+            return super()._grown(name, capacity)
+        column = self._on_disk.setdefault(name, DiskArray(getattr(self, name)))
+        column.grow(capacity)
+        return column.array
+
+    def release_memory(self) -> None:
+        """Let the operating system take the memory of the features of a large map."""
+        for column in self._on_disk.values():
+            column.release_memory()
+
     def grow_features(self, max_features: int) -> None:
         """Widen the feature columns to `max_features`."""
+        self._on_disk.clear()
         for name in ('is_reobserved', *_FEATURE_COLUMNS):
             old = getattr(self, name)
             new = np.zeros((old.shape[0], max_features, *old.shape[2:]), old.dtype)
@@ -118,6 +137,9 @@ class KeyframeTable(SoaTable):
             if name == 'point_of_feature':
                 new[:, old.shape[1] :] = NO_POINT
             setattr(self, name, new)
+        if self.capacity > _MEMORY_ROWS:
+            for name in _FEATURE_COLUMNS[1:]:
+                setattr(self, name, self._grown(name, self.capacity))
 
     def store_features(self, i: int, frame: Frame) -> None:
         """Copy the features of a frame into row `i`, without observations."""
@@ -133,6 +155,9 @@ class KeyframeTable(SoaTable):
             self.grow_features(max(n, self.max_features + self.max_features // 2))
         for name in _FEATURE_COLUMNS[1:]:
             getattr(self, name)[i, :n] = getattr(frame, name)
+        self._num_put += 1
+        if self._num_put % _RELEASE_AFTER == 0:
+            self.release_memory()
 
     def append_features(
         self, i: IntArray, k: IntArray, columns: Mapping[str, Column], num_features: IntArray
@@ -142,6 +167,7 @@ class KeyframeTable(SoaTable):
             self.grow_features(int(num_features.max()))
         for name, values in columns.items():
             getattr(self, name)[i, k] = values
+        self.release_memory()
 
     def frame(self, i: int) -> Frame:
         """Return the features of row `i` as a frame of views, not copies."""
@@ -180,3 +206,5 @@ class KeyframeTable(SoaTable):
             if width > self.max_features:
                 self.grow_features(width)
         super().put_rows(change, version)
+        if len(change.new_rows) > _RELEASE_AFTER:
+            self.release_memory()

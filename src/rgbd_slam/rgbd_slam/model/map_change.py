@@ -49,6 +49,13 @@ class FeatureStates(NamedTuple):
     may_seed: NDArray[np.bool_]  # whether the feature may create a point
 
 
+class PointPositions(NamedTuple):
+    """The positions of N points."""
+
+    rows: NDArray[np.int32]  # (N,)
+    position_m: FloatArray  # (N, 3) in the frame of their map
+
+
 class Move(NamedTuple):
     """A rigid motion of each of N keyframes, with which their points move."""
 
@@ -64,6 +71,7 @@ class MapChange(NamedTuple):
     moves: tuple[Move, ...]  # applied first, in this order
     keyframes: SoaTableRows
     points: SoaTableRows
+    positions: PointPositions  # of points of which nothing else has changed
     observations: FeatureStates  # that changed
     connections: Connections  # of the keyframes whose shared points were counted again
     redirects: tuple[Redirect, ...]

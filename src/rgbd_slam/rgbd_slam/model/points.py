@@ -30,7 +30,9 @@ class PointTable(SoaTable):
         'first_keyframe_uid',
         'reference_keyframe_uid',
         'map_id',
+        'shifted',
     )
+    local: ClassVar[tuple[str, ...]] = (*SoaTable.local, 'shifted')
 
     def __init__(self) -> None:
         n = _INITIAL_CAPACITY
@@ -50,6 +52,8 @@ class PointTable(SoaTable):
         # The keyframe whose octave determines that range.
         self.reference_keyframe_uid: IntArray = np.zeros(n, np.int64)
         self.map_id: IntArray = np.zeros(n, np.int64)
+        # Version of the map at the last change of the position.
+        self.shifted: IntArray = np.zeros(n, np.int64)
 
 
 class PointTally(NamedTuple):

@@ -112,12 +112,17 @@ class SoaTable:
 
     def grow(self, capacity: int) -> None:
         """Enlarge every column to `capacity` rows; the new rows are empty."""
+        old = self.capacity
         for name in self.columns:
-            old: Column = getattr(self, name)
-            new = np.zeros((capacity, *old.shape[1:]), old.dtype)
-            new[: len(old)] = old
-            setattr(self, name, new)
-        self.uid[np.arange(capacity) >= len(old)] = DEAD
+            setattr(self, name, self._grown(name, capacity))
+        self.uid[old:] = DEAD
+
+    def _grown(self, name: str, capacity: int) -> Column:
+        """Return a column with `capacity` rows; the new ones are zero."""
+        old: Column = getattr(self, name)
+        new = np.zeros((capacity, *old.shape[1:]), old.dtype)
+        new[: len(old)] = old
+        return new
 
     def rows_since(self, version: int) -> SoaTableRows:
         """Return copies of the rows that changed after `version`, including emptied ones."""

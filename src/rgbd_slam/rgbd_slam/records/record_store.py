@@ -25,6 +25,11 @@ _FOLDER = '/var/tmp'  # noqa: S108 - the file has no name. /tmp is often in memo
 _logger = logging.getLogger(__name__)
 
 
+def temporary_folder() -> Path:
+    """Return the folder for temporary files: `TMPDIR`, or else /var/tmp."""
+    return Path(os.environ.get('TMPDIR') or _FOLDER)
+
+
 class RecordStore:
     """A list of records of one structured type; old ones are in an anonymous temporary file.
 
@@ -41,7 +46,7 @@ class RecordStore:
         self._dtype, self._what = dtype, what
         self._held = {0: np.empty(BLOCK, dtype)}  # blocks in memory, by number
         self._count = 0
-        self._folder = Path(os.environ.get('TMPDIR') or _FOLDER)
+        self._folder = temporary_folder()
         self._file: IO[bytes] | None = None
         self._writer: Thread | None = None
         self._lock = Lock()  # protects all blocks but the newest ones
