@@ -106,7 +106,7 @@ def test_tracking_and_mapping_use_the_noise_of_the_camera(
     cameras: list[StereoCamera] = []
     insert = slam.map.mapper.insert
 
-    def record(request: KeyframeRequest) -> int | None:
+    def record(request: KeyframeRequest) -> object:
         cameras.append(request.measured_camera)
         return insert(request)
 
