@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -293,3 +294,21 @@ def test_masked_images_for_another_slam_exclude_the_person(
     assert (mask[:, 340:] == 255).all()
     static_m = conversions.depth_from_msg(depths[0])
     np.testing.assert_allclose(static_m, np.where(mask == 255, depth_m, 0.0))
+
+
+def test_all_classes_may_be_handled_with_an_empty_list(run_filter: FilterRunner) -> None:
+    peer = run_filter(dynamic_classes=[])
+    sink = ('sink', CUP[1])
+    peer.show(0, PERSON, sink)
+    _, objects = peer.answer()
+    assert [(o.class_name, o.reason) for o in objects.objects] == [
+        ('person', ObjectMsg.PERSON),
+        ('sink', ObjectMsg.HANDLED),
+    ]
+
+
+def test_a_misspelled_class_is_named(run_filter: FilterRunner, tmp_path: Path) -> None:
+    run_filter(dynamic_classes=['cupp', 'zebra'])
+    log = '\n'.join(path.read_text() for path in tmp_path.glob('log_*/*'))
+    assert 'dynamic_classes: COCO has no class "cupp"; did you mean cup' in log
+    assert 'zebra' not in log

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from nav_msgs.msg import Odometry
 from tf2_msgs.msg import TFMessage
 
 from hoid_common import se3
+from hoid_common.pose_buffer import PoseBuffer
 from hoid_common.ros import conversions, qos
 from hoid_common.values import NS_PER_S, Features, FloatArray
 from hoid_system_tests.frame_tree import OPTICAL, edges
@@ -80,6 +82,8 @@ def test_a_planar_robot_stays_on_the_floor_and_upright(start: Start, probe: Prob
     peer = Peer(probe)
     peer.publish_camera_mounting()
     peer.play()
+    for msg in peer.odom:  # zeros would mean that the covariance is unknown
+        assert (np.linalg.eigvalsh(np.reshape(msg.pose.covariance, (6, 6))) > 0).all()
     moved = poses(peer.odom)
     np.testing.assert_allclose(moved[:, 2, 3], 0.0, atol=1e-9)
     np.testing.assert_allclose(moved[:, 2, :3], np.tile([0.0, 0, 1], (IMAGES, 1)), atol=1e-9)
@@ -149,6 +153,8 @@ def test_slipping_wheels_do_not_move_the_pose_and_bridge_a_covered_lens(
     bases = [map_to_odom(i) @ wheels.at(START_NS + i * PERIOD_NS) for i in range(IMAGES)]
     np.testing.assert_allclose(bases, expected_bases(), atol=0.005)
     np.testing.assert_allclose(poses(own), expected_bases(), atol=0.005)
+    # Its poses are metres away from those of the wheels, whose frame is `odom`.
+    assert {msg.header.frame_id for msg in own} == {'visual_odom'}
     assert peer.odom == []
     for i in range(IMAGES, IMAGES + 3):  # the lens is covered
         seen = world.features(camera_at(i), START_NS + i * PERIOD_NS)
@@ -172,6 +178,68 @@ def test_slipping_wheels_do_not_move_the_pose_and_bridge_a_covered_lens(
     base = map_to_odom(IMAGES + 3) @ wheels.at(START_NS + (IMAGES + 3) * PERIOD_NS)
     T = T_BASE_CAMERA @ camera_at(IMAGES) @ se3.inverse(T_BASE_CAMERA)
     np.testing.assert_allclose(base, T, atol=0.005)
+
+
+class SlippingWheels(Wheels):
+    """Wheel odometry of a robot that stands still, and whose wheels slip by 0.5 m at once."""
+
+    @staticmethod
+    def at(stamp_ns: int) -> FloatArray:
+        has_slipped = stamp_ns >= START_NS + (IMAGES // 2) * PERIOD_NS
+        return se3.exp(np.array([0, 0, 0, 0.5 if has_slipped else 0.0, 0, 0]))
+
+
+def test_an_instant_slip_shows_for_the_transform_tolerance_and_no_longer(
+    start: Start, probe: Probe
+) -> None:
+    parameters = {
+        'frames.base': 'base_link',
+        'frames.publish_odom_to_base': False,
+        'frames.transform_tolerance_s': 0.05,
+    }
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    peer, wheels, world = Peer(probe), SlippingWheels(probe), PointWorld()
+    peer.publish_camera_mounting()
+    peer.begin()
+    for i in range(IMAGES):
+        seen = world.features(np.eye(4), START_NS + i * PERIOD_NS)
+        wheels.send_around(seen.stamp_ns)
+        probe.spin_for(0.05)
+        peer.answer_to(features_msg(seen))
+    buffer = PoseBuffer()
+    for msg in peer.tf:
+        for edge in msg.transforms:
+            if edge.header.frame_id == 'map':
+                stamp_ns = conversions.stamp_from_msg(edge.header.stamp)
+                buffer.add(stamp_ns, conversions.transform_from_msg(edge))
+
+    def error_m(stamp_ns: int) -> float:
+        T_map_odom = buffer.at(stamp_ns)
+        assert T_map_odom is not None
+        return float(np.linalg.norm((T_map_odom @ wheels.at(stamp_ns))[:3, 3]))
+
+    slip_ns = START_NS + (IMAGES // 2) * PERIOD_NS
+    assert error_m(slip_ns) == pytest.approx(0.5, abs=0.01)
+    assert error_m(slip_ns + 50_000_000) < 0.01
+    assert error_m(slip_ns + 80_000_000) < 0.01
+
+
+def test_late_wheels_are_logged_ever_more_rarely(
+    start: Start, probe: Probe, tmp_path: Path
+) -> None:
+    parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    peer, wheels, world = Peer(probe), Wheels(probe), PointWorld()
+    peer.publish_camera_mounting()
+    peer.begin()
+    for i in range(40):  # every other image comes 0.3 s before the transforms of the wheels
+        stamp_ns = START_NS + i * 10 * PERIOD_NS
+        if i % 2:
+            wheels.send_around(stamp_ns)
+            probe.spin_for(0.05)
+        peer.answer_to(features_msg(world.features(np.eye(4), stamp_ns)))
+    log = '\n'.join(path.read_text() for path in tmp_path.glob('log_*/*'))
+    assert 1 <= log.count('/tf has no transform of the wheels from odom to base_link') <= 3
 
 
 class GoodWheels(Wheels):

@@ -15,7 +15,7 @@ import psutil
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 
-from hoid_bringup.live.camera_topics import CAMERA_TOPICS
+from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_system_tests import launch_stand_in
 from hoid_system_tests.launch_stand_in import DeclareLaunchArgument, Node
 from hoid_system_tests.probe import Probe
@@ -50,7 +50,28 @@ def nodes_of(path: Path, *arguments: str) -> dict[str, Node]:
 def test_the_suite_has_three_nodes_and_rviz() -> None:
     assert list(nodes_of(SUITE)) == ['hoid_detector', 'hoid_filter', 'rgbd_slam']
     assert list(nodes_of(SUITE, 'detector:=false')) == ['hoid_filter', 'rgbd_slam']
+
+
+@pytest.mark.usefixtures('_stand_in')
+def test_rviz_is_started_where_it_is_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(RuntimeError, match='rviz:=true needs the package rviz2, which is not'):
+        nodes_of(SUITE, 'rviz:=true')
+    index = tmp_path / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (index / 'rviz2').touch()
+    path = f'{os.environ["AMENT_PREFIX_PATH"]}{os.pathsep}{tmp_path}'
+    monkeypatch.setenv('AMENT_PREFIX_PATH', path)
     assert list(nodes_of(SUITE, 'rviz:=true'))[3:] == ['rviz2']
+
+
+@pytest.mark.usefixtures('_stand_in')
+@pytest.mark.parametrize('path', [SUITE, *OWN], ids=lambda p: p.name)
+def test_the_global_frame_tree_is_kept_by_an_argument(path: Path) -> None:
+    for arguments, expected in (([], {'/tf', '/tf_static'}), (['tf_in_namespace:=false'], set())):
+        for node in nodes_of(path, 'namespace:=a', *arguments).values():
+            assert dict(node.remappings).keys() & {'/tf', '/tf_static'} == expected
 
 
 @pytest.mark.usefixtures('_stand_in')
@@ -79,7 +100,7 @@ def test_topics_are_remapped_by_argument() -> None:
     renamed = dict(nodes['rgbd_slam'].remappings)
     topics = [renamed[name] for name in ('rgb/image', 'depth/image', 'rgb/camera_info')]
     assert topics == ['/c', '/d', '/i']
-    assert renamed['grid_map'] == '/m'
+    assert (renamed['grid_map'], renamed['grid_map_updates']) == ('/m', '/m_updates')
     assert renamed['rgb/image/compressed'] == '/c/compressed'
     assert renamed['depth/image/compressedDepth'] == '/d/compressedDepth'
 
@@ -175,6 +196,19 @@ def test_a_node_that_refuses_to_start_ends_the_launch_with_one_line(respawn: str
         output, _ = launch.communicate(timeout=LIMIT_S)
     assert sum('/nope.onnx does not exist' in line for line in output.splitlines()) == 1, output
     assert 'hoid_detector refused to start' in output
+    assert 'Traceback' not in output
+
+
+@pytest.mark.usefixtures('domain_id')
+@pytest.mark.parametrize('after_s', [0.3, 0.8, 1.5])
+def test_an_interrupt_while_nodes_start_ends_the_launch_cleanly(after_s: float) -> None:
+    with launched('detector:=false', 'strategy:=none') as launch:
+        with suppress(subprocess.TimeoutExpired):
+            launch.wait(after_s)
+        os.killpg(launch.pid, signal.SIGINT)
+        output, _ = launch.communicate(timeout=_END_S)
+    assert launch.returncode == 0, output
+    assert 'Caught exception in launch' not in output
     assert 'Traceback' not in output
 
 

@@ -21,13 +21,15 @@ def test_lost_messages_are_reported_until_the_loss_ends() -> None:
     assert not watch.is_losing(0.0)
     watch.record_loss(10.0, 3)
     watch.record_loss(12.0, 4)
-    assert watch.loss_message(13.0).startswith(
-        'depth images on /depth have been getting lost for 3.0 s: 7'
+    watch.record_message(12.5)
+    assert watch.loss_message(13.0) == (
+        '1 of 8 depth images on /depth have arrived in 3.0 s: check the network and the processor '
+        'load'
     )
     assert watch.is_losing(16.9)
     assert not watch.is_losing(17.0)
     watch.record_loss(20.0, 1)
-    assert ' for 1.0 s: 1 so far' in watch.loss_message(21.0)
+    assert watch.loss_message(21.0).startswith('0 of 1 depth images on /depth have arrived in 1.0')
     assert watch.num_lost == 8
 
 

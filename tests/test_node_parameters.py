@@ -38,9 +38,18 @@ def test_parameters_come_from_a_file(domain_id: int, tmp_path: Path) -> None:
     assert (config.rule.share, config.mode) == (0.25, 'slow')
 
 
+@pytest.mark.parametrize('text', ['[]', "['']"])
+def test_a_list_may_be_empty(domain_id: int, tmp_path: Path, text: str) -> None:
+    path = tmp_path / 'params.yaml'
+    path.write_text(f'sample: {{ros__parameters: {{rule: {{classes: {text}}}, mode: slow}}}}')
+    assert started(domain_id, '--params-file', str(path)) == Settings(mode='slow')
+    assert started(domain_id, '-p', 'rule.classes:=[]') == Settings()
+
+
 @pytest.mark.parametrize(
     ('value', 'message'),
     [
+        ('number:=[]', r'number must be int, got .*'),
         ('number:=10', r'number must be in \[1, 9\], got 10'),
         ('number:=many', r'number must be int, got .many.'),
         ('mode:=lazy', 'mode must be one of fast, slow'),

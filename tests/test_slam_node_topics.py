@@ -285,3 +285,41 @@ def test_a_base_frame_is_found_on_tf_static(start: Start, probe: Probe) -> None:
     np.testing.assert_allclose(T_odom_base, expected, atol=0.004)
     stamp_ns = START_NS + 9 * PERIOD_NS
     assert set(peer.tree(stamp_ns)) == {('world', 'odom'), ('odom', 'base_link')}
+
+
+def test_the_log_tells_when_tracking_begins_is_lost_and_is_found_again(
+    peer: Peer, tmp_path: Path
+) -> None:
+    peer.send(10)
+    for i in range(10, 13):  # the lens is covered
+        seen = peer.world.features(camera_at(i), START_NS + i * PERIOD_NS)
+        peer.answer_to(features_msg(seen.select(np.arange(0))))
+    peer.next = 13
+    peer.send(10)
+    assert peer.status[-1].state == SlamStatus.TRACKING
+    log = '\n'.join(path.read_text() for path in tmp_path.glob('log_*/*'))
+    lines = [line.partition('[rgbd_slam]: ')[2] for line in log.splitlines() if 'tracking' in line]
+    assert [line.partition(':')[0] for line in lines] == [
+        'tracking has begun',
+        'tracking is lost',
+        'tracking was found again after 3 images',
+    ]
+
+
+def test_topics_remapped_for_the_node_alone_reach_its_scene_process(
+    start: Start, probe: Probe
+) -> None:
+    rules = ('rgb/image:=/front/color', 'depth/image:=/front/depth')
+    arguments = [word for rule in rules for word in ('-r', f'rgbd_slam:{rule}')]
+    start('rgbd_slam', 'rgbd_slam_node', ros_args=arguments)
+
+    def subscribers(topic: str) -> list[str]:
+        return [info.node_name for info in probe.node.get_subscriptions_info_by_topic(topic)]
+
+    for topic in ('/front/color', '/front/depth'):
+        probe.spin_until(
+            lambda topic=topic: subscribers(topic) == ['rgbd_slam_scene'],  # type: ignore[misc]
+            f'the scene process does not subscribe to {topic}',
+            60.0,
+        )
+    assert subscribers('/rgb/image') == subscribers('/depth/image') == []

@@ -10,7 +10,12 @@ from hoid_bags.bag.info import describe, summarize
 from hoid_bags.bag.repair import repair
 from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.live.playback import PlayConfig
-from hoid_bags.options import add_folder_arguments, chosen_camera
+from hoid_bags.options import (
+    add_folder_arguments,
+    add_topic_arguments,
+    chosen_camera,
+    chosen_topics,
+)
 from hoid_common.errors import ConfigError, InputError
 
 _CONVERT, _PLAY = ConvertConfig(), PlayConfig()
@@ -118,6 +123,7 @@ def add_play_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='publish each frame only after the odometry of the one before',
     )
+    add_topic_arguments(parser)
     parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
     parser.add_argument(
         '--wait',
@@ -153,6 +159,7 @@ def play_command(args: argparse.Namespace) -> None:
         config,
         topic_names=tuple(args.topics),
         namespace=args.namespace,
+        choice=chosen_topics(args),
         min_subscribers=dict(_requirement(text) for text in args.require),
         show_progress=True,
     )

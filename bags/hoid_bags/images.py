@@ -94,6 +94,15 @@ def check_size(
         )
 
 
+def check_registered(depth: DepthUnits | Float32Array, color: ByteArray) -> None:
+    """Raise InputError unless depth has the size of the color image."""
+    if depth.shape != color.shape[:2]:
+        raise InputError(
+            f'depth is {depth.shape[1]}x{depth.shape[0]}, color {color.shape[1]}x{color.shape[0]};'
+            ' register depth to color in the driver, or name other topics with --depth and --rgb'
+        )
+
+
 def depth_m_from_units(depth: DepthUnits, units_per_m: float) -> Float32Array:
     """Return (H, W) depth in m, rounded to the nearest float32."""
     return np.divide(depth, np.float32(units_per_m), dtype=np.float32)

@@ -8,7 +8,9 @@ from typing import Protocol
 
 from hoid_bags.bag.bag_reader import is_bag
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bags.bag.bag_topics import TopicChoice
 from hoid_bags.bag.metadata import METADATA
+from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
 from hoid_bags.tum.tum_folder import COLOR_LIST, open_tum_folder
 from hoid_common.errors import InputError
@@ -53,7 +55,11 @@ class Sequence(Protocol):
 
 
 def open_sequence(
-    path: Path, camera: CameraModel | None = None, depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M
+    path: Path,
+    camera: CameraModel | None = None,
+    depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M,
+    choice: TopicChoice = TopicChoice(),  # noqa: B008 - immutable
+    max_gap_ns: int = MAX_PAIR_GAP_NS,
 ) -> Sequence:
     """Open a TUM folder or a bag.
 
@@ -61,6 +67,8 @@ def open_sequence(
         path: The folder, or one file of a bag.
         camera: Camera of the recording; None takes it from the folder's name or the bag.
         depth_units_per_m: Units of the PNG files of a TUM folder.
+        choice: Topics of a bag that the user names; the others are found.
+        max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
 
     Raises:
         InputError: There is nothing, or no usable recording.
@@ -68,9 +76,9 @@ def open_sequence(
     if not path.exists():
         raise InputError(f'{path}: no such file or folder')
     if is_bag(path):
-        return BagSequence(path, camera)
+        return BagSequence(path, camera, choice, max_gap_ns)
     if (path / COLOR_LIST).exists():
-        return open_tum_folder(path, camera, depth_units_per_m)
+        return open_tum_folder(path, camera, depth_units_per_m, max_gap_ns)
     raise InputError(
-        f'{path}: neither a TUM folder (no {COLOR_LIST}) nor a bag (no {METADATA}, no .mcap file)'
+        f'{path}: neither a TUM folder (no {COLOR_LIST}) nor a bag (no {METADATA}, .mcap or .db3)'
     )

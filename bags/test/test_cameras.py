@@ -59,7 +59,7 @@ def test_camera_info_yaml(tmp_path: Path) -> None:
         ('[500.5', '["x"', 'camera_matrix.data is missing or not a list of numbers'),
         ('image_width: 640', 'image_width: wide', 'image_width must be a positive whole number'),
         ('image_height: 480', '', 'image_height must be a positive whole number, got None'),
-        ('plumb_bob', 'equidistant', 'distortion_model "equidistant"'),
+        ('plumb_bob', 'mei', 'distortion_model "mei"'),
         ('image_width:', 'image_width: [', 'is not YAML'),
     ],
 )

@@ -33,10 +33,7 @@ FAULTS: dict[str, Callable[[Path], object]] = {
     'lists no images': lambda f: (f / 'rgb.txt').write_text(''),
     'no such file': lambda f: (f / 'depth.txt').unlink(),
     'which does not exist': lambda f: sorted((f / 'rgb').iterdir())[2].unlink(),
-    'is not after the one before': lambda f: (f / 'rgb.txt').write_text(
-        '\n'.join(reversed((f / 'rgb.txt').read_text().splitlines()))
-    ),
-    'not 7 numbers': lambda f: (f / 'groundtruth.txt').write_text('1 2 3\n'),
+    'is not a time in seconds': lambda f: (f / 'rgb.txt').write_text('soon rgb/1.png'),
     'not 3 numbers': lambda f: (f / 'accelerometer.txt').write_text('1 2 x 3\n'),
 }
 

@@ -15,7 +15,6 @@ from hoid_benchmarks.demo_picture import DemoRun, Snapshot, draw_demo, write_ani
 from hoid_benchmarks.plan.plan import load_profile
 from hoid_bringup.commands import print_detection_note
 from hoid_bringup.evaluate.evaluation import align
-from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_bringup.live.replay_plan import ReplayConfig
 from hoid_bringup.live.ros_domain import VARIABLE
 from hoid_bringup.run import outputs
@@ -25,6 +24,7 @@ from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.run_config import RunConfig
 from hoid_bringup.run.summary import Spread, Summary
 from hoid_common import se3
+from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.values import ByteArray, FilterResult, Reason, RgbdFrame
 from hoid_detector.model.model_path import SYNTHETIC

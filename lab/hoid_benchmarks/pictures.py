@@ -17,8 +17,8 @@ from string import ascii_uppercase
 import cv2
 import numpy as np
 
-from hoid_bags.options import add_folder_arguments, chosen_camera
-from hoid_bags.sequence import Sequence, open_sequence
+from hoid_bags.options import add_recording_arguments, open_recording
+from hoid_bags.sequence import Sequence
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
 from hoid_bringup.run.options import DETECTOR_HELP
 from hoid_bringup.run.run_config import RunConfig
@@ -46,7 +46,7 @@ class Scene:
 
 def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid pictures`."""
-    parser.add_argument('input', metavar='INPUT', type=Path, help='TUM folder or bag')
+    add_recording_arguments(parser)
     parser.add_argument(
         '--out', type=Path, required=True, metavar='DIR', help='folder for the pictures'
     )
@@ -64,7 +64,6 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
         help='strategy whose verdicts are drawn',
     )
     parser.add_argument('--detector', metavar='MODEL', default='', help=DETECTOR_HELP)
-    add_folder_arguments(parser)
 
 
 def pictures_command(args: argparse.Namespace) -> None:
@@ -73,7 +72,7 @@ def pictures_command(args: argparse.Namespace) -> None:
     Raises:
         HoidError: The recording, the detector, a frame number or the folder is invalid.
     """
-    sequence = open_sequence(args.input, chosen_camera(args), args.depth_factor)
+    sequence = open_recording(args, args.input)
     wanted = frame_numbers(args.frames, len(sequence))
     run = RunConfig().updated({'detector.model': args.detector})
     detect = detection_source(sequence, run)  # needed even if the strategy is "none"

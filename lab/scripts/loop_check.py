@@ -28,11 +28,11 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.errors import HoidError
 from hoid_common.values import FloatArray, Trajectory
-from rgbd_slam.loops.loop_closing import Join, LoopEvent
+from rgbd_slam.loops.loop_closer import Join, LoopEvent
 
 _FALSE_M, _FALSE_DEG = 0.1, 3.0
 _MM = 1e3
-_JOINS = logging.getLogger('rgbd_slam.loops.loop_closing')
+_JOINS = logging.getLogger('rgbd_slam.loops.loop_closer')
 
 
 class Checked(NamedTuple):

@@ -6,7 +6,7 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import Trajectory
 from loop_check import checked, listening
-from rgbd_slam.loops.loop_closing import Join, LoopEvent
+from rgbd_slam.loops.loop_closer import Join, LoopEvent
 
 NS = 1_000_000_000
 TRUTH = Trajectory(
@@ -30,7 +30,7 @@ def test_a_join_is_held_against_the_truth(twist: list[float], is_false: bool) ->
 
 def test_joins_are_heard_of_while_listening() -> None:
     join = Join(LoopEvent.MERGED, 3, 1, T_0_3)
-    logger = logging.getLogger('rgbd_slam.loops.loop_closing')
+    logger = logging.getLogger('rgbd_slam.loops.loop_closer')
     with listening() as joins:
         logger.info('%s', join)
         logger.info('something else')

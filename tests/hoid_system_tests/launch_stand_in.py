@@ -42,6 +42,7 @@ NAMES = {
 @dataclass
 class LaunchContext:
     launch_configurations: dict[str, str]
+    is_shutdown: bool = False
 
 
 class Substitution:
@@ -215,11 +216,15 @@ def run(nodes: list[Node], context: LaunchContext, folder: Path) -> None:
                 print_line('launch', shutdown.reason)
                 interrupts.append(0)
         time.sleep(_TICK_S)
-    end([one for one in launched if one.process.poll() is None])
+    context.is_shutdown = True
+    end([one for one in launched if one.process.poll() is None], context)
 
 
-def end(launched: list[Launched]) -> None:
-    """End processes as launch does: SIGINT, then SIGTERM and SIGKILL to those that remain."""
+def end(launched: list[Launched], context: LaunchContext) -> None:
+    """End processes as launch does: SIGINT, then SIGTERM and SIGKILL to those that remain.
+
+    A shutdown that `on_exit` requests now is an error of launch.
+    """
     start_s = time.monotonic()
     stages = [
         (0.0, signal.SIGINT),
@@ -234,6 +239,8 @@ def end(launched: list[Launched]) -> None:
         for one in [one for one in launched if one.process.poll() is not None]:
             launched.remove(one)
             print_end(one.node.executable, one.process.returncode)
+            if one.node.on_exit(ProcessExited(returncode=one.process.returncode), context):
+                print_line('launch', 'Caught exception in launch')
         time.sleep(_TICK_S)
 
 

@@ -8,7 +8,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from hoid_common.config import Config, param
 from hoid_common.errors import MessageError
@@ -16,7 +15,7 @@ from hoid_common.inputs.input_config import InputConfig
 from hoid_common.ros import conversions
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import Inputs
-from hoid_common.ros.parameters import Parameters
+from hoid_common.ros.parameters import AcceptsEmptyLists, Parameters
 from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_system_tests.probe import Probe
@@ -42,7 +41,7 @@ class Settings(Config):
     input: InputConfig = field(default_factory=InputConfig)
 
 
-class SampleNode(Node):
+class SampleNode(AcceptsEmptyLists):
     """Matches color and depth images, and refuses those that differ in size."""
 
     def __init__(self, context: Context, *args: str) -> None:

@@ -13,13 +13,15 @@ from rosbags.interfaces import ConnectionExtRosbag2, Qos
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from hoid_bags.bag.metadata import METADATA, read_metadata
-from hoid_bags.mcap.chunks import DAMAGE, describe_damage, one_line, unpack_message
+from hoid_bags.bag.write_ahead_log import has_log, with_log
+from hoid_bags.mcap.chunks import DAMAGE, ZSTD_MAGIC, describe_damage, one_line, unpack_message
 from hoid_bags.mcap.mcap_file import McapFile
 from hoid_bags.mcap.packed_file import SUFFIX, unpack_file
 from hoid_common.errors import InputError
 from hoid_common.io.untrusted import open_regular
 from hoid_common.values import NS_PER_S
 
+_STORAGE_SUFFIXES = ('.mcap', '.db3', f'.mcap{SUFFIX}', f'.db3{SUFFIX}')
 _FIRST_WINDOW_NS = NS_PER_S  # chosen: contains the last message of most topics
 
 
@@ -43,8 +45,8 @@ class BagMessage(NamedTuple):
 def is_bag(path: Path) -> bool:
     """Return whether a path is the folder of a bag, or one file of a bag."""
     if path.is_dir():
-        return (path / METADATA).exists() or bool(_mcap_files(path))
-    return path.suffix in ('.mcap', '.db3') and path.exists()
+        return (path / METADATA).exists() or bool(_storage_files(path))
+    return path.exists() and path.name.endswith(_STORAGE_SUFFIXES)
 
 
 class BagReader:
@@ -58,7 +60,7 @@ class BagReader:
         """Prepare to read.
 
         Args:
-            path: The folder of the bag, or one .mcap or .db3 file.
+            path: The folder of the bag, or one .mcap or .db3 file, which may be compressed.
 
         Raises:
             InputError: There is nothing, or no bag.
@@ -66,7 +68,9 @@ class BagReader:
         if not path.exists():
             raise InputError(f'{path}: no such bag')
         if not is_bag(path):
-            raise InputError(f'{path}: not a bag: it has neither {METADATA} nor an .mcap file')
+            raise InputError(
+                f'{path}: not a bag: it has neither {METADATA} nor an .mcap or .db3 file'
+            )
         self.path = path
         self._fault: str | None = None
         self._has_packed_messages = False
@@ -172,7 +176,7 @@ class BagReader:
         for file in self._files:
             wanted = [c for c in file.connections if topics is None or c.topic in topics]
             for connection, log_ns, data in file.messages(wanted, start_ns) if wanted else ():
-                is_packed = self._has_packed_messages
+                is_packed = self._has_packed_messages or data[:4] == ZSTD_MAGIC
                 yield BagMessage(
                     connection.topic, log_ns, unpack_message(data) if is_packed else data
                 )
@@ -204,7 +208,7 @@ class BagReader:
         return files
 
     def _open_all(self, stack: ExitStack) -> list[McapFile | Sqlite3Reader]:
-        files = [_open_file(path, stack) for path in _mcap_files(self.path)]
+        files = [_open_file(path, stack) for path in _storage_files(self.path)]
         return sorted(files, key=lambda file: file.metadata.start_time)
 
     def _note_unusable_files(self) -> None:
@@ -228,6 +232,8 @@ def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
     open_regular(path).close()
     if path.suffix == SUFFIX:
         path = unpack_file(path, Path(stack.enter_context(TemporaryDirectory())))
+    if path.suffix == '.db3' and has_log(path):
+        path = with_log(path, Path(stack.enter_context(TemporaryDirectory())))
     file = Sqlite3Reader(path) if path.suffix == '.db3' else McapFile(path)
     try:
         file.open()
@@ -237,5 +243,10 @@ def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
     return file
 
 
-def _mcap_files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix == '.mcap')
+def _storage_files(folder: Path) -> list[Path]:
+    """Return the files of a folder that contain messages, each only in its unpacked form."""
+    names = {path.name for path in folder.iterdir() if path.name.endswith(_STORAGE_SUFFIXES)}
+    packed = {name for name in names if name.endswith(SUFFIX)}
+    return sorted(
+        folder / name for name in names - {p for p in packed if p.removesuffix(SUFFIX) in names}
+    )

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from hoid_bags.bag import bag_messages, bag_types
 from hoid_bags.bag.bag_reader import BagReader, BagTopic
-from hoid_bags.bag.bag_topics import RecordedTopics, find_topics
+from hoid_bags.bag.bag_topics import RecordedTopics, TopicChoice, find_topics
 from hoid_bags.bag.image_messages import decode_color, decode_depth
 from hoid_bags.bag.stamps import header_stamp_ns, stamp_ns
-from hoid_bags.images import check_size
-from hoid_bags.tum.association import associate
+from hoid_bags.images import check_registered, check_size
+from hoid_bags.tum.association import MAX_PAIR_GAP_NS, associate, gap_text
 from hoid_common.errors import InputError, MessageError
-from hoid_common.io.camera_info import camera_from_info
+from hoid_common.io.camera_info import camera_from_info, rectification_doubt
+from hoid_common.io.stamps import in_order, longest_pass
 from hoid_common.values import (
     CameraModel,
     Detections,
@@ -25,27 +28,39 @@ from hoid_common.values import (
     Trajectory,
 )
 
+_LOG = logging.getLogger(__name__)
+_MAX_BAD_AT_START = 30  # chosen: so many unusable images, and none before, end the reading
+
 
 class BagSequence:
     """The paired color and depth images of a bag, as a `Sequence`.
 
     Topics, stamps, camera and ground truth are read when it is opened, images when it is iterated.
+    Images that cannot be decoded are left out; `fault` then counts them.
     """
 
-    def __init__(self, path: Path, camera: CameraModel | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        camera: CameraModel | None = None,
+        choice: TopicChoice = TopicChoice(),  # noqa: B008 - immutable
+        max_gap_ns: int = MAX_PAIR_GAP_NS,
+    ) -> None:
         """Open a bag.
 
         Args:
             path: The folder or file of the bag.
             camera: The camera to use in place of the bag's own `camera_info`.
+            choice: Topics that the user names.
+            max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
 
         Raises:
-            InputError: It is no bag, has no RGB-D images, or stamps that are out of order.
+            InputError: It is no bag, or has no RGB-D images that belong together.
         """
         self.path = path
         self.name = path.resolve().name
         with BagReader(path) as reader:
-            self.topics = find_topics(reader)
+            self.topics = find_topics(reader, choice)
             index = _Index(reader, self.topics)
             self.fault = reader.fault
         camera = camera or index.camera
@@ -54,34 +69,48 @@ class BagSequence:
         self.camera = camera
         self.ground_truth = index.ground_truth
         self.true_detections: Mapping[int, Detections] | None = index.true_detections
-        pairs = associate(index.color_ns, index.depth_ns, source=path)
+        color, depth = index.color, index.depth
+        self._last_log_ns = max(color.last_log_ns, depth.last_log_ns)
+        self._first_log_ns = min(color.first_log_ns, depth.first_log_ns)
+        pairs = associate(color.stamps_ns, depth.stamps_ns, max_gap_ns, source=path)
         self.depth_of_color = {
-            int(index.color_ns[i]): int(index.depth_ns[j]) for i, j in pairs.tolist()
+            int(color.stamps_ns[i]): int(depth.stamps_ns[j]) for i, j in pairs.tolist()
         }
         """Stamp of the depth image (ns) by the stamp of the color image, in order of time."""
         if not self.depth_of_color:
-            raise InputError(f'{path}: no color and depth images within 0.02 s of each other')
+            raise InputError(f'{path}: {gap_text(color.stamps_ns, depth.stamps_ns)}')
 
     def __len__(self) -> int:
         return len(self.depth_of_color)
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         color_name, depth_name = self.topics.color.name, self.topics.depth.name
-        wanted_depth = set(self.depth_of_color.values())
         waiting = iter(self.depth_of_color.items())
         color_ns, depth_ns = next(waiting)
+        missing = set(self.depth_of_color), set(self.depth_of_color.values())
         color: dict[int, bytes] = {}
         depth: dict[int, bytes] = {}
+        problems = _Problems(self)
         with BagReader(self.path) as reader:
-            for message in reader.messages([color_name, depth_name]):
-                message_ns = header_stamp_ns(message.data)
-                if message.topic == color_name and message_ns in self.depth_of_color:
-                    color[message_ns] = message.data
-                elif message.topic == depth_name and message_ns in wanted_depth:
-                    depth[message_ns] = message.data
+            for message in reader.messages([color_name, depth_name], self._first_log_ns):
+                if message.log_ns > self._last_log_ns:
+                    break
+                is_depth = message.topic == depth_name
+                stamp_ns = header_stamp_ns(message.data)
+                if stamp_ns not in missing[is_depth]:  # without partner, or repeated
+                    continue
+                missing[is_depth].remove(stamp_ns)
+                (depth if is_depth else color)[stamp_ns] = message.data
                 while color_ns in color and depth_ns in depth:
-                    yield self._frame(color_ns, color.pop(color_ns), depth.pop(depth_ns))
+                    try:
+                        frame = self._frame(color_ns, color.pop(color_ns), depth.pop(depth_ns))
+                    except InputError as error:
+                        problems.add(error)
+                    else:
+                        problems.num_frames += 1
+                        yield frame
                     color_ns, depth_ns = next(waiting, (-1, -1))
+        problems.finish()
 
     def _frame(self, color_ns: int, color: bytes, depth: bytes) -> RgbdFrame:
         topic = self.topics.color
@@ -90,10 +119,40 @@ class BagSequence:
             check_size(image_bgr, self.camera, topic.name)
             topic = self.topics.depth
             depth_m = decode_depth(depth, topic)
-            check_size(depth_m, self.camera, topic.name)
+            check_registered(depth_m, image_bgr)
         except (MessageError, InputError) as error:
             raise InputError(f'{self.path}: {topic.name} at {color_ns} ns: {error}') from error
         return RgbdFrame(color_ns, image_bgr, depth_m)
+
+
+class _Problems:
+    """Images of one reading that could not be used."""
+
+    def __init__(self, sequence: BagSequence) -> None:
+        self._sequence = sequence
+        self._errors: list[InputError] = []
+        self.num_frames = 0
+
+    def add(self, error: InputError) -> None:
+        """Note an unusable image; raise its error if there are many, and no usable one."""
+        self._errors.append(error)
+        if not self.num_frames and len(self._errors) >= _MAX_BAD_AT_START:
+            raise self._errors[0]
+
+    def finish(self) -> None:
+        """Set the fault of the sequence; raise the first error if no image was usable."""
+        if self._errors and not self.num_frames:
+            raise self._errors[0]
+        if self._errors and self._sequence.fault is None:
+            self._sequence.fault = f'{len(self._errors)} images left out; {self._errors[0]}'
+
+
+class _Stream(NamedTuple):
+    """Stamps of one image topic in order of time, and the log times between which they are."""
+
+    stamps_ns: IntArray
+    first_log_ns: int
+    last_log_ns: int
 
 
 class _Index:
@@ -102,51 +161,73 @@ class _Index:
     def __init__(self, reader: BagReader, found: RecordedTopics) -> None:
         self.camera: CameraModel | None = None
         self._found = found
-        self._stamps_ns: dict[str, list[int]] = {found.color.name: [], found.depth.name: []}
+        self._images: dict[str, list[tuple[int, int]]] = {
+            found.color.name: [],
+            found.depth.name: [],
+        }
         self._poses: dict[int, FloatArray] = {}
         self._detections: dict[int, Detections] = {}
+        self._problems: dict[str, list[str]] = {}
         by_name = {topic.name: topic for topic in found if topic is not None}
-        for topic, _, data in reader.messages(list(by_name)):
+        for topic, log_ns, data in reader.messages(list(by_name)):
             try:
-                self._add(by_name[topic], data)
+                self._add(by_name[topic], log_ns, data)
             except MessageError as error:
-                raise InputError(f'{reader.path}: {topic}: {error}') from error
-        self.color_ns, self.depth_ns = (
-            _increasing(reader.path, topic, stamps_ns)
-            for topic, stamps_ns in self._stamps_ns.items()
+                self._problems.setdefault(topic, []).append(f'{reader.path}: {topic}: {error}')
+        self._report_problems()
+        self.color, self.depth = (
+            _stream(reader.path, topic, np.array(rows, np.int64).reshape(-1, 2))
+            for topic, rows in self._images.items()
         )
         self.true_detections = self._detections if found.true_detections else None
         self.ground_truth = _trajectory(self._poses) if found.ground_truth else None
 
-    def _add(self, topic: BagTopic, data: bytes) -> None:
-        if topic.name in self._stamps_ns:
-            self._stamps_ns[topic.name].append(header_stamp_ns(data))
+    def _add(self, topic: BagTopic, log_ns: int, data: bytes) -> None:
+        if topic.name in self._images:
+            self._images[topic.name].append((log_ns, header_stamp_ns(data)))
             return
         if topic == self._found.camera_info and self.camera is not None:
             return
         message = bag_types.deserialize(data, topic.type_name)
         if topic == self._found.camera_info:
-            self.camera = camera_from_info(message)
+            self.camera = camera_from_info(message, self._found.color.name)
+            if doubt := rectification_doubt(message, self._found.color.name):
+                _LOG.warning('%s', doubt)
         elif topic == self._found.ground_truth:
             self._poses[stamp_ns(message)] = bag_messages.pose_from_message(message)
         else:
             boxes = bag_messages.detections_from_message(message)
             self._detections[boxes.stamp_ns] = boxes
 
+    def _report_problems(self) -> None:
+        """Warn of topics with unusable messages; raise InputError if none of them is usable."""
+        found = self._found
+        is_empty = {
+            found.color.name: not self._images[found.color.name],
+            found.depth.name: not self._images[found.depth.name],
+            found.camera_info.name if found.camera_info else '': self.camera is None,
+        }
+        for topic, texts in self._problems.items():
+            if is_empty.get(topic, False):
+                raise InputError(texts[0])
+            _LOG.warning('%d messages left out: %s', len(texts), texts[0])
 
-def _increasing(path: Path, topic: str, stamps_ns: list[int]) -> IntArray:
-    array = np.array(stamps_ns, np.int64)
-    backwards = np.flatnonzero(np.diff(array) <= 0)
-    if len(backwards):
-        i = int(backwards[0]) + 1
-        raise InputError(
-            f'{path}: {topic}: stamp {array[i]} ns of message {i + 1} is not after the one before'
-            f' it ({array[i - 1]} ns); record again'
-        )
-    return array
+
+def _stream(path: Path, topic: str, rows: IntArray) -> _Stream:
+    """Return the stamps of a topic, of its longest pass, from (N, 2) log times and stamps."""
+    chosen = rows[longest_pass(rows[:, 1])]
+    order = in_order(chosen[:, 1])
+    texts = [str(order)] if str(order) else []
+    if len(chosen) < len(rows):
+        texts.append(f'time starts anew; only the longest part is used ({len(chosen)} images)')
+    if texts:
+        _LOG.warning('%s: %s: %s', path, topic, ', '.join(texts))
+    return _Stream(order.stamps_ns, int(chosen[0, 0]), int(chosen[:, 0].max()))
 
 
-def _trajectory(poses: dict[int, FloatArray]) -> Trajectory:
+def _trajectory(poses: dict[int, FloatArray]) -> Trajectory | None:
+    if not poses:
+        return None
     stamps_ns = sorted(poses)
     stacked = np.array([poses[t] for t in stamps_ns]).reshape(-1, 4, 4)
     return Trajectory(np.array(stamps_ns, np.int64), stacked)

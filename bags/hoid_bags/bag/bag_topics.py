@@ -1,21 +1,45 @@
-"""Choice of topics of a bag: those of an RGB-D recording, and those that a user names."""
+"""Choice of topics of a bag: those of an RGB-D recording, and those that a user names.
+
+`ros2 bag record -a` leaves every topic of a driver: each image in several encodings, infrared and
+unregistered depth beside the usable images, and images that other nodes draw. The choice follows
+what the messages contain and what the drivers call them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import NamedTuple
+from itertools import takewhile
+from typing import Any, NamedTuple
 
 from hoid_bags.bag import bag_types as types
-from hoid_bags.bag.bag_reader import BagMessage, BagReader, BagTopic
-from hoid_bags.bag.image_messages import is_depth
+from hoid_bags.bag.bag_reader import BagReader, BagTopic
+from hoid_bags.bag.image_messages import ImageHead, image_head
 from hoid_common import topics
+from hoid_common.camera_topics import CAMERA_TOPICS, CameraTopics
 from hoid_common.errors import InputError, MessageError
 
-_COLOR_WORDS = ('rgb', 'color', 'colour')
-_REGISTERED_WORDS = ('aligned', 'registered', 'to_color', 'to_rgb')
 _SUFFIXES = ('/compressedDepth', '/compressed')
 _IMAGES = (types.IMAGE, types.COMPRESSED_IMAGE)
+_COLOR_WORDS = ('rgb', 'color', 'colour')
+_REGISTERED_WORDS = ('aligned', 'registered', 'to_color', 'to_rgb')
+# Parts of the names of images that show the scene in another way, or something drawn into it.
+_OTHER_COLOR_WORDS = (
+    'infra', '/ir', 'mono', 'fisheye', 'depth', 'disparity', 'confidence', 'debug', 'overlay',
+    'mask', 'detection', 'annotated', 'result',
+)  # fmt: skip
+_OTHER_DEPTH_WORDS = (
+    'confidence', 'disparity', 'debug', 'static_depth', 'mask', 'infra', '/ir', 'amplitude',
+)  # fmt: skip
+_RECTIFIED = 'rect'
+
+
+class TopicChoice(NamedTuple):
+    """Topics that a user names; those that are empty are found."""
+
+    color: str = ''
+    depth: str = ''
+    camera_info: str = ''
+    preset: str = ''  # key of `CAMERA_TOPICS`
 
 
 class RecordedTopics(NamedTuple):
@@ -27,42 +51,51 @@ class RecordedTopics(NamedTuple):
     ground_truth: BagTopic | None
     true_detections: BagTopic | None
 
+    def __str__(self) -> str:
+        """Return the chosen topics of the images and the camera."""
+        info = self.camera_info.name if self.camera_info else 'none'
+        return f'color {self.color.name}, depth {self.depth.name}, camera_info {info}'
 
-def find_topics(reader: BagReader) -> RecordedTopics:
+
+class _Image(NamedTuple):
+    topic: BagTopic
+    head: ImageHead
+
+    @property
+    def base(self) -> str:
+        return base_name(self.topic.name)
+
+
+def find_topics(
+    reader: BagReader,
+    choice: TopicChoice = TopicChoice(),  # noqa: B008 - immutable
+) -> RecordedTopics:
     """Return the topics of an RGB-D recording in a bag.
 
-    They are found by the suite's names in any namespace, else by type and content.
+    Args:
+        reader: The bag.
+        choice: Topics that the user names.
 
     Raises:
-        InputError: There are no color or no depth images, or several topics of one kind.
+        InputError: There are no color or no depth images, a named topic is missing, or several
+            topics could be meant.
     """
     filled = [topic for topic in reader.topics if topic.num_messages]
-    firsts = {t: next(reader.messages([t.name]), None) for t in filled if t.type_name in _IMAGES}
-    images = [topic for topic, first in firsts.items() if first is not None]
-    is_depth = {
-        t.name: first is not None and _is_depth(first, t, reader.path)
-        for t, first in firsts.items()
-    }
-    color = _choose(
-        reader,
-        'color',
-        topics.RGB_IMAGE,
-        _COLOR_WORDS,
-        [t for t in images if not is_depth[t.name]],
-    )
-    depth = _choose(
-        reader,
-        'depth',
-        topics.DEPTH_IMAGE,
-        _REGISTERED_WORDS,
-        [t for t in images if is_depth[t.name]],
-    )
+    images, problems = _images(reader, [t for t in filled if t.type_name in _IMAGES])
+    colors = [image for image in images if not image.head.is_depth]
+    depths = [image for image in images if image.head.is_depth]
+    presets = [CAMERA_TOPICS[choice.preset]] if choice.preset else list(CAMERA_TOPICS.values())
+    problem = reader.fault or (problems[0] if problems else None)
+    color = _color(reader, choice.color, colors, depths, presets, problem)
+    depth = _depth(reader, choice.depth, depths, color, presets, problem)
+    infos = [t for t in filled if t.type_name == types.CAMERA_INFO]
+    info = _named_topic(reader, choice.camera_info, infos) or _camera_info(color, infos, presets)
     return RecordedTopics(
-        color,
-        depth,
-        _camera_info(color, [t for t in filled if t.type_name == types.CAMERA_INFO]),
-        _named(filled, topics.GROUND_TRUTH, types.POSE_STAMPED),
-        _named(filled, topics.TRUE_DETECTIONS, types.DETECTION_ARRAY),
+        color.topic,
+        depth.topic,
+        info,
+        _truth(filled, topics.GROUND_TRUTH, types.POSE_STAMPED),
+        _truth(filled, topics.TRUE_DETECTIONS, types.DETECTION_ARRAY),
     )
 
 
@@ -95,42 +128,131 @@ def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTop
     return filled
 
 
-def _is_depth(first: BagMessage, topic: BagTopic, path: Path) -> bool:
-    try:
-        return is_depth(first.data, topic)
-    except MessageError as error:
-        raise InputError(f'{path}: {topic.name}: {error}') from error
+def _images(reader: BagReader, found: list[BagTopic]) -> tuple[list[_Image], list[str]]:
+    """Return the image topics that can be read, and the problems of the others."""
+    images, problems = [], []
+    for topic in found:
+        first = next(reader.messages([topic.name]), None)
+        try:
+            if first is not None:
+                images.append(_Image(topic, image_head(first.data, topic)))
+        except MessageError as error:
+            problems.append(f'{reader.path}: {topic.name}: {error}')
+    return images, problems
+
+
+def _color(
+    reader: BagReader, name: str, found: list[_Image], depths: list[_Image],
+    presets: Sequence[CameraTopics], problem: str | None,
+) -> _Image:  # fmt: skip
+    """Return the color images: the named, the suite's, those of a driver, else by words."""
+
+    def rank(image: _Image) -> tuple[Any, ...]:
+        text = image.base.lower()
+        return (
+            not _is_called(image.base, topics.RGB_IMAGE),
+            not _is_of_driver(image, presets, 'rgb_image', depths),
+            any(word in text for word in _OTHER_COLOR_WORDS),
+            not any(word in text for word in _COLOR_WORDS),
+            _RECTIFIED in text,  # camera_info describes the raw image
+        )
+
+    return _choose(reader, 'color', '--rgb', name, found, rank, problem)
+
+
+def _depth(
+    reader: BagReader, name: str, found: list[_Image], color: _Image,
+    presets: Sequence[CameraTopics], problem: str | None,
+) -> _Image:  # fmt: skip
+    """Return the depth images that are registered to the color images."""
+
+    def rank(image: _Image) -> tuple[Any, ...]:
+        text = image.base.lower()
+        return (
+            not _is_called(image.base, topics.DEPTH_IMAGE),
+            not _is_of_driver(image, presets, 'depth_image', [color]),
+            any(word in text for word in _OTHER_DEPTH_WORDS),
+            None not in (image.head.size_px, color.head.size_px)
+            and image.head.size_px != color.head.size_px,
+            not any(word in text for word in _REGISTERED_WORDS),
+            -_num_shared_parts(image.base, color.base),
+            _RECTIFIED in text,
+        )
+
+    return _choose(reader, 'depth', '--depth', name, found, rank, problem)
 
 
 def _choose(
-    reader: BagReader, kind: str, name: str, words: Sequence[str], found: list[BagTopic]
-) -> BagTopic:
-    """Return the topic with the given name, else the only one, else the only one with a word."""
+    reader: BagReader, kind: str, option: str, name: str, found: list[_Image],
+    rank: Callable[[_Image], tuple[Any, ...]], problem: str | None,
+) -> _Image:  # fmt: skip
+    """Return the named topic, else the one with the least rank, in its best encoding."""
+    if name:
+        wanted = f'/{name.strip("/")}'
+        found = [i for i in found if wanted in (i.topic.name, i.base)]
+        if not found:
+            raise InputError(
+                f'{reader.path}: {option} {name}: has no such {kind} images; see "hoid info"'
+            )
     if not found:
-        raise InputError(reader.fault or f'{reader.path}: has no {kind} images')
-    tests: tuple[Callable[[BagTopic], bool], ...] = (
-        lambda topic: _is_called(base_name(topic.name), name),
-        lambda _: True,
-        lambda topic: any(word in topic.name.lower() for word in words),
-    )
-    for test in tests:
-        passed = [topic for topic in found if test(topic)]
-        if passed and len({base_name(topic.name) for topic in passed}) == 1:
-            return min(passed, key=lambda topic: topic.type_name != types.IMAGE)
-    names = ', '.join(topic.name for topic in found)
-    raise InputError(
-        f'{reader.path}: several topics could be {kind}: {names}; record one as "{name}" or alone'
+        raise InputError(problem or f'{reader.path}: has no {kind} images')
+    best = min(map(rank, found))
+    chosen = [image for image in found if rank(image) == best]
+    if len({image.base for image in chosen}) > 1:
+        names = ', '.join(sorted({image.base for image in chosen}))
+        raise InputError(
+            f'{reader.path}: several topics could be {kind}: {names}; give {option} TOPIC'
+        )
+    return min(
+        chosen,
+        key=lambda i: (i.topic.type_name != types.IMAGE, not i.topic.name.endswith('Depth')),
     )
 
 
-def _camera_info(color: BagTopic, found: list[BagTopic]) -> BagTopic | None:
+def _is_of_driver(
+    image: _Image, presets: Sequence[CameraTopics], field: str, partners: Sequence[_Image]
+) -> bool:
+    """Return whether a driver has this topic and one of the partners in the same namespace."""
+    other = 'depth_image' if field == 'rgb_image' else 'rgb_image'
+    bases = {partner.base for partner in partners}
+    for preset in presets:
+        own, its = getattr(preset, field), getattr(preset, other)
+        if _is_called(image.base, own) and f'{image.base.removesuffix(own)}{its}' in bases:
+            return True
+    return False
+
+
+def _camera_info(
+    color: _Image, found: list[BagTopic], presets: Sequence[CameraTopics]
+) -> BagTopic | None:
     """Return the camera_info in the namespace of the color images, else the only one."""
-    beside = base_name(color.name).rpartition('/')[0] + '/camera_info'
-    at_place = [topic for topic in found if topic.name == beside]
+    names = [color.base.rpartition('/')[0] + '/camera_info']
+    names += [
+        color.base.removesuffix(preset.rgb_image) + preset.camera_info
+        for preset in presets
+        if _is_called(color.base, preset.rgb_image)
+    ]
+    at_place = [topic for name in names for topic in found if topic.name == name]
     return at_place[0] if at_place else found[0] if len(found) == 1 else None
 
 
-def _named(found: list[BagTopic], name: str, type_name: str) -> BagTopic | None:
+def _num_shared_parts(first: str, second: str) -> int:
+    """Return how many parts of two topic names are equal, from the first on."""
+    parts = zip(first.split('/'), second.split('/'), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
+
+
+def _named_topic(reader: BagReader, name: str, found: list[BagTopic]) -> BagTopic | None:
+    """Return the camera_info that the user names, or None without a name."""
+    if not name:
+        return None
+    for topic in found:
+        if topic.name == f'/{name.strip("/")}':
+            return topic
+    raise InputError(f'{reader.path}: --info {name}: has no such camera_info; see "hoid info"')
+
+
+def _truth(found: list[BagTopic], name: str, type_name: str) -> BagTopic | None:
     matching = [t for t in found if t.type_name == type_name and _is_called(t.name, name)]
     return matching[0] if len(matching) == 1 else None
 

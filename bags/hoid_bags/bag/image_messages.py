@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from typing import NamedTuple
+
 from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_types import IMAGE, deserialize
 from hoid_bags.images import check_complete
 from hoid_common.io import images
+from hoid_common.io.image_size import image_size_px
 from hoid_common.values import ByteArray, Float32Array
+
+_DEPTH_NAME = re.compile('depth|stereo|disparity', re.IGNORECASE)
 
 
 def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
@@ -31,9 +37,23 @@ def decode_depth(data: bytes, topic: BagTopic) -> Float32Array:
     return images.decode_compressed_depth(message.format, message.data)
 
 
-def is_depth(data: bytes, topic: BagTopic) -> bool:
-    """Return whether an image message has an encoding of depth; MessageError if it is none."""
+class ImageHead(NamedTuple):
+    """Kind and size of an image message."""
+
+    is_depth: bool
+    size_px: tuple[int, int] | None  # width, height; None: not known without decoding
+
+
+def image_head(data: bytes, topic: BagTopic) -> ImageHead:
+    """Return kind and size of an image message; MessageError if it is none."""
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
-        return message.encoding in images.DEPTH_ENCODINGS
-    return 'compressedDepth' in message.format
+        is_gray = message.encoding == 'mono16' and not _DEPTH_NAME.search(topic.name)
+        is_depth = message.encoding in images.DEPTH_ENCODINGS and not is_gray
+        return ImageHead(is_depth, (message.width, message.height))
+    is_packed = 'compressedDepth' in message.format
+    encoding = message.format.partition(';')[0].strip()
+    content = message.data[images.COMPRESSED_DEPTH_HEADER_BYTES if is_packed else 0 :]
+    return ImageHead(
+        is_packed or encoding in images.DEPTH_ENCODINGS, image_size_px(content.tobytes())
+    )

@@ -19,6 +19,7 @@ from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bags.bag.bag_topics import TopicChoice
 from hoid_bags.bag.bag_types import message_class
 from hoid_bags.live.keyboard import PAUSE_KEY, KeyPresses
 from hoid_bags.live.lockstep import LockstepGate
@@ -46,6 +47,7 @@ def play(
     config: PlayConfig | None = None,
     *,
     topic_names: tuple[str, ...] = (),
+    choice: TopicChoice = TopicChoice(),  # noqa: B008 - immutable
     namespace: str = '',
     min_subscribers: Mapping[str, int] | None = None,
     show_progress: bool = False,
@@ -56,6 +58,7 @@ def play(
         path: The bag.
         config: Options of the playback.
         topic_names: Topics to play; empty means all but /clock.
+        choice: Topics of the images, which lockstep pairs; those that are not named are found.
         namespace: Prefix of every topic that is not global.
         min_subscribers: Number of subscribers to wait for, by topic of the bag.
         show_progress: Whether to draw a progress bar on stderr.
@@ -66,7 +69,7 @@ def play(
     """
     config = config or PlayConfig()
     plan = open_plan(path, config, topic_names)
-    gate = LockstepGate(BagSequence(path)) if config.lockstep else None
+    gate = LockstepGate(BagSequence(path, choice=choice)) if config.lockstep else None
     with ros_session('hoid_play', namespace) as node, KeyPresses() as keys:
         player = Player(node, plan, config, keys, gate)
         player.wait_for_subscribers(min_subscribers or {})

@@ -25,6 +25,8 @@ DAMAGE = (
 )  # fmt: skip
 """Exceptions that the libraries raise when they read bytes that are no recording."""
 
+ZSTD_MAGIC: Final = b'\x28\xb5\x2f\xfd'
+"""First bytes of zstd data. A message that is not compressed begins with 0 (CDR)."""
 NO_RECORD: Final = 0
 """Opcode that MCAP does not allow. After a power cut, a file may end in zeros."""
 _MESSAGE: Final = 0x05

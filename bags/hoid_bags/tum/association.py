@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.errors import InputError
-from hoid_common.values import IntArray
+from hoid_common.values import NS_PER_S, IntArray
 
 MAX_PAIR_GAP_NS = 20_000_000
 """Default of the TUM benchmark's `associate.py`; images of one stream are 33 ms apart."""
+_LONGEST_OFFSET_S = 0.5  # chosen: a longer one is no delay of a driver, but another clock
 _MAX_CANDIDATES = 20  # per image on average; chosen: a 60 Hz camera has two or three
 
 
@@ -49,3 +50,27 @@ def associate(
             partner[a], taken[b] = b, True
     paired = np.flatnonzero(partner >= 0)
     return np.column_stack([paired, partner[paired]])
+
+
+def gap_text(first_ns: IntArray, second_ns: IntArray) -> str:
+    """Return how far apart the stamps of color (A,) and depth (B,) are that make no pair.
+
+    The gap is the median of the differences from each color stamp to the nearest depth stamp.
+    """
+    for kind, stamps_ns in (('color', first_ns), ('depth', second_ns)):
+        if not stamps_ns.any():
+            return f'the {kind} images have no stamps (zeros); set the stamp in the driver'
+    after = np.clip(np.searchsorted(second_ns, first_ns), 1, max(len(second_ns) - 1, 1))
+    near = np.stack([second_ns[after - 1], second_ns[np.minimum(after, len(second_ns) - 1)]])
+    gaps_ns = (near - first_ns)[np.abs(near - first_ns).argmin(axis=0), np.arange(len(first_ns))]
+    gap_s = float(np.median(gaps_ns)) / NS_PER_S
+    if abs(gap_s) > _LONGEST_OFFSET_S:
+        return (
+            f'no color and depth images within the limit: depth is {gap_s:+.3f} s from color, so '
+            'two clocks were used; let the driver use one clock for both'
+        )
+    return (
+        f'no color and depth images within the limit: depth is {gap_s * 1e3:+.1f} ms from color '
+        f'(limit {MAX_PAIR_GAP_NS / 1e6:g}): raise sync_slop_s, such as '
+        f'--set sync_slop_s={abs(gap_s) * 1.2:.3f}, if they belong together'
+    )

@@ -8,7 +8,7 @@ from typing import Any
 
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.yaml_file import read_yaml
-from hoid_common.values import DISTORTION_MODELS, CameraModel
+from hoid_common.values import DISTORTION_MODELS, EQUIDISTANT, CameraModel
 
 TUM_DEPTH_UNITS_PER_M = 5000.0
 """Depth units of the PNG files of all three cameras, as the authors of the benchmark state.
@@ -88,7 +88,9 @@ def read_camera_yaml(path: Path) -> CameraModel:
     )
     size = [_positive_int(path, loaded, key) for key in ('image_width', 'image_height')]
     try:
-        return CameraModel(size[0], size[1], k[0], k[4], k[2], k[5], distortion)
+        return CameraModel(
+            size[0], size[1], k[0], k[4], k[2], k[5], distortion, model == EQUIDISTANT
+        )
     except ConfigError as error:
         raise InputError(f'{path}: {error}') from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,20 +18,15 @@ from hoid_bags.images import (
     depth_m_from_units,
     read_image_bytes,
 )
-from hoid_bags.tum.association import associate
+from hoid_bags.tum.association import MAX_PAIR_GAP_NS, associate, gap_text
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, camera_from_name
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.trajectory_io import read_tum
-from hoid_common.io.tum_text import (
-    NumberTable,
-    check_increasing,
-    read_numbers,
-    read_rows,
-    without_duplicates,
-)
+from hoid_common.io.tum_text import NumberTable, read_numbers, sorted_rows
 from hoid_common.io.untrusted import check_path_name
-from hoid_common.values import CameraModel, RgbdFrame, Trajectory
+from hoid_common.values import CameraModel, IntArray, RgbdFrame, Trajectory
 
+_LOG = logging.getLogger(__name__)
 COLOR_LIST = 'rgb.txt'
 DEPTH_LIST = 'depth.txt'
 GROUND_TRUTH = 'groundtruth.txt'
@@ -53,6 +49,7 @@ class TumFolder:
     depth_units_per_m: float
     color: tuple[ListedImage, ...]
     depth: tuple[ListedImage, ...]
+    max_gap_ns: int = MAX_PAIR_GAP_NS
 
     @property
     def name(self) -> str:
@@ -71,9 +68,13 @@ class TumFolder:
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """Return the poses of `groundtruth.txt`, or None without the file."""
+        """Return the poses of `groundtruth.txt`; None without the file or without a pose in it."""
         path = self.path / GROUND_TRUTH
-        return read_tum(path) if path.exists() else None
+        try:
+            return read_tum(path) if path.exists() else None
+        except InputError as error:
+            _LOG.warning('%s; errors are not computed', error)
+            return None
 
     @cached_property
     def accelerometer(self) -> NumberTable | None:
@@ -84,14 +85,18 @@ class TumFolder:
     @cached_property
     def pairs(self) -> tuple[tuple[ListedImage, ListedImage], ...]:
         """Return the pairs of color and depth images with nearly equal stamps."""
-        stamps = [
-            np.array([image.stamp_ns for image in images], np.int64)
-            for images in (self.color, self.depth)
-        ]
-        return tuple(
-            (self.color[i], self.depth[j])
-            for i, j in associate(stamps[0], stamps[1], source=self.path).tolist()
-        )
+        pairs = associate(self.color_ns, self.depth_ns, self.max_gap_ns, source=self.path)
+        return tuple((self.color[i], self.depth[j]) for i, j in pairs.tolist())
+
+    @property
+    def color_ns(self) -> IntArray:
+        """Return the stamps of the color images."""
+        return np.array([image.stamp_ns for image in self.color], np.int64)
+
+    @property
+    def depth_ns(self) -> IntArray:
+        """Return the stamps of the depth images."""
+        return np.array([image.stamp_ns for image in self.depth], np.int64)
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -108,7 +113,10 @@ class TumFolder:
 
 
 def open_tum_folder(
-    path: Path, camera: CameraModel | None = None, depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M
+    path: Path,
+    camera: CameraModel | None = None,
+    depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M,
+    max_gap_ns: int = MAX_PAIR_GAP_NS,
 ) -> TumFolder:
     """Open a TUM folder; without `camera`, its name must contain that of a published camera.
 
@@ -127,21 +135,18 @@ def open_tum_folder(
             f'{path}: the name contains no known camera;'
             ' give --camera fr1, fr2, fr3, bonn or a YAML file'
         )
-    folder = TumFolder(path, camera, depth_units_per_m, color, depth)
+    folder = TumFolder(path, camera, depth_units_per_m, color, depth, max_gap_ns)
     if not folder.pairs:
-        raise InputError(
-            f'{path}: no color and depth images within 0.02 s of each other; check both lists'
-        )
+        raise InputError(f'{path}: {gap_text(folder.color_ns, folder.depth_ns)}; check both lists')
+    _ = folder.ground_truth  # its warnings come before the work, not after it
     return folder
 
 
 def _read_list(folder: Path, name: str) -> tuple[ListedImage, ...]:
     path = folder / name
-    rows = list(read_rows(path))
+    rows = sorted_rows(path)
     if not rows:
         raise InputError(f'{path}: lists no images')
-    rows = without_duplicates(rows)
-    check_increasing(path, rows)
     for row in rows:
         check_path_name(str(folder / row.text), f'{path}: line {row.line}')
         if not row.text or not (folder / row.text).is_file():

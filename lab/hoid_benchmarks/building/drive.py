@@ -19,7 +19,7 @@ from hoid_common import se3
 from hoid_common.slam_status import SlamState
 from hoid_common.values import NS_PER_S, FloatArray, Trajectory
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.loop_closing import Join
+from rgbd_slam.loops.loop_closer import Join
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession

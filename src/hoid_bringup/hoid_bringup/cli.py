@@ -28,10 +28,13 @@ _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 
 @dataclass(frozen=True)
 class Command:
-    """Sub-command, whose module has `add_<name>_arguments(parser)` and `<name>_command(args)`."""
+    """A sub-command of `hoid`.
+
+    Its module must have the functions `add_<name>_arguments(parser)` and `<name>_command(args)`.
+    """
 
     module: str
-    help: str
+    help: str  # what the command does, in a few words
 
 
 COMMANDS = {
@@ -55,7 +58,14 @@ COMMANDS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit status: 1 for an error of one line, 2 for wrong usage."""
+    """Run a command and return its exit status.
+
+    The status is 0 after success, 1 after an error that was printed in one line, and 130 after an
+    interrupt. Wrong usage ends the process with status 2.
+
+    Args:
+        argv: Arguments; by default those of the process.
+    """
     for variable in _THREAD_VARIABLES:  # the matrices are small, so threads only cost time
         os.environ.setdefault(variable, '1')
     interrupt_on_termination()
@@ -96,7 +106,7 @@ def _discard_stdout() -> None:
 
 
 def _check_names(args: argparse.Namespace) -> None:
-    """Raise ConfigError if an argument is no possible file name, before any work begins."""
+    """Raise ConfigError for a path or name that no file can have, before any work begins."""
     for option, value in vars(args).items():
         name = option.replace('_', '-')
         for item in value if isinstance(value, list) else [value]:
@@ -108,7 +118,10 @@ def _check_names(args: argparse.Namespace) -> None:
 
 
 def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
-    """Yield a warning for each hidden folder that a killed command left beside the arguments."""
+    """Yield a line of warning for each hidden folder that a killed command has left behind.
+
+    Searched are the folders that the arguments name, and the parents of all paths in them.
+    """
     paths = {value for value in vars(args).values() if isinstance(value, Path)}
     for folder in sorted({path.parent for path in paths} | {p for p in paths if p.is_dir()}):
         for left in abandoned_scratch_folders(folder):
@@ -119,7 +132,11 @@ def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
 
 
 def argument_parser(chosen: str) -> argparse.ArgumentParser:
-    """Return the parser. Only the chosen command gets its arguments, as they need its module."""
+    """Return the parser of `hoid` with all commands.
+
+    Args:
+        chosen: Command that gets its arguments too; to declare them, its module must be imported.
+    """
     parser = argparse.ArgumentParser(prog='hoid', description='RGB-D SLAM among moving people.')
     parser.add_argument(
         '-v', '--verbose', action='store_true', help='show log messages and tracebacks'
@@ -136,12 +153,20 @@ def argument_parser(chosen: str) -> argparse.ArgumentParser:
 
 
 def add_arguments(command: str, parser: argparse.ArgumentParser) -> None:
-    """Declare a command's arguments; raise InputError where a package that it needs is missing."""
+    """Declare the arguments of a command in a parser.
+
+    Raises:
+        InputError: A Python package that the command needs is missing.
+    """
     getattr(_module(command), f'add_{command}_arguments')(parser)
 
 
 def _module(command: str) -> ModuleType:
-    """Import a command's code; raise InputError where a package that it needs is missing."""
+    """Import and return the module of a command.
+
+    Raises:
+        InputError: A Python package that the command needs is missing.
+    """
     try:
         with termination_signals_blocked():  # an import may swallow KeyboardInterrupt
             return import_module(COMMANDS[command].module)

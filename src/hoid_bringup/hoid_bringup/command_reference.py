@@ -1,4 +1,4 @@
-"""Generator of the page of all commands, from their argument parsers (`make reference`)."""
+"""Generator of the reference page of all commands from their parsers (`make reference`)."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ def command_reference() -> str:
 
 
 def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """Yield the table row of each argument."""
     for action in parser._actions:  # noqa: SLF001 - argparse has no public list of arguments
         if action.help != argparse.SUPPRESS:
             text = (action.help or '') % {**vars(action), 'prog': parser.prog}
@@ -37,11 +38,12 @@ def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
 
 
 def _code(text: str) -> str:
-    """Return text as code in a table, where some Markdown readers take `|` for a cell border."""
+    """Return a text as code for a cell of a Markdown table; `|` would end the cell."""
     return f'<code>{text.replace("|", "&#124;")}</code>' if '|' in text else f'`{text}`'
 
 
 def _usage(action: argparse.Action) -> str:
+    """Return an argument as it is written on the command line."""
     value = action.metavar or action.dest.upper()
     if action.choices is not None:
         value = '|'.join(map(str, action.choices))

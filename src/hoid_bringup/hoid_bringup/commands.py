@@ -7,6 +7,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from hoid_bags.options import add_recording_arguments
 from hoid_bringup.evaluate.evaluation import Evaluation, evaluate
 from hoid_bringup.live.replay_plan import ReplayConfig
 from hoid_bringup.run.map_files import MapFiles
@@ -14,7 +15,6 @@ from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, STRATEGY, lacks_mo
 from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.options import (
     add_method_arguments,
-    add_recording_arguments,
     given_parameters,
     playable_bag,
     recording,
@@ -55,7 +55,12 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_command(args: argparse.Namespace) -> None:
-    """Run SLAM on every frame of a recording."""
+    """Run SLAM on every frame of a recording, write the results and print a report.
+
+    Raises:
+        HoidError: An argument is invalid or the run fails. For a damaged recording, this is raised
+            after the readable part was processed.
+    """
     config = _config(args)
     if config.live_only:
         names = ', '.join(config.live_only)
@@ -89,7 +94,10 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def replay_command(args: argparse.Namespace) -> None:
-    """Play a recording to the live nodes; a TUM folder is first converted to a temporary bag."""
+    """Play a recording to the live nodes, write the results and print a report.
+
+    A TUM folder is first converted to a temporary bag.
+    """
     from hoid_bringup.live.replay import replay  # imports ROS, which other commands do not need
 
     config = ReplayConfig(rate=args.rate, lockstep=args.lockstep, run=_config(args))
@@ -120,7 +128,7 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def evaluate_command(args: argparse.Namespace) -> None:
-    """Print the errors of a trajectory."""
+    """Print the errors of a trajectory, and write them to a file if one is given."""
     result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), args.frames)
     print(evaluation_report(result))
     if args.json is not None:
@@ -131,7 +139,10 @@ def evaluate_command(args: argparse.Namespace) -> None:
 
 
 def _config(args: argparse.Namespace) -> RunConfig:
-    """Return the configuration of the options; without a detector model, for motion alone."""
+    """Return the configuration of the command line, and print a note about detections.
+
+    If no detector model is found for the default strategy, the strategy is `motion`.
+    """
     config = run_config(args)
     if lacks_model(config, given_parameters(args)):
         print(NO_DETECTOR)
@@ -141,13 +152,13 @@ def _config(args: argparse.Namespace) -> RunConfig:
 
 
 def print_detection_note(config: RunConfig) -> None:
-    """Print a note if ground-truth boxes are used: the result then shows no detector's errors."""
+    """Print a note if ground-truth boxes are used instead of a detector."""
     if config.needs_detections and config.detector.model == TRUTH:
         print('detections: ground-truth boxes of the rendered scene; no detector runs')
 
 
 def run_report(summary: Summary, out_dir: Path) -> str:
-    """Return the result of a run in a few lines."""
+    """Return a report of a run as a few lines of text: counts, errors, times, output folder."""
     s = summary
     lines = [
         f'tracked    {s.frames_tracked} of {s.frames_total} frames ({100 * s.coverage:.1f} %)',
@@ -178,7 +189,7 @@ def run_report(summary: Summary, out_dir: Path) -> str:
 
 
 def evaluation_report(result: Evaluation) -> str:
-    """Return an evaluation in a few lines."""
+    """Return the errors of a trajectory as a few lines of text."""
     r = result
     spread = f'mean {r.ate_mean_m:.4f}, median {r.ate_median_m:.4f}, max {r.ate_max_m:.4f}'
     coverage = '' if r.coverage is None else f', coverage {100 * r.coverage:.1f} %'

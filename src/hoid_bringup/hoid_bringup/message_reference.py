@@ -1,4 +1,4 @@
-"""Generator of the page of all messages and services, from their files (`make reference`)."""
+"""Generator of the reference page of all messages and services (`make reference`)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ _FIELD = re.compile(r'(?P<type>\S+)\s+(?P<name>\w+)(?:=(?P<value>\S+))?\s*(?:#\s
 
 
 def message_reference(package: Path) -> str:
-    """Return the page in Markdown, with the fields of each message and service of a package."""
+    """Return the page in Markdown, with the fields of each message and service of a package.
+
+    Args:
+        package: Source folder of the package.
+    """
     parts = [_HEAD]
     for path in sorted(package.glob('*/*.[ms][sr][gv]')):
         description, *tables = _read(path.read_text(encoding='utf-8'))
@@ -36,6 +40,7 @@ def _read(text: str) -> Iterator[str]:
 
 
 def _rows(lines: list[str]) -> Iterator[str]:
+    """Yield the table row of each field and of each comment between fields."""
     cells: list[str] = []
     for line in filter(None, lines):
         if line.startswith('#') or not cells:  # a comment on the fields that follow
@@ -50,6 +55,7 @@ def _rows(lines: list[str]) -> Iterator[str]:
 
 
 def _cells(line: str) -> list[str]:
+    """Return name, type and comment of a field."""
     found = _FIELD.match(line)
     if found is None:
         raise ValueError(f'is no field of a message: {line}')

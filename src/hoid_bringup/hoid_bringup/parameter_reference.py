@@ -1,4 +1,4 @@
-"""Generator of the page of all parameters, from the nodes' configurations (`make reference`)."""
+"""Generator of the reference page of all parameters of the nodes (`make reference`)."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from hoid_common.config import EXPERT, Param
 _HEAD = f"""# Parameters
 
 Written by `make reference` from the nodes' configurations; see
-[how to set them](../howto/parameters.md). Those for experts exist where a node is started with
-`{EXPERT}:=true`. What can change while the node runs says so.
+[how to set them](../howto/parameters.md). Parameters for experts exist only if the node is started
+with `{EXPERT}:=true`. A note marks the parameters that can change while the node runs.
 """
 _TABLE = '| parameter | default | values | what it does |\n|---|---|---|---|'
-_MAX_ENTRIES = 3  # of a list
+_MAX_ENTRIES = 3  # shown entries of a list
 
 
 def parameter_reference() -> str:

@@ -14,19 +14,21 @@ If the camera is on another computer, use SUBNET and fastdds_network_profile.xml
 
 from __future__ import annotations
 
+from ament_index_python import PackageNotFoundError, get_package_share_directory
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.substitutions import FindPackageShare
 
-from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_common import topics
+from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.ros.launch_files import (
     Argument,
     common_arguments,
     is_on,
     suite_node,
     switch,
+    tf_remappings,
     value,
 )
 from hoid_filter.config import FilterConfig
@@ -62,7 +64,9 @@ ARGUMENTS = (
         for name, topic in CAMERA_ARGUMENTS.items()
     ),
     Argument(
-        'map_topic', default_value=topics.GRID_MAP, description='topic of the occupancy grid'
+        'map_topic',
+        default_value=topics.GRID_MAP,
+        description='topic of the occupancy grid; its updates are on <map_topic>_updates',
     ),
     Argument(
         'model', default_value='', description='ONNX model of the detector; empty: search for one'
@@ -84,7 +88,10 @@ ARGUMENTS = (
 
 
 def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
-    """Return the remaps of the camera topics, from their arguments or from the driver's preset."""
+    """Return the remappings (from, to) of the camera topics.
+
+    A topic is taken from its launch argument or, if that is empty, from the chosen driver.
+    """
     preset = CAMERA_TOPICS[value(context, 'camera')]
     names = dict(preset.remappings(value(context, 'camera_namespace')))
     return topics.camera_remappings(
@@ -93,9 +100,10 @@ def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
 
 
 def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
-    """Return the nodes. This runs at launch time, when the arguments are known."""
+    """Return the nodes to start, by the values of the launch arguments."""
     camera = camera_remappings(context)
-    grid = (topics.GRID_MAP, value(context, 'map_topic'))
+    grid = value(context, 'map_topic')
+    grids = [(topics.GRID_MAP, grid), (topics.GRID_MAP_UPDATES, f'{grid}_updates')]
     parameters = {
         'hoid_detector': {'model': value(context, 'model')},
         'hoid_filter': {'strategy': value(context, 'strategy')},
@@ -103,21 +111,33 @@ def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
     }
     if not is_on(context, 'detector'):
         del parameters['hoid_detector']
+    viewers = [rviz(context)] if is_on(context, 'rviz') else []
     nodes = [
-        suite_node(context, package, values, [*camera, grid])
+        suite_node(context, package, values, [*camera, *grids])
         for package, values in parameters.items()
     ]
-    return [*nodes, rviz()] if is_on(context, 'rviz') else nodes
+    return [*nodes, *viewers]
 
 
-def rviz() -> Node:
-    """Return RViz with the displays of the suite."""
+def rviz(context: LaunchContext) -> Node:
+    """Return RViz with the displays of the suite.
+
+    Raises:
+        RuntimeError: RViz is not installed. Launch then ends before it has started any node.
+    """
+    try:
+        get_package_share_directory('rviz2')
+    except PackageNotFoundError:
+        raise RuntimeError(
+            'rviz:=true needs the package rviz2, which is not installed: install '
+            'ros-jazzy-rviz2, or leave rviz at false'
+        ) from None
     return Node(
         package='rviz2',
         executable='rviz2',
         namespace=LaunchConfiguration('namespace'),
         arguments=['-d', RVIZ],
-        remappings=list(topics.NAMESPACED_TF),
+        remappings=tf_remappings(context),
     )
 
 

@@ -14,13 +14,13 @@ import yaml
 from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_topics import RecordedTopics
-from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_bringup.live.live_metrics import LiveMetrics
 from hoid_bringup.live.node_specs import NodeOptions, node_specs, parameter_file
 from hoid_bringup.live.replay_plan import ReplayConfig, node_options, player_spec
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.run.summary import FilterCounts
+from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
 

@@ -1,1 +1,1 @@
-"""What several packages of the suite share: values, geometry, configuration, files, ROS."""
+"""Code that several packages of the suite use: values, geometry, configuration, files, ROS."""

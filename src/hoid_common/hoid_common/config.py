@@ -1,4 +1,4 @@
-"""Configuration as frozen dataclasses, which declare the default, text and range of each field.
+"""Configuration by frozen dataclasses that declare default, description and range of each field.
 
 The configuration of a stage derives from `Config`. It declares each parameter with `param(...)`
 and each nested configuration with `section(...)`. The name of a nested parameter is dotted
@@ -35,9 +35,9 @@ class ParamSpec:
     minimum: float | None = None  # inclusive
     maximum: float | None = None  # inclusive
     choices: tuple[str, ...] = ()  # the only values of a string; empty = any
-    read_only: bool = True  # whether it cannot change while the node runs
-    expert: bool = False  # whether a node declares it only with `expert:=true`
-    is_internal: bool = False  # whether it is set from Python only and is no ROS parameter
+    read_only: bool = True  # True: the parameter cannot change while the node runs
+    expert: bool = False  # True: a node declares the parameter only with `expert:=true`
+    is_internal: bool = False  # True: the parameter is set from Python only, not by ROS
 
 
 class Param(NamedTuple):
@@ -68,10 +68,11 @@ def param(
         minimum: Least value of a number, inclusive.
         maximum: Greatest value of a number, inclusive.
         choices: The only values of a string.
-        read_only: False lets the parameter change at run time.
-        expert: True hides it from users who do not know the method.
-        internal: True makes it no ROS parameter. Experiments set it from Python, by `hoid run
-            --set`, and by a profile, such as the one of ORB-SLAM3's rules.
+        read_only: False lets the parameter change while the node runs.
+        expert: True hides the parameter from users who do not know the method: a node declares it
+            only with `expert:=true`.
+        internal: True makes it no ROS parameter. It can be set from Python, by `hoid run --set`,
+            and by a profile of an experiment, such as the profile with the rules of ORB-SLAM3.
     """
     spec = ParamSpec(description, minimum, maximum, choices, read_only, expert, internal)
     return field(default=default, metadata={_SPEC: spec})
@@ -104,10 +105,10 @@ class Config:
                 object.__setattr__(self, f.name, checked)
 
     def params(self, prefix: str = '') -> Iterator[Param]:
-        """Yield every parameter, nested ones included, in order of declaration.
+        """Yield every parameter, including those of nested configurations, in declared order.
 
         Args:
-            prefix: Put before each name.
+            prefix: Text that is put before each name.
         """
         for f in fields(self):
             value = getattr(self, f.name)
@@ -119,11 +120,14 @@ class Config:
                 yield Param(f'{prefix}{f.name}', value, f.metadata[_SPEC])
 
     def node_params(self) -> Iterator[Param]:
-        """Yield the parameters that a node may declare: all but the internal ones."""
+        """Yield the parameters that a node may declare: all except the internal parameters."""
         return (leaf for leaf in self.params() if not leaf.spec.is_internal)
 
     def updated(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy in which the parameters with these dotted names have these values.
+        """Return a copy in which some parameters have new values.
+
+        Args:
+            values: New values by dotted name of the parameter.
 
         Raises:
             ConfigError: A name is unknown, or a value has the wrong type or is out of range.
@@ -138,10 +142,12 @@ class Config:
 
 
 def _for_experts(leaf: Param) -> Param:
+    """Return a parameter as an expert parameter."""
     return leaf._replace(spec=replace(leaf.spec, expert=True))
 
 
 def _replaced(config: C, values: Mapping[str, Any]) -> C:
+    """Return a copy of a configuration with new values, given by dotted name."""
     here: dict[str, Any] = {}
     nested: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
@@ -156,10 +162,18 @@ def _replaced(config: C, values: Mapping[str, Any]) -> C:
 
 
 def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
-    """Return the value, converted to the type of `like` where that loses nothing.
+    """Return a value after checking its type and range.
+
+    An int is converted to float where the parameter is a float.
+
+    Args:
+        name: Name of the parameter, with which an error begins.
+        value: The value.
+        like: Another value of the parameter, which has the right type.
+        spec: Constraints of the parameter.
 
     Raises:
-        ConfigError: It has another type or is out of range. The error begins with `name`.
+        ConfigError: The value has another type or is out of range.
     """
     if type(value) is int and isinstance(like, float):
         value = float(value)  # YAML reads `3` as an int
@@ -181,6 +195,7 @@ def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
 
 
 def _range(spec: ParamSpec) -> str:
+    """Return the range of a number in words, for an error."""
     if spec.maximum is None:
         return f'at least {spec.minimum}'
     return (
@@ -191,7 +206,10 @@ def _range(spec: ParamSpec) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return '; did you mean ...?' with the known names similar to an unknown one, or ''."""
+    """Return the end of an error about an unknown name: '; did you mean ...?', or ''.
+
+    It suggests up to three of the known names that are similar to `name`, if there are any.
+    """
     names = list(known)
     parts = [n for n in names if n.endswith(f'.{name}') or n.startswith(f'{name}.')]
     likely = parts or get_close_matches(name, names, cutoff=_MIN_SIMILARITY)

@@ -20,6 +20,7 @@ class HoidError(Exception):
 
 
 def _printable(text: str) -> str:
+    """Return a text in which characters that are not printable are escaped."""
     return ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
@@ -32,7 +33,7 @@ class ConfigError(HoidError):
 
 
 class MessageError(HoidError):
-    """A message is inconsistent in itself or with the camera: array lengths, encoding, size."""
+    """A message cannot be used: array lengths, encoding or image size are inconsistent."""
 
 
 class ModelError(HoidError):
@@ -40,7 +41,7 @@ class ModelError(HoidError):
 
 
 class NoModelError(ModelError):
-    """No detector model is installed and none was named; the strategy `motion` needs none."""
+    """No detector model was named, and no default model is installed."""
 
 
 class MapFileError(HoidError):

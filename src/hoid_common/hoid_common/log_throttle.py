@@ -1,6 +1,7 @@
 """Rate limits for repeated log lines: at a fixed period, or with exponential back-off.
 
-rclpy's `throttle_duration_sec` limits each line of code; these limit each kind of message.
+rclpy's `throttle_duration_sec` limits each line of code that logs. The classes here limit each
+kind of message.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Collection
 
 
 class LogThrottle:
-    """Passes one message of each kind per period, and counts the suppressed ones."""
+    """Allows one message of each kind per period, and counts the messages that it suppresses."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -18,11 +19,15 @@ class LogThrottle:
         self._skipped: dict[str, int] = {}
 
     def allow(self, kind: str, now_s: float) -> int | None:
-        """Return the number of messages suppressed since the last one, or None to suppress this.
+        """Decide whether to log a message, and count it if it must be suppressed.
 
         Args:
-            kind: Messages of different kinds do not suppress each other.
+            kind: Kind of the message. Messages of different kinds do not suppress each other.
             now_s: Time of a steady clock.
+
+        Returns:
+            None if the message must be suppressed. Otherwise the number of messages of this kind
+            that were suppressed since the last one was logged.
         """
         if now_s < self._next_s.get(kind, now_s):
             self._skipped[kind] = self._skipped.get(kind, 0) + 1
@@ -48,10 +53,10 @@ class Backoff:
         self._interval_s: dict[str, float] = {}  # of active problems, until the next report
 
     def due(self, active: Collection[str], now_s: float) -> list[str]:
-        """Return those of the active problems that are to be reported now.
+        """Return the active problems that must be reported now, and note that they are reported.
 
         Args:
-            active: All problems that exist now; those that are missing count as resolved.
+            active: Names of all problems that exist now. Every other problem counts as resolved.
             now_s: Time of a steady clock.
         """
         self._interval_s = {kind: self._interval_s.get(kind, 0.0) for kind in active}
@@ -63,6 +68,7 @@ class Backoff:
         return due
 
     def _earliest_s(self, kind: str) -> float:
+        """Return the earliest time at which a problem may be reported again."""
         if kind not in self._reported_s:
             return -math.inf
         return self._reported_s[kind] + max(self._interval_s[kind], self._first_s)

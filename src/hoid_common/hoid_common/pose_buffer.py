@@ -23,7 +23,10 @@ class PoseBuffer:
         self._poses: deque[tuple[int, FloatArray]] = deque()  # stamp, T (4, 4)
 
     def add(self, stamp_ns: int, T: FloatArray) -> None:
-        """Append a pose T (4, 4). A stamp older than the newest one clears the buffer first."""
+        """Append a pose T (4, 4). If its stamp is older than the newest, the buffer is cleared.
+
+        A pose with the stamp of the newest one is ignored.
+        """
         if self._poses and stamp_ns <= self._poses[-1][0]:
             if stamp_ns == self._poses[-1][0]:  # a repeated message
                 return

@@ -1,9 +1,9 @@
-"""The group SE(3) of rigid transforms, on arrays of float64.
+"""Functions of the group SE(3) of rigid transforms, on arrays of float64.
 
 A transform is a (4, 4) homogeneous matrix `T_a_b`, which maps points of frame b to frame a; its
 translation is in m. A twist is a (6,) vector of the tangent space: rotation vector in rad first,
 then translation in m, as in GTSAM's `Pose3`. Quaternions are (4,) in the order x, y, z, w, as in
-ROS. Functions that name (..., 4, 4) work on stacks of any number of leading axes.
+ROS. Functions with a shape such as (..., 4, 4) accept any number of leading axes.
 
 The formulas are those of Barfoot, "State Estimation for Robotics" (2017), chapter 7. No function
 checks its input: a matrix that is no rigid transform gives a meaningless result, not an error.

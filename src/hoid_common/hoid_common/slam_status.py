@@ -1,4 +1,4 @@
-"""State of the SLAM after one image, as a value; its message is hoid_msgs/SlamStatus."""
+"""State of the SLAM after one image; hoid_msgs/SlamStatus is the corresponding message."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class SlamStatus:
 
     state: SlamState
     mode: SlamMode = SlamMode.MAPPING
-    message: str = ''  # reason for the state; empty when there is none to give
+    message: str = ''  # reason for the state; empty if there is no particular reason
     tracked_points: int = 0  # map points matched in this image
     inliers: int = 0  # of these, the ones that agree with the pose
     keyframes: int = 0  # in the main map

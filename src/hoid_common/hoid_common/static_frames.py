@@ -17,12 +17,12 @@ _MAX_FRAMES = 1000
 
 
 def check_frame_limit(what: str, name: str, number: int, limit: int) -> None:
-    """Raise MessageError when `number` frames are stored already and `limit` is reached.
+    """Raise MessageError if one more frame would exceed the greatest number of stored frames.
 
     Args:
-        what: Kind of the frames, for the error.
+        what: Kind of the frames, with which the error begins.
         name: Name of the frame that would be added.
-        number: Number of frames that are stored.
+        number: Number of frames that are stored already.
         limit: Greatest number of frames.
     """
     if number >= limit:
@@ -39,7 +39,7 @@ class StaticFrames:
         self._edges: dict[str, tuple[str, FloatArray]] = {}  # child: parent, T_parent_child
 
     def add(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Add the transform T_parent_child (4, 4), or replace the one that the child has.
+        """Add the transform T_parent_child (4, 4). A child that exists gets this new parent.
 
         Raises:
             MessageError: There are too many frames.

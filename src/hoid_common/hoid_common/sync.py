@@ -21,10 +21,10 @@ class _Item(NamedTuple):
     value: Any
 
 
-# Returned by `_partner` instead of an item:
+# `_partner` returns one of these instead of an item:
 _WAIT = _Item(-1, 'wait')  # a better partner may still arrive
-_NEVER = _Item(-1, 'never')  # no partner can arrive any more
-_ABSENT = _Item(-1, 'absent')  # the same, and the stream is optional
+_NEVER = _Item(-1, 'never')  # no partner can arrive any more, so the reference is dropped
+_ABSENT = _Item(-1, 'absent')  # no partner can arrive any more, but the stream is optional
 
 
 class Match(NamedTuple):
@@ -36,7 +36,7 @@ class Match(NamedTuple):
 
 @dataclass
 class StreamCounts:
-    """Numbers of a stream's items by what happened to them."""
+    """Numbers of items of a stream that were matched, or dropped for one of three reasons."""
 
     matched: int = 0
     unmatched: int = 0  # dropped, since another stream has no item within the slop
@@ -87,13 +87,15 @@ class StampMatcher:
         self._period_ns = {}
 
     def add(self, name: str, stamp_ns: int, value: Any) -> list[Match]:
-        """Add an item and return the matches that it completes, oldest first.
+        """Add an item to a stream and return the matches that it completes, oldest first.
+
+        An item that is not newer than the previous item of its stream is dropped. If it is older
+        by 1 s or more, all streams are reset and begin with it.
 
         Args:
-            name: The item's stream.
-            stamp_ns: The item's stamp. One that is 1 s older than the previous one resets all
-                streams.
-            value: Returned in the match.
+            name: Name of the stream.
+            stamp_ns: Stamp of the item.
+            value: Value of the item, which the match will contain.
         """
         newest_ns = self._newest_ns.get(name)
         if newest_ns is not None and stamp_ns <= newest_ns:
@@ -114,6 +116,7 @@ class StampMatcher:
         return self._take_matches()
 
     def _take_matches(self) -> list[Match]:
+        """Remove all complete matches from the queues and return them, oldest first."""
         reference = self._queues[self._names[0]]
         matches = []
         while reference:
@@ -145,6 +148,7 @@ class StampMatcher:
         return _WAIT
 
     def _is_nearest(self, name: str, near: _Item, stamp_ns: int) -> bool:
+        """Return whether no later item of the stream can be nearer to the stamp than `near`."""
         if self._newest_ns[name] >= stamp_ns:
             return True
         if self._newest_ns[self._names[0]] - stamp_ns > self._slop_ns:
@@ -155,7 +159,8 @@ class StampMatcher:
     def _take(self, name: str, partner: _Item) -> Any:
         """Remove the partner and all older items from its queue, and return its value.
 
-        The older ones can match nothing any more, since the reference only advances.
+        Older items can no longer be matched, because the stamps of the reference increase. For
+        _ABSENT the result is None.
         """
         if partner is _ABSENT:
             return None

@@ -13,20 +13,20 @@ INITIAL_POSE = 'initialpose'  # RViz's "2D Pose Estimate"
 
 DETECTIONS = 'detections'
 DETECTIONS_2D = 'detections_2d'  # vision_msgs/Detection2DArray, input instead of `detections`
-OWN_DETECTIONS_2D = '~/detections_2d'  # output of hoid_detector, published on demand
+OWN_DETECTIONS_2D = '~/detections_2d'  # output of hoid_detector, only while it has subscribers
 FEATURES = 'features'
 FEATURE_VERDICTS = 'feature_verdicts'  # final verdicts, after provisional ones
 DYNAMIC_OBJECTS = 'dynamic_objects'
 DEBUG_IMAGE = '~/debug_image'
-# For a SLAM that extracts its own features; published on demand.
+# For a SLAM that extracts its own features; published only while they have subscribers.
 MASK = '~/mask'  # mono8, 255 = static, 0 = moving
 STATIC_DEPTH = '~/static_depth'  # depth image, 0 on moving objects
-# For obstacle layers, in the camera's optical frame; published on demand.
+# For obstacle layers, in the camera's optical frame; published only while they have subscribers.
 MOVING_POINTS = 'moving_points'
 STATIC_POINTS = 'static_points'
 
 ODOM = 'odom'
-VISUAL_ODOM = 'visual_odom'  # output instead of `odom` where that is wheel odometry
+VISUAL_ODOM = 'visual_odom'  # output instead of `odom` when `odom` is the input of wheel odometry
 PATH = 'path'
 MAP_POINTS = 'map_points'
 CLOUD_MAP = 'cloud_map'
@@ -75,7 +75,7 @@ def compressed_depth(topic: str) -> str:
 
 
 def camera_remappings(rgb: str, depth: str, camera_info: str) -> list[tuple[str, str]]:
-    """Return the remappings (from, to) of the suite's camera topics to those of a driver.
+    """Return the remappings (from, to) of the suite's camera topics to the topics of a driver.
 
     The compressed topics are remapped as well, to the names that image_transport gives them.
     """

@@ -1,7 +1,7 @@
 """The value types that processing stages exchange: camera, frame, detections, features, verdicts.
 
-All are immutable dataclasses without ROS; `hoid_common.ros.conversions` converts them to and from
-messages. Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are
+A verdict says whether an object or feature is dynamic. All types are immutable dataclasses without
+ROS; `hoid_common.ros.conversions` converts them to and from messages. Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are
 `(u, v)` with the origin at the center of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2,
 y2 exclusive; stamps are integer nanoseconds since the epoch of the recording's clock. The optical
 frame of a camera has x to the right, y down, z forward (REP 103). Index letters: i frame or
@@ -36,24 +36,27 @@ PERSON = 'person'
 """Name of the class of people, as in COCO."""
 UNKNOWN = 'unknown'
 """Class name of a moving region that no detector has classified."""
-DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial')
-"""The distortion models of sensor_msgs/CameraInfo that are supported: 5 and 8 coefficients."""
+EQUIDISTANT = 'equidistant'
+DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial', EQUIDISTANT)
+"""The distortion models of sensor_msgs/CameraInfo that are supported: 5, 8 to 14, 4 numbers."""
 
 MAX_PIXELS = 7680 * 4320
 """Largest image that is accepted: 8K, four times the largest camera tested; 100 MB as BGR."""
 MAX_NAME_LENGTH = 100
 """Longest class name that is accepted, in characters. Chosen: COCO's longest has 14."""
 
-_NUM_COEFFICIENTS = 8  # of OpenCV's rational model: k1, k2, p1, p2, k3, k4, k5, k6
-_MAX_COEFFICIENT = 1e4  # chosen to refuse only garbage; not tuned
+# Of OpenCV's rational model: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y.
+_NUM_COEFFICIENTS = 14
+_NUM_FISHEYE = 4  # of OpenCV's fisheye model: k1, k2, k3, k4
+_MAX_COEFFICIENT = 1e4  # chosen far above the coefficients of real lenses; not tuned
 # Least and greatest focal length, as a ratio to the longer image side: fields of view of 169 and
-# 0.6 degrees. Chosen wider than any pinhole camera, to refuse only garbage.
+# 0.6 degrees. Chosen beyond the limits of any pinhole camera.
 _FOCAL_PER_SIDE = (0.05, 100.0)
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Intrinsics of a pinhole camera with plumb-bob or rational lens distortion.
+    """Intrinsics of a pinhole camera with plumb-bob, rational or equidistant lens distortion.
 
     Args:
         width_px: Image width.
@@ -62,8 +65,9 @@ class CameraModel:
         fy_px: Focal length along the image columns.
         cx_px: Principal point, from the center of the left-most column.
         cy_px: Principal point, from the center of the top-most row.
-        distortion: The first up to eight of k1, k2, p1, p2, k3, k4, k5, k6 (OpenCV's order);
-            empty or all zero for a rectified camera.
+        distortion: Up to 14 coefficients in the order of OpenCV, which begins with k1, k2, p1, p2,
+            k3, k4, k5, k6; empty or all zero for a rectified camera.
+        is_fisheye: Whether the coefficients are k1, k2, k3, k4 of the equidistant model.
 
     Raises:
         ConfigError: A value is outside what a real camera can have, or is not finite.
@@ -76,6 +80,7 @@ class CameraModel:
     cx_px: float
     cy_px: float
     distortion: tuple[float, ...] = ()
+    is_fisheye: bool = False
 
     def __post_init__(self) -> None:
         width, height, focal = self.width_px, self.height_px, (self.fx_px, self.fy_px)
@@ -95,12 +100,16 @@ class CameraModel:
                 f'got cx={self.cx_px} cy={self.cy_px}'
             )
         if not (np.abs(self.distortion) <= _MAX_COEFFICIENT).all() or any(
-            self.distortion[_NUM_COEFFICIENTS:]
+            self.distortion[self._num_coefficients :]
         ):
             raise ConfigError(
-                f'camera distortion must be up to {_NUM_COEFFICIENTS} numbers, '
-                f'k1 k2 p1 p2 k3 k4 k5 k6, got {list(self.distortion)}'
+                f'camera distortion must be up to {self._num_coefficients} numbers in the order '
+                f'of OpenCV, got {list(self.distortion)}'
             )
+
+    @property
+    def _num_coefficients(self) -> int:
+        return _NUM_FISHEYE if self.is_fisheye else _NUM_COEFFICIENTS
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -110,7 +119,7 @@ class CameraModel:
     @property
     def distortion_model(self) -> str:
         """Return the name that sensor_msgs/CameraInfo has for the distortion model."""
-        return DISTORTION_MODELS[len(self.distortion) > 5]
+        return EQUIDISTANT if self.is_fisheye else DISTORTION_MODELS[len(self.distortion) > 5]
 
     @cached_property
     def matrix(self) -> FloatArray:
@@ -119,18 +128,20 @@ class CameraModel:
 
     @cached_property
     def _coefficients(self) -> FloatArray:
-        """Return all (8,) distortion coefficients, padded with zeros."""
-        return np.array((*self.distortion, *(0.0,) * _NUM_COEFFICIENTS)[:_NUM_COEFFICIENTS])
+        """Return all (14,) distortion coefficients, or (4,) of a fisheye, padded with zeros."""
+        num = self._num_coefficients
+        return np.array((*self.distortion, *(0.0,) * num)[:num])
 
     def undistort_px(self, uv_px: Float32Array) -> Float32Array:
         """Return the undistorted pixels (N, 2) of imaged pixels (N, 2).
 
-        They are where a camera with the same K and no lens distortion would see the same points.
+        A camera with the same K and without lens distortion would see the same points there.
         """
         if not any(self.distortion) or len(uv_px) == 0:
             return uv_px
         pixels = uv_px.reshape(-1, 1, 2)
-        out = cv2.undistortPoints(pixels, self.matrix, self._coefficients, P=self.matrix)
+        undistort = cv2.fisheye.undistortPoints if self.is_fisheye else cv2.undistortPoints
+        out = undistort(pixels, self.matrix, self._coefficients, P=self.matrix)
         return np.asarray(out.reshape(-1, 2), np.float32)
 
     def project_px(self, points_camera_m: FloatArray) -> FloatArray:
@@ -140,6 +151,14 @@ class CameraModel:
             points_camera_m: In the camera's optical frame, with z > 0.
         """
         x, y = (points_camera_m[:, :2] / points_camera_m[:, 2:]).T
+        if (
+            any(self.distortion[-2:]) and len(self.distortion) == _NUM_COEFFICIENTS
+        ):  # tilted sensor
+            zero = np.zeros(3)
+            out, _ = cv2.projectPoints(
+                points_camera_m, zero, zero, self.matrix, self._coefficients
+            )
+            return np.asarray(out.reshape(-1, 2), np.float64)
         if any(self.distortion):
             x, y = self._distorted(x, y)
         return np.stack([x * self.fx_px + self.cx_px, y * self.fy_px + self.cy_px], axis=1)
@@ -150,14 +169,20 @@ class CameraModel:
         The formula is OpenCV's camera model. `cv2.projectPoints` gives the same result, but takes
         17 times as long, because it computes the Jacobians too.
         """
-        k1, k2, p1, p2, k3, k4, k5, k6 = self._coefficients
         xy, r2 = x * y, x * x + y * y
+        if self.is_fisheye:
+            r = np.maximum(np.sqrt(r2), np.finfo(np.float64).tiny)
+            angle = np.arctan(r)
+            powers = angle[:, None] ** np.arange(3, 3 + 2 * _NUM_FISHEYE, 2)
+            scale = (angle + powers @ self._coefficients) / r
+            return x * scale, y * scale
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = self._coefficients
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         if k4 or k5 or k6:
             radial /= 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
         return (
-            x * radial + 2 * p1 * xy + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * xy,
+            x * radial + 2 * p1 * xy + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * xy + r2 * (s3 + r2 * s4),
         )
 
 
@@ -225,7 +250,8 @@ class Features:
     angle_deg: Float32Array  # (N,) orientation in [0, 360), clockwise from the image's x axis
     response: Float32Array  # (N,) corner strength, without unit
     descriptors: ByteArray  # (N, 32) uint8: 256 bits each
-    may_seed: BoolArray  # (N,) False: possibly on a moving object, tracked but never mapped
+    # (N,) False: the feature may lie on a moving object. It is tracked, but no map point is made.
+    may_seed: BoolArray
 
     def __post_init__(self) -> None:
         n = len(self.octave)
@@ -260,7 +286,10 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class FeatureVerdicts:
-    """The filter's final verdict on the N features of an image that it had published before."""
+    """Which of the N features of an image are dynamic, by the filter's final verdict.
+
+    The filter publishes features before all detections are known, and this verdict afterwards.
+    """
 
     stamp_ns: int  # of the image, as in its `Features`
     is_dynamic: BoolArray  # (N,) True: the feature lies on a moving object and must be removed
@@ -289,10 +318,10 @@ class DynamicObject:
     score: float  # confidence of the detection, in [0, 1]
     track_id: int  # the same for the same object over time; -1 when the strategy does not track
     reason: Reason  # why it is dynamic or static
-    overlap_ratio: float = 0.0  # area shared with people / the object's own area, in [0, 1]
-    depth_gap_m: float = NAN  # |object depth - person depth| at their samples; NaN if unknown
+    overlap_ratio: float = 0.0  # share of the object's box that a person's box covers, in [0, 1]
+    depth_gap_m: float = NAN  # depth difference between object and this person; NaN if unknown
     center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)  # NaN if depth is missing
-    size_m: tuple[float, float] = (NAN, NAN)  # width, height at the depth of the center
+    size_m: tuple[float, float] = (NAN, NAN)  # width and height of the box, at its center's depth
     # Velocity relative to the world, along the axes of the camera's optical frame.
     velocity_camera_mps: tuple[float, float, float] = (NAN, NAN, NAN)
 
@@ -311,7 +340,8 @@ class FilterResult:
     removed_uv_px: Float32Array  # (M, 2) removed features, for the debug image
     num_features_in: int  # features that were detected
     num_removed: int  # features that were removed as dynamic
-    stage_ms: dict[str, float] = field(default_factory=dict)  # of the stages 'extract', 'filter'
+    # Processor time of the stages 'extract' and 'filter'.
+    stage_ms: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +356,7 @@ class Trajectory:
 
     @staticmethod
     def joined(parts: Iterable[Trajectory]) -> Trajectory:
-        """Return the concatenation of trajectories, in the given order; empty for none."""
+        """Return the concatenation of trajectories, in the given order; empty without any part."""
         each = [Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4))), *parts]
         stamps_ns = np.concatenate([part.stamps_ns for part in each])
         return Trajectory(stamps_ns, np.concatenate([part.T_world_camera for part in each]))

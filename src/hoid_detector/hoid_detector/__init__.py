@@ -1,1 +1,1 @@
-"""Finds people and objects in color images with any ONNX model of the YOLO family."""
+"""Detection of people and objects in color images with any ONNX model of the YOLO family."""

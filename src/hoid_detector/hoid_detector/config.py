@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 from hoid_common.config import Config, param
 from hoid_common.inputs.input_config import NodeConfig
-from hoid_detector.model.layouts import AUTO, LAYOUTS
+from hoid_detector.model.finished_boxes import CLASS_IDS
+from hoid_detector.model.layouts import LAYOUTS
+from hoid_detector.model.probe import AUTO
 
 _LAYOUTS = tuple(dict.fromkeys(layout.name for layout in LAYOUTS))
 
@@ -15,20 +17,21 @@ _LAYOUTS = tuple(dict.fromkeys(layout.name for layout in LAYOUTS))
 class DetectorConfig(Config):
     """Parameters of detection.
 
-    The value `auto` follows from the model file (see `model/layouts.py`).
+    With the value `auto`, a parameter is determined from the model file (see `model/layouts.py`).
     """
 
     model: str = param(
         '',
-        'ONNX model of the detector, as a file or a known name such as yolox_nano. With an empty '
-        'string, HOID_MODEL, the folder of shared models and the cache are searched, and '
-        'YOLOX-nano is downloaded if needed. Set it to use another model.',
+        'ONNX model of the detector: the path of a file or a known name such as yolox_nano. Set '
+        'it to use another model than the default. With an empty string, the model in the '
+        'environment variable HOID_MODEL is used, or else YOLOX-nano, which is downloaded if '
+        'needed.',
     )
     # As in YOLOv5's detect.py.
     score_threshold: float = param(
         0.25,
-        'Lowest score of a reported box, as a share. Lower it when people are missed; raise it '
-        'when people are detected by mistake.',
+        'Lowest score of a reported box, from 0 to 1. Lower it when people are missed; raise it '
+        'when people are detected where nobody is.',
         minimum=0.0,
         maximum=1.0,
         read_only=False,
@@ -36,22 +39,24 @@ class DetectorConfig(Config):
     # As in YOLOv5's detect.py.
     nms_iou: float = param(
         0.45,
-        'Overlap (intersection over union) above which the weaker of two boxes of one class is '
-        'removed, as a share. Raise it when one of two people side by side is lost.',
+        'Overlap of two boxes of one class (intersection over union, from 0 to 1) above which the '
+        'box of lower score is removed. Raise it when one of two people side by side is lost; '
+        'lower it when one person gets two boxes.',
         minimum=0.0,
         maximum=1.0,
         read_only=False,
     )
     classes: tuple[str, ...] = param(
         (),
-        'Names of the reported classes; an empty list reports all. Set it when objects of other '
-        'classes are detected by mistake, and keep person in it.',
+        'Names of the classes that are reported. Set it when objects of other classes are '
+        'detected by mistake, and keep person in the list. With an empty list, all classes are '
+        'reported.',
         read_only=False,
     )
     max_detections: int = param(
         100,
-        'Largest number of boxes reported for one image. The boxes with the lowest scores are '
-        'left out.',
+        'Largest number of boxes reported for one image; boxes of lower score are left out. Raise '
+        'it for scenes with more people and objects.',
         minimum=1,
         maximum=1000,
         read_only=False,
@@ -59,8 +64,9 @@ class DetectorConfig(Config):
     )
     providers: tuple[str, ...] = param(
         (),
-        'Execution providers of onnxruntime in order of preference (tensorrt, cuda, openvino, '
-        'cpu). With an empty list, the first installed one is used. Set it to keep the GPU free.',
+        'Execution providers of onnxruntime in order of preference: tensorrt, cuda, openvino, '
+        'cpu. Set it to cpu to keep the GPU free. With an empty list, the first of these that is '
+        'installed is used.',
     )
     # Measured: a second thread saves 0.4 ms of 8.4 with YOLOX-nano and costs 3 ms of another core.
     threads: int = param(
@@ -73,44 +79,61 @@ class DetectorConfig(Config):
     # The size that most YOLO models are trained with.
     input_size_px: int = param(
         640,
-        'Longer side of the network input, for models that accept any size (pixels).',
+        'Longer side of the network input (pixels), for models that accept any size. Lower it to '
+        'save processor time, raise it to detect smaller objects.',
         minimum=32,
         maximum=4096,
         expert=True,
     )
     class_names_file: str = param(
         '',
-        'Text file with one class name per line. With an empty string, the names in the model '
-        'are used. Set it for a model that contains no names.',
+        'Path of a text file with one class name per line. Set it for a model that contains no '
+        'class names. With an empty string, the names in the model are used.',
+    )
+    person_names: tuple[str, ...] = param(
+        ('person', 'persons', 'people', 'human', 'humans', 'pedestrian', 'pedestrians'),
+        'Names of classes of people, in upper or lower case; all are reported as person. A model '
+        'without any of them is refused; with an empty list, any model is accepted.',
+    )
+    class_ids: str = param(
+        AUTO,
+        'Numbers of the classes in finished boxes: from_0 and from_1 count the class names, '
+        'coco_91 are those of the COCO data set. Set it when boxes have wrong class names.',
+        choices=(AUTO, *CLASS_IDS),
+        expert=True,
     )
     layout: str = param(
         AUTO,
-        'Layout of the network output. Set it when the layout of a model is not recognized.',
+        'Layout of the network output. Set it when the layout of a model is not recognized. For '
+        'tables of finished boxes, it is the order of the columns.',
         choices=(AUTO, *_LAYOUTS),
         expert=True,
     )
     color_order: str = param(
         AUTO,
-        'Order of the color channels in the network input.',
+        'Order of the color channels in the network input. Set it when a model of another order '
+        'than usual for its layout detects little.',
         choices=(AUTO, 'rgb', 'bgr'),
         expert=True,
     )
     value_range: str = param(
         AUTO,
-        'Range of the values in the network input: 0 to 1 (unit), or 0 to 255 (byte).',
+        'Range of the values in the network input: 0 to 1 (unit), or 0 to 255 (byte). Set it when '
+        'a model of another range than usual for its layout detects nothing.',
         choices=(AUTO, 'unit', 'byte'),
         expert=True,
     )
     letterbox: str = param(
         AUTO,
         'Placement of the image in the network input: centered or at the top left with padding, '
-        'or stretched to the whole input.',
+        'or stretched to the whole input. Set it when the boxes of a model are displaced.',
         choices=(AUTO, 'centered', 'top_left', 'stretch'),
         expert=True,
     )
     box_units: str = param(
         AUTO,
-        'Unit of the boxes in the network output: pixels or fractions of the network input.',
+        'Unit of the boxes in the network output: pixels, or fractions of the network input '
+        '(normalized). Set it when the boxes of a model are far too large or too small.',
         choices=(AUTO, 'pixel', 'normalized'),
         expert=True,
     )
@@ -123,8 +146,9 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
     # Decision 016: measured with 10, the scene mapper in the idle class.
     niceness: int = param(
         10,
-        'Number that is added to the niceness of the process, as by the command nice, so that '
-        'tracking has priority. Lower it when detections come too rarely on a busy computer.',
+        'Number that is added to the niceness of the process, as the command nice does. A larger '
+        'number gives tracking priority. Lower it when detections come too rarely on a busy '
+        'computer.',
         minimum=0,
         maximum=19,
     )

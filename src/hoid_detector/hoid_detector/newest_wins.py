@@ -11,13 +11,14 @@ R = TypeVar('R')
 
 
 class NewestWins(Generic[T, R]):
-    """Processes one item at a time in a worker thread; meanwhile only the newest item waits.
+    """Processes one item at a time in a worker thread, while only the newest other item waits.
 
     All methods must be called by the same thread, so no state needs a lock.
 
     Args:
-        work: Processes an item, in the worker thread.
-        wake: Called in the worker thread after each item; it must make the owner call `finish`.
+        work: Function that processes an item. It runs in the worker thread.
+        wake: Function that is called in the worker thread after each item. It must make the owner
+            call `finish` in its own thread.
     """
 
     def __init__(self, work: Callable[[T], R], wake: Callable[[], object]) -> None:
@@ -29,17 +30,18 @@ class NewestWins(Generic[T, R]):
         self.num_dropped = 0  # items that a newer one replaced
 
     def offer(self, item: T) -> None:
-        """Start on the item, or let it wait in place of an older one."""
+        """Process an item now if the worker is free; otherwise let it replace the waiting item."""
         if self._running is None:
             self._start(item)
         else:
-            self.num_dropped += self._waiting is not None
+            if self._waiting is not None:
+                self.num_dropped += 1
             self._waiting = item
 
     def finish(self) -> R | None:
-        """Return the result of a finished item, or None, and start the waiting one.
+        """Return the result of the finished item and start the waiting item, if there is one.
 
-        An exception of `work` is raised here.
+        The result is None if no item has finished. An exception of `work` is raised here.
         """
         if self._running is None or not self._running.done():
             return None
@@ -50,14 +52,14 @@ class NewestWins(Generic[T, R]):
         return done.result()
 
     def clear(self) -> None:
-        """Discard the waiting item and the result of the running one, for whose end it waits."""
+        """Discard the waiting item, wait for the running item to end, and discard its result."""
         self._waiting = None
         if self._running is not None:
             self._running.exception()
             self._running = None
 
     def close(self) -> None:
-        """Discard the waiting item and end the thread after the running one."""
+        """Discard the waiting item, wait for the running item to end, and end the thread."""
         self._waiting = None
         self._pool.shutdown()
 

@@ -36,7 +36,7 @@ class _Result(NamedTuple):
 
 
 class DetectorNode(ManagedNode):
-    """Detector node. It detects and publishes detections in a worker thread of its own."""
+    """The detector node, which detects objects and publishes them in a worker thread."""
 
     def __init__(self) -> None:
         super().__init__('hoid_detector')
@@ -56,12 +56,12 @@ class DetectorNode(ManagedNode):
         self.begin(autostart=self._settings.config.autostart)
 
     def destroy_node(self) -> None:
-        """End the worker before the node, as it triggers a guard condition of the node."""
+        """End the worker thread, then destroy the node, whose guard condition the thread uses."""
         self._worker.close()
         super().destroy_node()
 
     def configure(self) -> None:
-        """Load the model."""
+        """Load the model, and report its description and a warning about its provider."""
         config = self._settings.config
         self._detector = OnnxDetector(find_model(config.model), config)
         self.diagnostics.set_value('model', self._detector.description)
@@ -69,14 +69,16 @@ class DetectorNode(ManagedNode):
             self.diagnostics.set_problem('provider', warning)
 
     def pause(self) -> None:
-        """Discard the image that waits for detection."""
+        """Discard the waiting image and the result of the running detection."""
         self._worker.clear()
 
     def _take(self, msg: conversions.ReceivedImage | CompressedImage) -> None:
+        """Give an image message to the worker thread, unless detection is stopped."""
         if self._enabled:
             self._worker.offer(msg)
 
     def _detect(self, msg: conversions.ReceivedImage | CompressedImage) -> _Result:
+        """Detect objects in an image, publish them, and return what the diagnostics need."""
         assert self._detector is not None
         image_bgr = conversions.color_from_msg(msg)
         detections = self._detector.detect(image_bgr, conversions.stamp_from_msg(msg.header.stamp))
@@ -91,6 +93,7 @@ class DetectorNode(ManagedNode):
         return _Result(msg.header, image_bgr, detections, detect_ms, is_watched)
 
     def _finish(self) -> None:
+        """Publish the debug image and update the diagnostics after a detection."""
         try:
             result = self._worker.finish()
         except HoidError as error:
@@ -123,6 +126,7 @@ class DetectorNode(ManagedNode):
         return response
 
     def _approve(self, config: DetectorNodeConfig) -> None:
+        """Raise ConfigError for classes that the model does not have."""
         if self._detector is not None:
             self._detector.check_classes(config.classes)
 
@@ -132,5 +136,5 @@ class DetectorNode(ManagedNode):
 
 
 def main() -> int:
-    """Run the node."""
+    """Run the node until it is shut down, and return the exit status of the process."""
     return run_node(DetectorNode)

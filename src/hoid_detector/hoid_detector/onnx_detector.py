@@ -1,10 +1,11 @@
-"""Detector: finds boxes with class and score in images with an ONNX model."""
+"""The detector: boxes with class and score in color images, found by an ONNX model."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,27 +13,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import ConfigError, MessageError, ModelError
-from hoid_common.values import BoolArray, ByteArray, Detections, IntArray
+from hoid_common.values import BoolArray, ByteArray, Detections, Float32Array, IntArray
 from hoid_detector.config import DetectorConfig
-from hoid_detector.model.class_names import COCO, known_names
+from hoid_detector.model.class_names import COCO, known_names, with_person
 from hoid_detector.model.decoders import Candidates, Size
-from hoid_detector.model.layouts import AUTO, Layout, Preprocessing, Probe, recognize
+from hoid_detector.model.finished_boxes import MAX_SCORE
+from hoid_detector.model.layouts import Layout, Preprocessing, recognize
 from hoid_detector.model.letterbox import Letterbox, Placement, open_size
 from hoid_detector.model.network import Network
 from hoid_detector.model.nms import nms
+from hoid_detector.model.probe import AUTO, Probe
 
 _LOG = logging.getLogger(__name__)
+# Chosen: boxes outside the image that show a wrong layout, if they are more than those inside.
+_MIN_OUTSIDE = 3
 
 
 class OnnxDetector:
-    """Detector with any ONNX model of the YOLO family; the output layout follows from the model.
+    """Detector with any ONNX model of the YOLO family, whose output layout is recognized.
 
-    The caller reports `network.provider_warning` where it is not empty.
+    The constructor loads the model and runs it once on noise. The caller should report
+    `network.provider_warning` if this text is not empty.
+
+    Args:
+        model: ONNX file.
+        config: Parameters of the detector.
 
     Raises:
         ModelError: The model cannot be read, its outputs are not finite, its layout is unknown,
             or it does not name its classes.
-        ConfigError: `classes` or `providers` names something unknown.
+        ConfigError: `classes` contains a class that the model lacks, or `providers` an unknown
+            provider.
     """
 
     def __init__(self, model: Path, config: DetectorConfig) -> None:
@@ -41,6 +52,7 @@ class OnnxDetector:
         self._letterbox = Letterbox(self.layout.preprocessing, self.network.dtype)
         self.reconfigure(config)
         self.has_finite_outputs = True  # for the latest image
+        self._num_inside = self._num_outside = 0  # boxes of all images
         self.num_non_finite = 0  # images for which the outputs were not finite
         self.network_ms = 0.0  # inference of the latest image, wall time
         self.detect_ms = 0.0  # all of the latest call of `detect`, wall time
@@ -53,7 +65,7 @@ class OnnxDetector:
 
     @property
     def description(self) -> str:
-        """Return the model, its layout, classes, input format and execution provider in a line."""
+        """Return a line of text: model file, layout, number of classes, input format, provider."""
         network = self.network
         size = 'x'.join(map(str, network.size_wh)) if network.size_wh else 'any size'
         return (
@@ -63,7 +75,11 @@ class OnnxDetector:
         )
 
     def reconfigure(self, config: DetectorConfig) -> None:
-        """Apply the parameters that may change while the node runs."""
+        """Apply new parameters; those that cannot change while the node runs have no effect.
+
+        Raises:
+            ConfigError: The model lacks one of the classes.
+        """
         self.check_classes(config.classes)
         names = np.array(self.class_names)
         self._reported = np.isin(names, config.classes) if config.classes else None
@@ -77,9 +93,17 @@ class OnnxDetector:
                 raise ConfigError(f'classes: the model knows no "{name}"; it knows {known}')
 
     def detect(self, image_bgr: ByteArray, stamp_ns: int) -> Detections:
-        """Return the detections in an image (H, W, 3), highest score first, clipped to the image.
+        """Return the detections in an image, highest score first, with boxes inside the image.
 
         It must not be called by two threads at the same time.
+
+        Args:
+            image_bgr: (H, W, 3) uint8 image.
+            stamp_ns: Stamp of the image.
+
+        Raises:
+            MessageError: The image has another shape.
+            ModelError: The network fails on the image.
         """
         if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or 0 in image_bgr.shape:
             raise MessageError(f'image must be (height, width, 3), got {image_bgr.shape}')
@@ -89,16 +113,54 @@ class OnnxDetector:
         blob, place = self._letterbox(image_bgr, size_wh)
         outputs = self._infer(blob)
         with np.errstate(over='ignore', invalid='ignore'):  # non-finite boxes are dropped below
-            found = self.layout.decode(outputs, size_wh, config.score_threshold)
+            found = self._decode(outputs, size_wh)
         finite = _is_finite(found)
         self._count_non_finite(outputs, has_candidates=bool(finite.any()))
-        found = _in_image(found.select(finite & self._is_reported(found)), place)
+        found = found.select(finite)
+        self._check_positions(place.boxes_to_image(found.boxes_xyxy_px, clip=False), place)
+        found = _in_image(found.select(self._is_reported(found)), place)
         found = found.select(_strongest(found, self.layout, config))
         self.detect_ms = (time.perf_counter() - start_s) * 1e3
-        return self._named(found, stamp_ns)
+        return self._with_names(found, stamp_ns)
+
+    def _decode(self, outputs: Sequence[NDArray[Any]], size_wh: Size) -> Candidates:
+        """Return the candidates; raise ModelError if the outputs do not have the layout."""
+        with _named(self.network):
+            found = self.layout.decode(outputs, size_wh, self._config.score_threshold)
+            highest = float(np.nanmax(found.scores, initial=0))
+            if MAX_SCORE < highest < np.inf:
+                raise ModelError(
+                    f'the answer has a score of {highest:g}, but scores are at most 1; set the '
+                    f'parameter "layout", now {self.layout.name}, or export the model again'
+                )
+        return found
+
+    def _check_positions(self, boxes_xyxy_px: Float32Array, place: Placement) -> None:
+        """Raise ModelError if most of the boxes so far were outside the image.
+
+        Args:
+            boxes_xyxy_px: (N, 4) in pixels of the image, which may exceed it.
+            place: Placement of the image.
+        """
+        center = (boxes_xyxy_px[:, :2] + boxes_xyxy_px[:, 2:]) / 2
+        size_px = (place.image_width_px, place.image_height_px)
+        inside = ((center >= 0) & (center <= size_px)).all(axis=1)
+        self._num_inside += int(inside.sum())
+        self._num_outside += int((~inside).sum())
+        if self._num_outside >= max(_MIN_OUTSIDE, self._num_inside + 1):
+            raise ModelError(
+                f'{self.network.path}: {self._num_outside} boxes are outside the image and '
+                f'{self._num_inside} inside, the last at {_text(boxes_xyxy_px[~inside][-1:])}; '
+                f'set the parameter "layout", now {self.layout.name}, or box_units'
+            )
 
     def _count_non_finite(self, outputs: Sequence[NDArray[Any]], *, has_candidates: bool) -> None:
-        """Count images with non-finite outputs only, and warn at the first of them."""
+        """Count images for which all outputs are NaN or Inf, and log a warning at the first one.
+
+        Args:
+            outputs: Outputs of the network for an image.
+            has_candidates: Whether finite boxes were decoded from them.
+        """
         self.has_finite_outputs = has_candidates or _are_finite(outputs)
         if not self.has_finite_outputs:
             self.num_non_finite += 1
@@ -107,27 +169,27 @@ class OnnxDetector:
 
     @property
     def non_finite_warning(self) -> str:
-        """Return the warning that applies while `has_finite_outputs` is False."""
+        """Return the warning to show while `has_finite_outputs` is False."""
         return f'{self.network.path}: all outputs are NaN or Inf, so nothing is detected'
 
-    def _infer(self, blob: NDArray[np.floating[Any]]) -> list[NDArray[Any]]:
+    def _infer(self, blob: NDArray[np.number[Any]]) -> list[NDArray[Any]]:
         start_s = time.perf_counter()
         outputs = self.network.run(blob)
         self.network_ms = (time.perf_counter() - start_s) * 1e3
         return outputs
 
     def _is_reported(self, found: Candidates) -> BoolArray:
+        """Return (N,) flags: whether the class of each candidate is to be reported."""
         if self._reported is None:
             return np.ones(len(found.scores), np.bool_)
-        known = found.class_ids < len(self._reported)
-        return known & self._reported[np.where(known, found.class_ids, 0)]
+        is_reported: BoolArray = self._reported[found.class_ids]
+        return is_reported
 
-    def _named(self, found: Candidates, stamp_ns: int) -> Detections:
-        names = self.class_names
+    def _with_names(self, found: Candidates, stamp_ns: int) -> Detections:
         return Detections(
             stamp_ns,
             found.boxes_xyxy_px,
-            tuple(names[i] if i < len(names) else f'class {i}' for i in found.class_ids.tolist()),
+            tuple(self.class_names[i] for i in found.class_ids.tolist()),
             np.clip(found.scores, 0, 1),
         )
 
@@ -135,7 +197,10 @@ class OnnxDetector:
 def _layout_and_class_names(
     network: Network, config: DetectorConfig
 ) -> tuple[Layout, tuple[str, ...]]:
-    """Run the network once on noise, which also warms it up, to recognize its layout."""
+    """Return the layout and the class names of a model.
+
+    The network is run once on noise to recognize the layout, which also warms it up.
+    """
     names = known_names(config.class_names_file, network.metadata)
     size_wh = _input_size(network, (640, 480), config)
     noise = np.random.default_rng(0).integers(0, 256, (size_wh[1], size_wh[0], 3), np.uint8)
@@ -145,23 +210,30 @@ def _layout_and_class_names(
         raise ModelError(f'{network.path}: all outputs are NaN or Inf; export the model again')
     num_names = len(names) if names else None
     probe = Probe(
-        size_wh, network.output_names, outputs, network.metadata, num_names, config.box_units
-    )
-    try:
+        size_wh, network.output_names, outputs, network.metadata, num_names, config.box_units,
+        config.class_ids, network.takes_size,
+    )  # fmt: skip
+    with _named(network):
         layout = recognize(probe, config.layout)
+        if names is None and layout.num_classes not in (None, len(COCO)):
+            raise ModelError(
+                f'has {layout.num_classes} classes and does not name them: set class_names_file'
+            )
+        names = with_person(COCO if names is None else names, config.person_names)
+    return layout._replace(preprocessing=_overridden(layout.preprocessing, config)), names
+
+
+@contextmanager
+def _named(network: Network) -> Iterator[None]:
+    """Begin the text of a ModelError with the path of the model."""
+    try:
+        yield
     except ModelError as error:
         raise ModelError(f'{network.path}: {error}') from error
-    if names is None and layout.num_classes not in (None, len(COCO)):
-        raise ModelError(
-            f'{network.path}: has {layout.num_classes} classes and does not name them: '
-            'set class_names_file'
-        )
-    preprocessing = _overridden(layout.preprocessing, config)
-    return layout._replace(preprocessing=preprocessing), COCO if names is None else names
 
 
 def _overridden(preprocessing: Preprocessing, config: DetectorConfig) -> Preprocessing:
-    """Return the preprocessing with the values of those parameters that are not `auto`."""
+    """Return the preprocessing, changed by those parameters of the user that are not `auto`."""
     if config.color_order != AUTO:
         preprocessing = preprocessing._replace(rgb=config.color_order == 'rgb')
     if config.value_range != AUTO:
@@ -176,24 +248,32 @@ def _input_size(network: Network, image_wh: Size, config: DetectorConfig) -> Siz
 
 
 def _are_finite(outputs: Sequence[NDArray[Any]]) -> bool:
-    """Return whether every output is empty or has a finite number."""
+    """Return whether every output contains at least one finite number or is empty."""
     return all(output.size == 0 or bool(np.isfinite(output).any()) for output in outputs)
 
 
 def _is_finite(found: Candidates) -> BoolArray:
-    """Return the (N,) mask of candidates with finite numbers and a valid class."""
+    """Return (N,) flags: whether box and score are finite and the class index is valid."""
     finite = np.isfinite(found.boxes_xyxy_px).all(axis=1) & np.isfinite(found.scores)
     return finite & (found.class_ids >= 0)
 
 
 def _in_image(found: Candidates, place: Placement) -> Candidates:
-    """Return the candidates in image pixels, without those of less than a pixel in the image."""
+    """Return the candidates with boxes in image pixels, clipped to the image.
+
+    Candidates of which less than a pixel is visible are dropped.
+    """
     boxes = place.boxes_to_image(found.boxes_xyxy_px)
     is_visible = np.all(boxes[:, 2:] - boxes[:, :2] >= 1, axis=1)
     return found._replace(boxes_xyxy_px=boxes).select(is_visible)
 
 
+def _text(boxes: Float32Array) -> str:
+    return ' '.join(f'{value:.0f}' for value in boxes.ravel())
+
+
 def _strongest(found: Candidates, layout: Layout, config: DetectorConfig) -> IntArray:
+    """Return the indices of the candidates to report, highest score first."""
     if layout.needs_nms:
         return nms(*found, config.nms_iou)[: config.max_detections]
     return np.argsort(-found.scores, kind='stable')[: config.max_detections]

@@ -54,17 +54,17 @@ def test_nms_threshold_changes_at_run_time(make_model: Any) -> None:
 
 def test_unusable_boxes_are_dropped_and_the_others_clipped(make_model: Any) -> None:
     rows = (
-        (-20.0, -20.0, 48.0, 100.0, 1.3, 0.0),
+        (-20.0, -20.0, 48.0, 100.0, 1.05, 0.0),
         (10.0, np.nan, 20.0, 20.0, 0.9, 0.0),
         (10.0, 10.0, np.inf, 20.0, 0.9, 0.0),
         (30.0, 10.0, 20.0, 20.0, 0.9, 0.0),  # inverted
         (200.0, 10.0, 220.0, 20.0, 0.9, 0.0),  # outside
         (10.0, 10.0, 20.0, 20.0, np.nan, 0.0),
         (10.0, 10.0, 20.0, 20.0, 0.9, -1.0),
-        (10.0, 10.0, 20.0, 20.0, 0.8, 123.0),
+        (10.0, 10.0, 20.0, 20.0, 0.8, 79.0),
     )
     found = OnnxDetector(make_model(table(*rows)), DetectorConfig()).detect(IMAGE, 0)
-    assert found.class_names == ('person', 'class 123')
+    assert found.class_names == ('person', 'toothbrush')
     np.testing.assert_array_equal(found.boxes_xyxy_px[0], [0, 0, 96, 128])
     np.testing.assert_array_equal(found.scores, np.array([1.0, 0.8], np.float32))
 
@@ -78,12 +78,12 @@ def test_boxes_are_corrected_for_the_padding(make_model: Any) -> None:
 def test_class_names_come_from_metadata_file_or_coco(make_model: Any, tmp_path: Path) -> None:
     rows = table((10.0, 20.0, 30.0, 60.0, 0.9, 1.0))
     assert OnnxDetector(make_model(rows), DetectorConfig()).class_names[77] == 'teddy bear'
-    for text in ("{0: 'a', 1: 'b'}", '["a", "b"]', 'a, b'):
+    for text in ("{0: 'person', 1: 'b'}", '["Person", "b"]', 'people, b'):
         path = make_model(rows, metadata={'names': text})
-        assert OnnxDetector(path, DetectorConfig()).class_names == ('a', 'b')
+        assert OnnxDetector(path, DetectorConfig()).class_names == ('person', 'b')
     file = tmp_path / 'names.txt'
     file.write_text('x\ny z\n\n', encoding='utf-8')
-    config = DetectorConfig(class_names_file=str(file))
+    config = DetectorConfig(class_names_file=str(file), person_names=())
     assert OnnxDetector(path, config).detect(IMAGE, 0).class_names == ('y z',)
 
 
@@ -107,6 +107,38 @@ def test_wrong_class_names_are_refused(
     config = DetectorConfig(class_names_file=str(file) if names is not None else '')
     with pytest.raises(ModelError, match=message):
         OnnxDetector(path, config)
+
+
+def test_a_model_without_people_or_for_another_task_is_refused(make_model: Any) -> None:
+    path = make_model(table(*ROWS[:2]), metadata={'names': "{0: 'cat', 1: 'cup', 2: 'car'}"})
+    with pytest.raises(ModelError, match=r'the classes are cat, cup, car: .* person_names'):
+        OnnxDetector(path, DetectorConfig())
+    detector = OnnxDetector(path, DetectorConfig(person_names=('Cat',), class_ids='from_0'))
+    assert 'person' in detector.class_names
+    path = make_model(table(*ROWS), metadata={'task': 'obb'})
+    with pytest.raises(ModelError, match='is a model for the task "obb"'):
+        OnnxDetector(path, DetectorConfig())
+
+
+def test_class_ids_beyond_the_names_are_refused_with_the_ids(make_model: Any) -> None:
+    path = make_model(table((10.0, 10.0, 20.0, 20.0, 0.8, 592.0)))
+    with pytest.raises(ModelError, match='contains the class ids 592, which do not fit'):
+        OnnxDetector(path, DetectorConfig())
+
+
+def test_bytes_and_channels_last_are_accepted_as_input(make_model: Any) -> None:
+    detector = OnnxDetector(make_model(table(*ROWS), dtype='uint8'), DetectorConfig())
+    assert detector.detect(IMAGE, 0).class_names == ('person', 'car', 'chair')
+    onnx = pytest.importorskip('onnx')
+    h = onnx.helper
+    image = h.make_tensor_value_info('images', onnx.TensorProto.UINT8, [1, 64, 96, 3])
+    result = h.make_tensor_value_info('output0', onnx.TensorProto.FLOAT, [1, 3, 6])
+    rows = onnx.numpy_helper.from_array(table(*ROWS)['output0'], 'rows')
+    nodes = [h.make_node('Identity', ['rows'], ['output0'])]
+    path = make_model.save(onnx, h.make_graph(nodes, 'last', [image], [result], [rows]), {})
+    detector = OnnxDetector(path, DetectorConfig())
+    assert detector.network.size_wh == (96, 64)
+    assert detector.detect(IMAGE, 0).class_names == ('person', 'car', 'chair')
 
 
 @pytest.mark.parametrize(

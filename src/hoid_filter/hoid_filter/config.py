@@ -25,30 +25,32 @@ class ExtractionConfig(Config):
 
     num_features: int = param(
         1000,  # ORB-SLAM3, TUM1.yaml
-        'Number of features per image, distributed over its unmasked part. Raise it in scenes '
-        'with little texture, lower it to save time.',
+        'Number of features per image, distributed over the part of the image without dynamic '
+        'objects. Raise it in scenes with little texture, lower it to save processor time.',
         minimum=50,
         maximum=20000,
     )
     num_levels: int = param(
         8,  # ORB-SLAM3, TUM1.yaml
-        'Number of levels of the image pyramid.',
+        'Number of levels of the image pyramid. Raise it to match features over larger changes '
+        'of distance, lower it to save processor time.',
         minimum=1,
         maximum=16,
         expert=True,
     )
     scale_factor: float = param(
         1.2,  # ORB-SLAM3, TUM1.yaml
-        'Ratio of the scales of two successive pyramid levels (a plain number).',
+        'Ratio of the scales of two successive pyramid levels (without unit). Change it together '
+        'with num_levels.',
         minimum=1.01,
         maximum=2.0,
         expert=True,
     )
     refill: bool = param(
-        default=True,  # decision 14
-        description='Distributes the number of features over the unmasked part of the image. '
-        'When it is off, they are distributed over the whole image and then masked, as in the '
-        'paper.',
+        default=True,  # decision 014
+        description='Whether features on dynamic objects are replaced by further features on '
+        'static surface. Set it to false to remove them without replacement, as the HOID paper '
+        'does.',
         expert=True,
     )
 
@@ -60,83 +62,92 @@ class ExtractionConfig(Config):
 
 @dataclass(frozen=True)
 class PlusConfig(Config):
-    """The strategy `hoid+`: its additions to the rules of the paper, each with a switch."""
+    """What the strategy `hoid+` adds to the rules of the HOID paper; each part has a switch."""
 
     bridge_misses: bool = param(
         default=True,  # ablation of masks: without it 15 times as many moving corners are kept
-        description='Predicts the boxes of people and handled objects that the detector misses.',
+        description='Whether hoid+ predicts the boxes of people and handled objects that the '
+        'detector misses. Set it to false for a detector that misses nobody.',
         read_only=False,
     )
     coast_s: float = param(
         0.4,  # chosen: 12 images at 30 Hz
-        'Longest time for which a missed box is predicted (s).',
+        'Longest time for which hoid+ predicts a box that the detector misses (s). Raise it when '
+        'people are missed for longer, lower it when features are removed where nobody is.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
     )
     doubt_large_people: bool = param(
         default=True,  # ablation, false_every=10: ATE 0.0068 m with it, 0.0154 m without
-        description='Ignores a person of low score over most of the image until it has been '
-        'detected several times in a row.',
+        description='Whether hoid+ ignores a person of low score who covers much of the image, '
+        'until the person was detected four times in a row. Set it to false when a person close '
+        'to the camera is noticed too late.',
         read_only=False,
     )
     remember: bool = param(
         default=True,  # ablation of masks: without it 2 to 10 times as many moving corners
-        description='Keeps an object dynamic after it was handled, until it has been seen at '
-        'rest, and lowers the overlap at which it stays handled.',
+        description='Whether hoid+ keeps an object dynamic until nobody has handled it for a '
+        'second, and regards it as handled while a person covers half of the required share of '
+        'its box. Set it to false to classify each image on its own.',
         read_only=False,
     )
     keep_background: bool = param(
         default=True,  # ablation, carry-screen: ATE 0.0034 m with it, 0.0215 m without
-        description='Masks only the part of a box that depth shows to be the person or object, '
-        'instead of the whole box.',
+        description='Whether hoid+ masks only those pixels of a dynamic box whose depth is near '
+        'that of the person or object. Set it to false to mask the whole box, as the HOID paper '
+        'does, for a camera with poor depth.',
         read_only=False,
     )
 
-    # Chosen: a false person covers more of the image than this, with a lower score than this, and
-    # rarely in so many images in a row.
+    # Chosen: a person is suspected to be a false detection when its box covers a larger share of
+    # the image than `doubt_area` at a score below `doubt_score`. The suspicion ends after
+    # `doubt_detections` detections in a row.
     doubt_area: ClassVar[float] = 0.4
     doubt_score: ClassVar[float] = 0.5
     doubt_detections: ClassVar[int] = 4
-    # Chosen: half of `min_interaction_area`. An object stays handled while a person covers more.
+    # Chosen: half of `min_interaction_area`. A handled object stays handled while a person covers
+    # more than this share of its box.
     release_area: ClassVar[float] = 0.2
-    # Chosen: greatest depth difference from a person's torso, or from the middle of an object, to
-    # a pixel of the same.
+    # Chosen: greatest depth difference between a person's torso and another pixel of the person,
+    # and between the middle of an object and another pixel of the object.
     person_depth_m: ClassVar[float] = 0.45
     object_depth_m: ClassVar[float] = 0.25
-    # Greatest distance of a handled object before the torso of a person (m); behind it,
-    # depth_limit_m holds (chosen: the length of an arm).
+    # Chosen, the length of an arm: a handled object is at most this much nearer to the camera than
+    # the person's torso. `depth_limit_m` limits how much farther it may be.
     reach_m: ClassVar[float] = 0.6
-    # An object is at rest after it has been seen untouched for this time [s] (chosen, not
-    # tuned).
+    # Chosen, not tuned: time without anybody handling it after which an object counts as static.
     rest_s: ClassVar[float] = 1.0
 
 
 @dataclass(frozen=True)
 class MotionConfig(Config):
-    """Motion segmentation without a detector: the strategy `motion`, and a part of `hoid+`."""
+    """Motion segmentation from depth and tracked points; used by `motion` and `hoid+`."""
 
     enabled: bool = param(
         default=True,  # ablation: crowd 0.0019 m with it, 0.0022 m without
-        description='Masks undetected moving regions in hoid+.',
+        description='Whether hoid+ also masks moving regions that the detector does not find. Set '
+        'it to false to save processor time where only known classes move.',
         read_only=False,
     )
     in_front: bool = param(
         default=True,  # ablation, slow-6: ATE 0.0034 m with it, 0.0075 m without
-        description='Uses surface in front of what earlier images showed as evidence of a moving '
-        'object.',
+        description='Whether a surface that appears in front of the depth of earlier images is '
+        'evidence of a moving object. Set it to false when poor depth makes static surface look '
+        'as if it moved.',
         read_only=False,
     )
     off_course: bool = param(
         default=True,  # ablation, carry-screen: ATE 0.0026 m with it, 0.6272 m without
-        description='Uses points whose image motion contradicts the camera motion as evidence of '
-        'a moving object.',
+        description='Whether points whose image motion contradicts the camera motion are evidence '
+        'of a moving object. Set it to false when repetitive texture makes static surface look as '
+        'if it moved.',
         read_only=False,
     )
 
     num_points: ClassVar[int] = 300  # chosen: tracked points, one per 32x32 px of a VGA image
-    # Chosen: greatest age of the position that a tracked point is compared with. A longer time
-    # shows slower motion, but adds the drift of the poses.
+    # Chosen: greatest age of the earlier position with which a tracked point is compared. A longer
+    # time shows slower motion, but adds the drift of the poses.
     anchor_s: ClassVar[float] = 0.7
     decay_s: ClassVar[float] = 1.0  # chosen: time constant in which evidence decays
 
@@ -153,36 +164,39 @@ class FilterConfig(Config):
     )
     dynamic_classes: tuple[str, ...] = param(
         HANDLED_CLASSES,
-        'Classes of objects that are dynamic when a person handles them; an empty list means all '
-        'classes. Add the objects that people carry where the robot works.',
+        'Classes of objects that are dynamic when a person handles them. Add the objects that '
+        'people carry where the robot works. An empty list means all classes.',
     )
     min_interaction_area: float = param(
         0.4,  # the HOID paper, which found 0.2 to 0.4 best
-        "An object is handled when a person's box covers more than this share of its box. Lower "
-        'it when carried objects stay in the map, raise it when objects that people only pass in '
-        'front of are removed.',
+        "Share of an object's box that a person's box must cover for the object to count as "
+        'handled, from 0 to 1. Lower it when carried objects stay in the map; raise it when '
+        'objects are removed that people only pass in front of.',
         minimum=0.0,
         maximum=1.0,
         read_only=False,
     )
     depth_limit_m: float = param(
         0.2,  # the HOID paper
-        'By hoid3d and hoid+, an object is handled only when its depth differs by less than this '
-        'from that of the person (m). Raise it for people who reach far.',
+        'Greatest depth difference between a person and an object that the person handles (m), '
+        'for the strategies hoid3d and hoid+. Raise it when objects at the end of an outstretched '
+        'arm stay in the map.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
     )
     max_detections: int = param(
         300,  # chosen: more than detectors return
-        'Greatest number of detections per image; those of lowest score beyond it are refused.',
+        'Greatest number of detections per image. If there are more, those of lowest score are '
+        'dropped.',
         minimum=1,
         maximum=10000,
         internal=True,
     )
     prediction_limit_s: float = param(
-        0.5,  # covers a detector that is late by up to 500 ms (decision 31)
-        'Longest time for which boxes are predicted while the detector sends nothing (s).',
+        0.5,  # covers a detector that is late by up to 500 ms (decision 031)
+        'Longest time for which boxes are predicted while the detector sends no message (s). '
+        'Raise it for a detector that takes longer for an image.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,

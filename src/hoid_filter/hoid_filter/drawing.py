@@ -1,4 +1,4 @@
-"""Drawing of features and verdicts on an image."""
+"""Drawing of features, and of the boxes of static and dynamic objects, on an image."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _BAR_BGR: Bgr = (50, 50, 50)
 
 
 def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
-    """Return a copy of the image (H, W, 3) with features and the boxes of objects.
+    """Return a copy of the image (H, W, 3) on which features and the boxes of objects are drawn.
 
-    Kept features are green, removed ones red. Boxes are colored by reason and labeled with class,
-    score, overlap ratio and depth gap.
+    Kept features are green, removed features red. The color of a box shows why the object is
+    static or dynamic (`REASON_BGR`); `label` makes the text above it.
     """
     picture = image_bgr.copy()
     draw_points(picture, result.removed_uv_px, REMOVED_BGR)
@@ -43,13 +43,13 @@ def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
 
 
 def draw_points(picture: ByteArray, uv_px: Float32Array, color: Bgr) -> None:
-    """Draw a small circle at each of (N, 2) positions."""
+    """Draw a small circle onto the picture (H, W, 3) at each of the (N, 2) positions."""
     for center in np.rint(uv_px).astype(int).tolist():
         cv2.circle(picture, center, _RADIUS_PX, color, 1, cv2.LINE_AA)
 
 
 def draw_object(picture: ByteArray, item: DynamicObject) -> None:
-    """Draw the box of an object in the color of its reason, with its label."""
+    """Draw the box of an object and its label onto the picture (H, W, 3)."""
     color = REASON_BGR[item.reason]
     x1, y1, x2, y2 = (round(value) for value in item.box_xyxy_px)
     cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), color, 2)
@@ -61,7 +61,10 @@ def draw_object(picture: ByteArray, item: DynamicObject) -> None:
 
 
 def label(item: DynamicObject) -> str:
-    """Return the label: class, score, and overlap ratio and depth gap where a person overlaps."""
+    """Return the text of an object's label: its class and score.
+
+    Where a person's box overlaps, the share of the overlap and the depth difference follow.
+    """
     text = f'{item.class_name} {item.score:.2f}'
     if item.overlap_ratio > 0:
         text += f' {item.overlap_ratio:.0%}'
@@ -71,7 +74,7 @@ def label(item: DynamicObject) -> str:
 
 
 def draw_title(picture: ByteArray, text: str) -> ByteArray:
-    """Return the picture (H, W, 3) with a title bar above it."""
+    """Return the picture (H, W, 3) with a bar of 26 px above it that shows the text."""
     bar = np.full((_BAR_PX, picture.shape[1], 3), _BAR_BGR, np.uint8)
     cv2.putText(bar, text, (8, _BAR_PX - 8), _FONT, 0.6, _TEXT_BGR, 1, cv2.LINE_AA)
     return np.vstack([bar, picture])

@@ -29,11 +29,11 @@ from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.extraction.pyramid import Corners
 from hoid_filter.motion.downscaled_view import MotionView
 from hoid_filter.motion.moving_regions import NO_MOVING_REGIONS, MotionDetector
-from hoid_filter.strategy import FilterInput, Verdict, make_strategy
+from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict, make_strategy
 
 
 class DetectedCorners(NamedTuple):
-    """An image and its corners, before any is masked or described."""
+    """An image and all its FAST corners, before masking and description."""
 
     frame: RgbdFrame
     corners: Corners
@@ -41,23 +41,27 @@ class DetectedCorners(NamedTuple):
 
 
 class FinalVerdict(NamedTuple):
-    """The verdict on an image whose features were published before."""
+    """The verdict on an image after its features were published."""
 
-    objects: tuple[DynamicObject, ...]
+    objects: tuple[DynamicObject, ...]  # static objects included
     feature_verdicts: FeatureVerdicts  # which of the published features are dynamic
-    verdict: Verdict  # of the strategy, for masks of pixels
+    verdict: Verdict  # as the strategy returned it, with the mask of dynamic pixels
 
 
 class FeatureFilter:
     """Detects corners, classifies objects, and describes the corners on static surface.
 
-    `process` runs all stages. Motion segmentation takes longest of them, so the live filter runs
-    the stages one by one: `detect_corners`, `select_and_describe` with the moving regions of the
-    previous image, then `detect_motion`, and `reevaluate` for the final verdict on the features.
+    `process` runs all stages. Motion segmentation takes longest, so the live filter runs the
+    stages one by one: `detect_corners`, then `select_and_describe` with the moving regions of the
+    previous image, then `detect_motion`, then `reevaluate` for the final verdict on the features.
+
+    Args:
+        config: Parameters of the filter.
+        camera: Camera model, which may also be set later. While it is None, motion is not
+            segmented, and 3-D positions of objects are NaN.
     """
 
     def __init__(self, config: FilterConfig, camera: CameraModel | None = None) -> None:
-        """Take the camera; without it no motion is segmented and positions are unknown."""
         self._config = config
         self.camera = camera
         self._extractor = OrbExtractor(config.extraction)
@@ -65,12 +69,12 @@ class FeatureFilter:
         self.counters: Counter[str] = Counter()
 
     def reconfigure(self, config: FilterConfig) -> None:
-        """Apply parameters that changed at run time, and reset."""
+        """Apply parameters that changed at run time, and forget all earlier images."""
         self._config = config
         self.reset()
 
     def reset(self) -> None:
-        """Forget all earlier images, as is needed when the stamps start anew."""
+        """Forget all earlier images. Call this when the stamps go back."""
         self._strategy = make_strategy(self._config)
         self._motion = (
             MotionDetector(self._config.motion) if self._strategy.senses_motion else None
@@ -80,13 +84,19 @@ class FeatureFilter:
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
     ) -> FilterResult:
-        """Return the features on static surface and the verdict on all objects.
+        """Filter the next image: return its features on static surface and all its objects.
+
+        Images must come in order of time, because tracked objects and motion evidence are updated.
 
         Args:
-            frame: The next image, in order of time, with depth of equal size.
-            detections: Of this image, or older ones, which are predicted to it. None when the
-                detector sent nothing, unlike empty detections.
+            frame: The next image; color and depth must have the same size.
+            detections: Boxes of this image, or of an older one, from which boxes in this image
+                are predicted. None when the detector has sent no message; empty detections mean
+                that it found nothing.
             for_picture: Whether to return the positions of removed features for a debug image.
+
+        Raises:
+            MessageError: Color and depth differ in size.
         """
         detected = self.detect_corners(frame)
         start = time.thread_time()
@@ -97,7 +107,7 @@ class FeatureFilter:
         return result
 
     def detect_corners(self, frame: RgbdFrame) -> DetectedCorners:
-        """Return the corners of an image.
+        """Return the FAST corners of an image on all pyramid levels.
 
         Raises:
             MessageError: Color and depth differ in size.
@@ -109,7 +119,11 @@ class FeatureFilter:
         return DetectedCorners(frame, corners, time.thread_time() - start)
 
     def detect_motion(self, detected: DetectedCorners) -> None:
-        """Segment motion in the next image, if the strategy uses it and the camera is known."""
+        """Segment motion in the next image and store its moving regions.
+
+        Nothing is done when the strategy does not use motion. When the camera of the image is
+        unknown, the image is counted instead.
+        """
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
             self.counters['images without their camera'] += 1
@@ -129,11 +143,11 @@ class FeatureFilter:
 
     @property
     def needs_detections(self) -> bool:
-        """Return whether the strategy uses a detector's boxes."""
+        """Return whether the strategy uses the boxes of an object detector."""
         return self._strategy.needs_detections
 
     def is_motion_known(self, stamp_ns: int) -> bool:
-        """Return whether motion was segmented in an image, or is not used."""
+        """Return whether motion in an image needs no more segmentation: it is done or not used."""
         return self._motion is None or self._motion.has_result(stamp_ns)
 
     def select_and_describe(
@@ -143,21 +157,26 @@ class FeatureFilter:
         *,
         for_picture: bool = False,
     ) -> FilterResult:
-        """Return the result of `process`, with the moving regions that are known by now."""
+        """Return the features on static surface and all objects, as `process` does.
+
+        The newest moving regions that are known are used, which are those of the previous image
+        unless `detect_motion` was called before. The arguments are those of `process`.
+        """
         frame, corners, corners_s = detected
         start_s = time.thread_time()
         verdict = self._classify(frame.stamp_ns, detections, frame.depth_m, corners.pixel)
         self._detected_mask = verdict.detected_mask
         classified_s = time.thread_time()
         chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)
-        is_dynamic = [reason is not Reason.STATIC for reason in verdict.reasons]
+        is_dynamic = [reason is not Reason.STATIC for reason in verdict.objects.reasons]
+        dynamic_xyxy_px = verdict.objects.boxes_xyxy_px[is_dynamic]
         features = self._extractor.describe(
-            corners, chosen, frame.depth_m, frame.stamp_ns, verdict.boxes_xyxy_px[is_dynamic]
+            corners, chosen, frame.depth_m, frame.stamp_ns, dynamic_xyxy_px
         )
         done_s = time.thread_time()
         return FilterResult(
             features=features,
-            objects=self._objects(verdict, frame.size_px),
+            objects=self._objects(verdict.objects, frame.size_px),
             removed_uv_px=self._removed(corners, verdict, for_picture),
             num_features_in=len(corners),
             num_removed=0 if verdict.kept is None else len(corners) - len(verdict.kept),
@@ -173,13 +192,16 @@ class FeatureFilter:
         depth_m: Float32Array,
         detections: Detections | None,
     ) -> FinalVerdict:
-        """Return the verdict on an image and its features by all that is known by now.
+        """Classify an image again with what is known by now, and return its final verdict.
+
+        Tracked objects are updated with the detections.
 
         Args:
-            features: Of `select_and_describe`, for an image of the last second.
-            depth_m: (H, W) of the image.
-            detections: Of the image, or of a later one when the detector skipped it; None when
-                there are none beyond those that `select_and_describe` received.
+            features: Features that `select_and_describe` returned for the image, which must be
+                at most a second old.
+            depth_m: (H, W) depth of the image.
+            detections: Boxes of the image, or of a later image when the detector skipped this
+                one. None when `select_and_describe` has already received the newest boxes.
         """
         height, width = depth_m.shape
         u, v = np.rint(features.uv_px).astype(np.int64).T
@@ -190,7 +212,7 @@ class FeatureFilter:
             is_dynamic[:] = True
             is_dynamic[verdict.kept] = False
         return FinalVerdict(
-            self._objects(verdict, (width, height)),
+            self._objects(verdict.objects, (width, height)),
             FeatureVerdicts(features.stamp_ns, is_dynamic),
             verdict,
         )
@@ -202,6 +224,7 @@ class FeatureFilter:
         depth_m: Float32Array,
         corner_pixels: IntArray,
     ) -> Verdict:
+        """Check the detections, count unusable boxes, and return the strategy's verdict."""
         height, width = depth_m.shape
         if detections is not None:
             valid = sanitize(detections, width, height, self._config.max_detections)
@@ -213,16 +236,21 @@ class FeatureFilter:
         return self._strategy.classify(image)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
-        """Return the (N, 2) positions of the masked features that would have been chosen."""
+        """Return the (N, 2) positions of the features that an unfiltered image would have more."""
         if not wanted or verdict.kept is None:
             return np.empty((0, 2), np.float32)
         chosen = self._extractor.choose(corners, None, corners.pyramid.levels[0].size)
         removed = np.setdiff1d(chosen, verdict.kept, assume_unique=True)
         return corners.uv_px[removed].astype(np.float32)
 
-    def _objects(self, verdict: Verdict, size_px: tuple[int, int]) -> tuple[DynamicObject, ...]:
-        """Return the objects of a verdict; 3-D centers and sizes need the camera."""
-        boxes = verdict.boxes_xyxy_px.astype(np.float64)
+    def _objects(
+        self, found: ObjectVerdicts, size_px: tuple[int, int]
+    ) -> tuple[DynamicObject, ...]:
+        """Return the objects of an image with their 3-D centers and sizes.
+
+        Centers and sizes are NaN where the depth, or the camera of the image, is unknown.
+        """
+        boxes = found.boxes_xyxy_px.astype(np.float64)
         centers = np.full((len(boxes), 3), np.nan)
         sizes = np.full((len(boxes), 2), np.nan)
         if self.camera is not None and self.camera.size_px == size_px:
@@ -230,20 +258,20 @@ class FeatureFilter:
             principal_px = np.array([self.camera.cx_px, self.camera.cy_px])
             imaged_px = ((boxes[:, :2] + boxes[:, 2:]) / 2).astype(np.float32)
             middle_px = self.camera.undistort_px(imaged_px)
-            centers[:, :2] = (middle_px - principal_px) / focal_px * verdict.depths_m[:, None]
-            centers[:, 2] = verdict.depths_m
-            sizes = (boxes[:, 2:] - boxes[:, :2]) / focal_px * verdict.depths_m[:, None]
+            centers[:, :2] = (middle_px - principal_px) / focal_px * found.depths_m[:, None]
+            centers[:, 2] = found.depths_m
+            sizes = (boxes[:, 2:] - boxes[:, :2]) / focal_px * found.depths_m[:, None]
         rows = zip(
-            verdict.class_names,
+            found.class_names,
             map(tuple, boxes.tolist()),
-            verdict.scores.tolist(),
-            verdict.track_ids.tolist(),
-            verdict.reasons,
-            verdict.overlap_ratios.tolist(),
-            verdict.depth_gaps_m.tolist(),
+            found.scores.tolist(),
+            found.track_ids.tolist(),
+            found.reasons,
+            found.overlap_ratios.tolist(),
+            found.depth_gaps_m.tolist(),
             map(tuple, centers.tolist()),
             map(tuple, sizes.tolist()),
-            map(tuple, verdict.known_velocities_mps().tolist()),
+            map(tuple, found.velocities_mps.tolist()),
             strict=True,
         )
         return tuple(DynamicObject(*row) for row in rows)

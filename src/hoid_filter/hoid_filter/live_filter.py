@@ -1,84 +1,40 @@
-"""The live filter: when each image is published, re-evaluated and given its final verdict."""
+"""The live filter: when each image is published, classified again and given its final verdict."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
-from hoid_common.errors import HoidError, MessageError
+from hoid_common.errors import MessageError
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import (
     NS_PER_S,
-    CameraModel,
     Detections,
     Features,
-    FilterResult,
     Float32Array,
     RgbdFrame,
 )
-from hoid_filter.feature_filter import DetectedCorners, FeatureFilter, FinalVerdict
+from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
+from hoid_filter.live_interfaces import LiveDiagnostics, LiveOutputs
 from hoid_filter.node_config import STOP, DetectionInputConfig
 
-# Chosen: at 30 images/s on a busy processor, motion is still segmented in 7 of them (decision 31).
+# Chosen: at 30 images/s on a busy processor, motion is still segmented in 7 of them per second
+# (decision 031).
 _MAX_IMAGES_WITHOUT_MOTION = 3
 _MAX_QUEUED = 30  # chosen: one second of images or detections
-# Chosen, far above what occurs: detections arrive before their image when its depth is late.
+# Detections arrive before their image when its depth image is late. Chosen far above what occurs.
 _MAX_LEAD_S = 1.0
 _DETECTOR_LOST = 'detector lost'
 
 
-class LiveOutputs(Protocol):
-    """Publishes the results for one image. `header` is the header of its color message."""
-
-    @property
-    def wants_picture(self) -> bool:
-        """Return whether anybody subscribes to the debug image."""
-
-    @property
-    def wants_masks(self) -> bool:
-        """Return whether anybody subscribes to the masked images or point clouds."""
-
-    def publish(
-        self, frame: RgbdFrame, result: FilterResult, header: Any, *, provisional: bool
-    ) -> None:
-        """Publish features and verdicts. A provisional one is followed by `publish_final`."""
-
-    def publish_final(self, final: FinalVerdict, header: Any, size_px: tuple[int, int]) -> None:
-        """Publish the final verdict on an image that was published provisionally."""
-
-    def publish_masks(
-        self, final: FinalVerdict, depth_m: Float32Array, header: Any, camera: CameraModel | None
-    ) -> None:
-        """Publish the masked images and point clouds that anybody subscribes to."""
-
-
-class LiveDiagnostics(Protocol):
-    """Counters and problems for the diagnostics of the node."""
-
-    def count(self, name: str, number: int = 1) -> None:
-        """Increase a counter."""
-
-    def set_count(self, name: str, number: int) -> None:
-        """Set a counter."""
-
-    def report(self, error: HoidError, what: str) -> None:
-        """Count and log an error."""
-
-    def set_problem(self, name: str, text: str, *, severe: bool) -> None:
-        """Report a problem until `clear_problem`."""
-
-    def clear_problem(self, name: str) -> None:
-        """End a problem."""
-
-
 class _Held(NamedTuple):
-    """An image that waits for the detector's first message."""
+    """An image that waits, not yet published, for the detector's first message."""
 
     header: Any
     frame: RgbdFrame
-    since_s: float
+    since_s: float  # time of arrival, on the steady clock
 
 
 class _Published(NamedTuple):
@@ -88,8 +44,8 @@ class _Published(NamedTuple):
     corners: DetectedCorners
     features: Features
     detections: Detections | None
-    has_final_detections: bool  # no later message can improve them
-    is_final: bool
+    has_final_detections: bool  # no later message of the detector can improve them
+    is_final: bool  # whether the published verdict is final
 
 
 class _Awaiting(NamedTuple):
@@ -98,32 +54,34 @@ class _Awaiting(NamedTuple):
     header: Any
     depth_m: Float32Array
     features: Features
-    since_s: float
+    since_s: float  # time at which the wait began, on the steady clock
 
 
 class LiveFilter:
-    """The state machine of the live filter.
+    """The state machine of the live filter: publishes each image early, then its final verdict.
 
     Each image passes these states in order:
 
-    1. *Held*, only until the detector has sent its first message or counts as lost, at most
-       `wait_s`: earlier there is no box to predict from, and a map that starts with people in it
-       has nothing to recognize them by. Nothing is computed for these images, which leaves the
-       processor to the detector.
-    2. *Published* with the boxes and moving regions known by then. The verdict is provisional
-       unless the image's own detections and motion are already known.
-    3. *Motion segmented*, as soon as no message waits (`on_idle`) or detections arrive. An image
-       that the next one overtakes skips this state, but not more than three in a row.
-    4. *Awaiting detections*, until its own or later ones arrive, `wait_s` has passed or the
-       detector is lost.
-    5. *Final*: the verdict on the published features is published (decision 31).
+    1. *Held*: the image waits for the first message of the detector, for at most `wait_s`. Before
+       this message there is no box from which people could be predicted, and a map must not start
+       with people in it. Held images cost no processor time, which leaves it to the detector.
+    2. *Published*: the features are published, classified by the boxes and moving regions that are
+       known so far. The verdict is provisional, unless the image's own detections and motion are
+       already known.
+    3. *Motion segmented*: moving regions are found as soon as no message waits (`on_idle`) or
+       detections arrive. An image skips this state when the next image comes first, but at most
+       three images in a row do.
+    4. *Awaiting detections*: the image waits for its own detections or those of a later image,
+       until `wait_s` has passed or the detector is lost.
+    5. *Final*: the verdict on the published features is published (decision 031).
 
     Args:
         config: How images and detections are combined.
         feature_filter: Filters the images.
         outputs: Publishes the results.
         diagnostics: Counts images and reports a lost detector.
-        request_idle: Has `on_idle` called once the messages received by then are served.
+        request_idle: Function that schedules a call of `on_idle` after all messages that have
+            arrived by then.
         clock: A steady clock, in seconds.
     """
 
@@ -139,20 +97,22 @@ class LiveFilter:
         self.config = config
         self._filter, self._outputs, self._diagnostics = feature_filter, outputs, diagnostics
         self._request_idle, self._clock = request_idle, clock
-        self._has_published = False  # since `on_idle` was called last
-        self._num_without_motion = 0  # images in a row
+        self._has_published = False  # whether an image was published since the last `on_idle`
+        self._num_without_motion = 0  # images in a row in which motion was not segmented
         self._clear()
 
     def _clear(self) -> None:
+        """Drop all images and detections, and reset what is known about the detector."""
         self._held: deque[_Held] = deque()
         self._newest: _Published | None = None
         self._awaiting: deque[_Awaiting] = deque()
-        self._unused_detections = _bounded()  # not yet given to an image
+        self._unused_detections = _bounded()  # received, but not yet used for an image
         self._num_without_detections = 0  # images that never had detections of their own
-        self._has_detector_answered = False  # since the start of the stream
-        self._unanswered_since_s: float | None = None  # first image after the last detections
-        self._newest_image_s = 0.0
-        self._newest_image_ns: int | None = None
+        self._has_detector_answered = False  # whether any detections came since the stream began
+        # Arrival of the first image after the last detections; None: no image came since then.
+        self._unanswered_since_s: float | None = None
+        self._newest_image_s = 0.0  # time of arrival of the newest image, on the steady clock
+        self._newest_image_ns: int | None = None  # its stamp
 
     def forget(self) -> None:
         """Drop all images, detections and tracked objects."""
@@ -160,7 +120,10 @@ class LiveFilter:
         self._clear()
 
     def add_image(self, header: Any, frame: RgbdFrame) -> None:
-        """Publish an image now, or hold it until the detector has sent its first message."""
+        """Publish an image now, or hold it until the detector has sent its first message.
+
+        When the stamps go back by a second or more, all earlier images and objects are forgotten.
+        """
         if not self._filter.needs_detections:
             self._publish(header, frame, None, has_final_detections=True)
             return
@@ -171,7 +134,10 @@ class LiveFilter:
         self._publish_held()
 
     def add_detections(self, detections: Detections) -> None:
-        """Give the images that these detections answer their final verdict.
+        """Publish the final verdict on all awaiting images up to the stamp of these detections.
+
+        Motion is segmented in the newest image first. Detections without an awaiting image are
+        stored for the next image.
 
         Raises:
             MessageError: The stamp is later than that of any image that can exist by now.
@@ -182,7 +148,8 @@ class LiveFilter:
         answered = []
         while self._awaiting and self._awaiting[0].features.stamp_ns <= detections.stamp_ns:
             image = self._awaiting.popleft()
-            self._num_without_detections += image.features.stamp_ns != detections.stamp_ns
+            if image.features.stamp_ns != detections.stamp_ns:
+                self._num_without_detections += 1
             answered.append(image)
         newest_ns = self._newest_image_ns
         if not answered or newest_ns is None or detections.stamp_ns > newest_ns:
@@ -192,7 +159,11 @@ class LiveFilter:
         self._publish_held()
 
     def poll(self) -> None:
-        """Stop waiting for detections that are too late; to be called every few milliseconds."""
+        """Publish the final verdict on images that have waited too long for their detections.
+
+        Call this every few milliseconds. It also publishes the oldest held image when its wait is
+        over.
+        """
         overdue = []
         while self._awaiting and self._is_overdue(self._awaiting[0]):
             overdue.append(self._awaiting.popleft())
@@ -201,9 +172,10 @@ class LiveFilter:
         self._publish_held()
 
     def on_idle(self) -> None:
-        """Segment motion in the newest image, unless it was published in this very turn.
+        """Segment motion in the newest image, since no message waits.
 
-        In that case the next image may have arrived meanwhile: its features go first.
+        Right after an image was published, the next one may have arrived meanwhile. Its features
+        have priority, so that the first call only asks for a second one.
         """
         if self._has_published:
             self._has_published = False
@@ -212,7 +184,10 @@ class LiveFilter:
             self.segment_motion()
 
     def segment_motion(self) -> None:
-        """Segment motion in the newest published image, unless that has been done."""
+        """Segment motion in the newest published image, and move it to its next state.
+
+        Nothing is done when motion has been segmented in that image already.
+        """
         if self._newest is not None:
             image, self._newest = self._newest, None
             self._num_without_motion = 0
@@ -220,7 +195,10 @@ class LiveFilter:
             self._follow_up(image)
 
     def _restart(self, stamp_ns: int) -> None:
-        """Forget the past, but keep detections of the restarted stream that came first."""
+        """Forget images, objects and detections after the stamps went back to `stamp_ns`.
+
+        Detections up to this stamp belong to the new stream and are kept.
+        """
         self._awaiting.clear()
         self._held.clear()
         self._unused_detections = _bounded(self._unused_until(stamp_ns))
@@ -230,31 +208,41 @@ class LiveFilter:
         self._diagnostics.report(error, 'times that stamps went back')
 
     def _publish_held(self) -> None:
-        """Publish the oldest held image if it need not wait.
+        """Publish the oldest held image, unless it must wait or publishing is stopped.
 
-        One image per call, because a burst would overflow the short queue of the SLAM node.
+        Each call publishes one image, because a burst would overflow the short queue of the SLAM
+        node. With `on_loss` "stop" and a lost detector, the image is dropped.
         """
         if not self._held or self._must_wait(self._held[0]):
             return
         header, frame, _ = self._held.popleft()
-        detections, is_final = self._detections_for(frame.stamp_ns)
+        self._note_image(frame.stamp_ns)
+        detections, is_final = self._take_detections(frame.stamp_ns)
         self._report_loss()
         if not self._is_stopped:
             self._publish(header, frame, detections, has_final_detections=is_final)
 
     def _must_wait(self, held: _Held) -> bool:
+        """Return whether an image must still wait for the first message of the detector."""
         is_first = not self._has_detector_answered and not self._is_detector_lost
         return is_first and self._clock() - held.since_s < self.config.wait_s
 
-    def _detections_for(self, stamp_ns: int) -> tuple[Detections | None, bool]:
-        """Return the newest unused detections up to an image's stamp, and whether they are final.
-
-        They are final when detections of this or a later image have arrived (a detector may skip
-        images) or when the detector is lost.
-        """
+    def _note_image(self, stamp_ns: int) -> None:
+        """Store the stamp of the newest image, and now as the time at which it came."""
         self._newest_image_s, self._newest_image_ns = self._clock(), stamp_ns
         if self._unanswered_since_s is None:
             self._unanswered_since_s = self._newest_image_s
+
+    def _take_detections(self, stamp_ns: int) -> tuple[Detections | None, bool]:
+        """Remove the unused detections up to an image's stamp, and return the newest of them.
+
+        An image that will never have detections of its own is counted.
+
+        Returns:
+            The newest removed detections, or None, and whether they are final. They are final when
+            detections of this or a later image have arrived (a detector may skip images), or when
+            the detector is lost.
+        """
         is_answered = any(found.stamp_ns >= stamp_ns for found in self._unused_detections)
         past = self._unused_until(stamp_ns)
         self._unused_detections = _bounded(
@@ -263,10 +251,12 @@ class LiveFilter:
         newest = max(past, key=lambda found: found.stamp_ns, default=None)
         is_own = newest is not None and newest.stamp_ns == stamp_ns
         is_final = is_answered or self._is_detector_lost
-        self._num_without_detections += is_final and not is_own
+        if is_final and not is_own:
+            self._num_without_detections += 1
         return newest, is_final
 
     def _unused_until(self, stamp_ns: int) -> list[Detections]:
+        """Return the unused detections up to a stamp, and leave them in the queue."""
         return [found for found in self._unused_detections if found.stamp_ns <= stamp_ns]
 
     def _publish(
@@ -277,6 +267,7 @@ class LiveFilter:
         *,
         has_final_detections: bool,
     ) -> None:
+        """Filter and publish an image, after the previous image has left its state."""
         self._has_published = True
         self._request_idle()
         self._overtake(frame.stamp_ns)
@@ -291,7 +282,10 @@ class LiveFilter:
         )
 
     def _overtake(self, stamp_ns: int) -> None:
-        """Move the newest image to its next state before a newer one is published."""
+        """Move the newest image on, before the image of `stamp_ns` takes its place.
+
+        Motion is segmented in it only if it was left out in the three images before.
+        """
         if self._newest is not None and self._newest.features.stamp_ns > stamp_ns:
             self._newest = None  # the stamps went back
         if self._num_without_motion == _MAX_IMAGES_WITHOUT_MOTION:
@@ -303,7 +297,10 @@ class LiveFilter:
             self._diagnostics.count('images without motion segmentation')
 
     def _follow_up(self, image: _Published) -> None:
-        """Publish the masks, then the final verdict, or let the image await its detections."""
+        """Publish the masks of an image and, if its verdict was provisional, the final verdict.
+
+        Without final detections, the image awaits them instead.
+        """
         depth_m = image.corners.frame.depth_m
         if self._outputs.wants_masks:
             verdict = self._filter.reevaluate(image.features, depth_m, None)
@@ -319,7 +316,7 @@ class LiveFilter:
             self._diagnostics.set_count(name, number)
 
     def _finish(self, images: Iterable[_Awaiting], detections: Detections | None) -> None:
-        """Publish the final verdict on images."""
+        """Classify images again with these detections, and publish their final verdicts."""
         for image in images:
             verdict = self._filter.reevaluate(image.features, image.depth_m, detections)
             height, width = image.depth_m.shape
@@ -327,6 +324,7 @@ class LiveFilter:
         self._diagnostics.set_count('images without detections', self._num_without_detections)
 
     def _is_overdue(self, image: _Awaiting) -> bool:
+        """Return whether an image must no longer wait for its detections."""
         return (
             self._clock() - image.since_s >= self.config.wait_s
             or self._is_detector_lost
@@ -334,7 +332,7 @@ class LiveFilter:
         )
 
     def _check_lead(self, detections: Detections) -> None:
-        """Raise MessageError for detections of an image that cannot have been taken yet."""
+        """Raise MessageError for a stamp in the future, of which no image can exist yet."""
         if self._newest_image_ns is None:
             return
         lead_s = (detections.stamp_ns - self._newest_image_ns) / NS_PER_S
@@ -343,7 +341,7 @@ class LiveFilter:
 
     @property
     def _silent_s(self) -> float:
-        """Return the age [s] of the oldest image that the detector has not answered; 0 = none."""
+        """Return the time [s] over which images came but no detections; 0 if none is missing."""
         since_s = self._unanswered_since_s
         return 0.0 if since_s is None else self._newest_image_s - since_s
 
@@ -356,6 +354,7 @@ class LiveFilter:
         return self.config.on_loss == STOP and self._is_detector_lost
 
     def _report_loss(self) -> None:
+        """Set the problem of a lost detector, or clear it when the detector has answered."""
         if not self._is_detector_lost:
             self._diagnostics.clear_problem(_DETECTOR_LOST)
             return
@@ -368,4 +367,5 @@ class LiveFilter:
 
 
 def _bounded(detections: Iterable[Detections] = ()) -> deque[Detections]:
+    """Return a queue that drops its oldest detections when it is full."""
     return deque(detections, maxlen=_MAX_QUEUED)

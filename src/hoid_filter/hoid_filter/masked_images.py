@@ -1,4 +1,4 @@
-"""The dynamic part of an image as a mask, for other SLAM systems, and as points, for planners."""
+"""Dynamic pixels as a full-resolution mask, and masked depth as 3-D points for planners."""
 
 from __future__ import annotations
 
@@ -12,12 +12,18 @@ _POINT_STRIDE_PX = 8  # 1.5 cm at 1 m in a VGA image, finer than the 5 cm cells 
 
 
 def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
-    """Return the (H, W) mask of the dynamic pixels of an image of size (width, height)."""
+    """Return the (H, W) mask of the dynamic pixels of an image.
+
+    Args:
+        verdict: Verdict of a strategy on the image.
+        size_px: Width and height of the image.
+    """
     if verdict.dynamic_mask is not None:
         low = verdict.dynamic_mask.astype(np.uint8)
         return cv2.resize(low, size_px, interpolation=cv2.INTER_NEAREST) > 0
     mask = np.zeros(size_px[::-1], np.bool_)
-    for box, reason in zip(verdict.boxes_xyxy_px, verdict.reasons, strict=True):
+    objects = verdict.objects
+    for box, reason in zip(objects.boxes_xyxy_px, objects.reasons, strict=True):
         if reason is not Reason.STATIC:
             left, top, right, bottom = np.rint(box).astype(int)
             mask[top:bottom, left:right] = True
@@ -25,12 +31,14 @@ def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
 
 
 def points_m(depth_m: Float32Array, mask: BoolArray, camera: CameraModel) -> Float32Array:
-    """Return (N, 3) points in the optical frame: every eighth pixel of a mask that has depth.
+    """Return the (N, 3) points, in the optical frame, of the pixels in a mask that have depth.
+
+    Only every eighth pixel of every eighth row is used.
 
     Args:
         depth_m: (H, W); 0 or NaN = no reading.
-        mask: (H, W).
-        camera: Of the same image size.
+        mask: (H, W) flags of the wanted pixels.
+        camera: Camera model of an image of size (H, W).
     """
     step = _POINT_STRIDE_PX
     wanted = mask[::step, ::step] & (depth_m[::step, ::step] > 0)

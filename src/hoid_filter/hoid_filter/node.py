@@ -1,4 +1,4 @@
-"""The filter node: subscribes to images and detections, publishes static features and verdicts."""
+"""The filter node: takes images and detections, publishes static features and verdicts."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2DArray
 
 from hoid_common import topics
+from hoid_common.coco import COCO
+from hoid_common.config import did_you_mean
 from hoid_common.errors import MessageError
 from hoid_common.ros import conversions
 from hoid_common.ros.inputs import Inputs
@@ -17,6 +19,7 @@ from hoid_common.ros.run import run_node
 from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import RgbdFrame
+from hoid_filter.config import HANDLED_CLASSES
 from hoid_filter.feature_filter import FeatureFilter, check_sizes
 from hoid_filter.live_filter import LiveFilter
 from hoid_filter.node_config import FilterNodeConfig
@@ -26,7 +29,7 @@ _POLL_S = 0.05  # chosen: a tenth of `detections.wait_s`
 
 
 class FilterNode(ManagedNode):
-    """Converts the messages of color, depth, camera and detections for a `LiveFilter`."""
+    """Passes color and depth images, camera_info and detections to a `LiveFilter`."""
 
     def __init__(self) -> None:
         super().__init__('hoid_filter')
@@ -39,6 +42,7 @@ class FilterNode(ManagedNode):
         self._live = LiveFilter(
             config.detections, self._filter, FilterOutputs(self), self.diagnostics, idle.trigger
         )
+        self._warn_of_unknown_classes(config.dynamic_classes)
         self._subscribe(config)
         self.begin(autostart=config.autostart)
 
@@ -47,12 +51,15 @@ class FilterNode(ManagedNode):
         self._live.forget()
 
     def _subscribe(self, config: FilterNodeConfig) -> None:
+        """Subscribe to images and camera_info, and to detections if the strategy uses them."""
         inputs = Inputs(self, config.input, self.diagnostics)
         matcher = StampMatcher(('color', 'depth'), int(config.sync_slop_s * 1e9))
         images = Synchronizer(matcher, self._on_images, self.diagnostics)
         inputs.color(images.input('color', conversions.color_from_msg))
         inputs.depth(images.input('depth', conversions.depth_from_msg))
-        inputs.messages(CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos')
+        inputs.messages(
+            CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos', is_latched=True
+        )
         if self._filter.needs_detections:
             type_, topic = DetectionArray, topics.DETECTIONS
             if config.detections.as_vision_msgs:
@@ -61,7 +68,17 @@ class FilterNode(ManagedNode):
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(_POLL_S, self._live.poll, clock=steady)
 
+    def _warn_of_unknown_classes(self, names: tuple[str, ...]) -> None:
+        known = {*COCO, *HANDLED_CLASSES}
+        for name in names:
+            if name not in known:
+                self.get_logger().warning(
+                    f'dynamic_classes: COCO has no class "{name}"{did_you_mean(name, known)}; '
+                    'it has an effect only if the detector reports this name'
+                )
+
     def _on_images(self, match: Match) -> None:
+        """Filter a color image and the depth image that was matched with it."""
         (header, image_bgr), (_, depth_m) = match.values
         frame = RgbdFrame(match.stamp_ns, image_bgr, depth_m)
         check_sizes(frame)  # here, so that the error is reported for this message
@@ -90,7 +107,10 @@ class FilterNode(ManagedNode):
         self._check_camera()
 
     def _check_camera(self) -> None:
-        """Report a camera_info of another image size; positions of objects are then unknown."""
+        """Report a camera_info whose size differs from that of the color images.
+
+        It is not used: positions of objects are then unknown, and motion is not segmented.
+        """
         camera, size_px = self._filter.camera, self._size_px
         if camera is not None and size_px not in (None, camera.size_px):
             error = MessageError(
@@ -104,5 +124,5 @@ class FilterNode(ManagedNode):
 
 
 def main() -> int:
-    """Run the node."""
+    """Run the node until it is shut down, and return the exit status of the process."""
     return run_node(FilterNode)

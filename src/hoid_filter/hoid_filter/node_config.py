@@ -1,4 +1,4 @@
-"""Parameters of the filter node: those of the filter, and how messages are combined."""
+"""Parameters of the filter node: the filter's parameters, and how messages are combined."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ class DetectionInputConfig(Config):
     """How images and detections are combined."""
 
     wait_s: float = param(
-        0.5,  # covers a detector that is late by up to 500 ms (decision 31)
-        'Longest time that the final verdict on an image waits for its own detections (s). '
-        "Features are published without waiting, except before the detector's first message.",
+        0.5,  # covers a detector that is late by up to 500 ms (decision 031)
+        'Longest time that the final classification of an image waits for the detections of the '
+        'same image (s). Raise it for a detector that takes longer. Features are published '
+        'without waiting, except before the first message of the detector.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -26,13 +27,15 @@ class DetectionInputConfig(Config):
     )
     as_vision_msgs: bool = param(
         default=False,
-        description='Subscribes to the boxes of another detector: vision_msgs/Detection2DArray on '
-        'the topic detections_2d, with class names as class_id, instead of detections.',
+        description='Whether to subscribe to vision_msgs/Detection2DArray on the topic '
+        'detections_2d instead of hoid_msgs/DetectionArray on detections. Set it to true to use '
+        'another detector than hoid_detector; its class_id must be the class name.',
         expert=True,
     )
     timeout_s: float = param(
-        2.0,  # chosen: four times the longest delay of a detector in decision 31
-        'The detector counts as lost after this time without detections (s).',
+        2.0,  # chosen: four times the longest delay of a detector in decision 031
+        'Time without detections after which the detector counts as lost (s). Raise it for a '
+        'detector that needs longer for an image.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,
@@ -40,9 +43,9 @@ class DetectionInputConfig(Config):
     )
     on_loss: str = param(
         UNFILTERED,
-        'What to do when the detector stops responding: unfiltered keeps publishing unfiltered '
-        'features, stop publishes nothing. Choose stop where a map with people in it is worse '
-        'than no odometry.',
+        'What to do when the detector is lost: unfiltered keeps publishing all features, stop '
+        'publishes nothing until the detector answers. Choose stop where a map with people in it '
+        'is worse than no odometry.',
         choices=(UNFILTERED, STOP),
         read_only=False,
     )
@@ -54,8 +57,8 @@ class FilterNodeConfig(NodeConfig, FilterConfig):
 
     sync_slop_s: float = param(
         0.02,  # chosen: less than the 33 ms between two images of a camera
-        'Largest stamp difference between a color image and its depth image (s). Raise it when '
-        'the camera stamps them apart and the diagnostics count unmatched images.',
+        'Largest difference between the stamps of a color image and its depth image (s). Raise it '
+        'when /diagnostics counts dropped color and depth images.',
         minimum=0.0,
         maximum=1.0,
     )

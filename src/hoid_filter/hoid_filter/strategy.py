@@ -1,10 +1,11 @@
-"""The interface of a filter strategy: its input, its output, and how one is made by name."""
+"""The interface of a filter strategy: its input, its output, and the function that makes it."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hoid_common.values import (
     BoolArray,
@@ -23,86 +24,106 @@ class FilterInput(NamedTuple):
     """One image as a strategy receives it: detections, depth, corners and moving regions."""
 
     stamp_ns: int
-    # Clipped to the image. Of this image or of an older one; None: the detector sent nothing new.
+    # Detected boxes of this image or of an older one, clipped to the image. None: the detector has
+    # sent no message since the previous image.
     detections: Detections | None
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) FAST corners, as indices into the flattened image
-    moving_regions: MovingRegions = NO_MOVING_REGIONS  # of this image, detected or not
+    moving_regions: MovingRegions = NO_MOVING_REGIONS  # found by motion segmentation
+
+
+class ObjectVerdicts(NamedTuple):
+    """The boxes of N objects in one image, and why each object is static or dynamic."""
+
+    boxes_xyxy_px: Float32Array  # (N, 4)
+    class_names: tuple[str, ...]  # N
+    scores: Float32Array  # (N,) confidences of the detections, in [0, 1]
+    reasons: tuple[Reason, ...]  # N
+    track_ids: IntArray  # (N,); -1 = not tracked
+    overlap_ratios: FloatArray  # (N,) in [0, 1]: share of the object that a person's box covers
+    depths_m: FloatArray  # (N,); NaN = unknown
+    depth_gaps_m: FloatArray  # (N,) depth difference to that person; NaN = unknown
+    velocities_mps: FloatArray  # (N, 3) relative to the world, along camera axes; NaN = unknown
+
+    @staticmethod
+    def of(
+        boxes_xyxy_px: Float32Array,
+        class_names: tuple[str, ...],
+        scores: Float32Array,
+        reasons: tuple[Reason, ...],
+        **known: NDArray[Any],
+    ) -> ObjectVerdicts:
+        """Return the verdicts on N objects; fields that are not given are marked as unknown.
+
+        Args:
+            boxes_xyxy_px: (N, 4) in the image.
+            class_names: N names of classes.
+            scores: (N,) confidences of the detections.
+            reasons: N reasons why an object is static or dynamic.
+            **known: Further fields of `ObjectVerdicts`, such as `depths_m`.
+        """
+        num = len(class_names)
+        unknown: dict[str, NDArray[Any]] = {
+            'track_ids': np.full(num, -1),
+            'overlap_ratios': np.zeros(num),
+            'depths_m': np.full(num, np.nan),
+            'depth_gaps_m': np.full(num, np.nan),
+            'velocities_mps': np.full((num, 3), np.nan),
+        }
+        return ObjectVerdicts(boxes_xyxy_px, class_names, scores, reasons, **(unknown | known))
+
+    def joined(self, other: ObjectVerdicts) -> ObjectVerdicts:
+        """Return these objects, followed by other objects in the same image."""
+        return ObjectVerdicts._make(map(_concatenated, self, other))
+
+
+def _concatenated(first: Any, second: Any) -> Any:
+    """Return two tuples or two arrays as one, concatenated along the first axis."""
+    return first + second if isinstance(first, tuple) else np.concatenate([first, second])
 
 
 class Verdict(NamedTuple):
-    """Which of N objects are dynamic, and which of the image's K corners lie on static surface.
+    """Which objects of an image are dynamic, and which of its K corners lie on static surface.
 
     Corners are classified instead of pixels: a full-resolution mask would take longer than the
     rest of the strategy.
     """
 
-    boxes_xyxy_px: Float32Array  # (N, 4)
-    class_names: tuple[str, ...]  # N
-    scores: Float32Array  # (N,)
-    track_ids: IntArray  # (N,); -1 = not tracked
-    reasons: tuple[Reason, ...]  # N
-    overlap_ratios: FloatArray  # (N,) in [0, 1]: share of the object that a person's box covers
-    depths_m: FloatArray  # (N,); NaN = unknown
-    depth_gaps_m: FloatArray  # (N,) to the person with that overlap; NaN = unknown
+    objects: ObjectVerdicts
     static_area_px: int  # unmasked area of the image
-    kept: IntArray | None  # indices of the static ones of the K corners, ascending; None = all
-    dynamic_mask: BoolArray | None = None  # (h, w) at low resolution; None: the dynamic boxes
-    velocities_mps: FloatArray | None = None  # (N, 3) of undetected moving regions, else NaN
-    # (h, w) at low resolution: detected dynamic objects. Motion segmentation estimates the camera
-    # motion of the next image without them.
+    kept: IntArray | None  # ascending indices of the corners on static surface; None = all K
+    # (h, w) at low resolution: all dynamic pixels. None: the boxes of the dynamic objects.
+    dynamic_mask: BoolArray | None = None
+    # (h, w) at low resolution: dynamic objects that the detector has found. Motion segmentation
+    # leaves their points out when it estimates the camera motion of the next image.
     detected_mask: BoolArray | None = None
-
-    def known_velocities_mps(self) -> FloatArray:
-        """Return (N, 3) velocities in the world, in camera axes; NaN = unknown."""
-        if self.velocities_mps is None:
-            return np.full((len(self.class_names), 3), np.nan)
-        return self.velocities_mps
-
-
-def append_objects(verdict: Verdict, other: Verdict) -> Verdict:
-    """Return a verdict with the objects of another one on the same image; masks are kept."""
-    if not other.class_names:
-        return verdict
-    return verdict._replace(
-        boxes_xyxy_px=np.concatenate([verdict.boxes_xyxy_px, other.boxes_xyxy_px]),
-        class_names=verdict.class_names + other.class_names,
-        scores=np.concatenate([verdict.scores, other.scores]),
-        track_ids=np.concatenate([verdict.track_ids, other.track_ids]),
-        reasons=verdict.reasons + other.reasons,
-        overlap_ratios=np.concatenate([verdict.overlap_ratios, other.overlap_ratios]),
-        depths_m=np.concatenate([verdict.depths_m, other.depths_m]),
-        depth_gaps_m=np.concatenate([verdict.depth_gaps_m, other.depth_gaps_m]),
-        velocities_mps=np.concatenate(
-            [verdict.known_velocities_mps(), other.known_velocities_mps()]
-        ),
-    )
 
 
 class FilterStrategy(Protocol):
     """Classifies the objects of an image as static or dynamic.
 
-    The class is called with the `FilterConfig`. A new object is made whenever the stamps start
-    anew, so a strategy may keep state from image to image.
+    The constructor takes the `FilterConfig`. The filter makes a new strategy whenever the stamps
+    go back, so a strategy may keep state from image to image.
     """
 
     needs_detections: bool  # False: no detector is started and no image waits for detections
     senses_motion: bool  # True: `FilterInput.moving_regions` is filled by motion segmentation
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return the verdict on one image.
+        """Return which objects of an image are dynamic and which of its corners are kept.
 
-        Images come in order of time. An image is classified a second time, with the corners that
-        were published, when its own detections or its moving regions become known.
+        New images come in order of time. When an image's own detections or moving regions become
+        known later, it is classified again; the corners are then the pixels of the features that
+        were published.
         """
 
 
 def make_strategy(config: FilterConfig) -> FilterStrategy:
-    """Return a new strategy of the configured name."""
+    """Return a new object of the strategy that the parameter `strategy` names."""
     strategy: FilterStrategy = load_strategy(config.strategy)(config)
     return strategy
 
 
 def needs_detections(config: FilterConfig) -> bool:
-    """Return whether the configured strategy uses a detector's boxes."""
+    """Return whether the configured strategy uses the boxes of an object detector."""
     return bool(load_strategy(config.strategy).needs_detections)

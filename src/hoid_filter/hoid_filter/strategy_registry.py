@@ -1,7 +1,7 @@
-"""The filter strategies by name: the built-in ones and those of other installed packages.
+"""The filter strategies by name: built-in strategies, and strategies of other installed packages.
 
-A package adds a strategy by an entry point in the group `hoid_filter.strategies`; nothing of this
-package has to be edited (docs/howto/add_a_strategy.md).
+A package adds a strategy by an entry point in the group `hoid_filter.strategies`; no file of
+`hoid_filter` has to be edited (docs/howto/add_a_strategy.md).
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ _BUILT_IN = {
 
 
 def _find_strategies() -> dict[str, EntryPoint]:
-    """Return all strategies, built-in ones first. A package cannot replace a built-in one."""
+    """Return the entry points of all strategies by name, built-in strategies first.
+
+    A built-in strategy takes precedence over one of the same name in another package.
+    """
     found = {
         name: EntryPoint(name, f'hoid_filter.strategies.{target}', ENTRY_POINT_GROUP)
         for name, target in _BUILT_IN.items()

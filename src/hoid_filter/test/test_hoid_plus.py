@@ -29,7 +29,7 @@ def cup_covered_by(share: float, stamp_ns: int) -> Detections:
 
 
 def reasons(verdict: Verdict) -> dict[str, Reason]:
-    return dict(zip(verdict.class_names, verdict.reasons, strict=True))
+    return dict(zip(verdict.objects.class_names, verdict.objects.reasons, strict=True))
 
 
 def walker(left: float) -> tuple[BoxTuple, Float32Array]:
@@ -53,8 +53,8 @@ def test_missed_person_is_predicted_along_the_motion() -> None:
     left, stamp_ns = walk(strategy, 20)
     expected, depth_m = walker(left + 9)
     verdict = strategy.classify(view(Detections.none(stamp_ns + 3 * FRAME_NS), depth_m))
-    assert verdict.reasons == (Reason.PREDICTED,)
-    assert verdict.boxes_xyxy_px[0] == pytest.approx(expected, abs=0.1)
+    assert verdict.objects.reasons == (Reason.PREDICTED,)
+    assert verdict.objects.boxes_xyxy_px[0] == pytest.approx(expected, abs=0.1)
     kept = picture_of(verdict.kept)
     middle = round(left) + 29
     assert not kept[14:106, middle - 15 : middle + 15].any()
@@ -65,16 +65,18 @@ def test_prediction_ends_after_its_time_and_can_be_switched_off() -> None:
     for strategy, late_ns in ((plus(), 400_000_001), (plus(bridge_misses=False), 1)):
         _, stamp_ns = walk(strategy, 20)
         verdict = strategy.classify(view(Detections.none(stamp_ns + late_ns)))
-        assert verdict.reasons == ()
+        assert verdict.objects.reasons == ()
         assert verdict.kept is None
 
 
 def test_a_missed_person_stays_dynamic_at_first() -> None:
     strategy = plus()
     strategy.classify(view(detections(('person', PERSON), stamp_ns=0)))
-    assert strategy.classify(view(Detections.none(FRAME_NS))).reasons == (Reason.PREDICTED,)
+    assert strategy.classify(view(Detections.none(FRAME_NS))).objects.reasons == (
+        Reason.PREDICTED,
+    )
     # An object seen only once is predicted for a shorter time than one seen repeatedly.
-    assert strategy.classify(view(Detections.none(5 * FRAME_NS))).reasons == ()
+    assert strategy.classify(view(Detections.none(5 * FRAME_NS))).objects.reasons == ()
 
 
 def test_returning_person_keeps_the_track() -> None:
@@ -107,8 +109,8 @@ def test_what_stands_still_is_reported_between_detections() -> None:
 def test_nothing_is_predicted_for_longer_than_the_limit() -> None:
     strategy = HoidPlus(FilterConfig(prediction_limit_s=0.2))
     strategy.classify(view(cup_covered_by(0.6, 0)))
-    assert len(strategy.classify(view(None, stamp_ns=200_000_000)).reasons) == 2
-    assert strategy.classify(view(None, stamp_ns=200_000_001)).reasons == ()
+    assert len(strategy.classify(view(None, stamp_ns=200_000_000)).objects.reasons) == 2
+    assert strategy.classify(view(None, stamp_ns=200_000_001)).objects.reasons == ()
 
 
 def test_an_object_that_is_sometimes_missed_keeps_its_track() -> None:
@@ -119,7 +121,7 @@ def test_an_object_that_is_sometimes_missed_keeps_its_track() -> None:
         found = Detections.none(stamp_ns) if n % 3 == 2 else cup_covered_by(0.6, stamp_ns)
         verdicts.append(strategy.classify(view(found)))
     assert all('cup' in reasons(verdict) for verdict in verdicts[3:])
-    assert {i for verdict in verdicts for i in verdict.track_ids.tolist()} == {0, 1}
+    assert {i for verdict in verdicts for i in verdict.objects.track_ids.tolist()} == {0, 1}
 
 
 def test_an_object_that_only_flickers_is_never_established() -> None:
@@ -134,7 +136,7 @@ def test_an_object_that_only_flickers_is_never_established() -> None:
 
 def classify_huge(strategy: HoidPlus, score: float, n: int = 0) -> Reason:
     found = detections(('person', HUGE), stamp_ns=n * FRAME_NS, score=score)
-    (reason,) = strategy.classify(view(found)).reasons
+    (reason,) = strategy.classify(view(found)).objects.reasons
     return reason
 
 
@@ -219,6 +221,6 @@ def test_background_in_a_persons_box_is_kept() -> None:
 def test_a_silent_detector_is_bridged_like_a_miss() -> None:
     strategy = plus()
     _, stamp_ns = walk(strategy, 5)
-    assert strategy.classify(view(None, stamp_ns=stamp_ns + FRAME_NS)).reasons == (
+    assert strategy.classify(view(None, stamp_ns=stamp_ns + FRAME_NS)).objects.reasons == (
         Reason.PREDICTED,
     )

@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
+from typing import cast
 
 import numpy as np
 import pytest
 
-from hoid_common.errors import MessageError
-from hoid_common.values import Detections, RgbdFrame
+from hoid_common.errors import HoidError, MessageError
+from hoid_common.values import (
+    CameraModel,
+    Detections,
+    Features,
+    FilterResult,
+    Float32Array,
+    RgbdFrame,
+)
+from hoid_filter.feature_filter import DetectedCorners, FeatureFilter, FinalVerdict
 from hoid_filter.live_filter import LiveFilter
 from hoid_filter.node_config import STOP, DetectionInputConfig
 
 MS = 1_000_000
 S = 1_000_000_000
 Row = tuple[int, int | None]  # stamps of an image and of the detections it is classified with
+
+
+class FakeCorners:
+    """The frame of an image, without corners."""
+
+    def __init__(self, frame: RgbdFrame) -> None:
+        self.frame = frame
+
+
+class FakeResult:
+    """The stamps of an image and of its detections, in place of features or a final verdict."""
+
+    def __init__(self, stamp_ns: int, detections: Detections | None) -> None:
+        self.stamp_ns = stamp_ns
+        self.row: Row = (stamp_ns, None if detections is None else detections.stamp_ns)
+
+    @property
+    def features(self) -> FakeResult:
+        """Return the result itself, of which the live filter only uses the stamp."""
+        return self
 
 
 class FakeFilter:
@@ -32,68 +59,63 @@ class FakeFilter:
     def reset(self) -> None:
         self.num_resets += 1
 
-    def detect_corners(self, frame: RgbdFrame) -> Any:
-        return SimpleNamespace(frame=frame)
+    def detect_corners(self, frame: RgbdFrame) -> FakeCorners:
+        return FakeCorners(frame)
 
-    def select_and_describe(self, corners: Any, detections: Any, *, for_picture: bool) -> Any:
-        del for_picture
-        stamp_ns = corners.frame.stamp_ns
-        features = SimpleNamespace(stamp_ns=stamp_ns)
-        return SimpleNamespace(features=features, row=(stamp_ns, stamp_of(detections)))
+    def select_and_describe(
+        self, corners: DetectedCorners, detections: Detections | None, *, for_picture: bool
+    ) -> FakeResult:
+        assert not for_picture
+        return FakeResult(corners.frame.stamp_ns, detections)
 
-    def detect_motion(self, corners: Any) -> None:
+    def detect_motion(self, corners: DetectedCorners) -> None:
         self.motion_ns.append(corners.frame.stamp_ns)
 
     def is_motion_known(self, stamp_ns: int) -> bool:
         return not self._senses_motion or stamp_ns in self.motion_ns
 
-    def reevaluate(self, features: Any, depth_m: Any, detections: Any) -> Any:
+    def reevaluate(
+        self, features: Features, depth_m: Float32Array, detections: Detections | None
+    ) -> FakeResult:
         del depth_m
-        return features.stamp_ns, stamp_of(detections)
+        return FakeResult(features.stamp_ns, detections)
 
 
-class Bench:
-    """A live filter with a clock that the test sets; it records what is published."""
+class FakeOutputs:
+    """Records what is published; nobody subscribes to debug images or masks."""
 
-    @property
-    def wants_picture(self) -> bool:
-        return False
+    wants_picture, wants_masks = False, False
 
-    @property
-    def wants_masks(self) -> bool:
-        return False
-
-    def publish_masks(self, final: Any, depth_m: Any, header: Any, camera: Any) -> None:
-        raise AssertionError(final, depth_m, header, camera)
-
-    def __init__(self, feature_filter: FakeFilter | None = None, **values: Any) -> None:
-        self.now_s = 0.0
-        self.filter = feature_filter or FakeFilter()
+    def __init__(self) -> None:
         self.published: list[tuple[Row, bool]] = []  # with whether the verdict was provisional
         self.final: list[Row] = []
+
+    def publish(
+        self, frame: RgbdFrame, result: FilterResult, header: object, *, provisional: bool
+    ) -> None:
+        del frame, header
+        self.published.append((cast('FakeResult', result).row, provisional))
+
+    def publish_final(self, final: FinalVerdict, header: object, size_px: tuple[int, int]) -> None:
+        del header, size_px
+        self.final.append(cast('FakeResult', final).row)
+
+    def publish_masks(
+        self,
+        final: FinalVerdict,
+        depth_m: Float32Array,
+        header: object,
+        camera: CameraModel | None,
+    ) -> None:
+        raise AssertionError(final, depth_m, header, camera)
+
+
+class FakeDiagnostics:
+    """Stores counters, and the text of each current problem."""
+
+    def __init__(self) -> None:
         self.counts: dict[str, int] = {}
         self.problems: dict[str, str] = {}
-        self.num_idle_requests = 0
-        stand_in: Any = self.filter
-        self.live = LiveFilter(
-            DetectionInputConfig().updated(values),
-            stand_in,
-            self,
-            self,
-            self._request_idle,
-            lambda: self.now_s,
-        )
-
-    def _request_idle(self) -> None:
-        self.num_idle_requests += 1
-
-    def publish(self, frame: Any, result: Any, header: Any, *, provisional: bool) -> None:
-        del frame, header
-        self.published.append((result.row, provisional))
-
-    def publish_final(self, final: Any, header: Any, size_px: tuple[int, int]) -> None:
-        del header, size_px
-        self.final.append(final)
 
     def count(self, name: str, number: int = 1) -> None:
         self.counts[name] = self.counts.get(name, 0) + number
@@ -101,7 +123,7 @@ class Bench:
     def set_count(self, name: str, number: int) -> None:
         self.counts[name] = number
 
-    def report(self, error: Exception, what: str) -> None:
+    def report(self, error: HoidError, what: str) -> None:
         del error
         self.count(what)
 
@@ -111,6 +133,29 @@ class Bench:
 
     def clear_problem(self, name: str) -> None:
         self.problems.pop(name, None)
+
+
+class Bench:
+    """A live filter with fakes around it, and a clock that the test sets."""
+
+    def __init__(self, feature_filter: FakeFilter | None = None, **values: float | str) -> None:
+        self.now_s = 0.0
+        self.filter = feature_filter or FakeFilter()
+        self.outputs, self.diagnostics = FakeOutputs(), FakeDiagnostics()
+        self.published, self.final = self.outputs.published, self.outputs.final
+        self.counts, self.problems = self.diagnostics.counts, self.diagnostics.problems
+        self.num_idle_requests = 0
+        self.live = LiveFilter(
+            DetectionInputConfig().updated(values),
+            cast('FeatureFilter', self.filter),
+            self.outputs,
+            self.diagnostics,
+            self._request_idle,
+            lambda: self.now_s,
+        )
+
+    def _request_idle(self) -> None:
+        self.num_idle_requests += 1
 
     @property
     def num_without_detections(self) -> int:
@@ -140,11 +185,7 @@ class Bench:
         return self.final[before:]
 
 
-def stamp_of(detections: Detections | None) -> int | None:
-    return None if detections is None else detections.stamp_ns
-
-
-def started(**values: Any) -> Bench:
+def started(**values: float | str) -> Bench:
     """Return a bench whose detector has answered the image of stamp 1."""
     bench = Bench(**values)
     bench.detect(1, 0.0)

@@ -28,7 +28,7 @@ for depth_m in (2.1, 2.3):
     depth[30:70, 38:80] = depth_m
     config = FilterConfig(strategy='touching')
     verdict = make_strategy(config).classify(FilterInput(0, found, depth, np.arange(depth.size)))
-    print(needs_detections(config), *(reason.name for reason in verdict.reasons))
+    print(needs_detections(config), *(reason.name for reason in verdict.objects.reasons))
 """
 
 

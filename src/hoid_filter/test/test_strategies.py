@@ -32,21 +32,21 @@ def classify(
 )
 def test_what_each_strategy_removes(strategy: str, reasons: tuple[Reason, ...]) -> None:
     verdict = classify(strategy, ('person', PERSON_BOX), ('cup', (30.0, 40.0, 50.0, 60.0)))
-    assert verdict.reasons == reasons
+    assert verdict.objects.reasons == reasons
 
 
 def test_interaction_area_must_be_greater_than_the_limit() -> None:
     at_limit = classify('hoid2d', ('person', PERSON_BOX), ('cup', (40.0, 40.0, 50.0, 60.0)))
     beyond = classify('hoid2d', ('person', PERSON_BOX), ('cup', (39.9, 40.0, 49.9, 60.0)))
-    assert at_limit.overlap_ratios[1] == 0.4
-    assert at_limit.reasons == (P, S)
-    assert beyond.reasons == (P, H)
+    assert at_limit.objects.overlap_ratios[1] == 0.4
+    assert at_limit.objects.reasons == (P, S)
+    assert beyond.objects.reasons == (P, H)
 
 
 def test_only_listed_classes_are_handled_and_an_empty_list_means_all() -> None:
     rows = (('person', PERSON_BOX), ('sink', (10.0, 40.0, 30.0, 60.0)))
-    assert classify('hoid2d', *rows).reasons == (P, S)
-    assert classify('hoid2d', *rows, dynamic_classes=()).reasons == (P, H)
+    assert classify('hoid2d', *rows).objects.reasons == (P, S)
+    assert classify('hoid2d', *rows, dynamic_classes=()).objects.reasons == (P, H)
 
 
 @pytest.mark.parametrize(('cup_m', 'reason'), [(2.1, H), (2.3, S), (0.0, H)])
@@ -56,11 +56,11 @@ def test_3d_rule_wants_equal_depth(cup_m: float, reason: Reason) -> None:
     verdict = classify(
         'hoid3d', ('person', PERSON_BOX), ('cup', (30.0, 5.0, 50.0, 25.0)), depth_m=depth_m
     )
-    assert verdict.reasons[1] is reason
+    assert verdict.objects.reasons[1] is reason
     if cup_m > 0:
-        assert verdict.depth_gaps_m[1] == pytest.approx(cup_m - 2.0, abs=1e-6)
+        assert verdict.objects.depth_gaps_m[1] == pytest.approx(cup_m - 2.0, abs=1e-6)
     else:
-        assert np.isnan(verdict.depth_gaps_m[1])
+        assert np.isnan(verdict.objects.depth_gaps_m[1])
 
 
 def test_3d_rule_takes_the_person_at_the_objects_depth() -> None:
@@ -74,14 +74,14 @@ def test_3d_rule_takes_the_person_at_the_objects_depth() -> None:
     depth_m[30:50, 20:60] = 4.0
     depth_m[55:65, 20:60] = 2.0
     verdict = classify('hoid3d', *rows, depth_m=depth_m)
-    assert verdict.reasons[2] is H
-    assert verdict.depth_gaps_m[2] == 0.0
+    assert verdict.objects.reasons[2] is H
+    assert verdict.objects.depth_gaps_m[2] == 0.0
 
 
 def test_descriptor_sees_a_person_within_the_window_of_a_key_point() -> None:
     rows = (('person', PERSON_BOX), ('cup', (48.0, 40.0, 70.0, 60.0)))  # key point at (50, 50)
-    assert classify('descriptor', *rows, corners_xy_px=((50, 50),)).reasons == (P, H)
-    assert classify('descriptor', *rows, corners_xy_px=((68, 50),)).reasons == (P, S)
+    assert classify('descriptor', *rows, corners_xy_px=((50, 50),)).objects.reasons == (P, H)
+    assert classify('descriptor', *rows, corners_xy_px=((68, 50),)).objects.reasons == (P, S)
 
 
 def test_mask_covers_dynamic_boxes_to_the_pixel() -> None:
@@ -103,4 +103,4 @@ def test_nothing_detected_keeps_everything() -> None:
         verdict = classify(strategy)
         assert verdict.kept is None
         assert verdict.static_area_px == HEIGHT * WIDTH
-        assert verdict.reasons == ()
+        assert verdict.objects.reasons == ()

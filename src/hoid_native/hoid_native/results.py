@@ -1,4 +1,4 @@
-"""Results of kernels: named tuples of arrays."""
+"""Results of the kernels, as named tuples of arrays."""
 
 from __future__ import annotations
 
@@ -11,98 +11,101 @@ from numpy.typing import NDArray
 class Corners(NamedTuple):
     """N FAST corners of an image pyramid, level by level in raster order."""
 
-    xy_px: NDArray[np.int32]  # (N, 2) pixels of the corner's own level
-    uv_px: NDArray[np.float64]  # (N, 2) level-0 pixels
-    pixel: NDArray[np.int64]  # (N,) flat indices of the nearest level-0 pixels
-    octave: NDArray[np.uint8]  # (N,)
-    score: NDArray[np.uint8]  # (N,) largest threshold at which each is still a corner
+    xy_px: NDArray[np.int32]  # (N, 2) positions in the corner's level
+    uv_px: NDArray[np.float64]  # (N, 2) positions in level 0
+    pixel: NDArray[np.int64]  # (N,) nearest level-0 pixels, as indices into the flattened image
+    octave: NDArray[np.uint8]  # (N,) index of the corner's level
+    score: NDArray[np.uint8]  # (N,) largest threshold at which the pixel is a corner
 
 
 class Pairs(NamedTuple):
     """M one-to-one matches of queries and features, in order of queries."""
 
-    q: NDArray[np.int32]  # (M,) queries
-    k: NDArray[np.int32]  # (M,) features
+    q: NDArray[np.int32]  # (M,) indices of queries
+    k: NDArray[np.int32]  # (M,) indices of features
     distance: NDArray[np.int32]  # (M,) Hamming distances of the descriptors
 
 
 class Observations(NamedTuple):
-    """M observations: keyframe i observes point j in its feature k."""
+    """M observations: keyframe i observes map point j in its feature k."""
 
-    i: NDArray[np.int64]  # (M,)
-    k: NDArray[np.int64]  # (M,)
-    j: NDArray[np.int64]  # (M,)
+    i: NDArray[np.int64]  # (M,) rows of keyframes
+    k: NDArray[np.int64]  # (M,) features of the keyframes
+    j: NDArray[np.int64]  # (M,) rows of map points
 
 
 class Neighbors(NamedTuple):
-    """N keyframes that share points with another one."""
+    """The N keyframes that observe some of the same map points as a given keyframe."""
 
-    rows: NDArray[np.int64]  # (N,)
-    shared: NDArray[np.int64]  # (N,) numbers of shared points
+    rows: NDArray[np.int64]  # (N,) rows of keyframes
+    shared: NDArray[np.int64]  # (N,) numbers of common map points
 
 
 class Edges(NamedTuple):
-    """E pairs of keyframes that share points."""
+    """E pairs of keyframes that observe some of the same map points."""
 
-    first: NDArray[np.int64]  # (E,)
-    second: NDArray[np.int64]  # (E,)
-    shared: NDArray[np.int64]  # (E,) numbers of shared points
+    first: NDArray[np.int64]  # (E,) row of one keyframe
+    second: NDArray[np.int64]  # (E,) row of the other keyframe, which is larger
+    shared: NDArray[np.int64]  # (E,) numbers of common map points
 
 
 class PoseFit(NamedTuple):
-    """A pose fitted to N matches."""
+    """A camera pose fitted to N matches of map points."""
 
     T_camera_map: NDArray[np.float64]  # (4, 4)
-    inliers: NDArray[np.bool_]  # (N,)
-    information: NDArray[
-        np.float64
-    ]  # (6, 6) of the left twist, rotation first; inverse covariance
+    inliers: NDArray[np.bool_]  # (N,) flags of the matches that agree with the pose
+    # (6, 6) inverse covariance of the pose, as a left twist with the rotation first.
+    information: NDArray[np.float64]
 
 
 class MatchEvaluation(NamedTuple):
-    """How well N matches fit a pose."""
+    """How well each of N matches fits a pose."""
 
-    cost: NDArray[np.float64]  # (N,) squared errors over measured variance, truncated at the gates
-    inliers: NDArray[np.bool_]  # (N,)
+    # (N,) squared error divided by the measured variance, at most the outlier limit.
+    cost: NDArray[np.float64]
+    inliers: NDArray[np.bool_]  # (N,) flags of the matches within the outlier limit
 
 
 class BiasingRegion(NamedTuple):
-    """A region of the view whose matches bias the pose of N matches."""
+    """The region without whose matches the others of N matches fit a pose best."""
 
-    mask: NDArray[np.bool_]  # (N,) matches in the region
-    low: NDArray[np.float64]  # (3,) smallest x / z, y / z and log z (m) in the camera frame
-    high: NDArray[np.float64]  # (3,) largest
-    gain: float  # first-order cost reduction of the other matches without the region
+    mask: NDArray[np.bool_]  # (N,) flags of the matches in the region
+    low: NDArray[np.float64]  # (3,) least x / z, y / z and log(z / m) in the camera frame
+    high: NDArray[np.float64]  # (3,) greatest x / z, y / z and log(z / m)
+    # Reduction of the other matches' cost, to first order, if they alone determine the pose.
+    gain: float
 
 
 class BundleFit(NamedTuple):
-    """Adjusted poses of C cameras and P points, from M observations."""
+    """Poses of C cameras and P map points after bundle adjustment of M observations."""
 
     T_camera_map: NDArray[np.float64]  # (C, 4, 4)
-    points_m: NDArray[np.float64]  # (P, 3)
-    chi2: NDArray[
-        np.float64
-    ]  # (M,) squared normalized residuals at the end; infinite behind the camera
-    cost_before: float  # Huber cost of all observations
-    cost_after: float  # Huber cost of the inliers
+    points_m: NDArray[np.float64]  # (P, 3) in the map frame
+    # (M,) squared normalized residuals after the adjustment; infinite behind the camera.
+    chi2: NDArray[np.float64]
+    cost_before: float  # Huber cost of all observations before the adjustment
+    cost_after: float  # Huber cost of the inliers after the adjustment
 
 
 class ClassifiedBoxes(NamedTuple):
     """Which of N boxes are dynamic, and which of K pixels are outside them."""
 
-    depth_m: NDArray[np.float64]  # (N,) median at the center of each box; NaN = unknown
-    overlap: NDArray[
-        np.float64
-    ]  # (N,) share covered by the person who handles it, else by any person
+    depth_m: NDArray[np.float64]  # (N,) median depth at the center of the box; NaN = unknown
+    # (N,) share of the box that is covered by the person who handles the object or, where nobody
+    # handles it, by the person who covers most.
+    overlap: NDArray[np.float64]
     gap_m: NDArray[np.float64]  # (N,) depth difference to the same person; NaN = unknown
-    moves: NDArray[np.uint8]  # (N,) roles of the dynamic boxes; 0 = static
-    outside: NDArray[np.int64]  # positions, among the K pixels, of those in no dynamic box
+    moves: NDArray[np.uint8]  # (N,) role of each dynamic box; 0 = static
+    outside: NDArray[np.int64]  # ascending indices of those of the K pixels in no dynamic box
     area_px: int  # number of pixels of the whole image in no dynamic box
 
 
 class Segments(NamedTuple):
-    """S segments of a depth image: without depth jumps inside, no larger than a grid cell."""
+    """S segments of a depth image, which contain no depth jump and fit into a grid cell.
+
+    A region of smooth depth that extends over several cells has one segment in each of them.
+    """
 
     label: NDArray[np.int32]  # (H, W) segment of each pixel; -1: on a depth jump, or no reading
-    region: NDArray[np.int32]  # (S,) smooth region that each belongs to
-    area_px: NDArray[np.int32]  # (S,)
+    region: NDArray[np.int32]  # (S,) index of the smooth region to which the segment belongs
+    area_px: NDArray[np.int32]  # (S,) number of pixels

@@ -4,4 +4,4 @@ Knows no ROS outside `node.py` and `ros`.
 """
 
 CHILD_MODULES = ('rgbd_slam.processes.mapper_worker', 'rgbd_slam.ros.scene.node')
-"""What the node's processes begin with; see `hoid_common.process.entry`."""
+"""Modules that are imported in advance for child processes; see `hoid_common.process.entry`."""

@@ -15,7 +15,10 @@ _MAX_WAITING = 60  # keyframes without a verdict, and verdicts without an image
 
 
 class LateVerdicts:
-    """Remembers the latest keyframes without a verdict, and verdicts on images still to come."""
+    """Remembers the latest keyframes without a verdict, and verdicts that arrive before the image.
+
+    A verdict states which features of an image are on dynamic objects.
+    """
 
     def __init__(self) -> None:
         self._keyframes: OrderedDict[int, int] = OrderedDict()  # stamp: number of features
@@ -23,7 +26,10 @@ class LateVerdicts:
         self._newest_ns = self._num_newest = 0  # stamp and number of features of the last image
 
     def filtered(self, features: Features) -> Features:
-        """Return an image's features without those that an early verdict calls dynamic."""
+        """Return the features of the next image without those that an early verdict calls dynamic.
+
+        The image is remembered as the latest one.
+        """
         early = self._early.pop(features.stamp_ns, None)
         if early is not None and len(early.is_dynamic) == len(features):
             features = features.select(~early.is_dynamic)
@@ -31,11 +37,13 @@ class LateVerdicts:
         return features
 
     def note_keyframe(self) -> None:
-        """Expect a verdict on the last image, which became a keyframe."""
+        """Remember that the latest image became a keyframe, on which a verdict may follow."""
         _put(self._keyframes, self._newest_ns, self._num_newest)
 
     def changes_keyframe(self, verdicts: FeatureVerdicts) -> bool:
-        """Return whether verdicts call features of a keyframe dynamic; store early verdicts.
+        """Return whether verdicts call features of a keyframe dynamic.
+
+        Verdicts on an image that has not arrived yet are stored for `filtered`.
 
         Raises:
             MessageError: The keyframe has another number of features.

@@ -13,7 +13,7 @@ from rgbd_slam.local_mapping.culling import cull_keyframes, cull_new_points
 from rgbd_slam.local_mapping.fusion import fuse, fuse_with_neighbors
 from rgbd_slam.local_mapping.retraction import retract_observations
 from rgbd_slam.local_mapping.triangulation import triangulate_with_neighbors
-from rgbd_slam.loops.loop_closing import LoopCloser, LoopCounts
+from rgbd_slam.loops.loop_closer import LoopCloser, LoopCounts
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
@@ -25,18 +25,20 @@ from rgbd_slam.optimize.local_bundle_adjustment import local_bundle_adjustment
 
 @dataclass(frozen=True, eq=False)
 class KeyframeRequest:
-    """A frame that becomes a keyframe, and what was observed since the last keyframe."""
+    """A frame that becomes a keyframe, and the tracker's findings since the last keyframe."""
 
     uid: int  # of the new keyframe
     frame: Frame
-    T_reference_camera: FloatArray  # (4, 4)
-    reference_uid: int  # an earlier keyframe, which may still be queued in front of this one
+    T_reference_camera: FloatArray  # (4, 4) pose relative to the reference keyframe
+    # Uid of the reference keyframe, an earlier one, which may still wait in the queue of the
+    # mapper.
+    reference_uid: int
     points: IntArray  # (N,) row of the point that each feature observes, or NO_POINT
-    point_uids: IntArray  # (N,)
+    point_uids: IntArray  # (N,) uids of these points, because rows may be reused meanwhile
     counts: PointCounts  # how often points were visible and found since the last keyframe
     measured_camera: StereoCamera  # the camera with its measured noise
-    moved: IntArray  # (M,) rows of points that proved to be on moving objects
-    moved_uids: IntArray  # (M,)
+    moved: IntArray  # (M,) rows of points that turned out to be on moving objects
+    moved_uids: IntArray  # (M,) uids of these points
 
 
 class Mapper:
@@ -46,6 +48,12 @@ class Mapper:
     culling points hardly depends on the noise and uses the configured camera, and so does loop
     closing, which measures the noise itself in the map that it adjusts. Local bundle adjustment
     weights residuals by the noise that the tracker measured and sent with the keyframe.
+
+    Args:
+        camera: The camera with its configured noise.
+        atlas: The map.
+        config: Parameters.
+        background: Run global adjustment in a separate process.
     """
 
     def __init__(
@@ -71,9 +79,10 @@ class Mapper:
         return i
 
     def insert(self, request: KeyframeRequest) -> int | None:
-        """Insert a keyframe, refine the map around it, and return its row.
+        """Insert a keyframe, refine the map around it, close loops, and return the keyframe's row.
 
-        None is returned when the reference keyframe has left the map.
+        None is returned, and nothing is inserted, if the reference keyframe and its ancestors are
+        no longer in the map.
         """
         i = self._add(request)
         if i is None:
@@ -92,11 +101,17 @@ class Mapper:
         return i
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
-        """Remove the observations of a keyframe's features that proved dynamic."""
+        """Remove the observations of a keyframe's features that turned out to be dynamic."""
         retract_observations(self.map, verdicts)
 
     def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
-        """Load a saved map; `keep` the running one beside it, or discard that; see `restore`."""
+        """Load a saved map, whose keyframes get the uids from `first_uid` on; see `restore`.
+
+        Args:
+            state: The saved map.
+            first_uid: Uid of its first keyframe.
+            keep: True: keep the running map beside it. False: discard the running map.
+        """
         if not keep:
             self._closer.close()  # its place index describes the old map
             self._closer = LoopCloser(
@@ -105,13 +120,18 @@ class Mapper:
         restore(self.map, state, self._configured_camera, first_uid, keep=keep)
 
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
-        """Continue, from an empty map, with the map of a mapper that has died."""
+        """Take over the map of a mapping process that has died; the own map must be empty.
+
+        Args:
+            whole: All keyframes and points of the tracker's copy of that map.
+            loops: The numbers of loops and merges so far.
+        """
         self.map.apply(whole)
         self.map.version += 1  # of the changes from now on
         self.loops = loops
 
     def poll(self) -> bool:
-        """Apply finished background adjustments to the map; return whether there were any."""
+        """Apply a finished global adjustment to the map; return whether there was one."""
         return self._closer.poll()
 
     @property
@@ -120,7 +140,11 @@ class Mapper:
         return self._closer.is_adjusting
 
     def finish_adjustment(self, limit_s: float) -> None:
-        """Adjust what has grown since the last global adjustment; wait for it up to `limit_s`."""
+        """Repeat the last global adjustment if keyframes have been added to the map since then.
+
+        Waits up to `limit_s` for a global adjustment that is running, and as long for the repeated
+        one; see `LoopCloser.settle`. A map that was never adjusted globally stays as it is.
+        """
         self._closer.settle(limit_s)
 
     def close(self) -> None:
@@ -128,7 +152,11 @@ class Mapper:
         self._closer.close()
 
     def _add(self, request: KeyframeRequest) -> int | None:
-        """Store the keyframe with the observations of points that are still in the map."""
+        """Add the keyframe to the map and return its row, or None if its reference is unknown.
+
+        It observes those of its points that are still in the map. Points that moved are removed,
+        and the counts of the other points are updated.
+        """
         keyframes, points = self.map.keyframes, self.map.points
         anchor = self.map.anchor(request.reference_uid)
         if anchor is None or anchor.row is None:
@@ -155,10 +183,10 @@ class Mapper:
         return i
 
     def _match_neighborhood(self, i: int, reference: int) -> None:
-        """Observe the points around keyframe `reference` in keyframe `i`.
+        """Search the points around keyframe `reference` in keyframe `i`, and observe them there.
 
-        The tracker could not, if they did not exist yet when it tracked the frame, because the
-        mapper was late. Without common points, the keyframe would not be connected with the map.
+        If the mapper is late, these points do not exist yet when the tracker searches the frame.
+        Without common points, the keyframe would not be connected with the map.
         """
         around = np.r_[reference, self.map.covisible(reference)]
         fuse(
@@ -171,10 +199,11 @@ class Mapper:
         self.map.refresh(self.map.points_of(np.array([i])))
 
     def _add_depth_points(self, i: int, limit_m: float) -> None:
-        """Create points from features with depth that observe none, the nearest first.
+        """Create points from features with depth that observe no point yet, the nearest first.
 
-        All features nearer than `limit_m` become points, and farther ones until the keyframe has
-        `keyframes.min_new_points` near points in all.
+        All features nearer than `limit_m` become points. If keyframe `i` then has fewer near
+        points than `keyframes.min_new_points`, the nearest of the other features fill up this
+        number.
         """
         keyframes = self.map.keyframes
         n = int(keyframes.num_features[i])

@@ -26,6 +26,7 @@ from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
 from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper
 from rgbd_slam.ros.timers import set_period
+from rgbd_slam.ros.tracking_log import TrackingLog
 from rgbd_slam.session import SlamSession
 
 
@@ -41,6 +42,7 @@ class RgbdSlamNode(ManagedNode):
         config = self._settings.config
         static = StaticFrameListener(self, self.diagnostics)
         self._outputs = SlamOutputs(self, config.frames, static.frames, self.diagnostics)
+        self._tracking_log = TrackingLog(self)
         self._scene = SceneClient(self, config, self.diagnostics)
         self._lifecycle = SessionLifecycle(
             self,
@@ -59,11 +61,13 @@ class RgbdSlamNode(ManagedNode):
         self._map_services = MapServices(
             self, config, require_session, self._scene, self.diagnostics
         )
-        # A timer of wall time, so that publishing a map does not delay the odometry of an image.
+        # A timer publishes the map, so that publishing does not delay the odometry of an image.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._map_timer = self.create_timer(config.map_period_s, self._publish_map, clock=steady)
         inputs = Inputs(self, config.input, self.diagnostics)
-        inputs.messages(CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos')
+        inputs.messages(
+            CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos', is_latched=True
+        )
         inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
         inputs.messages(
             FeatureVerdicts,
@@ -77,11 +81,11 @@ class RgbdSlamNode(ManagedNode):
         self.begin(autostart=config.autostart)
 
     def configure(self) -> None:
-        """Read the map to start with."""
+        """Read the map file to start with, if one is configured."""
         self._lifecycle.configure()
 
     def clean_up(self) -> None:
-        """Discard the map."""
+        """Discard the map and the camera info."""
         self._lifecycle.clean_up()
 
     def destroy_node(self) -> None:
@@ -109,6 +113,7 @@ class RgbdSlamNode(ManagedNode):
         self._scene.enqueue(done.scene_request)
         self._outputs.publish_status(done.status, msg.header)
         self._diagnose(session, done.status)
+        self._tracking_log.update(done.status)
 
     def _on_verdicts(self, msg: FeatureVerdicts) -> None:
         session = self._lifecycle.session

@@ -25,6 +25,9 @@ z up), REP 103."""
 # Covariance of an unknown velocity. Chosen: standard deviations of half a turn per second and
 # 10 m/s, more than any hand-held camera or indoor robot moves.
 _UNKNOWN_TWIST = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
+# Chosen: standard deviations of 1 mrad and 1 mm. The first pose defines the map, so that its
+# covariance is zero; in a message, zeros mean that it is unknown (nav_msgs/Odometry).
+_LEAST_COVARIANCE = 1e-6 * np.eye(6)
 # Chosen, as in `LossTimer`: the mean motion over a longer gap says little about the velocity.
 _MAX_TWIST_GAP_S = 0.5
 
@@ -35,9 +38,8 @@ class RobotPose:
 
     T_map_odom: FloatArray  # (4, 4); jumps when a loop closure corrects the map
     T_odom_base: FloatArray  # (4, 4); never jumps
-    covariance: (
-        FloatArray  # (6, 6) of T_map_base, as a small motion in the base frame, rotation first
-    )
+    # (6, 6) of T_map_base, as a small motion in the base frame, rotation first [rad^2, m^2].
+    covariance: FloatArray
     twist: FloatArray  # (6,) in the base frame: rad/s, then m/s
     twist_covariance: FloatArray  # (6, 6)
 
@@ -45,9 +47,8 @@ class RobotPose:
 class _BasePose(NamedTuple):
     stamp_ns: int
     T_odom_base: FloatArray  # (4, 4)
-    covariance: (
-        FloatArray  # (6, 6) in the base frame: the part that successive images do not share
-    )
+    # (6, 6) in the base frame, rotation first: the part whose errors differ from image to image.
+    covariance: FloatArray
 
 
 class RobotFrames:
@@ -73,21 +74,25 @@ class RobotFrames:
         covariance: FloatArray,
         image_covariance: FloatArray | None = None,
     ) -> RobotPose:
-        """Return the robot's pose for a camera pose of the core.
+        """Return the robot's pose and velocity for a camera pose of the core.
+
+        The velocity is that since the last call.
 
         Args:
             stamp_ns: Stamp of the image.
-            T_map_camera: (4, 4) in the core's map.
-            T_odom_camera: (4, 4) in the odometry frame, free of the map's corrections.
-            covariance: (6, 6) of T_map_camera, as a small motion in the camera frame, rotation
-                first.
-            image_covariance: (6, 6), the part of it that successive images do not share, which
-                decides how well the velocity is known; all of it by default.
+            T_map_camera: (4, 4) pose in the core's map.
+            T_odom_camera: (4, 4) pose in the odometry frame, which corrections of the map do not
+                change.
+            covariance: (6, 6) covariance of T_map_camera, as a small motion in the camera frame,
+                rotation first [rad^2, m^2].
+            image_covariance: (6, 6) part of this covariance whose errors differ from image to
+                image; it determines the covariance of the velocity. None: the whole covariance.
         """
         T_map_base = self._base(T_map_camera)
         T_odom_base = self._base(T_odom_camera)
         A = se3.adjoint(se3.inverse(self._T_camera_base))
-        own = covariance if image_covariance is None else image_covariance
+        covariance = _known(covariance)
+        own = covariance if image_covariance is None else _known(image_covariance)
         placed = _BasePose(stamp_ns, T_odom_base, A @ own @ A.T)
         pose = RobotPose(
             T_map_base @ se3.inverse(T_odom_base),
@@ -99,14 +104,14 @@ class RobotFrames:
         return pose
 
     def camera_at(self, T_map_base: FloatArray) -> FloatArray:
-        """Return T_core_camera (4, 4) for a pose of the base (x forward, z up) in the map.
+        """Return T_core_camera (4, 4) for a pose T_map_base (4, 4), with x forward and z up.
 
-        Without a base frame, the pose is that of the camera's body axes.
+        If no base frame is configured, the given pose is that of the camera's body axes.
         """
         return se3.inverse(self.T_map_core) @ T_map_base @ self.T_map_core
 
     def camera_motion(self, T_base_base: FloatArray) -> FloatArray:
-        """Return the camera's motion (4, 4) that corresponds to a motion of the base."""
+        """Return the motion (4, 4) of the camera that results from a motion (4, 4) of the base."""
         return self._T_camera_base @ T_base_base @ se3.inverse(self._T_camera_base)
 
     def bases(self, cameras: Trajectory) -> Trajectory:
@@ -141,6 +146,11 @@ class RobotFrames:
         A = se3.adjoint(se3.inverse(T_last_now))
         covariance = now.covariance + A @ last.covariance @ A.T
         return se3.log(T_last_now) / elapsed_s, covariance / elapsed_s**2
+
+
+def _known(covariance: FloatArray) -> FloatArray:
+    """Return a covariance (6, 6), or the least one instead of zeros."""
+    return covariance if covariance.any() else _LEAST_COVARIANCE
 
 
 def flattened(T: FloatArray) -> FloatArray:

@@ -40,7 +40,8 @@ class RobotMap:
     ) -> None:
         self._slam, self._frames = slam, frames
         self._camera, self._config = camera, config
-        self.has_changed = False  # since `take_change`, in a way that the statistics do not show
+        # Whether the map has changed since `take_change` in a way that the statistics do not show.
+        self.has_changed = False
         self._last_stats: SlamStats | None = None
 
     def take_change(self) -> bool:
@@ -55,20 +56,20 @@ class RobotMap:
         return self._frames.keyframes(keyframe_poses(self._slam.map.atlas))
 
     def points_m(self) -> FloatArray:
-        """Return the (N, 3) points of the main map."""
+        """Return the (N, 3) points [m] of the main map, in the map frame."""
         points = self._slam.map.atlas.points
         is_main = points.map_id == main_map(self._slam.map.atlas.keyframes)
         return self._frames.points_m(points.position_m[points.alive & is_main])
 
     def base_path(self) -> Trajectory:
-        """Return the poses of the robot's base at the keyframes, by the current map."""
+        """Return the poses T_map_base of the robot's base at the keyframes, by the current map."""
         return self._frames.bases(self._slam.trajectory.keyframes())
 
     def trajectory(self, kind: str) -> Trajectory:
         """Return the camera poses of a kind: `final`, `online` or `keyframes`.
 
-        Final poses follow from the current map. To have them by the adjusted map, call
-        `slam.map.finish` before.
+        Final poses follow from the current map. Call `slam.map.finish` before, so that they follow
+        from the map after its last adjustment.
 
         Raises:
             ConfigError: There is no such kind.
@@ -77,7 +78,8 @@ class RobotMap:
 
     def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
         """Return the poses of `trajectory` in parts that any thread may iterate over."""
-        # Before final poses the map is settled, which moves keyframes but changes no statistics.
+        # The map is adjusted before final poses are read. This moves keyframes but changes no
+        # statistics.
         self.has_changed |= kind == 'final'
         return map(self._frames.cameras, self._slam.trajectory.parts(kind))
 

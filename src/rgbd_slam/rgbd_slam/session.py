@@ -57,9 +57,9 @@ class SlamSession:
         camera: The camera of the images that the features come from.
         config: Parameters of the core.
         frames: Where the camera is mounted on the robot.
-        background: Map in a separate process, which `close` ends.
-        scene_scheduler: Selects the images for the scene mapper.
-        wheels: External odometry (e.g. wheels), as motions of the camera.
+        background: Whether the mapper runs in a separate process, which `close` ends.
+        scene_scheduler: Selects the images for the scene mapper; None: no image is selected.
+        wheels: External odometry (e.g. wheels), as motions of the camera; None if there is none.
     """
 
     def __init__(
@@ -93,11 +93,14 @@ class SlamSession:
         self.slam.map.mapper.close()
 
     def process(self, features: Features) -> Processed:
-        """Track one image and learn from it."""
+        """Call `track` and then `learn` for one image, and return all results of the image."""
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> Tracked:
-        """Estimate the pose of one image. Call `learn` before tracking the next one."""
+        """Return the estimated pose of one image. Call `learn` before tracking the next one.
+
+        While the session is paused, the image is ignored, and there is no pose.
+        """
         self._dropped.add(features.stamp_ns)
         if self.is_paused:
             return Tracked(None, None)
@@ -106,7 +109,10 @@ class SlamSession:
         return Tracked(self._robot_pose(result), result)
 
     def learn(self, tracked: Tracked) -> Processed:
-        """Extend the map by a tracked image and return all results of this image."""
+        """Learn from a tracked image, which may become a keyframe; return all its results.
+
+        They include the request to the scene mapper, if this needs the image.
+        """
         if tracked.result is None:
             return Processed(self._status(SlamState.PAUSED), None)
         result = self.slam.learn(tracked.result)
@@ -118,7 +124,9 @@ class SlamSession:
         return Processed(status, tracked.pose, self._scene_request(result))
 
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
-        """Remove from the map what a keyframe observed on features that proved dynamic.
+        """Remove a keyframe's observations on features that turned out to be dynamic from the map.
+
+        Verdicts on an image that has not arrived yet are applied when it is tracked.
 
         Raises:
             MessageError: The image with this stamp has another number of features.
@@ -127,7 +135,7 @@ class SlamSession:
             self.slam.map.mapper.retract(verdicts)
 
     def status(self) -> SlamStatus:
-        """Return the status between two images."""
+        """Return the status for a time at which no image has just been processed."""
         return self._status(SlamState.PAUSED if self.is_paused else SlamState.NOT_INITIALIZED)
 
     @property
@@ -146,12 +154,13 @@ class SlamSession:
         self.slam.map.is_growing = mode is SlamMode.MAPPING
 
     def relocalize_near(self, T_map_base: FloatArray, sigma_m: float, sigma_rad: float) -> None:
-        """Relocalize near a pose (4, 4) first, from the next image on.
+        """Discard the pose; search near a given pose before the whole map from the next image on.
 
         Args:
-            T_map_base: The robot's pose as in RViz: x forward, z up, also without a base frame.
-            sigma_m: Standard deviation of its position.
-            sigma_rad: Standard deviation of its heading.
+            T_map_base: (4, 4) pose of the robot as in RViz, with x forward and z up. If no base
+                frame is configured, it is the pose of the camera's body axes.
+            sigma_m: Standard deviation of the position.
+            sigma_rad: Standard deviation of the heading.
 
         Raises:
             ConfigError: The session is mapping.
@@ -177,10 +186,10 @@ class SlamSession:
         """Return the request to the scene mapper for this image, or None if it is not needed.
 
         While the map grows, images are fused in every map, not only in the main one: the dense
-        map keeps those of other maps until a recognized place merges the maps, and they would be
-        missing then. Objects are tracked in the main map only, because tracks are published at
-        once, but in localization as well: the present positions of people and objects are not
-        part of the map.
+        map stores the images of other maps until a recognized place merges the maps. Objects are
+        tracked in the main map only, because tracks are published at once. They are tracked in
+        localization as well, because the present positions of people and objects are not part of
+        the map.
         """
         slam, reference_uid = self.slam, self.slam.odometry.anchor_uid
         if result.state is not SlamState.TRACKING or reference_uid is None:

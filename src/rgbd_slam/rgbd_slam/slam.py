@@ -15,7 +15,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera, check_octaves
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.model.points import PointTallies
-from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_keyframe
+from rgbd_slam.model.tracked_frame import tracked_keyframe
 from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.noise_estimator import NoiseEstimator
 from rgbd_slam.places.pose_hint import PoseHint
@@ -54,9 +54,11 @@ class RgbdSlam:
     Args:
         camera: The camera of the images that the features come from.
         config: Parameters.
-        background: Map in a separate process, as live; call `map.mapper.close` in the end.
-            Otherwise each keyframe is mapped at once, so that runs repeat bit for bit.
-        wheels: External odometry (e.g. wheels), which bridges images that cannot be tracked.
+        background: True: the mapper runs in a separate process, as on a robot; call
+            `map.mapper.close` in the end. False: each keyframe is mapped before `learn` returns,
+            so that runs repeat bit for bit.
+        wheels: External odometry (e.g. wheels), which bridges images that cannot be tracked; None
+            if there is none.
     """
 
     def __init__(
@@ -89,11 +91,14 @@ class RgbdSlam:
         self.num_off_map = 0  # frames that were tracked with too few points of the map
 
     def process(self, features: Features) -> TrackingResult:
-        """Track one frame and learn from it; raises what `track` does."""
+        """Call `track` and then `learn`, and return the result; raises the errors of `track`."""
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> TrackingResult:
-        """Estimate the pose of one frame. Call `learn` before tracking the next one.
+        """Return the estimated pose of one frame. Call `learn` before tracking the next one.
+
+        First, the changes that the mapper has finished are applied to the map. A lost camera is
+        relocalized; the very first frame, and one after a long loss, starts a new map.
 
         Raises:
             MessageError: A feature has an octave beyond the configured number of octaves.
@@ -102,7 +107,10 @@ class RgbdSlam:
         return replace(result, note=self._relocalizer.take_note() or result.note)
 
     def learn(self, result: TrackingResult) -> TrackingResult:
-        """Update noise and points by a tracked frame, and map it if it becomes a keyframe."""
+        """Update estimates and trajectory from a tracked frame; insert it if it is a keyframe.
+
+        Returns the result of `track`, with `is_keyframe` and `stage_ms` completed.
+        """
         tracking = result.to_learn
         if tracking is None:  # lost, or the first frame of a map
             return result
@@ -118,14 +126,14 @@ class RgbdSlam:
         return replace(result, is_keyframe=is_keyframe, stage_ms=stage_ms, to_learn=None)
 
     def relocalize_near(self, hint: PoseHint) -> None:
-        """Discard the current pose and relocalize near `hint` first."""
+        """Discard the current pose; search near `hint` before searching the whole map."""
         self._relocalizer.relocalize_near(hint)
         self._forget_pose()
 
     def load(self, state: MapState, *, keep: bool) -> IntArray:
-        """Load a saved map; see `SlamMap.load`. Returns the (K,) uids of its keyframes.
+        """Load a saved map and return the (K,) uids of its keyframes; see `SlamMap.load`.
 
-        If the running map is discarded, the camera is relocalized in the saved one.
+        Unless the running map is kept, the camera is relocalized in the saved map.
         """
         uids = self.map.load(state, keep=keep)
         if not keep:
@@ -143,11 +151,14 @@ class RgbdSlam:
         return slam_stats(self._atlas, self.map.mapper.loops, self._relocalizer.num_found)
 
     def _prepare(self, features: Features) -> Frame:
-        """Return the frame: undistorted, with virtual right columns, rolling shutter removed."""
+        """Return the undistorted frame with virtual right columns, without rolling shutter.
+
+        If the stamps have started again, the velocity and the last keyframe are forgotten.
+        """
         check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
         if self._loss_timer.add(frame.stamp_ns):
-            self.odometry.stop()
+            self.odometry.forget_velocity()
             self._policy.restart()
         return self._shutter.compensated(frame, self._camera, self.odometry.twist)
 
@@ -161,12 +172,15 @@ class RgbdSlam:
         if tracking is None:
             return self._handle_loss(frame)
         self.odometry.advance(tracking)
-        result = self._result(
-            tracking.tracked, self.odometry.covariance, tracking.num_matches, tracking.num_inliers
-        )
-        return replace(
-            result,
+        return TrackingResult(
+            frame.stamp_ns,
+            SlamState.TRACKING,
+            T_map_camera=tracking.tracked.T_map_camera,
+            T_odom_camera=self.odometry.T_odom_camera,
+            covariance=self.odometry.in_map(self.odometry.covariance),
             image_covariance=self.odometry.image_covariance,
+            num_tracked=tracking.num_matches,
+            num_inliers=tracking.num_inliers,
             stage_ms={'track': _MS * (time.thread_time() - start_s)},
             competing=tracking.consensus.competing,
             note=self._off_map_note(tracking),
@@ -174,7 +188,10 @@ class RgbdSlam:
         )
 
     def _off_map_note(self, tracking: TrackerOutput) -> str:
-        """Count frames that see too few map points, and return what to report of them."""
+        """Return a warning if the pose has not rested on the map for a second or more, else ''.
+
+        Also counts the frames that see too few map points.
+        """
         stamp_ns = tracking.tracked.frame.stamp_ns
         if tracking.is_on_map:
             self._off_map_since_ns = None
@@ -200,18 +217,31 @@ class RgbdSlam:
         self._loss_timer.reset()
         self.trajectory.add(tracked)
         self._warm_up.begin(frame.stamp_ns)
-        result = self._result(tracked, np.zeros((6, 6)), len(frame), len(frame))
-        return replace(result, is_keyframe=True)
+        return TrackingResult(
+            frame.stamp_ns,
+            SlamState.TRACKING,
+            T_map_camera=tracked.T_map_camera,
+            T_odom_camera=self.odometry.T_odom_camera,
+            covariance=self.odometry.in_map(np.zeros((6, 6))),
+            image_covariance=np.zeros((6, 6)),
+            num_tracked=len(frame),
+            num_inliers=len(frame),
+            is_keyframe=True,
+        )
 
     def _track(self, frame: Frame) -> TrackerOutput | None:
-        """Track a frame from the last one, starting at the predicted poses."""
+        """Track a frame from the last one, starting at predicted poses; None if that fails."""
         last = self.odometry.last
         if last is None:
             return None
         return self._tracker.track(frame, last, *self.odometry.predict())
 
     def _relocalize(self, frame: Frame) -> TrackerOutput | None:
-        """Relocalize a lost frame in the map; only wheels know its motion since the last one."""
+        """Relocalize a lost frame in the map and continue from it; None if its place is unknown.
+
+        The odometry frame moves by external odometry, which alone has measured the motion since
+        the last tracked frame.
+        """
         tracking = self._relocalizer.relocalize(frame)
         if tracking is not None:
             self.odometry.bridge()
@@ -219,8 +249,11 @@ class RgbdSlam:
         return tracking
 
     def _handle_loss(self, frame: Frame) -> TrackingResult:
-        """Follow the wheel odometry, if any; after a long loss, start a new map there."""
-        self.odometry.stop()
+        """Return the pose by external odometry, if there is any, for a frame that is lost.
+
+        After a long loss, start a new map at that pose instead, or at the last known one.
+        """
+        self.odometry.forget_velocity()
         bridge = self.odometry.bridge()
         if self.map.is_growing and self._loss_timer.lost_s > self._config.places.new_map_after_s:
             pose = bridge.T_map_camera if bridge else self.odometry.pose()
@@ -232,15 +265,18 @@ class RgbdSlam:
         return TrackingResult(
             frame.stamp_ns,
             SlamState.LOST,
-            bridge.T_map_camera,
-            self.odometry.T_odom_camera,
-            self.odometry.in_map(bridge.covariance),
-            bridge.image_covariance,
+            T_map_camera=bridge.T_map_camera,
+            T_odom_camera=self.odometry.T_odom_camera,
+            covariance=self.odometry.in_map(bridge.covariance),
+            image_covariance=bridge.image_covariance,
             note=_BY_WHEELS.format(bridge.elapsed_s, bridge.distance_m),
         )
 
     def _update_estimates(self, tracking: TrackerOutput) -> None:
-        """Update point counts, measured noise, rolling shutter and trajectory by a frame."""
+        """Update point counts, measured noise, rolling shutter and trajectory from a frame.
+
+        Also re-estimates one frame of the first second of the map, if that is due (`WarmUp`).
+        """
         tracked = tracking.tracked
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
@@ -253,7 +289,10 @@ class RgbdSlam:
         self._warm_up.reestimate_next(self._noise.camera)
 
     def _insert_keyframe(self, tracking: TrackerOutput) -> None:
-        """Send the frame to the mapper and continue from the keyframe, even if it is pending."""
+        """Send the frame to the mapper and track the next frame from this keyframe.
+
+        That works even while the mapper has not inserted the keyframe yet.
+        """
         tracked = tracking.tracked
         keep_outliers = self._config.keyframes.keep_outliers
         points = tracking.matched if keep_outliers else tracked.points
@@ -284,22 +323,4 @@ class RgbdSlam:
     def _forget_pose(self) -> None:
         self.odometry.restart_from(None)
         self._loss_timer.reset()  # the time until a new map is started counts from now
-        self.odometry.stop()
-
-    def _result(
-        self,
-        tracked: TrackedFrame,
-        pose_covariance: FloatArray,
-        num_tracked: int,
-        num_inliers: int,
-    ) -> TrackingResult:
-        return TrackingResult(
-            tracked.frame.stamp_ns,
-            SlamState.TRACKING,
-            tracked.T_map_camera,
-            self.odometry.T_odom_camera,
-            self.odometry.in_map(pose_covariance),
-            pose_covariance,
-            num_tracked,
-            num_inliers,
-        )
+        self.odometry.forget_velocity()

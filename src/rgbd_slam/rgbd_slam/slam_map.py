@@ -20,16 +20,17 @@ from rgbd_slam.processes.mapper_process import MapperProcess
 class SlamMap:
     """The tracker's copy of the map (`atlas`) and the mapper that extends it (`mapper`).
 
-    Reading an attribute never changes the map; only calls do, so that a caller decides between
-    which two frames it changes.
+    The mapper's changes reach this copy only in a method call (`update`, or one that calls it), so
+    that the caller decides between which two frames the map changes.
 
     Args:
         atlas: The map, still empty.
         camera: The camera with the configured noise.
         config: Parameters of the core.
-        on_redirects: Called with the redirects of removed keyframes after each change of the map.
-        background: Map in a separate process, as live. Otherwise each keyframe is mapped before
-            the call returns, so that runs repeat bit for bit.
+        on_redirects: Called by `update` with the keyframes that were removed since the last call;
+            each redirect gives the parent that replaces a removed keyframe.
+        background: Whether the mapper runs in a process of its own, as on a robot. Otherwise each
+            keyframe is mapped before `insert` returns, so that runs repeat bit for bit.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class SlamMap:
 
     @property
     def is_empty(self) -> bool:
-        """Return whether the map has no keyframe yet, not even a pending one."""
+        """Return whether the map has no keyframe, not even one that waits for the mapper."""
         return len(self.atlas.keyframes) == 0 and not self.atlas.pending
 
     def start(self, frame: Frame, T_map_camera: FloatArray) -> int:
@@ -64,23 +65,31 @@ class SlamMap:
     def take_uids(self, count: int) -> int:
         """Return the first of `count` uids for new keyframes.
 
-        They are given before the mapper knows the keyframes, so that frames can refer to these.
+        The uids are given before the mapper knows the keyframes, so that frames can refer to these
+        keyframes.
         """
         self._next_uid += count
         return self._next_uid - count
 
     def insert(self, request: KeyframeRequest) -> None:
-        """Insert a keyframe; it is pending until the mapper, if late, has inserted it."""
+        """Send a keyframe to the mapper, and apply the changes that the mapper has finished.
+
+        The keyframe is in `atlas.pending` until the mapper has inserted it.
+        """
         self.mapper.insert(request)
         self.update()
 
     def update(self) -> None:
-        """Apply the changes that the mapper has finished, without waiting for others."""
+        """Apply the changes that the mapper has finished, without waiting for the other ones."""
         self.mapper.update()
         self._on_redirects(self.atlas.redirects.take())
 
     def finish(self) -> None:
-        """Wait until every inserted keyframe is mapped and the whole map has been adjusted."""
+        """Wait until every inserted keyframe is mapped and global adjustment has ended.
+
+        The last global adjustment is repeated first if keyframes have been added since then; see
+        `LoopCloser.settle`.
+        """
         self.mapper.finish()
         self.update()
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hoid_common.slam_status import SlamState
-from rgbd_slam.loops.loop_closing import LoopCounts
+from rgbd_slam.loops.loop_closer import LoopCounts
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.tracking.tracking_result import TrackingResult
@@ -35,7 +35,7 @@ class SlamStats:
 
 
 def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> SlamStats:
-    """Return the size of the main map beside the numbers of loops, merges and relocalizations."""
+    """Return the size of the main map, and the numbers of maps, loops, merges, relocalizations."""
     keyframes, points = atlas.keyframes, atlas.points
     sizes, main = np.bincount(keyframes.map_id[keyframes.alive]), main_map(keyframes)
     num_maps = int(np.count_nonzero(sizes))
@@ -51,7 +51,13 @@ def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> Sla
 
 
 def status_message(state: SlamState, result: TrackingResult | None, is_in_main_map: bool) -> str:
-    """Return the reason for the state in plain words; empty for undisturbed tracking."""
+    """Return the reason for the state in plain words; empty for undisturbed tracking.
+
+    Args:
+        state: The state.
+        result: The result of the latest image; None if no image has been tracked.
+        is_in_main_map: Whether the camera is in the map with most keyframes.
+    """
     if result is not None and result.note:
         return result.note
     if state is SlamState.TRACKING and not is_in_main_map:

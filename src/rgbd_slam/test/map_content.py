@@ -1,4 +1,4 @@
-"""Small maps to save, and what their files hold."""
+"""Small maps to save, and the contents of their files."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ def dense_of(state: MapState, count: int = 3) -> DenseState:
 
 @cache
 def content() -> MapFile:
-    """What a good file holds; not to be changed."""
+    """Return the contents of a valid map file; do not change them."""
     state = snapshot(ring())
     return MapFile(MODEL, SCALE, OCTAVES, state, dense_of(state))
 
 
 @cache
 def saved() -> bytes:
-    """The bytes of a good file."""
+    """Return the bytes of a valid map file."""
     return written(content())
 
 
@@ -72,7 +72,7 @@ def written(anything: MapFile) -> bytes:
 
 
 def write(path: Path, anything: MapFile) -> None:
-    """Write what may be no map, which `save` would refuse."""
+    """Write a map file without the checks of `save`, so that it may be invalid."""
     path.write_bytes(written(anything))
 
 

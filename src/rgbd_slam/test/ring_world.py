@@ -18,7 +18,7 @@ _MEMORY = 4  # keyframes back whose points are still known
 
 
 class RingWorld:
-    """Landmarks, each with a descriptor of its own."""
+    """Landmarks on the wall, each with another descriptor."""
 
     def __init__(self, count: int = 3000, seed: int = 0) -> None:
         self.rng = np.random.default_rng(seed)
@@ -29,7 +29,7 @@ class RingWorld:
         self.descriptors = self.rng.integers(0, 256, (count, 32), dtype=np.uint8)
 
     def frame(self, T_world_camera: FloatArray, stamp_ns: int) -> tuple[Frame, IntArray]:
-        """Return what a camera sees, and which landmark each feature is."""
+        """Return the features that a camera sees, and the number of the landmark of each."""
         x = se3.transform(se3.inverse(T_world_camera), self.points_m)
         ahead = np.flatnonzero(x[:, 2] > 0.5)
         pixel = CAMERA.project(x[ahead])
@@ -60,7 +60,7 @@ def ring_poses(count: int, turns: float = 1.0) -> FloatArray:
 
 
 def drifted(poses: FloatArray, step: FloatArray) -> FloatArray:
-    """Return the poses as odometry with a constant error (6,) a step would have them."""
+    """Return poses (N, 4, 4) as measured by odometry with a constant error (6,) per step."""
     out = [poses[0]]
     for n in range(1, len(poses)):
         out.append(out[-1] @ se3.inverse(poses[n - 1]) @ poses[n] @ se3.exp(step))
@@ -70,10 +70,10 @@ def drifted(poses: FloatArray, step: FloatArray) -> FloatArray:
 def mapped(
     atlas: Atlas, world: RingWorld, truth: FloatArray, poses: FloatArray, map_id: int = 0
 ) -> IntArray:
-    """Map what is seen from `truth` as if the camera was at `poses`; return the keyframes.
+    """Add keyframes that see the world from `truth` but have the poses `poses`; return their rows.
 
-    A landmark out of sight for some keyframes is mapped anew when it is seen again, as a tracker
-    with drift would do.
+    A landmark that was out of sight for some keyframes becomes a new point when it is seen again,
+    as happens in a tracker with drift.
     """
     rows: list[int] = []
     known: list[dict[int, int]] = []

@@ -17,7 +17,7 @@ T_CAMERA_POINTS = se3.exp(np.array([0.2, -0.4, 0.1, 0.5, -0.2, 0.3]))
 def _scene(
     count: int = 120, seed: int = 0, wrong: float = 0.5, depth_share: float = 1.0
 ) -> tuple[Float32Array, Float32Array, FloatArray, BoolArray]:
-    """Return measurement, depth, points, and which matches are right, at T_CAMERA_POINTS."""
+    """Return measurement, depth, points and mask of right matches of a camera at a known pose."""
     rng = np.random.default_rng(seed)
     depth = rng.uniform(0.8, 3.0, count)
     uv = np.stack([rng.uniform(20, 620, count), rng.uniform(20, 460, count)], 1)

@@ -161,7 +161,7 @@ def test_nothing_but_the_atlas_writes_the_columns_of_its_tables() -> None:
 
 
 def written(node: ast.AST) -> Iterator[ast.Attribute]:
-    """Yield what a statement assigns to in part: `x.name` of `x.name[...] = y`."""
+    """Yield the attributes that a statement assigns to by index: `x.name` of `x.name[...] = y`."""
     targets = node.targets if isinstance(node, ast.Assign) else []
     targets = [node.target] if isinstance(node, ast.AugAssign) else targets
     for target in targets:

@@ -14,7 +14,7 @@ CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.
 
 
 def _ring(count: int = 12, radius_m: float = 2.0) -> FloatArray:
-    """Return (count, 4, 4) poses on a circle, each turned along with it."""
+    """Return (count, 4, 4) poses along a circle, with the same side towards its center."""
     angle = 2 * np.pi * np.arange(count) / count
     T = se3.exp(np.stack([0 * angle, angle, 0 * angle, 0 * angle, 0 * angle, 0 * angle], 1))
     T[:, 0, 3], T[:, 2, 3] = radius_m * np.sin(angle), radius_m * np.cos(angle)
@@ -22,7 +22,7 @@ def _ring(count: int = 12, radius_m: float = 2.0) -> FloatArray:
 
 
 def _drifted(truth: FloatArray, drift: FloatArray) -> FloatArray:
-    """Return poses chained from the true steps, each followed by the same error."""
+    """Return the poses of odometry that adds the same error to each true motion."""
     out = [truth[0]]
     for a, b in pairwise(truth):
         out.append(out[-1] @ se3.inverse(a) @ b @ se3.exp(drift))
@@ -74,7 +74,7 @@ def test_two_contradicting_edges_are_averaged_by_their_sigmas() -> None:
 def _bundle(
     seed: int = 0, wrong: float = 0.0
 ) -> tuple[FloatArray, FloatArray, BundleProblem, BoolArray]:
-    """Return true poses and points, and a problem that starts beside them."""
+    """Return true poses and points, and a problem whose initial values are near these."""
     rng = np.random.default_rng(seed)
     points = rng.uniform([-2, -1.5, 2], [2, 1.5, 4], (150, 3))
     twists = rng.normal(0, 0.08, (6, 6))

@@ -1,4 +1,4 @@
-"""A map grows with the space seen and not with time: one way, gone ten times."""
+"""A map grows with the space seen and not with time: the camera follows one path ten times."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from .world import CAMERA, PERIOD_NS, World, sway
 
 POSES = sway(91, turn_rad=3.0, way_m=0.5)[:-1]  # round the room both ways, ending where it began
 PASSES = 10
-GROWTH = 1.1  # at most, after the third pass: culling lags behind by a few keyframes
+# Largest growth from the third pass to the last: culling follows a few keyframes later.
+GROWTH = 1.1
 
 
 class Size(NamedTuple):
-    """What a session takes."""
+    """The size of a session."""
 
     keyframes: int
     points: int

@@ -1,4 +1,4 @@
-"""Which calibration is used when camera_info messages contradict each other or the images."""
+"""The right calibration is used if camera_info messages contradict each other or the images."""
 
 from dataclasses import replace
 

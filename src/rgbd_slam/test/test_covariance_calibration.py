@@ -1,4 +1,4 @@
-"""The covariances are those of the errors: normalised squares of about 1 per degree of freedom."""
+"""Published covariances match the errors: squared errors, normalized, are about 1 on average."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def truth() -> FloatArray:
 
 @pytest.fixture(scope='module')
 def poses(truth: FloatArray) -> list[RobotPose]:
-    """Return where a session says that its camera was; its pixels are half as noisy as assumed."""
+    """Return the poses that a session estimates from pixels half as noisy as configured."""
     session, world = SlamSession(CAMERA, SlamConfig(), RobotFrames()), World()
     found = [
         session.process(world.features(n * PERIOD_NS, T, noise_px=0.5)).pose
@@ -32,7 +32,7 @@ def poses(truth: FloatArray) -> list[RobotPose]:
     return [pose for pose in found if pose is not None]
 
 
-def normalised(error: FloatArray, covariance: FloatArray) -> float:
+def normalized(error: FloatArray, covariance: FloatArray) -> float:
     return float(error @ np.linalg.solve(covariance, error)) / len(error)
 
 
@@ -45,7 +45,7 @@ def test_relative_poses_over_a_second(truth: FloatArray, poses: list[RobotPose])
         found = se3.inverse(poses[a].T_odom_base) @ poses[b].T_odom_base
         A = se3.adjoint(se3.inverse(true))
         covariance = poses[b].covariance + A @ poses[a].covariance @ A.T
-        squares.append(normalised(se3.log(se3.inverse(true) @ found), covariance))
+        squares.append(normalized(se3.log(se3.inverse(true) @ found), covariance))
     assert 0.4 < np.mean(squares) < 2
 
 
@@ -53,5 +53,5 @@ def test_twists(truth: FloatArray, poses: list[RobotPose]) -> None:
     squares = []
     for n in range(YOUNG, FRAMES):
         true = se3.log(se3.inverse(truth[n - 1]) @ truth[n]) / (1e-9 * PERIOD_NS)
-        squares.append(normalised(poses[n].twist - true, poses[n].twist_covariance))
+        squares.append(normalized(poses[n].twist - true, poses[n].twist_covariance))
     assert 0.5 < np.mean(squares) < 2

@@ -36,7 +36,7 @@ def points_of(atlas: Atlas, i: int, count: int) -> IntArray:
 
 
 def later(atlas: Atlas, count: int, *, depth_m: float = 2.0, octave: int = 0) -> list[int]:
-    """Add keyframes that see nothing yet, each hung on the first."""
+    """Add keyframes without observations whose parent is the first keyframe; return their rows."""
     return [
         atlas.add_keyframe(frame_at(10 + n, depth_m, octave), np.eye(4), 0, 0)
         for n in range(count)
@@ -104,7 +104,7 @@ def test_points_of_another_map_are_left_alone() -> None:
 def seen_by_all(
     share: float, observers: int = 4, *, depth_m: float = 2.0, octave: int = 0
 ) -> tuple[Atlas, list[int]]:
-    """Return keyframes of which the second shares so much with `observers` others."""
+    """Return a map and its keyframes; others observe a share of the points of the second one."""
     atlas = Atlas(1.2, 8)
     root = atlas.add_keyframe(frame_at(1), np.eye(4), 0)
     judged = atlas.add_keyframe(frame_at(2, depth_m), np.eye(4), 0, root)

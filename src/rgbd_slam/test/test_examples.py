@@ -33,7 +33,7 @@ TURNED = se3.exp(np.concatenate([TURN, np.zeros(3)]))
 
 @pytest.fixture
 def installed_index(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Install the example as pip does: a folder with its module and metadata."""
+    """Install the example as pip does: create a folder with its module and metadata."""
     example = EXAMPLES / 'own_place_index'
     project = tomllib.loads((example / 'pyproject.toml').read_text())['project']
     (target,) = project['entry-points'][ENTRY_POINT_GROUP].items()

@@ -48,7 +48,7 @@ def test_points_seen_through_a_distorting_lens_come_back() -> None:
 
 
 def test_the_virtual_right_column_is_that_of_a_stereo_pair() -> None:
-    """A second camera, a baseline to the right, sees the point at u_right in the same row."""
+    """A second camera, one baseline to the right, sees the point in column u_right, same row."""
     points = seen_points()
     camera = StereoCamera.from_model(FR1, CONFIG)
     left = camera.project(points)

@@ -20,7 +20,7 @@ TRUTH = ring_poses(10, 0.3)
 
 
 def _shaken() -> tuple[Atlas, RingWorld, IntArray]:
-    """Return a map whose poses, but for the first, and points are off by centimeters."""
+    """Return a map whose points and poses, except the first pose, have errors of centimeters."""
     atlas, world = Atlas(1.2, 8), RingWorld()
     rows = mapped(atlas, world, TRUTH, TRUTH)
     rng = np.random.default_rng(0)

@@ -11,7 +11,7 @@ def _descriptors(seed: int, count: int = 300) -> ByteArray:
 
 
 def _seen_again(descriptors: ByteArray, seed: int, flip: float = 0.06) -> ByteArray:
-    """Return the descriptors with each bit flipped with a probability, as another view would."""
+    """Return descriptors with bits flipped at random, as another view of the features has them."""
     flips = np.random.default_rng(seed).random((len(descriptors), 256)) < flip
     return descriptors ^ np.packbits(flips, axis=1)
 

@@ -1,4 +1,4 @@
-"""When a frame becomes a keyframe, in a map of known content."""
+"""Frames become keyframes by the rules of the policy, in a map of known content."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NOTHING = np.empty((3, 0))
 
 
 def frame(stamp_ns: int = 0) -> Frame:
-    """Return features all over the image, with depth near enough to make points of."""
+    """Return features all over the image, whose depth is near enough to create points."""
     u, v = np.meshgrid(np.arange(20) * 32.0, np.arange(10) * 48.0)
     pixel = np.stack([u.ravel(), v.ravel(), u.ravel() - 2 * CLOSE_PX], axis=1)
     return Frame(
@@ -135,7 +135,7 @@ def test_a_known_view_is_taken_in_when_tracking_falls() -> None:
 def test_fewer_points_than_after_the_last_keyframe_are_enough_in_a_new_view(
     newer: int, wanted: bool
 ) -> None:
-    """Most of what the reference is certain of may be tracked while much else is lost."""
+    """A new view needs a keyframe even if most points of the reference keyframe are tracked."""
     atlas = mapped(newer)
     policy = KeyframePolicy(atlas, KeyframeConfig(reference_share=0.5), CLOSE_PX)
     assert not policy.wants(tracking(atlas, 1.0, 100, expected_px=EVERYWHERE))

@@ -10,7 +10,7 @@ from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.place_config import LoopConfig
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
-from rgbd_slam.loops.loop_closing import Join, LoopCloser, LoopEvent
+from rgbd_slam.loops.loop_closer import Join, LoopCloser, LoopEvent
 from rgbd_slam.loops.map_merging import merge_maps
 from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
@@ -29,7 +29,7 @@ def _errors_m(atlas: Atlas, rows: IntArray, truth: FloatArray) -> FloatArray:
 
 @pytest.fixture(scope='module')
 def drifting() -> tuple[Atlas, IntArray, FloatArray]:
-    """Return a map of one lap and a little, whose end misses its beginning."""
+    """Return a map of slightly more than one lap, whose end has drifted from its beginning."""
     truth = ring_poses(36, LAPS)
     atlas = Atlas(1.2, 8)
     rows = mapped(atlas, RingWorld(), truth, drifted(truth, DRIFT))
@@ -50,7 +50,7 @@ def test_a_loop_is_closed_and_the_drift_is_gone(
     before = _errors_m(atlas, rows, truth)
     points_before = len(atlas.points)
     closer = LoopCloser(atlas, CAMERA, SlamConfig())
-    with caplog.at_level('INFO', 'rgbd_slam.loops.loop_closing'):
+    with caplog.at_level('INFO', 'rgbd_slam.loops.loop_closer'):
         assert closer.process(int(rows[-1])) is LoopEvent.CLOSED
     (join,) = (join for record in caplog.records for join in record.args or ())
     assert isinstance(join, Join)

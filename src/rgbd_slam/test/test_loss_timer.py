@@ -1,4 +1,4 @@
-"""How long the camera is lost: gaps, repeated stamps and stamps that go back."""
+"""The time for which the camera is lost, with gaps, repeated stamps and stamps that go back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Map files: what comes back is what was saved, and is the same map."""
+"""A map that was saved and loaded is equal to the original, and behaves like it."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ Manifest = dict[str, Any]
 
 
 def forge(path: Path, change: Callable[[Members, Manifest], object], **kwargs: Any) -> None:
-    """Write a file with intact checksums and changed contents."""
+    """Write a map file with changed contents and correct checksums."""
     members = members_of(saved())
     manifest = json.loads(members['manifest.json'])
     change(members, manifest)

@@ -1,4 +1,4 @@
-"""Map files with bytes gone wrong anywhere: one clear line, or the map that was saved."""
+"""Map files with damaged bytes are refused in one line, or give the map that was saved."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def attempt(path: Path) -> MapFile | None:
-    """Load a file, or be refused in one line."""
+    """Load a file; if it is refused, check that the error has one line."""
     try:
         return map_file.load(path)
     except MapFileError as error:
@@ -38,7 +38,7 @@ def attempt(path: Path) -> MapFile | None:
 
 
 def harmless(path: Path, data: bytes) -> None:
-    """Load a file: it is refused in one line, or its contents are those that were saved."""
+    """Check that a file is refused in one line, or that its contents are those that were saved."""
     path.write_bytes(data)
     loaded = attempt(path)
     if loaded is None:
@@ -72,7 +72,7 @@ _JSON = st.recursive(
 @_FUZZ
 @given(data=st.data())
 def test_no_manifest_does_harm(path: Path, data: st.DataObject) -> None:
-    """Any value of the manifest is another, at any depth, or gone: refused in one line."""
+    """A manifest with a changed or missing value at any depth is refused in one line."""
     members = members_of(saved())
     manifest = json.loads(members['manifest.json'])
     at, key = manifest, data.draw(st.sampled_from(sorted(manifest)))

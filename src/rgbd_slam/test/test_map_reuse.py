@@ -1,4 +1,4 @@
-"""A saved map in a new session: found again, left as it is, continued, and joined."""
+"""A session loads a saved map, localizes in it, extends it, and merges its own map with it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run(slam: RgbdSlam, world: World, poses: FloatArray, first: int = 0) -> list
 
 
 def turn(count: int, start_rad: float = 0.25, end_rad: float = -0.2) -> FloatArray:
-    """Return poses beside the first session's, in its map; that one turned by up to 0.6 rad."""
+    """Return poses in the map of the first session, beside those of that session."""
     twist = np.zeros((count, 6))
     twist[:, 1] = np.linspace(start_rad, end_rad, count)
     twist[:, 3] = np.linspace(0.3, -0.1, count)
@@ -38,7 +38,7 @@ def saved() -> MapState:
 
 
 def errors(results: list[TrackingResult], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return errors [m] and [rad] of images that are all tracked."""
+    """Return position [m] and rotation [rad] errors, after checking that all images are tracked."""
     assert all(result.state is SlamState.TRACKING for result in results)
     estimates = np.array([result.T_map_camera for result in results])
     twists = se3.log(se3.inverse(poses) @ estimates)

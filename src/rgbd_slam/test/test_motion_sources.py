@@ -17,7 +17,7 @@ MS = 1_000_000
 
 
 def predicted(elapsed_ns: int, twist: FloatArray = TWIST) -> FloatArray:
-    """Return the motion that a constant velocity predicts in a time."""
+    """Return the motion that a constant velocity predicts for an elapsed time."""
     source = ConstantVelocity()
     source.observe(np.eye(4), twist)
     source.start(0)
@@ -49,7 +49,7 @@ def test_predictions_are_limited_in_time() -> None:
 
 
 class _Gyroscope(ConstantVelocity):
-    """A further source, as another package would add it: it knows a jerk in advance."""
+    """Another motion source, as a package may add it: it knows a sudden motion in advance."""
 
     T_camera_last: FloatArray = se3.exp(np.array([0.0, -0.25, 0, -0.4, 0, 0]))
 
@@ -58,7 +58,7 @@ class _Gyroscope(ConstantVelocity):
 
 
 def test_a_further_source_needs_one_entry_in_the_registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With its prediction a jerk is tracked that otherwise needs relocalization."""
+    """With its prediction, a sudden motion is tracked that otherwise needs relocalization."""
     for has_gyroscope in (False, True):
         if has_gyroscope:
             monkeypatch.setitem(MOTION_SOURCES, 'gyroscope', lambda _: _Gyroscope())

@@ -108,7 +108,7 @@ def test_every_name_gives_a_file_that_can_be_written_or_one_line(
 
 
 def attempt(folder: str, name: str, kind: FileKind) -> Path | None:
-    """Return the path of a name, or be refused in one line."""
+    """Return the path of a file name; if it is refused, check that the error has one line."""
     try:
         return path_in(folder, name, kind)
     except InputError as error:

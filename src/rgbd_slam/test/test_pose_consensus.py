@@ -90,14 +90,13 @@ def test_moving_objects_do_not_capture_the_pose(groups: tuple[Group, ...]) -> No
     consensus = CONSENSUS.solve(problem, is_well_observed, np.eye(4))
     assert error_m(consensus.estimate.T_camera_map) < 0.004
     is_mover = moved(groups)
-    assert (
-        np.mean(consensus.estimate.inliers[is_mover]) < 0.05
-    )  # so that the map does not use them
+    # Matches on moving objects must not be inliers, because the map uses all inliers.
+    assert np.mean(consensus.estimate.inliers[is_mover]) < 0.05
     assert np.mean(consensus.estimate.inliers[~is_mover]) > 0.95
 
 
 def test_an_object_that_begins_to_move_does_not_bias_the_pose() -> None:
-    """It moves so little that it fits the pose of all matches; static points are as near."""
+    """The object moves so little that it fits the pose of all matches."""
     corner_px = (60, 300), (220, 460)
     groups = (
         Group(350, (1.3, 4.5), is_well_observed=True),
@@ -122,7 +121,7 @@ def test_an_object_that_begins_to_move_does_not_bias_the_pose() -> None:
 
 
 def test_without_the_consensus_near_objects_capture_the_pose() -> None:
-    """Otherwise the other tests would prove nothing."""
+    """This shows that the consensus is the reason why the other tests pass."""
     off = PoseConsensus(CAMERA, ConsensusConfig(enabled=False))
     for groups in ('near and new to the map', 'near and well observed'):
         problem, is_well_observed = seen(*CAPTURES[groups])

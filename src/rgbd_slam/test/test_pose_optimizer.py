@@ -19,7 +19,7 @@ SAMPLES = 200
 
 
 def variance_ratios(noise: float) -> tuple[float, float]:
-    """Return the smallest and the largest ratio of true to published variance, at a noise."""
+    """Return the smallest and the largest ratio of true to published variance at a pixel noise."""
     rng = np.random.default_rng(0)
     camera = replace(CAMERA, pixel_noise=noise)  # as measured
     points_m = rng.uniform([-1.5, -1, 2], [1.5, 1, 5], (300, 3))
@@ -71,7 +71,7 @@ def test_the_kernel_and_the_tracker_have_the_same_least_depth(beyond_m: float) -
 
 @pytest.mark.parametrize('pixel_noise', [0.5, 1.0, 2.0])
 def test_a_prior_counts_by_its_information(pixel_noise: float) -> None:
-    """A prior with the information of the matches pulls the pose halfway to its own."""
+    """A prior with the same information as the matches moves the pose halfway to the prior."""
     points_m = np.random.default_rng(0).uniform([-1.5, -1, 2], [1.5, 1, 5], (200, 3))
     camera = replace(CAMERA, pixel_noise=pixel_noise)
     problem = PoseProblem(points_m, camera.project(points_m), np.ones(len(points_m)))

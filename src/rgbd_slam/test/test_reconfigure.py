@@ -14,7 +14,7 @@ POSES = sway(60)
 
 
 def _keyframes(config: SlamConfig, later: SlamConfig) -> list[int]:
-    """Return how many there are after half the way, when parameters change, and in the end."""
+    """Return the numbers of keyframes when the parameters change, halfway, and at the end."""
     session, world, counts = SlamSession(CAMERA, config, RobotFrames()), World(), []
     for n, pose in enumerate(POSES):
         counts.append(session.process(world.features(n * PERIOD_NS, pose)).status.keyframes)

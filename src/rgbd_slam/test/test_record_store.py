@@ -1,4 +1,4 @@
-"""Records that go to a file: none is lost, whatever becomes of the file."""
+"""No record in a file is lost, even if the file cannot be written."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def whole(store: RecordStore) -> NDArray[np.void]:
 
 
 def check(store: RecordStore, number: NDArray[np.int64]) -> None:
-    """Check that records come back to the bit."""
+    """Check that all records are returned bit by bit as they were appended."""
     records = whole(store)
     np.testing.assert_array_equal(records['number'], number)
     np.testing.assert_array_equal(records['values'][:, 2, 3], np.arange(len(number)) / 7)

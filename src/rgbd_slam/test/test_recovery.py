@@ -56,7 +56,7 @@ def test_a_jump_to_a_known_place() -> None:
 
 
 def test_what_is_mapped_where_nothing_is_known_stays_out_of_the_trajectory() -> None:
-    """The camera is carried blindly into another room, for good."""
+    """The camera is covered, carried into another room, and stays there."""
     config = SlamConfig().updated({'places.new_map_after_s': 0.2})
     here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, config)
     for n, pose in enumerate(POSES[:70]):
@@ -74,7 +74,7 @@ def test_what_is_mapped_where_nothing_is_known_stays_out_of_the_trajectory() -> 
 
 
 def test_a_gap_in_the_stream_is_no_time_lost() -> None:
-    """Nobody looked for ten seconds: the camera is looked for as long as after any loss."""
+    """During a gap of ten seconds no image arrives; afterwards no new map is started at once."""
     here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, SlamConfig())
     for n, pose in enumerate(POSES[:20]):
         slam.process(seen(here, n, pose))
@@ -89,7 +89,7 @@ LATER = 3000  # images, of a clock that is set back by 100 s then
 
 @pytest.mark.slow
 def test_after_stamps_that_go_back_another_scene_becomes_a_new_map() -> None:
-    """As of a bag that starts anew: time was counted from what is now the future."""
+    """A bag that is played again has such stamps: those of the map are in the future then."""
     config = SlamConfig().updated({'places.new_map_after_s': 1.0})
     here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, config)
     for n, pose in enumerate(POSES[:30]):
@@ -114,7 +114,7 @@ def test_after_stamps_that_go_back_the_map_goes_on_growing() -> None:
 
 @pytest.mark.slow
 def test_a_strange_place_becomes_a_map_of_its_own_that_is_merged_later() -> None:
-    """The camera turns round in the dark, maps what is there, and turns back in the light."""
+    """The camera turns around while covered, maps the new view, and turns back uncovered."""
     config = SlamConfig().updated({'places.new_map_after_s': 0.2})
     world, slam = World(), RgbdSlam(CAMERA, config)
     dark = range(60, 70)

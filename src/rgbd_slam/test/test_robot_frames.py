@@ -1,4 +1,4 @@
-"""Known answers: a robot with a tilted camera drives forward and turns."""
+"""Poses of a robot with a tilted camera that drives forward and turns agree with known poses."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ SWING = se3.exp(np.outer(1 - np.cos(np.linspace(0, 2 * np.pi, 90)), TWIST / 6)) 
 
 
 def rolled(features: Features, twist: FloatArray, readout_s: float) -> Features:
-    """Return features as a camera that moves so sees them, whose rows follow each other."""
+    """Return features as a moving camera with a rolling shutter sees them."""
     uv, z = features.uv_px.astype(np.float64), features.depth_m.astype(np.float64)
     z = np.where(z > 0, z, 6.0)
     x = CAMERA.back_project(uv, z)
@@ -41,7 +41,10 @@ def rolled(features: Features, twist: FloatArray, readout_s: float) -> Features:
 def swayed(
     readout_s: float, known_s: float = 0.0, swings: int = 1, config: SlamConfig | None = None
 ) -> RgbdSlam:
-    """Return what has tracked a camera with such a shutter, of which something may be known."""
+    """Return the SLAM after tracking a swaying camera with a rolling shutter.
+
+    `known_s` is the readout time that the SLAM assumes at the start.
+    """
     world, slam = World(), RgbdSlam(MODEL, config or SlamConfig())
     slam._shutter.readout_s = known_s
     poses = np.concatenate([SWING] * swings)
@@ -66,7 +69,7 @@ class Images:
         self._points = self.atlas.add_points(i, k, x)
 
     def show(self, shutter: RollingShutter, count: int, speed: float = 1.0) -> None:
-        """Let a shutter see images, each moved with another speed."""
+        """Add images to a shutter's estimate, each taken by a camera of another velocity."""
         for _ in range(count):
             twist = speed * self._rng.normal(0, 0.3, 6)
             seen = rolled(self._world.features(0, np.eye(4)), twist, self._readout_s)

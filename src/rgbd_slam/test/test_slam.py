@@ -1,4 +1,4 @@
-"""The whole core in a synthetic room estimates a known trajectory, inline and live."""
+"""The whole core estimates a known trajectory in a synthetic room, with either kind of mapper."""
 
 import os
 import select
@@ -38,7 +38,7 @@ def run(slam: RgbdSlam) -> list[SlamState]:
 
 
 def wait_for_mapper(slam: RgbdSlam) -> None:
-    """Wait for a mapper in a separate process, so that a busy machine changes nothing."""
+    """Wait for a mapper in a separate process, so that results do not depend on the machine."""
     if isinstance(slam.map.mapper, MapperProcess):
         slam.map.mapper.wait()
 

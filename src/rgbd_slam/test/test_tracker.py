@@ -58,7 +58,7 @@ class Known:
 
 @pytest.mark.parametrize('turn_rad', [0.02, 0.08, 0.2, -0.3])
 def test_an_unpredicted_rotation_is_tracked(turn_rad: float) -> None:
-    """From a third of the search window to ten times beyond it."""
+    """The error of the prediction is a third of the search window to ten times the window."""
     error_rad, error_m = Known().error(1, [0, turn_rad, 0.05, 0.05, 0, 0])
     assert error_rad < 0.004
     assert error_m < 0.015
@@ -130,7 +130,7 @@ def test_descriptors_match_features_anywhere_in_the_image() -> None:
 
 
 def test_a_camera_that_is_shaken_is_tracked() -> None:
-    """Rotations of up to 12 degrees per frame in changing directions, which nothing predicts."""
+    """The camera turns by up to 12 degrees per frame in changing, unpredictable directions."""
     poses, world, slam = sway(18, way_m=0.2), World(), RgbdSlam(MODEL, SlamConfig())
     states = [slam.process(world.features(n * PERIOD_NS, T)).state for n, T in enumerate(poses)]
     assert states == [SlamState.TRACKING] * len(poses)

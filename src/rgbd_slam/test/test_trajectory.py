@@ -1,4 +1,4 @@
-"""What the recorder of a trajectory gives back, and what it keeps for it."""
+"""The recorder of a trajectory returns its poses, and its memory stays bounded."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def tracked(stamp_ns: int, T_map_camera: FloatArray, reference_uid: int = 0) -> 
 
 
 def recorded(count: int, keyframes: KeyframeTable) -> TrajectoryRecorder:
-    """Return a recorder of frames that each move by 1 mm, hung on no keyframe that is there."""
+    """Return a recorder of frames 1 mm apart, whose reference keyframes do not exist."""
     recorder, T = TrajectoryRecorder(keyframes), np.eye(4)
     for n in range(count):
         T = T.copy()

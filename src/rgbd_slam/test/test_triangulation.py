@@ -130,7 +130,7 @@ def test_two_keyframes_make_points_where_they_are(points_m: FloatArray) -> None:
 
 
 def test_a_camera_that_reads_depth_in_part_of_its_view_is_tracked() -> None:
-    """With points from depth alone the error is four times as large."""
+    """With points from depth readings alone, the error is four times as large."""
     poses, world = sway(60), World()
     slam = RgbdSlam(MODEL, SlamConfig())
     for n, pose in enumerate(poses):

@@ -64,7 +64,7 @@ def test_an_image_without_features_does_not_align(atlas: Atlas, world: RingWorld
 def test_a_place_that_shares_a_third_of_its_points_is_not_the_same(
     atlas: Atlas, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Identical furniture in front of other walls: more points are missing than found."""
+    """With identical furniture in front of other walls, more points are missing than found."""
     other = RingWorld()
     strange = np.random.default_rng(1).random(len(other.points_m)) > 0.3
     other.descriptors[strange] = RingWorld(seed=9).descriptors[strange]

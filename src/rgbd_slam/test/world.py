@@ -31,7 +31,7 @@ class World:
     def features(
         self, stamp_ns: int, T_world_camera: FloatArray, noise_px: float = 0.3, limit: int = 900
     ) -> Features:
-        """Return what a camera there sees; at most `limit` features."""
+        """Return at most `limit` features that a camera at a pose sees."""
         rng = self._rng
         x = se3.transform(se3.inverse(T_world_camera), self.points_m)
         j = np.flatnonzero(x[:, 2] > 0.3)
@@ -58,7 +58,7 @@ class World:
 
 
 def sway(count: int, turn_rad: float = 0.6, way_m: float = 0.8) -> FloatArray:
-    """Return (N, 4, 4) poses that sway to and fro, one full swing, starting at the identity."""
+    """Return (N, 4, 4) poses of one full swing to and fro, starting at the identity."""
     phase = np.linspace(0, 2 * np.pi, count)
     twist = np.zeros((count, 6))
     twist[:, 1] = turn_rad * np.sin(phase)
@@ -69,7 +69,7 @@ def sway(count: int, turn_rad: float = 0.6, way_m: float = 0.8) -> FloatArray:
 
 
 def position_errors_m(estimate: Trajectory, poses: FloatArray) -> FloatArray:
-    """Return (N,) distances of an estimate that starts with pose 0 at the identity."""
+    """Return the (N,) position errors [m] of a trajectory that starts at the identity."""
     n = estimate.stamps_ns // PERIOD_NS
     expected = se3.inverse(poses[0]) @ poses[n]
     apart = estimate.T_world_camera[:, :3, 3] - expected[:, :3, 3]

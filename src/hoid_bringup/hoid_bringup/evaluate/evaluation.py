@@ -1,4 +1,4 @@
-"""Absolute and relative errors (ATE, RPE) of a trajectory with respect to ground truth, by evo.
+"""Absolute and relative errors (ATE, RPE) of a trajectory against ground truth, by evo.
 
 The conventions are those of the TUM RGB-D benchmark (Sturm et al., IROS 2012): poses are
 associated within 0.02 s, the estimate is aligned by a rigid transform without scale, and the
@@ -26,21 +26,21 @@ MIN_POSES = 3  # fewer do not determine a rigid alignment
 
 @dataclass(frozen=True, eq=False)
 class AlignedTrajectory:
-    """Estimated poses aligned to the associated true poses."""
+    """N estimated poses, aligned to the true poses at nearly the same stamps."""
 
-    stamps_ns: IntArray  # (N,)
-    T_world_camera: FloatArray  # (N, 4, 4), aligned estimate
-    T_world_camera_true: FloatArray  # (N, 4, 4)
-    T_world_map: FloatArray  # (4, 4), the alignment
-    error_m: FloatArray  # (N,), distance between estimated and true camera center
+    stamps_ns: IntArray  # (N,) stamps of the estimated poses
+    T_world_camera: FloatArray  # (N, 4, 4) estimated poses after the alignment
+    T_world_camera_true: FloatArray  # (N, 4, 4) true poses
+    T_world_map: FloatArray  # (4, 4) alignment: maps points of the estimate to the ground truth
+    error_m: FloatArray  # (N,) distance between estimated and true camera center
 
 
 @dataclass(frozen=True)
 class Evaluation:
     """Errors of one trajectory; RPE is None if no two poses are a second apart."""
 
-    num_pairs: int
-    coverage: float | None  # share of frames with a pose; None: number of frames unknown
+    num_pairs: int  # estimated poses with a true pose at nearly the same stamp
+    coverage: float | None  # share of frames with a pose; None: the number of frames is unknown
     ate_rmse_m: float
     ate_mean_m: float
     ate_median_m: float
@@ -50,7 +50,9 @@ class Evaluation:
 
 
 def align(estimate: Trajectory, truth: Trajectory) -> AlignedTrajectory:
-    """Associate the poses and align the estimate to the truth (Umeyama without scale).
+    """Associate estimated and true poses, and align the estimate to the ground truth.
+
+    The alignment is a rigid transform without scale (Umeyama).
 
     Raises:
         InputError: Fewer than three poses are associated, or they do not determine a rotation.
@@ -86,15 +88,16 @@ def align(estimate: Trajectory, truth: Trajectory) -> AlignedTrajectory:
 def evaluate(
     estimate: Trajectory, truth: Trajectory, frames_total: int | None = None
 ) -> Evaluation:
-    """Return all errors of an estimate.
+    """Return the absolute and relative errors of an estimated trajectory, and its coverage.
 
     Args:
         estimate: Estimated trajectory.
         truth: Ground truth.
-        frames_total: Number of frames of the recording, for the coverage.
+        frames_total: Number of frames of the recording; None: the coverage is None.
 
     Raises:
-        InputError: The two do not overlap in time, or there are more poses than frames.
+        InputError: Fewer than three poses are associated, they do not determine a rotation, or
+            there are more poses than frames.
     """
     if frames_total is not None and frames_total < len(estimate):
         raise InputError(
@@ -116,10 +119,11 @@ def evaluate(
 
 
 def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the errors of the motion over a second, (M,) in m and (M,) in degrees.
+    """Return the errors of the motion over one second, (M,) in m and (M,) in degrees.
 
-    evo has intervals in frames only, but a trajectory with gaps needs intervals in time. A pose
-    is paired with the pose nearest to a second later, if that is within the association limit.
+    Each pose is paired with the pose whose stamp is nearest to one second later, if it differs by
+    at most 0.02 s. (evo has intervals of frames only, but a trajectory with gaps needs intervals
+    of time.)
     """
     stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / NS_PER_S
     first, second = _pairs_at_interval(stamps_s)
@@ -133,6 +137,7 @@ def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]
 
 
 def _pairs_at_interval(stamps_s: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return the indices (M,), (M,) of the poses that are one second apart."""
     target = stamps_s + RPE_INTERVAL_S
     right = np.clip(np.searchsorted(stamps_s, target), 1, len(stamps_s) - 1)
     nearer_left = target - stamps_s[right - 1] < stamps_s[right] - target
@@ -142,6 +147,7 @@ def _pairs_at_interval(stamps_s: FloatArray) -> tuple[IntArray, IntArray]:
 
 
 def _relative(T_world_camera: FloatArray, first: IntArray, second: IntArray) -> FloatArray:
+    """Return the (M, 4, 4) camera motions T_first_second between pairs of poses."""
     return se3.inverse(T_world_camera[first]) @ T_world_camera[second]
 
 
@@ -152,6 +158,7 @@ def _to_evo(trajectory: Trajectory) -> PoseTrajectory3D:
 
 
 def _no_overlap(estimate: Trajectory, truth: Trajectory, num_pairs: int) -> str:
+    """Return the error text for trajectories with too few associated poses."""
     spans = ' and '.join(
         f'{t.stamps_ns[0] / NS_PER_S:.2f}-{t.stamps_ns[-1] / NS_PER_S:.2f} s'
         for t in (estimate, truth)

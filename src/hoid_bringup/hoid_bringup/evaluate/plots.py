@@ -26,12 +26,12 @@ _MIN_SPAN_M = 0.05  # chosen: least half width, so that noise at rest is not mag
 def plot_run(
     path: Path, estimate: Trajectory, aligned: AlignedTrajectory | None, title: str
 ) -> None:
-    """Write the plot of a run as PNG.
+    """Write a PNG with the trajectory of a run, and its errors or its speed over time.
 
     Args:
         path: The file, which is replaced if it exists.
-        estimate: All poses of the run in the map frame (z up), plotted without ground truth.
-        aligned: The poses aligned to the ground truth, or None without ground truth.
+        estimate: All poses of the run in the map frame (z up); used if `aligned` is None.
+        aligned: The poses aligned to the ground truth; None: there is no ground truth.
         title: Title of the plot.
     """
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
@@ -71,7 +71,14 @@ def _draw_errors(
 def _draw_plane(
     axes: Axes, aligned: AlignedTrajectory, plane: tuple[int, int], norm: Normalize
 ) -> LineCollection:
-    """Draw ground truth and estimate in a plane of two coordinates; return the colored line."""
+    """Draw ground truth and estimate in a plane, and return the line colored by error.
+
+    Args:
+        axes: Axes to draw in.
+        aligned: The poses.
+        plane: Indices of the two coordinates that span the plane.
+        norm: Range of the colors, in cm.
+    """
     xyz_m = aligned.T_world_camera[:, :3, 3]
     true_m = aligned.T_world_camera_true[:, :3, 3]
     joined = _joined(aligned.stamps_ns)
@@ -104,7 +111,7 @@ def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) 
 
 
 def _joined(stamps_ns: IntArray) -> FloatArray:
-    """Return (N-1,) 1 between consecutive poses, NaN over a gap."""
+    """Return (N-1,): 1 between consecutive poses, NaN over a gap, at which a line is broken."""
     return np.where(np.diff(stamps_ns) <= _GAP_S * NS_PER_S, 1.0, np.nan)
 
 
@@ -119,7 +126,18 @@ def _path(
     values: FloatArray | None = None,
     norm: Normalize | None = None,
 ) -> LineCollection:
-    """Draw the (N, 2) points as a line in one color, or colored by (N,) values."""
+    """Draw a line through (N, 2) points, in one color or colored by values, and return it.
+
+    Args:
+        axes: Axes to draw in.
+        points: (N, 2) points.
+        joined: (N-1,) result of `_joined`.
+        color: Color of the line.
+        width: Width of the line.
+        label: Text of the legend.
+        values: (N,) values that determine the color; None: the line has one color.
+        norm: Range of the values.
+    """
     segments = np.stack([points[:-1], points[1:]], axis=1) * joined[:, None, None]
     lines = LineCollection(list(segments), linewidths=width, capstyle='round', label=label)
     if values is None:

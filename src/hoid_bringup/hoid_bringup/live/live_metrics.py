@@ -1,4 +1,4 @@
-"""Times and counts of a live run, collected by image stamp from messages in any order."""
+"""Times and counts of a live run by image, collected from messages in any order."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ _FRAME_STAGES = frozenset({'extract', 'filter', 'track'})
 
 @dataclass
 class LiveMetrics:
-    """Times and counts of all images, by stamp in ns. Times of messages are wall time."""
+    """Times and counts of images by their stamp in ns. Times of messages are wall time."""
 
-    published_ns: dict[int, int] = field(default_factory=dict)  # publication of the image
-    odometry_ns: dict[int, int] = field(default_factory=dict)  # reception of its odometry
-    processed: set[int] = field(default_factory=set)  # images that SLAM processed
-    num_features: dict[int, tuple[int, int]] = field(default_factory=dict)  # all, removed
-    num_dynamic: dict[int, int] = field(default_factory=dict)  # dynamic objects
+    published_ns: dict[int, int] = field(default_factory=dict)  # time of publication
+    odometry_ns: dict[int, int] = field(default_factory=dict)  # time at which odometry arrived
+    processed: set[int] = field(default_factory=set)  # stamps of the images that SLAM processed
+    # Numbers of features that were detected, and of those that were removed.
+    num_features: dict[int, tuple[int, int]] = field(default_factory=dict)
+    num_dynamic: dict[int, int] = field(default_factory=dict)  # number of dynamic objects
     _stage_ms: dict[int, dict[str, float]] = field(default_factory=dict)
 
     @property
@@ -28,7 +29,7 @@ class LiveMetrics:
         return len(self.processed)
 
     def record_stages(self, stamp_ns: int, stage_ms: Mapping[str, float]) -> None:
-        """Record the times of stages for an image in ms."""
+        """Add the times (ms) of processing stages for an image."""
         self._stage_ms.setdefault(stamp_ns, {}).update(stage_ms)
 
     def latency_ms(self) -> list[float]:
@@ -40,7 +41,10 @@ class LiveMetrics:
         ]
 
     def stage_ms(self) -> dict[str, list[float]]:
-        """Return the times of each stage in ms. `frame` sums up extract, filter and track."""
+        """Return the times (ms) by stage, one for each image.
+
+        The stage `frame` is the sum of the stages `extract`, `filter` and `track`.
+        """
         out: dict[str, list[float]] = {}
         for _, stages in sorted(self._stage_ms.items()):
             if stages.keys() >= _FRAME_STAGES:

@@ -1,4 +1,4 @@
-"""Recorder of the nodes' results during a replay."""
+"""Recorder of what the nodes publish during a replay."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ _MAP_TIMEOUT_S = 5.0  # not tuned
 
 
 class LiveRecorder:
-    """Subscribes to the nodes' results and keeps them; messages are received in `spin`.
+    """Subscribes to the results of the nodes and stores them; `spin` receives the messages.
 
     Args:
         node: Node of this process, in the namespace of the other nodes.
-        camera_info: Topic of the camera infos.
+        camera_info: Topic of the camera_info messages.
     """
 
     def __init__(self, node: Node, camera_info: str = topics.CAMERA_INFO) -> None:
@@ -70,17 +70,20 @@ class LiveRecorder:
         self._node.create_subscription(kind, topic, callback, profile)
 
     def spin(self, timeout_s: float) -> None:
-        """Receive messages for some time."""
+        """Receive messages for a time in s."""
         end_s = time.monotonic() + timeout_s
         while (left_s := end_s - time.monotonic()) > 0:
             if not self._executor.spin_ready():
                 time.sleep(min(left_s, _PAUSE_S))
 
     def missing(self, camera_info: bytes) -> str:
-        """Return what the nodes still lack to receive images, or '' when they are ready.
+        """Return what the nodes still lack to receive images; an empty text: they are ready.
 
-        This publishes the camera info, given as a serialized message, so that the SLAM node starts
+        When all connections exist, this also publishes camera_info, so that the SLAM node starts
         its mapping process before the first image.
+
+        Args:
+            camera_info: A serialized camera_info message of the recording.
         """
         outputs = (topics.FEATURES, topics.ODOM)
         if not all(self._node.count_publishers(topic) for topic in outputs):
@@ -99,15 +102,15 @@ class LiveRecorder:
         return ''
 
     def state_text(self) -> str:
-        """Return the tracking state of the SLAM node, or '' before its first status."""
+        """Return the tracking state of the SLAM node; an empty text before its first status."""
         return self.last_status.state.name.lower() if self.last_status is not None else ''
 
     def trajectory(self, kind: str, folder: Path) -> Trajectory:
-        """Return a trajectory, which the SLAM node saves in its map folder by a service.
+        """Have the SLAM node save a trajectory, and return it.
 
         Args:
-            kind: 'final', 'online' or 'keyframes'.
-            folder: The map folder.
+            kind: Kind of the trajectory: 'final', 'online' or 'keyframes'.
+            folder: Folder in which the node saves files.
 
         Raises:
             InputError: The service fails or does not respond.
@@ -123,7 +126,11 @@ class LiveRecorder:
         return read_tum(folder / name)
 
     def latest_map_points_m(self) -> FloatArray:
-        """Return (N, 3) points of the next published map, or of the last one after a timeout."""
+        """Wait for the next published map, and return its (N, 3) points in the map frame.
+
+        If no map comes within five seconds, the points of the last map are returned; without any
+        map there are none.
+        """
         before, end_s = self._num_clouds, time.monotonic() + _MAP_TIMEOUT_S
         while self._num_clouds == before and time.monotonic() < end_s:
             self._executor.spin_once(timeout_sec=0.1)
@@ -132,8 +139,8 @@ class LiveRecorder:
         return conversions.cloud_from_msg(self._cloud).points_m.astype(np.float64)
 
     def _on_camera(self, msg: CameraInfo, info: Mapping[str, int]) -> None:
-        # Stands for the image, which is published just after it: a subscription to images would
-        # cost far more.
+        # Used as the time of the image, which is published just after camera_info. A subscription
+        # to images would take far more processor time.
         stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
         self.metrics.published_ns[stamp_ns] = info['source_timestamp']
 

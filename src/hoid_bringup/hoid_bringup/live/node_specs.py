@@ -24,7 +24,8 @@ NODE_CONFIGS: Mapping[str, Config] = {
     SLAM: SlamNodeConfig(),
 }
 """Default configuration of each node."""
-# The installed executables would use the first interpreter on the path, which may be another one.
+# The nodes run in the interpreter of this process. The installed executables would use the first
+# interpreter on the path, which may be another one.
 _START = ('env', '--block-signal=INT', sys.executable, '-c')
 _CODE = "from hoid_common.process.entry import start; start('{package}.node')"
 
@@ -36,19 +37,19 @@ class NodeOptions:
     nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM)
     namespace: str = ''
     use_sim_time: bool = False
-    params_file: Path | None = None  # a ROS parameter file
-    remappings: tuple[tuple[str, str], ...] = ()
+    params_file: Path | None = None  # ROS parameter file for all nodes
+    remappings: tuple[tuple[str, str], ...] = ()  # (from, to) of topics
     log_level: str = 'info'
-    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # by node and name
+    # Values of parameters by node and by dotted name.
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 def node_specs(options: NodeOptions, folder: Path) -> tuple[ProcessSpec, ...]:
-    """Return the command line of each node.
+    """Write a parameter file for each node, and return the command lines of the nodes.
 
     Args:
-        options: The nodes and their options.
-        folder: Folder for files with `options.parameters`, which take precedence over
-            `options.params_file`.
+        options: The nodes and their options. `parameters` take precedence over `params_file`.
+        folder: Folder for the parameter files with `options.parameters`.
 
     Raises:
         ConfigError: A parameter is internal, so that no node has it.
@@ -79,7 +80,11 @@ def _spec(package: str, options: NodeOptions, folder: Path) -> ProcessSpec:
 
 
 def parameter_file(parameters: Mapping[str, Any]) -> str:
-    """Return the text of a ROS parameter file for any node, from values by dotted name."""
+    """Return the text of a ROS parameter file that applies to every node.
+
+    Args:
+        parameters: Values by dotted name.
+    """
     tree: dict[str, Any] = {}
     for name, value in parameters.items():
         *above, leaf = name.split('.')

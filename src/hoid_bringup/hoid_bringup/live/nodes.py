@@ -13,18 +13,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hoid_bringup.live.camera_topics import CAMERA_TOPICS
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, has_model
 from hoid_bringup.run.options import add_set_argument, assignments
 from hoid_bringup.run.run_config import RunConfig
+from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
 from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_common.topics import NAMESPACED_TF
 
-_TICK_S = 0.05  # chosen: delay until the end of a node is noticed
+_TICK_S = 0.05  # chosen: longest delay until the end of a node is noticed
 _NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
 _ALL = (DETECTOR, FILTER, SLAM)
 
@@ -36,6 +36,11 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--namespace', default='', metavar='NS', help='namespace of nodes, topics and frame tree'
+    )
+    parser.add_argument(
+        '--global-tf',
+        action='store_true',
+        help='with --namespace: use the global /tf and /tf_static',
     )
     parser.add_argument(
         '--camera',
@@ -100,10 +105,10 @@ def nodes_command(args: argparse.Namespace) -> None:
 
 
 def _supervise(supervisor: Supervisor, restart: bool) -> None:
-    """Watch the nodes until an interrupt.
+    """Run the nodes until an interrupt, and restart nodes that end if `restart` is true.
 
     Raises:
-        InputError: A node refused to start, or ended and is not to be restarted.
+        InputError: A node refused to start, or ended without `restart`.
     """
     with supervisor:
         while True:
@@ -149,7 +154,7 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
         params_file=args.params,
         remappings=(
             *(pair for pair in names if pair not in own_names),
-            *NAMESPACED_TF,
+            *(() if args.global_tf else NAMESPACED_TF),
         ),
         parameters=parameters,
     )
@@ -166,7 +171,12 @@ def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def without_detector(options: NodeOptions) -> NodeOptions:
-    """Return the options, with the strategy `motion` if the detector by default finds no model."""
+    """Return options that work without a detector model if none is found.
+
+    If detector and filter are to run with their defaults and no model is found, a note is printed,
+    the detector is left out, and the strategy is `motion`. Otherwise the options are returned
+    unchanged.
+    """
     given = {
         (node, name)
         for node in (DETECTOR, FILTER)
@@ -188,6 +198,7 @@ def without_detector(options: NodeOptions) -> NodeOptions:
 
 
 def _chosen(args: argparse.Namespace) -> tuple[str, ...]:
+    """Return the nodes to start."""
     if args.only is not None:
         return (args.only,)
     return (FILTER, SLAM) if args.no_detector else _ALL

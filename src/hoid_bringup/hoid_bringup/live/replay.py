@@ -24,7 +24,7 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder
 from hoid_common.process.shared_memory import check_shared_memory, clean_shared_memory
 
-_NUM_OTHER_PROCESSES = 3  # the scene mapper, the player and this process
+_NUM_OTHER_PROCESSES = 3  # besides the nodes: the scene mapper, the player and this process
 _READY_TIMEOUT_S = 90.0  # not tuned: nodes start in seconds, on a busy computer in tens of them
 _TICK_S = 0.25  # chosen: period of checks and of the progress bar
 _CPU_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
@@ -46,8 +46,8 @@ def replay(
         bag: The recording.
         config: Rate, and parameters of all stages.
         out_dir: Folder for the results, and for the log files of the processes in `logs`.
-        options: Options for the summary; by default, the changed parameters.
-        recording: Path for the summary, if the bag was converted from another recording.
+        options: Options to write into the summary; by default, all changed parameters.
+        recording: Path to write into the summary, if the bag was converted from another recording.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
@@ -69,7 +69,14 @@ def replay(
 
 
 class _LiveRun:
-    """One replay, from the start of the nodes to their results."""
+    """One replay: starts the nodes and the player, and collects the results.
+
+    Args:
+        bag: The recording.
+        config: Rate, and parameters of all stages.
+        folder: Folder for parameter files and for the files that the SLAM node saves.
+        log_dir: Folder for log files, whose content is deleted first.
+    """
 
     def __init__(
         self, bag: BagSequence, config: ReplayConfig, folder: Path, log_dir: Path
@@ -92,6 +99,7 @@ class _LiveRun:
                 return self._result(recorder, nodes, summary_options)
 
     def _wait_until_ready(self, recorder: LiveRecorder, nodes: Supervisor) -> None:
+        """Wait until all nodes can receive images; raise InputError after a timeout."""
         end_s = time.monotonic() + _READY_TIMEOUT_S
         topic = f'/{BagNames.of(self._bag).camera_info}'
         with BagReader(self._bag.path) as reader:
@@ -112,7 +120,10 @@ class _LiveRun:
         *,
         show_progress: bool,
     ) -> None:
-        """Record until the bag has been played and the nodes have processed all images."""
+        """Record until the bag has been played and the nodes have processed all images.
+
+        The processor time of the nodes and the player is measured meanwhile.
+        """
         metrics = recorder.metrics
         start_s, cpu_before_s = time.monotonic(), nodes.cpu_s()
         measured_s, cpu_after_s = start_s - _CPU_PERIOD_S, cpu_before_s
@@ -137,12 +148,14 @@ class _LiveRun:
             bar.update(num_processed - bar.n)
 
     def _raise_for(self, exits: list[ProcessExit]) -> None:
+        """Raise InputError with the last log line of the first process that has ended."""
         for ended in exits:
             raise InputError(f'{ended}: {_last_line(self._log_dir / f"{ended.name}.log")}')
 
     def _result(
         self, recorder: LiveRecorder, nodes: Supervisor, summary_options: Mapping[str, Any]
     ) -> RunResult:
+        """Have the SLAM node save its trajectories, and return all results of the run."""
         status, metrics = recorder.last_status, recorder.metrics
         if status is None or not metrics.num_processed:
             raise InputError(f'rgbd_slam processed no image; see {self._log_dir}')

@@ -1,4 +1,4 @@
-"""Processes of a replay, with their topics and parameters. No ROS here."""
+"""Processes of a replay with their topics and parameters. This module does not need ROS."""
 
 from __future__ import annotations
 
@@ -29,9 +29,16 @@ _SUBSCRIBER_TIMEOUT_S = 30.0  # not tuned: discovery takes a second or two
 class ReplayConfig(Config):
     """Parameters of a replay."""
 
-    rate: float = param(1.0, 'Speed as a multiple of real time.', minimum=0.01, maximum=100.0)
+    rate: float = param(
+        1.0,
+        'Speed as a multiple of real time. Lower it on a slow computer.',
+        minimum=0.01,
+        maximum=100.0,
+    )
     lockstep: bool = param(
-        False, 'Whether to publish each image only after the odometry of the one before.'
+        False,
+        'Whether to publish each image only after the odometry of the previous image. Set it to '
+        'true so that a slow computer loses no image.',
     )
     run: RunConfig = field(default_factory=RunConfig)
 
@@ -42,7 +49,7 @@ class ReplayConfig(Config):
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Return the nodes to run."""
+        """Return the names of the nodes to run: the detector only where it is needed."""
         needed = self.run.needs_detections and not self.uses_truth
         return (DETECTOR, FILTER, SLAM) if needed else (FILTER, SLAM)
 
@@ -51,16 +58,16 @@ class ReplayConfig(Config):
 class BagNames:
     """Topics of a bag as they are played, without a leading slash."""
 
-    color: str
+    color: str  # without the suffix of a compressed topic, as is `depth`
     depth: str
     camera_info: str
-    true_detections: str | None
-    is_compressed: bool
+    true_detections: str | None  # ground-truth boxes; None: the bag has none
+    is_compressed: bool  # whether color and depth images are compressed
     is_reliable: bool  # whether the topics are played with reliable QoS
 
     @classmethod
     def of(cls, bag: BagSequence) -> BagNames:
-        """Return the topics of a bag.
+        """Return the topics of a bag to which the nodes subscribe.
 
         Raises:
             InputError: The bag lacks a topic that the nodes need.
@@ -105,7 +112,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
     if names.is_compressed:
         remappings += [
             (topics.compressed(topics.RGB_IMAGE), topics.compressed(names.color)),
-            (topics.compressed_depth(topics.DEPTH_IMAGE), topics.compressed_depth(names.depth)),
+            (topics.compressed_depth(topics.DEPTH_IMAGE), bag.topics.depth.name.lstrip('/')),
         ]
     if config.uses_truth:
         if names.true_detections is None:
@@ -127,10 +134,11 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
 
 
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
-    """Return the command line of the player, which starts when all nodes have subscribed.
+    """Return the command line of the process that plays the bag.
 
-    Only the topics of the nodes are played (decision 018): the thousand messages a second of an
-    IMU would cost all processes time.
+    It begins when all nodes have subscribed. Only topics to which the nodes subscribe are played,
+    because an IMU with a thousand messages per second would take processor time from all nodes
+    (decision 018).
     """
     color = bag.topics.color.name.lstrip('/')
     run, found = config.run, bag.topics
@@ -140,7 +148,8 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     # SLAM subscribes to images only for the dense map or objects.
     slam_needs_images = run.slam.dense.enabled or run.slam.objects.enabled
     num_subscribers = len(config.nodes) - (not slam_needs_images)
-    lockstep = ('--lockstep',) if config.lockstep else ()
+    images = ('--rgb', found.color.name, '--depth', found.depth.name)
+    lockstep = ('--lockstep', *images) if config.lockstep else ()
     return ProcessSpec(
         PLAYER,
         (

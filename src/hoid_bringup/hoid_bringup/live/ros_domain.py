@@ -1,4 +1,4 @@
-"""A free ROS domain, so that two replays on a computer do not receive each other's messages."""
+"""Choice of a free ROS domain, so that two replays on a computer do not disturb each other."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ from hoid_common.errors import ConfigError
 VARIABLE = 'ROS_DOMAIN_ID'
 _FIRST, _COUNT = 1, 100  # ROS 2's documentation recommends domains up to 101
 _STRIDE = 37  # chosen: processes with consecutive ids then start far apart
-# No domain twice: participants of the previous one may still be known for a while.
+# This process uses no domain twice, because participants of an earlier replay may still be known
+# there for a while.
 _USED = itertools.count()
 _PORT_BASE = 32768  # a bound port marks a domain as taken, as ROS's domain_coordinator does
 
 
 @contextmanager
 def own_domain() -> Iterator[int]:
-    """Reserve a ROS domain for the block and yield it; ROS_DOMAIN_ID is kept where it is set.
+    """Reserve a free ROS domain for the block, set ROS_DOMAIN_ID to it, and yield it.
+
+    If ROS_DOMAIN_ID is set already, it is kept and yielded.
 
     Raises:
         ConfigError: ROS_DOMAIN_ID is not a number, or no domain is free.
@@ -39,6 +42,7 @@ def own_domain() -> Iterator[int]:
 
 
 def _reserve(stack: ExitStack) -> int:
+    """Return a free domain, which is reserved by a bound port until the stack is closed."""
     for attempt in itertools.islice(_USED, _COUNT):
         domain = _FIRST + (_STRIDE * os.getpid() + attempt) % _COUNT
         port = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))

@@ -3,7 +3,7 @@
 A ROS node can hang in its shutdown with Python's interpreter lock held, so that it cannot end
 itself. The supervisor therefore sends SIGINT, then SIGTERM, then SIGKILL.
 
-`ros2 launch` does the same with `respawn` where ROS is installed; `hoid` also runs without it.
+`ros2 launch` does the same with `respawn`, but needs an installation of ROS; `hoid` does not.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from hoid_common.process.entry import EXIT_CONFIG
 
 _LOG = logging.getLogger(__name__)
 
-_GRACE_S = 10.0  # a node ends itself after that, and `ros2 launch` waits as long before it kills
+# A node ends itself after this time at the latest, and `ros2 launch` waits as long before it kills.
+_GRACE_S = 10.0
 _MEMORY_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
 RESTART_PERIOD_S = 1.0  # chosen: a node that fails at once does not take a whole processor
 _BYTES_PER_MB = 2**20
@@ -44,14 +45,14 @@ class ProcessSpec:
 
 @dataclass(frozen=True)
 class ProcessExit:
-    """End of a child process that the supervisor did not ask to end."""
+    """A child process that has ended by itself, not by the supervisor."""
 
     name: str
-    status: int  # exit status; negative: minus the signal's number
+    status: int  # exit status; negative: minus the number of the signal that ended it
 
     @property
     def refused_to_start(self) -> bool:
-        """Return whether its configuration is invalid, so that a restart would fail as well."""
+        """Return whether the child has rejected its configuration; a restart would fail as well."""
         return self.status == EXIT_CONFIG
 
     def __str__(self) -> str:
@@ -62,7 +63,9 @@ class ProcessExit:
 
 
 class Supervisor:
-    """Context manager that starts child processes, watches them in `poll`, and ends them.
+    """Context manager that starts child processes and ends them at the end of the block.
+
+    Call `poll` regularly: it finds children that have ended, restarts them and measures memory.
 
     Args:
         specs: The child processes.
@@ -107,18 +110,22 @@ class Supervisor:
         return {name: process.pid for name, process in self._running.items()}
 
     def peak_rss_mb(self) -> dict[str, float]:
-        """Return the largest resident memory that `poll` measured, by child, descendants included.
+        """Return the largest resident memory (MB) of each child that `poll` has measured.
 
-        The unit is MB.
+        It includes the descendants of the child.
         """
         return dict(self._peak_rss_mb)
 
     def cpu_s(self) -> dict[str, float]:
-        """Return the processor time of the running children in s, descendants included."""
+        """Return the processor time (s) of each running child, including its descendants."""
         return {name: sum(_of_family(pid, _cpu_s)) for name, pid in self.pids.items()}
 
     def poll(self) -> list[ProcessExit]:
-        """Return the children that ended since the last call; restart those that are due."""
+        """Return the children that ended by themselves since the last call.
+
+        Children are restarted if this is configured and their last start is long enough ago. From
+        time to time, the memory of the children is measured.
+        """
         now_s = time.monotonic()
         if now_s >= self._next_measurement_s:
             self._next_measurement_s = now_s + _MEMORY_PERIOD_S
@@ -140,7 +147,11 @@ class Supervisor:
         return exits
 
     def stop(self, grace_s: float = _GRACE_S) -> None:
-        """End all children and return when they have ended; SIGKILL is the last resort."""
+        """End all children by SIGINT, then SIGTERM, then SIGKILL, and wait until they have ended.
+
+        Args:
+            grace_s: Time between SIGINT and SIGTERM.
+        """
         self._to_restart.clear()
         for sign, wait_s in (
             (signal.SIGINT, grace_s),
@@ -215,6 +226,9 @@ def _of_family(pid: int, measure: Callable[[psutil.Process], float]) -> Iterator
 
 
 def _end_with_parent() -> tuple[str, ...]:
-    """Return the command prefix with which a child gets SIGTERM when this process dies."""
-    setpriv = shutil.which('setpriv')  # of util-linux
+    """Return the prefix of a command line that makes a child end when this process dies.
+
+    It is empty where the program setpriv (of util-linux) is missing.
+    """
+    setpriv = shutil.which('setpriv')
     return (setpriv, '--pdeathsig', 'TERM', '--') if setpriv is not None else ()

@@ -1,1 +1,1 @@
-"""Offline runs: all stages on every frame of a recording, and the output files. No ROS here."""
+"""Offline runs, without ROS: all stages on every frame of a recording, and the output files."""

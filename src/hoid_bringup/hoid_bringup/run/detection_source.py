@@ -18,10 +18,11 @@ DetectionSource = Callable[[RgbdFrame], Detections | None]
 
 
 def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
-    """Return the function that gives the detections of a frame.
+    """Return a function that returns the detections of a frame.
 
-    It returns None without a need for detections, the ground-truth boxes of a rendered bag, or
-    the boxes of a detector.
+    Depending on the configuration, they are found by a detector or are the ground-truth boxes of a
+    rendered bag. The function returns None if the strategy needs no detections, or if the bag has
+    no boxes for the frame.
 
     Raises:
         InputError: Ground-truth boxes are requested, and the recording has none.

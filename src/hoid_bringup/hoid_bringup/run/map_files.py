@@ -10,14 +10,18 @@ from hoid_common.io.files import check_writable
 
 
 class MapFiles(NamedTuple):
-    """Map files of a run."""
+    """The map files that a run loads and saves."""
 
-    load: Path | None = None
+    load: Path | None = None  # map to start with; None: an empty map
     localize: bool = False  # whether the loaded map stays unchanged
-    save: Path | None = None
+    save: Path | None = None  # file in which to save the map at the end; None: it is not saved
 
     def check(self) -> None:
-        """Raise HoidError if the options contradict each other or a file cannot be written."""
+        """Check the options before a run.
+
+        Raises:
+            HoidError: The options contradict each other, or the map cannot be saved there.
+        """
         if self.localize and self.load is None:
             raise ConfigError('--localize needs --map FILE')
         if self.save is not None:

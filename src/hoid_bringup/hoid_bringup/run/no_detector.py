@@ -17,10 +17,10 @@ NO_DETECTOR = (
 
 
 def has_model() -> bool:
-    """Return whether a default detector model is found.
+    """Return whether a default detector model is found or can be downloaded.
 
     Raises:
-        ModelError: HOID_MODEL names one that does not exist.
+        ModelError: The environment variable HOID_MODEL names a model that does not exist.
     """
     try:
         find_model()
@@ -30,12 +30,12 @@ def has_model() -> bool:
 
 
 def lacks_model(config: RunConfig, given: Iterable[str]) -> bool:
-    """Return whether to use the strategy `motion`, as the default strategy lacks a model.
+    """Return whether a run must use the strategy `motion`, since no detector model is found.
 
     Args:
         config: Configuration of the run.
-        given: Names of the parameters that the user set. A strategy among them is kept, and the
-            run fails if its model is missing.
+        given: Names of the parameters that the user has set. If the strategy is one of them, the
+            result is False: the strategy is kept, and the run fails without a model.
     """
     known = [p.name for p in config.params()]
     full_names = {full_name(name, known) for name in given}

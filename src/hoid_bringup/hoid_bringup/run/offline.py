@@ -35,13 +35,13 @@ _KIB_PER_MB = 1024
 
 
 class OfflinePipeline:
-    """Detector, filter and SLAM in one process, with one call per frame.
+    """Detector, filter and SLAM in one process, with one call of `process` for each frame.
 
     Args:
-        sequence: The recording, for its camera.
+        sequence: The recording, from which the camera and ground-truth boxes are taken.
         config: Parameters of all stages.
-        detect: Source of detections instead of the configured one.
-        find_features: Feature source instead of the configured filter.
+        detect: Function that returns the detections of a frame; None: the configured detector.
+        find_features: Function that returns the features of a frame; None: the configured filter.
         dense: Whether to make the dense map and the grid as well.
     """
 
@@ -68,11 +68,15 @@ class OfflinePipeline:
         self._features_in = self._features_removed = self._objects_dynamic = 0
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
-        self.num_kept: list[int] = []  # features that the filter kept, by frame
-        self.objects: tuple[DynamicObject, ...] = ()  # of the last frame, with their verdicts
+        self.num_kept: list[int] = []  # number of features that the filter kept in each frame
+        self.objects: tuple[DynamicObject, ...] = ()  # objects in the last frame
 
     def load_map(self, path: Path, *, localize: bool) -> None:
-        """Load a saved map; with `localize`, it is not changed by the run.
+        """Load a saved map.
+
+        Args:
+            path: The map file.
+            localize: Whether the run only localizes in the map, without changing it.
 
         Raises:
             MapFileError: The file is not a valid map.
@@ -84,7 +88,11 @@ class OfflinePipeline:
         self._session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
     def save_map(self, path: Path) -> None:
-        """Save the map, and the dense map if there is one; raise HoidError if that fails."""
+        """Save the map in a file, with the dense map if there is one.
+
+        Raises:
+            HoidError: The file cannot be written.
+        """
         content = self._session.robot_map.export()
         keyframes = self._session.robot_map.keyframes()
         self._scene.ledger.correct(keyframes)
@@ -94,7 +102,10 @@ class OfflinePipeline:
         map_file.save(path, content)
 
     def process(self, frame: RgbdFrame) -> Processed:
-        """Process one frame by all stages."""
+        """Process the next frame by all stages, and return the result of SLAM.
+
+        Counts and times of the frame are added to those of the run.
+        """
         start_s = time.perf_counter()  # wall time, as the network may use threads
         detections = self._detect(frame)
         detect_ms = _MS_PER_S * (time.perf_counter() - start_s)
@@ -111,6 +122,7 @@ class OfflinePipeline:
         return done
 
     def _count(self, filtered: FilterResult) -> None:
+        """Add the features and objects of a frame to the counts of the run."""
         self.num_processed += 1
         self.num_kept.append(len(filtered.features))
         self.objects = filtered.objects
@@ -130,7 +142,13 @@ class OfflinePipeline:
     def finish(
         self, sequence: Sequence, options: Mapping[str, Any], recording: Path | None = None
     ) -> RunResult:
-        """Finish mapping and return all results in the z-up map frame."""
+        """Finish mapping, end the session, and return all results in the z-up map frame.
+
+        Args:
+            sequence: The recording.
+            options: Options to write into the summary.
+            recording: Path of the recording to write into the summary.
+        """
         session, scene = self._session, self._scene
         session.slam.map.finish()
         session.close()
@@ -190,10 +208,10 @@ def run_offline(
         sequence: The recording.
         config: Parameters of all stages.
         out_dir: Folder for the results, which is created if needed.
-        detect: Source of detections instead of the configured one.
+        detect: Function that returns the detections of a frame; None: the configured detector.
         dense: Whether to make the dense map and the grid as well.
-        options: Options for the summary; by default, the changed parameters.
-        recording: Path of the recording, for the summary.
+        options: Options to write into the summary; by default, all changed parameters.
+        recording: Path of the recording to write into the summary.
         maps: Map files to load and to save.
         show_progress: Whether to draw a progress bar on stderr.
 

@@ -1,28 +1,30 @@
-"""Command-line options that several commands share, and the configuration that results."""
+"""Command-line options that several commands share, and the configuration that they set."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.convert import ConvertConfig, convert
-from hoid_bags.options import add_folder_arguments, chosen_camera
-from hoid_bags.sequence import Sequence, open_sequence
+from hoid_bags.options import open_recording
+from hoid_bags.sequence import Sequence
+from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bringup.run.run_config import SHORT_NAMES, TRUTH, RunConfig
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.files import scratch_folder
 from hoid_common.io.yaml_file import parse_yaml
+from hoid_common.values import NS_PER_S
 from hoid_filter.strategy_registry import STRATEGIES
 
 DETECTOR_HELP = (
     f'ONNX model of the detector, a file or a known name; "{TRUTH}" uses the ground-truth boxes '
     'of a rendered bag (default: search for a model)'
 )
-# Option: parameter.
+# Name of the parameter that each option sets.
+_SLOP = 'filter.sync_slop_s'
 _SHORTCUTS = {
     **SHORT_NAMES,
     'detector': 'detector.model',
@@ -31,16 +33,8 @@ _SHORTCUTS = {
 }
 
 
-def add_recording_arguments(
-    parser: argparse.ArgumentParser, what: str = 'TUM folder or bag'
-) -> None:
-    """Add the argument for the recording, and the options for its camera and depth units."""
-    parser.add_argument('input', metavar='INPUT', type=Path, help=what)
-    add_folder_arguments(parser)
-
-
 def add_method_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options for filter, detector and all other parameters."""
+    """Declare the options for filter, detector and all other parameters."""
     parser.add_argument(
         '--filter', choices=STRATEGIES, help='strategy that identifies dynamic objects'
     )
@@ -63,7 +57,7 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_set_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option that sets any parameter of any node."""
+    """Declare the option `--set`, which sets any parameter of any node."""
     parser.add_argument(
         '--set',
         action='append',
@@ -75,20 +69,28 @@ def add_set_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def recording(args: argparse.Namespace) -> Sequence:
-    """Open the recording of the command line.
+    """Open the recording that the command line names.
 
     Raises:
-        InputError: It cannot be read.
+        InputError: The recording cannot be read.
     """
-    return open_sequence(args.input, chosen_camera(args), args.depth_factor)
+    return open_recording(args, args.input, _max_gap_ns(args))
+
+
+def _max_gap_ns(args: argparse.Namespace) -> int:
+    """Return the limit of `filter.sync_slop_s` if the options set it, else that of TUM's tool."""
+    slop_s = run_config(args).changed().get(_SLOP)
+    return MAX_PAIR_GAP_NS if slop_s is None else round(slop_s * NS_PER_S)
 
 
 @contextmanager
 def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
-    """Yield the recording as a bag; a TUM folder is converted to a temporary bag.
+    """Yield the recording that the command line names as a bag.
+
+    A TUM folder is converted to a temporary bag, which is removed at the end of the block.
 
     Raises:
-        InputError: It cannot be read.
+        InputError: The recording cannot be read.
     """
     found = recording(args)
     if isinstance(found, BagSequence):
@@ -98,15 +100,15 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
         path = folder / args.input.resolve().name
         config = ConvertConfig(depth_units_per_m=args.depth_factor)
         convert(args.input, path, config, found.camera, show_progress=True)
-        yield BagSequence(path)
+        yield BagSequence(path, max_gap_ns=_max_gap_ns(args))
 
 
 def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunConfig:
-    """Return the configuration with the parameters of the command line.
+    """Return the configuration of a run with the parameters of the command line.
 
     Args:
         args: Parsed options.
-        base: Configuration that they change; the defaults when None.
+        base: Configuration that the options change; None: the defaults.
 
     Raises:
         ConfigError: A name is unknown or a value is out of range.
@@ -129,7 +131,10 @@ def given_parameters(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the names and values of `--set`. Values are YAML, as in a parameter file.
+    """Return parameters by name from texts NAME=VALUE, where the value is YAML.
+
+    Args:
+        texts: Values of the option `--set`.
 
     Raises:
         ConfigError: A text is not NAME=VALUE.

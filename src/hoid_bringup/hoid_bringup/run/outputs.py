@@ -30,7 +30,7 @@ PICTURE = 'trajectory.png'
 
 
 def write_outputs(out_dir: Path, result: RunResult) -> Summary:
-    """Write all files of a run into a folder, which is created if needed.
+    """Write all files of a run into a folder, which is created if needed; return the summary.
 
     Raises:
         InputError: The folder cannot be written or the disk is full; no partial file remains.
@@ -53,7 +53,9 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
 
 @contextmanager
 def staged(out_dir: Path) -> Iterator[Path]:
-    """Yield a temporary folder whose files move to `out_dir` if the block raises no error.
+    """Yield a temporary folder, whose files are moved to `out_dir` at the end of the block.
+
+    If the block raises an error, the folder is removed and `out_dir` keeps its files.
 
     Raises:
         InputError: The folder cannot be written, or the disk is full.
@@ -77,6 +79,7 @@ def write_ply(path: Path, points_m: FloatArray) -> None:
 
 
 def _aligned_or_none(estimate: Trajectory, truth: Trajectory | None) -> AlignedTrajectory | None:
+    """Return the poses aligned to the ground truth; None if there is none or too few poses."""
     if truth is None:
         return None
     try:

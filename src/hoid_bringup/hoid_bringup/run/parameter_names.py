@@ -1,4 +1,7 @@
-"""Names of the nodes' parameters in `--set`, experiments and summaries."""
+"""Names of the nodes' parameters in `--set`, experiments and summaries.
+
+There each name is preceded by a short name of the node, as in `filter.strategy`.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,11 @@ def full_name(name: str, known: Collection[str]) -> str:
 
 
 def by_node(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return parameters by node and by their names there, from parameters by full name."""
+    """Return values by node and by the name of the parameter in the node.
+
+    Args:
+        values: Values by full name STAGE.PARAMETER.
+    """
     return {
         node: {
             n.removeprefix(f'{stage}.'): v for n, v in values.items() if n.startswith(f'{stage}.')

@@ -1,4 +1,4 @@
-"""Configuration of a whole run, with that of each stage as a section."""
+"""Configuration of a whole run, with the configurations of the three nodes as sections."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
 
 @dataclass(frozen=True)
 class RunConfig(Config):
-    """Parameters of an offline run or a replay, with the names that they have in the nodes.
+    """Parameters of an offline run or a replay, with the same names as in the nodes.
 
-    The octaves of SLAM follow those of the filter unless they are set.
+    The octaves of SLAM are set to those of the filter, unless they differ from their defaults.
 
     Raises:
         ConfigError: A value is out of range, or the octaves of filter and SLAM do not agree.
@@ -37,9 +37,9 @@ class RunConfig(Config):
     filter: FilterNodeConfig = section(FilterNodeConfig)
     slam: SlamNodeConfig = section(SlamNodeConfig)
 
-    LIVE_ONLY: ClassVar[tuple[str, ...]] = (  # prefixes of names without effect offline
+    LIVE_ONLY: ClassVar[tuple[str, ...]] = (  # prefixes of parameters that have no effect offline
         'detector.input.', 'detector.niceness', 'detector.autostart', 'filter.input.',
-        'filter.sync_slop_s', 'filter.detections.', 'slam.input.', 'slam.frames.', 'slam.map_',
+        'filter.detections.', 'slam.input.', 'slam.frames.', 'slam.map_',
         'slam.mode',
     )  # fmt: skip
 
@@ -59,7 +59,10 @@ class RunConfig(Config):
         return [name for name in self.changed() if name.startswith(self.LIVE_ONLY)]
 
     def updated(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy with some values replaced, given by any name that `full_name` accepts.
+        """Return a copy in which some parameters have new values.
+
+        Args:
+            values: New values by any name that `full_name` accepts.
 
         Raises:
             ConfigError: A name is unknown or ambiguous, or a value is invalid.
@@ -73,7 +76,10 @@ class RunConfig(Config):
         return {p.name: p.value for p in self.params() if p.value != default[p.name]}
 
     def named(self, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-        """Return the values of some parameters by node and name.
+        """Return the values of some parameters, by node and by the parameter's name in the node.
+
+        Args:
+            names: Any names that `full_name` accepts.
 
         Raises:
             ConfigError: A name is unknown or ambiguous.
@@ -82,7 +88,7 @@ class RunConfig(Config):
         return by_node({full: values[full] for full in (full_name(n, values) for n in names)})
 
     def summary_options(self) -> dict[str, Any]:
-        """Return the options in a summary: strategy, seed, and all other changed parameters."""
+        """Return the options to write into a summary: strategy, seed, and changed parameters."""
         values = {p.name: p.value for p in self.params()}
         always = {short: values[name] for short, name in SHORT_NAMES.items()}
         rest = {n: v for n, v in self.changed().items() if n not in SHORT_NAMES.values()}
@@ -90,9 +96,13 @@ class RunConfig(Config):
 
     @classmethod
     def from_summary_options(cls, options: Mapping[str, Any]) -> RunConfig:
-        """Return the configuration of a run from the options in its summary, as read from JSON.
+        """Return the configuration of a run from the options in its summary.
 
-        Options that are no parameters are ignored: those of a replay, or of another version.
+        Options that are no parameters, such as the rate of a replay or parameters of another
+        version, are ignored.
+
+        Args:
+            options: Options as read from the JSON file.
         """
         values: dict[str, Any] = {}
         known = [p.name for p in cls().params()]
@@ -104,7 +114,11 @@ class RunConfig(Config):
 
 
 def _with_octaves_of(camera: CameraConfig, extraction: ExtractionConfig) -> CameraConfig:
-    """Return the camera of SLAM with the octaves of the extracted features."""
+    """Return the camera of SLAM with the octaves of the extracted features.
+
+    Raises:
+        ConfigError: The octaves of SLAM were set and do not agree with those of the features.
+    """
     default = CameraConfig()
     if camera.num_octaves == default.num_octaves:
         camera = replace(camera, num_octaves=max(extraction.num_levels, default.num_octaves))

@@ -35,7 +35,7 @@ class Spread:
 
     @classmethod
     def of(cls, values_ms: Sequence[float]) -> Spread | None:
-        """Return the spread of times, or None without any."""
+        """Return the spread of times in ms; None if there are no times."""
         if not len(values_ms):
             return None
         median, p95 = np.percentile(np.asarray(values_ms), (50, 95))
@@ -68,7 +68,7 @@ class RunResult:
     """Results of an offline or live run, with poses and points in the z-up map frame."""
 
     input_name: str
-    options: Mapping[str, Any]  # of the summary, by name
+    options: Mapping[str, Any]  # options for the summary, by name
     frames_total: int
     frames_processed: int
     final: Trajectory
@@ -80,16 +80,14 @@ class RunResult:
     filter_counts: FilterCounts
     stage_ms: Mapping[str, Sequence[float]]  # by stage, one time per frame
     peak_rss_mb: float
-    latency_ms: Sequence[float] = ()  # from image to odometry, live only
-    rss_by_node_mb: Mapping[str, float] = field(
-        default_factory=dict
-    )  # peak, child processes included; live only
-    cpu_share_by_node: Mapping[str, float] = field(
-        default_factory=dict
-    )  # cores in use on average; live only
+    latency_ms: Sequence[float] = ()  # times from image to odometry; live runs only
+    # Peak memory by node, including child processes; live runs only.
+    rss_by_node_mb: Mapping[str, float] = field(default_factory=dict)
+    # Number of cores in use on average, by node; live runs only.
+    cpu_share_by_node: Mapping[str, float] = field(default_factory=dict)
     cloud: ColoredCloud | None = None  # dense map, in the map frame
     grid: Grid | None = None
-    recording: Path | None = None
+    recording: Path | None = None  # path of the recording
 
 
 @dataclass(frozen=True)
@@ -187,7 +185,7 @@ def _errors(
 
 
 def _without_nan(value: Any) -> Any:
-    """Return nested values with NaN and infinity as None, as JSON has neither."""
+    """Return nested values in which NaN and infinity, which JSON lacks, are replaced by None."""
     if isinstance(value, dict):
         return {key: _without_nan(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

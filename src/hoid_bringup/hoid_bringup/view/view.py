@@ -11,14 +11,9 @@ import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
-from hoid_bags.options import chosen_camera
-from hoid_bags.sequence import Sequence, open_sequence
-from hoid_bringup.run.options import (
-    add_method_arguments,
-    add_recording_arguments,
-    recording,
-    run_config,
-)
+from hoid_bags.options import add_recording_arguments, open_recording
+from hoid_bags.sequence import Sequence
+from hoid_bringup.run.options import add_method_arguments, recording, run_config
 from hoid_common.errors import InputError
 
 _SUFFIX = '.rrd'
@@ -65,6 +60,7 @@ def view_command(args: argparse.Namespace) -> None:
 
 
 def _write(args: argparse.Namespace, path: Path) -> None:
+    """Write the file for the viewer; raise InputError where Rerun is missing."""
     if find_spec('rerun') is None:
         raise InputError(_NO_VIEWER)
     from hoid_bringup.view.view_log import ViewLog
@@ -86,13 +82,18 @@ def _write(args: argparse.Namespace, path: Path) -> None:
 
 
 def _recording_of_run(args: argparse.Namespace, recorded_path: Path | None) -> Sequence | None:
-    """Return the recording of a run; without it, print a note and return None."""
+    """Return the recording of a run; None, after printing a note, if it is not found.
+
+    Args:
+        args: Parsed options, which may name the recording.
+        recorded_path: Path in the summary of the run; None: the summary names none.
+    """
     path = args.recording or recorded_path
     if path is None or not (args.recording or path.exists()):
         where = f'{path} does not exist' if path else 'its summary names none'
         sys.stdout.write(f'no images without the recording ({where}); give --recording PATH\n')
         return None
-    return open_sequence(path, chosen_camera(args), args.depth_factor)
+    return open_recording(args, path)
 
 
 def _check_display() -> None:
@@ -104,7 +105,10 @@ def _check_display() -> None:
 
 
 def _open(path: Path) -> None:
-    """Show a file until the window is closed. The viewer accepts connections from here only."""
+    """Show a file in the viewer, and wait until its window is closed.
+
+    The viewer accepts connections from this computer only.
+    """
     command = [sys.executable, '-m', 'rerun', '--bind', '127.0.0.1', '--port', 'auto', str(path)]
     status = subprocess.run(command, check=False).returncode
     if status:

@@ -47,10 +47,15 @@ _JPEG_QUALITY = 85  # chosen
 
 
 class ViewLog:
-    """Context manager that writes a file for the viewer, which appears only when complete."""
+    """Context manager that writes a file for the viewer.
+
+    The file appears only when it is complete; an existing file is replaced then.
+
+    Args:
+        path: The file.
+    """
 
     def __init__(self, path: Path) -> None:
-        """Prepare to write to `path`; an existing file is replaced at the end."""
         self._path = path
         self._unfinished = path.with_name(f'.{path.name}.partial')
 
@@ -58,7 +63,7 @@ class ViewLog:
         """Create the file.
 
         Raises:
-            InputError: It cannot be written.
+            InputError: The file cannot be written.
         """
         self._stream = rr.RecordingStream('hoid')
         try:
@@ -105,7 +110,12 @@ class ViewLog:
         self._stream.log(entity, lines, static=True)
 
     def keyframes(self, T_map_camera: FloatArray, camera: CameraModel | None) -> None:
-        """Log a small pyramid at each of (N, 4, 4) keyframe poses."""
+        """Log a small pyramid for each keyframe.
+
+        Args:
+            T_map_camera: (N, 4, 4) poses of the keyframes.
+            camera: Camera model, which determines the shape of the pyramid; None: a usual shape.
+        """
         outline = _frustum_m(camera)
         strips = [se3.transform(T, outline) for T in T_map_camera]
         lines = rr.LineStrips3D(strips, colors=_KEYFRAME_COLOR, radii=rr.Radius.ui_points(0.7))
@@ -169,7 +179,7 @@ class ViewLog:
 
 
 def _layout() -> rrb.Blueprint:
-    """Return the layout of the window: the map beside the images."""
+    """Return the layout of the viewer's window: the map on the left, the images on the right."""
     pictures = rrb.Vertical(
         rrb.Spatial2DView(origin=IMAGE, name='features and verdicts of the filter'),
         rrb.Spatial2DView(origin=DEPTH, name='depth'),
@@ -180,7 +190,7 @@ def _layout() -> rrb.Blueprint:
 
 
 def _frustum_m(camera: CameraModel | None) -> FloatArray:
-    """Return the outline of a pyramid as one line of (11, 3) points."""
+    """Return the outline of a keyframe's pyramid as one line of (11, 3) points in its frame."""
     half = np.array([0.6, 0.45])
     if camera is not None:
         half = np.array([camera.width_px / camera.fx_px, camera.height_px / camera.fy_px]) / 2
@@ -191,7 +201,10 @@ def _frustum_m(camera: CameraModel | None) -> FloatArray:
 
 
 def _label(item: DynamicObject) -> str:
-    """Return the label of a box, with the reason of its verdict unless the color shows it."""
+    """Return the label of a box: class and score, and for most objects the reason of the verdict.
+
+    For people and static objects the reason is left out.
+    """
     if item.reason in (Reason.STATIC, Reason.PERSON):
         return label(item)
     return f'{label(item)} {item.reason.name.lower()}'

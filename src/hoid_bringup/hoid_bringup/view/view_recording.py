@@ -1,4 +1,4 @@
-"""Logs the images of a recording and the results of the filter for the viewer."""
+"""Logging of a recording's images, with the results of the filter, for the viewer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hoid_filter.feature_filter import FeatureFilter
 
 
 def log_recording(log: ViewLog, sequence: Sequence, config: RunConfig) -> None:
-    """Log a recording along its true trajectory, if it has one."""
+    """Filter and log all images of a recording, and its true trajectory if it has one."""
     if sequence.ground_truth is not None:
         log.path(TRUE_PATH, sequence.ground_truth)
     log_images(log, sequence, config, sequence.ground_truth)
@@ -24,13 +24,14 @@ def log_recording(log: ViewLog, sequence: Sequence, config: RunConfig) -> None:
 def log_images(
     log: ViewLog, sequence: Sequence, config: RunConfig, poses: Trajectory | None
 ) -> None:
-    """Log every image with the results of the filter.
+    """Filter every image of a recording, and log it with the results.
 
     Args:
-        log: The log.
+        log: The log to write to.
         sequence: The recording.
         config: Parameters of detector and filter.
-        poses: Camera poses; an image gets the one nearest in time within 0.02 s.
+        poses: Camera poses. Each image gets the pose nearest in time, within 0.02 s. None: the
+            images have no poses.
 
     Raises:
         HoidError: An image or the detector model is invalid.
@@ -44,13 +45,17 @@ def log_images(
 
 
 def with_ground_truth_boxes(config: RunConfig, sequence: Sequence) -> RunConfig:
-    """Return the configuration, with ground-truth boxes if it names no detector and they exist."""
+    """Return the configuration, changed to use ground-truth boxes if that is possible.
+
+    It is unchanged if it names a detector model or the recording has no ground-truth boxes.
+    """
     if config.detector.model or sequence.true_detections is None:
         return config
     return config.updated({'detector.model': TRUTH})
 
 
 def _pose_at(poses: Trajectory, stamp_ns: int) -> FloatArray | None:
+    """Return the pose (4, 4) nearest to a stamp; None if it is more than 0.02 s away."""
     gap_ns = np.abs(poses.stamps_ns - stamp_ns)
     if len(gap_ns) == 0 or gap_ns.min() > MAX_PAIR_GAP_NS:
         return None

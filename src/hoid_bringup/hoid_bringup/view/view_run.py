@@ -1,4 +1,4 @@
-"""Logs the results of a run for the viewer."""
+"""Logging of the results of a run for the viewer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class FinishedRun:
     """Results in the output folder of `hoid run` or `hoid replay`."""
 
     folder: Path
-    recording: Path | None  # its path at the time of the run; None if the summary names none
+    recording: Path | None  # path of the recording at the time of the run; None: unknown
     config: RunConfig
     final: Trajectory
     keyframes: Trajectory
@@ -35,7 +35,7 @@ def is_run(path: Path) -> bool:
 
 
 def open_run(folder: Path) -> FinishedRun:
-    """Read a run.
+    """Read the results of a run from its output folder.
 
     Raises:
         InputError: A file is missing or damaged.
@@ -56,12 +56,12 @@ def open_run(folder: Path) -> FinishedRun:
 
 
 def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
-    """Log map, trajectories and keyframes.
+    """Log the map, the trajectories and the keyframes of a run.
 
     Args:
-        log: The log.
+        log: The log to write to.
         run: The run.
-        sequence: The recording, if it exists, for ground truth and camera.
+        sequence: The recording, from which ground truth and camera are taken; None: it is missing.
     """
     log.path(ESTIMATED_PATH, run.final)
     log.keyframes(run.keyframes.T_world_camera, sequence.camera if sequence else None)
@@ -74,6 +74,6 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
 
 
 def _in_map(truth: Trajectory, estimate: Trajectory) -> Trajectory:
-    """Return the true poses in the map frame of the run, by the alignment of the two."""
+    """Return the true poses in the map frame of the run, after alignment to the estimate."""
     T_map_world = se3.inverse(align(estimate, truth).T_world_map)
     return Trajectory(truth.stamps_ns, T_map_world @ truth.T_world_camera)

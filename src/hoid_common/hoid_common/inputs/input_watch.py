@@ -13,19 +13,26 @@ _LOSS_S = 5.0  # chosen: time without a loss after which losses count as over
 
 @dataclass
 class InputWatch:
-    """Reception of one input: the time of the newest message, and counts. Times are steady."""
+    """Reception of one topic: the time of the newest message, and counts of messages.
+
+    All times are those of a steady clock.
+    """
 
     what: str  # the messages in the plural, such as "depth images"
     topic: str  # full name
     reliability: str  # what the subscription requests: "best_effort" or "reliable"
     since_s: float  # time of the subscription
-    is_occasional: bool = False  # whether silence is normal
+    is_occasional: bool = False  # whether it is normal that no message arrives for long
+    is_latched: bool = False  # whether silence is normal after the first message
     last_s: float | None = None  # time of the newest message
     num_received: int = 0
     num_lost: int = 0  # messages that were sent, but did not arrive complete
-    _losing_since_s: float = -_LOSS_S  # first loss of the current series
-    _losing_s: float = -_LOSS_S  # last loss of the current series
-    _num_losing: int = 0  # losses in the current series
+    # Losses count as one series while less than five seconds lie between two of them.
+    _losing_since_s: float = -_LOSS_S  # time of the first loss in the current series
+    _losing_s: float = -_LOSS_S  # time of the last loss in the current series
+    _num_losing: int = 0  # messages lost in the current series
+    _received_before: int = 0  # messages received before the current series
+    _losing_reliability: str = ''  # what the subscription requested at the last loss
 
     def record_message(self, now_s: float) -> None:
         """Count a received message."""
@@ -36,7 +43,8 @@ class InputWatch:
         """Count messages that the middleware reports as lost."""
         if not self.is_losing(now_s):
             self._losing_since_s, self._num_losing = now_s, 0
-        self._losing_s = now_s
+            self._received_before = self.num_received
+        self._losing_s, self._losing_reliability = now_s, self.reliability
         self._num_losing += number
         self.num_lost += number
 
@@ -44,24 +52,36 @@ class InputWatch:
         """Return whether messages were lost in the last five seconds."""
         return now_s - self._losing_s < _LOSS_S and self.num_lost > 0
 
-    def loss_message(self, now_s: float) -> str:
-        """Return one line of text about the current losses."""
-        return (
-            f'{self.what} on {self.topic} have been getting lost for '
-            f'{now_s - self._losing_since_s:.1f} s: {self._num_losing} so far; check the network '
-            'and the processor load'
-        )
-
-    def is_missing(self, now_s: float) -> bool:
-        """Return whether the input has been silent for too long."""
-        return not self.is_occasional and self._silent_s(now_s) > _TIMEOUT_S
-
-    def missing_message(self, now_s: float, offered: Sequence[str]) -> str:
-        """Return one line of text about the missing input.
+    def loss_message(self, now_s: float, profile: str = '') -> str:
+        """Return one line of text about the current losses.
 
         Args:
             now_s: Steady time.
-            offered: Reliability that each publisher of the topic offers.
+            profile: Path of a Fast DDS profile that is made for images; empty with another DDS.
+        """
+        arrived = self.num_received - self._received_before
+        setting = f'FASTRTPS_DEFAULT_PROFILES_FILE={profile}' if profile else ''
+        remedies = [setting] if setting else []
+        if self._losing_reliability == BEST_EFFORT:
+            remedies.append('reliable QoS')
+        start = f'start their publisher with {" or ".join(remedies)}, or ' if remedies else ''
+        return (
+            f'{arrived} of {arrived + self._num_losing} {self.what} on {self.topic} have arrived '
+            f'in {now_s - self._losing_since_s:.1f} s: {start}check the network and the processor '
+            'load'
+        )
+
+    def is_missing(self, now_s: float) -> bool:
+        """Return whether no message has arrived for two seconds, unless that is normal."""
+        is_enough = self.is_occasional or (self.is_latched and self.num_received > 0)
+        return not is_enough and self._silent_s(now_s) > _TIMEOUT_S
+
+    def missing_message(self, now_s: float, offered: Sequence[str]) -> str:
+        """Return a line of text: which messages are missing since when, and the probable reason.
+
+        Args:
+            now_s: Time of the steady clock.
+            offered: Reliability that each publisher of the topic offers; empty: no publisher.
         """
         yet = ' yet' if self.last_s is None else ''
         head = f'no {self.what}{yet} for {self._silent_s(now_s):.1f} s on {self.topic}'
@@ -74,4 +94,5 @@ class InputWatch:
         return f'{found}, reliability {kinds}, but the subscription requests {self.reliability}'
 
     def _silent_s(self, now_s: float) -> float:
+        """Return the time since the newest message or, before the first one, the subscription."""
         return now_s - (self.since_s if self.last_s is None else self.last_s)

@@ -2,52 +2,91 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, Protocol
 
 import numpy as np
 
 from hoid_common.errors import ConfigError, MessageError
-from hoid_common.values import DISTORTION_MODELS, CameraModel
+from hoid_common.values import DISTORTION_MODELS, EQUIDISTANT, CameraModel
+
+_RECTIFIED = re.compile('(^|[/_])rect', re.IGNORECASE)
+_SAME_FOCAL = 0.005  # chosen: a smaller difference changes poses by less than depth noise does
 
 
 class RawCameraInfo(Protocol):
-    """The fields of sensor_msgs/CameraInfo that are used, of rclpy's or of rosbags' class."""
+    """The fields of sensor_msgs/CameraInfo that are used; rclpy and rosbags have such a class."""
 
     width: int
     height: int
     distortion_model: str
     d: Any  # distortion coefficients in OpenCV's order
     k: Any  # intrinsic matrix K: nine numbers, row by row
+    p: Any  # projection matrix P of rectified images: twelve numbers, row by row
     binning_x: int
     binning_y: int
     roi: Any  # sensor_msgs/RegionOfInterest
 
 
-def camera_from_info(info: RawCameraInfo) -> CameraModel:
-    """Return the camera model of the raw image, from K and D.
+def camera_from_info(info: RawCameraInfo, image_topic: str = '') -> CameraModel:
+    """Return the camera model of the images that a topic carries.
+
+    Drivers publish the same message beside raw images, which K and D describe, and beside
+    rectified ones, which P describes. Binning and region of interest are applied to both.
+
+    Args:
+        info: The message.
+        image_topic: Name of the topic of the images; see `is_rectified`.
 
     Raises:
-        MessageError: The camera is not calibrated, has an unsupported distortion model or too many
-            coefficients, or uses binning or a region of interest, which K does not describe.
+        MessageError: The camera is not calibrated, or has an unsupported distortion model or too
+            many coefficients.
     """
+    k, p = ([float(value) for value in values] for values in (info.k, info.p))
     distortion = tuple(float(d) for d in info.d)
+    if is_rectified(image_topic) and p[0] > 0:
+        k, distortion = [*p[0:3], *p[4:7], *p[8:11]], ()
     if any(distortion) and info.distortion_model not in DISTORTION_MODELS:
         raise MessageError(
             f'camera_info has distortion_model "{info.distortion_model}"; '
             f'use one of {", ".join(DISTORTION_MODELS)}'
         )
-    if max(info.binning_x, info.binning_y) > 1 or info.roi.x_offset or info.roi.y_offset:
-        raise MessageError(
-            'camera_info has binning or a region of interest; publish the full image'
-        )
-    fx, _, cx, _, fy, cy, *_ = k = [float(value) for value in info.k]
+    fx, _, cx, _, fy, cy, *_ = k
     if not (np.isfinite(k).all() and min(fx, fy) > 0 and min(info.width, info.height) > 0):
         raise MessageError(
             f'camera_info has fx={fx} fy={fy} at {info.width}x{info.height} px; '
             'is the camera calibrated?'
         )
-    size_px = int(info.width), int(info.height)
+    # As image_geometry does: the region of interest is in pixels of the sensor before binning.
+    bin_x, bin_y, roi = max(info.binning_x, 1), max(info.binning_y, 1), info.roi
+    width_px, height_px = roi.width or info.width, roi.height or info.height
+    cx, cy = cx - roi.x_offset, cy - roi.y_offset
     try:
-        return CameraModel(*size_px, fx, fy, cx, cy, distortion if any(distortion) else ())
+        return CameraModel(
+            int(width_px) // bin_x, int(height_px) // bin_y,
+            fx / bin_x, fy / bin_y, cx / bin_x, cy / bin_y,
+            distortion if any(distortion) else (),
+            bool(any(distortion) and info.distortion_model == EQUIDISTANT),
+        )  # fmt: skip
     except ConfigError as error:
         raise MessageError(f'camera_info: {error}') from error
+
+
+def is_rectified(image_topic: str) -> bool:
+    """Return whether a topic has the name of rectified images, such as image_rect_color."""
+    return _RECTIFIED.search(image_topic) is not None
+
+
+def rectification_doubt(info: RawCameraInfo, image_topic: str) -> str:
+    """Return a warning if the topic's name does not tell whether K and D or P describe it, or ''.
+
+    Calibration writes a P that differs from K. Images beside it may be rectified or not.
+    """
+    is_told = is_rectified(image_topic) or 'raw' in image_topic
+    if is_told or not any(info.d) or abs(info.p[0] - info.k[0]) <= _SAME_FOCAL * info.k[0]:
+        return ''
+    return (
+        f'camera_info has distortion and a rectified focal length ({info.p[0]:.1f} px for '
+        f'{info.k[0]:.1f}); {image_topic or "the color image"} is taken as not rectified: if it '
+        'is, publish a camera_info without distortion, or give the camera with --camera'
+    )

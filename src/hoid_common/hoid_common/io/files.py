@@ -1,4 +1,4 @@
-"""Atomic writing of files and folders by way of scratch folders, and errors of writing."""
+"""Atomic writing of files and folders by scratch folders, and errors of writing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PARTIAL = '.partial-'  # part of the name of every scratch folder
 
 
 def write_error(path: Path, error: OSError) -> InputError:
-    """Return the InputError to raise when the system refuses to write a file or folder."""
+    """Return the InputError that describes why a file or folder cannot be written."""
     if isinstance(error, FileExistsError | NotADirectoryError):
         return InputError(f'{path}: cannot be written: part of this path is a file, not a folder')
     return InputError(f'{path}: cannot be written: {error.strerror or error}')
@@ -30,8 +30,8 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
     never finds half a file.
 
     Args:
-        within: Parent folder, on the file system of the results, so that moving does not copy. It
-            is made when it is missing, and removed again if it is empty at the end.
+        within: Parent folder. It must be on the file system of the results, so that moving does
+            not copy. It is made when it is missing, and is then removed if it is empty at the end.
         purpose: First part of the folder's name, which identifies it after a power cut.
 
     Raises:
@@ -73,6 +73,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _is_abandoned(folder: Path) -> bool:
+    """Return whether a scratch folder exists that no running process has locked."""
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError:  # it was removed in the meantime, or is no folder

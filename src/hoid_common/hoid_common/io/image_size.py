@@ -1,6 +1,7 @@
 """Size and decoding cost of a PNG or JPEG, read from its headers without decoding it.
 
-OpenCV allocates what the headers ask for. These checks refuse decompression bombs before.
+OpenCV allocates as much memory as the headers demand. These checks find decompression bombs before
+an image is decoded.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
 def is_safe_to_decode(data: bytes | memoryview) -> bool:
     """Return whether the cost of decoding a PNG or JPEG is in proportion to its image size.
 
-    A PNG must contain its chunks completely, since decoders allocate the length that a chunk
-    claims, and only a few compressed texts. A JPEG must have a limited number of scans.
+    A PNG must contain all its chunks completely, because decoders allocate the length that a chunk
+    claims; it may have few compressed texts. A JPEG may have at most 100 scans.
     """
     if data[: len(_PNG_START)] != _PNG_START:
         return bytes(data).count(_JPEG_SCAN) <= _MAX_SCANS
@@ -54,7 +55,8 @@ def is_safe_to_decode(data: bytes | memoryview) -> bool:
             return False
         size, name = _PNG_CHUNK.unpack_from(data, at)
         at += _PNG_CHUNK.size + size + 4
-        num_compressed += name in _PNG_COMPRESSED_TEXT
+        if name in _PNG_COMPRESSED_TEXT:
+            num_compressed += 1
         if name == b'IEND':
             return at <= len(data) and num_compressed <= _MAX_COMPRESSED_TEXTS
     return False
@@ -78,6 +80,7 @@ def check_image_size(data: bytes | memoryview, what: str) -> None:
 
 
 def _jpeg_size(data: bytes | memoryview) -> tuple[int, int] | None:
+    """Return (width, height) from the frame header of a JPEG; None if a segment is invalid."""
     at = len(_JPEG_START)
     while True:
         start, marker, length = _JPEG_SEGMENT.unpack_from(data, at)

@@ -30,21 +30,45 @@ COLOR_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 
 # Header of compressed_depth_image_transport: format, and two parameters of inverse depth.
 _COMPRESSED_DEPTH_HEADER = struct.Struct('<iff')
+COMPRESSED_DEPTH_HEADER_BYTES = _COMPRESSED_DEPTH_HEADER.size
+_PNG_START = b'\x89PNG\r\n\x1a\n'
 _INF_BITS = np.float32(np.inf).view(np.uint32)
-_TO_BGR = {
-    'bgr8': None,
-    '8UC3': None,
-    'rgb8': cv2.COLOR_RGB2BGR,
-    'mono8': cv2.COLOR_GRAY2BGR,
-    '8UC1': cv2.COLOR_GRAY2BGR,
-    'bgra8': cv2.COLOR_BGRA2BGR,
-    'rgba8': cv2.COLOR_RGBA2BGR,
+# Type, channels and OpenCV's conversion to BGR (None: it is BGR) of each encoding of color. ROS
+# names a Bayer pattern by its first two pixels of two rows, OpenCV by the second row.
+_COLOR: dict[str, tuple[str, int, int | None]] = {
+    'bgr8': ('u1', 3, None),
+    '8UC3': ('u1', 3, None),
+    'rgb8': ('u1', 3, cv2.COLOR_RGB2BGR),
+    'mono8': ('u1', 1, cv2.COLOR_GRAY2BGR),
+    '8UC1': ('u1', 1, cv2.COLOR_GRAY2BGR),
+    'bgra8': ('u1', 4, cv2.COLOR_BGRA2BGR),
+    '8UC4': ('u1', 4, cv2.COLOR_BGRA2BGR),
+    'rgba8': ('u1', 4, cv2.COLOR_RGBA2BGR),
+    'bgr16': ('u2', 3, None),
+    'rgb16': ('u2', 3, cv2.COLOR_RGB2BGR),
+    'mono16': ('u2', 1, cv2.COLOR_GRAY2BGR),
+    'bayer_rggb8': ('u1', 1, cv2.COLOR_BayerBG2BGR),
+    'bayer_bggr8': ('u1', 1, cv2.COLOR_BayerRG2BGR),
+    'bayer_gbrg8': ('u1', 1, cv2.COLOR_BayerGR2BGR),
+    'bayer_grbg8': ('u1', 1, cv2.COLOR_BayerGB2BGR),
+    'bayer_rggb16': ('u2', 1, cv2.COLOR_BayerBG2BGR),
+    'bayer_bggr16': ('u2', 1, cv2.COLOR_BayerRG2BGR),
+    'bayer_gbrg16': ('u2', 1, cv2.COLOR_BayerGR2BGR),
+    'bayer_grbg16': ('u2', 1, cv2.COLOR_BayerGB2BGR),
+    'yuv422': ('u1', 2, cv2.COLOR_YUV2BGR_UYVY),
+    'uyvy': ('u1', 2, cv2.COLOR_YUV2BGR_UYVY),
+    'yuv422_yuy2': ('u1', 2, cv2.COLOR_YUV2BGR_YUY2),
+    'yuyv': ('u1', 2, cv2.COLOR_YUV2BGR_YUY2),
+    'nv12': ('u1', 1, cv2.COLOR_YUV2BGR_NV12),
+    'nv21': ('u1', 1, cv2.COLOR_YUV2BGR_NV21),
 }
-_CHANNELS = {'bgr8': 3, '8UC3': 3, 'rgb8': 3, 'mono8': 1, '8UC1': 1, 'bgra8': 4, 'rgba8': 4}
+_WITH_CHROMA_ROWS = ('nv12', 'nv21')  # half as many rows follow those of the image
 _DEPTH_TYPES: dict[str, np.dtype[Any]] = {
     '16UC1': np.dtype('u2'),
     'mono16': np.dtype('u2'),
+    '16SC1': np.dtype('i2'),
     '32FC1': np.dtype('f4'),
+    '64FC1': np.dtype('f8'),
 }
 DEPTH_ENCODINGS = tuple(_DEPTH_TYPES)
 
@@ -61,24 +85,32 @@ class RawImage(Protocol):
 
 
 def decode_color(image: RawImage) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of a bgr8, rgb8, mono8, bgra8 or rgba8 message.
+    """Return the (H, W, 3) uint8 BGR image of a message with an encoding of color or gray.
 
     It shares the message's memory when no conversion is needed.
 
     Raises:
         MessageError: The encoding is another one, or the data is too short for the size.
     """
-    if image.encoding not in _TO_BGR:
+    if image.encoding not in _COLOR:
         raise MessageError(
-            f'color image has encoding "{image.encoding}"; use one of {", ".join(_TO_BGR)}'
+            f'color image has encoding "{image.encoding}"; use one of {", ".join(_COLOR)}'
         )
-    pixels = _pixels(image, np.dtype('u1'), _CHANNELS[image.encoding])
-    code = _TO_BGR[image.encoding]
-    return cast('ByteArray', pixels if code is None else cv2.cvtColor(pixels, code))
+    kind, channels, code = _COLOR[image.encoding]
+    chroma_rows = image.height // 2 if image.encoding in _WITH_CHROMA_ROWS else 0
+    pixels = _pixels(image, np.dtype(kind), channels, chroma_rows)
+    if pixels.dtype == np.uint16:
+        pixels = (pixels >> 8).astype(np.uint8)
+    try:
+        return cast('ByteArray', pixels if code is None else cv2.cvtColor(pixels, code))
+    except cv2.error as error:  # such as for an odd size of yuv422
+        raise MessageError(
+            f'{image.encoding} image of {image.width}x{image.height} px cannot be converted to BGR'
+        ) from error
 
 
 def decode_depth(image: RawImage) -> Float32Array:
-    """Return the (H, W) float32 depth in m of a 16UC1 (mm) or 32FC1 (m) message.
+    """Return the (H, W) float32 depth in m of a message in mm (whole numbers) or m (floats).
 
     NaN, infinite and negative values become 0, "no reading". The result shares the message's
     memory when no value is changed.
@@ -102,10 +134,13 @@ def decode_compressed_color(data: Buffer) -> ByteArray:
 def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
     """Return the (H, W) float32 depth in m of a message of compressed_depth_image_transport.
 
+    0 means "no reading".
+
     Args:
-        format_: The message's `format`, such as "16UC1; compressedDepth png".
-        data: A header of 12 bytes, then a 16-bit PNG with depth in mm (16UC1) or with quantized
-            inverse depth (32FC1).
+        format_: Field `format` of the message, such as "16UC1; compressedDepth png". In
+            a message of compressed_image_transport, "16UC1; png compressed", there is no header.
+        data: Field `data` of the message: a header of 12 bytes, then a 16-bit PNG with depth in mm
+            (16UC1) or with quantized inverse depth (32FC1).
 
     Raises:
         MessageError: The format is another one, or the data is no PNG of one 16-bit channel.
@@ -116,6 +151,9 @@ def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
             f'compressed depth has format "{format_}"; use "16UC1; compressedDepth png" or 32FC1'
         )
     raw = np.frombuffer(data, np.uint8)
+    if raw[: len(_PNG_START)].tobytes() == _PNG_START:
+        raw = np.concatenate([np.zeros(COMPRESSED_DEPTH_HEADER_BYTES, np.uint8), raw])
+        encoding = '16UC1'
     if len(raw) <= _COMPRESSED_DEPTH_HEADER.size:
         raise MessageError(f'compressed depth has {len(raw)} bytes, too few for its header')
     pixels = decode_image(
@@ -135,7 +173,11 @@ def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
 
 
 def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
-    """Return the data of a compressedDepth message of (H, W) uint16 depth in mm; lossless."""
+    """Return the field `data` of a compressedDepth message, without loss.
+
+    Args:
+        depth_mm: (H, W) uint16 depth in mm.
+    """
     # Level 1: higher levels take several times as long and save a few percent of a depth image.
     ok, png = cv2.imencode('.png', depth_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not ok:
@@ -144,7 +186,7 @@ def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
 
 
 def compressed_depth_of_png(png: bytes) -> bytes:
-    """Return the data of a compressedDepth message that contains a PNG of uint16 depth in mm."""
+    """Return the field `data` of a compressedDepth message for a PNG of uint16 depth in mm."""
     return _COMPRESSED_DEPTH_HEADER.pack(0, 0.0, 0.0) + png
 
 
@@ -165,9 +207,15 @@ def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:
     return whole if np.array_equal(_meters(whole), depth_m) else None
 
 
-def _pixels(image: RawImage, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
-    """Return the pixels (H, W) or (H, W, C), in the machine's byte order."""
-    height, width, step = image.height, image.width, image.step
+def _pixels(
+    image: RawImage, dtype: np.dtype[Any], channels: int, chroma_rows: int = 0
+) -> NDArray[Any]:
+    """Return the pixels of an image message, (H, W) or (H, W, C), in the machine's byte order.
+
+    Raises:
+        MessageError: The image is empty or too large, or its data is too short for its size.
+    """
+    height, width, step = image.height + chroma_rows, image.width, image.step
     row_bytes = width * channels * dtype.itemsize
     if height <= 0 or width <= 0:
         raise MessageError(f'{image.encoding} image is empty: {width}x{height} px')
@@ -193,11 +241,15 @@ def _pixels(image: RawImage, dtype: np.dtype[Any], channels: int) -> NDArray[Any
 
 
 def _meters(depth: NDArray[Any]) -> Float32Array:
+    """Return float32 depth in m of uint16 depth in mm or float32 depth in m; invalid becomes 0."""
+    if depth.dtype == np.int16:
+        depth = np.maximum(depth, 0).astype(np.uint16)
     if depth.dtype == np.uint16:
         meters: Float32Array = np.divide(depth, np.float32(MM_PER_M), dtype=np.float32)
         return meters
     # Seen as unsigned integers, the bits of positive floats are in ascending order, followed by
     # inf, NaN and all negative numbers: one comparison finds everything that is no depth.
+    depth = depth.astype(np.float32, copy=False)
     bits = depth.view(np.uint32)
     if bits.max() < _INF_BITS:
         return cast('Float32Array', depth)
@@ -213,7 +265,7 @@ def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:
         what: Name of the image, with which an error begins.
 
     Raises:
-        MessageError: It is neither, has more than MAX_PIXELS, or cannot be decoded.
+        MessageError: The data is no JPEG or PNG, has more than MAX_PIXELS, or cannot be decoded.
     """
     raw = np.frombuffer(data, np.uint8)
     check_image_size(raw.data, what)

@@ -13,7 +13,8 @@ from hoid_common.io.yaml_file import read_yaml
 def load_params(path: Path, node_name: str) -> dict[str, Any]:
     """Return the parameters, by dotted name, that a parameter file sets for a node.
 
-    The sections `/**`, the node's name, and names that end in `/` and the node's name apply.
+    Used are the section `/**` and all sections whose name is the node's name, with or without a
+    namespace before it.
 
     Raises:
         ConfigError: The file cannot be read, or is no parameter file.
@@ -36,6 +37,7 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
 
 
 def _flat(tree: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield the dotted name and the value of each parameter in nested mappings."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f'{prefix}{name}.')

@@ -1,10 +1,15 @@
-"""Exact conversion between decimal seconds in text files and integer nanoseconds."""
+"""Stamps of recordings: exact conversion from and to text, and their order in time."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
+from typing import NamedTuple
 
-from hoid_common.values import NS_PER_S
+import numpy as np
+
+from hoid_common.sync import RESTART_NS
+from hoid_common.values import NS_PER_S, IntArray
 
 _MAX_EXPONENT = 9  # 2^31 s < 10^10 s; "1e999999999" would fill the memory with digits
 _MAX_STAMP_NS = 2**31 * NS_PER_S  # the seconds of builtin_interfaces/Time are int32
@@ -13,7 +18,7 @@ _MAX_STAMP_NS = 2**31 * NS_PER_S  # the seconds of builtin_interfaces/Time are i
 def parse_stamp_ns(text: str) -> int:
     """Return the nanoseconds of a text with decimal seconds, rounded to the nearest one.
 
-    It is parsed as a Decimal, because a float64 resolves only 240 ns at today's epoch.
+    The text is parsed as a Decimal, because a float64 resolves only 240 ns at today's epoch.
 
     Raises:
         ValueError: The text is no number, negative, or beyond the range of a ROS stamp.
@@ -29,7 +34,51 @@ def parse_stamp_ns(text: str) -> int:
     return stamp_ns
 
 
+class OrderedStamps(NamedTuple):
+    """Stamps of a stream in order of time, each once."""
+
+    stamps_ns: IntArray  # (M,), increasing
+    positions: IntArray  # (M,) of each in the stream; of a repeated stamp, the first
+    num_repeated: int  # items left out because their stamp was there before
+    num_late: int  # items that came after a newer one
+
+    def __str__(self) -> str:
+        """Return what was wrong with the order as text, or '' if nothing was."""
+        parts = (
+            (self.num_repeated, 'items with the stamp of another one left out'),
+            (self.num_late, 'late items sorted in'),
+        )
+        return ', '.join(f'{number} {what}' for number, what in parts if number)
+
+
+def in_order(stamps_ns: Sequence[int] | IntArray) -> OrderedStamps:
+    """Return the (N,) stamps of a stream in order of time, without repetitions."""
+    given = np.asarray(stamps_ns, np.int64)
+    unique, index = np.unique(given, return_index=True)
+    num_late = int((given < np.maximum.accumulate(given)).sum()) if len(given) else 0
+    return OrderedStamps(unique, index, len(given) - len(unique), num_late)
+
+
+def longest_pass(stamps_ns: Sequence[int] | IntArray) -> slice:
+    """Return the longest part of a stream in which time does not start anew.
+
+    Time starts anew where a stamp is a second older than the newest one so far, as when a
+    simulator restarts or a bag is played again into a recording.
+    """
+    given = np.asarray(stamps_ns, np.int64)
+    starts, newest_ns = [0], given[0] if len(given) else 0
+    for i, stamp_ns in enumerate(given.tolist()):
+        if newest_ns - stamp_ns >= RESTART_NS:
+            starts.append(i)
+            newest_ns = stamp_ns
+        newest_ns = max(newest_ns, stamp_ns)
+    ends = [*starts[1:], len(given)]
+    return max(
+        (slice(a, b) for a, b in zip(starts, ends, strict=True)), key=lambda s: s.stop - s.start
+    )
+
+
 def format_stamp_s(stamp_ns: int) -> str:
-    """Return decimal seconds with nine decimals, the inverse of `parse_stamp_ns`."""
+    """Return a stamp as a text of seconds with nine decimals, the inverse of `parse_stamp_ns`."""
     seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
     return f'{seconds}.{nanoseconds:09d}'

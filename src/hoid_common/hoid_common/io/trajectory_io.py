@@ -11,29 +11,32 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.errors import InputError
 from hoid_common.io.stamps import format_stamp_s
 from hoid_common.io.tum_text import read_numbers
-from hoid_common.values import Trajectory
+from hoid_common.values import FloatArray, Trajectory
 
-# Chosen: published files round quaternions to four decimals; a norm below this is no rounding.
+# Chosen: published files round quaternions to four decimals. A norm below this or above its inverse
+# is not caused by rounding.
 _MIN_QUATERNION_NORM = 0.5
 
 
 def read_tum(path: Path) -> Trajectory:
-    """Return the trajectory in a TUM file; it may be empty.
+    """Return the poses in a TUM file in order of time, each stamp once; it may be empty.
+
+    Rows that are no pose are left out with a warning.
 
     Raises:
-        InputError: The file is missing, or a row is malformed or goes back in time.
+        InputError: The file is missing, or has rows and none of them is a pose.
     """
-    stamps_ns, values = read_numbers(path, columns=7)
-    norms = np.linalg.norm(values[:, 3:], axis=1)
-    wrong = np.flatnonzero((norms < _MIN_QUATERNION_NORM) | (norms > 1 / _MIN_QUATERNION_NORM))
-    if len(wrong):
-        raise InputError(
-            f"{path}: pose {wrong[0] + 1}: the quaternion's norm is {norms[wrong[0]]:.3g}, not 1"
-        )
+    stamps_ns, values = read_numbers(path, 7, _pose_problem)
     return Trajectory(stamps_ns, se3.from_quat_translation(values[:, 3:], values[:, :3]))
+
+
+def _pose_problem(row: FloatArray) -> str | None:
+    """Return what is wrong with a row of position and quaternion (7,), or None."""
+    norm = float(np.linalg.norm(row[3:]))
+    is_rotation = _MIN_QUATERNION_NORM <= norm <= 1 / _MIN_QUATERNION_NORM
+    return None if is_rotation else f"the quaternion's norm is {norm:.3g}, not 1"
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
@@ -56,6 +59,7 @@ def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> int:
 
 
 def _lines(trajectory: Trajectory) -> Iterator[str]:
+    """Yield the line of each pose."""
     quats_xyzw = se3.quat_xyzw_from_rotation(trajectory.T_world_camera[:, :3, :3])
     rows = np.hstack([trajectory.T_world_camera[:, :3, 3], quats_xyzw])
     for stamp_ns, row in zip(trajectory.stamps_ns.tolist(), rows.tolist(), strict=True):

@@ -6,17 +6,19 @@ comment.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import pairwise
+import logging
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common.errors import InputError
-from hoid_common.io.stamps import parse_stamp_ns
+from hoid_common.io.stamps import in_order, parse_stamp_ns
 from hoid_common.io.untrusted import read_text
 from hoid_common.values import FloatArray, IntArray
+
+_LOG = logging.getLogger(__name__)
 
 
 class Row(NamedTuple):
@@ -40,56 +42,81 @@ def read_rows(path: Path) -> Iterator[Row]:
     Raises:
         InputError: The file is missing or no text, or a stamp is no time in seconds.
     """
-    text = read_text(path)
-    for number, line in enumerate(text.splitlines(), start=1):
-        stamp, _, rest = line.strip().replace(',', ' ').replace('\t', ' ').partition(' ')
-        if not stamp or stamp.startswith('#'):
-            continue
+    for number, stamp, rest in _lines(path):
         try:
-            stamp_ns = parse_stamp_ns(stamp)
+            yield Row(number, parse_stamp_ns(stamp), rest)
         except ValueError as error:
             raise InputError(f'{path}: line {number}: {error}') from error
-        yield Row(number, stamp_ns, rest.strip())
 
 
-def without_duplicates(rows: list[Row]) -> list[Row]:
-    """Return the rows without those that equal their predecessor, which some tools write."""
-    return rows[:1] + [
-        row
-        for before, row in pairwise(rows)
-        if (row.stamp_ns, row.text) != (before.stamp_ns, before.text)
-    ]
-
-
-def check_increasing(path: Path, rows: list[Row]) -> None:
-    """Raise InputError for the first stamp that is not later than its predecessor."""
-    for before, row in pairwise(rows):
-        if row.stamp_ns <= before.stamp_ns:
-            raise InputError(
-                f'{path}: line {row.line}: stamp {row.stamp_ns} ns is not after the one before it'
-                f' ({before.stamp_ns} ns); sort the file by time'
-            )
-
-
-def read_numbers(path: Path, columns: int) -> NumberTable:
-    """Return the first `columns` numbers of each row of a file, in order of time.
+def sorted_rows(path: Path) -> list[Row]:
+    """Return the rows of a file in order of time, each stamp once; warn if the file differs.
 
     Raises:
-        InputError: As in `read_rows`; or a row has too few numbers or one that is not finite, or
-            goes back in time.
+        InputError: As in `read_rows`.
     """
     rows = list(read_rows(path))
-    check_increasing(path, rows)
-    values = np.empty((len(rows), columns))
-    for i, row in enumerate(rows):
+    order = in_order([row.stamp_ns for row in rows])
+    if text := str(order):
+        _LOG.warning('%s: %s', path, text)
+    return [rows[i] for i in order.positions.tolist()]
+
+
+def read_numbers(
+    path: Path, columns: int, problem: Callable[[FloatArray], str | None] = lambda _: None
+) -> NumberTable:
+    """Return the stamp and the first `columns` numbers of each usable row, in order of time.
+
+    Motion-capture systems write rows of NaN or zeros while they do not see their target. Such rows
+    are left out with a warning.
+
+    Args:
+        path: The file.
+        columns: Number of numbers after the stamp.
+        problem: Returns what is wrong with the (columns,) numbers of a row, or None.
+
+    Raises:
+        InputError: The file cannot be read, or has rows and none of them is usable.
+    """
+    stamps_ns: list[int] = []
+    values: list[FloatArray] = []
+    problems: list[str] = []
+    for number, stamp, rest in _lines(path):
         try:
-            values[i] = [float(word) for word in row.text.split()[:columns]]
+            stamp_ns, row = parse_stamp_ns(stamp), _numbers(rest, columns)
+            if text := problem(row):
+                raise ValueError(text)
         except ValueError as error:
-            raise InputError(
-                f'{path}: line {row.line}: not {columns} numbers after the stamp: "{row.text}"'
-            ) from error
-        if not np.isfinite(values[i]).all():
-            raise InputError(
-                f'{path}: line {row.line}: "{row.text}" contains a number that is not finite'
-            )
-    return NumberTable(np.array([row.stamp_ns for row in rows], np.int64), values)
+            problems.append(f'line {number}: {error}')
+            continue
+        stamps_ns.append(stamp_ns)
+        values.append(row)
+    if problems and not values:
+        raise InputError(f'{path}: no row is usable; {problems[0]}')
+    order = in_order(stamps_ns)
+    left_out = f'{len(problems)} unusable rows left out ({problems[0]})' if problems else ''
+    if text := ', '.join(filter(None, (left_out, str(order)))):
+        _LOG.warning('%s: %s', path, text)
+    return NumberTable(order.stamps_ns, np.array(values).reshape(-1, columns)[order.positions])
+
+
+def _numbers(text: str, columns: int) -> FloatArray:
+    """Return the first (columns,) numbers of a text; raise ValueError if there are fewer."""
+    words = text.split()[:columns]
+    try:
+        row = np.array([float(word) for word in words])
+    except ValueError:
+        row = np.empty(0)
+    if len(row) < columns:
+        raise ValueError(f'not {columns} numbers after the stamp: "{text}"')
+    if not np.isfinite(row).all():
+        raise ValueError(f'"{text}" contains a number that is not finite')
+    return row
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str, str]]:
+    """Yield number, stamp and rest of each line that is neither empty nor a comment."""
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        stamp, _, rest = line.strip().replace(',', ' ').replace('\t', ' ').partition(' ')
+        if stamp and not stamp.startswith('#'):
+            yield number, stamp, rest.strip()

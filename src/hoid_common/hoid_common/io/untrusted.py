@@ -1,6 +1,6 @@
-"""Reading of files and names from users and other programs within limits.
+"""Reading of files and checks of names that users and other programs give, within size limits.
 
-Everything beyond the limits raises an error of one line that names the file or option.
+A file or name beyond the limits raises an error of one line that names the file or option.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import BinaryIO
 from hoid_common.errors import ConfigError, InputError
 
 MAX_TEXT_BYTES = 64_000_000
-"""Largest text file. Chosen: a list of half a million images (five hours) has a quarter of it."""
+"""Largest text file. Chosen: a list of half a million images (five hours) is a quarter as long."""
 MAX_NAME_BYTES, MAX_PATH_BYTES = 255, 4095
 """Longest name of a file, and longest path: Linux' NAME_MAX, and PATH_MAX without the NUL."""
 
@@ -67,7 +67,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_error(path: Path, error: Exception) -> InputError:
-    """Return the InputError to raise when the system refuses to read a file."""
+    """Return the InputError that describes why a file cannot be read."""
     if isinstance(error, FileNotFoundError):
         return InputError(f'{path}: no such file')
     return InputError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}')

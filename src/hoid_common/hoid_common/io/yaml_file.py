@@ -1,4 +1,4 @@
-"""Reading of YAML from users and other programs, restricted to plain data within limits.
+"""Reading of YAML files that users and other programs give: plain data of limited size only.
 
 Camera files, parameter files and `--set` need only mappings, lists, numbers, booleans and text.
 Tags and aliases are refused; dates and numbers in base 60 are read as text. The cost of a hostile
@@ -116,10 +116,12 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def _refusal(what: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
+    """Return the error for content that is not accepted, with its position in the text."""
     return yaml.MarkedYAMLError(problem=what, problem_mark=mark)
 
 
 def _cut(text: str) -> str:
+    """Return the beginning of a text, short enough to be quoted in an error."""
     return text if len(text) <= _SHOWN_CHARS else f'{text[:_SHOWN_CHARS]}...'
 
 

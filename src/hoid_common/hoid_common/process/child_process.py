@@ -5,7 +5,7 @@ reports through two pipes, which two threads serve, so that neither process bloc
 
 Starting an interpreter with all imports takes a second of two busy cores. The children of a
 process that has called `preload` are forked from a copy of it instead, which takes milliseconds:
-after a kill, odometry was back in the same map after 5.9 s instead of 11.7 s (decision 30).
+after a kill, odometry was back in the same map after 5.9 s instead of 11.7 s (decision 030).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _EXIT_TIMEOUT_S = 5.0  # chosen: for a process to end by itself, before it is ki
 
 
 class _Mark(Enum):
-    """Marks the end of a queue."""
+    """The last item in a queue of messages or reports: no further item follows."""
 
     END = 'nothing follows'
 
@@ -49,15 +49,16 @@ class ChildTimeoutError(HoidError):
     """The child process runs, but has not reported in time."""
 
 
-# Set when this process has a fork server. The children of a child are rare and start without one.
+# Set when this process has a fork server. A child process that starts children of its own, which is
+# rare, has no fork server.
 _has_server = Event()
 
 
 def preload(*modules: str) -> None:
     """Import modules, and start a fork server from which all later children are forked.
 
-    The server is a copy of this process as it is now. It ends with this process and its last
-    child. Call this before anything exists that must not be forked, such as threads.
+    The server is a copy of this process at the time of the call. It ends when this process and all
+    children have ended. Call this before anything exists that must not be forked, such as threads.
     """
     for module in modules:
         import_module(module)
@@ -121,7 +122,9 @@ def _sigint_blocked() -> Iterator[None]:
 
 
 class ChildWorker(Generic[Message, Report]):
-    """The parent's handle of a child process. Only `receive`, `close` and `restart` wait.
+    """A child process as its parent sees it: sends messages to it and receives its reports.
+
+    The constructor starts the process. Only `receive`, `close` and `restart` wait for the child.
 
     Args:
         name: Name of the process, which errors mention.
@@ -140,7 +143,7 @@ class ChildWorker(Generic[Message, Report]):
 
     @property
     def num_waiting(self) -> int:
-        """Return the number of messages that are not sent to the child yet."""
+        """Return the number of messages in the queue that are not yet sent to the child."""
         return self._to_send.qsize()
 
     def send(self, message: Message) -> None:
@@ -149,7 +152,7 @@ class ChildWorker(Generic[Message, Report]):
 
     @property
     def has_report(self) -> bool:
-        """Return whether `receive` would return or raise at once."""
+        """Return whether `receive` would return a report, or raise an error, without waiting."""
         return not self._received.empty()
 
     def receive(self, timeout_s: float) -> Report:
@@ -173,7 +176,8 @@ class ChildWorker(Generic[Message, Report]):
     def restart(self) -> str:
         """End the child, start a new one, and return how the old one ended (see `close`).
 
-        Messages and reports in transit are lost, so that the new child needs its state again.
+        Unprocessed messages and unreceived reports are lost. The caller must send the new child
+        whatever state it needs.
         """
         how = self.close()
         self.num_restarts += 1
@@ -201,6 +205,7 @@ class ChildWorker(Generic[Message, Report]):
         return f'signal {-code}' if code is not None and code < 0 else f'exit code {code}'
 
     def _start(self) -> None:
+        """Start the child process, and the two threads that send messages and receive reports."""
         self._to_send: SimpleQueue[Message | _Mark] = SimpleQueue()
         self._received: SimpleQueue[Report | _Mark] = SimpleQueue()
         context = get_context('forkserver') if _has_server.is_set() else get_context('spawn')
@@ -212,7 +217,7 @@ class ChildWorker(Generic[Message, Report]):
         start_child(self._process)
         message_reader.close()
         report_writer.close()
-        # multiprocessing waits at exit for all children; this ends the child before.
+        # At exit, multiprocessing waits for all children. This handler ends the child before that.
         atexit.register(self.close)
         self._threads = (
             Thread(target=_send_all, args=(self._to_send, messages), daemon=True),
@@ -230,6 +235,7 @@ def _send_all(to_send: SimpleQueue[Message | _Mark], pipe: Connection) -> None:
 
 
 def _receive_all(pipe: Connection, received: SimpleQueue[Report | _Mark]) -> None:
+    """Put reports from a pipe into a queue until the child ends, then the end mark."""
     with pipe, suppress(EOFError, OSError):
         while True:
             received.put(pipe.recv())

@@ -1,7 +1,7 @@
 """Entry point of a node's executable, and its exit statuses.
 
-This module imports nothing large, so that its SIGINT handler is installed before the node's
-imports, which take a second: Ctrl-C then ends the process without a traceback.
+This module imports only small modules, so that its SIGINT handler is installed before the imports
+of the node, which take a second. Ctrl-C then ends the process without a traceback.
 """
 
 from __future__ import annotations
@@ -21,14 +21,13 @@ EXIT_CONFIG = os.EX_CONFIG
 
 
 def start(module: str) -> NoReturn:
-    """Import a node's module, run its `main`, and exit with the status that it returns.
+    """Import a node's module, run its `main`, and exit with the status that `main` returns.
 
-    Until `main` installs its own handlers, SIGINT ends the process with status 130. A parent may
-    start this process with SIGINT blocked, to protect the start of the interpreter; it is
-    unblocked here.
+    Until `main` installs its own handlers, SIGINT ends the process with status 130. SIGINT is also
+    unblocked, because a parent may block it while the interpreter starts.
 
-    Where the node's package defines `CHILD_MODULES`, these modules are preloaded for its child
-    processes (see `preload`).
+    If the node's package defines `CHILD_MODULES`, a fork server with these modules is started for
+    the child processes of the node (see `preload`).
 
     Args:
         module: Dotted name of the module.

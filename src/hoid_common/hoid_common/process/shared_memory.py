@@ -1,6 +1,6 @@
 """Checks of the shared memory through which Fast DDS transports images.
 
-Fast DDS allocates one segment of /dev/shm per process. Without it, most images are lost.
+Fast DDS allocates one segment in /dev/shm for each process. If it cannot, most images are lost.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ _REMEDY = 'a container needs --shm-size=1g or --ipc=host'
 
 
 def check_shared_memory(num_processes: int) -> None:
-    """Check that /dev/shm has space for the segments of as many processes.
+    """Check that /dev/shm has enough space for the segments of some processes.
 
-    Segments that killed processes have left behind are removed when the space is too small.
+    If the space is too small, segments that killed processes have left behind are removed first.
 
     Args:
         num_processes: Number of processes, each with one ROS context.
 
     Raises:
-        InputError: The space is too small even so.
+        InputError: The space is still too small after that.
     """
     each_mb = _FILE_SIZE_RATIO * _segment_mb()
     if _free_mb() < num_processes * each_mb:
@@ -47,7 +47,10 @@ def check_shared_memory(num_processes: int) -> None:
 
 
 def shared_memory_problem() -> str:
-    """Return an error text when this process got a smaller segment than configured, else ''."""
+    """Return an error text if the shared memory of this process is smaller than configured.
+
+    Without a problem, the text is empty.
+    """
     if _own_segment_mb() >= _segment_mb():
         return ''
     return (
@@ -68,7 +71,10 @@ def clean_shared_memory() -> None:
 
 
 def _segment_mb() -> float:
-    """Return the segment size in the transport profile; 0 without one or without Fast DDS."""
+    """Return the segment size in MB that the transport profile of Fast DDS configures.
+
+    It is 0 if no profile configures one, or if another middleware is used.
+    """
     if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
         return 0.0
     try:
@@ -80,7 +86,10 @@ def _segment_mb() -> float:
 
 
 def _own_segment_mb() -> float:
-    """Return the size of this process's largest segment, found by the lock files it holds."""
+    """Return the size in MB of this process's largest segment; 0 if it has none.
+
+    Segments are found by the lock files that the process holds open.
+    """
     sizes_mb = [0.0]
     for descriptor in Path('/proc/self/fd').iterdir():
         with contextlib.suppress(OSError):  # the descriptor was closed in the meantime
@@ -91,6 +100,7 @@ def _own_segment_mb() -> float:
 
 
 def _free_mb() -> float:
+    """Return the free space of /dev/shm in MB."""
     try:
         found = os.statvfs(_FOLDER)
     except OSError:

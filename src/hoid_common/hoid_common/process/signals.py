@@ -59,6 +59,7 @@ def signal_handlers_deferred() -> Iterator[None]:
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, and ignore further termination signals."""
     for sign in TERMINATION_SIGNALS:
         signal.signal(sign, signal.SIG_IGN)
     if number == signal.SIGHUP:

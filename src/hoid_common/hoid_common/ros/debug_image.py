@@ -14,7 +14,7 @@ _JPEG_QUALITY = 80  # of 100; chosen, not tuned
 
 
 class DebugImages:
-    """Publishes debug images raw and as JPEG, each only while the topic has a subscriber."""
+    """Publishes debug images on a raw and a JPEG topic, each only while it has a subscriber."""
 
     def __init__(self, node: Node) -> None:
         self._raw = node.create_publisher(Image, topics.DEBUG_IMAGE, qos.OUTPUT)
@@ -24,12 +24,12 @@ class DebugImages:
 
     @property
     def is_watched(self) -> bool:
-        """Return whether anybody listens."""
+        """Return whether one of the topics has a subscriber."""
         publishers = (self._raw, self._compressed)
         return any(publisher.get_subscription_count() for publisher in publishers)
 
     def publish(self, image_bgr: ByteArray, header: Header) -> None:
-        """Publish a (H, W, 3) uint8 BGR image."""
+        """Publish a (H, W, 3) uint8 BGR image on each topic that has a subscriber."""
         if self._raw.get_subscription_count():
             self._raw.publish(conversions.color_to_msg(image_bgr, header))
         if self._compressed.get_subscription_count():
@@ -49,7 +49,7 @@ class MaskedImages:
 
     @property
     def is_watched(self) -> bool:
-        """Return whether anybody listens."""
+        """Return whether one of the topics has a subscriber."""
         return any(p.get_subscription_count() for p in (self._mask, self._depth))
 
     def publish(self, mask: ByteArray, depth_m: Float32Array, header: Header) -> None:
@@ -57,8 +57,8 @@ class MaskedImages:
 
         Args:
             mask: (H, W) uint8, 255 = static, 0 = dynamic.
-            depth_m: (H, W) float32 depth of static pixels; 0 elsewhere.
-            header: Of the color image.
+            depth_m: (H, W) float32 depth of static pixels; dynamic pixels must be 0.
+            header: Header of the color image.
         """
         if self._mask.get_subscription_count():
             self._mask.publish(conversions.mask_to_msg(mask, header))

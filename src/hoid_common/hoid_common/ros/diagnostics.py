@@ -5,10 +5,14 @@ diagnostic_updater has a similar interface, but is missing from the wheels of rc
 
 from __future__ import annotations
 
+import os
 import time
 from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
+from ament_index_python import PackageNotFoundError, get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -18,14 +22,16 @@ from hoid_common.errors import HoidError
 from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.log_throttle import Backoff, LogThrottle
 from hoid_common.ros import qos
+from hoid_common.ros.input_log import InputLog
 
 _PERIOD_S = 1.0  # of the messages; diagnostic_updater's default
 _LOG_PERIOD_S = 5.0  # chosen: shortest time between two log lines of the same kind
-_MAX_LOG_PERIOD_S = 300.0  # chosen: longest time between two log lines about a missing input
+_MAX_LOG_PERIOD_S = 300.0  # chosen: longest time between two log lines about one problem
+_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 class _Problem(NamedTuple):
-    level: bytes  # of diagnostic_msgs/DiagnosticStatus
+    level: bytes  # level of diagnostic_msgs/DiagnosticStatus
     text: str
 
 
@@ -43,26 +49,36 @@ class Diagnostics:
         self._values: dict[str, str] = {}
         self._problems: dict[str, _Problem] = {}
         self._throttle = LogThrottle(_LOG_PERIOD_S)
-        self._backoff = Backoff(_LOG_PERIOD_S, _MAX_LOG_PERIOD_S)
+        self._backoffs: dict[str, Backoff] = {}  # of the problems that come and go, by name
+        self._input_log = InputLog(node)
+        self._profile = _transport_profile()
         self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.OUTPUT)
         # Not ROS time: with use_sim_time and no /clock, the timer would never report that.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_PERIOD_S, self._publish, clock=steady)
 
     def watch(
-        self, topic: str, what: str, reliability: str, *, is_occasional: bool = False
+        self,
+        topic: str,
+        what: str,
+        reliability: str,
+        *,
+        is_occasional: bool = False,
+        is_latched: bool = False,
     ) -> InputWatch:
-        """Return a watch of an input, which is reported while its messages are missing or lost.
+        """Begin to report missing and lost messages of a topic, and return the watch for it.
 
-        The subscription calls `record_message` of the watch for each message.
+        The subscription must call `record_message` of the watch for each message.
 
         Args:
             topic: Full name of the topic.
             what: The messages in the plural, such as "depth images".
-            reliability: What the subscription requests.
-            is_occasional: Whether silence is normal, so that messages are only counted.
+            reliability: Reliability that the subscription requests.
+            is_occasional: Whether it is normal that no message arrives for long. Messages are
+                then counted, but never reported as missing.
+            is_latched: Whether it is normal that no message follows the first one.
         """
-        watch = InputWatch(what, topic, reliability, time.monotonic(), is_occasional)
+        watch = InputWatch(what, topic, reliability, time.monotonic(), is_occasional, is_latched)
         self._watches.append(watch)
         return watch
 
@@ -71,22 +87,30 @@ class Diagnostics:
         self._counts[name] += number
 
     def set_count(self, name: str, number: int) -> None:
-        """Set a counter to a number that is counted elsewhere."""
+        """Set a counter to a number that the caller has counted."""
         self._counts[name] = number
 
     def set_value(self, name: str, value: str) -> None:
-        """Set a value that is no counter, such as the name of a model."""
+        """Set a text that is published beside the counters, such as the name of a model."""
         self._values[name] = value
 
     def set_problem(self, name: str, text: str, *, severe: bool = False) -> None:
-        """Report a problem until `clear_problem` is called; a new problem is logged once."""
+        """Publish a problem until `clear_problem` is called with its name; log it if it is new.
+
+        Args:
+            name: Name of the problem.
+            text: What happened and what to do.
+            severe: Whether the level is ERROR instead of WARN.
+        """
         level = DiagnosticStatus.ERROR if severe else DiagnosticStatus.WARN
         if name not in self._problems:
-            self._node.get_logger().warning(text)
+            backoff = self._backoffs.setdefault(name, Backoff(_LOG_PERIOD_S, _MAX_LOG_PERIOD_S))
+            if backoff.due([name], time.monotonic()):
+                self._node.get_logger().warning(text)
         self._problems[name] = _Problem(level, text)
 
     def clear_problem(self, name: str) -> None:
-        """Stop reporting a problem, if it exists."""
+        """Stop publishing a problem, if it exists."""
         self._problems.pop(name, None)
 
     def report(self, error: HoidError, what: str = 'messages refused') -> None:
@@ -105,44 +129,66 @@ class Diagnostics:
 
     def status(self) -> DiagnosticStatus:
         """Return the status as it would be published now."""
-        return self._status(self._input_problems())
+        return self._status([*self._missing_inputs().values(), *self._other_problems().values()])
 
-    def _status(self, input_problems: list[_Problem]) -> DiagnosticStatus:
-        problems = [*self._problems.values(), *input_problems]
+    def _status(self, texts: Sequence[str]) -> DiagnosticStatus:
+        warnings = [_Problem(DiagnosticStatus.WARN, text) for text in texts]
+        problems = [*self._problems.values(), *warnings]
         level = max((level for level, _ in problems), default=DiagnosticStatus.OK)
         received = {f'{w.what} received': w.num_received for w in self._watches}
         lost = {f'{w.what} lost': w.num_lost for w in self._watches}
         counts = received | lost | self._counts  # a copy, since other threads count as well
-        texts = self._values | {key: str(number) for key, number in counts.items()}
+        values = self._values | {key: str(number) for key, number in counts.items()}
         return DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name(),
             message='; '.join(text for _, text in problems) or 'running',
-            values=[KeyValue(key=key, value=value) for key, value in texts.items()],
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
 
-    def _input_problems(self) -> list[_Problem]:
+    def _missing_inputs(self) -> dict[str, str]:
+        """Return one line of text by the topic of each missing input."""
         now_s = time.monotonic()
-        texts = [
-            watch.missing_message(now_s, self._offered(watch.topic))
+        return {
+            watch.topic: watch.missing_message(now_s, self._offered(watch.topic))
             for watch in self._watches
             if watch.is_missing(now_s)
-        ]
-        texts += [watch.loss_message(now_s) for watch in self._watches if watch.is_losing(now_s)]
+        }
+
+    def _other_problems(self) -> dict[str, str]:
+        """Return one line of text by kind of each other problem of the inputs."""
+        now_s = time.monotonic()
+        texts = {
+            f'{watch.topic} loses messages': watch.loss_message(now_s, self._profile)
+            for watch in self._watches
+            if watch.is_losing(now_s)
+        }
         clock = self._node.get_clock()
         if clock.ros_time_is_active and clock.now().nanoseconds == 0:
-            texts.append('use_sim_time is set, but no message was received on /clock')
-        return [_Problem(DiagnosticStatus.WARN, text) for text in texts]
+            texts['clock'] = 'use_sim_time is set, but no message was received on /clock'
+        return texts
 
     def _offered(self, topic: str) -> list[str]:
+        """Return the reliability that each publisher of a topic offers."""
         infos = self._node.get_publishers_info_by_topic(topic)
         return [info.qos_profile.reliability.name.lower() for info in infos]
 
     def _publish(self) -> None:
-        problems = self._input_problems()
-        msg = DiagnosticArray(status=[self._status(problems)])
+        missing, others = self._missing_inputs(), self._other_problems()
+        msg = DiagnosticArray(status=[self._status([*missing.values(), *others.values()])])
         msg.header.stamp = self._node.get_clock().now().to_msg()
-        texts = {text.split(' for ')[0]: text for _, text in problems}
-        for kind in self._backoff.due(texts, time.monotonic()):
-            self._node.get_logger().warning(texts[kind])
+        self._input_log.update(self._watches, missing, others)
         self._publisher.publish(msg)
+
+
+def _transport_profile() -> str:
+    """Return the path of the Fast DDS profile for images; empty with another middleware."""
+    if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
+        return ''
+    if given := os.environ.get(_PROFILE):
+        return given
+    try:
+        share = get_package_share_directory('hoid_common')
+    except PackageNotFoundError:
+        return ''
+    return str(Path(share) / 'config' / 'fastdds_profile.xml')

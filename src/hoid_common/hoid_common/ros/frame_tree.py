@@ -1,6 +1,6 @@
 """Publisher and listeners of transforms on /tf and /tf_static.
 
-tf2_ros has the same where ROS is installed, but is missing from the wheels of rclpy.
+tf2_ros has the same classes where ROS is installed, but is missing from the wheels of rclpy.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ def listen_to_transforms(
     Args:
         node: Node that subscribes.
         topic: Name of the topic.
-        profile: Its quality of service.
+        profile: Quality of service of the subscription.
         what: The transforms in the plural, such as "static transforms".
-        take: Called with each edge of the frame tree; may raise MessageError.
-        diagnostics: Of the node.
+        take: Function that is called with each edge of the frame tree. It may raise MessageError.
+        diagnostics: Diagnostics of the node.
     """
 
     def on_transforms(msg: TFMessage) -> None:
@@ -75,7 +75,7 @@ def listen_to_transforms(
 
 
 class StaticFrameListener:
-    """Collects the transforms on /tf_static in `frames`; bad ones are counted and logged."""
+    """Collects the transforms on /tf_static in `frames`; counts and logs malformed transforms."""
 
     def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
         self.frames = StaticFrames()
@@ -90,7 +90,7 @@ class StaticFrameListener:
 class FrameListener:
     """Finds the transform between two frames at a time, as tf2's `lookup_transform` does.
 
-    For scripts and examples that run without tf2. Malformed messages raise MessageError.
+    It serves scripts and examples that run without tf2. Malformed messages raise MessageError.
     """
 
     def __init__(self, node: Node) -> None:
@@ -103,7 +103,13 @@ class FrameListener:
             )
 
     def find(self, a: str, b: str, stamp_ns: int) -> FloatArray | None:
-        """Return T_a_b (4, 4) at a time, or None when it is unknown for that time."""
+        """Return T_a_b (4, 4) between two frames at a time; None if it is unknown for that time.
+
+        Args:
+            a: Name of the frame to which points are mapped.
+            b: Name of the frame in which points are given.
+            stamp_ns: The time.
+        """
         poses = ((*edge, buffer.at(stamp_ns)) for edge, buffer in self._moving.items())
         known = [(parent, child, T) for parent, child, T in poses if T is not None]
         return self._static.with_edges(known).find(a, b)

@@ -1,4 +1,4 @@
-"""Subscriptions with QoS and transport by parameter, and reports of missing and bad messages."""
+"""Subscriptions whose QoS and transport are parameters, with reports of bad or missing messages."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image
 
 from hoid_common import topics
@@ -24,19 +27,21 @@ __all__ = ['InputConfig', 'Inputs', 'checked_callback']
 Callback = Callable[[Any], None]
 
 _IMAGES = (Image, CompressedImage)
+_LOOK_S = 0.5  # chosen: period of the search for a publisher that keeps its last message
 # Largest message that is no image. Deserializing one of this size takes a second.
 _MAX_BYTES = 2_000_000
 
 
 class Inputs:
-    """Makes the subscriptions of a node. A managed node processes messages only while active.
+    """Makes the subscriptions of a node.
 
-    A HoidError that a callback raises is counted and logged, and the message is dropped.
+    A `ManagedNode` processes messages only while it is active. A HoidError that a callback raises
+    is counted and logged, and the message is dropped.
 
     Args:
         node: Node that subscribes.
-        config: QoS and transport.
-        diagnostics: Of the node; reports missing, lost and bad messages.
+        config: QoS and transport of the subscriptions.
+        diagnostics: Diagnostics of the node, which report missing, lost and bad messages.
     """
 
     def __init__(self, node: Node, config: InputConfig, diagnostics: Diagnostics) -> None:
@@ -45,13 +50,25 @@ class Inputs:
         self._diagnostics = diagnostics
 
     def color(self, callback: Callback, topic: str = topics.RGB_IMAGE) -> None:
-        """Subscribe to color images; `conversions.color_from_msg` converts the messages."""
+        """Subscribe to color images, raw or compressed as configured.
+
+        Args:
+            callback: Function that is called with each message; `conversions.color_from_msg`
+                converts it. It may raise HoidError.
+            topic: Topic of the raw images.
+        """
         if self._config.compressed:
             topic = topics.compressed(topic)
         self.messages(self._image_type, topic, callback, 'color images')
 
     def depth(self, callback: Callback, topic: str = topics.DEPTH_IMAGE) -> None:
-        """Subscribe to depth images; `conversions.depth_from_msg` converts the messages."""
+        """Subscribe to depth images, raw or compressed as configured.
+
+        Args:
+            callback: Function that is called with each message; `conversions.depth_from_msg`
+                converts it. It may raise HoidError.
+            topic: Topic of the raw images.
+        """
         if self._config.compressed:
             topic = topics.compressed_depth(topic)
         self.messages(self._image_type, topic, callback, 'depth images')
@@ -65,26 +82,26 @@ class Inputs:
         *,
         reliability: str | None = None,
         is_occasional: bool = False,
+        is_latched: bool = False,
     ) -> None:
         """Subscribe to a topic.
 
         Args:
             type_: Type of the messages.
             topic: Name of the topic.
-            callback: Called with each message; may raise HoidError.
+            callback: Function that is called with each message. It may raise HoidError.
             what: The messages in the plural, such as "depth images".
-            reliability: Reliability to request; by default the parameter's.
-            is_occasional: Whether silence is normal.
+            reliability: Reliability to request; by default that of the parameter `reliability`.
+            is_occasional: Whether it is normal that no message arrives for long.
+            is_latched: Whether one message is enough, which may have been published earlier.
         """
         config, full_name = self._config, self._node.resolve_topic_name(topic)
         requested = reliability or config.reliability
-        may_fall_back = requested == AUTO
-        if requested == AUTO:
-            requested = RELIABLE if config.compressed else BEST_EFFORT
-        watch = self._diagnostics.watch(full_name, what, requested, is_occasional=is_occasional)
+        watch = self._diagnostics.watch(
+            full_name, what, requested, is_occasional=is_occasional, is_latched=is_latched
+        )
         on_bytes = checked_callback(callback, type_, full_name, what, self._diagnostics)
-        source = _Input(self._node, watch, on_bytes)
-        source.subscribe(type_, topic, config.queue_length, may_fall_back=may_fall_back)
+        _Input(self._node, watch, on_bytes, type_, topic, config.queue_length)
 
     @property
     def _image_type(self) -> type[Any]:
@@ -93,41 +110,82 @@ class Inputs:
 
 
 class _Input:
-    """One subscription of a node.
+    """The subscription of an input. With `auto` it is reliable while all publishers offer that.
 
     Args:
         node: Node that subscribes.
-        watch: Counts received and lost messages.
-        on_bytes: Called with each serialized message.
+        watch: Counter of received and lost messages. Its `reliability` is at first the parameter,
+            and then the reliability that the subscription requests.
+        on_bytes: Function that is called with each serialized message.
+        type_: Type of the messages.
+        topic: Name of the topic.
+        depth: Length of the queue.
     """
 
-    def __init__(self, node: Node, watch: InputWatch, on_bytes: Callable[[bytes], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        watch: InputWatch,
+        on_bytes: Callable[[bytes], None],
+        type_: type[Any],
+        topic: str,
+        depth: int,
+    ) -> None:
         self._node, self._watch, self._on_bytes = node, watch, on_bytes
+        self._type, self._topic, self._depth = type_, topic, depth
+        self._last_latched: bytes | None = None
+        if watch.reliability == AUTO:
+            self._request_reliable()
+        else:
+            self._subscribe(watch.reliability)
+        if watch.is_latched:
+            # Not at once: drivers log each subscription that requests more than they offer.
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._timer = node.create_timer(_LOOK_S, self._find_latched, clock=steady)
 
-    def subscribe(self, type_: type[Any], topic: str, depth: int, *, may_fall_back: bool) -> None:
-        """Subscribe; fall back to best effort when a publisher offers no more, if allowed."""
-
-        def fall_back(_info: object) -> None:
+    def _request_reliable(self) -> None:
+        def relax(_info: object) -> None:
             self._node.destroy_subscription(subscription)
-            self._watch.reliability = BEST_EFFORT
-            self.subscribe(type_, topic, depth, may_fall_back=False)
+            self._request_best_effort()
 
-        events = SubscriptionEventCallbacks(message_lost=self._on_lost)
-        if may_fall_back and self._watch.reliability == RELIABLE:
-            events.incompatible_qos = fall_back
+        subscription = self._subscribe(RELIABLE, incompatible_qos=relax)
+
+    def _request_best_effort(self) -> None:
+        def restore(info: Any) -> None:
+            if info.current_count == 0:  # the publisher that offered less has ended
+                self._node.destroy_subscription(subscription)
+                self._request_reliable()
+
+        subscription = self._subscribe(BEST_EFFORT, matched=restore)
+
+    def _subscribe(self, reliability: str, **events: Callable[[Any], None]) -> Subscription[Any]:
+        self._watch.reliability = reliability
+        return self._make(
+            qos.input_qos(reliability, self._depth),
+            SubscriptionEventCallbacks(message_lost=self._on_lost, **events),
+        )
+
+    def _make(self, profile: QoSProfile, events: SubscriptionEventCallbacks) -> Subscription[Any]:
         # raw=True: otherwise the middleware silently drops messages that it cannot deserialize,
         # and text that is not UTF-8 raises in the executor. It also lets `image_from_cdr` avoid
         # the copies of rclpy.
-        subscription = self._node.create_subscription(
-            type_,
-            topic,
-            self._on_message,
-            qos.input_qos(self._watch.reliability, depth),
-            raw=True,
-            event_callbacks=events,
+        return self._node.create_subscription(
+            self._type, self._topic, self._on_message, profile, raw=True, event_callbacks=events
         )
 
+    def _find_latched(self) -> None:
+        """Once a publisher keeps its last message, subscribe also to that one."""
+        infos = self._node.get_publishers_info_by_topic(self._watch.topic)
+        kept = DurabilityPolicy.TRANSIENT_LOCAL
+        if any(info.qos_profile.durability == kept for info in infos):
+            self._timer.cancel()
+            self._make(qos.LATCHED, SubscriptionEventCallbacks(use_default_callbacks=False))
+
     def _on_message(self, data: bytes) -> None:
+        if self._watch.is_latched:
+            if data == self._last_latched:  # received by both subscriptions
+                return
+            self._last_latched = data
         self._watch.record_message(time.monotonic())
         if not isinstance(self._node, ManagedNode) or self._node.is_active:
             self._on_bytes(data)
@@ -139,14 +197,16 @@ class _Input:
 def checked_callback(
     callback: Callback, type_: type[Any], topic: str, what: str, diagnostics: Diagnostics
 ) -> Callable[[bytes], None]:
-    """Return a raw subscription's callback that deserializes messages and reports their errors.
+    """Return a function of serialized bytes that deserializes a message and calls `callback`.
+
+    A HoidError, also of a message that cannot be deserialized, is counted and logged.
 
     Args:
-        callback: Called with each message; may raise HoidError, which is counted and logged.
+        callback: Function that is called with each message. It may raise HoidError.
         type_: Type of the messages.
         topic: Full name of the topic.
         what: The messages in the plural, such as "depth images".
-        diagnostics: Of the node.
+        diagnostics: Diagnostics of the node.
     """
 
     def on_bytes(data: bytes) -> None:
@@ -159,10 +219,10 @@ def checked_callback(
 
 
 def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
-    """Return the message of its serialized bytes; for an Image a `conversions.ReceivedImage`.
+    """Return the message that serialized bytes contain; an Image as `conversions.ReceivedImage`.
 
     Raises:
-        MessageError: The bytes are no such message, or too many.
+        MessageError: The bytes are no message of this type, or there are too many of them.
     """
     if len(data) > _MAX_BYTES and type_ not in _IMAGES:
         raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')
@@ -170,7 +230,8 @@ def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
         if type_ is Image:
             return conversions.image_from_cdr(data)
         return deserialize_message(data, type_)
-    # Of image_from_cdr, rclpy's RMWError, text that is not UTF-8, and impossible lengths.
+    # image_from_cdr raises MessageError. rclpy raises RMWError (a RuntimeError), ValueError for text
+    # that is not UTF-8, and MemoryError for impossible lengths.
     except (MessageError, RuntimeError, ValueError, MemoryError) as error:
         name = f'{type_.__module__.partition(".")[0]}/{type_.__name__}'
         raise MessageError(

@@ -23,18 +23,18 @@ _RESPAWN_DELAY_S = 0.5  # chosen: a node that fails at once does not take a whol
 
 
 def switch(name: str, description: str, *, default: bool = False) -> Argument:
-    """Return a boolean launch argument."""
+    """Return the declaration of a launch argument that is true or false."""
     return Argument(
         name, default_value=str(default).lower(), description=description, choices=list(_SWITCH)
     )
 
 
 def common_arguments(package: str, params_file: str) -> list[Argument]:
-    """Return the launch arguments of every launch file.
+    """Return the launch arguments that every launch file of the suite declares.
 
     Args:
         package: Package of the default parameter file.
-        params_file: Its name in the package's folder `config`.
+        params_file: Name of the default parameter file in the package's folder `config`.
     """
     params = PathJoinSubstitution([FindPackageShare(package), 'config', params_file])
     return [
@@ -42,6 +42,12 @@ def common_arguments(package: str, params_file: str) -> list[Argument]:
             'namespace', default_value='', description='namespace of nodes, topics and frame tree'
         ),
         Argument('params_file', default_value=params, description='parameter file (YAML)'),
+        switch(
+            'tf_in_namespace',
+            'whether /tf and /tf_static follow the namespace; set it to false to use the global '
+            'ones',
+            default=True,
+        ),
         switch('use_sim_time', 'whether to take the time from /clock'),
         switch(
             'respawn', 'whether to restart a node that died, unless its parameters are invalid'
@@ -76,16 +82,15 @@ def suite_node(
     parameters: Mapping[str, str],
     remappings: Sequence[tuple[str, str]],
 ) -> LifecycleNode:
-    """Return the launch action of a package's node, by the common launch arguments.
+    """Return the launch action that starts a package's node with the common launch arguments.
 
-    The node is required: the launch ends when the node rejects its parameters, or dies and is not
-    restarted.
+    The whole launch ends when the node rejects its parameters, or when it dies without `respawn`.
 
     Args:
-        context: Of the launch.
+        context: Context of the launch.
         package: Package of the node, whose executable is `<package>_node`.
-        parameters: Text by parameter name, which overrides the parameter file.
-        remappings: Of topics (from, to). /tf and /tf_static follow the namespace in any case.
+        parameters: String parameters by name, which override the parameter file.
+        remappings: Remappings (from, to) of topics, besides those of `tf_remappings`.
     """
     respawn = is_on(context, 'respawn')
     switches = {name: is_on(context, name) for name in ('use_sim_time', 'autostart')}
@@ -100,13 +105,18 @@ def suite_node(
             ParameterFile(LaunchConfiguration('params_file'), allow_substs=True),
             switches | texts,
         ],
-        remappings=[*remappings, *topics.NAMESPACED_TF],
+        remappings=[*remappings, *tf_remappings(context)],
         arguments=['--ros-args', '--log-level', value(context, 'log_level')],
         output='screen',
         respawn=respawn,
         respawn_delay=_RESPAWN_DELAY_S,
         on_exit=_ending_launch(package, respawn=respawn),
     )
+
+
+def tf_remappings(context: LaunchContext) -> list[tuple[str, str]]:
+    """Return the remappings (from, to) of /tf and /tf_static to those of the namespace."""
+    return list(topics.NAMESPACED_TF) if is_on(context, 'tf_in_namespace') else []
 
 
 def camera_arguments() -> list[Argument]:
@@ -127,7 +137,7 @@ def camera_arguments() -> list[Argument]:
 
 
 def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
-    """Return the remappings (from, to) by the launch arguments of `camera_arguments`."""
+    """Return the topic remappings (from, to) that the arguments of `camera_arguments` set."""
     names = [value(context, name) for name in ('image', 'depth', 'camera_info')]
     return topics.camera_remappings(*names)
 
@@ -135,11 +145,12 @@ def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
 def one_node(
     package: str, parameters: Mapping[str, str], arguments: Sequence[Argument]
 ) -> LaunchDescription:
-    """Return the launch description of a single node.
+    """Return the launch description of a single node with a camera.
 
     Args:
         package: Package of the node.
-        parameters: Name of a launch argument by name of the parameter that it sets.
+        parameters: Map from the name of a parameter to the name of the launch argument that sets
+            it.
         arguments: Declarations of these launch arguments.
     """
 
@@ -156,7 +167,11 @@ def one_node(
 def _ending_launch(
     package: str, *, respawn: bool
 ) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
-    def on_exit(event: ProcessExited, _context: LaunchContext) -> list[Any]:
+    """Return the handler for the exit of a node, which ends the launch where that is needed."""
+
+    def on_exit(event: ProcessExited, context: LaunchContext) -> list[Any]:
+        if context.is_shutdown:  # nodes that were starting end with the status of an interrupt
+            return []
         if event.returncode == EXIT_CONFIG:
             return [Shutdown(reason=f'{package} refused to start; see its last line of output')]
         if event.returncode != 0 and not respawn:

@@ -1,4 +1,4 @@
-"""Lifecycle nodes that activate themselves, unless a lifecycle manager does."""
+"""Base of the suite's lifecycle nodes, which activate themselves if no lifecycle manager does."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from hoid_common.errors import ConfigError, HoidError
 from hoid_common.process.shared_memory import shared_memory_problem
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.parameters import AcceptsEmptyLists
 
 _PROBLEM, _SHARED_MEMORY = 'configuring', 'shared memory'
 
 
-class ManagedNode(LifecycleNode):
-    """Base class of the suite's nodes: `Inputs` process messages only while it is active.
+class ManagedNode(AcceptsEmptyLists, LifecycleNode):
+    """Base class of the suite's nodes, a lifecycle node that processes messages only while active.
 
-    Publishers and subscriptions exist during the node's whole life. A subclass loads what it needs
-    in `configure` and drops its state in `clean_up`. The node makes no bond: set `bond_timeout` of
-    Nav2's lifecycle manager to 0.
+    Publishers and subscriptions exist during the node's whole life. A subclass loads its models
+    and files in `configure` and drops its state in `clean_up`. The node makes no bond with a
+    lifecycle manager: set `bond_timeout` of Nav2's lifecycle manager to 0.
     """
 
     def __init__(self, name: str) -> None:
@@ -31,13 +32,17 @@ class ManagedNode(LifecycleNode):
         self._failure: HoidError | None = None
 
     def configure(self) -> None:
-        """Prepare the node to process messages; raises HoidError when that fails."""
+        """Load what the node needs to process messages.
+
+        Raises:
+            HoidError: A model or file cannot be loaded.
+        """
 
     def clean_up(self) -> None:
         """Reset the node to its state before `configure`."""
 
     def pause(self) -> None:
-        """Drop all waiting messages, since the node becomes inactive."""
+        """Drop all waiting messages. This is called when the node becomes inactive."""
 
     def begin(self, *, autostart: bool) -> None:
         """Configure and activate the node, or wait for a lifecycle manager.
@@ -48,8 +53,8 @@ class ManagedNode(LifecycleNode):
             autostart: Whether the node activates itself.
 
         Raises:
-            HoidError: With autostart, `configure` has failed. The node is destroyed. (Without it,
-                the lifecycle manager sees a failed transition.)
+            HoidError: With autostart, `configure` has failed, and the node is destroyed. (Without
+                autostart, the lifecycle manager gets a failed transition instead.)
         """
         self._autostart = autostart
         if not autostart:
@@ -80,13 +85,13 @@ class ManagedNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop processing messages."""
+        """Stop processing messages, and drop those that wait."""
         self.is_active = False
         self.pause()
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Reset the node."""
+        """Reset the node to its state before `on_configure`."""
         self.clean_up()
         return TransitionCallbackReturn.SUCCESS
 

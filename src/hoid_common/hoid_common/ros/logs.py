@@ -14,7 +14,8 @@ class _NodeHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         text = self.format(record)
-        # A line of code for each severity, since rclpy allows only one severity per line of code.
+        # rclpy raises an error when a line of code logs with another severity than before, hence a
+        # line for each severity.
         if record.levelno >= logging.CRITICAL:
             self._logger.fatal(text)
         elif record.levelno >= logging.ERROR:
@@ -28,7 +29,10 @@ class _NodeHandler(logging.Handler):
 
 
 def bridge_logging(node: Node) -> None:
-    """Forward this process's `logging` records to the node's logger, from its log level on."""
+    """Forward Python log records of this process to a node's logger, from its log level on.
+
+    A node that was bridged before gets no more records.
+    """
     root = logging.getLogger()
     for handler in [h for h in root.handlers if isinstance(h, _NodeHandler)]:
         root.removeHandler(handler)

@@ -1,10 +1,10 @@
 """Declaration of a node's ROS parameters from a `Config`, which has names, defaults and ranges.
 
-The node must be made with `automatically_declare_parameters_from_overrides=True`: only then are
-the overrides known of which no parameter exists, such as misspelled names.
+The node must be made with `automatically_declare_parameters_from_overrides=True`. Only then can
+overrides of parameters that do not exist, such as misspelled names, be found.
 
-Expert parameters are declared only when `expert` is true. An empty list has no type in a parameter
-file, so that it is written as a list of one empty string, `['']`.
+Expert parameters are declared only when `expert` is true. An empty list has no type in ROS, so
+that its parameter has the value of a list of one empty string, `['']`.
 """
 
 from __future__ import annotations
@@ -32,15 +32,34 @@ _INT64_MAX = 2**63 - 1
 _ROS_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
+class AcceptsEmptyLists(Node):
+    """Base class of nodes whose parameters may be given as empty lists, `[]`.
+
+    Such an override has no type, and rclpy's constructor of the node raises for it.
+    """
+
+    def declare_parameters(
+        self, namespace: str, parameters: Any, ignore_override: bool = False
+    ) -> list[Parameter]:
+        """Declare parameters; those whose value has no type become lists of strings."""
+        typed = [
+            (name, _to_ros(()) if value is None else value, *rest)
+            for name, value, *rest in parameters
+        ]
+        declared: list[Parameter] = super().declare_parameters(namespace, typed, ignore_override)
+        return declared
+
+
 class Parameters(Generic[C]):
     """Declares the parameters of a node, and updates its config when they are set.
 
     Args:
         node: Node that gets the parameters.
         defaults: The config whose fields become parameters.
-        on_change: Called with the new config after parameters were set at run time.
-        approve: Called with the new config before parameters are set at run time. It raises
-            ConfigError to reject them; types and ranges were checked before.
+        on_change: Function that is called with the new config after parameters were set at run
+            time.
+        approve: Function that is called with the new config before parameters are set at run time.
+            It raises ConfigError to reject them. Types and ranges have been checked before.
 
     Raises:
         ConfigError: A parameter has a value of the wrong type or out of range.
@@ -78,7 +97,7 @@ class Parameters(Generic[C]):
         return self._config
 
     def _typed(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Convert whole numbers and empty lists to the declared type."""
+        """Return parameters with whole numbers and empty lists converted to the declared type."""
         return [self._retyped(p) for p in parameters]
 
     def _retyped(self, parameter: Parameter) -> Parameter:
@@ -90,11 +109,13 @@ class Parameters(Generic[C]):
         return parameter
 
     def _updated(self, parameters: Iterable[Parameter]) -> C:
+        """Return the config with new values of parameters."""
         return self._config.updated(
             {p.name: _from_ros(p.value) for p in parameters if p.name in self._leaves}
         )
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Return whether the new values are accepted, without changing the config."""
         try:
             new = self._updated(parameters)
             if self._approve is not None:
@@ -104,6 +125,7 @@ class Parameters(Generic[C]):
         return SetParametersResult(successful=True)
 
     def _apply(self, parameters: list[Parameter]) -> None:
+        """Store new values in the config, and call `on_change` if they differ."""
         new = self._updated(parameters)
         if new != self._config:
             self._config = new
@@ -121,7 +143,13 @@ def _take_overrides(node: Node) -> dict[str, Any]:
 
 
 def _warn(node: Node, names: Iterable[str], leaves: Mapping[str, Param]) -> None:
-    """Log which of the given parameters have no effect."""
+    """Log which given parameters have no effect, because they are hidden or do not exist.
+
+    Args:
+        node: Node that logs.
+        names: Names of the given parameters without effect.
+        leaves: All parameters of the node by name, expert parameters included.
+    """
     hidden = sorted(name for name in names if name in leaves)
     if hidden:
         node.get_logger().warning(
@@ -141,6 +169,7 @@ def _to_ros(value: Any) -> Any:
 
 
 def _descriptor(leaf: Param) -> ParameterDescriptor:
+    """Return the ROS descriptor of a parameter: its description and constraints."""
     spec = leaf.spec
     descriptor = ParameterDescriptor(
         description=spec.description,

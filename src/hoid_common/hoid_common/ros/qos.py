@@ -8,7 +8,7 @@ from hoid_common.inputs.input_config import RELIABLE
 
 
 def latched(depth: int) -> QoSProfile:
-    """Return the QoS of a topic whose last messages are also sent to late subscribers."""
+    """Return the QoS of a topic whose last `depth` messages are also sent to late subscribers."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -17,12 +17,13 @@ def latched(depth: int) -> QoSProfile:
     )
 
 
-# Results. Depths are chosen: 10 messages are a third of a second at 30 Hz; tf2 uses 100 for /tf.
+# QoS of results. Depths are chosen: 10 messages are a third of a second at 30 Hz; tf2 uses 100 for
+# /tf.
 OUTPUT = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
 )
-STATE = latched(OUTPUT.depth)  # results that are valid until the next one
-LATCHED = latched(1)  # maps and paths, each of which replaces the one before
+STATE = latched(OUTPUT.depth)  # results that stay valid until the next message
+LATCHED = latched(1)  # maps and paths, of which each message replaces the previous one
 TF = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
 TF_STATIC = latched(100)
 CLOCK = QoSProfile(

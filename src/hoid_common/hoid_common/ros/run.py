@@ -25,16 +25,19 @@ from hoid_common.ros.execution.executor import SteadyExecutor
 
 _EXIT_LIMIT_S = 10  # chosen, not tuned: twice the time that a child process gets to end
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # options of mallopt, from glibc's malloc.h
-_KEPT_BYTES = 64 << 20  # chosen: a 1080p image with its depth takes 15 MB (decision 17)
+_KEPT_BYTES = 64 << 20  # chosen: a 1080p image with its depth takes 15 MB (decision 017)
 
 
 def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Make a node, spin it until SIGINT, SIGTERM or shutdown, and return the exit status.
+    """Make a node, run its callbacks until a signal or shutdown, and return the exit status.
 
-    The first signal ends the node; later ones are ignored. A signal while the node is being made
-    interrupts that, and the status is EXIT_INTERRUPTED. Afterwards the running callback returns
-    normally before the node ends, and the status is 0. After a HoidError from `make_node`, or
-    arguments that ROS rejects, one line is printed, and the status is EXIT_CONFIG.
+    SIGINT or a termination signal ends the node; later signals are ignored. The status is 0 if the
+    signal comes while the node runs, and EXIT_INTERRUPTED if it comes while the node is made. If
+    `make_node` raises a HoidError or ROS rejects the arguments, the error is printed in one line,
+    and the status is EXIT_CONFIG.
+
+    The function also changes the whole process: OpenCV uses one thread, and glibc keeps freed
+    memory.
 
     Args:
         make_node: Constructor of the node.
@@ -59,6 +62,7 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
 
 
 def _init(args: Sequence[str] | None) -> None:
+    """Initialize rclpy without its signal handlers; raise ConfigError for invalid arguments."""
     try:
         # rclpy's handlers shut down the context in another thread while this one destroys the
         # node. Of 1200 exits with them, one crashed and three printed an error.
@@ -68,6 +72,7 @@ def _init(args: Sequence[str] | None) -> None:
 
 
 def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
+    """Make a node, spin it, destroy it, shut ROS down, and return the exit status."""
     node: Node | None = None
     executor = SteadyExecutor()
     try:
@@ -105,7 +110,7 @@ class _Interrupt:
 
     @staticmethod
     def _ignore_interrupt(error: sys.UnraisableHookArgs) -> None:
-        """Print nothing for a KeyboardInterrupt in code that cannot raise; `came` is set."""
+        """Print nothing about a KeyboardInterrupt in code that cannot raise; `came` records it."""
         if not issubclass(error.exc_type, KeyboardInterrupt):
             sys.__unraisablehook__(error)
 
@@ -115,13 +120,14 @@ def _do_nothing(_sign: int, _frame: FrameType | None) -> None:
 
 
 def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
+    """Set the handler of SIGINT and the termination signals; with `nohup`, SIGHUP stays ignored."""
     for sign in (signal.SIGINT, *TERMINATION_SIGNALS):
         if sign != signal.SIGHUP or signal.getsignal(sign) is not signal.SIG_IGN:  # `nohup`
             signal.signal(sign, handler)
 
 
 def _reduce_processor_load() -> None:
-    """Limit OpenCV to one thread, and let glibc keep freed memory (decision 17).
+    """Limit OpenCV to one thread, and let glibc keep freed memory (decision 017).
 
     Idle threads of OpenCV wake up 3000 times a second. By default, glibc returns the memory of
     each freed image to the kernel, which clears and maps all pages again for the next image: this

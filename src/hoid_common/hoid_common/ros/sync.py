@@ -24,10 +24,11 @@ class Synchronizer:
     """Calls a function for each match of messages, and counts the dropped ones in diagnostics.
 
     Args:
-        matcher: Its streams are named as in the diagnostics, such as "color" and "depth".
-        callback: Called with each match of `Stamped` values. A HoidError that it raises is counted
-            and logged.
-        diagnostics: Of the node.
+        matcher: Matcher of the streams, whose names also appear in the diagnostics, such as
+            "color" and "depth".
+        callback: Function that is called with each match of `Stamped` values. A HoidError that it
+            raises is counted and logged.
+        diagnostics: Diagnostics of the node.
     """
 
     def __init__(
@@ -42,8 +43,8 @@ class Synchronizer:
 
         Args:
             name: Name of the stream.
-            convert: Converts each message before it is matched, so that its errors are reported
-                for this stream and not for the one that completes the match.
+            convert: Function that converts each message. It runs before matching, so that an error
+                is reported for this stream.
         """
 
         def on_message(msg: Any) -> None:

@@ -3,37 +3,65 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
+from hoid_common import coco
 from hoid_common.errors import InputError, ModelError
 from hoid_common.io.untrusted import read_text
+from hoid_common.io.yaml_file import parse_yaml
+from hoid_common.values import PERSON
 
-COCO = (
-    'person', 'bicycle', 'car', 'motorcycle', 'airplane', 'bus', 'train', 'truck', 'boat',
-    'traffic light', 'fire hydrant', 'stop sign', 'parking meter', 'bench', 'bird', 'cat', 'dog',
-    'horse', 'sheep', 'cow', 'elephant', 'bear', 'zebra', 'giraffe', 'backpack', 'umbrella',
-    'handbag', 'tie', 'suitcase', 'frisbee', 'skis', 'snowboard', 'sports ball', 'kite',
-    'baseball bat', 'baseball glove', 'skateboard', 'surfboard', 'tennis racket', 'bottle',
-    'wine glass', 'cup', 'fork', 'knife', 'spoon', 'bowl', 'banana', 'apple', 'sandwich', 'orange',
-    'broccoli', 'carrot', 'hot dog', 'pizza', 'donut', 'cake', 'chair', 'couch', 'potted plant',
-    'bed', 'dining table', 'toilet', 'tv', 'laptop', 'mouse', 'remote', 'keyboard', 'cell phone',
-    'microwave', 'oven', 'toaster', 'sink', 'refrigerator', 'book', 'clock', 'vase', 'scissors',
-    'teddy bear', 'hair drier', 'toothbrush',
-)  # fmt: skip
+COCO = coco.COCO
+_UNUSED_COCO_IDS = (12, 26, 29, 30, 45, 66, 68, 69, 71, 83)
+COCO_IDS = tuple(i for i in range(1, 91) if i not in _UNUSED_COCO_IDS)
+"""Ids that COCO's annotations give to the names in `COCO`: 80 of the numbers from 1 to 90."""
 
 _MAX_FILE_BYTES = 1_000_000  # chosen: far above any list of class names
 # Keys that exporters use; Ultralytics writes `names`.
-_METADATA_KEYS = ('names', 'class_names', 'classes', 'labels')
+_METADATA_KEYS = ('names', 'class_names', 'classes', 'labels', 'id2label', 'label2id')
 
 
 def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the names in the file if there is one, else those in the metadata, else None."""
+    """Return the class names of a model; None if neither source has any.
+
+    Args:
+        file: Path of a text file with the names; if it is empty, the metadata are used.
+        metadata: Metadata of the model.
+
+    Raises:
+        ModelError: The file cannot be read or is empty, or the metadata are malformed.
+    """
     return names_in_file(Path(file)) if file else names_in_metadata(metadata)
 
 
+def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[str, ...]:
+    """Return the names of classes, with `person` in place of every synonym of it.
+
+    Args:
+        names: Names of the classes of a model.
+        person_names: Names of classes of people in any case; empty: none is required.
+
+    Raises:
+        ModelError: No class has one of these names.
+    """
+    synonyms = {name.casefold() for name in person_names}
+    found = tuple(PERSON if name.strip().casefold() in synonyms else name for name in names)
+    if synonyms and PERSON not in found:
+        raise ModelError(
+            f'no class is called {" or ".join(person_names)}; the classes are {", ".join(names)}: '
+            'name the class of people with person_names, or use a model that finds people'
+        )
+    return found
+
+
 def names_in_file(path: Path) -> tuple[str, ...]:
-    """Return the names in a text file, one a line; raise ModelError if there are none."""
+    """Return the names in a text file with one name in each line.
+
+    Raises:
+        ModelError: The file cannot be read or contains no name.
+    """
     try:
         lines = read_text(path, _MAX_FILE_BYTES).splitlines()
     except InputError as error:
@@ -45,10 +73,12 @@ def names_in_file(path: Path) -> tuple[str, ...]:
 
 
 def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the names in a model's metadata: a dict or list literal, or names with commas.
+    """Return the class names in a model's metadata; None if they have no key for names.
+
+    The value may be a dict or list literal, or names separated by commas.
 
     Raises:
-        ModelError: The metadata have such a key, but no list of names.
+        ModelError: The value is no list of names.
     """
     for key in _METADATA_KEYS:
         if text := metadata.get(key):
@@ -57,11 +87,10 @@ def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
 
 
 def _parse(key: str, text: str) -> tuple[str, ...]:
-    try:
-        value = ast.literal_eval(text)
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
-        value = [name.strip() for name in text.split(',')]
+    value = _literal(text)
     if isinstance(value, dict):
+        if all(type(index) is int for index in value.values()):  # such as {'person': 0}
+            value = {index: name for name, index in value.items()}
         by_index = {str(index): name for index, name in value.items()}
         if by_index.keys() != {str(index) for index in range(len(value))}:
             raise ModelError(f'model metadata "{key}": class indices {[*value]} have gaps')
@@ -69,3 +98,18 @@ def _parse(key: str, text: str) -> tuple[str, ...]:
     if not isinstance(value, list | tuple) or not value:
         raise ModelError(f'model metadata "{key}" is no list of class names: {text[:60]!r}')
     return tuple(str(name) for name in value)
+
+
+def _literal(text: str) -> object:
+    """Return a Python, JSON or YAML literal, else the names between commas and line ends."""
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+        pass
+    try:
+        value = parse_yaml(text, 'names')
+    except InputError:
+        value = text
+    if isinstance(value, dict | list):
+        return value
+    return [name.strip() for name in re.split(r'[,;\n]', text) if name.strip()]

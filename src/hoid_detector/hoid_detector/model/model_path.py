@@ -1,8 +1,8 @@
 """Search for the detector's model file.
 
-It is looked for in this order: the requested one, the environment variable HOID_MODEL,
-`../shared/models` beside the workspace, the user's cache, a download into that cache. A model is
-given by its path or by one of `known_models()`.
+The search has this order: the requested model, the model in the environment variable HOID_MODEL,
+`../shared/models` beside the workspace, the user's cache, a download into this cache. A model is
+given by the path of a file or by one of the names in `known_models()`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SYNTHETIC = 'synthetic'
 
 _LOG = logging.getLogger(__name__)
 _ENVIRONMENT = 'HOID_MODEL'
-_TIMEOUT_S = 20.0  # chosen: of connecting and of each read
+_TIMEOUT_S = 20.0  # chosen: limit for connecting and for each read
 _WORKSPACE_MARK = 'colcon.meta'  # file in the root folder of the workspace
 _SYNTHETIC_FOLDER = 'lab/models'
 
@@ -32,7 +32,8 @@ class _KnownModel(NamedTuple):
     url: str  # empty: never downloaded, as the license of the weights is not permissive
 
 
-# The default comes first (decision 025): on two cores YOLOX-nano takes 8 ms an image, YOLOv8n 50.
+# The first model is the default (decision 025). On two cores, YOLOX-nano takes 8 ms for an image and
+# YOLOv8n 50 ms.
 _KNOWN = {
     'yolox_nano': _KnownModel(
         '695e750a5d5754bb5a8d5325643b59282191a7e7a564e435a415fd3c578eab14',
@@ -45,16 +46,21 @@ _KNOWN = {
 
 
 def known_models() -> tuple[str, ...]:
-    """Return the names of known models; the synthetic detector is in the source tree only."""
+    """Return the names by which models can be given; `synthetic` is in the source tree only."""
     return (SYNTHETIC, *_KNOWN)
 
 
 def find_model(requested: str | None = None) -> Path:
-    """Return the ONNX file of the requested model, or of the default one without a request.
+    """Return the ONNX file of the requested model or, without a request, of the default model.
+
+    A known model that is not found may be downloaded into the user's cache.
+
+    Args:
+        requested: Path of an ONNX file or name of a known model; None or empty: no request.
 
     Raises:
         ModelError: The requested model does not exist.
-        NoModelError: No model is requested, and none is found.
+        NoModelError: No model is found, and none can be downloaded.
     """
     if requested:
         return _named(requested, 'detector model')
@@ -68,6 +74,7 @@ def find_model(requested: str | None = None) -> Path:
 
 
 def _named(name: str, origin: str) -> Path:
+    """Return the file of a model that is given by path or name; an error begins with `origin`."""
     path = Path(name).expanduser()
     if path.is_file():
         return path
@@ -98,6 +105,7 @@ def _cache() -> Path:
 
 
 def _downloaded(name: str) -> Path:
+    """Download a known model into the user's cache, check its digest, and return the file."""
     model, target = _KNOWN[name], _cache() / f'{name}.onnx'
     partial = target.with_suffix(f'.{os.getpid()}.part')
     _LOG.info('downloading %s to %s', model.url, target)

@@ -1,4 +1,4 @@
-"""Inference of an ONNX model by onnxruntime."""
+"""Inference with an ONNX model by onnxruntime."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ _PROVIDERS = {  # in the order in which they are tried by default
     'cpu': 'CPUExecutionProvider',
 }
 _NAMES = {long: short for short, long in _PROVIDERS.items()}
-_DTYPES: dict[str, type[np.floating[Any]]] = {
+_DTYPES: dict[str, type[np.number[Any]]] = {
+    'tensor(uint8)': np.uint8,
     'tensor(float)': np.float32,
     'tensor(float16)': np.float16,
 }
@@ -41,7 +42,9 @@ _ORT_ERRORS = (
 
 
 class Network:
-    """Model with one image input (1, 3, H, W), and in some a second input for the image size.
+    """Model with one image input, and in some a second input for the image size.
+
+    The image input is (1, 3, H, W), or (1, H, W, 3) as in TensorFlow.
 
     Args:
         path: ONNX file.
@@ -64,12 +67,16 @@ class Network:
             self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
             self.output_names = tuple(output.name for output in self._session.get_outputs())
             self._image, self._size_input = _inputs(path, self._session.get_inputs())
+        self.takes_size = self._size_input is not None
         running = self._session.get_providers()[0]
         self.provider = _NAMES.get(running, running)
         wanted = asked[0] if providers else (usable or asked[-1:])[0]
         self.provider_warning = _provider_warning(wanted, running, installed)
         self.dtype = _DTYPES[self._image.type]
-        height, width = self._image.shape[2:]
+        self._has_channels_last = self._image.shape[1] != 3
+        height, width = (
+            self._image.shape[1:3] if self._has_channels_last else self._image.shape[2:]
+        )
         fixed = isinstance(height, int) and isinstance(width, int) and min(height, width) > 0
         if fixed and max(height, width) > _MAX_SIDE_PX:
             raise ModelError(
@@ -77,11 +84,16 @@ class Network:
             )
         self.size_wh: tuple[int, int] | None = (width, height) if fixed else None  # None: any size
 
-    def run(self, blob: NDArray[np.floating[Any]]) -> list[NDArray[Any]]:
-        """Return the outputs for an input (1, 3, H, W); raise ModelError if inference fails."""
+    def run(self, blob: NDArray[np.number[Any]]) -> list[NDArray[Any]]:
+        """Return the outputs of the network for an input (1, 3, H, W).
+
+        Raises:
+            ModelError: The inference fails.
+        """
         size = 'x'.join(map(str, blob.shape))
         with _model_errors(f'{self.path}: inference fails on input {size}'):
-            feeds: dict[str, NDArray[Any]] = {self._image.name: blob}
+            image = blob.transpose(0, 2, 3, 1) if self._has_channels_last else blob
+            feeds: dict[str, NDArray[Any]] = {self._image.name: np.ascontiguousarray(image)}
             if self._size_input is not None:
                 size_wh = np.array([blob.shape[:1:-1]])
                 kind = np.int64 if 'int64' in self._size_input.type else np.int32
@@ -91,6 +103,7 @@ class Network:
 
 
 def _provider_order(providers: Sequence[str]) -> list[str]:
+    """Return the full names of the providers to try; raise ConfigError for an unknown one."""
     for name in providers:
         if name not in _PROVIDERS:
             known = ', '.join(_PROVIDERS)
@@ -99,6 +112,7 @@ def _provider_order(providers: Sequence[str]) -> list[str]:
 
 
 def _provider_warning(wanted: str, running: str, installed: Sequence[str]) -> str:
+    """Return a warning if the network does not run on the wanted provider, else an empty text."""
     if wanted == running:
         return ''
     names = ', '.join(_NAMES[name] for name in installed if name in _NAMES)
@@ -119,20 +133,24 @@ def _open(path: Path, providers: list[str], threads: int) -> ort.InferenceSessio
 
 
 def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort.NodeArg | None]:
-    """Return the image input, and the input for the image size if there is one."""
-    images = [i for i in inputs if len(i.shape) == 4 and i.shape[1] == 3 and i.type in _DTYPES]
+    """Return the image input of a model, and its input for the image size (None: it has none).
+
+    Raises:
+        ModelError: The model has other inputs.
+    """
+    images = [i for i in inputs if len(i.shape) == 4 and 3 in i.shape[1::2] and i.type in _DTYPES]
     sizes = [
         i for i in inputs if len(i.shape) == 2 and i.type in ('tensor(int64)', 'tensor(int32)')
     ]
     if len(images) != 1 or len(images) + len(sizes) != len(inputs) or len(sizes) > 1:
         found = ', '.join(f'{i.name} {i.type} {i.shape}' for i in inputs)
-        raise ModelError(f'{path}: has no single float input (1, 3, height, width), but {found}')
+        raise ModelError(f'{path}: has no single input (1, 3, height, width), but {found}')
     return images[0], sizes[0] if sizes else None
 
 
 @contextmanager
 def _model_errors(what: str) -> Iterator[None]:
-    """Turn errors of onnxruntime into a ModelError of one line that begins with `what`."""
+    """Raise errors of onnxruntime in the block as a ModelError of one line, beginning with `what`."""
     try:
         yield
     except _ORT_ERRORS as error:

@@ -7,7 +7,7 @@ import numpy as np
 
 from hoid_common.values import Float32Array, IntArray
 
-MAX_CANDIDATES = 1000  # chosen: more have a score above threshold only when that is near zero
+MAX_CANDIDATES = 1000  # chosen: more boxes reach the threshold only if it is near zero
 
 
 def nms(
@@ -15,13 +15,14 @@ def nms(
 ) -> IntArray:
     """Return the indices of the boxes that are kept, highest score first.
 
-    OpenCV was measured to be fastest: 0.02 ms for 100 boxes, against 0.11 ms (greedy) and 0.21 ms
-    (overlap matrix) in numpy. It reads lists faster than arrays.
+    At most the 1000 boxes of highest score are considered. OpenCV was measured to be fastest: it
+    takes 0.02 ms for 100 boxes, while NumPy takes 0.11 ms (greedy) or 0.21 ms (overlap matrix).
+    OpenCV reads lists faster than arrays.
 
     Args:
-        boxes_xyxy_px: (N, 4).
-        scores: (N,).
-        class_ids: (N,) int64.
+        boxes_xyxy_px: (N, 4) boxes.
+        scores: (N,) scores.
+        class_ids: (N,) int64 indices of classes.
         iou: Overlap above which the weaker of two boxes of one class is removed.
     """
     order = np.argsort(-scores, kind='stable')[:MAX_CANDIDATES]

@@ -1,4 +1,4 @@
-"""Detected boxes over time: checks, tracks, and prediction to the stamp of an image.
+"""Detected boxes over time: validation, tracking, and prediction to the stamp of an image.
 
-Nothing here decides which objects are dynamic.
+This package does not decide which objects are dynamic.
 """

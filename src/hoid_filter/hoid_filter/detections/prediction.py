@@ -7,25 +7,31 @@ import numpy as np
 from hoid_common.values import Detections, IntArray
 from hoid_native import intersections_over_union
 
-_MIN_IOU = 0.2  # chosen: of one object in two successive detections
+_MIN_IOU = 0.2  # chosen: least overlap of the boxes of one object in two successive detections
 
 
 class BoxPredictor:
-    """Extrapolates the boxes of the last two detections at constant velocity."""
+    """Predicts boxes at constant velocity from the last two detections.
+
+    Args:
+        limit_s: Longest time after the last detections for which boxes are predicted.
+    """
 
     def __init__(self, limit_s: float) -> None:
-        """Take the longest time from the last detections for which boxes are predicted."""
         self.limit_s = limit_s
         self._last: Detections | None = None
         self._previous: Detections | None = None
 
     def observe(self, detections: Detections) -> None:
-        """Store new detections. Detections that are not newer than the last ones are ignored."""
+        """Store new detections, unless they are no newer than the last ones."""
         if self._last is None or detections.stamp_ns > self._last.stamp_ns:
             self._previous, self._last = self._last, detections
 
     def predict(self, stamp_ns: int) -> Detections:
-        """Return the boxes predicted for a stamp; none when the last detections are too old."""
+        """Return the boxes predicted for a stamp.
+
+        There are none when no detections are stored or the last ones are more than `limit_s` away.
+        """
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)
         last = self._last
@@ -42,14 +48,29 @@ class BoxPredictor:
 def match_boxes(
     detections: Detections, others: Detections, min_iou: float
 ) -> tuple[IntArray, IntArray]:
-    """Return the indices (K,), (K,) of the same objects in two detections, greedily by IoU."""
+    """Match the boxes of the same class in two detections, greedily by overlap.
+
+    Args:
+        detections: Detections of N boxes.
+        others: Detections of M boxes.
+        min_iou: Least intersection over union of two matched boxes.
+
+    Returns:
+        Indices (K,) into `detections` and (K,) into `others` of the K matched pairs.
+    """
     iou = intersections_over_union(detections.boxes_xyxy_px, others.boxes_xyxy_px)
     same = np.array(detections.class_names)[:, None] == np.array(others.class_names)[None]
     return match_greedily(np.where(same, iou, 0.0), min_iou)
 
 
 def match_greedily(score: np.ndarray, minimum: float) -> tuple[IntArray, IntArray]:
-    """Return the rows (K,) and columns (K,) of greedy matches of an (N, M) score, best first."""
+    """Match rows and columns of an (N, M) table of scores greedily, the highest score first.
+
+    Pairs with a score below `minimum` are not matched.
+
+    Returns:
+        Rows (K,) and columns (K,) of the K matched pairs.
+    """
     rows, columns = np.nonzero(score >= minimum)
     order = np.argsort(-score[rows, columns], kind='stable')
     free_row, free_column = set(rows.tolist()), set(columns.tolist())

@@ -1,4 +1,4 @@
-"""Validation of detections: unusable boxes are refused, boxes beyond the image clipped."""
+"""Validation of detections: unusable boxes are dropped, the others are clipped to the image."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from hoid_native import are_boxes_valid
 
 
 class Sanitized(NamedTuple):
-    """Valid detections, and the numbers of refused and clipped boxes."""
+    """Valid detections, and the numbers of boxes that were dropped or clipped."""
 
     detections: Detections
-    num_refused: int  # NaN, inverted, without area inside the image, or too many
-    num_clipped: int  # partly outside the image, or a score outside [0, 1]
+    num_refused: int  # dropped: NaN, inverted, without area inside the image, or too many
+    num_clipped: int  # clipped: partly outside the image, or a score outside [0, 1]
 
 
 def sanitize(
@@ -24,8 +24,8 @@ def sanitize(
 ) -> Sanitized:
     """Return the detections with boxes clipped to the image and scores clipped to [0, 1].
 
-    NaN and infinite boxes or scores, inverted boxes, boxes outside the image, and all but the
-    `max_detections` of highest score are refused.
+    Boxes that are NaN, infinite, inverted or outside the image are dropped, and so are boxes whose
+    score is NaN or infinite. Of more than `max_detections` boxes, those of highest score remain.
     """
     raw, scores = detections.boxes_xyxy_px, detections.scores
     if len(raw) <= max_detections and are_boxes_valid(raw, scores, (height_px, width_px)):

@@ -13,49 +13,55 @@ from hoid_filter.detections.overlap import areas_px2, clip_boxes
 from hoid_filter.detections.prediction import match_greedily
 from hoid_native import intersections_over_union
 
-_MIN_IOU = 0.2  # chosen: of a predicted box and a detection of the same object
-_MIN_IOU_UNSURE = 0.5  # chosen: an unsure detection must continue a track closely
-# Detectors waver between classes with nearly the same box; a different box is a different object.
-_MIN_IOU_OTHER_CLASS = 0.5  # decision 11
+_MIN_IOU = 0.2  # chosen: least overlap of a predicted box and a detection of the same object
+# Chosen: the same for a detection that may be false. It must continue a track closely.
+_MIN_IOU_UNSURE = 0.5
+# Detectors alternate between classes for one object, with nearly the same box. A detection of
+# another class with another box is another object.
+_MIN_IOU_OTHER_CLASS = 0.5  # decision 011
 _OTHER_CLASS_PENALTY = 0.15  # chosen: at equal overlap, the same class is preferred
 _VELOCITY_GAIN = 0.3  # chosen: beta of an alpha-beta filter with alpha = 1; box edges are noisy
 _MIN_VISIBLE_SHARE = 0.15  # chosen: with less of its box inside the image, an object has left it
-# Chosen: an object with fewer detections may be a false one. It is predicted for a shorter time.
+# Chosen: a track with fewer detections may be false. When it is missed, it is predicted for only
+# this share of `coast_s`.
 _ESTABLISHED_HITS = 3
 _NEW_TRACK_COAST_SHARE = 0.3
 
 
 @dataclass
 class BoxTrack:
-    """One tracked person or object: its box, image velocity and state of interaction."""
+    """One tracked person or object: its box, its image velocity, and whether people handle it."""
 
     track_id: int
-    class_name: str
-    score: float
-    box_xyxy_px: list[float]  # as last detected
-    seen_ns: int  # when last detected
-    hits_to_confirm: int = 0  # 0 = one of its detections was sure
+    class_name: str  # class of the last detection
+    score: float  # score of the last detection
+    box_xyxy_px: list[float]  # box of the last detection
+    seen_ns: int  # stamp of the last detection
+    # Number of detections that confirm a track of which all detections may be false; 0 = one of
+    # its detections was trusted.
+    hits_to_confirm: int = 0
     hits: int = 1  # number of detections
-    is_missed: bool = False  # in the last detections
-    # Of the box as a whole: predicted boxes keep their size, because edges jump (decision 11).
+    is_missed: bool = False  # whether the newest detections lack it
+    # Velocity of the box's center. Predicted boxes keep their size, because edges jump
+    # (decision 011).
     velocity_px_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    torso_m: float = float('nan')  # depth of a person's torso
-    is_handled: bool = False
-    untouched_s: float = float('inf')  # observed time since it was last handled
+    torso_m: float = float('nan')  # depth of a person's torso; NaN = unknown
+    is_handled: bool = False  # whether a person handles the object
+    untouched_s: float = float('inf')  # observed time since a person last handled the object
 
     @property
     def is_person(self) -> bool:
-        """Return whether it is a person."""
+        """Return whether the track is a person."""
         return self.class_name == PERSON
 
     @property
     def is_established(self) -> bool:
-        """Return whether it has enough detections not to be a false one."""
+        """Return whether the track has so many detections that it is hardly a false one."""
         return self.hits >= _ESTABLISHED_HITS
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether a sure detection, or enough unsure ones in a row, support it."""
+        """Return whether the track counts: it has a trusted detection, or enough doubtful ones."""
         return self.hits >= self.hits_to_confirm
 
     def observe(
@@ -64,11 +70,11 @@ class BoxTrack:
         """Update the track with a detection.
 
         Args:
-            box: x1, y1, x2, y2 of the detection.
-            expected: The box that was predicted for its stamp.
-            class_name: Its class.
-            score: Its score.
-            stamp_ns: Its stamp.
+            box: x1, y1, x2, y2 of the detection in px.
+            expected: The box that was predicted for the stamp of the detection, likewise.
+            class_name: Class of the detection.
+            score: Score of the detection.
+            stamp_ns: Stamp of the image in which the detection was made.
         """
         step_s = (stamp_ns - self.seen_ns) * S_PER_NS
         if step_s > 0:
@@ -84,16 +90,16 @@ class BoxTrack:
 
 @dataclass(frozen=True)
 class TrackLimits:
-    """How long tracks are kept without a detection, and when an unsure one is confirmed."""
+    """How long tracks are kept without a detection, and when a doubtful track is confirmed."""
 
-    silent_s: float  # prediction while the detector sends nothing
-    coast_s: float  # prediction of a confirmed track that the detector misses
-    rest_s: float  # time after which a handled object counts as static
-    hits_to_confirm: int  # unsure detections in a row that confirm a track
+    silent_s: float  # longest prediction while the detector sends no message
+    coast_s: float  # longest prediction of a track that is missing from the newest detections
+    rest_s: float  # time after which an object that nobody handles any more counts as static
+    hits_to_confirm: int  # doubtful detections in a row that confirm a track
 
 
 class BoxTracker:
-    """Associates detections with tracks by overlap and predicts the tracks that are missed."""
+    """Associates detections with tracks by overlap, and predicts tracks that were not detected."""
 
     def __init__(self, limits: TrackLimits) -> None:
         self._limits = limits
@@ -102,11 +108,14 @@ class BoxTracker:
         self._newest_ns: int | None = None  # stamp of the last detections
 
     def observe(self, detections: Detections, is_unsure: BoolArray) -> None:
-        """Update the tracks with N detections. Detections that are not newer are ignored.
+        """Update the tracks with N detections, and start new tracks for unmatched detections.
+
+        Detections that are no newer than the previous ones are ignored.
 
         Args:
-            detections: Of one image.
-            is_unsure: (N,) detections that count only where they continue a track.
+            detections: Detections in one image.
+            is_unsure: (N,) flags of doubtful detections, which may be false. A track of doubtful
+                detections only is not confirmed until it has `hits_to_confirm` of them.
         """
         stamp_ns = detections.stamp_ns
         if self._newest_ns is not None and stamp_ns <= self._newest_ns:
@@ -131,18 +140,26 @@ class BoxTracker:
                 BoxTrack(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, needed)
             )
             self._next_id += 1
-        # A track of unsure detections only must be detected in every image, even once confirmed.
+        # A track of doubtful detections only must be detected in every image, even once confirmed.
         self._tracks = [t for t in self._tracks if not (t.is_missed and t.hits_to_confirm)]
 
     def _similarity(
         self, expected: FloatArray, detections: Detections, boxes: FloatArray
     ) -> FloatArray:
-        """Return the (T, N) IoU of predicted and detected boxes; 0 between people and objects."""
+        """Return the (T, N) similarities of T tracks and N detections.
+
+        It is the intersection over union of the boxes, less a penalty for another class. It is 0
+        between a person and an object, and between little overlapping boxes of other classes.
+
+        Args:
+            expected: (T, 4) boxes that are predicted for the tracks.
+            detections: N detections.
+            boxes: (N, 4) boxes of the detections, in float64.
+        """
         if not self._tracks or not len(boxes):
             return np.zeros((len(self._tracks), len(boxes)))
-        number = defaultdict(
-            count(1).__next__, {PERSON: 0}
-        )  # of a class, faster to compare than names
+        # A number for each class, because numbers are faster to compare than names.
+        number = defaultdict(count(1).__next__, {PERSON: 0})
         tracked = np.array([number[track.class_name] for track in self._tracks])
         detected = np.array([number[name] for name in detections.class_names])
         is_other_class = tracked[:, None] != detected
@@ -154,12 +171,17 @@ class BoxTracker:
     def advance(
         self, stamp_ns: int, width_px: int, height_px: int
     ) -> tuple[tuple[BoxTrack, ...], FloatArray]:
-        """Predict the tracks to a stamp, and delete those missed for too long or out of the image.
+        """Delete tracks that are missed for too long or left the image, and predict the others.
+
+        Args:
+            stamp_ns: Stamp for which boxes are predicted.
+            width_px: Width of the image.
+            height_px: Height of the image.
 
         Returns:
-            The active tracks, those in the last detections first, and their (T, 4) boxes, clipped
-            to the image. A missed static object is not active, but keeps its track for when it is
-            detected again.
+            The T active tracks, those in the newest detections first, and their (T, 4) predicted
+            boxes, clipped to the image. A static object that is missed is not active, but its
+            track is kept for when it is detected again.
         """
         boxes = boxes_at(self._tracks, stamp_ns)
         inside = clip_boxes(boxes, width_px, height_px)
@@ -176,18 +198,20 @@ class BoxTracker:
         return tracks, inside[active]
 
     def _limit_s(self, track: BoxTrack) -> float:
+        """Return the longest time since its last detection for which a track is kept."""
         if not track.is_missed:
             return self._limits.silent_s
         share = 1.0 if track.is_established else _NEW_TRACK_COAST_SHARE
         return share * self._limits.coast_s
 
     def _is_active(self, track: BoxTrack) -> bool:
-        """Return whether it was detected, or is missed but was dynamic when last detected."""
+        """Return whether a track is detected, or is missed but was dynamic when last detected."""
         was_handled = track.is_established and track.untouched_s < self._limits.rest_s
         return not track.is_missed or track.is_person or was_handled
 
 
 def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
+    """Return the time from the last detection of a track to a stamp."""
     return (stamp_ns - track.seen_ns) * S_PER_NS
 
 

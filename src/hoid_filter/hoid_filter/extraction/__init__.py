@@ -1,4 +1,4 @@
 """ORB features: image pyramid, FAST corners, their distribution over the image, descriptors.
 
-Nothing here knows about objects.
+This package does not depend on detections or strategies.
 """

@@ -38,21 +38,25 @@ class OrbExtractor:
         self._budgets = octave_budgets(config.num_features, config.num_levels, config.scale_factor)
 
     def detect(self, image_gray: ByteArray) -> Corners:
-        """Return the FAST corners of an (H, W) image, at least `border_px` inside their level."""
+        """Return the FAST corners of an (H, W) gray image on all levels of its pyramid.
+
+        They are at least `border_px` away from the border of their level.
+        """
         config = self._config
         pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)
         found = fast_corners(*pyramid, config.fast_threshold, config.border_px)
         return Corners(pyramid, *found)
 
     def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
-        """Return the ascending indices of the corners to describe, distributed evenly.
+        """Select the corners to describe, distributed evenly, and return their ascending indices.
 
-        With `refill` the budget is distributed over the static area (decision 14), otherwise over
-        the whole image.
+        With `refill`, `num_features` are distributed over the static area (decision 014).
+        Otherwise they are distributed over the whole image, and those on dynamic objects are
+        removed.
 
         Args:
-            corners: Of the image.
-            kept: Ascending indices of the corners on static surface; None for all.
+            corners: All corners of the image.
+            kept: Ascending indices of the corners on static surface; None: all are.
             static_area_px: Unmasked area of the image.
         """
         uv_px, octave, score = corners.uv_px, corners.octave, corners.score
@@ -72,15 +76,15 @@ class OrbExtractor:
         stamp_ns: int,
         dynamic_xyxy_px: Float32Array = _NO_BOXES,
     ) -> Features:
-        """Return the features of the chosen corners.
+        """Return the ORB features of the chosen corners, at subpixel positions and with depth.
 
         Args:
-            corners: Of the image.
-            chosen: Ascending indices of corners, hence in order of octave.
-            depth_m: (H, W); 0 or NaN = no reading.
-            stamp_ns: Of the image.
-            dynamic_xyxy_px: (N, 4) boxes of dynamic objects. Subpixel refinement moves no corner
-                into a box.
+            corners: All corners of the image.
+            chosen: Ascending indices of the corners to describe, hence in order of octave.
+            depth_m: (H, W) depth of the image; 0 or NaN = no reading.
+            stamp_ns: Stamp of the image.
+            dynamic_xyxy_px: (N, 4) boxes of dynamic objects. A corner that subpixel refinement
+                would move into one of them keeps its whole-pixel position.
         """
         octave = corners.octave[chosen]
         angle_deg, offset_px, descriptors = _describe(
@@ -112,10 +116,12 @@ def _describe(
 ) -> tuple[Float32Array, Float32Array, ByteArray]:
     """Return the angles (N,), subpixel offsets (N, 2) and descriptors (N, 32) of corners.
 
+    Angles are in degrees; offsets are in pixels of the corner's level.
+
     Args:
-        levels: Of the pyramid.
-        xy_px: (N, 2) pixels of their own level.
-        octave: (N,) level of each, ascending.
+        levels: Images of the pyramid.
+        xy_px: (N, 2) positions of the corners in their level.
+        octave: (N,) index of the level of each corner, ascending.
     """
     x, y = np.ascontiguousarray(xy_px.T)
     angle_deg = np.empty(len(octave), np.float32)
@@ -134,7 +140,12 @@ def _describe(
 
 
 def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
-    """Return (K, N) flags: whether the nearest pixel of each position is in each box."""
+    """Return (K, N) flags: whether the pixel nearest to each position lies in each box.
+
+    Args:
+        uv_px: (K, 2) positions.
+        boxes_xyxy_px: (N, 4) boxes.
+    """
     # One coordinate at a time, as `all` over an axis of length 2 takes ten times as long.
     u, v = np.rint(uv_px).T[:, :, None]
     left, top, right, bottom = boxes_xyxy_px.T
@@ -143,7 +154,7 @@ def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
 
 
 def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> IntArray:
-    """Return the (num_levels,) numbers of features per octave, in proportion to 1 / scale."""
+    """Return the (num_levels,) numbers of features per level, in proportion to 1 / scale."""
     weights = scale_factor ** -np.arange(num_levels, dtype=np.float64)
     ends = np.round(np.cumsum(weights) / weights.sum() * num_features).astype(np.int64)
     return np.concatenate([ends[:1], ends[1:] - ends[:-1]])

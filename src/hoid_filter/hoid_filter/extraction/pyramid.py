@@ -21,21 +21,21 @@ class Pyramid(NamedTuple):
 
 
 class Corners(NamedTuple):
-    """The K corners of all levels, in order of level."""
+    """The K corners on all levels of a pyramid, in order of level."""
 
     pyramid: Pyramid
-    xy_px: Int32Array  # (K, 2) pixels of their own level
-    uv_px: FloatArray  # (K, 2) level-0 pixels
+    xy_px: Int32Array  # (K, 2) positions in the corner's level
+    uv_px: FloatArray  # (K, 2) positions in level 0
     pixel: IntArray  # (K,) nearest level-0 pixels, as indices into the flattened image
-    octave: ByteArray  # (K,)
-    score: ByteArray  # (K,) greatest FAST threshold at which each is a corner
+    octave: ByteArray  # (K,) index of the corner's level
+    score: ByteArray  # (K,) greatest FAST threshold at which the pixel is a corner
 
     def __len__(self) -> int:
         return len(self.octave)
 
 
 def build_pyramid(image_gray: ByteArray, num_levels: int, scale_factor: float) -> Pyramid:
-    """Return the pyramid of an (H, W) image; each level is resized from the one below."""
+    """Return the pyramid of an (H, W) image; each level is resized from the next larger one."""
     height, width = image_gray.shape
     levels = [image_gray]
     for octave in range(1, num_levels):

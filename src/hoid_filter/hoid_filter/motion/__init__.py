@@ -1,5 +1,5 @@
 """Motion segmentation without a detector: regions of the depth image that move in the world.
 
-Nothing here knows object classes. The low-resolution images are those of a pinhole camera without
-lens distortion.
+This package does not use object classes. Its downscaled depth images are those of a pinhole camera
+without lens distortion.
 """

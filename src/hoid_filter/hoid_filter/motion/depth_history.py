@@ -1,4 +1,4 @@
-"""Depth images of the last seconds, and the evidence of motion from occlusion of them."""
+"""Depth images of the last seconds, and the surfaces in front of them as evidence of motion."""
 
 from __future__ import annotations
 
@@ -11,30 +11,32 @@ from hoid_filter.motion.downscaled_camera import DownscaledCamera
 from hoid_filter.motion.downscaled_view import DownscaledView
 from hoid_native import depth_ranges_3x3, occlusion_log_odds
 
-_MIN_SPACING_S = (
-    1 / 40
-)  # chosen: every image of a 30 Hz camera is kept, every other of a 60 Hz one
-# Chosen: an image may miss the wanted age by 30 % of it, or by 0.1 s at low frame rates.
+# Chosen: every image of a 30 Hz camera is stored, and every other image of a 60 Hz camera.
+_MIN_SPACING_S = 1 / 40
+# Chosen: an image may differ from the wanted age by 30 % of this age, or by 0.1 s where that is
+# more, as at low frame rates.
 _AGE_TOLERANCE, _MIN_AGE_TOLERANCE_S = 0.3, 0.1
 # A point is in front when it is nearer by more than 0.03 m + 1.5 % z + 0.8 % z^2. Chosen: well
 # above depth noise, which grows with the square of the depth, and the error of the poses.
 _OCCLUSION_MARGIN = 0.03, 0.015, 0.008
 _OCCLUSION_LOG_ODDS = 1.5  # chosen: a segment wholly in front is certain within 2 images
-_MIN_OCCLUDING_SHARE = 0.1  # chosen: less of a segment in front is its depth edges
-# Chosen: with a larger share in front, agreement of the rest is no evidence of a static segment.
+# Chosen: where a smaller share of a segment is in front, this is an effect of its depth edges.
+_MIN_OCCLUDING_SHARE = 0.1
+# Chosen: where a larger share of a segment is in front, unchanged depth of its other pixels is no
+# evidence that it is static.
 _MIXED_SHARE = 0.25
 
 
 class _Baseline(NamedTuple):
-    """An age to compare with, and the evidence that an unchanged depth gives."""
+    """The age of an earlier depth image for comparison, and the weight of unchanged depth."""
 
     age_s: float
-    static_log_odds: float
+    static_log_odds: float  # log-odds against motion when the depth is unchanged
 
 
-# Chosen: the ages double and more, so that both fast and slow objects show. In a trial, objects
-# at 1/8 of walking speed were found only with a baseline of 2 to 3 s. A slow object still overlaps
-# its place of 0.2 s ago, hence unchanged depth counts little for the short ages.
+# Chosen: each age is more than twice the one before, so that fast and slow objects are found. In a
+# trial, objects at 1/8 of walking speed were found only with an age of 2 to 3 s. A slow object
+# still overlaps its place of 0.2 s ago, so unchanged depth counts little at short ages.
 _BASELINES = (
     _Baseline(0.17, 0.05),
     _Baseline(0.4, 0.1),
@@ -44,22 +46,29 @@ _BASELINES = (
 
 
 class _PastDepth(NamedTuple):
-    """A past depth image and its camera pose."""
+    """The depth range around each pixel of an earlier image, and the camera pose."""
 
     stamp_s: float
     T_camera_world: FloatArray
-    range_m: Float32Array  # (h, w, 2) least and greatest depth in the 3x3 pixels around each
+    range_m: Float32Array  # (h, w, 2) least and greatest depth in the 3x3 neighborhood
 
 
 class DepthHistory:
-    """Past depth images with their poses, up to the greatest age that is compared with."""
+    """The depth images of the last three seconds with their camera poses."""
 
     def __init__(self, camera: DownscaledCamera) -> None:
         self._camera = camera
         self._past: list[_PastDepth] = []
 
     def add(self, view: DownscaledView, T_world_camera: FloatArray) -> None:
-        """Store a view and drop those that are too old."""
+        """Store the depth of a view and drop old ones.
+
+        A view that is less than 25 ms newer than the last stored one is not stored.
+
+        Args:
+            view: The view.
+            T_world_camera: (4, 4) camera pose of the view.
+        """
         if self._past and view.stamp_s - self._past[-1].stamp_s < _MIN_SPACING_S:
             return
         range_m = depth_ranges_3x3(view.depth_m)
@@ -69,10 +78,14 @@ class DepthHistory:
             del self._past[0]
 
     def occlusion_evidence(self, view: DownscaledView, T_world_camera: FloatArray) -> FloatArray:
-        """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, that each segment of a view moves.
+        """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, that each depth segment moves.
 
-        A surface in front of what an earlier image showed there has moved in. A surface behind it
-        may have been hidden then: that is no evidence.
+        A surface in front of the depth of an earlier image has moved there since. A surface behind
+        this depth may have been hidden before, which is no evidence.
+
+        Args:
+            view: The current view with S depth segments.
+            T_world_camera: (4, 4) camera pose of the view.
         """
         earlier = [
             (past.T_camera_world @ T_world_camera, past.range_m, baseline.static_log_odds)
@@ -90,7 +103,7 @@ class DepthHistory:
         )
 
     def _nearest(self, now_s: float, age_s: float) -> _PastDepth | None:
-        """Return the depth image of about this age; None if there is none within tolerance."""
+        """Return the stored depth image of about the age `age_s`; None if there is none."""
         if not self._past:
             return None
         tolerance_s = max(_AGE_TOLERANCE * age_s, _MIN_AGE_TOLERANCE_S)

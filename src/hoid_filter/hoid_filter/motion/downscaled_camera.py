@@ -1,4 +1,4 @@
-"""A low-resolution pinhole camera without distortion, and the mapping from the full image."""
+"""A low-resolution pinhole camera, and the mapping between its images and full images."""
 
 from __future__ import annotations
 
@@ -19,12 +19,15 @@ DEPTH_WIDTH_PX = 160
 GRAY_WIDTH_PX = 320
 # Corners and midpoints of a box: lens distortion bends its edges.
 _BOX_POINTS = np.stack(np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0]), axis=-1).reshape(-1, 2)
-# Baseline of the virtual right camera (decision 2); 7.5 cm is that of a structured-light camera.
+# Baseline of the virtual right camera (decision 002); structured-light cameras have 7.5 cm.
 _BASELINE_M = 0.075
 
 
 class DownscaledCamera:
-    """Maps the images of one camera to low-resolution ones without distortion, and back.
+    """Maps full images of one camera to low resolution, and pixels and boxes back.
+
+    There are two low-resolution images. The depth image is 160 px wide and without lens
+    distortion. The gray image is 320 px wide and keeps the lens distortion.
 
     Depth is sampled, never averaged: the mean of a person's and a wall's depth is neither's.
     """
@@ -34,7 +37,7 @@ class DownscaledCamera:
         self.shape_hw = _shape_hw(camera, DEPTH_WIDTH_PX)
         self.depth_pinhole = _pinhole(camera, DEPTH_WIDTH_PX)
         self.gray_pinhole = _pinhole(camera, GRAY_WIDTH_PX)
-        self.disparity_px_m = self.gray_pinhole.fx_px * _BASELINE_M
+        self.disparity_px_m = self.gray_pinhole.fx_px * _BASELINE_M  # disparity times depth
         self._gray_scale = camera.width_px / GRAY_WIDTH_PX
         self._sampled = self._sample_pixels()
         # (H * W,) flat index into the low-resolution depth image for each full-resolution pixel.
@@ -45,7 +48,7 @@ class DownscaledCamera:
         return depths_at(depth_m, self._sampled).reshape(self.shape_hw)
 
     def gray(self, image_gray: ByteArray) -> ByteArray:
-        """Return the low-resolution gray image, still distorted, in which points are tracked."""
+        """Return the low-resolution gray image of an (H, W) gray image, for point tracking."""
         height, width = _shape_hw(self.camera, GRAY_WIDTH_PX)
         resized = cv2.resize(image_gray, (width, height), interpolation=cv2.INTER_AREA)
         return np.asarray(resized, np.uint8)
@@ -59,9 +62,14 @@ class DownscaledCamera:
         return (full_px + np.float32(0.5)) / np.float32(self._gray_scale) - np.float32(0.5)
 
     def measure(self, full_px: Float32Array, depth_m: FloatArray) -> FloatArray:
-        """Return (N, 3) stereo observations u, v, u_right, undistorted, in gray-image pixels.
+        """Return the (N, 3) stereo observations u, v, u_right of pixels, without lens distortion.
 
-        u_right is NaN where there is no depth.
+        They are in pixels of the gray image. u_right is the column in a virtual right camera; it
+        is NaN where there is no depth.
+
+        Args:
+            full_px: (N, 2) positions in the full image.
+            depth_m: (N,) depths at these positions; 0 = no reading.
         """
         observed_px = np.empty((len(full_px), 3))
         observed_px[:, :2] = self.gray_px(self.camera.undistort_px(full_px))
@@ -71,12 +79,21 @@ class DownscaledCamera:
         return observed_px
 
     def points_m(self, observed_px: FloatArray, depth_m: FloatArray) -> FloatArray:
-        """Return the (N, 3) points in the camera frame of stereo observations and their depth."""
+        """Return the (N, 3) points in the camera frame of observed pixels.
+
+        Args:
+            observed_px: (N, 3) stereo observations, as `measure` returns them.
+            depth_m: (N,) depths.
+        """
         rays = _rays(self.gray_pinhole, observed_px[:, 0], observed_px[:, 1])
         return rays * depth_m[:, None]
 
     def boxes_px(self, boxes_xywh_px: IntArray) -> FloatArray:
-        """Return the (N, 4) boxes (x1, y1, x2, y2) in the full image of low-resolution boxes."""
+        """Return the (N, 4) boxes (x1, y1, x2, y2) in the full image of boxes in the depth image.
+
+        Args:
+            boxes_xywh_px: (N, 4) left, top, width and height in the low-resolution depth image.
+        """
         left_top, size = boxes_xywh_px[:, None, :2], boxes_xywh_px[:, None, 2:]
         at_px = left_top + size * _BOX_POINTS - 0.5  # (N, 9, 2)
         rays = _rays(self.depth_pinhole, at_px[..., 0].ravel(), at_px[..., 1].ravel())
@@ -86,7 +103,10 @@ class DownscaledCamera:
         return boxes_px
 
     def _sample_pixels(self) -> IntArray:
-        """Return the (h * w,) flat indices of the sampled full-resolution pixels; -1 = outside."""
+        """Return the (h * w,) flat index of the full-resolution pixel that each pixel samples.
+
+        -1 means that it would lie outside the full image.
+        """
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
         rays = _rays(self.depth_pinhole, u.ravel(), v.ravel())
@@ -97,10 +117,11 @@ class DownscaledCamera:
         return np.where(outside, -1, row * full_width + column)
 
     def _downscaled_of_pixel(self) -> IntArray:
-        """Return the (H * W,) table of `downscaled_of_pixel`.
+        """Return the (H * W,) flat index into the depth image for each full-resolution pixel.
 
-        Every fourth pixel is undistorted and the others are interpolated: undistorting all takes
-        as long as an image lasts. With a strong lens 0.35 % of the entries differ.
+        Only as many pixels as the depth image has are undistorted, and the others are
+        interpolated: undistorting all takes as long as the time between two images. With strong
+        lens distortion, 0.35 % of the indices differ from the exact ones.
         """
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
@@ -113,7 +134,7 @@ class DownscaledCamera:
 
 
 def nearest_pixels(uv_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
-    """Return the (N,) flat indices of the pixels nearest to (N, 2) positions."""
+    """Return the (N,) flat indices of the pixels nearest to (N, 2) positions in an image."""
     height, width = shape_hw
     column, row = np.rint(uv_px).astype(np.int64).T
     flat: IntArray = _clip(row, height) * width + _clip(column, width)
@@ -126,6 +147,7 @@ def _clip(indices: IntArray, size: int) -> IntArray:
 
 
 def _shape_hw(camera: CameraModel, width_px: int) -> tuple[int, int]:
+    """Return the height and width of an image that is downscaled to a width."""
     return max(round(camera.height_px * width_px / camera.width_px), 1), width_px
 
 
@@ -139,6 +161,7 @@ def _rays(pinhole: Pinhole, u_px: FloatArray, v_px: FloatArray) -> FloatArray:
 
 
 def _pinhole(camera: CameraModel, width_px: int) -> Pinhole:
+    """Return the intrinsics of an image that is downscaled to a width, without distortion."""
     scale = width_px / camera.width_px
     return Pinhole(
         camera.fx_px * scale,

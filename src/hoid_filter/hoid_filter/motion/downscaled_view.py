@@ -18,24 +18,29 @@ from hoid_filter.motion.downscaled_camera import DownscaledCamera
 from hoid_native import depth_segments
 from hoid_native.results import Segments
 
-# Chosen: side of the grid that cuts segments, 1/8 of the image. Static surface that touches a
-# moving object is masked with it no further than one cell.
+# Chosen, 1/8 of the image: side of the grid cells at whose borders segments are cut. Static surface
+# that touches a moving object is then masked with it in one cell at most.
 _SEGMENT_CELL_PX = 20
 
 
 class MotionView(NamedTuple):
-    """One full-resolution image for motion segmentation."""
+    """A full-resolution gray and depth image with its corners, for motion segmentation."""
 
     stamp_ns: int
     camera: CameraModel
     image_gray: ByteArray  # (H, W)
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) FAST corners, as indices into the flattened image
-    corner_scores: ByteArray  # (K,), higher is stronger
-    detected_mask: BoolArray | None = None  # (h, w) at any resolution: detected dynamic objects
+    corner_scores: ByteArray  # (K,) strength of each corner
+    # (h, w), at any resolution: dynamic objects that a detector has found. None: there are none.
+    detected_mask: BoolArray | None = None
 
     def is_detected(self, pixels: IntArray) -> BoolArray:
-        """Return (N,) flags of the pixels, given as flat indices, on a detected dynamic object."""
+        """Return (N,) flags: whether each pixel lies on a detected dynamic object.
+
+        Args:
+            pixels: (N,) indices into the flattened full-resolution image.
+        """
         if self.detected_mask is None:
             return np.zeros(len(pixels), np.bool_)
         (height, width), (mask_height, mask_width) = self.depth_m.shape, self.detected_mask.shape
@@ -46,16 +51,16 @@ class MotionView(NamedTuple):
 
 
 class DownscaledView(NamedTuple):
-    """The low-resolution images of a view, and its depth segments."""
+    """The low-resolution gray and depth images of a view, and its depth segments."""
 
     stamp_s: float
-    gray: ByteArray  # (2h, 2w), about: at twice the resolution of the depth
+    gray: ByteArray  # about (2h, 2w), as its resolution is twice that of the depth image
     depth_m: Float32Array  # (h, w); 0 = no reading
     segments: Segments  # S pieces of smooth depth, cut along depth edges and a grid
 
 
 def downscale(view: MotionView, camera: DownscaledCamera) -> DownscaledView:
-    """Return the low-resolution images of a view."""
+    """Return the low-resolution images of a view, with the depth image cut into segments."""
     depth_m = camera.depth(view.depth_m)
     segments = depth_segments(depth_m, _SEGMENT_CELL_PX)
     gray = camera.gray(view.image_gray)

@@ -1,4 +1,4 @@
-"""The camera's motion among points of which some move: the pose that explains most image area."""
+"""Camera pose from points of which some move: the pose that explains most of the image area."""
 
 from __future__ import annotations
 
@@ -12,21 +12,25 @@ from hoid_filter.motion.downscaled_camera import DownscaledCamera
 from hoid_native import Gates, StereoParams, align_triples, optimize_pose, score_poses
 
 MIN_POINTS = 10  # chosen: a pose has 6 unknowns, and a point gives 2 or 3 equations
-_DISPARITY_NOISE_PX = 0.2  # chosen: of the depth as a disparity, in gray-image pixels
+_DISPARITY_NOISE_PX = 0.2  # chosen: standard deviation of the disparity, in gray-image pixels
 _GATE_SIGMAS = 3.0  # inlier limit: 99.7 % of a normal distribution
 _GATES = Gates(_GATE_SIGMAS**2, _GATE_SIGMAS**2)
-_MIN_NOISE_PX, _MAX_NOISE_PX = 0.25, 0.8  # chosen: limits of the noise that is measured
+_MIN_NOISE_PX, _MAX_NOISE_PX = 0.25, 0.8  # chosen: limits of the estimated noise
 # Standard deviation over the median of residuals. For a 2-D normal distribution it is 0.85;
 # chosen higher because the residuals of tracked points have a heavy tail.
 _NOISE_PER_MEDIAN = 1.3
 _NOISE_GAIN = 0.1  # chosen: the estimated noise follows an average over about 10 images
-_REFINE_FACTOR = 1.5  # chosen: points within this many gates enter the refinement of a hypothesis
-_SUFFICIENT_SHARE = 0.92  # chosen: a pose that explains so much area needs no other hypothesis
-_MAX_REGION_HYPOTHESES, _MIN_REGION_POINTS = 4, 8  # chosen: the largest regions, by points
-# RANSAC triples. With half of the points static, the chance that none is all static is 1.4 %.
+_REFINE_FACTOR = 1.5  # chosen: a pose is refined with points up to 1.5 times the inlier limit
+# Chosen: a pose that explains a larger share of the area is not compared with other hypotheses.
+_SUFFICIENT_SHARE = 0.92
+# Chosen: numbers of regions that yield a hypothesis, and of points that such a region must have.
+_MAX_REGION_HYPOTHESES, _MIN_REGION_POINTS = 4, 8
+# Number of RANSAC samples of three points. If half of the points are static, the probability that
+# every sample contains a moving point is 1.4 %.
 _NUM_SAMPLES = 32
-# Chosen: how much more area a pose without the prior must explain to replace one with it. In a
-# trial without this comparison, a wrong prior confirmed itself on one of four runs.
+# Chosen: share of the area that the best pose without the prior must explain in addition to the
+# best pose with the prior. In a trial without this comparison, a wrong prior confirmed itself in
+# one of four runs.
 _SWITCH_SHARE = 0.15
 
 
@@ -37,9 +41,10 @@ class PointObservations(NamedTuple):
     observed_px: FloatArray  # (N, 3) u, v, u_right in gray-image pixels; NaN u_right: no depth
     camera_m: FloatArray  # (N, 3) observed position in the camera frame, where there is depth
     has_depth: BoolArray  # (N,)
-    region: IntArray  # (N,) smooth depth region that each lies on; -1 = none
-    static_probability: FloatArray  # (N,) prior, from the images before
-    weights: FloatArray  # (N, 2) area that each represents: times `static_probability`, and whole
+    region: IntArray  # (N,) index of the region of smooth depth with the point; -1 = none
+    static_probability: FloatArray  # (N,) prior from earlier images
+    # (N, 2) image area that the point represents, multiplied by `static_probability` in column 0.
+    weights: FloatArray
 
     def select(self, mask: BoolArray) -> PointObservations:
         """Return the points of an (N,) mask."""
@@ -47,24 +52,24 @@ class PointObservations(NamedTuple):
 
 
 class EgoMotionEstimate(NamedTuple):
-    """A camera pose and its support."""
+    """A camera pose, and the share of the image area that it explains."""
 
     T_camera_world: FloatArray  # (4, 4)
-    share: float  # of the area that it explains
-    contradicts_prior: bool  # what counted as static so far is not
+    share: float  # share of the area whose points are inliers, in [0, 1]
+    contradicts_prior: bool  # whether surface that counted as static before moves by this pose
 
 
 class EgoMotion:
-    """Estimates the pose that explains most of the image area, instead of most of the points."""
+    """Estimates the camera pose that explains most of the image area, rather than most points."""
 
     def __init__(self, camera: DownscaledCamera) -> None:
         self._camera = camera
         self._random = np.random.default_rng(0)
-        # Standard deviation of observed static points, in gray-image pixels.
+        # Standard deviation of the pixels of static points, in the gray image.
         self.noise_px = _MAX_NOISE_PX
 
     def update_noise(self, residuals_px: FloatArray) -> None:
-        """Update the noise estimate by the (N,) residuals of mostly static points."""
+        """Update `noise_px` with the (N,) reprojection errors of mostly static points."""
         if len(residuals_px) < MIN_POINTS:
             return
         middle = len(residuals_px) // 2
@@ -73,15 +78,15 @@ class EgoMotion:
         self.noise_px += _NOISE_GAIN * (now_px - self.noise_px)
 
     def estimate(self, points: PointObservations, guesses: list[FloatArray]) -> EgoMotionEstimate:
-        """Return the camera pose.
+        """Return the camera pose that explains most of the static image area.
 
         Area counts in proportion to its prior probability of being static. A wrong prior would
-        confirm itself, so the best pose without it is estimated as well, and replaces the other
-        when it explains clearly more area.
+        confirm itself. Therefore the best pose without the prior is estimated as well, and is
+        returned when it explains clearly more of the whole area.
 
         Args:
-            points: At least `MIN_POINTS`.
-            guesses: (4, 4) predicted T_camera_world, the most probable first.
+            points: Observations of at least `MIN_POINTS` points.
+            guesses: Predicted poses T_camera_world (4, 4), the most probable first.
         """
         is_static = points.static_probability > 0.5
         if np.count_nonzero(is_static) < _MIN_REGION_POINTS:
@@ -101,7 +106,7 @@ class EgoMotion:
         return with_prior
 
     def residuals_px(self, points: PointObservations, T_camera_world: FloatArray) -> FloatArray:
-        """Return the (N,) reprojection errors of points at a pose, in gray-image pixels."""
+        """Return the (N,) reprojection errors of points at a pose, in pixels of the gray image."""
         pinhole = self._camera.gray_pinhole
         x, y, z = se3.transform(T_camera_world, points.world_m).T
         inverse_z = 1 / np.maximum(z, 1e-3)
@@ -111,7 +116,10 @@ class EgoMotion:
         return errors_px
 
     def _hypotheses(self, points: PointObservations, guess: FloatArray) -> list[FloatArray]:
-        """Return poses that each take another part of the image for static."""
+        """Return poses (4, 4) of which each assumes that another part of the image is static.
+
+        They are fitted to the largest regions of smooth depth and to random samples of points.
+        """
         counts = np.bincount(points.region + 1)[1:]
         largest = np.argsort(-counts, kind='stable')[:_MAX_REGION_HYPOTHESES]
         enough = largest[counts[largest] >= _MIN_REGION_POINTS]
@@ -125,7 +133,14 @@ class EgoMotion:
     def _refine_best(
         self, points: PointObservations, poses: list[FloatArray], shares: FloatArray, column: int
     ) -> EgoMotionEstimate:
-        """Return the pose with the greatest share in a column, refined on its inliers."""
+        """Return the pose that explains most area, refined on its inliers where that is better.
+
+        Args:
+            points: Observations of N points.
+            poses: M camera poses T_camera_world.
+            shares: (M, 2) shares of the area that the poses explain (see `_shares`).
+            column: Column of `shares` that decides: 0 with the prior, 1 without it.
+        """
         T = poses[int(shares[:, column].argmax())]
         errors_px = self.residuals_px(points, T)
         near = errors_px < _REFINE_FACTOR * _GATE_SIGMAS * self.noise_px
@@ -135,7 +150,10 @@ class EgoMotion:
         return EgoMotionEstimate((refined, T)[k], float(both[k, 1]), contradicts_prior=False)
 
     def _shares(self, points: PointObservations, poses: list[FloatArray]) -> FloatArray:
-        """Return (M, 2): the shares that poses explain of the static area, and of all area."""
+        """Return (M, 2) shares of the image area that each of M poses explains, in [0, 1].
+
+        Column 0 weights area by its prior probability of being static; column 1 is all area.
+        """
         scores = score_poses(
             self._stereo(),
             self.noise_px,
@@ -149,7 +167,7 @@ class EgoMotion:
         return shares
 
     def _fit(self, points: PointObservations, mask: BoolArray, guess: FloatArray) -> FloatArray:
-        """Return the robust least-squares pose of the points of a mask."""
+        """Return the robust least-squares pose of the points in an (N,) mask, from a guess."""
         k = np.flatnonzero(mask)
         return optimize_pose(
             self._stereo(),
@@ -161,6 +179,7 @@ class EgoMotion:
         ).T_camera_map
 
     def _stereo(self) -> StereoParams:
+        """Return the virtual stereo camera of the gray image, with the current noise."""
         pinhole = self._camera.gray_pinhole
         return StereoParams(
             pinhole.fx_px,

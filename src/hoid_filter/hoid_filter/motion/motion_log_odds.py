@@ -13,33 +13,34 @@ from hoid_filter.motion.downscaled_camera import DownscaledCamera
 from hoid_filter.motion.downscaled_view import DownscaledView
 from hoid_native import propagate_log_odds
 
-# Evidence is given per image of a 30 Hz camera and scaled by the time since the image before, so
-# that the result does not depend on the frame rate.
+# Evidence of motion is defined for one image at 30 Hz, and scaled by the time since the previous
+# image, so that the result does not depend on the frame rate.
 EVIDENCE_PERIOD_S = 1 / 30
 _MAX_EVIDENCE_SCALE = 4.0  # chosen: after a gap, one image must not decide alone
-# Chosen: log-odds are carried over to a pixel whose depth differs by less than the sum of 0.05 m,
-# 3 % of the depth and 0 % of its square. Without this check, a trial lost twice as many static
+# Coefficients of 1, z and z^2. Chosen: a pixel keeps the log-odds of the previous image if its depth
+# z has changed by less than 0.05 m + 3 % of z. Without this check, a trial lost twice as many static
 # corners.
 _SAME_SURFACE_MARGIN = 0.05, 0.03, 0.0
-# Chosen: a probability of 95 % at most, so that contrary evidence can still change the verdict.
+# Chosen: a probability of 95 % at most, so that contrary evidence can still change the result.
 _MAX_LOG_ODDS = 3.0
-# Chosen: hysteresis. A region grows from pixels with probability 0.88 over those with 0.67.
+# Chosen: a region consists of pixels with a probability of motion above 0.67, and contains a pixel
+# with a probability above 0.88 (hysteresis).
 _MOVING_LOG_ODDS, _CERTAIN_LOG_ODDS = 0.7, 2.0
 # Chosen: share of the image, 38 px of 160x120. Smaller regions are mostly noise at depth edges.
 _MIN_REGION_SHARE = 0.002
-# Pixels on a depth edge belong to no segment and have no evidence: the mask grows over them.
+# Pixels on a depth edge belong to no segment and get no evidence. Therefore regions are grown.
 _EDGE_WIDTH_PX = 2
 
 
 class LabeledRegions(NamedTuple):
-    """The moving regions of a downscaled image, as a label image."""
+    """The R moving regions of a downscaled image, as a label image."""
 
     label: IntArray  # (h, w), 0 = static, else 1 + index of the region
-    boxes_xywh_px: IntArray  # (R, 4) of the regions, in the downscaled image
+    boxes_xywh_px: IntArray  # (R, 4) left, top, width and height in the downscaled image
 
     @staticmethod
     def none(shape_hw: tuple[int, ...]) -> LabeledRegions:
-        """Return the label image of a static scene."""
+        """Return a label image without any moving region."""
         return LabeledRegions(np.zeros(shape_hw, np.int64), np.empty((0, 4), np.int64))
 
     @property
@@ -66,14 +67,18 @@ class MotionLogOdds:
         self.log_odds = np.zeros_like(self.log_odds)
 
     def static_probability(self, pixels: IntArray) -> FloatArray:
-        """Return the (N,) probabilities that pixels, as flat indices, are static."""
+        """Return the (N,) probabilities that pixels are static.
+
+        Args:
+            pixels: (N,) indices into the flattened downscaled image.
+        """
         log_odds: FloatArray = self.log_odds.ravel()[pixels].astype(np.float64)
         return 1 / (1 + np.exp(log_odds))
 
     def update(
         self, view: DownscaledView, T_previous_current: FloatArray, evidence: FloatArray
     ) -> None:
-        """Warp the log-odds to a new view and add the evidence on its segments.
+        """Warp the log-odds to a new view, let them decay, and add new evidence of motion.
 
         Args:
             view: The new view.
@@ -100,7 +105,10 @@ class MotionLogOdds:
         self._previous = view
 
     def moving_regions(self) -> LabeledRegions:
-        """Return the connected regions that probably move and contain a pixel that surely does."""
+        """Return the connected regions of probably moving pixels in which a pixel surely moves.
+
+        Regions of less than 0.2 % of the image are ignored.
+        """
         certain, moving = self.log_odds > _CERTAIN_LOG_ODDS, self.log_odds > _MOVING_LOG_ODDS
         min_area_px = _MIN_REGION_SHARE * moving.size
         if not certain.any() or np.count_nonzero(moving) < min_area_px:
@@ -123,7 +131,10 @@ class MotionLogOdds:
 
 
 def dilate_labels(label: IntArray) -> ByteArray:
-    """Return the (h, w) labels (fewer than 256), grown over the depth edge around each region."""
+    """Return a label image (h, w) in which each region is grown by 2 px, over its depth edge.
+
+    There must be fewer than 256 regions.
+    """
     side = 2 * _EDGE_WIDTH_PX + 1
     dilated = cv2.dilate(label.astype(np.uint8), np.ones((side, side), np.uint8))
     return np.asarray(dilated, np.uint8)

@@ -1,8 +1,8 @@
 """Segmentation of an RGB-D stream into static and moving regions, without a detector.
 
-Two cues give evidence that a segment of the depth image moves: it occludes what was visible there
-earlier, or the points tracked on it contradict the camera motion (docs/explanation/motion.md,
-decision 27).
+A segment of the depth image probably moves when it is in front of the surface that was visible
+there before, or when the points tracked on it contradict the camera motion
+(docs/explanation/motion.md, decision 027).
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from hoid_filter.motion.region_velocity import PointDisplacements
 from hoid_native import depths_at, strongest_corners_per_cell
 
 _MAX_GAP_S = 0.7  # chosen: after a longer gap between images, points are not found again
-# A point moves when its reprojection error exceeds 6 times the measured noise, 3 px at most. Of
-# 4, 6 and 3 px alone, 6 is best or equal on five scenes (decision 27, commit a1bef2d).
+# A point moves when its reprojection error exceeds the smaller of 6 times the noise and 3 px. On
+# five scenes, 6 was as good as or better than 4, and than 3 px alone (decision 027).
 _OUTLIER_SIGMAS, _MAX_OUTLIER_PX = 6.0, 3.0
-# Chosen: log-odds per `EVIDENCE_PERIOD_S` of one point, and at most of all points on a segment.
+# Chosen: log-odds per `EVIDENCE_PERIOD_S` from one point, and limit for all points on a segment.
 _POINT_LOG_ODDS, _MAX_POINTS_LOG_ODDS = 0.6, 1.0
-# Chosen: an inlier counts in proportion to its age up to this. A slow object moves less than the
-# noise in a shorter time.
+# Chosen: a point that agrees with the camera motion counts in proportion to its age up to this
+# age, because a slow object moves less than the noise in a shorter time.
 _FULL_WEIGHT_S = 0.2
 # A tracked point whose depth changes by more than 5 % plus 3 m/s has slipped to another surface.
-# Chosen: the noise of depth at an edge, and faster than people run indoors.
+# Chosen for the depth noise at an edge, and for a speed above that of people indoors.
 _MAX_DEPTH_CHANGE, _MAX_SPEED_MPS = 0.05, 3.0
-_MIN_WEIGHT_DEPTH_M = 0.3  # chosen: nearer surface counts no less, as for points without depth
+_MIN_WEIGHT_DEPTH_M = 0.3  # chosen: least depth in a point's weight, also without a reading
 _UNSEGMENTED_AREA_PX = 2.0  # chosen: area that a point on a depth edge, in no segment, represents
 
 
 class PointPixels(NamedTuple):
     """Pixels and depths of N tracked points in the full image."""
 
-    pixel: IntArray  # (N,) flat
+    pixel: IntArray  # (N,) indices into the flattened full-resolution image
     depth_m: FloatArray  # (N,); 0 = no reading
 
     def select(self, mask: BoolArray) -> PointPixels:
@@ -62,14 +62,15 @@ class SegmentedPoints(NamedTuple):
     """Observations of N tracked points, and the segment that each lies on."""
 
     points: PointObservations
-    segment: Int32Array  # (N,); -1 = none
+    segment: Int32Array  # (N,) index of the depth segment; -1 = none
     downscaled_pixel: IntArray  # (N,) flat index into the downscaled depth image
 
 
 class MotionSegmentation:
-    """Accumulates evidence of motion over the images of one camera.
+    """Finds moving regions in the images of one camera by evidence from many images.
 
-    The world frame is the camera frame at the first image, or at the first after a restart.
+    The world frame is the camera frame of the first image since the last restart. Segmentation
+    restarts after a gap between images, and when too few points are tracked.
     """
 
     def __init__(self, config: MotionConfig, camera: CameraModel) -> None:
@@ -91,7 +92,10 @@ class MotionSegmentation:
         self.displacements = PointDisplacements.none()  # of the points in the last view
 
     def segment(self, view: MotionView) -> LabeledRegions:
-        """Return the moving regions of the next view, in order of time."""
+        """Process the next view: update the camera pose and evidence, and return moving regions.
+
+        Views must come in order of time.
+        """
         small = downscale(view, self.camera)
         if self._view is not None and not 0 < small.stamp_s - self._view.stamp_s < _MAX_GAP_S:
             self._restart()
@@ -124,7 +128,16 @@ class MotionSegmentation:
     def _track_points(
         self, view: MotionView, small: DownscaledView, T_next_world: FloatArray
     ) -> PointPixels:
-        """Track the points into a view, and drop those that slipped onto another surface."""
+        """Track the points into a view, and drop those that are lost or on another surface.
+
+        Args:
+            view: The full-resolution view.
+            small: The same view, downscaled.
+            T_next_world: (4, 4) predicted camera pose of the view, as T_camera_world.
+
+        Returns:
+            Pixels and depths of the points that remain in the tracks.
+        """
         if self._view is None:
             return PointPixels(np.empty(0, np.int64), np.empty(0))
         predicted_px = predict_px(self._tracks, self._T_camera_world, T_next_world, self.camera)
@@ -140,11 +153,12 @@ class MotionSegmentation:
         return PointPixels(pixel, depth_m).select(is_same)
 
     def _observe_points(self, pixels: PointPixels, small: DownscaledView) -> SegmentedPoints:
+        """Return the observations of the tracked points, with the area that each represents."""
         depth_m = pixels.depth_m
         observed_px = self.camera.measure(self.camera.full_px(self._tracks.uv_px), depth_m)
         downscaled_pixel = self.camera.downscaled_of_pixel[pixels.pixel]
         segment = small.segments.label.ravel()[downscaled_pixel]
-        # Proportional to the square root of the area in m2, at equal area in px.
+        # Multiplied by the depth, equal areas in px count by the square root of their area in m2.
         area = _area_per_point(small.segments.area_px, segment)
         area *= np.maximum(depth_m, _MIN_WEIGHT_DEPTH_M)
         points = PointObservations(
@@ -161,10 +175,15 @@ class MotionSegmentation:
     def _estimate_ego_motion(
         self, tracked: SegmentedPoints, is_undetected: BoolArray, predictions: list[FloatArray]
     ) -> None:
-        """Update the camera pose; with too few points, restart.
+        """Update the camera pose from the tracked points; with too few points, restart.
 
-        Points on detected people are used only when few others are left: people may cover more of
-        the image than the static scene does (decision 27).
+        Points on detected people and objects are used only when fewer than `MIN_POINTS` others are
+        left, because people may cover more of the image than the static scene does (decision 027).
+
+        Args:
+            tracked: Observations of N tracked points.
+            is_undetected: (N,) flags: whether a point lies outside the detected dynamic objects.
+            predictions: Predicted poses T_camera_world (4, 4), the most probable first.
         """
         if self._view is None:
             return
@@ -182,7 +201,11 @@ class MotionSegmentation:
         self._T_world_camera, self._T_camera_world = T_world_camera, estimate.T_camera_world
 
     def _evidence(self, tracked: SegmentedPoints, small: DownscaledView) -> FloatArray:
-        """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, that segments move, by both cues."""
+        """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, that each depth segment moves.
+
+        They are the sum of the evidence from occlusion and from tracked points, as far as the
+        parameters `in_front` and `off_course` enable it.
+        """
         evidence = np.zeros(len(small.segments.region))
         if self._config.in_front:
             evidence += self._history.occlusion_evidence(small, self._T_world_camera)
@@ -191,6 +214,7 @@ class MotionSegmentation:
         return evidence
 
     def _displacements(self, tracked: SegmentedPoints, now_s: float) -> PointDisplacements:
+        """Return the displacements in the world of the points with depth since their anchors."""
         if not len(self._tracks):
             return PointDisplacements.none()
         has_depth = tracked.points.has_depth
@@ -201,7 +225,10 @@ class MotionSegmentation:
         return PointDisplacements(tracked.downscaled_pixel[has_depth], in_camera_axes_m, elapsed_s)
 
     def _point_evidence(self, tracked: SegmentedPoints, small: DownscaledView) -> FloatArray:
-        """Return the (S,) log-odds that segments move, from the errors of their points."""
+        """Return the (S,) log-odds that segments move, from reprojection errors of their points.
+
+        The noise estimate of the camera motion is updated as well.
+        """
         errors_px = self._ego_motion.residuals_px(tracked.points, self._T_camera_world)
         self._ego_motion.update_noise(errors_px[tracked.points.static_probability > 0.5])
         age_s = small.stamp_s - self._tracks.anchored_s
@@ -214,10 +241,10 @@ class MotionSegmentation:
         return np.clip(total, -_MAX_POINTS_LOG_ODDS, _MAX_POINTS_LOG_ODDS)
 
     def _renew_anchors(self, tracked: SegmentedPoints, now_s: float) -> IntArray:
-        """Anchor old points anew and drop those without depth.
+        """Give points with an old anchor a new one, and drop those of them without depth.
 
         Returns:
-            The (N,) flat indices of the remaining points in the downscaled depth image.
+            The (N,) indices of the remaining points in the flattened downscaled depth image.
         """
         if not len(self._tracks):
             return np.empty(0, np.int64)
@@ -231,12 +258,12 @@ class MotionSegmentation:
         return tracked.downscaled_pixel[kept]
 
     def _add_points(self, view: MotionView, small: DownscaledView, occupied: IntArray) -> None:
-        """Add corners with depth where no point is, and update the static probabilities.
+        """Track new corners where no point is, and update the static probabilities of all points.
 
         Args:
             view: The full-resolution view.
-            small: The same, downscaled.
-            occupied: (N,) flat indices of the tracked points in the downscaled depth image.
+            small: The same view, downscaled.
+            occupied: (N,) indices of the tracked points in the flattened downscaled depth image.
         """
         pixels = self._free_corners(view, small)
         depth_m = _depths_at(view.depth_m, pixels)
@@ -259,9 +286,9 @@ class MotionSegmentation:
         self._static_probability = self._log_odds.static_probability(at)
 
     def _free_corners(self, view: MotionView, small: DownscaledView) -> IntArray:
-        """Return the flat pixels of the strongest corner in each grid cell without a point.
+        """Return the pixel (flat index) of the strongest corner in each grid cell without a point.
 
-        Only corners on smooth depth: at a depth edge the reading may be of either side.
+        Corners at a depth edge are left out, because their depth may be that of either side.
         """
         missing = self._config.num_points - len(self._tracks)
         height, width = view.depth_m.shape
@@ -288,7 +315,7 @@ def _depths_at(depth_m: Float32Array, pixels: IntArray) -> FloatArray:
 
 
 def _area_per_point(area_px: Int32Array, segment: Int32Array) -> FloatArray:
-    """Return the (N,) share of its segment's area, in px, that each point represents.
+    """Return the (N,) areas in px that points represent: their segment's area / its points.
 
     Args:
         area_px: (S,) areas of the segments.

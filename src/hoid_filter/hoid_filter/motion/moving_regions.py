@@ -1,4 +1,4 @@
-"""Moving regions of an image with box, depth and velocity, for the last images of a camera."""
+"""Moving regions of an image with box, depth and velocity, stored for the last images."""
 
 from __future__ import annotations
 
@@ -21,19 +21,24 @@ class MovingRegions(NamedTuple):
     """N regions of one image that move in the world."""
 
     boxes_xyxy_px: Float32Array  # (N, 4) in the full image
-    depths_m: FloatArray  # (N,), median
-    velocities_mps: FloatArray  # (N, 3) in the world, in camera axes; NaN = unknown
+    depths_m: FloatArray  # (N,) median depths
+    velocities_mps: FloatArray  # (N, 3) relative to the world, along camera axes; NaN = unknown
     label: ByteArray  # (h, w) at low resolution: 0 = static, else 1 + index of the region
-    camera: DownscaledCamera | None  # of the label image; None: no motion was segmented
+    camera: DownscaledCamera | None  # maps pixels to the label image; None: no regions
 
     def label_at(self, pixels: IntArray) -> ByteArray:
-        """Return the labels of full-resolution pixels, given as flat indices of any shape."""
+        """Return the labels of pixels: 0 = static, else 1 + index of the region.
+
+        Args:
+            pixels: Indices into the flattened full-resolution image, in an array of any shape,
+                which the result has too.
+        """
         if self.camera is None or not len(self.depths_m):
             return np.zeros(pixels.shape, np.uint8)
         return self.label.ravel()[self.camera.downscaled_of_pixel[pixels]]
 
     def select(self, index: IntArray) -> MovingRegions:
-        """Return some of the regions; the label image keeps all of them."""
+        """Return the regions of these indices; the label image still contains all regions."""
         return self._replace(
             boxes_xyxy_px=self.boxes_xyxy_px[index],
             depths_m=self.depths_m[index],
@@ -47,7 +52,7 @@ NO_MOVING_REGIONS = MovingRegions(
 
 
 class MotionDetector:
-    """Segments motion in the views of one camera, and keeps the results of the last ones."""
+    """Segments motion in the views of one camera, and stores the results of the last 60 views."""
 
     def __init__(self, config: MotionConfig) -> None:
         self._config = config
@@ -55,7 +60,10 @@ class MotionDetector:
         self._results: deque[tuple[int, MovingRegions]] = deque(maxlen=_MAX_RESULTS)
 
     def detect(self, view: MotionView) -> None:
-        """Segment motion in the next view. With another camera, segmentation starts anew."""
+        """Segment motion in the next view and store its moving regions.
+
+        Segmentation starts anew when the camera differs from that of the previous view.
+        """
         if self._segmentation is None or self._segmentation.camera.camera != view.camera:
             self._segmentation = MotionSegmentation(self._config, view.camera)
         regions = self._segmentation.segment(view)
@@ -65,16 +73,17 @@ class MotionDetector:
         self._results.append((view.stamp_ns, moving))
 
     def has_result(self, stamp_ns: int) -> bool:
-        """Return whether motion was segmented in the view of a stamp."""
+        """Return whether the result of the view with this stamp is stored."""
         return any(result_ns == stamp_ns for result_ns, _ in self._results)
 
     def regions_at(self, stamp_ns: int) -> MovingRegions:
-        """Return the moving regions of the last view up to a stamp."""
+        """Return the moving regions of the newest view up to a stamp; no regions without one."""
         past = (moving for result_ns, moving in reversed(self._results) if result_ns <= stamp_ns)
         return next(past, NO_MOVING_REGIONS)
 
 
 def _describe(regions: LabeledRegions, segmentation: MotionSegmentation) -> MovingRegions:
+    """Return the regions of the last view with their boxes, median depths and velocities."""
     depth_m = segmentation.depth_m
     depths_m = [np.median(depth_m[regions.label == n + 1]) for n in range(regions.num_regions)]
     return MovingRegions(

@@ -1,4 +1,7 @@
-"""Points tracked by optical flow, each with its anchor: its world position at an earlier image."""
+"""Points that are tracked by optical flow, each with its world position in an earlier image.
+
+This earlier position is called the anchor of the point. It is renewed from time to time.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +15,15 @@ from hoid_common import se3
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray
 from hoid_filter.motion.downscaled_camera import DownscaledCamera
 
-# Lucas-Kanade optical flow (IJCAI 1981) from a predicted start, which allows few steps. Chosen:
-# the 9 px window reaches 16 px on the coarsest of 3 levels; tracking back starts near its end.
+# Lucas-Kanade optical flow (IJCAI 1981). It starts at a predicted pixel, so that few steps are
+# enough. Chosen: on the coarsest of 3 levels, the 9 px window covers 16 px to each side. Tracking
+# back starts near the result and needs 2 levels only.
 _WINDOW_PX = 9
 _MAX_LEVEL, _MAX_LEVEL_BACK = 2, 1
 _STOP_AT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 8, 0.03)  # steps, px
-# Without the eigenvalues OpenCV computes an error that nothing uses, in one more pass.
+# With the flag for eigenvalues, OpenCV skips one more pass for an error that is not used here.
 _FLAGS = cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
-_MAX_RETURN_ERROR_PX = 0.5  # chosen: a point that tracking back misses by more has slipped
+_MAX_RETURN_ERROR_PX = 0.5  # chosen: greatest error after tracking forth and back
 _MARGIN_PX = 3.0  # chosen: nearer to the border most of the window is outside
 _MAX_PREDICTED_PX = 40.0  # chosen: 1/8 of the image; a wrong prediction must not lead further
 _MIN_DEPTH_M = 0.05  # avoids a division by zero for points at the camera
@@ -27,17 +31,17 @@ _MIN_DEPTH_M = 0.05  # avoids a division by zero for points at the camera
 
 @dataclass(frozen=True, eq=False)
 class PointTracks:
-    """N tracked points: their pixels in the gray image, and their anchors in the world."""
+    """N tracked points: their pixels in the newest gray image, and their earlier positions."""
 
     uv_px: Float32Array  # (N, 2) in the downscaled gray image
-    anchor_m: FloatArray  # (N, 3) world position when they were anchored
-    anchored_s: FloatArray  # (N,) time of anchoring
-    renew_s: FloatArray  # (N,) time to anchor them anew
+    anchor_m: FloatArray  # (N, 3) anchor: position in the world at the time `anchored_s`
+    anchored_s: FloatArray  # (N,) time of the anchor
+    renew_s: FloatArray  # (N,) time at which the anchor must be renewed
     depth_m: FloatArray  # (N,) last known depth
 
     @staticmethod
     def none() -> PointTracks:
-        """Return no points."""
+        """Return tracks without points."""
         empty = np.empty(0)
         return PointTracks(np.empty((0, 2), np.float32), np.empty((0, 3)), empty, empty, empty)
 
@@ -57,7 +61,14 @@ class PointTracks:
     def anchor(
         self, mask: BoolArray, points_world_m: FloatArray, now_s: float, for_s: float
     ) -> PointTracks:
-        """Return the tracks, those of an (N,) mask anchored now at `points_world_m` (N, 3)."""
+        """Return a copy of the tracks in which some points have a new anchor.
+
+        Args:
+            mask: (N,) flags of the points that get a new anchor.
+            points_world_m: (N, 3) positions in the world; used where the flag is set.
+            now_s: Time of the new anchors.
+            for_s: Time for which they are valid.
+        """
         return dataclasses.replace(
             self,
             anchor_m=np.where(mask[:, None], points_world_m, self.anchor_m),
@@ -72,7 +83,14 @@ def predict_px(
     T_next_world: FloatArray,
     camera: DownscaledCamera,
 ) -> Float32Array:
-    """Return the (N, 2) gray pixels where static points appear after the camera motion."""
+    """Return the (N, 2) pixels at which the points would appear next if they were static.
+
+    Args:
+        tracks: N points.
+        T_camera_world: (4, 4) camera pose of the image in which they were tracked last.
+        T_next_world: (4, 4) camera pose of the next image, likewise T_camera_world.
+        camera: Camera of the gray images.
+    """
     focal_px = camera.gray_pinhole.fx_px, camera.gray_pinhole.fy_px
     before, after = (
         _normalized(se3.transform(T, tracks.anchor_m)) for T in (T_camera_world, T_next_world)
@@ -92,9 +110,19 @@ def _normalized(points_m: FloatArray) -> FloatArray:
 def track(
     previous: ByteArray, current: ByteArray, tracks: PointTracks, predicted_px: Float32Array
 ) -> tuple[PointTracks, BoolArray]:
-    """Return the points found in the current gray image, and the (N,) mask of which those are.
+    """Track N points from the previous gray image into the current one.
 
-    A point is found when tracking it back leads to where it was.
+    A point counts as found when tracking it back ends within 0.5 px of where it began.
+
+    Args:
+        previous: The previous downscaled gray image.
+        current: The current downscaled gray image.
+        tracks: The points, with their pixels in the previous image.
+        predicted_px: (N, 2) pixels in the current image at which the search starts.
+
+    Returns:
+        The points that were found, with their pixels in the current image, and the (N,) mask of
+        these points.
     """
     if not len(tracks):
         return tracks, np.empty(0, np.bool_)
@@ -115,7 +143,15 @@ def _optical_flow(
     start_px: Float32Array,
     max_level: int,
 ) -> tuple[Float32Array, BoolArray]:
-    """Return the (N, 2) pixels of points in the current image, and whether each was found."""
+    """Return the (N, 2) pixels of points in the current image, and (N,) flags of found points.
+
+    Args:
+        previous: The image in which the points are known.
+        current: The image in which they are searched.
+        from_px: (N, 2) pixels in the previous image.
+        start_px: (N, 2) pixels in the current image at which the search starts.
+        max_level: Number of further pyramid levels; 0 = only full resolution.
+    """
     uv_px, found, _ = cv2.calcOpticalFlowPyrLK(
         previous,
         current,

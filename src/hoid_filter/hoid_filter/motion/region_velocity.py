@@ -15,21 +15,22 @@ _MIN_POINTS = 3  # the fewest whose median ignores one outlier
 
 
 class PointDisplacements(NamedTuple):
-    """Displacements of N tracked points in the world since each was anchored."""
+    """How far N tracked points have moved in the world since an earlier image."""
 
-    downscaled_pixel: IntArray  # (N,) flat indices into the downscaled depth image
-    displacement_m: FloatArray  # (N, 3) in the world, in camera axes
-    elapsed_s: FloatArray  # (N,)
+    downscaled_pixel: IntArray  # (N,) indices into the flattened downscaled depth image
+    displacement_m: FloatArray  # (N, 3) relative to the world, along camera axes
+    elapsed_s: FloatArray  # (N,) time since the earlier image, which differs from point to point
 
     @staticmethod
     def none() -> PointDisplacements:
-        """Return the displacements of no points."""
+        """Return displacements without points."""
         return PointDisplacements(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
 
     def region_velocities_mps(self, regions: LabeledRegions) -> FloatArray:
-        """Return the (R, 3) velocities of regions in the world, in camera axes; NaN = unknown.
+        """Return the (R, 3) velocities of regions relative to the world, along camera axes.
 
-        It is the median, axis by axis, over the points that were tracked long enough.
+        Each is the median, axis by axis, over the points that were tracked for at least 0.1 s. It
+        is NaN with fewer than three such points.
         """
         velocities_mps = np.full((regions.num_regions, 3), np.nan)
         is_long = self.elapsed_s >= _MIN_ELAPSED_S

@@ -1,4 +1,4 @@
-"""The publishers of the filter: features and verdicts always, images and points on demand."""
+"""The publishers of the filter node: features, objects, final verdicts, images and points."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ from hoid_filter.masked_images import dynamic_mask, points_m
 
 
 class FilterOutputs:
-    """Publishes the results for an image, with the header of its color message."""
+    """Publishes the results for an image, with the header of its color image message.
+
+    Images and point clouds are made only while their topics have subscribers.
+    """
 
     def __init__(self, node: Node) -> None:
         self._features = node.create_publisher(FeaturesMsg, topics.FEATURES, qos.OUTPUT)
@@ -43,7 +46,7 @@ class FilterOutputs:
 
     @property
     def wants_masks(self) -> bool:
-        """Return whether anybody subscribes to the masked images or the points."""
+        """Return whether anybody subscribes to the masked images or the point clouds."""
         return self._masked_images.is_watched or bool(self._watched_clouds())
 
     def publish(
@@ -54,13 +57,13 @@ class FilterOutputs:
         *,
         provisional: bool,
     ) -> None:
-        """Publish features and verdicts, then the debug image if anybody subscribes to it.
+        """Publish features and objects, then the debug image if anybody subscribes to it.
 
         Args:
-            frame: The image.
-            result: Of the filter.
-            header: Of the image.
-            provisional: Whether `publish_final` follows.
+            frame: The color and depth image.
+            result: Result of the filter for the image.
+            header: Header of the color image.
+            provisional: Whether a final verdict will follow by `publish_final`.
         """
         counts = conversions.FeatureCounts(
             result.num_features_in,
@@ -83,13 +86,14 @@ class FilterOutputs:
         header: Header,
         camera: CameraModel | None,
     ) -> None:
-        """Publish the masked images and the point clouds that anybody subscribes to.
+        """Publish the masked images and the point clouds that have subscribers.
 
         Args:
             final: The verdict on the image.
-            depth_m: (H, W) of the image.
-            header: Of the image.
-            camera: Of the image; if it is None or of another size, there are no points.
+            depth_m: (H, W) depth of the image.
+            header: Header of the color image.
+            camera: Camera model. If it is None or of another image size, no point cloud is
+                published.
         """
         is_dynamic = dynamic_mask(final.verdict, depth_m.shape[::-1])
         is_static = ~is_dynamic
@@ -103,7 +107,13 @@ class FilterOutputs:
             publisher.publish(conversions.cloud_to_msg(cloud, header))
 
     def publish_final(self, final: FinalVerdict, header: Header, size_px: tuple[int, int]) -> None:
-        """Publish the final verdict on an image that was published provisionally."""
+        """Publish the final verdict on an image that was published provisionally.
+
+        Args:
+            final: The final verdict on its features and objects.
+            header: Header of the color image.
+            size_px: Width and height of the image.
+        """
         self._verdicts.publish(conversions.feature_verdicts_to_msg(final.feature_verdicts, header))
         self._publish_objects(final.objects, header, size_px, provisional=False)
 

@@ -1,4 +1,4 @@
-"""The built-in strategies: rules that decide which objects are dynamic, and the mask over them.
+"""The built-in strategies: rules that classify objects as dynamic, and masks of their pixels.
 
-Nothing here finds or describes features.
+This package neither detects nor describes features.
 """

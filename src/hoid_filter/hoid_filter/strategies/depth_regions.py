@@ -1,4 +1,4 @@
-"""Depth at a quarter of the resolution, which is enough to outline people and large objects."""
+"""Depth images at a quarter of the resolution, at which people and large objects are masked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STRIDE_PX = 4  # chosen: 160x120 of VGA, at which a mask takes a sixteenth of th
 
 
 def subsample(depth_m: Float32Array) -> Float32Array:
-    """Return every fourth pixel of every fourth row of an (H, W) depth image."""
+    """Return every fourth pixel of every fourth row of an (H, W) depth image, as (h, w)."""
     half = STRIDE_PX // 2
     return np.ascontiguousarray(depth_m[half::STRIDE_PX, half::STRIDE_PX])
 
@@ -27,11 +27,11 @@ def subsampled_pixels(shape_hw: tuple[int, ...]) -> IntArray:
 
 
 def subsampled_boxes(boxes_xyxy_px: FloatArray, shape_hw: tuple[int, ...]) -> Int32Array:
-    """Return the (N, 4) boxes of whole low-resolution pixels that cover full-resolution boxes.
+    """Return the (N, 4) smallest low-resolution boxes that cover full-resolution boxes.
 
     Args:
         boxes_xyxy_px: (N, 4) in the full image.
-        shape_hw: Of the low-resolution image.
+        shape_hw: Height and width of the low-resolution image, to which the boxes are clipped.
     """
     height, width = shape_hw
     covering = boxes_xyxy_px / STRIDE_PX

@@ -1,4 +1,4 @@
-"""The mask over dynamic objects, at low resolution, and the corners outside it."""
+"""The low-resolution mask of dynamic pixels, and the corners that lie outside this mask."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ _PREDICTION_MARGIN = 0.1  # chosen: a predicted box may be off by this share of 
 
 
 class Mask(NamedTuple):
-    """The dynamic pixels of an image, and which of its K corners are kept."""
+    """The dynamic pixels of an image, and which of its K corners lie outside of them."""
 
     is_dynamic: BoolArray  # (h, w) at low resolution
     static_area_px: int  # unmasked area of the image
-    kept: IntArray | None  # indices of the kept corners, ascending; None = all
+    kept: IntArray | None  # ascending indices of the unmasked corners; None = all K
 
 
 def dilate_mask(is_dynamic: BoolArray, image: FilterInput) -> Mask:
-    """Return the mask of an image with a margin around the dynamic pixels.
+    """Return the mask of an image: its dynamic pixels, grown by a margin of 8 px.
 
     Args:
-        is_dynamic: (h, w) at low resolution, without the margin.
-        image: The image.
+        is_dynamic: (h, w) at low resolution: the dynamic pixels without the margin.
+        image: The image, whose corners are compared with the mask.
     """
     size_px = image.depth_m.size
     if not is_dynamic.any():
@@ -58,13 +58,14 @@ class _Upsampling(NamedTuple):
 
 @functools.cache
 def _upsampling(size_hw: tuple[int, int], low_hw: tuple[int, int]) -> _Upsampling:
+    """Return the cells of an image of size (H, W) in a low-resolution image of size (h, w)."""
     rows, columns = (_nearest(*sizes) for sizes in zip(size_hw, low_hw, strict=True))
     areas_px = np.outer(np.bincount(rows), np.bincount(columns)).astype(np.int32)
     return _Upsampling(rows, columns, areas_px)
 
 
 def _nearest(size: int, low_size: int) -> IntArray:
-    """Return the (size,) indices into a low-resolution row that OpenCV's resizing takes."""
+    """Return the (size,) indices of the low-resolution pixels to which OpenCV maps each pixel."""
     row = np.arange(low_size, dtype=np.float32)[None]
     enlarged = cv2.resize(row, (size, 1), interpolation=cv2.INTER_NEAREST)
     return np.asarray(enlarged[0], np.int64)
@@ -78,13 +79,14 @@ def mask_objects(
 ) -> BoolArray:
     """Return the (h, w) mask of the dynamic objects, without a margin.
 
-    An object is the part of its box near its depth, so that the background in the box is kept.
+    Of each box, only the pixels near the object's depth are masked, so that features on the
+    background inside the box are kept. With `keep_background` off, the whole box is masked.
 
     Args:
-        snapshot: N tracks.
-        reasons: Why each is dynamic, or that it is static.
+        snapshot: N tracked people and objects.
+        reasons: N reasons why a track is static or dynamic.
         low_depth_m: (h, w) subsampled depth.
-        plus: Has the depth extent of people and objects.
+        plus: Parameters with the depth extent of people and objects.
     """
     dynamic = [n for n, reason in enumerate(reasons) if reason is not Reason.STATIC]
     if not dynamic:

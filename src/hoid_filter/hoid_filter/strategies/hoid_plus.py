@@ -1,4 +1,4 @@
-"""The strategy `hoid+`: the paper's rules on tracked boxes, with memory and masks cut by depth."""
+"""The strategy `hoid+`: the HOID paper's rules on tracked boxes, with masks limited by depth."""
 
 from __future__ import annotations
 
@@ -10,22 +10,26 @@ from hoid_filter.detections.overlap import areas_px2
 from hoid_filter.detections.tracks import BoxTracker, TrackLimits
 from hoid_filter.motion.moving_regions import MovingRegions
 from hoid_filter.strategies.depth_regions import STRIDE_PX, subsample, subsampled_pixels
-from hoid_filter.strategies.dynamic_mask import Mask, dilate_mask, mask_objects
+from hoid_filter.strategies.dynamic_mask import dilate_mask, mask_objects
 from hoid_filter.strategies.interaction import (
     Interactions,
     TrackSnapshot,
     classify_interactions,
 )
-from hoid_filter.strategies.motion_only import moving_verdict
-from hoid_filter.strategy import FilterInput, Verdict, append_objects
+from hoid_filter.strategies.motion_only import moving_objects
+from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
 from hoid_native import box_center_depths_m, person_depths_m
 
-# Chosen: a moving region that lies mostly on detected dynamic objects is no object of its own.
+# Chosen: a moving region of which a larger share lies on detected dynamic objects is a part of
+# these objects, and is not reported a second time.
 _MAX_DETECTED_SHARE = 0.5
 
 
 class HoidPlus:
-    """Tracks people and objects, and masks the dynamic ones no further than depth shows them."""
+    """Tracks people and objects, and masks the dynamic ones as far as depth shows their surface.
+
+    With `motion.enabled`, it also masks moving regions that no detection explains.
+    """
 
     needs_detections = True
 
@@ -39,7 +43,10 @@ class HoidPlus:
         )
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return the verdict on tracked objects, followed by undetected moving regions."""
+        """Update the tracks, and return the verdict on an image.
+
+        Its objects are the tracked people and objects, then the undetected moving regions.
+        """
         plus = self._config.plus
         if image.detections is not None:
             unsure = self._unsure(image.detections, image.depth_m.size)
@@ -50,15 +57,20 @@ class HoidPlus:
         detected_mask = mask_objects(snapshot, found.reasons, low_depth_m, plus)
         label = image.moving_regions.label_at(subsampled_pixels(image.depth_m.shape))
         mask = dilate_mask(detected_mask | (label > 0), image)
-        verdict = _verdict(snapshot, found, mask)._replace(detected_mask=detected_mask)
         undetected = _undetected(image.moving_regions, label, detected_mask)
-        return append_objects(verdict, moving_verdict(undetected, mask))
+        return Verdict(
+            objects=_tracked_objects(snapshot, found).joined(moving_objects(undetected)),
+            static_area_px=mask.static_area_px,
+            kept=mask.kept,
+            dynamic_mask=mask.is_dynamic,
+            detected_mask=detected_mask,
+        )
 
     def _unsure(self, detections: Detections, image_area_px2: int) -> BoolArray:
-        """Return the (N,) flags of people with a low score over most of the image.
+        """Return (N,) flags: people of low score who cover much of the image, a frequent error.
 
         Depth does not reveal such a false detection: at arm's length a desk is as wide as a
-        person.
+        person. With `doubt_large_people` off, no detection is flagged.
         """
         plus = self._config.plus
         if not plus.doubt_large_people:
@@ -71,7 +83,11 @@ class HoidPlus:
         return is_large & is_weak & is_person
 
     def _snapshot(self, image: FilterInput, low_depth_m: Float32Array) -> TrackSnapshot:
-        """Return the tracks at the stamp of the image, and update the torso depth of people."""
+        """Predict the tracks to the stamp of the image, and return them with their depths.
+
+        The tracker deletes tracks that were missed for too long, and the torso depth of each
+        person is stored on the track.
+        """
         height, width = image.depth_m.shape
         tracks, boxes = self._tracker.advance(image.stamp_ns, width, height)
         depths_m = box_center_depths_m(image.depth_m, boxes, self._config.sample_box_px)
@@ -89,33 +105,30 @@ def _undetected(
     """Return the moving regions that lie mostly outside the detected dynamic objects.
 
     Args:
-        regions: Of the image.
-        label: (h, w) their labels at low resolution.
-        detected_mask: (h, w), the detected dynamic objects.
+        regions: All moving regions of the image.
+        label: (h, w) label image at low resolution: 0 = static, else 1 + index of the region.
+        detected_mask: (h, w) at low resolution: the pixels of detected dynamic objects.
     """
     area = np.bincount(label.ravel(), minlength=len(regions.depths_m) + 1)[1:]
     detected_area = np.bincount(label[detected_mask], minlength=len(area) + 1)[1:]
     return regions.select(np.flatnonzero(detected_area < _MAX_DETECTED_SHARE * area))
 
 
-def _verdict(snapshot: TrackSnapshot, found: Interactions, mask: Mask) -> Verdict:
-    """Return the verdict on all tracks but static ones that the detector missed."""
+def _tracked_objects(snapshot: TrackSnapshot, found: Interactions) -> ObjectVerdicts:
+    """Return the verdicts on the tracks, except for static objects that the detector missed."""
     tracks = snapshot.tracks
     reported = [
         n
         for n, track in enumerate(tracks)
         if not track.is_missed or found.reasons[n] is not Reason.STATIC
     ]
-    return Verdict(
-        boxes_xyxy_px=snapshot.boxes_xyxy_px[reported].astype(np.float32),
-        class_names=tuple(tracks[n].class_name for n in reported),
-        scores=np.array([tracks[n].score for n in reported], np.float32),
+    return ObjectVerdicts.of(
+        snapshot.boxes_xyxy_px[reported].astype(np.float32),
+        tuple(tracks[n].class_name for n in reported),
+        np.array([tracks[n].score for n in reported], np.float32),
+        tuple(found.reasons[n] for n in reported),
         track_ids=np.array([tracks[n].track_id for n in reported], np.int64),
-        reasons=tuple(found.reasons[n] for n in reported),
         overlap_ratios=found.overlap_ratios[reported],
         depths_m=snapshot.depths_m[reported],
         depth_gaps_m=found.depth_gaps_m[reported],
-        static_area_px=mask.static_area_px,
-        kept=mask.kept,
-        dynamic_mask=mask.is_dynamic,
     )

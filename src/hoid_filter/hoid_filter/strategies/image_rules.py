@@ -13,12 +13,12 @@ from hoid_common.values import PERSON, ByteArray, Detections, Reason
 from hoid_filter.config import FilterConfig
 from hoid_filter.detections.prediction import BoxPredictor
 from hoid_filter.detections.sanitize import sanitize
-from hoid_filter.strategy import FilterInput, Verdict
+from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
 from hoid_native import box_center_depths_m, classify_boxes
 from hoid_native.boxes import MAY_BE_HANDLED as ROLE_CANDIDATE
 from hoid_native.boxes import PERSON as ROLE_PERSON
 
-_MAX_CLASSES = 256  # whose roles are cached; detectors for COCO have 80
+_MAX_CLASSES = 256  # classes whose role is cached; detectors for COCO have 80
 # Of the semantic descriptor: side of the window around a keypoint, and greatest depth difference.
 # Chosen, not tuned: the strategy is a baseline of the experiments.
 _WINDOW_PX, _MAX_DEPTH_GAP_M = 40, 0.3
@@ -32,20 +32,23 @@ class Rule(NamedTuple):
 
     min_overlap: float  # the person's box covers more than this share of the object's box
     max_depth_gap_m: float  # and their depths differ by less; an unknown depth fits
-    # If given, replaces the overlap: a keypoint on the object has a pixel of the person's box
-    # within this distance along rows and columns.
+    # If given, this replaces the overlap: some corner in the object's box must be within this
+    # distance of the person's box, along rows and columns. NaN: not given.
     reach_px: float = math.nan
 
 
 class AlignedDetections(NamedTuple):
-    """Boxes brought to the stamp of an image."""
+    """Boxes at the stamp of an image: detected in it, or predicted from older images."""
 
-    detections: Detections  # at the image's stamp, inside the image
+    detections: Detections  # with the image's stamp, clipped to the image
     is_detected: bool  # False: the boxes are predicted from detections of older images
 
 
 class ImageRule(ABC):
-    """Base of strategies without memory: people are dynamic, and objects that fulfill `rule`."""
+    """Base of strategies that classify each image on its own.
+
+    People are dynamic, and so are objects that a person handles according to `rule`.
+    """
 
     needs_detections, senses_motion = True, False
 
@@ -59,7 +62,11 @@ class ImageRule(ABC):
         """Return the condition under which a person handles an object."""
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return the verdict on all detections of an image."""
+        """Return the verdict on an image: which detected or predicted objects are dynamic.
+
+        Everything inside a dynamic box is masked. The detections are stored, to predict boxes in
+        later images.
+        """
         aligned = align_detections(image, self._predictor)
         found = aligned.detections
         names = found.class_names
@@ -71,20 +78,20 @@ class ImageRule(ABC):
             self.config.sample_box_px,
             *self.rule(),
         )
-        return Verdict(
-            boxes_xyxy_px=found.boxes_xyxy_px,
-            class_names=names,
-            scores=found.scores,
-            track_ids=np.full(len(names), -1),
-            reasons=_reasons(judged.moves, aligned.is_detected),
+        objects = ObjectVerdicts.of(
+            found.boxes_xyxy_px,
+            names,
+            found.scores,
+            _reasons(judged.moves, aligned.is_detected),
             overlap_ratios=judged.overlap,
             depths_m=judged.depth_m,
             depth_gaps_m=judged.gap_m,
-            static_area_px=judged.area_px,
-            kept=None if judged.area_px == image.depth_m.size else judged.outside,
         )
+        kept = None if judged.area_px == image.depth_m.size else judged.outside
+        return Verdict(objects, judged.area_px, kept)
 
     def _role(self, class_name: str) -> int:
+        """Return the role of a class: person, object that people may handle, or 0 for others."""
         if class_name == PERSON:
             return ROLE_PERSON
         return ROLE_CANDIDATE if self.config.may_be_handled(class_name) else 0
@@ -100,26 +107,23 @@ class NoFilter:
         self._sample_box_px = config.sample_box_px
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return the verdict that all objects are static."""
+        """Return the verdict that all objects are static and all corners are kept.
+
+        The detections are stored, to predict boxes in later images.
+        """
         found = align_detections(image, self._predictor).detections
-        num = len(found)
-        boxes = found.boxes_xyxy_px
-        return Verdict(
-            boxes_xyxy_px=boxes,
-            class_names=found.class_names,
-            scores=found.scores,
-            track_ids=np.full(num, -1),
-            reasons=(Reason.STATIC,) * num,
-            overlap_ratios=np.zeros(num),
-            depths_m=box_center_depths_m(image.depth_m, boxes, self._sample_box_px),
-            depth_gaps_m=np.full(num, np.nan),
-            static_area_px=image.depth_m.size,
-            kept=None,
+        objects = ObjectVerdicts.of(
+            found.boxes_xyxy_px,
+            found.class_names,
+            found.scores,
+            (Reason.STATIC,) * len(found),
+            depths_m=box_center_depths_m(image.depth_m, found.boxes_xyxy_px, self._sample_box_px),
         )
+        return Verdict(objects, image.depth_m.size, None)
 
 
 class PersonOnly(ImageRule):
-    """Drops the features on people, and keeps those on all objects."""
+    """Removes the features on people, and keeps the features on all objects."""
 
     def rule(self) -> Rule:
         """Return a condition that no object fulfills."""
@@ -137,8 +141,8 @@ class Hoid2d(ImageRule):
 class Hoid3d(ImageRule):
     """The paper's 3-D rule: the 2-D rule, and person and object are at nearly the same depth.
 
-    Where one of their sample boxes has no depth the 2-D rule decides alone: a moving object in the
-    map does harm, a static one that is masked only costs a few features.
+    Where the depth of the person or of the object is unknown, the 2-D rule decides alone: a moving
+    object in the map does harm, while masking a static object only costs a few features.
     """
 
     def rule(self) -> Rule:
@@ -149,17 +153,20 @@ class Hoid3d(ImageRule):
 class Descriptor(ImageRule):
     """The semantic descriptor of keypoints by Fang et al., Pattern Recognition 113 (2021).
 
-    A square window around each keypoint on a movable object is searched for a person. The object
-    is dynamic when there is one in any of its windows, and their depths are nearly the same.
+    An object that people may handle is dynamic when a person's box reaches into the square window
+    around any keypoint on the object, and person and object are at nearly the same depth.
     """
 
     def rule(self) -> Rule:
-        """Return the window of keypoints and the maximum depth difference, inclusive."""
+        """Return half the window's side and the maximum depth difference, which is inclusive."""
         return Rule(math.inf, math.nextafter(_MAX_DEPTH_GAP_M, math.inf), _WINDOW_PX / 2)
 
 
 def align_detections(image: FilterInput, predictor: BoxPredictor) -> AlignedDetections:
-    """Return the boxes at the stamp of an image: detected there, or else predicted."""
+    """Return the boxes at the stamp of an image, detected in it or else predicted by `predictor`.
+
+    Detections of the input are stored in the predictor.
+    """
     detections = image.detections
     is_detected = detections is not None and detections.stamp_ns == image.stamp_ns
     if detections is not None:
@@ -172,5 +179,6 @@ def align_detections(image: FilterInput, predictor: BoxPredictor) -> AlignedDete
 
 
 def _reasons(dynamic_roles: ByteArray, is_detected: bool) -> tuple[Reason, ...]:
+    """Return the reason of each box from its role, where the role of static boxes is 0."""
     reason_of = _DETECTED if is_detected else _PREDICTED
     return tuple([reason_of[role] for role in dynamic_roles.tolist()])

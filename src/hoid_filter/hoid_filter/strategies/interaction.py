@@ -1,4 +1,4 @@
-"""Which objects people handle, with hysteresis and memory."""
+"""The rule of `hoid+` for which tracked objects people handle, with hysteresis and memory."""
 
 from __future__ import annotations
 
@@ -15,34 +15,38 @@ from hoid_native import overlap_ratios
 
 @dataclass(frozen=True, eq=False)
 class Interactions:
-    """The interaction of each of N tracks with people."""
+    """The interaction of each of N tracked objects with people."""
 
-    reasons: tuple[Reason, ...]  # N
-    overlap_ratios: FloatArray  # (N,), with the person who covers most
-    depth_gaps_m: FloatArray  # (N,), to the same; NaN = unknown
+    reasons: tuple[Reason, ...]  # N reasons why a track is static or dynamic
+    # (N,) share of the box that is covered by the person who handles the object, or, where nobody
+    # handles it, by the person who covers most.
+    overlap_ratios: FloatArray
+    depth_gaps_m: FloatArray  # (N,) depth difference to the same person; NaN = unknown
 
 
 @dataclass(frozen=True, eq=False)
 class TrackSnapshot:
-    """N tracks at the stamp of an image."""
+    """N tracked people and objects at the stamp of an image."""
 
     stamp_ns: int
     tracks: tuple[BoxTrack, ...]
     boxes_xyxy_px: FloatArray  # (N, 4)
-    depths_m: FloatArray  # (N,), of the torso for people; NaN = unknown
+    depths_m: FloatArray  # (N,) of a person's torso or an object's middle; NaN = unknown
 
     @property
     def is_person(self) -> BoolArray:
-        """Return the (N,) flags of confirmed people."""
+        """Return (N,) flags: people who are not suspected to be false detections."""
         return _flags(track.is_person and track.is_confirmed for track in self.tracks)
 
 
 def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Interactions:
-    """Return the interaction of each track, and store on the tracks what must be remembered.
+    """Return how each track interacts with people, and update the tracks.
 
-    An object becomes handled when a person covers more than `min_interaction_area` of its box and
-    stays handled while this is more than `release_area` (hysteresis). The object may be up to
-    `reach_m` before the torso or `depth_limit_m` behind it; unknown depth counts as near.
+    An object becomes handled when a person's box covers more than `min_interaction_area` of its
+    box, and stays handled while the person covers more than `release_area` (hysteresis). Its depth
+    must be at most `reach_m` less or `depth_limit_m` more than that of the person's torso; an
+    unknown depth is accepted. Whether an object is handled, and since when it is not, is stored
+    on its track for the next images.
     """
     plus = config.plus
     tracks = snapshot.tracks
@@ -73,7 +77,10 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
 def _reasons(
     snapshot: TrackSnapshot, is_handled: BoolArray, config: FilterConfig
 ) -> tuple[Reason, ...]:
-    """Return the reason for each track, and update the memory of the tracks."""
+    """Store on each track whether it is handled, and return the reasons of all tracks.
+
+    With `remember`, an object stays dynamic until it was observed unhandled for `rest_s`.
+    """
     reasons = []
     for track, handled in zip(snapshot.tracks, is_handled.tolist(), strict=True):
         track.is_handled = handled
@@ -86,6 +93,7 @@ def _reasons(
 
 
 def _reason(track: BoxTrack, stamp_ns: int, is_dynamic: bool, is_handled: bool) -> Reason:
+    """Return why a track is static or dynamic in the image of a stamp."""
     if not is_dynamic:
         return Reason.STATIC
     if track.seen_ns != stamp_ns:
@@ -96,4 +104,5 @@ def _reason(track: BoxTrack, stamp_ns: int, is_dynamic: bool, is_handled: bool) 
 
 
 def _flags(values: Iterable[bool]) -> BoolArray:
+    """Return booleans as an array (N,)."""
     return np.array(list(values), np.bool_)

@@ -8,39 +8,34 @@ from hoid_common.values import UNKNOWN, Reason
 from hoid_filter.config import FilterConfig
 from hoid_filter.motion.moving_regions import MovingRegions
 from hoid_filter.strategies.depth_regions import subsampled_pixels
-from hoid_filter.strategies.dynamic_mask import Mask, dilate_mask
-from hoid_filter.strategy import FilterInput, Verdict
+from hoid_filter.strategies.dynamic_mask import dilate_mask
+from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
 
 
 class MotionOnly:
-    """Masks the moving regions."""
+    """Masks the regions that move in the world, as motion segmentation finds them."""
 
     needs_detections, senses_motion = False, True
 
     def __init__(self, config: FilterConfig) -> None:
-        """Accept the configuration, of which this strategy needs nothing."""
+        """Ignore the configuration: this strategy has no parameters."""
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return the moving regions as dynamic objects of unknown class."""
+        """Return a verdict in which each moving region is a dynamic object of unknown class."""
         regions = image.moving_regions
         is_moving = regions.label_at(subsampled_pixels(image.depth_m.shape)) > 0
-        return moving_verdict(regions, dilate_mask(is_moving, image))
+        mask = dilate_mask(is_moving, image)
+        return Verdict(moving_objects(regions), mask.static_area_px, mask.kept, mask.is_dynamic)
 
 
-def moving_verdict(regions: MovingRegions, mask: Mask) -> Verdict:
-    """Return the verdict that moving regions are the only objects of an image."""
+def moving_objects(regions: MovingRegions) -> ObjectVerdicts:
+    """Return moving regions as dynamic objects of unknown class."""
     num = len(regions.depths_m)
-    return Verdict(
-        boxes_xyxy_px=regions.boxes_xyxy_px,
-        class_names=(UNKNOWN,) * num,
-        scores=np.ones(num, np.float32),
-        track_ids=np.full(num, -1),
-        reasons=(Reason.MOVING,) * num,
-        overlap_ratios=np.zeros(num),
+    return ObjectVerdicts.of(
+        regions.boxes_xyxy_px,
+        (UNKNOWN,) * num,
+        np.ones(num, np.float32),
+        (Reason.MOVING,) * num,
         depths_m=regions.depths_m,
-        depth_gaps_m=np.full(num, np.nan),
-        static_area_px=mask.static_area_px,
-        kept=mask.kept,
-        dynamic_mask=mask.is_dynamic,
         velocities_mps=regions.velocities_mps,
     )

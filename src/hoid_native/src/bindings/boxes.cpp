@@ -71,27 +71,27 @@ ClassifiedBoxes classify_boxes(
 void bind_boxes(nb::module_& module)
 {
   module.def("overlap_ratios", &overlap_ratios, "boxes_xyxy_px"_a, "others_xyxy_px"_a, R"(
-Return the (N, M) shares in [0, 1] of each box's area that lie in each of the others.
+Return (N, M) in [0, 1]: the share of box n's area that other box m covers.
 
 This is the interaction area of the HOID paper. It is 0 for a box without area.
 
 Args:
-    boxes_xyxy_px: (N, 4), finite.
-    others_xyxy_px: (M, 4), finite.)");
+    boxes_xyxy_px: (N, 4) boxes, finite.
+    others_xyxy_px: (M, 4) other boxes, finite.)");
   module.def(
     "intersections_over_union", &intersections_over_union, "boxes_xyxy_px"_a, "others_xyxy_px"_a,
     R"(
-Return the (N, M) intersections over union, in [0, 1]; 0 for boxes without area.
+Return the (N, M) intersections over union of boxes, in [0, 1]; 0 for boxes without area.
 
 Args:
-    boxes_xyxy_px: (N, 4), finite.
-    others_xyxy_px: (M, 4), finite.)");
+    boxes_xyxy_px: (N, 4) boxes, finite.
+    others_xyxy_px: (M, 4) other boxes, finite.)");
   module.def("are_boxes_valid", &are_boxes_valid, "boxes_xyxy_px"_a, "scores"_a, "shape_hw"_a, R"(
 Return whether all boxes have an area and lie inside the image, and all scores are in [0, 1].
 
 Args:
-    boxes_xyxy_px: (N, 4) float32.
-    scores: (N,) float32.
+    boxes_xyxy_px: (N, 4) float32 boxes.
+    scores: (N,) float32 scores.
     shape_hw: height and width of the image.
 
 Raises:
@@ -100,18 +100,22 @@ Raises:
     "classify_boxes", &classify_boxes, "depth_m"_a, "pixels"_a, "boxes_xyxy_px"_a, "roles"_a,
     "side_px"_a, "min_share"_a, "apart_m"_a,
     "reach_px"_a = std::numeric_limits<double>::quiet_NaN(), R"(
-Return which of N boxes are dynamic (people and the objects they handle), and what is outside them.
+Return which of N boxes are dynamic, and which of K pixels lie in none of them.
+
+Dynamic are people, and objects that a person handles: the person's box covers more than
+`min_share` of the object's box, and their depths differ by less than `apart_m`. An unknown depth
+fulfills the second condition.
 
 Args:
-    depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
-    pixels: (K,) int64 flat indices of image corners.
-    boxes_xyxy_px: (N, 4), finite.
-    roles: (N,) uint8: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
-    side_px: side of the square at a box's center whose median is its depth.
-    min_share: a person handles an object if the person's box covers more than this share of it ...
-    apart_m: ... and they are less than this apart in depth. An unknown depth counts as near.
-    reach_px: if it is not NaN, it replaces `min_share`: one of the pixels in the object's box must
-        be within this reach of the person's box, along rows and columns.
+    depth_m: (H, W) float32 depth, not empty; 0 or NaN = no reading.
+    pixels: (K,) int64 pixels of image corners, as indices into the flattened image.
+    boxes_xyxy_px: (N, 4) boxes, finite.
+    roles: (N,) uint8 role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
+    side_px: side of the square at a box's center whose median depth is the depth of the box.
+    min_share: share of an object's box that a person's box must exceed.
+    apart_m: depth difference that person and object must stay below.
+    reach_px: if this is not NaN, it replaces `min_share`: one of the K pixels must lie in the
+        object's box, at most this far from the person's box along rows and columns.
 
 Raises:
     ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths

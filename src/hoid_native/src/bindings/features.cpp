@@ -121,7 +121,7 @@ Source: Rosten and Drummond, ECCV 2006. Corners and scores equal OpenCV's.
 Args:
     levels: L gray images (H_l, W_l) uint8, the finest first.
     steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
-    threshold: gray levels, from 1 to 254.
+    threshold: least contrast of a corner in gray levels, from 1 to 254.
     border_px: least distance of a corner from the edge of its level; values below 3 count as 3.
 
 Raises:
@@ -134,18 +134,19 @@ Return the ascending indices of at most `budgets.sum()` corners, spread evenly o
 
 Each octave divides `area_px` into about as many grid cells as its budget. It takes the strongest
 corner of each cell, then the second strongest of each cell, and so on until its budget is used.
-Among equal scores the first corner wins. Octaves with too few corners leave the rest of their
-budget to the others.
+Among equal scores the first corner wins. If an octave has too few corners, the other octaves get
+the rest of its budget.
 
 Args:
-    uv_px: (N, 2) level-0 pixels, not negative.
-    octave: (N,) uint8.
-    score: (N,) uint8, higher is stronger.
+    uv_px: (N, 2) positions of the corners in level 0, not negative.
+    octave: (N,) uint8 index of the level of each corner.
+    score: (N,) uint8 strength of each corner.
     budgets: (L,) int64 number of corners wanted from each octave.
-    area_px: image area (level-0 pixels) to spread the corners over; a cell has at least one pixel.
+    area_px: image area over which the corners are spread, in level-0 pixels. A grid cell has at
+        least one pixel.
 
 Raises:
-    ValueError: Lengths differ, an octave has no budget, or a budget, a position or the area is
+    ValueError: Lengths differ, an octave is not below L, or a budget, a position or the area is
         negative.)");
   module.def("subpixel_offsets_px", &subpixel_offsets_px, "image_gray"_a, "x"_a, "y"_a, R"(
 Return the (N, 2) float32 offsets (x, y) in pixels from FAST corners to their subpixel peaks.
@@ -155,34 +156,34 @@ its 8 neighbors (docs/decisions/008). Offsets are within [-0.5, 0.5]; they are 0
 has no maximum.
 
 Args:
-    image_gray: (H, W) uint8.
-    x: (N,) int32.
-    y: (N,) int32.
+    image_gray: (H, W) uint8 image.
+    x: (N,) int32 columns of the corners.
+    y: (N,) int32 rows of the corners.
 
 Raises:
     ValueError: A pixel is less than 4 px from the image's edge, or lengths differ.)");
   module.def("orientations_deg", &orientations_deg, "image_gray"_a, "x"_a, "y"_a, R"(
-Return the (N,) float32 intensity-centroid orientations of pixels, degrees in [0, 360), y down.
+Return the (N,) float32 orientations of corners in degrees, in [0, 360), clockwise from the x axis.
 
-Source: Rublee et al., ORB, ICCV 2011, sec. 3.2.
+They are the directions of the intensity centroids (Rublee et al., ORB, ICCV 2011, sec. 3.2).
 
 Args:
-    image_gray: (H, W) uint8.
-    x: (N,) int32.
-    y: (N,) int32.
+    image_gray: (H, W) uint8 image.
+    x: (N,) int32 columns of the corners.
+    y: (N,) int32 rows of the corners.
 
 Raises:
     ValueError: A pixel is less than 15 px from the image's edge, or lengths differ.)");
   module.def(
     "orb_descriptors", &orb_descriptors, "image_smooth"_a, "x"_a, "y"_a, "angle_deg"_a, R"(
-Return the (N, 32) uint8 ORB descriptors of pixels, rotated by their orientations.
+Return the (N, 32) uint8 ORB descriptors of corners, rotated by their orientations.
 
 Source: Rublee et al., ORB, ICCV 2011, sec. 4. The bits equal OpenCV's.
 
 Args:
-    image_smooth: (H, W) uint8, smoothed.
-    x: (N,) int32.
-    y: (N,) int32.
+    image_smooth: (H, W) uint8 smoothed image.
+    x: (N,) int32 columns of the corners.
+    y: (N,) int32 rows of the corners.
     angle_deg: (N,) float32 orientations.
 
 Raises:

@@ -155,85 +155,111 @@ on the observations concerned, not on the size of the map.)")
     .def(nb::init<>())
     .def(
       "observe", &observe, "i"_a, "k"_a, "j"_a, R"(
-Add (N,) observations: keyframe i observes point j in its feature k.
+Add N observations: keyframe i observes point j in its feature k.
+
+Args:
+    i: (N,) rows of keyframes.
+    k: (N,) features of the keyframes.
+    j: (N,) rows of points.
 
 Raises:
     ValueError: Lengths differ, or a row is negative.)")
     .def(
       "unobserve", &unobserve, "i"_a, "k"_a, "j"_a, R"(
-Remove (N,) observations.
+Remove N observations.
+
+Args:
+    i: (N,) rows of keyframes.
+    k: (N,) features of the keyframes.
+    j: (N,) rows of points.
 
 Raises:
-    ValueError: Lengths differ, or there is no such observation.)")
+    ValueError: Lengths differ, or one of the observations does not exist.)")
     .def("clear", &ObservationGraph::clear, "Remove all observations and connections.")
     .def(
       "observations", &observations, "j"_a, "keyframes"_a = nb::none(), R"(
-Return the observations of points (P,), sorted by keyframe and feature.
+Return the observations of some points, sorted by keyframe and feature.
 
 Args:
-    j: (P,) points.
-    keyframes: (K,) keyframes whose observations are returned, in this order; None: all.)")
+    j: (P,) rows of points.
+    keyframes: (K,) rows of the keyframes whose observations are returned, in this order. None: all
+        keyframes.)")
     .def(
       "connect", &connect, "i"_a, "j"_a, R"(
-Recount the points that keyframe i, which observes points j (P,), shares with all others.)")
-    .def(
-      "set_neighbors", &set_neighbors, "i"_a, "rows"_a, "shared"_a, R"(
-Replace the connections of keyframe i, and those of the others with it.
+Count again how many points a keyframe shares with each other keyframe, and store the numbers.
 
 Args:
-    i: the keyframe.
-    rows: (N,) keyframes that share points with it, ascending.
+    i: row of the keyframe.
+    j: (P,) rows of all points that the keyframe observes.)")
+    .def(
+      "set_neighbors", &set_neighbors, "i"_a, "rows"_a, "shared"_a, R"(
+Replace the stored numbers of points that a keyframe shares with other keyframes.
+
+Args:
+    i: row of the keyframe.
+    rows: (N,) rows of all keyframes that share points with it, ascending.
     shared: (N,) numbers of shared points.
 
 Raises:
     ValueError: Lengths differ, or the rows do not ascend.)")
     .def(
       "neighbors", &neighbors, "i"_a, "min_shared"_a = 1, R"(
-Return the keyframes that share at least `min_shared` points with i, most first, then by row.)")
+Return the keyframes that share points with a keyframe, most points first, then by row.
+
+Args:
+    i: row of the keyframe.
+    min_shared: least number of shared points.)")
     .def(
       "edges", &edges, "min_shared"_a = 1, R"(
-Return the pairs of keyframes that share at least `min_shared` points, by first and second row.)")
+Return the pairs of keyframes that share points, sorted by first and second row.
+
+Args:
+    min_shared: least number of shared points.)")
     .def(
       "path_length_m", &path_length_m, "T_map_camera"_a, "parents"_a, "start"_a, "goal"_a,
       "min_shared"_a, "m_per_rad"_a, R"(
 Return the length [m] of the shortest path between two keyframes (Dijkstra's algorithm).
 
-Steps of the path join keyframes that share points or are next to each other in the spanning tree.
-The length is infinite without a path.
+Each step of a path joins two keyframes that share points, or a keyframe and its parent in the
+spanning tree. The length is infinite if there is no path.
 
 Args:
     T_map_camera: (K, 4, 4) poses of all keyframes.
     parents: (K,) row of each keyframe's parent in the spanning tree; -1: none.
-    start: the first keyframe.
-    goal: the last keyframe.
-    min_shared: number of points that the keyframes of a step share at least.
-    m_per_rad: the length that a rotation of 1 rad counts as.
+    start: row of the first keyframe.
+    goal: row of the last keyframe.
+    min_shared: least number of points that two keyframes of a step share.
+    m_per_rad: length in m that is added for a rotation of 1 rad.
 
 Raises:
     ValueError: Lengths differ, or a row is out of range.)")
     .def(
       "count_observed", &count_observed, "j"_a, "keyframes"_a, R"(
-Return how many of the points (P,), without repetitions, each of the keyframes (K,) observes.)")
+Return the (K,) numbers of points, out of some given points, that keyframes observe.
+
+Args:
+    j: (P,) rows of points, without repetitions.
+    keyframes: (K,) rows of keyframes.)")
     .def(
       "points_of", &points_of, "point_of_feature"_a, "keyframes"_a, R"(
-Return the (P,) points, ascending, that any of the keyframes (N,) observes.
+Return the (P,) ascending rows of the points that at least one of some keyframes observes.
 
 Args:
     point_of_feature: (K, F) int32 point that each feature of each keyframe observes; -1: none.
-    keyframes: (N,) rows of it.)");
+    keyframes: (N,) rows of keyframes in `point_of_feature`.)");
   module.def(
     "move_points", &move_points, "motions"_a, "which"_a, "position_m"_a.noconvert(),
     "view_direction"_a.noconvert(), R"(
-Move points and turn their viewing directions, in place.
+Apply rigid motions to points and their viewing directions, in place.
 
 Args:
     motions: (G, 4, 4) rigid motions.
-    which: (N,) int64 number of the motion of each point; -1: the point stays.
-    position_m: (N, 3) float64, changed.
-    view_direction: (N, 3) float32, changed.
+    which: (N,) int64 index of the motion of each point; -1: the point stays.
+    position_m: (N, 3) float64 positions of the points, which are changed.
+    view_direction: (N, 3) float32 viewing directions, which are changed.
 
 Raises:
-    ValueError: Lengths differ, or a number is out of range.)");
+    ValueError: Lengths differ, or an index is out of range.)");
 }
 
 }  // namespace hoid::bindings

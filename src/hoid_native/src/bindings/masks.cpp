@@ -96,25 +96,25 @@ void bind_depths(nb::module_& module)
 {
   module.def(
     "box_center_depths_m", &box_center_depths_m, "depth_m"_a, "boxes_xyxy_px"_a, "side_px"_a, R"(
-Return the (N,) median depths (m) of squares at the centers of boxes; NaN without a reading.
+Return the (N,) median depths (m) in squares at the centers of boxes; NaN without a reading.
 
 Args:
-    depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
-    boxes_xyxy_px: (N, 4), finite.
-    side_px: side of the squares, at least 1. Outside the image they repeat its edge.
+    depth_m: (H, W) float32 depth, not empty; 0 or NaN = no reading.
+    boxes_xyxy_px: (N, 4) boxes, finite.
+    side_px: side of the squares, at least 1. Beyond the image, its border pixels are repeated.
 
 Raises:
     ValueError: The image is empty, a box is not finite, or the side is less than 1.)");
   module.def("person_depths_m", &person_depths_m, "depth_m"_a, "boxes_xyxy_px"_a, "known_m"_a, R"(
 Return the (N,) depths (m) of the people in boxes; NaN without a reading.
 
-A person is the nearest layer of depths, as thick as a torso, in the middle of the box that is not
-much smaller than the largest layer. Only readings near the known depth are used, unless these are
-few.
+The depths in the middle of the box are divided into layers as thick as a torso. The person is the
+nearest layer that is not much smaller than the largest one. If the depth of the person in an
+earlier image is known, only readings near this depth are used, unless there are few of them.
 
 Args:
-    depth_m: (H, W) float32; 0 or NaN = no reading.
-    boxes_xyxy_px: (N, 4), finite, in pixels of this image.
+    depth_m: (H, W) float32 depth; 0 or NaN = no reading.
+    boxes_xyxy_px: (N, 4) boxes, finite, in pixels of this depth image.
     known_m: (N,) depths of the same people in an earlier image; NaN = unknown.
 
 Raises:
@@ -131,32 +131,33 @@ void bind_masks(nb::module_& module)
     "reaches_m"_a, "seen"_a, R"(
 Return the (H, W) mask of the pixels that show a dynamic object.
 
-The image is split into regions along depth jumps. An object is the regions that lie mostly in its
-area and near its depth, and the gaps without readings beside them. It may extend beyond its area
-by a tenth of a side, because boxes are not exact; parts of its regions further out have only
-merged with it in depth, like the desk that a person leans on (docs/decisions/010).
+The depth image is split into regions along depth jumps. To an object belong the regions that lie
+mostly in its box and near its depth, and gaps without readings beside these regions. Because boxes
+are not exact, the object may extend beyond its box by a tenth of the box's side. Parts of a region
+that are further outside are not masked: they belong to something that touches the object, like the
+desk on which a person leans (docs/decisions/010).
 
 Args:
-    depth_m: (H, W) float32; 0 = no reading.
-    areas_xyxy_px: (N, 4) int32 whole pixels within the image; x2 and y2 are exclusive.
-    depths_m: (N,) depths of the objects; NaN = unknown: the object is its whole area.
-    reaches_m: (N,) extents of the objects in depth, before and behind their own depth.
-    seen: (N,) bool, whether each was detected in this image. If the regions of a detected object
-        fill too little of its area, it has merged with what it touches: all pixels of the area
-        near its depth count.
+    depth_m: (H, W) float32 depth; 0 = no reading.
+    areas_xyxy_px: (N, 4) int32 boxes of whole pixels within the image; x2 and y2 are exclusive.
+    depths_m: (N,) depths of the objects. NaN = unknown: the whole box is masked.
+    reaches_m: (N,) greatest depth difference between an object's depth and its other pixels.
+    seen: (N,) bool, whether the object was detected in this image and not predicted. If the
+        regions of a detected object fill little of its box, the object has merged with its
+        surroundings; then all pixels of the box near its depth are masked.
 
 Raises:
     ValueError: An area is not in the image, or lengths differ.)");
   module.def("values_at", &values_at, "pixels"_a, "values"_a, "rows"_a, "columns"_a, R"(
-Return the (K,) uint8 values of a small image at pixels (u, v) of a large one.
+Return the (K,) uint8 values that a small image has at pixels (u, v) after upscaling.
 
-Each is `values[rows[v], columns[u]]`: nearest-neighbor upscaling of the pixels asked for.
+The value at a pixel is `values[rows[v], columns[u]]`. Only the K pixels are upscaled.
 
 Args:
-    pixels: (K,) int64 flat indices in the large (H, W) image.
+    pixels: (K,) int64 pixels, as indices into the flattened large (H, W) image.
     values: (h, w) uint8 small image.
-    rows: (H,) int64 row of the small image for each of the large one.
-    columns: (W,) int64 column of the small image for each of the large one.
+    rows: (H,) int64 row of the small image for each row of the large image.
+    columns: (W,) int64 column of the small image for each column of the large image.
 
 Raises:
     ValueError: A pixel is not in the image, or a row or a column not in `values`.)");

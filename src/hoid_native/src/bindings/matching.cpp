@@ -130,12 +130,12 @@ nb::ndarray<nb::numpy, int64_t, nb::ndim<1>> distinctive_descriptors(
 void bind_matching(nb::module_& module)
 {
   nb::class_<QueryConstraints>(module, "QueryConstraints", R"(
-Octaves and descriptors of Q queries.
+Octave limits and descriptors of Q queries, for which matching features are searched.
 
 Args:
-    min_octave: (Q,) int8, inclusive.
-    max_octave: (Q,) int8, inclusive.
-    descriptors: (Q, 32) uint8.
+    min_octave: (Q,) int8 least octave of a matching feature.
+    max_octave: (Q,) int8 greatest octave of a matching feature.
+    descriptors: (Q, 32) uint8 ORB descriptors.
 
 Raises:
     ValueError: Lengths differ.)")
@@ -143,14 +143,14 @@ Raises:
       nb::init<Vector<int8_t>, Vector<int8_t>, Array<uint8_t, -1, kDescriptorBytes>>(),
       "min_octave"_a, "max_octave"_a, "descriptors"_a);
   nb::class_<Candidates>(module, "Candidates", R"(
-N features to match.
+N features of an image among which matches are searched.
 
 Args:
-    measurement_px: (N, 3) float32 u, v, u_right; NaN u_right: no depth. Features at NaN or beyond
-        16384 px match nothing.
-    octave: (N,) uint8.
-    descriptors: (N, 32) uint8.
-    free: (N,) bool, whether each may be matched; None: all may.
+    measurement_px: (N, 3) float32 stereo observations u, v, u_right; NaN u_right: no depth. A
+        feature whose position is NaN or beyond 16384 px is not matched.
+    octave: (N,) uint8 octaves.
+    descriptors: (N, 32) uint8 ORB descriptors.
+    free: (N,) bool, whether each feature may be matched; None: all may be matched.
 
 Raises:
     ValueError: Lengths differ.)")
@@ -160,12 +160,12 @@ Raises:
         std::optional<Vector<bool>>>(),
       "measurement_px"_a, "octave"_a, "descriptors"_a, "free"_a = nb::none());
   nb::class_<MatchThreshold>(module, "MatchThreshold", R"(
-Threshold of a match.
+Limits of the descriptor distances of a match.
 
 Args:
     max_distance: largest Hamming distance.
-    ratio: largest ratio of the best distance to the second best one of the same octave; 1.0: no
-        test.)")
+    ratio: largest ratio of the best distance to the second best distance. The ratio is tested only
+        if both features have the same octave; 1.0: no test.)")
     .def(nb::init<int, double>(), "max_distance"_a, "ratio"_a)
     .def_ro("max_distance", &MatchThreshold::max_distance, "Largest Hamming distance.")
     .def_ro(
@@ -179,9 +179,10 @@ Return one-to-one matches of queries and features within windows around expected
 Args:
     projection_px: (3, Q) expected u, v, u_right of each query; NaN u_right: unknown.
     radius_px: (Q,) half sides of the square windows.
-    queries: octaves and descriptors of the queries.
-    candidates: features; u_right must agree within the radius, too, if both are known.
-    threshold: of a match.
+    queries: octave limits and descriptors of the queries.
+    candidates: features of the image. If expected and measured u_right are known, they must also
+        agree within the radius.
+    threshold: limits of the descriptor distances.
 
 Raises:
     ValueError: Lengths differ.)");
@@ -191,22 +192,23 @@ Raises:
 Return one-to-one matches of queries and features near image segments (of epipolar lines).
 
 Args:
-    segments_px: (Q, 4) u, v of both ends; NaN: no segment.
-    octave_radius_px: (L,) largest distance from the segment of a feature of each octave.
-    queries: octaves and descriptors of the queries.
-    candidates: features; u_right is ignored.
-    threshold: of a match.
+    segments_px: (Q, 4) u, v of both ends of each query's segment; NaN: no segment.
+    octave_radius_px: (L,) largest distance between the segment and a feature of each octave.
+    queries: octave limits and descriptors of the queries.
+    candidates: features of the image, of which u_right is not used.
+    threshold: limits of the descriptor distances.
 
 Raises:
     ValueError: Lengths differ, or an octave is not below L.)");
   module.def(
     "distinctive_descriptors", &distinctive_descriptors, "descriptors"_a, "starts"_a, R"(
-Return the (G,) int64 rows of the descriptors with the smallest median distance in their groups.
+Return the (G,) int64 row, for each group, of the descriptor that represents the group best.
 
-This is ComputeDistinctiveDescriptors of ORB-SLAM.
+This descriptor has the smallest median distance to the others in its group, as in
+ComputeDistinctiveDescriptors of ORB-SLAM. In a group of two, it is the second one.
 
 Args:
-    descriptors: (M, 32) uint8, sorted by group; only the last 8 of a group are compared.
+    descriptors: (M, 32) uint8 descriptors, sorted by group. Of a group, only the last 8 are used.
     starts: (G,) int64 first row of each group, ascending.
 
 Raises:

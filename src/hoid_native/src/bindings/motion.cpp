@@ -173,7 +173,7 @@ void bind_segments(nb::module_& module)
 Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
 
 Args:
-    depth_m: (H, W) float32; 0 = no reading.
+    depth_m: (H, W) float32 depth; 0 = no reading.
     cell_px: side of a cell in pixels, at least 1.
 
 Raises:
@@ -184,26 +184,28 @@ Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels aro
 Both are 0 at pixels without a reading.
 
 Args:
-    depth_m: (H, W) float32; 0 = no reading.)");
+    depth_m: (H, W) float32 depth; 0 = no reading.)");
   module.def(
     "occlusion_log_odds", &occlusion_log_odds, "camera"_a, "depth_m"_a, "label"_a,
     "num_segments"_a, "earlier"_a, "margin"_a, "evidence"_a, R"(
-Return the (S,) log-odds that segments move, from their occlusion of the depth in earlier views.
+Return the (S,) log-odds that segments move, by comparison with the depth in earlier views.
 
-A segment in front of the depth that an earlier view shows has moved there. A segment behind it is
-no evidence. Only every other row is compared, to save time.
+A pixel in front of the depth that an earlier view shows there occludes it: the surface has moved
+there since. A pixel behind this depth is no evidence. Only every other row is compared, to save
+time.
 
 Args:
-    camera: of all images.
+    camera: camera model of all images.
     depth_m: (H, W) float32 current depth; 0 = no reading.
     label: (H, W) int32 segment of each pixel; -1 = none.
-    num_segments: S.
-    earlier: for each earlier view T_earlier_now (4, 4), its `depth_ranges_3x3` (H, W, 2), and the
-        log-odds against motion of a segment that agrees with its depth everywhere.
-    margin: a pixel occludes if it is nearer by more than the sum of a constant (m) and these
-        shares of its depth (m) and of its squared depth.
-    evidence: the log-odds of a segment that occludes everywhere, the occluding share up to which
-        there is no evidence, and the occluding share from which agreement of the rest is none.
+    num_segments: number S of segments.
+    earlier: for each earlier view, the camera motion T_earlier_now (4, 4), its `depth_ranges_3x3`
+        (H, W, 2), and the log-odds against motion of a segment that has the same depth everywhere.
+    margin: coefficients of 1 (in m), z and z^2. A pixel of depth z occludes if it is nearer by
+        more than their sum.
+    evidence: three numbers: the log-odds of a segment that occludes everywhere; the occluding
+        share of a segment that must be exceeded to count as evidence; and the occluding share from
+        which equal depth of the other pixels is no evidence against motion.
 
 Raises:
     ValueError: Images differ in size, or a label is not one of S.)");
@@ -211,32 +213,32 @@ Raises:
 Return the (K,) float32 depths (m) at pixels; 0 for index -1 and for depths that are not finite.
 
 Args:
-    depth_m: (H, W) float32.
-    pixels: (K,) int64 flat indices; -1 = none.
+    depth_m: (H, W) float32 depth.
+    pixels: (K,) int64 indices into the flattened image; -1 = no pixel.
 
 Raises:
     ValueError: An index is not in the image.)");
   module.def(
     "propagate_log_odds", &propagate_log_odds, "camera"_a, "T_previous_now"_a, "depth_m"_a,
     "previous_m"_a, "log_odds"_a, "margin"_a, "decay"_a, "label"_a, "evidence"_a, "limit"_a, R"(
-Return the (H, W) float32 log-odds of motion of the current pixels.
+Return the (H, W) float32 log-odds that each pixel of the current image moves.
 
-They are the decayed log-odds of the same surface in the previous image plus the evidence of the
-current one. A pixel starts at 0 if the previous image shows another depth there, and has 0 without
-a reading.
+They are the log-odds of the same surface in the previous image, multiplied by `decay`, plus the
+evidence from the current image. If the previous image shows another depth there, the pixel starts
+at 0. A pixel without a reading has 0.
 
 Args:
-    camera: of both images.
-    T_previous_now: (4, 4).
+    camera: camera model of both images.
+    T_previous_now: (4, 4) camera motion between the images.
     depth_m: (H, W) float32 current depth; 0 = no reading.
     previous_m: (H, W) float32 depth of the previous image.
-    log_odds: (H, W) float32 of the previous image's pixels.
-    margin: depths of one surface differ by less than the sum of a constant (m) and these shares of
-        the depth (m) and of its square.
+    log_odds: (H, W) float32 log-odds of the previous image's pixels.
+    margin: coefficients of 1 (in m), z and z^2. A pixel of depth z shows the same surface if the
+        depths differ by less than their sum.
     decay: factor of the previous log-odds.
-    label: (H, W) int32 segment of each pixel; -1 = none.
-    evidence: (S,) float32 log-odds to add to the pixels of each segment.
-    limit: log-odds are clamped to [-limit, limit].
+    label: (H, W) int32 segment of each pixel of the current image; -1 = none.
+    evidence: (S,) float32 log-odds that are added to the pixels of each segment.
+    limit: the result is clamped to [-limit, limit].
 
 Raises:
     ValueError: Images differ in size, a label is not one of S, or the limit is negative.)");
@@ -247,19 +249,19 @@ void bind_corners(nb::module_& module)
   module.def(
     "strongest_corners_per_cell", &strongest_corners_per_cell, "corner_pixels"_a,
     "corner_scores"_a, "depth_m"_a, "small_of_pixel"_a, "label"_a, "cell_px"_a, "taken"_a, R"(
-Return the indices, in order of cells, of the strongest corner in each free cell of a grid.
+Return the indices of the strongest corner in each free cell of a grid, in order of cells.
 
 Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
 corner wins.
 
 Args:
-    corner_pixels: (K,) int64 flat indices.
-    corner_scores: (K,) uint8, higher is stronger.
-    depth_m: (H, W) float32; 0 or not finite = no reading.
-    small_of_pixel: (H * W,) int64 flat index in the downscaled image of each pixel.
+    corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
+    corner_scores: (K,) uint8 strength of each corner.
+    depth_m: (H, W) float32 depth; 0 or not finite = no reading.
+    small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel.
     label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
     cell_px: side of a cell in pixels.
-    taken: (rows, columns) uint8 of the cells, which cover the image; 0 = free.
+    taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.
 
 Raises:
     ValueError: Lengths differ, a corner is not in the image, or the cells do not cover it.)");
@@ -279,33 +281,34 @@ void bind_motion(nb::module_& module)
   module.def(
     "score_poses", &score_poses, "camera"_a, "pixel_px"_a, "limit"_a, "T_camera_world"_a,
     "points_m"_a, "measured_px"_a, "weights"_a, R"(
-Return the (M, 2) weight sums of the points that each pose explains, for two sets of weights.
+Return (M, 2): how much weight of points each pose explains, for two sets of weights.
 
-A point counts 1 - (residual / limit)^2 of its weight, and nothing beyond the limit.
+A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit it does not count.
 
 Args:
-    camera: of the image.
+    camera: camera model of the image.
     pixel_px: standard deviation of pixels.
-    limit: of residuals, in standard deviations.
-    T_camera_world: (M, 4, 4).
-    points_m: (N, 3).
-    measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
-    weights: (N, 2).
+    limit: largest residual of an explained point, in standard deviations.
+    T_camera_world: (M, 4, 4) poses.
+    points_m: (N, 3) points in the world.
+    measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
+    weights: (N, 2) two weights of each point.
 
 Raises:
     ValueError: Lengths differ, or the noise or the limit is not positive.)");
   module.def("align_triples", &align_triples, "from_m"_a, "to_m"_a, "triples"_a, R"(
-Return the (M, 4, 4) least-squares rigid transforms T_to_from of point triples.
+Return the (M, 4, 4) rigid transforms T_to_from that align triples of points with least squares.
+
+Source: Umeyama, PAMI 1991, without scale, in closed form for three points. For three points on a
+line, the result is the identity.
 
 Args:
-    from_m: (N, 3).
-    to_m: (N, 3).
-    triples: (M, 3) int64 indices of points; three points on a line give the identity.
+    from_m: (N, 3) points in the frame `from`.
+    to_m: (N, 3) the same points in the frame `to`.
+    triples: (M, 3) int64 indices of the points of each triple.
 
 Raises:
-    ValueError: Lengths differ, or an index is not one of N.
-
-Source: Umeyama, PAMI 1991, without scale, in closed form for three points.)");
+    ValueError: Lengths differ, or an index is not below N.)");
   bind_corners(module);
 }
 

@@ -154,7 +154,9 @@ BundleFit adjust_bundle(
 void bind_parameters(nb::module_& module)
 {
   nb::class_<StereoParams>(module, "StereoParams", R"(
-A pinhole camera with a virtual right column: u_right = u - disparity_px_m / depth_m.)")
+A pinhole camera with a virtual right camera, and its noise.
+
+Depth is measured as the disparity u - u_right = disparity_px_m / depth_m.)")
     .def(
       nb::init<double, double, double, double, double, double, double, double, bool>(), "fx_px"_a,
       "fy_px"_a, "cx_px"_a, "cy_px"_a, "disparity_px_m"_a, "disparity_noise_px"_a,
@@ -166,25 +168,26 @@ A pinhole camera with a virtual right column: u_right = u - disparity_px_m / dep
     .def_ro("disparity_px_m", &StereoParams::disparity_px_m, "Disparity at a depth of 1 m.")
     .def_ro(
       "disparity_noise_px", &StereoParams::disparity_noise_px,
-      "The part of a disparity's standard deviation that does not depend on it.")
+      "Constant part of the standard deviation of a disparity, in pixels.")
     .def_ro(
       "relative_noise", &StereoParams::relative_noise,
-      "The part that grows with the disparity, as a share of it.")
+      "Part of the standard deviation that is proportional to the disparity, as a share of it.")
     .def_ro(
       "pixel_noise", &StereoParams::pixel_noise,
-      "Standard deviation of pixels, in units of that of their weights.")
+      "Standard deviation of pixels, divided by the standard deviation that `inv_sigma2` states.")
     .def_ro(
       "joint_noise", &StereoParams::joint_noise,
-      "u_right is as noisy as u and v, all under one kernel.")
+      "True: u, v and u_right have equal noise and share one robust kernel, as in ORB-SLAM.")
     .def("__getstate__", &state)
     .def("__setstate__", [](StereoParams& camera, const CameraState& values) {
       new (&camera) StereoParams(std::make_from_tuple<StereoParams>(values));
     });
   nb::class_<Gates>(
-    module, "Gates", "Squared normalized residuals beyond which an observation is an outlier.")
+    module, "Gates",
+    "Limits of the squared normalized residuals (chi-square); outliers are beyond them.")
     .def(nb::init<double, double>(), "mono"_a, "stereo"_a)
-    .def_ro("mono", &Gates::mono, "Of observations without depth.")
-    .def_ro("stereo", &Gates::stereo, "Of observations with depth.");
+    .def_ro("mono", &Gates::mono, "Limit for observations without depth.")
+    .def_ro("stereo", &Gates::stereo, "Limit for observations with depth.");
 }
 
 }  // namespace
@@ -196,59 +199,62 @@ void bind_optimize(nb::module_& module)
     "optimize_pose", &optimize_pose, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
     "inv_sigma2"_a, "T_camera_map"_a, "prior_T_camera_map"_a = nb::none(),
     "prior_information"_a = nb::none(), R"(
-Return the pose that fits the matches best: Gauss-Newton with a Huber kernel.
+Return the camera pose that fits N matches best: Gauss-Newton with Huber kernels.
 
 Pixels and the disparity u - u_right are independent measurements with separate robust kernels.
 Outliers are identified on (u, v, u_right) after each of three rounds (Mur-Artal and Tardos, T-RO
-2017). The information of the result has the unit of `inv_sigma2` and includes that of the prior.
-With fewer than four matches and no prior, the initial pose is returned.
+2017). The information of the result has the unit of `inv_sigma2` and includes the prior. With
+fewer than four matches and no prior, the initial pose is returned.
 
 Args:
-    camera: of the image, with its measured noise.
-    gates: chi-square limits of outliers, and of the Huber kernels.
-    points_m: (N, 3) in the map frame.
-    measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+    camera: camera model of the image, with its measured noise.
+    gates: chi-square limits of outliers, which are also the limits of the Huber kernels.
+    points_m: (N, 3) map points in the map frame.
+    measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
     T_camera_map: (4, 4) initial pose.
-    prior_T_camera_map: (4, 4) mean of a Gaussian prior, if there is one.
-    prior_information: (6, 6) inverse covariance of its left twist, rotation first.
+    prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose; None: no prior.
+    prior_information: (6, 6) inverse covariance of the prior, as a left twist with the rotation
+        first; None: no prior.
 
 Raises:
     ValueError: Lengths differ, or the prior is incomplete or not finite.)");
   module.def(
     "evaluate_matches", &evaluate_matches, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
     "inv_sigma2"_a, "T_camera_map"_a, R"(
-Return how well each match fits a pose.
+Return how well each of N matches fits a pose.
 
-The squared errors of pixel and disparity are truncated at their gates (MSAC, Torr and Zisserman,
-CVIU 2000), so that sums over matches compare poses with different outliers.
+The squared errors of pixel and disparity are truncated at the outlier limits (MSAC, Torr and
+Zisserman, CVIU 2000). Therefore the sum over all matches can be compared between poses that have
+different outliers.
 
 Args:
-    camera: of the image, with its measured noise.
+    camera: camera model of the image, with its measured noise.
     gates: chi-square limits of outliers.
-    points_m: (N, 3) in the map frame.
-    measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+    points_m: (N, 3) map points in the map frame.
+    measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-    T_camera_map: (4, 4).
+    T_camera_map: (4, 4) pose.
 
 Raises:
     ValueError: Lengths differ.)");
   module.def(
     "most_biasing_region", &most_biasing_region, "camera"_a, "gates"_a, "points_m"_a,
     "measured_px"_a, "inv_sigma2"_a, "T_camera_map"_a, "noise_scale"_a, R"(
-Return the region of the view without whose matches the others would fit best.
+Return the region of the view without whose matches the other matches fit a pose best.
 
-Regions are cells of a k-d tree over direction and depth, with 1/16 to 1/4 of the matches each
-(docs/decisions/036). The region is empty, with a gain of 0, if a point or the pose is not finite.
+Candidates are the cells of a k-d tree over direction and depth, which contain from 1/16 to 1/4 of
+the matches (docs/decisions/036). If a point or the pose is not finite, the region is empty and has
+a gain of 0.
 
 Args:
-    camera: of the image, with its measured noise.
-    gates: chi-square limits of outliers, which are ignored.
-    points_m: (N, 3) in the map frame.
-    measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+    camera: camera model of the image, with its measured noise.
+    gates: chi-square limits of outliers. Outliers are not used.
+    points_m: (N, 3) map points in the map frame.
+    measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
     T_camera_map: (4, 4) pose fitted to all matches.
-    noise_scale: actual variances as a multiple of those of the camera.
+    noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
 
 Raises:
     ValueError: Lengths differ.)");
@@ -256,19 +262,21 @@ Raises:
     "adjust_bundle", &adjust_bundle, "lens"_a, "gates"_a, "T_camera_map"_a, "num_free"_a,
     "points_m"_a, "camera"_a, "point"_a, "measured_px"_a, "inv_sigma2"_a, "rounds"_a,
     "iterations"_a, R"(
-Return adjusted camera poses and points: Levenberg-Marquardt with Huber kernels, in rounds.
+Return camera poses and points after bundle adjustment: Levenberg-Marquardt with Huber kernels.
 
-After each round outliers are left out of the next ones.
+The adjustment has several rounds. Observations that are outliers after a round are not used in the
+following rounds.
 
 Args:
     lens: camera model of all images.
-    gates: chi-square limits of outliers, and of the Huber kernels.
-    T_camera_map: (C, 4, 4); the first `num_free` are optimized, the others fixed.
+    gates: chi-square limits of outliers, which are also the limits of the Huber kernels.
+    T_camera_map: (C, 4, 4) camera poses. The first `num_free` are optimized, the others fixed.
     num_free: number of optimized cameras.
-    points_m: (P, 3) in the map frame.
+    points_m: (P, 3) map points in the map frame, which are all optimized.
     camera: (M,) int64 index of the camera of each observation.
-    point: (M,) int64 index of the point of each observation; at most one for each camera.
-    measured_px: (M, 3) u, v, u_right; NaN u_right: no depth.
+    point: (M,) int64 index of the point of each observation. A camera observes a point at most
+        once.
+    measured_px: (M, 3) stereo observations u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
     rounds: number of rounds, at least 1.
     iterations: largest number of iterations in each round.

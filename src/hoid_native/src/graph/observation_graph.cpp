@@ -21,7 +21,7 @@ void grow(std::vector<T>& values, int64_t index, const T& value = T())
   }
 }
 
-// Return the position of each keyframe in a list, or kNone.
+// Return the position of each keyframe (by row) in a list of keyframes, or kNone.
 std::vector<int32_t> positions(const int64_t* keyframes, int count)
 {
   std::vector<int32_t> position;
@@ -32,13 +32,14 @@ std::vector<int32_t> positions(const int64_t* keyframes, int count)
   return position;
 }
 
+// Return the position of a keyframe by the result of `positions`, or kNone.
 int32_t find(const std::vector<int32_t>& position, int32_t keyframe)
 {
   return keyframe < static_cast<int64_t>(position.size()) ? position[keyframe] : kNone;
 }
 
-// Return observations in the order of their keys, which hold a keyframe and a feature. With
-// `rows`, the keyframe of a key is a position in this list.
+// Return observations, given as pairs (key, point), in the order of their keys. A key holds a
+// keyframe and a feature; if `rows` is given, the keyframe is a position in this list.
 Observations sorted(
   std::vector<std::pair<uint64_t, int64_t>>&& keyed, const int64_t* rows = nullptr)
 {
@@ -57,12 +58,13 @@ Observations sorted(
   return out;
 }
 
+// Return the sort key of an observation: by keyframe, then by feature.
 uint64_t key_of(int64_t keyframe, int64_t feature)
 {
   return static_cast<uint64_t>(keyframe) << 32 | static_cast<uint64_t>(feature);
 }
 
-// Return the distance of two keyframes; a rotation counts as a path of m_per_rad for each radian.
+// Return the distance [m] between keyframes a and b, plus m_per_rad for each radian of rotation.
 double distance_m(const Poses& poses, int64_t a, int64_t b, double m_per_rad)
 {
   const double *A = poses.T_map_camera + 16 * a, *B = poses.T_map_camera + 16 * b;

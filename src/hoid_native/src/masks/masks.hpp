@@ -70,12 +70,12 @@ struct Objects
 
 // Write 1 for each pixel of a depth image that shows a dynamic object, and 0 for the others.
 //
-// An object is the union of the regions that lie mostly in its area and near its depth, and the
-// gaps without readings between them. It may extend beyond its area by a tenth of a side (decision
-// 010): boxes cut off hands, but further out a region is the desk that a hand has merged with. If
-// the regions fill too little of the area of a detected object, the object has merged with its
-// surroundings; then every pixel of the area near its depth counts. An object of unknown depth is
-// its whole area.
+// To an object belong the regions that lie mostly in its area and near its depth, and the gaps
+// without readings between them. It may extend beyond its area by a tenth of the area's side
+// (decision 010), because boxes cut off hands. Parts of a region further outside belong to a surface
+// that the object touches, such as a desk under a hand. If the regions fill little of the area of a
+// detected object, the object has merged with its surroundings; then every pixel of the area near
+// its depth is set. For an object of unknown depth, the whole area is set.
 void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_t* dynamic_out);
 
 // Nearest-neighbor upscaling: the row and column of a small image for each row and column of a

@@ -48,7 +48,7 @@ std::vector<int64_t> distinctive_descriptors(
     const int64_t end = g + 1 < num_groups ? starts[g + 1] : count;
     const int compared = static_cast<int>(std::min<int64_t>(end - starts[g], kMaxCompared));
     const int64_t first = end - compared;
-    // Two descriptors are equally distinctive: the newer one is taken.
+    // Two descriptors have the same distance to each other, so the newer one is taken.
     rows[g] = compared <= 2
                 ? end - 1
                 : first + most_distinctive(descriptors + first * kDescriptorBytes, compared);

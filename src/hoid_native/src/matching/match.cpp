@@ -83,8 +83,8 @@ struct Segment
   }
 };
 
-// Return the best candidate of each query if it passes the threshold. A feature queries by several
-// queries goes to that with the smallest distance.
+// Return the best candidate of each query if it passes the threshold. If it is the best candidate of
+// several queries, the query with the smallest distance gets it.
 template <typename Region, typename Regions>
 ALWAYS_INLINE Pairs match(const Regions& regions, const Problem& problem)
 {

@@ -37,9 +37,9 @@ struct Segments
 struct OcclusionEvidence
 {
   double occluding;            // log-odds of a segment that occludes with all its pixels
-  double min_occluding_share;  // a smaller share comes from the segment's edges: no evidence
-  double mixed_share;          // from this share on, agreement of the rest is no evidence
-  double agreeing;             // log-odds against a segment that agrees with the earlier depth
+  double min_occluding_share;  // a smaller share is an effect of the segment's edges: no evidence
+  double mixed_share;  // from this share on, equal depth of the other pixels is no evidence
+  double agreeing;     // log-odds against motion of a segment that has the earlier depth
 };
 
 // Tolerated depth difference: a polynomial in the depth.
@@ -56,10 +56,10 @@ struct DepthMargin
 // Return the segments of a depth image for square cells of `cell_px`.
 Segments depth_segments(const Image<float>& depth_m, int cell_px);
 
-// Add to the log-odds of segments the evidence of one earlier view. A segment that is in front of
-// the depth seen there has moved in; what is behind it is no evidence. Only every other row is
-// compared, to save time. `range_m` (H, W, 2) is the earlier view's `depth_ranges_3x3`; labels are
-// below the number of log-odds.
+// Add the evidence of one earlier view to the log-odds of segments. A segment in front of the depth
+// in the earlier view has moved there since; a segment behind this depth is no evidence. Only every
+// other row is compared, to save time. `range_m` (H, W, 2) is the earlier view's `depth_ranges_3x3`;
+// labels are below the number of log-odds.
 void add_occlusion_evidence(
   const ViewPair& views, const int32_t* label, const float* range_m, const DepthMargin& margin,
   const OcclusionEvidence& evidence, std::vector<double>& log_odds);

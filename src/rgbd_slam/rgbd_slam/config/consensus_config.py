@@ -10,21 +10,23 @@ from hoid_common.config import Config, param
 
 @dataclass(frozen=True)
 class ConsensusConfig(Config):
-    """The pose of an image is determined by well-observed points (decision 026).
+    """Estimation of an image's pose from well-observed map points (decision 026).
 
-    Costs are sums of squared residuals in units of the measured noise.
+    A point is well observed if several keyframes have observed it. The cost of a pose is the sum
+    of its squared residuals in units of the measured noise.
     """
 
     enabled: bool = param(
         default=True,  # ablation: slow-6 by `motion` 0.112 m without it, 0.003 m with it
-        description='Determines the pose of an image by the map points that several keyframes '
-        'have observed, so that moving objects cannot capture it. When it is off, all matches '
-        'count alike, as in ORB-SLAM3.',
+        description='Whether to estimate the pose of an image from the map points that several '
+        'keyframes have observed, so that the camera is not tracked relative to a moving object. '
+        'Set it to false to let all matches count alike, as ORB-SLAM3 does.',
     )
     leave_out_parts: bool = param(
         default=True,  # decision 036: slow-6 by `motion` 0.010 m without it, 0.004 m with it
-        description='Leaves out the region of the image that biases the pose, so that a slowly '
-        'moving object does not take the camera along.',
+        description='Whether to leave out the matches in a region of the image that biases the '
+        'pose, so that a slowly moving object does not distort it. Set it to false to save a '
+        'little time where nothing moves.',
     )
 
     # Decision 026: with fewer keyframes, fr1_xyz_people has 0.013 m instead of 0.009 m.

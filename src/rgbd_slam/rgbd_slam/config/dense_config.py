@@ -15,7 +15,8 @@ class GridConfig(Config):
 
     resolution_m: float = param(
         0.05,  # the default of Nav2's costmaps
-        'Side of a grid cell (m). Larger cells make a smaller message and close narrow passages.',
+        'Side of a cell of grid_map (m). Raise it to make the messages smaller; larger cells '
+        'close narrow passages.',
         minimum=0.01,
         maximum=1.0,
         read_only=False,
@@ -23,8 +24,8 @@ class GridConfig(Config):
     )
     min_height_m: float = param(
         0.10,  # chosen: above the noise of the floor, and above thresholds and carpets
-        'Height above the floor below which points are not obstacles (m). A larger value hides '
-        'low obstacles, a smaller one turns noise of the floor into obstacles.',
+        'Height above the floor up to which points count as floor and not as obstacles (m). '
+        'Raise it if free floor is marked as occupied; lower it if low obstacles are missing.',
         minimum=0.0,
         read_only=False,
         expert=True,
@@ -56,13 +57,13 @@ class DenseConfig(Config):
 
     enabled: bool = param(
         default=True,
-        description='Fuses depth images into cloud_map and grid_map, in a separate process. '
-        'Set it to false to save time and memory where only poses are needed.',
+        description='Whether to fuse depth images into cloud_map and grid_map, in a separate '
+        'process. Set it to false to save time and memory if only poses are needed.',
     )
     rate_hz: float = param(
         3.0,  # chosen: an image costs 20 ms (decision 022), so 6 % of a core
-        'Largest rate at which images are fused (Hz). A higher rate completes the map sooner and '
-        'takes more time.',
+        'Largest rate at which images are fused (Hz). Raise it to complete the map sooner; it '
+        'takes more processor time.',
         minimum=0.1,
         maximum=30.0,
         read_only=False,
@@ -70,44 +71,46 @@ class DenseConfig(Config):
     )
     voxel_m: float = param(
         0.025,  # chosen: half a cell of the grid
-        'Side of a voxel (m). Larger voxels take less memory and show less detail.',
+        'Side of a voxel (m). Raise it to save memory, lower it to map more detail.',
         minimum=0.005,
         maximum=0.5,
         expert=True,
     )
     max_depth_m: float = param(
         3.5,  # chosen: the noise of depth grows with its square (decision 002)
-        'Depth beyond which readings are ignored (m). A larger value maps more of a large room, '
-        'with more noise.',
+        'Depth beyond which readings add no surface to the dense map (m). Raise it to map more '
+        'of a large room, with more noise.',
         minimum=0.5,
         expert=True,
     )
     pixel_stride: int = param(
         2,  # chosen: at 3.5 m two pixels of a 640-pixel image are 1.3 cm apart, half a voxel
-        'Step between the columns and rows of the depth image that are fused (pixels). A larger '
-        'step saves time and leaves holes in distant surfaces.',
+        'Step between the rows and columns of the depth image that are fused (pixels); 1 uses '
+        'all pixels. A larger step saves time and leaves holes in distant surfaces. The dense '
+        'map of a saved map can be loaded only with the step that it was made with.',
         minimum=1,
         maximum=8,
         internal=True,
     )
     max_voxels: int = param(
         3_000_000,  # chosen, to bound the memory of the scene process
-        'Largest number of voxels; beyond it the least observed ones are removed. A larger number '
-        'maps a larger area and takes more memory.',
+        'Largest number of voxels in the dense map; beyond it the voxels that fewest images '
+        'confirm are removed. A larger number maps a larger area and takes more memory.',
         minimum=1000,
         expert=True,
     )
     max_views: int = param(
         150,  # chosen: 90 MB
-        'Number of images that are kept to fuse the map again after a loop closure, with about '
-        '0.6 MB each. A larger number keeps more of a large map when the trajectory is corrected.',
+        'Number of images that are kept so that the dense map can be made again after a loop '
+        'closure; each takes about 0.6 MB. Only the part of the map that these images show is '
+        'made again: set a larger number for a large map.',
         minimum=1,
         expert=True,
     )
     publish_period_s: float = param(
         2.0,  # chosen, for a display; a cloud of a room has several MB
-        'Shortest time between two published clouds or grids (s). A longer period saves time and '
-        'bandwidth.',
+        'Shortest time between two messages on cloud_map and grid_map (s). Set a longer period to '
+        'save time and bandwidth.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,

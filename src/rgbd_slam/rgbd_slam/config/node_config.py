@@ -1,4 +1,4 @@
-"""Parameters of the SLAM node: those of the core, the frames, and the scene mapper."""
+"""Parameters of the SLAM node: the core, the frames, and the scene mapper."""
 
 from __future__ import annotations
 
@@ -16,36 +16,43 @@ from rgbd_slam.config.slam_config import SlamConfig
 class FrameConfig(Config):
     """The frame tree map -> odom -> base (REP 105)."""
 
-    map: str = param('map', 'Name of the map frame.', expert=True)
+    map: str = param(
+        'map',
+        'Name of the map frame. Change it if another map of the robot has this name.',
+        expert=True,
+    )
     odom: str = param(
         'odom',
-        'Name of the odometry frame. If the wheels send odom -> base, it is their frame.',
+        'Name of the odometry frame. If the wheels or another node send the transform to the '
+        'base, set it to the name of their frame.',
         expert=True,
     )
     base: str = param(
         '',
         "Name of the robot's base frame, whose pose relative to the camera is read from "
-        "/tf_static; empty uses the camera's own optical frame. Set it on every robot, often to "
-        'base_link.',
+        '/tf_static. Set it on every robot, usually to base_link. If it is empty, the optical '
+        'frame of the camera takes the place of the base.',
     )
     publish_map_to_odom: bool = param(
         default=True,
-        description='Sends map -> odom on /tf. It is off where another node localizes the robot.',
+        description='Whether to send map -> odom on /tf. Set it to false if another node '
+        'localizes the robot and sends map -> odom itself.',
         read_only=False,
         expert=True,
     )
     publish_odom_to_base: bool = param(
         default=True,
-        description='Sends odom -> base on /tf. Set it to false if the wheels or a filter of '
-        'poses send it already: map -> odom is then relative to theirs, and the visual odometry '
-        'is published on visual_odom.',
-        read_only=False,
+        description='Whether to send odom -> base on /tf. Set it to false if the wheel odometry or '
+        'a node that fuses sensors (such as robot_localization) sends odom -> base itself: map -> '
+        'odom is then computed from that transform, and the visual odometry is published on '
+        'visual_odom, in the frame visual_odom, instead of odom.',
     )
     transform_tolerance_s: float = param(
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0
-        'Time by which map -> odom is dated into the future while another node sends odom -> base '
-        '(s). A longer time keeps the transform valid over missing images, and delays a '
-        'correction by as much.',
+        'Time by which map -> odom is dated into the future while frames.publish_odom_to_base is '
+        'false (s). Set a longer time if other nodes report that map -> odom is too old when '
+        'images are missing; a correction of the map, or of a slip of the wheels, then takes '
+        'effect later by as much.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -53,43 +60,47 @@ class FrameConfig(Config):
     )
     planar: bool = param(
         default=False,
-        description='Keeps the base on a plane, without height, roll or pitch. Set it for a robot '
-        'on wheels on a level floor.',
+        description='Whether to publish the pose of the base on the plane z = 0, without roll '
+        'and pitch. Set it to true for a robot on wheels on a level floor. It needs frames.base '
+        'and has no effect without it.',
     )
 
 
 @dataclass(frozen=True)
 class SlamNodeConfig(NodeConfig, SlamConfig):
-    """All parameters of the node; those of the core keep their names."""
+    """All parameters of the node. Those of the core (`SlamConfig`) have the same names here."""
 
     map_directory: str = param(
         '~/.ros/hoid',
-        'Folder of the files that services read and write; they use no other one. Set it to store '
-        'maps elsewhere.',
+        'The only folder in which services read and write files. Set it to the folder in which '
+        'maps are to be stored.',
     )
     map_file: str = param(
         '',
-        'Map in map_directory that is loaded at the start, as saved by save_map; empty starts '
-        'with an empty map. Set it to continue in a mapped place.',
+        'File in map_directory, saved by save_map, whose map is loaded at the start. Set it to '
+        'continue in a place that is already mapped. If it is empty, the node starts with an '
+        'empty map.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),
-        'Whether the map is extended (mapping) or only used to localize the robot '
-        '(localization). Choose localization once the map is good.',
+        'What the node does at the start: mapping extends the map, localization only localizes '
+        'the robot in the map of map_file. Choose localization once the map is complete.',
         choices=tuple(mode.name.lower() for mode in SlamMode),
     )
     checkpoint_period_s: float = param(
         10.0,  # decision 030
-        'Time between two checkpoints of the map, from which a node resumes after a crash (s); 0 '
-        'writes none. A longer period loses more of the map in a crash.',
+        'Usual time between two checkpoints, which are copies of the map from which a node '
+        'resumes after a crash (s). The time is shorter for a young map, and longer if writing '
+        'is slow. Set a longer period to write less; a crash then loses more of the map. 0 '
+        'writes no checkpoints.',
         minimum=0.0,
         maximum=3600.0,
         expert=True,
     )
     map_period_s: float = param(
         1.0,  # chosen, for a display
-        'Shortest time between two published maps, paths and keyframes (s). A longer period saves '
-        'time and bandwidth.',
+        'Shortest time between two messages on map_points, path and keyframes (s). Set a longer '
+        'period to save time and bandwidth.',
         minimum=0.05,
         maximum=3600.0,
         read_only=False,

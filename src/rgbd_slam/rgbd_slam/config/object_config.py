@@ -12,19 +12,20 @@ from hoid_common.config import Config, param
 class ObjectTrackerConfig(Config):
     """Tracking of people and objects in the map frame.
 
-    Where no other source is named, the values were chosen for people and things in rooms and are
-    not tuned.
+    An object at rest is one that nobody moves. Where no other source is named, the values were
+    chosen for people and objects in rooms and are not tuned.
     """
 
     enabled: bool = param(
         default=True,
-        description='Tracks people and objects in 3-D and publishes them as tracked_objects. Set '
-        'it to false to save time where nobody subscribes.',
+        description='Whether to track people and objects in 3-D and to publish them on '
+        'tracked_objects, people and tracked_object_markers. Set it to false to save time if no '
+        'node subscribes to these topics.',
     )
     rate_hz: float = param(
         10.0,
-        'Largest rate of the images in which objects are tracked (Hz). A higher rate follows fast '
-        'people better and takes more time.',
+        'Largest rate at which images are used to track people and objects (Hz). Raise it to '
+        'follow fast people better; it takes more processor time.',
         minimum=0.1,
         maximum=60.0,
         read_only=False,
@@ -32,15 +33,21 @@ class ObjectTrackerConfig(Config):
     )
     # Time for which an object must be seen at one place before it counts as at rest.
     rest_s: ClassVar[float] = 0.8
-    min_sightings: ClassVar[int] = 3  # after which a track is published; fewer may be false
+    # Number of detections from which on a track is published; fewer may be false detections.
+    min_sightings: ClassVar[int] = 3
     # Chosen, to bound the memory: number of tracks beyond which those unseen for longest end.
     max_objects: ClassVar[int] = 200
-    gate_m: ClassVar[float] = 0.7  # a sighting farther from a track starts a new track
-    rest_gate_m: ClassVar[float] = 0.35  # the same for a track that nobody handles
+    # Distance between a detection and the nearest track beyond which it starts a new track, and
+    # the same distance for objects at rest.
+    gate_m: ClassVar[float] = 0.7
+    rest_gate_m: ClassVar[float] = 0.35
     measurement_sigma_m: ClassVar[float] = 0.08  # standard deviation of a measured center
-    acceleration_sigma_mps2: ClassVar[float] = 3.0  # process noise: how abruptly people move
-    forget_moving_s: ClassVar[float] = 1.0  # after which unseen people and handled objects end
-    forget_resting_s: ClassVar[float] = 600.0  # after which unseen objects at rest end
+    # Process noise of the Kalman filter: standard deviation of the acceleration of people.
+    acceleration_sigma_mps2: ClassVar[float] = 3.0
+    # Times without a detection after which a track ends: of people and handled objects, and of
+    # objects at rest.
+    forget_moving_s: ClassVar[float] = 1.0
+    forget_resting_s: ClassVar[float] = 600.0
     # Time for which an object that was carried out of sight is recognized when it is put down.
     forget_taken_s: ClassVar[float] = 60.0
     moved_m: ClassVar[float] = 0.12  # displacement from which an object counts as moved

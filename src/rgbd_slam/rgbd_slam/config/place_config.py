@@ -14,8 +14,9 @@ class IndexConfig(Config):
 
     method: str = param(
         'hash',  # places_and_loops.md: recall at 1 of 0.975 against 0.650 of binary words
-        'Name of the place index: `hash`, or one that an installed package adds by an entry point '
-        'in the group rgbd_slam.place_indices.',
+        'Name of the place index, which finds keyframes that resemble an image: `hash`, or the '
+        'name of an entry point in the group rgbd_slam.place_indices of another installed '
+        'package.',
         internal=True,
     )
     num_tables: int = param(
@@ -51,12 +52,12 @@ class VerificationConfig(Config):
     max_candidates: ClassVar[int] = 3  # places that are verified for one image
     min_votes: ClassVar[int] = 10  # matching features that make a keyframe a candidate
     max_hamming: ClassVar[int] = 60  # largest distance of two matching descriptors [bits]
-    # Share of the points in view that a depth reading behind them may contradict.
+    # Largest share of the points in view that depth readings behind them contradict.
     max_contradicted_share: ClassVar[float] = 0.1
     # A second place may have at most this share of the points found at the best place.
     max_second_place_share: ClassVar[float] = 0.6
-    # Number of keyframes around the candidate whose points are matched as well. A larger number
-    # finds places seen from farther away and takes more time.
+    # Number of keyframes around a candidate place whose points are matched as well. A larger
+    # number finds places that are seen from farther away and takes more time.
     neighbors: ClassVar[int] = 6
     # Largest ratio of the best to the second best descriptor distance of a match with a
     # candidate place, as a share.
@@ -75,12 +76,13 @@ class LoopConfig(Config):
 
     enabled: bool = param(
         default=True,  # places_and_loops.md: 0.30 of the ATE is left, in the median
-        description='Closes loops, and merges maps that show the same place.',
+        description='Whether to close loops and to merge maps that show the same place. Set it '
+        'to false to see the drift of the visual odometry.',
     )
     # Not tuned, except where another source is named.
     global_iterations: ClassVar[int] = 6  # of each round of the global bundle adjustment
-    # Keyframes near the new one that must recognize the place as well; ORB-SLAM asks for three
-    # consistent groups of keyframes.
+    # Number of keyframes near the new one that must recognize the place as well. ORB-SLAM asks for
+    # three consistent groups of keyframes.
     min_support: ClassVar[int] = 2
     merge_inliers: ClassVar[int] = 60  # points that must be found to merge two maps
     # A loop that would correct more drift than this is rejected: a constant part and one that
@@ -91,10 +93,11 @@ class LoopConfig(Config):
     drift_deg_per_m: ClassVar[float] = 1.0
     # Shared points that make an edge of the essential graph (Mur-Artal et al., T-RO 2015, theta).
     essential_shared: ClassVar[int] = 100
-    # A short loop with a smaller correction than both needs no global adjustment.
+    # Distance and angle: a short loop whose correction is smaller than both needs no global
+    # adjustment.
     small_m: ClassVar[float] = 0.03
     small_deg: ClassVar[float] = 1.5
-    # Length of a loop from which the whole map is adjusted even if its ends already fit.
+    # Length of a loop from which the map around it is adjusted even if its ends already fit.
     long_path_m: ClassVar[float] = 5.0
 
 
@@ -104,9 +107,9 @@ class PlaceConfig(Config):
 
     new_map_after_s: float = param(
         3.0,  # not tuned
-        'Time for which the camera must be lost, while images arrive, before a new map is started '
-        '(s). A longer time leaves more images without a pose, a shorter one makes more maps that '
-        'must be merged.',
+        'Time for which images must have arrived in which the camera was lost before a new map '
+        'is started (s). Raise it if needless maps are started that have to be merged later; '
+        'lower it if poses are missing for too long after a loss.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,

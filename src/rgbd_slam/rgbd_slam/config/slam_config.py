@@ -16,32 +16,38 @@ class CameraConfig(Config):
 
     disparity_noise_px: float = param(
         0.3,  # decision 003: 0.07 px in rendered images to 0.6 px in fr1_xyz
-        'Standard deviation of a depth reading as a disparity of the virtual stereo camera '
-        '(pixels), until it has been measured. A larger one accepts more outliers in depth.',
+        'Standard deviation of depth readings, converted to disparities of a stereo camera with '
+        'a baseline of 7.5 cm (pixels). It is used until the noise has been measured. Raise it '
+        'for a camera with noisier depth; more outliers in depth are then accepted.',
         minimum=0.01,
         maximum=10.0,
     )
     joint_noise: bool = param(
         default=False,  # decision 021: the rule of ORB-SLAM3
-        description='Gives u_right the noise of u and v and applies one robust kernel to all '
-        'three, as ORB-SLAM3 does. When it is off, depth has its own noise and kernel.',
+        description='Gives u_right, the column in the right image of the virtual stereo camera, '
+        'the same noise as u and v, and applies one robust kernel to all three, as ORB-SLAM3 '
+        'does. When it is off, depth has its own noise and robust kernel.',
         internal=True,
     )
     rolling_shutter: bool = param(
         default=True,  # decision 033; ablation: fr1_xyz by `motion` 0.0098 m without it, 0.0066 m
-        description='Estimates the readout time of the image rows and compensates for it. When it '
-        'is off, all rows count as taken at once, as in ORB-SLAM3.',
+        description='Whether to estimate the readout time of the image rows and to compensate '
+        'for it. Set it to false for a camera with a global shutter; all rows then count as '
+        'exposed at the same time, as in ORB-SLAM3.',
     )
     scale_factor: float = param(
         1.2,  # as extraction.scale_factor of the filter
-        'Ratio of the scales of two successive octaves (a plain number), the same as in '
-        'extraction.',
+        'Ratio of the scales of two successive octaves (a plain number). Set it to '
+        'extraction.scale_factor of the filter. A saved map can be loaded only with the value '
+        'that it was made with.',
         minimum=1.01,
         maximum=2.0,
     )
     num_octaves: int = param(
         8,  # as extraction.num_levels of the filter
-        'Number of octaves, at least the number of levels in extraction.',
+        'Number of octaves; features of a higher octave are refused. Set it to '
+        'extraction.num_levels of the filter or more. A saved map can be loaded only with the '
+        'number that it was made with.',
         minimum=1,
         maximum=16,
     )
@@ -67,25 +73,26 @@ class TrackingConfig(Config):
 
     few_matches: int = param(
         40,  # not tuned; ORB-SLAM3 has 20 (Tracking.cc, TrackWithMotionModel)
-        'Number of matches with the last frame below which the search window is widened. A larger '
-        'number widens it more often, which takes time.',
+        'Number of matches with the last frame below which the search is repeated in wider '
+        'windows. A larger number repeats it more often, which takes time.',
         minimum=4,
         maximum=1000,
         internal=True,
     )
     few_points: int = param(
         100,  # ORB-SLAM3, in localization (Tracking.cc, UpdateLastFrame)
-        'Number of map points in the last frame below which its depth readings are matched as '
-        'well. A larger number uses them more often, where a moving object may be among them.',
+        'If the last frame observed fewer map points than this, its other features with depth '
+        'are matched as well. A larger number uses these features more often; some of them may '
+        'be on a moving object that is not in the map.',
         minimum=0,
         maximum=5000,
         internal=True,
     )
     convincing_share: float = param(
         0.5,  # not tuned
-        'Share of the matches that must be inliers, unless as large a share of the last points is '
-        'seen again; otherwise further pose hypotheses are tried. A larger share tries them more '
-        'often, which takes time.',
+        'A pose is accepted at once if its inliers are more than this share of the matches, or '
+        'more than this share of the points of the last frame; otherwise further pose hypotheses '
+        'are tried. A larger share tries them more often, which takes time.',
         minimum=0.0,
         maximum=1.0,
         internal=True,
@@ -108,27 +115,31 @@ class TrackingConfig(Config):
     )
     reference_ratio: float = param(
         0.8,  # not tuned; ORB-SLAM3 has 0.7 (Tracking.cc, TrackReferenceKeyFrame)
-        'Largest ratio of the best to the second best descriptor distance of a match with the '
-        'reference keyframe, as a share. A larger ratio gives more matches, of which more are '
-        'wrong.',
+        'A match with the reference keyframe is accepted if its descriptor distance is at most '
+        'this share of that of the second best match. A larger share gives more matches, of '
+        'which more are wrong.',
         minimum=0.1,
         maximum=1.0,
         internal=True,
     )
     consensus: ConsensusConfig = section(ConsensusConfig)
 
-    # ORB-SLAM3, Tracking.cc, TrackWithMotionModel: radius of the search in octave 0, and doubled.
+    # ORB-SLAM3, Tracking.cc, TrackWithMotionModel: half side of the search windows in octave 0,
+    # and that of the wider windows.
     last_frame_radius_px: ClassVar[float] = 15.0
     wide_radius_px: ClassVar[float] = 30.0
-    local_map_radius: ClassVar[float] = 3.0  # ORB-SLAM3, Tracking.cc, SearchLocalPoints, RGB-D
-    local_map_ratio: ClassVar[float] = 0.8  # as there: best to second best distance, same octave
+    # ORB-SLAM3, Tracking.cc, SearchLocalPoints: factor on the search windows for RGB-D cameras,
+    # and largest ratio of the best to the second best descriptor distance in the same octave.
+    local_map_radius: ClassVar[float] = 3.0
+    local_map_ratio: ClassVar[float] = 0.8
     max_hamming: ClassVar[int] = 100  # ORB-SLAM3, ORBmatcher.cc, TH_HIGH [bits]
-    # Chosen: speeds of the camera that a match with the reference keyframe may imply: twice the
-    # speed of walking, and a hand-held camera that is turned as fast as possible.
+    # Chosen: largest speeds of the camera that a pose by the reference keyframe may imply: twice
+    # the speed of walking, and a hand-held camera that is turned as fast as possible.
     max_speed_mps: ClassVar[float] = 3.0
     max_turn_dps: ClassVar[float] = 400.0
-    # Not tuned: matches with the reference keyframe are used only if the last frame was tracked
-    # within this time, and if the motion exceeds these speeds by no more than these jumps.
+    # Not tuned: matches with the reference keyframe are used only if the last frame was tracked at
+    # most this long ago. The motion since then may exceed that at the above speeds by a constant
+    # distance and angle.
     reference_within_s: ClassVar[float] = 0.4
     jump_m: ClassVar[float] = 0.1
     jump_deg: ClassVar[float] = 10.0
@@ -144,65 +155,71 @@ class KeyframeConfig(Config):
     reference_share: float = param(
         0.75,  # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame
         'A frame becomes a keyframe if it sees less than this share of the points of its '
-        'reference keyframe. A larger share makes more keyframes.',
+        'reference keyframe. Raise it if the camera is often lost in fast motion; more keyframes '
+        'are then made, which takes more time and memory.',
         minimum=0.1,
         maximum=1.0,
         read_only=False,
     )
     min_close_tracked: int = param(
         60,  # not tuned; ORB-SLAM3 has 100 (Tracking.cc, NeedNewKeyFrame)
-        'A frame that tracks less than this number of near points, and could add many, becomes a '
-        'keyframe. A larger number makes more keyframes.',
+        'A frame becomes a keyframe if it tracks fewer near points than this, and has many near '
+        'features from which new points can be created. A larger number makes more keyframes.',
         minimum=0,
         maximum=5000,
         internal=True,
     )
     min_gap_s: float = param(
         0.2,  # not tuned; ORB-SLAM3 has 0
-        'Shortest time between two keyframes while tracking is good (s). A longer time makes '
-        'fewer keyframes.',
+        'Shortest time between two keyframes while tracking is good (s). Raise it if the mapper '
+        'is late on a slow computer; fewer keyframes are then made.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
     )
     fewer_share: float = param(
         0.85,  # decision 004
-        'A frame with a new view becomes a keyframe if it sees less than this share of the points '
-        'tracked after the last keyframe. A larger share makes more keyframes.',
+        'A frame whose view no keyframe has becomes a keyframe if it tracks fewer points than '
+        'this share of the most that a frame has tracked since the last keyframe. A larger share '
+        'makes more keyframes.',
         minimum=0.0,
         maximum=1.0,
         internal=True,
     )
     fallen_share: float = param(
         0.6,  # not tuned
-        'A frame becomes a keyframe at once, even with a known view, if it sees less than this '
-        'share of the points tracked after the last keyframe. A larger share makes more '
-        'keyframes.',
+        'A frame becomes a keyframe at once, even if a keyframe has the same view, if it tracks '
+        'fewer points than this share of the most that a frame has tracked since the last '
+        'keyframe. A larger share makes more keyframes.',
         minimum=0.0,
         maximum=1.0,
         internal=True,
     )
     skip_known_views: bool = param(
         default=True,  # decision 004: 39 keyframes after one pass over a path, 43 after 136 passes
-        description='Makes no keyframe where the map already has the same view, so that the map '
-        'does not grow with time. ORB-SLAM3 has no such rule.',
+        description='Whether to make no keyframe where an older keyframe already has the same '
+        'view, so that the map does not grow while the robot stays in a known place. Set it to '
+        'false to make such keyframes, as ORB-SLAM3 does.',
     )
     keep_outliers: bool = param(
         default=False,  # decision 021: the rule of ORB-SLAM3
-        description='Stores the outliers of the pose in the keyframe as well and leaves their '
-        'rejection to bundle adjustment, as ORB-SLAM3 does.',
+        description='Stores matches that are outliers of the pose in the keyframe as well, and '
+        'leaves their rejection to bundle adjustment, as ORB-SLAM3 does. When it is off, a '
+        'keyframe stores inliers only.',
         internal=True,
     )
     min_new_points: int = param(
         400,  # not tuned; ORB-SLAM3 has 100 (Tracking.cc, CreateNewKeyFrame)
-        'Number of points with depth that a keyframe must have, if need be from beyond '
-        'camera.close_baselines. A larger number makes a denser map with more distant points.',
+        'Number of near points up to which a keyframe is filled with points from depth. If there '
+        'are too few features within 3 m, more distant ones are used, whose points are noisier. '
+        'A larger number makes a denser map with more distant points.',
         minimum=0,
         maximum=5000,
         internal=True,
     )
 
-    # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: so many near features without a point are many.
+    # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of near features without a map point above
+    # which a keyframe can add many points.
     min_close_new: ClassVar[int] = 70
 
 
@@ -212,16 +229,17 @@ class TriangulationConfig(Config):
 
     neighbors: int = param(
         6,  # decision 009
-        'Number of keyframes to triangulate with; 0 creates points from depth only. A larger '
-        'number creates more points and takes more time.',
+        'Number of neighboring keyframes with which a new keyframe is triangulated. A larger '
+        'number creates more points and takes more time; 0 creates points from depth readings '
+        'only.',
         minimum=0,
         maximum=50,
         internal=True,
     )
     min_baseline_m: float = param(
         0.03,  # not tuned; ORB-SLAM3 asks for a stereo baseline
-        'Shortest distance between two keyframes that are triangulated (m). A longer one skips '
-        'more pairs, whose points would be inaccurate.',
+        'Shortest distance between two keyframes from which points are triangulated (m). A longer '
+        'distance creates fewer and more accurate points.',
         minimum=0.0,
         maximum=10.0,
         internal=True,
@@ -236,8 +254,8 @@ class TriangulationConfig(Config):
     )
     ratio: float = param(
         0.9,  # not tuned; ORB-SLAM3 has 0.6 (LocalMapping.cc, CreateNewMapPoints)
-        'Largest ratio of the best to the second best descriptor distance of a match to be '
-        'triangulated, as a share. A larger ratio gives more points, of which more are wrong.',
+        'A match is triangulated if its descriptor distance is at most this share of that of the '
+        'second best match. A larger share creates more points, of which more are wrong.',
         minimum=0.1,
         maximum=1.0,
         internal=True,
@@ -261,8 +279,9 @@ class MappingConfig(Config):
     )
     fixed_window: int = param(
         12,  # chosen: ORB-SLAM3 takes all keyframes that see the points
-        'Number of further keyframes that local bundle adjustment keeps fixed. A larger number '
-        'ties the window to more of the map and takes more time.',
+        'Number of further keyframes that see the same points and that local bundle adjustment '
+        'keeps fixed. A larger number connects the adjusted keyframes to more of the map and '
+        'takes more time.',
         minimum=1,
         maximum=200,
         internal=True,
@@ -308,7 +327,11 @@ class SlamConfig(Config):
     """All parameters of the core."""
 
     seed: int = param(
-        0, 'Number that seeds all random sampling, so that runs repeat.', minimum=0, expert=True
+        0,
+        'Seed of all random sampling. Runs with the same seed have the same samples; change it to '
+        'see how much the results depend on them.',
+        minimum=0,
+        expert=True,
     )
     camera: CameraConfig = section(CameraConfig, expert=True)
     tracking: TrackingConfig = section(TrackingConfig, expert=True)

@@ -26,7 +26,7 @@ _MIN_CLOSE = 30  # not tuned: with fewer close points, all points of a keyframe 
 
 
 def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
-    """Remove new points that few frames find, or that keyframe `i` should observe but does not.
+    """Remove new points that few frames find, or that keyframe `i` misses although it faces them.
 
     A new point that has left the view stays, and is tested when it comes into view again.
     Therefore only the points around the keyframe are tested, whatever the size of the map.
@@ -46,7 +46,7 @@ def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingC
 
 
 def _around(atlas: Atlas, i: int) -> IntArray:
-    """Return a new keyframe, its parent, and the keyframes that share points with the parent."""
+    """Return keyframe `i`, its parent, and the keyframes that share points with the parent."""
     parent = atlas.keyframes.index_of(int(atlas.keyframes.parent_uid[i]))
     return np.array([i]) if parent is None else np.r_[i, parent, atlas.covisible(parent)]
 
@@ -54,8 +54,9 @@ def _around(atlas: Atlas, i: int) -> IntArray:
 def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: float) -> None:
     """Remove neighbors of keyframe `i` whose close points are nearly all observed by three others.
 
-    An observation counts if its octave is at most one above that of the keyframe. Where hardly any
-    point is close, as in a hall, all points count.
+    An observation counts if its octave is at most one above the octave in which the neighbor
+    itself observes the point. If hardly any point is close, as in a hall, all points are
+    considered.
     """
     for neighbor in atlas.covisible(i, _MIN_SHARED).tolist():
         if _is_redundant(atlas, neighbor, config.redundant_share, close_limit_m):

@@ -14,11 +14,14 @@ from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
-_OBLIQUE_RADIUS_PX = 4.0  # the window in `matching.local_map` that the radius is relative to
+_OBLIQUE_RADIUS_PX = 4.0  # the window of `matching.local_map` that its radius is a factor of
 
 
 def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
-    """Fuse points of keyframe `i` and its neighbors that project to the same features."""
+    """Fuse points of keyframe `i` and of its neighbors that project to the same features.
+
+    Points of one keyframe that match features without a point in another one are observed there.
+    """
     neighbors = atlas.covisible(i, limit=config.neighbors)
     for neighbor in neighbors.tolist():
         own = atlas.keyframes.point_of_feature[i]
@@ -29,7 +32,15 @@ def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: Mapp
 
 
 def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: MappingConfig) -> None:
-    """Add observations of the points `j` to keyframe `i`; fuse them with its own points."""
+    """Search points in a keyframe; observe them there, or fuse them with the points it observes.
+
+    Args:
+        atlas: The map.
+        camera: The camera.
+        i: Row of the keyframe.
+        j: (P,) rows of the points; those that the keyframe observes already are skipped.
+        config: Parameters.
+    """
     keyframes = atlas.keyframes
     own = keyframes.point_of_feature[i]
     is_known = np.isin(j, own, kind='sort')
@@ -49,7 +60,16 @@ def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: Mappin
 
 
 def _join(atlas: Atlas, i: int, k: IntArray, j: IntArray) -> None:
-    """Add observations at free features; elsewhere keep the point with more observations."""
+    """Let features of keyframe `i` observe points, and fuse these with points observed there.
+
+    Of two points that are fused, the one with more observations remains.
+
+    Args:
+        atlas: The map.
+        i: Row of the keyframe.
+        k: (N,) features of the keyframe.
+        j: (N,) rows of the points that match these features.
+    """
     points = atlas.points
     present = atlas.keyframes.point_of_feature[i, k].astype(np.int64)
     is_free = present == NO_POINT

@@ -1,4 +1,4 @@
-"""Removal of a keyframe's observations of objects that proved to be dynamic."""
+"""Removal of a keyframe's observations of objects that turned out to be dynamic."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from rgbd_slam.model.keyframes import NO_POINT
 
 
 def retract_observations(atlas: Atlas, verdicts: FeatureVerdicts) -> None:
-    """Remove the observations of a keyframe's dynamic features, and the points made from them.
+    """Remove the observations of a keyframe's dynamic features, and the points made from these.
+
+    The features may not create points from now on.
 
     Args:
         atlas: The map.
-        verdicts: Which features of an image are dynamic. Without a keyframe of this image, nothing
-            is removed.
+        verdicts: Which features of an image are dynamic. If this image is no keyframe, or has
+            another number of features, nothing is removed.
     """
     keyframes, points = atlas.keyframes, atlas.points
     rows = np.flatnonzero(

@@ -88,7 +88,16 @@ def _matches(
     octave_scale: FloatArray,
     config: TriangulationConfig,
 ) -> Matches:
-    """Return matches of features `k` with free ones on their epipolar lines in the second view."""
+    """Return matches of features `k` with features on their epipolar lines in the second view.
+
+    Args:
+        views: The two keyframes.
+        k: (N,) features of the first keyframe.
+        free: Mask of the features of the second keyframe that may be matched.
+        camera: The camera.
+        octave_scale: Scales of the octaves.
+        config: Parameters.
+    """
     first, second = views.first, views.second
     octave = first.octave[k].astype(np.int8)
     above = np.minimum(octave + 1, len(octave_scale) - 1).astype(np.int8)
@@ -105,10 +114,16 @@ def _matches(
 def epipolar_segments(
     views: TwoViews, k: IntArray, camera: StereoCamera, min_depth_m: float
 ) -> FloatArray:
-    """Return the (N, 4) u, v of both ends of the epipolar segments of features `k`.
+    """Return the (N, 4) u, v [px] of both ends of features' epipolar segments in the second view.
 
-    A depth reading limits the segment; without one it extends from `min_depth_m` to infinity. It
-    is NaN for points that cannot be in front of the second camera.
+    A depth reading limits the segment; without a depth reading it extends from `min_depth_m` to
+    infinity. It is NaN for points that cannot be in front of the second camera.
+
+    Args:
+        views: The two keyframes.
+        k: (N,) features of the first keyframe.
+        camera: The camera.
+        min_depth_m: Smallest depth of a point in either camera.
     """
     depth = views.first.depth_m[k].astype(np.float64)
     near = np.where(depth > 0, (1 - _DEPTH_SHARE) * depth, min_depth_m)
@@ -131,10 +146,18 @@ def depth_from_parallax(
     camera: StereoCamera,
     min_parallax_rad: float,
 ) -> FloatArray:
-    """Return the (N,) depths in the first camera of matched features.
+    """Return the (N,) depths [m] of matched features in the first camera.
 
-    The depth is that on the ray of the first camera where it is nearest to the other ray (least
-    squares). For nearly parallel rays, it is the depth reading of either camera, or 0 without one.
+    The depth is that of the point on the ray of the first camera that is nearest to the ray of the
+    second camera (least squares). For nearly parallel rays, it is the depth reading of the first
+    camera, else that of the second camera, else 0.
+
+    Args:
+        views: The two keyframes.
+        first: (N,) features of the first keyframe.
+        second: (N,) features of the second keyframe that they were matched with.
+        camera: The camera.
+        min_parallax_rad: Angle between two rays below which they count as parallel.
     """
     R, t = views.T_second_first[:3, :3], views.T_second_first[:3, 3]
     ones = np.ones(len(first))
@@ -158,7 +181,19 @@ def fits_both(
     camera: StereoCamera,
     octave_scale: FloatArray,
 ) -> BoolArray:
-    """Return the (N,) mask of points (N, 3), in the first camera, that fit both features."""
+    """Return the (N,) mask of triangulated points that fit the features of both keyframes.
+
+    They must lie in front of both cameras, project to both features, and have distances whose
+    ratio is about that of the octaves.
+
+    Args:
+        views: The two keyframes.
+        first: (N,) features of the first keyframe.
+        second: (N,) features of the second keyframe that they were matched with.
+        points_m: (N, 3) points in the first camera's frame.
+        camera: The camera.
+        octave_scale: Scales of the octaves.
+    """
     in_second = se3.transform(views.T_second_first, points_m)
     good = (points_m[:, 2] > 0) & (in_second[:, 2] > 0)
     points_m, in_second = (np.where(good[:, None], x, 1.0) for x in (points_m, in_second))

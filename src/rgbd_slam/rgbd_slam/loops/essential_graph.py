@@ -21,8 +21,9 @@ from rgbd_slam.model.map_change import Move
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
 _MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
-# Not tuned: standard deviations of an edge, those of good visual odometry over its length. Only
-# their ratios matter: long edges and edges with few shared points absorb most of the correction.
+# Not tuned: standard deviations of an edge's translation (a constant and a share of its length)
+# and rotation, as good visual odometry has. Only their ratios matter: long edges and edges with
+# few shared points absorb most of the correction.
 _SIGMA_M = 0.005
 _SIGMA_SHARE = 0.01
 _SIGMA_RAD = 0.002
@@ -43,10 +44,10 @@ class Loop(NamedTuple):
 
 
 def link_covariance(match: PlaceMatch) -> FloatArray:
-    """Return the (6, 6) covariance of the relative pose that a recognized place measures.
+    """Return the (6, 6) covariance of the relative pose that a recognized place gives.
 
-    That of the matches holds for independent errors. The points of the place share errors of the
-    map, hence the factor and the constant part.
+    It is larger than the covariance of the match, which holds for independent errors only: the
+    points of the place share errors of the map.
     """
     constant = np.square([_LINK_SIGMA_RAD] * 3 + [_LINK_SIGMA_M] * 3)
     return np.asarray(_LINK_FACTOR**2 * match.covariance + np.diag(constant))
@@ -55,8 +56,13 @@ def link_covariance(match: PlaceMatch) -> FloatArray:
 def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
     """Return the length [m] of the shortest path between two keyframes in the covisibility graph.
 
-    The drift between them grows with it, not with the time between them: in known places no drift
-    is added. The length is infinite between different maps (Dijkstra's algorithm).
+    The drift between the keyframes grows with this length and not with time, because no drift is
+    added in known places. The length is infinite between different maps (Dijkstra's algorithm).
+
+    Args:
+        atlas: The map.
+        start: Row of one keyframe.
+        goal: Row of the other keyframe.
     """
     return atlas.path_length_m(start, goal, _MIN_SHARED, _DRIFT_M_PER_RAD)
 
@@ -64,10 +70,17 @@ def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
 def closed_poses(
     atlas: Atlas, region: Region, loops: list[Loop], min_shared: int
 ) -> tuple[IntArray, FloatArray]:
-    """Return the keyframes of a region (N,), and their poses after closing loops (N, 4, 4).
+    """Return the rows (N,) of the keyframes of a region, and their poses after closing loops.
 
-    The border of the region is fixed, and so is the first keyframe of the map. The edges are the
-    current relative poses; the loops are the measured ones.
+    The poses are T_map_camera (N, 4, 4); the map itself is not changed. The keyframes at the
+    border of the region and the first keyframe of the map keep their poses. Edges of the pose
+    graph are the present relative poses of keyframes, and the measured ones of loops.
+
+    Args:
+        atlas: The map.
+        region: The keyframes whose poses are corrected.
+        loops: All closed loops; those with an end outside the region have no effect.
+        min_shared: Number of shared points from which two keyframes are connected by an edge.
     """
     # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
     from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph  # noqa: PLC0415
@@ -116,7 +129,11 @@ def closed_poses(
 
 
 def _between_groups(edges: Edges) -> Edges:
-    """Return the pairs of different groups that edges join, each once, with the strongest edge."""
+    """Return the pairs of different groups that edges connect, each with its strongest edge only.
+
+    Args:
+        edges: Edges between groups, possibly several for the same pair.
+    """
     low, high = np.minimum(edges.first, edges.second), np.maximum(edges.first, edges.second)
     between = np.flatnonzero(low != high)
     order = between[np.lexsort((-edges.shared[between], high[between], low[between]))]
@@ -128,7 +145,10 @@ def _between_groups(edges: Edges) -> Edges:
 
 
 def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
-    """Return the pairs of `rows` that are next to each other in the tree or share many points."""
+    """Return the pairs of `rows` that are parent and child, or share at least `min_shared` points.
+
+    `shared` is 0 for a parent and child that share no points.
+    """
     keyframes = atlas.keyframes
     pairs = atlas.edges()
     key = pairs.first * keyframes.capacity + pairs.second
@@ -143,5 +163,8 @@ def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
 
 
 def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> Move:
-    """Move keyframes (N,) to new poses (N, 4, 4), and their points with them."""
+    """Move keyframes (N,) to new poses T_map_camera (N, 4, 4), and their points with them.
+
+    Returns the motion of each keyframe.
+    """
     return atlas.move(rows, T_map_camera @ se3.inverse(atlas.keyframes.T_map_camera[rows]))

@@ -29,7 +29,7 @@ class KeyframeGroups(NamedTuple):
 
 
 def keyframe_groups(parents: IntArray) -> KeyframeGroups:
-    """Group keyframes along the spanning tree.
+    """Return N keyframes in groups along the spanning tree; in a small map, each is a group.
 
     Args:
         parents: (N,) position of each keyframe's parent; -1 for a root.
@@ -67,18 +67,18 @@ def spread_corrections(
     first: IntArray,
     second: IntArray,
 ) -> FloatArray:
-    """Return the corrected poses (N, 4, 4) of all keyframes.
+    """Return the corrected poses (N, 4, 4) of all keyframes, given those of the groups' heads.
 
-    The correction of a keyframe is the mean of those of its own head and of the heads of
-    neighboring groups, weighted by the inverse square of the distance (Shepard, ACM 1968): a head
-    keeps its own, and between two heads the correction changes steadily.
+    The correction of a keyframe is the mean of the corrections of its own head and of the heads of
+    neighboring groups, weighted by the inverse square of the distance (Shepard, ACM 1968). A head
+    thus keeps its own correction, and between two heads the correction changes gradually.
 
     Args:
         groups: The groups.
-        T_map_camera: (N, 4, 4) poses before.
+        T_map_camera: (N, 4, 4) poses of all keyframes before the correction.
         T_map_head: (G, 4, 4) corrected poses of the heads.
         first: (E,) one group of each pair of neighboring groups.
-        second: (E,) the other one.
+        second: (E,) the other group of each pair.
     """
     heads, group = groups
     if len(heads) == len(group):

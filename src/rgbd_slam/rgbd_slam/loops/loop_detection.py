@@ -22,12 +22,14 @@ from rgbd_slam.places.geometric_verification import PlaceMatch
 from rgbd_slam.places.place_finder import NEAR_SHARED, FoundPlace, PlaceFinder
 
 # Not tuned; places_and_loops.md: no false loop with all checks together.
-_AROUND = 10  # neighbors of the place whose points are searched in the supporting keyframes
+_AROUND = 10  # neighbors of the place whose points are searched in the confirming keyframes
 _MAX_SUPPORTERS = 5  # neighbors of the keyframe that may confirm the place
-_SUPPORT_M = 0.05  # largest difference of a supporter's pose from the expected one, and 2 degrees
+# Largest difference of a confirming keyframe's pose from the expected one: 5 cm and 2 degrees.
+_SUPPORT_M = 0.05
 _SUPPORT_RAD = 0.035
 # ORB-SLAM3, LoopClosing.cc, NewDetectCommonRegions and older DetectLoop: the latest keyframes are
-# no loop candidates. Those that a late mapper has only just connected would be recognized as one.
+# no loop candidates. A late mapper may not have connected them with the new keyframe yet, so that
+# they would be recognized as a loop.
 _RECENT = 10
 _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
@@ -50,7 +52,11 @@ class LoopDetector:
         self._detections: list[_Detection] = []
 
     def detect(self, i: int) -> FoundPlace | None:
-        """Return a confirmed place of keyframe `i` outside its neighborhood or in another map."""
+        """Return the confirmed place that keyframe `i` shows again, or None if there is none.
+
+        The place is outside the neighborhood of the keyframe, or in another map. Places that are
+        verified but not confirmed are remembered, so that later keyframes may confirm them.
+        """
         keyframes = self._atlas.keyframes
         seeing = keyframes.point_of_feature[i] != NO_POINT
         for c in self._finder.candidates(keyframes.descriptors[i, seeing], self._neighborhood(i)):
@@ -66,11 +72,15 @@ class LoopDetector:
         return None
 
     def correction(self, i: int, match: PlaceMatch) -> tuple[float, float]:
-        """Return the rotation [rad] and distance [m] by which a place corrects keyframe `i`."""
+        """Return the rotation [rad] and distance [m] by which a loop would move keyframe `i`."""
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
 
     def _neighborhood(self, i: int) -> IntArray:
-        """Return the keyframe, its neighbors, theirs, and recent ones: no loop candidates."""
+        """Return the keyframes that are no loop candidates for keyframe `i`.
+
+        These are the keyframe, its neighbors, the neighbors of its neighbors, and recent
+        keyframes.
+        """
         keyframes = self._atlas.keyframes
         is_recent = keyframes.uid > keyframes.uid[i] - _RECENT
         is_recent &= keyframes.alive & (keyframes.map_id == keyframes.map_id[i])
@@ -84,7 +94,13 @@ class LoopDetector:
         self._detections = [*self._detections[1 - _MAX_DETECTIONS :], detection]
 
     def _support_in_time(self, i: int, c: int, match: PlaceMatch) -> int:
-        """Return the number of earlier keyframes with the same place and a consistent pose."""
+        """Return how many earlier keyframes showed the map of `c` at a pose consistent with `i`.
+
+        Args:
+            i: Row of the keyframe.
+            c: Row of the keyframe that shows the place.
+            match: The verified pose of keyframe `i` at the place.
+        """
         keyframes = self._atlas.keyframes
         support = 0
         for detection in self._detections:
@@ -96,7 +112,10 @@ class LoopDetector:
         return support
 
     def _support_around(self, i: int, c: int, match: PlaceMatch) -> int:
-        """Return the number of neighbors of `i` that show the place at the expected pose."""
+        """Return how many neighbors of `i` show the place of `c` at the expected pose.
+
+        Neighbors that `_support_in_time` counts are left out.
+        """
         keyframes = self._atlas.keyframes
         counted = {detection.uid for detection in self._detections}
         place = np.r_[c, self._atlas.covisible(c, limit=_AROUND)]
@@ -110,7 +129,7 @@ class LoopDetector:
         return support
 
     def _expected(self, n: int, i: int, match: PlaceMatch) -> FloatArray:
-        """Return the (4, 4) pose T_camera_place of keyframe `n` that a match of `i` implies."""
+        """Return T_camera_place (4, 4) of keyframe `n` if the match of keyframe `i` is right."""
         poses = self._atlas.keyframes.T_map_camera
         T_n_i: FloatArray = se3.inverse(poses[n]) @ poses[i]
         return T_n_i @ match.T_camera_map
@@ -118,7 +137,8 @@ class LoopDetector:
     def _is_plausible(self, i: int, c: int, match: PlaceMatch) -> bool:
         """Return whether the drift on the path from `c` to `i` can explain the correction.
 
-        The drift between different maps is unknown; there, more points must be found instead.
+        The drift between different maps is unknown: two maps are merged only if more points are
+        found.
         """
         limit, map_id = self._config, self._atlas.keyframes.map_id
         if map_id[i] != map_id[c]:

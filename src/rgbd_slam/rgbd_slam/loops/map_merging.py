@@ -17,9 +17,9 @@ def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> Move:
 
     Args:
         atlas: The maps.
-        i: A keyframe of one map.
-        c: A keyframe of the other map.
-        T_c_i: (4, 4) measured relative pose of the two.
+        i: Row of a keyframe of one map.
+        c: Row of a keyframe of the other map.
+        T_c_i: (4, 4) measured pose of keyframe `i` relative to keyframe `c`.
     """
     map_id = atlas.keyframes.map_id
     if map_id[i] > map_id[c]:
@@ -28,7 +28,10 @@ def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> Move:
 
 
 def _adopt(atlas: Atlas, host: int, guest: int, T_host_guest: FloatArray) -> Move:
-    """Move the map of keyframe `guest` into that of `host`, and make `host` its parent."""
+    """Move the map of keyframe `guest` into the map of keyframe `host`; return its motion.
+
+    `host` becomes the parent of `guest` in the spanning tree.
+    """
     keyframes = atlas.keyframes
     old, new = int(keyframes.map_id[guest]), int(keyframes.map_id[host])
     rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == old))
@@ -40,7 +43,7 @@ def _adopt(atlas: Atlas, host: int, guest: int, T_host_guest: FloatArray) -> Mov
 
 
 def _reroot(atlas: Atlas, i: int, parent: int) -> None:
-    """Make keyframe `i` the root of its spanning tree, and `parent` its parent."""
+    """Make keyframe `i` the root of its spanning tree, and `parent` its parent in another tree."""
     keyframes = atlas.keyframes
     child: int | None = i
     new_parent = parent

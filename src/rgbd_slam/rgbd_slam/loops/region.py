@@ -1,4 +1,4 @@
-"""The part of a map that a loop changes: keyframes near some others, and those around them."""
+"""The part of a map that a loop changes: keyframes near its ends, and the border around these."""
 
 from __future__ import annotations
 
@@ -15,16 +15,22 @@ class Region(NamedTuple):
     """Connected keyframes of one map."""
 
     rows: IntArray  # (N,) ascending
-    # (M,) ascending: keyframes outside that share points with those inside, or are next to them in
-    # the spanning tree. A correction of the region leaves them where they are.
+    # (M,) ascending: keyframes outside the region that share points with one inside, or are parent
+    # or child of one inside in the spanning tree. A correction of the region does not move them.
     border: IntArray
 
 
 def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
-    """Return the region of at most `limit` keyframes that are nearest to given ones.
+    """Return the region of at most `limit` keyframes that are nearest to given keyframes.
 
-    A step leads to a keyframe that shares points or is next in the spanning tree. Therefore the
-    region is the whole map if that is no larger than the limit.
+    Near keyframes are found by breadth-first search: each step leads to keyframes that share
+    points, to the parent or to the children in the spanning tree. The region is therefore the
+    whole map if this has no more than `limit` keyframes.
+
+    Args:
+        atlas: The map.
+        starts: Rows of the given keyframes.
+        limit: Largest number of keyframes of the region.
     """
     parents = atlas.parents()
     order = np.argsort(parents, kind='stable')

@@ -1,8 +1,9 @@
 """The checkpoint file: the map of a node that was killed, for the node that replaces it.
 
 The modification time of the file is the stamp of the last image that was tracked in its map, on
-the camera's clock. The stamp of a running camera is later by as long as the node was away; that of
-a recording that is played again is earlier, and that of another recording is far off.
+the camera's clock. It shows whether the map fits the images that a new node receives: the stamps
+of a running camera are later by the time for which no node was running. Those of a recording that
+is played again are earlier, and those of another recording differ by more than ten minutes.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class CheckpointFile:
 
     Args:
         directory: The folder of all maps; `~` is the home folder.
-        owner: Name of the node, which no other node on this machine has.
+        owner: Name of the node, which must be unique on this machine.
     """
 
     def __init__(self, directory: str, owner: str) -> None:
@@ -56,7 +57,7 @@ class CheckpointFile:
         return Checkpoint(map_file.load(self.path), self.path.stat().st_mtime_ns)
 
     def write(self, checkpoint: Checkpoint) -> int:
-        """Replace the file and return its size in bytes.
+        """Write a checkpoint in place of the old one, and return the size of the file in bytes.
 
         Raises:
             MapFileError: It cannot be written; the old file is unchanged.
@@ -72,11 +73,11 @@ class CheckpointFile:
         return size
 
     def touch(self, stamp_ns: int) -> None:
-        """Record that the map is unchanged after the image with this stamp."""
+        """Record that the map in the file still holds at the image with this stamp."""
         with suppress(OSError):
             os.utime(self.path, ns=(stamp_ns, stamp_ns))
 
     def remove(self) -> None:
-        """Delete the file, so that nothing is resumed."""
+        """Delete the file, so that no node resumes its map."""
         with suppress(OSError):
             self.path.unlink(missing_ok=True)

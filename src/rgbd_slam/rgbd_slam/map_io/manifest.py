@@ -29,11 +29,15 @@ class Manifest(NamedTuple):
     camera: CameraModel
     scale_factor: float
     num_octaves: int
-    lengths: dict[str, dict[str, int]]  # of the named axes, by section
+    lengths: dict[str, dict[str, int]]  # lengths of the named axes, by section of the file
 
 
 def read_manifest(archive: zipfile.ZipFile, infos: Mapping[str, zipfile.ZipInfo]) -> Manifest:
-    """Return the manifest of a map file of this version.
+    """Return the manifest of a map file, after checking its version and its values.
+
+    Args:
+        archive: The map file.
+        infos: The members of the file by name.
 
     Raises:
         MapFileError: The file is not a map, of another version, or damaged.
@@ -48,6 +52,8 @@ def read_manifest(archive: zipfile.ZipFile, infos: Mapping[str, zipfile.ZipInfo]
             f'is of version {content.get("version")!r:.20}, and this program reads version '
             f'{VERSION}: save the map anew with the program that made it'
         )
+    if isinstance(content.get('camera'), dict):  # maps of earlier versions have no fisheye cameras
+        content['camera'].setdefault('is_fisheye', False)
     for name, schema in _schema(content.get('lengths')).items():
         if not _conforms(content.get(name), schema):
             raise MapFileError(f'is damaged: "{name}" in its manifest is invalid')
@@ -64,13 +70,14 @@ def _schema(sections: object) -> dict[str, Any]:
     """Return the schema of a manifest: nested dictionaries of predicates.
 
     Args:
-        sections: The sections that the manifest names, of which only `dense` is optional.
+        sections: The value of `lengths` in the manifest, by section; only the section `dense` is
+            optional.
     """
     camera = {field.name: _is_number for field in fields(CameraModel)}
     size = {'width_px': _is_count, 'height_px': _is_count}
     has_dense = isinstance(sections, dict) and 'dense' in sections
     return {
-        'camera': camera | size | {'distortion': _is_distortion},
+        'camera': camera | size | {'distortion': _is_distortion, 'is_fisheye': _is_flag},
         'scale_factor': _is_number,
         'num_octaves': _is_count,
         'lengths': {
@@ -79,6 +86,10 @@ def _schema(sections: object) -> dict[str, Any]:
             if name == 'map' or has_dense
         },
     }
+
+
+def _is_flag(value: object) -> bool:
+    return isinstance(value, bool)
 
 
 def _axes(record: type[Record]) -> set[str]:

@@ -10,17 +10,23 @@ from rgbd_slam.model.map_state import NONE, MapState
 from rgbd_slam.records.record import Array
 from rgbd_slam.scene.dense_state import DenseState
 
-_MAX_M = 1e5  # chosen: from the origin of the map
+_MAX_M = 1e5  # chosen: largest coordinate of a pose or point
 _MAX_INTRINSICS = 18  # four, and OpenCV's 14 distortion coefficients
-_MAX_IMAGES = 2.0  # chosen: image sizes by which undistortion may move a pixel
-_MAX_STAMP_NS = 2**31 * NS_PER_S  # of ROS: seconds in 32 bits
+_MAX_IMAGES = 2.0  # chosen: largest distance of a pixel from the center, in image sizes
+_MAX_STAMP_NS = 2**31 * NS_PER_S  # ROS stores seconds in 32 bits
 _MAX_COUNT = 2**40  # chosen: no sum of two counts overflows
-_ORTHONORMAL = 1e-6  # chosen: of the entries of R R^T - I; poses are stored in 64 bits
+_ORTHONORMAL = 1e-6  # chosen: largest entry of R R^T - I; poses are stored in 64 bits
 _MIN_DEPTH_M = 1e-3  # chosen: no depth camera reads nearer, and disparities stay finite
 
 
 def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
-    """Raise MapFileError with the first rule that the arrays break."""
+    """Raise MapFileError if the arrays of a map break a rule; its text names the first such rule.
+
+    Args:
+        state: The map.
+        camera: The camera that it was made with.
+        num_octaves: Number of octaves of its features.
+    """
     lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
     is_lens = len(lens) <= _MAX_INTRINSICS and np.isfinite(lens).all()
     _require(is_lens, 'its camera is invalid')
@@ -33,7 +39,12 @@ def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
 
 
 def check_dense(state: DenseState, num_keyframes: int) -> None:
-    """Raise MapFileError with the first rule that the arrays break."""
+    """Raise MapFileError if the arrays of a dense map break a rule; its text names this rule.
+
+    Args:
+        state: The dense map.
+        num_keyframes: Number of keyframes of the map that it belongs to.
+    """
     _require(_within(state.keyframe, 0, num_keyframes), 'an image has no keyframe')
     _require(_are_poses(state.T_keyframe_camera), "an image's pose is invalid")
     whole, half = state.flagged_mm.shape[1:], state.image_bgr.shape[1:3]
@@ -46,12 +57,12 @@ def _require(holds: bool | np.bool_, otherwise: str) -> None:
 
 
 def _within(values: Array, low: float, end: float) -> bool:
-    """Return whether all values are in [low, end), which NaN is not."""
+    """Return whether all values are in [low, end); false if one is NaN."""
     return bool(((values >= low) & (values < end)).all())
 
 
 def _are_poses(T: FloatArray) -> bool:
-    if not (np.abs(T) < _MAX_M).all():  # neither is NaN
+    if not (np.abs(T) < _MAX_M).all():  # also false for NaN
         return False
     R = T[:, :3, :3]
     errors = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3))

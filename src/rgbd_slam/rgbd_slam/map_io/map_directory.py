@@ -16,7 +16,8 @@ from rgbd_slam.map_io.map_file import SUFFIX
 
 T = TypeVar('T')
 
-_MAX_BYTES = 200  # of a name: a file system allows 255, and scratch files have longer names
+# Length of a name: a file system allows 255 bytes, and the names of scratch files are longer.
+_MAX_BYTES = 200
 _MAX_PRINTED = 40  # chosen: characters of a refused name in an error message
 _MAX_ENDING = 8  # chosen: characters of a word after a dot that counts as an ending
 
@@ -36,7 +37,7 @@ GRID = FileKind('a grid', 'grid', ('.yaml', '.pgm'))
 
 
 def path_in(directory: str, name: str, kind: FileKind) -> Path:
-    """Return the path of a named file in the folder, which is created if it is missing.
+    """Return the path of a named file in the folder of maps, which is created if it is missing.
 
     Args:
         directory: The folder; `~` is the home folder.
@@ -63,11 +64,14 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
 
 
 def write_whole(path: Path, write: Callable[[Path], T]) -> T:
-    """Write files in a scratch folder, move them to the folder of `path`, and return `write(...)`.
+    """Write files so that an existing file is replaced by a complete one or not at all.
+
+    They are written in a scratch folder, then moved to the folder of `path`. The result of `write`
+    is returned.
 
     Args:
         path: The main file; others that `write` creates beside it are moved along.
-        write: Called with the path in the scratch folder that it must write instead.
+        write: Called with the path in the scratch folder to which it must write the main file.
 
     Raises:
         InputError: The files cannot be written; existing ones are unchanged.
@@ -91,7 +95,7 @@ def _check_name(name: str, directory: str) -> None:
 
 
 def _with_ending(name: str, kind: FileKind) -> str:
-    """Return the name with an ending of the kind.
+    """Return a name with an ending of the kind; raise InputError if it has another ending.
 
     A word after a dot counts as an ending, a number does not: "2024.05.17" has no ending.
     """
@@ -104,6 +108,6 @@ def _with_ending(name: str, kind: FileKind) -> str:
 
 
 def printable(name: str) -> str:
-    """Return the beginning of a text from a request, fit for one line of an error message."""
+    """Return the beginning of a text from a request, without characters that break a line."""
     text = ''.join(c if c.isprintable() else '?' for c in name[:_MAX_PRINTED])
     return text + '...' * (len(name) > _MAX_PRINTED)

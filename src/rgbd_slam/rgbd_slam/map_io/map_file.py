@@ -38,13 +38,13 @@ from rgbd_slam.scene.dense_state import DenseState
 
 SUFFIX = '.hoidmap'
 _HEADER_BYTES = 128
-_SAME = 1e-6  # chosen: intrinsics [px] that differ by less are the same
+_SAME = 1e-6  # chosen: intrinsics [px] that differ by less are equal
 # Protection from zip bombs: a map unpacks to about twice the size of its file.
 _MAX_EXPANSION = 50
 _SMALL_BYTES = 1_000_000  # chosen: so many unpacked bytes are harmless in any case
 _MAX_QUOTED = 120  # chosen: characters of an error, which may quote the file
 _PIECE_BYTES = 1 << 20  # arrays are packed piecewise, so that no packed copy is in memory
-_LEVEL = 1  # of compression; a higher one takes three times as long and saves a tenth
+_LEVEL = 1  # of compression; a higher one takes three times as long for files smaller by a tenth
 # The errors that zipfile, zlib, json and NumPy raise for damaged files.
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -61,9 +61,9 @@ _DAMAGE = (
 
 
 class MapFile(NamedTuple):
-    """The contents of a file; poses are in the published map frame, z up."""
+    """The contents of a map file; poses are in the published map frame, with z up."""
 
-    camera: CameraModel
+    camera: CameraModel  # that the map was made with
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     map: MapState
@@ -99,10 +99,13 @@ def _listed(size_px: tuple[int, int], intrinsics: FloatArray) -> str:
 
 
 def save(path: Path, content: MapFile) -> int:
-    """Write a file, or replace one once the new one is on the disk; return its size in bytes.
+    """Write a map file and return its size in bytes.
+
+    An existing file is replaced once the new one is completely on the disk.
 
     Raises:
-        MapFileError: It cannot be written, or would not load; an existing file is unchanged.
+        MapFileError: The file cannot be written, or could not be loaded; an existing file is
+            unchanged.
     """
     _check(content)
     aside = path.with_name(f'.partial-{secrets.token_hex(4)}-{path.name}')
@@ -123,10 +126,10 @@ def save(path: Path, content: MapFile) -> int:
 
 
 def load(path: Path) -> MapFile:
-    """Read a file.
+    """Return the contents of a map file, after checking them.
 
     Raises:
-        MapFileError: There is none, or it is foreign, damaged, of another version, or no map.
+        MapFileError: The file does not exist, is no map file of this version, or is damaged.
     """
     if not path.is_file():  # also refuses pipes, whose opening would wait
         raise MapFileError(f'{path}: there is no such file')
@@ -168,7 +171,7 @@ def _write(file: IO[bytes], content: MapFile) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Store the rename on the disk, where the file system can."""
+    """Make the renaming of a file permanent on the disk, if the file system supports that."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -229,7 +232,14 @@ def _section(archive: zipfile.ZipFile, section: str, lengths: Mapping[str, int])
 def _array(
     archive: zipfile.ZipFile, name: str, column: Column, lengths: Mapping[str, int]
 ) -> Array:
-    """Return an array, read-only, after checking its size and header."""
+    """Return one array of a file, read-only, after checking its size and header.
+
+    Args:
+        archive: The file.
+        name: Name of the array's member in the file.
+        column: The declared type and shape.
+        lengths: Lengths of the named axes.
+    """
     shape = column.shape(lengths)
     info = archive.getinfo(name)
     if info.file_size != _HEADER_BYTES + math.prod(shape) * column.dtype.itemsize:

@@ -14,8 +14,8 @@ _ROW_PX = 65536.0  # chosen: longer than any row of an image, so that bands do n
 class FeatureGrid:
     """Features sorted by band of rows, then by column.
 
-    The candidates of a query in one band are then a slice, which `searchsorted` finds for all
-    queries at once.
+    The features that a window covers in one band are then a slice, which `searchsorted` finds for
+    all windows at once.
     """
 
     def __init__(self, frame: Frame) -> None:
@@ -27,7 +27,7 @@ class FeatureGrid:
         self._uv = np.ascontiguousarray(frame.measurement_px[self._order, :2].T)
 
     def search(self, uv_px: FloatArray, radius_px: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return (C,) queries and (C,) features whose distance in u and in v is below the radius.
+        """Return the (C,) windows and (C,) features of all pairs of a window and a feature in it.
 
         Args:
             uv_px: (2, Q) centers of the windows.

@@ -16,7 +16,7 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 
 
 class Landmarks(NamedTuple):
-    """N positions in the map frame with their last appearance, as parallel arrays."""
+    """N positions in the map frame, and how they appeared in the image that saw them last."""
 
     point: IntArray  # (N,) row of the map point; NO_POINT for a depth reading
     position_m: FloatArray  # (N, 3)
@@ -25,11 +25,11 @@ class Landmarks(NamedTuple):
     descriptors: ByteArray  # (N, 32)
 
     def select(self, keep: BoolArray) -> Landmarks:
-        """Return the landmarks of an (N,) mask."""
+        """Return the landmarks that an (N,) mask selects."""
         return Landmarks._make(column[keep] for column in self)
 
     def joined(self, other: Landmarks) -> Landmarks:
-        """Return these landmarks followed by others."""
+        """Return these landmarks, followed by the other ones."""
         return Landmarks(
             np.concatenate([self.point, other.point]),
             np.concatenate([self.position_m, other.position_m]),
@@ -39,7 +39,11 @@ class Landmarks(NamedTuple):
         )
 
     def matched(self, matches: Matches) -> Correspondences:
-        """Return the correspondences of features with these landmarks, the queries of matches."""
+        """Return the correspondences of features with the landmarks that matches refer to.
+
+        Args:
+            matches: Matches of these landmarks, as queries, with features.
+        """
         return Correspondences(matches.k, self.point[matches.q], self.position_m[matches.q])
 
 
@@ -51,17 +55,17 @@ class Correspondences(NamedTuple):
     position_m: FloatArray  # (M, 3) in the map frame
 
     def select(self, keep: BoolArray) -> Correspondences:
-        """Return the correspondences of an (M,) mask."""
+        """Return the correspondences that an (M,) mask selects."""
         n = np.flatnonzero(keep)
         return Correspondences(self.k[n], self.point[n], self.position_m.take(n, 0))
 
     def joined(self, other: Correspondences) -> Correspondences:
-        """Return these correspondences followed by others."""
+        """Return these correspondences, followed by the other ones."""
         return Correspondences(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
     @property
     def points(self) -> IntArray:
-        """Return the rows of the observed map points."""
+        """Return the rows of the observed map points, without depth readings."""
         return np.asarray(self.point[self.point != NO_POINT])
 
 
@@ -120,9 +124,17 @@ def match_near_projections(
     radius_px: FloatArray,
     max_hamming: int,
 ) -> Matches:
-    """Return matches of landmarks with features near their (3, N) projections.
+    """Return one-to-one matches of landmarks with features near their predicted projections.
 
-    The octave of a feature may differ by one from the one in which the landmark was seen last.
+    The octave of a feature may differ by one from that in which the landmark was seen last. The
+    features of all matches have turned in the image by a common angle.
+
+    Args:
+        landmarks: N landmarks.
+        frame: The frame that is searched.
+        projection_px: (3, N) predicted u, v, u_right of the landmarks.
+        radius_px: (N,) half sides of the search windows.
+        max_hamming: Largest Hamming distance of a match [bits].
     """
     octave = landmarks.octave.astype(np.int8)
     queries = Queries(

@@ -24,19 +24,28 @@ _OBLIQUE_RADIUS_PX = 4.0
 
 
 class LocalMap(NamedTuple):
-    """The reference keyframe of a frame, and all points of the keyframes that share points."""
+    """The reference keyframe of a frame, and all points of the keyframes that show the same part.
+
+    These are keyframes that observe points which the frame observes as well.
+    """
 
     reference_uid: int  # the keyframe that shares most points with the frame
     points: IntArray  # (P,)
 
 
 def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit: int) -> LocalMap:
-    """Return the local map of a frame that observes the given points.
+    """Return the local map of a frame.
 
     Candidates are the last reference keyframe and its covisible keyframes, so that the cost does
-    not depend on the size of the map. At most `limit` of them are used, those that observe most of
-    the points. If the last reference keyframe is pending, its nearest ancestor in the map takes
-    its place; without any, the local map is empty.
+    not depend on the size of the map. If the mapper has not inserted the last reference keyframe
+    yet, its nearest ancestor in the map takes its place. If there is no such ancestor, the local
+    map is empty.
+
+    Args:
+        atlas: The map.
+        seen: Rows of the points that the frame observes.
+        last_reference_uid: Uid of the reference keyframe of the last frame.
+        limit: Largest number of keyframes that are used: those that observe most of these points.
     """
     anchor = atlas.anchor(last_reference_uid)
     if anchor is None or anchor.row is None:
@@ -54,7 +63,7 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit:
 
 
 class VisiblePoints(NamedTuple):
-    """V map points that a camera should see, and the queries to search for them."""
+    """V map points that a camera should see, and the queries that search for these points."""
 
     points: IntArray  # (V,)
     queries: Queries
@@ -78,7 +87,7 @@ def visible_points(
     points: IntArray,
     radius: float,
 ) -> VisiblePoints:
-    """Return the points that a camera should see, and queries with windows to search for them.
+    """Return the points that a camera should see, and the queries that search for these points.
 
     A point is visible if it projects into the image, at a distance at which some octave can detect
     it, and is seen from a direction similar to those of its keyframes (ORB-SLAM3, Frame.cc,
@@ -88,8 +97,8 @@ def visible_points(
         atlas: The map.
         camera: The camera.
         T_camera_map: (4, 4) predicted pose.
-        points: (P,) candidates.
-        radius: Factor on the window sizes of ORB-SLAM3.
+        points: (P,) rows of the points that are considered.
+        radius: Factor on the sizes of the search windows of ORB-SLAM3.
     """
     table = atlas.points
     x = to_camera(T_camera_map, table.position_m.take(points, 0).T)

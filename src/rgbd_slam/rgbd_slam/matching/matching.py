@@ -64,16 +64,16 @@ def match_by_projection(
 ) -> Matches:
     """Return one-to-one matches of queries with features near their projections.
 
-    A candidate lies in the search window and in the octave range; if it has a depth reading, its
-    u_right lies in the window as well. If the two best candidates have the same octave, the
-    distance of the best must be less than `ratio` times the other (1.0: no ratio test).
+    A candidate lies in the search window and in the octave range of a query; if it has a depth
+    reading, its u_right lies in the window as well. If the two best candidates have the same
+    octave, the distance of the best one must be less than `ratio` times that of the other one.
 
     Args:
         queries: The map points to search.
         frame: The frame with N features.
         max_distance: Largest Hamming distance of a match [bits].
-        ratio: Largest ratio of the best to the second best distance.
-        free: (N,) mask of the features that may be matched; all by default.
+        ratio: Largest ratio of the best to the second best distance; 1.0: no ratio test.
+        free: (N,) mask of the features that may be matched; None: all of them.
     """
     pairs = hoid_native.match_by_projection(
         queries.projection_px,
@@ -88,7 +88,14 @@ def match_by_projection(
 def match_by_descriptor(
     descriptors: ByteArray, frame: Frame, max_distance: int, ratio: float
 ) -> Matches:
-    """Return one-to-one matches of (Q, 32) descriptors with features anywhere in a frame."""
+    """Return one-to-one matches of (Q, 32) descriptors with features anywhere in a frame.
+
+    Args:
+        descriptors: (Q, 32) descriptors to search.
+        frame: The frame.
+        max_distance: Largest Hamming distance of a match [bits].
+        ratio: Largest ratio of the best to the second best distance in the same octave.
+    """
     if min(len(descriptors), len(frame)) < _NUM_NEAREST:
         return Matches(*np.empty((3, 0), np.int64))
     distance, nearest = cv2.batchDistance(
@@ -110,10 +117,10 @@ def _best_matches(
     """Return the best pair of each query and, among these, the best one of each feature.
 
     Args:
-        q: (C,) queries of candidate pairs.
-        k: (C,) their features.
-        distance: (C,) Hamming distances.
-        octave: (N,) octaves of the features.
+        q: (C,) queries of the candidate pairs.
+        k: (C,) features of the candidate pairs.
+        distance: (C,) Hamming distances of the candidate pairs [bits].
+        octave: (N,) octaves of all features.
         max_distance: Largest distance of a match.
         ratio: Largest ratio of the best to the second best distance in the same octave.
     """

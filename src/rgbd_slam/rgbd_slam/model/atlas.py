@@ -35,17 +35,26 @@ from rgbd_slam.model.soa_table import DEAD, Column
 
 
 class Anchor(NamedTuple):
-    """The pose of a keyframe relative to itself in the map, or to its nearest ancestor there."""
+    """The keyframe in the map that the pose of a keyframe is relative to: its anchor.
 
-    row: int | None  # None: no ancestor is in this copy of the map yet
-    T_anchor_keyframe: FloatArray  # (4, 4); T_map_keyframe without an ancestor
+    It is the keyframe itself, or its nearest ancestor in the spanning tree if the keyframe was
+    removed or is still pending.
+    """
+
+    row: int | None  # row of the anchor; None: neither the keyframe nor an ancestor is in the map
+    T_anchor_keyframe: FloatArray  # (4, 4); T_map_keyframe if there is no anchor
 
 
 _NOTHING = np.empty(0, np.int64)
 
 
 class Atlas:
-    """Keyframes and points of all maps; after a loss, a new map (`map_id`) may be started."""
+    """Keyframes and points of all maps. After a loss, a new map (`map_id`) may be started.
+
+    Args:
+        scale_factor: Ratio of the scales of two successive octaves.
+        num_octaves: Number of octaves.
+    """
 
     def __init__(self, scale_factor: float, num_octaves: int) -> None:
         self.keyframes = KeyframeTable()
@@ -60,7 +69,7 @@ class Atlas:
         self._moves: list[Move] = []  # since the last change was sent
 
     def clear(self) -> None:
-        """Remove all keyframes and points; poses relative to them become undefined."""
+        """Remove all keyframes and points, pending ones and redirects included."""
         keyframes, points = self.keyframes, self.points
         self._note_features(*np.nonzero(keyframes.point_of_feature != NO_POINT))
         keyframes.point_of_feature[:] = NO_POINT
@@ -84,11 +93,11 @@ class Atlas:
         """Store a keyframe without observations and return its row.
 
         Args:
-            frame: Its features.
-            T_map_camera: (4, 4) its pose.
-            map_id: The map that it belongs to.
-            parent: Its parent in the spanning tree; None for the first keyframe of a map.
-            uid: Its uid; None: the next unused one.
+            frame: The features of the keyframe.
+            T_map_camera: (4, 4) pose.
+            map_id: The map that the keyframe belongs to.
+            parent: Row of the parent in the spanning tree; None for the first keyframe of a map.
+            uid: The uid of the keyframe; None: the next unused one.
         """
         kf = self.keyframes
         i = int(kf.allocate(1, self.version, uid)[0])
@@ -106,19 +115,19 @@ class Atlas:
         self.keyframes.version[i] = self.version
 
     def set_parent(self, i: int, parent: int) -> None:
-        """Set the parent of a keyframe in the spanning tree."""
+        """Make keyframe `parent` the parent of keyframe `i` in the spanning tree."""
         self.keyframes.parent_uid[i] = self.keyframes.uid[parent]
         self.keyframes.version[i] = self.version
 
     def move(self, i: IntArray, T_new_old: FloatArray, map_id: int | None = None) -> Move:
-        """Move keyframes (N,) by rigid motions (N, 4, 4), with the points that refer to them.
+        """Move keyframes by rigid motions, with the points whose reference keyframes they are.
 
-        Only the motions are sent to the copies of the map, not the points. They are returned.
+        Returns the motions. Only these are sent to the copies of the map, not the moved points.
 
         Args:
-            i: (N,) keyframes.
+            i: (N,) rows of the keyframes.
             T_new_old: (N, 4, 4) motions in the map frame.
-            map_id: The map that they belong to from now on; None: as before.
+            map_id: The map that keyframes and points belong to from now on; None: as before.
         """
         move = Move(self.keyframes.uid[i], T_new_old, map_id)
         self._moves.append(move)
@@ -142,7 +151,9 @@ class Atlas:
             kf.map_id[rows] = points.map_id[which >= 0] = move.map_id
 
     def remove_keyframe(self, i: int) -> None:
-        """Remove a keyframe; its children and the frames relative to it move to its parent.
+        """Remove a keyframe, whose parent takes its place in the spanning tree.
+
+        Poses relative to the keyframe become relative to the parent by a `Redirect`.
 
         Raises:
             ValueError: The keyframe is the root of its map, which has no parent.
@@ -183,16 +194,23 @@ class Atlas:
         return self._graph.count_observed(j, keyframes)
 
     def path_length_m(self, start: int, goal: int, min_shared: int, m_per_rad: float) -> float:
-        """Return the length of the shortest path in the covisibility graph and spanning tree.
+        """Return the length [m] of the shortest path between two keyframes; inf if there is none.
 
         See `hoid_native.ObservationGraph.path_length_m`.
+
+        Args:
+            start: Row of one keyframe.
+            goal: Row of the other keyframe.
+            min_shared: Number of shared points from which keyframes are connected. Parent and
+                child in the spanning tree are always connected.
+            m_per_rad: Length [m] that is added for a rotation by 1 rad.
         """
         kf = self.keyframes
         poses = kf.T_map_camera
         return self._graph.path_length_m(poses, self.parents(), start, goal, min_shared, m_per_rad)
 
     def parents(self) -> IntArray:
-        """Return the (capacity,) row of each keyframe's parent, or -1."""
+        """Return the (capacity,) row of each keyframe's parent; -1 for roots and empty rows."""
         kf = self.keyframes
         rows = kf.indices()
         order = rows[np.argsort(kf.uid[rows])]
@@ -207,9 +225,9 @@ class Atlas:
         self.keyframes.connected[i] = self.version
 
     def anchor(self, uid: int) -> Anchor | None:
-        """Return where a keyframe is in the map, even if it was removed or is still pending.
+        """Return the anchor of a keyframe, which may have been removed or be still pending.
 
-        None is returned if nothing is known of it.
+        None is returned if the keyframe is unknown, or was removed long ago.
         """
         T_anchor_keyframe = np.eye(4)
         row = self.keyframes.index_of(uid)
@@ -225,7 +243,10 @@ class Atlas:
         return Anchor(row, T_anchor_keyframe)
 
     def pose(self, uid: int) -> FloatArray | None:
-        """Return T_map_keyframe (4, 4) of a keyframe, also of a removed or pending one."""
+        """Return T_map_keyframe (4, 4) of a keyframe, which may be removed or pending.
+
+        None is returned if it is unknown, or was removed long ago.
+        """
         anchor = self.anchor(uid)
         if anchor is None or anchor.row is None:
             return None if anchor is None else anchor.T_anchor_keyframe
@@ -233,7 +254,7 @@ class Atlas:
         return pose
 
     def drop_pending(self, uid: int) -> None:
-        """Replace a pending keyframe, which will not come, by its parent."""
+        """Replace a pending keyframe by its parent, because the mapper will not insert it."""
         lost = self.pending.pop(uid, None)
         if lost is not None and lost.parent_uid is not None:
             self.redirects.add([Redirect(lost.uid, lost.parent_uid, lost.T_parent_camera)])
@@ -241,7 +262,13 @@ class Atlas:
     # ---- points and observations
 
     def add_points(self, i: int, k: IntArray, position_m: FloatArray) -> IntArray:
-        """Create points at (N, 3), observed in features `k` of keyframe `i`; return their rows."""
+        """Create N points, each observed in one feature of a keyframe, and return their rows (N,).
+
+        Args:
+            i: Row of the keyframe.
+            k: (N,) features of the keyframe.
+            position_m: (N, 3) positions in the map frame.
+        """
         points = self.points
         j = points.allocate(len(k), self.version)
         points.position_m[j] = position_m
@@ -261,7 +288,10 @@ class Atlas:
         self.points.shifted[j] = self.version
 
     def observe(self, i: int, k: IntArray, j: IntArray) -> None:
-        """Add the observations of points `j` in features `k` of keyframe `i`, both free before."""
+        """Let features `k` (N,) of keyframe `i` observe points `j` (N,), one each.
+
+        The features must observe no point yet, and the keyframe none of these points.
+        """
         kf, points = self.keyframes, self.points
         self._note_features(i, k)
         kf.point_of_feature[i, k] = j
@@ -271,7 +301,10 @@ class Atlas:
         points.version[j] = self.version
 
     def unobserve(self, i: int, k: IntArray) -> None:
-        """Remove the observations of features `k` of `i`, and points that have none left."""
+        """Remove the observations of features `k` (N,) of keyframe `i`.
+
+        Points that no keyframe observes any more are removed.
+        """
         kf, points = self.keyframes, self.points
         k = k[kf.point_of_feature[i, k] != NO_POINT]
         j = kf.point_of_feature[i, k].astype(np.int64)
@@ -286,16 +319,19 @@ class Atlas:
         self.refresh(j[points.reference_keyframe_uid[j] == kf.uid[i]])
 
     def forbid_seeds(self, i: int, k: IntArray) -> None:
-        """Forbid that features `k` of `i` create points from now on."""
+        """Forbid that features `k` (N,) of keyframe `i` create points from now on."""
         self._note_features(i, k)
         self.keyframes.may_seed[i, k] = False
 
     def observations_of(self, j: IntArray, keyframes: IntArray | None = None) -> Observations:
-        """Return the observations of points `j` by `keyframes` (or all), sorted by i and k."""
+        """Return the observations of points `j` (P,) by keyframes; None: by all keyframes.
+
+        They are sorted by keyframe (in the given order, else ascending), then by feature.
+        """
         return self._graph.observations(j, keyframes)
 
     def remove_points(self, j: IntArray) -> None:
-        """Remove points with all their observations."""
+        """Remove points `j` (P,) and all their observations."""
         seen = self.observations_of(j)
         self._graph.unobserve(*seen)
         self._note_features(seen.i, seen.k)
@@ -333,7 +369,10 @@ class Atlas:
         points.release(old, self.version)
 
     def refresh(self, j: IntArray) -> None:
-        """Recompute viewing direction, scale range and descriptor of the live points among `j`."""
+        """Recompute viewing direction, scale range and descriptor of points `j` (P,).
+
+        Rows of removed points are skipped.
+        """
         points = self.points
         seen = self.observations_of(j[points.uid[j] != DEAD])
         if len(seen.j) == 0:
@@ -407,11 +446,14 @@ class Atlas:
     # ---- copies in other processes
 
     def changes_since(self, version: int, *, with_features: bool = True) -> MapChange:
-        """Return what changed after `version`, and start a new version for later changes.
+        """Return the changes after a version, and start a new version for later changes.
+
+        Redirects, moves and feature states are returned once only.
 
         Args:
             version: The version of the copy that the change will be applied to.
-            with_features: False: the copy has the features of the only new keyframe.
+            with_features: False: leave out the features of new keyframes, because the copy has
+                them already.
         """
         change = MapChange(
             self.version,
@@ -437,11 +479,13 @@ class Atlas:
         )
 
     def apply(self, change: MapChange, frame: Frame | None = None) -> None:
-        """Apply a change to this copy, and add the redirects of the change to its own.
+        """Apply a change to this copy of the map.
+
+        Keyframes that the change inserts or removes are no longer pending.
 
         Args:
             change: The change.
-            frame: The features of the only new keyframe, if the change does not have them.
+            frame: The features of the only new keyframe, if the change was made without features.
         """
         kf, rows = self.keyframes, change.keyframes.rows
         for move in change.moves:
@@ -470,7 +514,7 @@ class Atlas:
         return PointPositions(rows.astype(np.int32), points.position_m[rows])
 
     def _note_features(self, i: int | IntArray, k: IntArray) -> None:
-        """Note that the states of features `k` of keyframes `i` must be sent to the copies."""
+        """Mark features `k` of keyframes `i` as changed, so that they are sent to the copies."""
         self.keyframes.reobserved[i] = self.version
         self.keyframes.is_reobserved[i, k] = True
 

@@ -35,7 +35,7 @@ class StereoCamera:
     cy_px: float
     baseline_px_m: float  # fx * b: disparity = baseline_px_m / depth_m
     disparity_noise_px: float  # standard deviation of disparities: the constant part
-    relative_noise: float  # and the part that grows with the disparity, as a share of it
+    relative_noise: float  # the part that grows with the disparity, as a share of the disparity
     # u_min, v_min, u_max, v_max of the undistorted image
     bounds_px: tuple[float, float, float, float]
     pixel_noise: float = 1.0  # standard deviation of u and v in octave 0
@@ -110,7 +110,12 @@ class StereoCamera:
     def back_project(
         self, uv_px: Float32Array | FloatArray, depth_m: Float32Array | FloatArray
     ) -> FloatArray:
-        """Return (N, 3) points in the camera frame for undistorted pixels and depths (N,)."""
+        """Return the points (N, 3) [m] in the camera frame of undistorted pixels with depth.
+
+        Args:
+            uv_px: (N, 2 or more) undistorted u, v; further columns are ignored.
+            depth_m: (N,) depths.
+        """
         z = depth_m.astype(np.float64)
         out = np.empty((len(z), 3))
         out[:, 0] = (uv_px[:, 0] - self.cx_px) / self.fx_px * z

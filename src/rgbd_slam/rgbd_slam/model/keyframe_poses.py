@@ -19,7 +19,7 @@ class KeyframePoses(NamedTuple):
     version: int  # of the map; increases with every change
     uids: IntArray  # (N,)
     map_ids: IntArray  # (N,)
-    main_map: int
+    main_map: int  # id of the map with most keyframes
     T_map_camera: FloatArray  # (N, 4, 4)
 
     @property

@@ -32,7 +32,7 @@ _FEATURE_COLUMNS = (
 
 
 class SavedKeyframes(NamedTuple):
-    """The keyframes (N) of an earlier session, and their features (F)."""
+    """The keyframes (N) of a saved map, and their features (F)."""
 
     columns: dict[str, Column]  # (N, ...) each
     parent: IntArray  # (N,) index of the parent among them, or DEAD for a root
@@ -89,8 +89,8 @@ class KeyframeTable(SoaTable):
         self.is_loaded: BoolArray = np.zeros(n, np.bool_)  # True: from an earlier session
         # Version of the map at which the shared points were counted last.
         self.connected: IntArray = np.zeros(n, np.int64)
-        # Version of the map at which observations or `may_seed` changed last, and which have
-        # changed since they were sent to another copy of the map.
+        # Version of the map at which observations or `may_seed` of the keyframe changed last; and
+        # the mask of the features whose state has changed since it was sent to another copy.
         self.reobserved: IntArray = np.zeros(n, np.int64)
         self.is_reobserved: NDArray[np.bool_] = np.zeros((n, f), np.bool_)
         self.point_of_feature: NDArray[np.int32] = np.full((n, f), NO_POINT, np.int32)
@@ -149,7 +149,7 @@ class KeyframeTable(SoaTable):
         self.put_features(i, frame)
 
     def put_features(self, i: int, frame: Frame) -> None:
-        """Copy what never changes of the features of a frame into row `i`."""
+        """Copy the features of a frame into row `i`, without changing observations."""
         n = len(frame)
         if n > self.max_features:
             self.grow_features(max(n, self.max_features + self.max_features // 2))
@@ -162,7 +162,14 @@ class KeyframeTable(SoaTable):
     def append_features(
         self, i: IntArray, k: IntArray, columns: Mapping[str, Column], num_features: IntArray
     ) -> None:
-        """Store (F, ...) features: feature n becomes number `k[n]` of keyframe `i[n]`."""
+        """Store F features of several keyframes: feature n becomes number `k[n]` of `i[n]`.
+
+        Args:
+            i: (F,) rows of the keyframes.
+            k: (F,) numbers of the features within their keyframes.
+            columns: (F, ...) values of the features by column.
+            num_features: (N,) numbers of features of the keyframes.
+        """
         if num_features.max() > self.max_features:
             self.grow_features(int(num_features.max()))
         for name, values in columns.items():
@@ -170,7 +177,7 @@ class KeyframeTable(SoaTable):
         self.release_memory()
 
     def frame(self, i: int) -> Frame:
-        """Return the features of row `i` as a frame of views, not copies."""
+        """Return the features of row `i` as a frame, whose arrays are views and not copies."""
         n = int(self.num_features[i])
         return Frame(
             int(self.stamp_ns[i]),
@@ -191,7 +198,12 @@ class KeyframeTable(SoaTable):
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
 
     def rows_since(self, version: int, *, with_features: bool = True) -> SoaTableRows:
-        """Return copies of the rows that changed after `version`, perhaps without features."""
+        """Return copies of the rows that changed after a version.
+
+        Args:
+            version: Version of the map.
+            with_features: False: leave out the features of new keyframes.
+        """
         change = super().rows_since(version)
         if with_features:
             return change
@@ -200,7 +212,7 @@ class KeyframeTable(SoaTable):
         return change._replace(fixed_columns=kept)
 
     def put_rows(self, change: SoaTableRows, version: int) -> None:
-        """Overwrite rows with those of another copy, whose rows may hold more features."""
+        """Overwrite rows with those of another copy of the table at a version of the map."""
         if 'octave' in change.fixed_columns:
             width = change.fixed_columns['octave'].shape[1]
             if width > self.max_features:

@@ -1,4 +1,4 @@
-"""Changes of a map: changed rows for its copies, and keyframes that are gone or to come."""
+"""Changes of a map: changed rows for its copies, and removed and pending keyframes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MAX_REMEMBERED = 4096
 
 
 class Redirect(NamedTuple):
-    """Replaces a removed keyframe, as the reference of relative poses, by its parent."""
+    """The parent of a removed keyframe: poses relative to the keyframe become relative to it."""
 
     uid: int
     parent_uid: int
@@ -27,7 +27,9 @@ class PendingKeyframe(NamedTuple):
     """A keyframe that the tracker has requested and the mapper has not inserted yet."""
 
     uid: int
-    parent_uid: int | None  # the keyframe, perhaps pending as well, that its pose is relative to
+    # Uid of the keyframe that its pose is relative to, which may be pending as well; None: the
+    # keyframe is the first one of a map.
+    parent_uid: int | None
     T_parent_camera: FloatArray  # (4, 4); T_map_camera for the first keyframe of a map
 
 
@@ -72,20 +74,20 @@ class MapChange(NamedTuple):
     keyframes: SoaTableRows
     points: SoaTableRows
     positions: PointPositions  # of points of which nothing else has changed
-    observations: FeatureStates  # that changed
+    observations: FeatureStates  # the states that changed
     connections: Connections  # of the keyframes whose shared points were counted again
     redirects: tuple[Redirect, ...]
 
 
 class Redirects:
-    """The redirects of a map: each is returned once by `take`; `find` knows the latest ones."""
+    """The redirects of a map: `take` returns each of them once, `find` knows the latest ones."""
 
     def __init__(self) -> None:
         self._to_take: list[Redirect] = []
         self._removed: dict[int, Redirect] = {}  # by uid, the oldest first
 
     def clear(self) -> None:
-        """Delete all redirects, as the map is cleared."""
+        """Delete all redirects, because the map is cleared."""
         self._to_take = []
         self._removed.clear()
 
@@ -103,5 +105,5 @@ class Redirects:
         return redirects
 
     def find(self, uid: int) -> Redirect | None:
-        """Return the redirect of a keyframe, or None if it was not removed lately."""
+        """Return the redirect of a keyframe, or None if the keyframe was not removed lately."""
         return self._removed.get(uid)

@@ -29,7 +29,7 @@ _COPIED = ('depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
 
 @dataclass(frozen=True, eq=False)
 class MapState(Record):
-    """Keyframes (K), their features (F in all, sorted by keyframe) and points (P)."""
+    """A saved map: K keyframes, F features of all keyframes (sorted by keyframe) and P points."""
 
     stamp_ns: Annotated[IntArray, column('i8', 'keyframes')]
     T_map_camera: Annotated[FloatArray, column('f8', 'keyframes', 4, 4)]
@@ -68,7 +68,10 @@ class MapState(Record):
 
 
 def snapshot(atlas: Atlas) -> MapState:
-    """Return a copy of the map; takes 0.04 ms per keyframe, little more than copying the bytes."""
+    """Return a copy of the map for saving.
+
+    It takes 0.04 ms per keyframe, little more than copying the bytes.
+    """
     keyframes, points = atlas.keyframes, atlas.points
     i = keyframes.indices()
     i = i[np.argsort(keyframes.uid[i])]
@@ -112,9 +115,9 @@ def restore(
         atlas: The running map.
         state: The saved map, made with the same camera.
         camera: The camera.
-        first_uid: The uid of the first keyframe; None: the next unused one.
-        keep: Keep the running map beside the saved one, with higher map ids; otherwise the
-            running map is removed.
+        first_uid: The uid of the first saved keyframe; None: the next unused one.
+        keep: True: keep the running map beside the saved one, with higher map ids. False: remove
+            the running map.
     """
     if keep:
         atlas.make_younger(1 + int(state.map_id.max()))
@@ -129,7 +132,12 @@ def restore(
 
 
 def _joined(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
-    """Return the first n entries of rows i, concatenated; `rows` holds pairs (i, n)."""
+    """Return the first n entries of each row i of a table, concatenated.
+
+    Args:
+        table: (N, M, ...) values.
+        rows: Pairs (i, n).
+    """
     empty = table[:0].reshape(0, *table.shape[2:])
     return np.concatenate([empty, *(table[i, :n] for i, n in rows)])
 
@@ -181,6 +189,6 @@ def _feature_rows(state: MapState) -> IntArray:
 
 
 def _rows_of(uids: IntArray, wanted: IntArray) -> Any:
-    """Return the index of each wanted uid among the ascending `uids`, or NONE."""
+    """Return the (M,) index of each wanted uid among the ascending `uids`; NONE if missing."""
     at = np.minimum(np.searchsorted(uids, wanted), max(len(uids) - 1, 0))
     return np.where(uids[at] == wanted, at, NONE) if len(uids) else np.full(len(wanted), NONE)

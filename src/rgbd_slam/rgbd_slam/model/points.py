@@ -57,23 +57,29 @@ class PointTable(SoaTable):
 
 
 class PointTally(NamedTuple):
-    """Rows of the points that should be visible in a frame and of those found in it, each once."""
+    """The points that a frame should show and those found in it; no point occurs twice."""
 
-    visible: IntArray
-    found: IntArray
+    visible: IntArray  # (V,) rows of the points that should be visible
+    found: IntArray  # (M,) rows of the points that were found
 
 
 class PointCounts(NamedTuple):
-    """Sums of tallies over frames, as parallel arrays over points."""
+    """How often points were visible and found in several frames, as parallel arrays."""
 
-    points: IntArray
-    uids: IntArray
-    visible: IntArray
-    found: IntArray
+    points: IntArray  # (P,) rows
+    uids: IntArray  # (P,)
+    visible: IntArray  # (P,) number of frames that should show the point
+    found: IntArray  # (P,) number of frames in which the point was found
 
 
 class PointTallies:
-    """Sums up the tallies of frames, in memory that does not grow with the number of frames."""
+    """Counts how often points were visible and found since the last keyframe.
+
+    The memory does not grow with the number of frames.
+
+    Args:
+        points: The points of the map.
+    """
 
     def __init__(self, points: PointTable) -> None:
         self._points = points
@@ -82,7 +88,7 @@ class PointTallies:
         self._counted: list[IntArray] = []  # rows, possibly with repetitions
 
     def add(self, tally: PointTally) -> None:
-        """Add the tally of one frame; the counts of points removed from the map are dropped."""
+        """Count the points of one frame; the counts of points removed from the map are dropped."""
         if self._points.capacity > len(self._uid):
             more = (0, self._points.capacity - len(self._uid))
             self._uid = np.pad(self._uid, more, constant_values=_NOT_COUNTED)
@@ -96,7 +102,7 @@ class PointTallies:
         self._found[tally.found] += 1
 
     def take(self) -> PointCounts:
-        """Return the sums, and reset them to zero."""
+        """Return the counts, and reset them to zero."""
         rows = np.unique(np.concatenate([np.empty(0, np.int64), *self._counted]))
         counts = PointCounts(rows, self._uid[rows], self._visible[rows], self._found[rows])
         self._uid[rows], self._counted = _NOT_COUNTED, []

@@ -27,10 +27,10 @@ class SoaTableRows(NamedTuple):
 
 
 class SoaTable:
-    """Elements as rows of parallel arrays; `uid` identifies an element beyond the life of a row.
+    """Elements as rows of parallel arrays; the `uid` of an element is never used again.
 
-    Rows are reused after `release`. Code that keeps a row across a change of the map must keep
-    the `uid` with it, and compare it later.
+    Rows are reused after `release`. Code that keeps a row across a change of the map must
+    therefore keep the uid of the element as well, and compare it with that of the row later.
     """
 
     columns: ClassVar[tuple[str, ...]] = ('uid', 'version', 'born')
@@ -71,7 +71,7 @@ class SoaTable:
         return int(rows[0]) if uid != DEAD and len(rows) else None
 
     def allocate(self, count: int, version: int, first_uid: int | None = None) -> IntArray:
-        """Return (count,) empty rows, lowest first so that runs repeat, and give them uids.
+        """Give uids to empty rows and return these (count,), lowest first so that runs repeat.
 
         Args:
             count: Number of rows.
@@ -101,7 +101,7 @@ class SoaTable:
         return rows
 
     def release(self, rows: IntArray, version: int) -> None:
-        """Mark rows as empty."""
+        """Remove the elements of rows, which become empty, at a version of the map."""
         rows = np.unique(rows[self.uid[rows] != DEAD])
         self.uid[rows] = DEAD
         self._num_alive -= len(rows)

@@ -15,7 +15,7 @@ from rgbd_slam.model.keyframes import NO_POINT
 
 @dataclass(frozen=True, eq=False)
 class TrackedFrame:
-    """A frame after tracking. Rows of the map may be reused later, hence the uids."""
+    """A frame after tracking. It has the uids of its points, because rows may be reused later."""
 
     frame: Frame
     T_map_camera: FloatArray  # (4, 4), by the map at the time of tracking
@@ -31,7 +31,10 @@ class TrackedFrame:
         return np.where(stale | (points == NO_POINT), NO_POINT, points)
 
     def current_pose(self, atlas: Atlas) -> FloatArray:
-        """Return T_map_camera (4, 4) by the current map."""
+        """Return T_map_camera (4, 4) by the current pose of the reference keyframe.
+
+        If that is unknown, it is the pose at the time of tracking.
+        """
         T_map_reference = atlas.pose(self.reference_uid)
         if T_map_reference is None:
             return self.T_map_camera
@@ -42,7 +45,15 @@ class TrackedFrame:
 def tracked_frame(
     frame: Frame, T_map_camera: FloatArray, points: IntArray, atlas: Atlas, reference_uid: int
 ) -> TrackedFrame:
-    """Return a tracked frame whose pose is relative to a keyframe of the map or a pending one."""
+    """Return a tracked frame whose pose is stored relative to a keyframe.
+
+    Args:
+        frame: The frame.
+        T_map_camera: (4, 4) pose.
+        points: (N,) row of the point that each feature observes, or NO_POINT.
+        atlas: The map.
+        reference_uid: Uid of the keyframe, which may be pending.
+    """
     T_map_reference = atlas.pose(reference_uid)
     assert T_map_reference is not None
     return TrackedFrame(

@@ -34,7 +34,7 @@ _UNKNOWN = 0  # row of the sentinel, for poses whose reference keyframe was remo
 
 
 class TrajectoryRecorder:
-    """Stores poses relative to their reference keyframes, whose corrections they follow.
+    """Stores the poses of all frames, relative to keyframes so that they follow corrections.
 
     Args:
         keyframes: The keyframes of the map.
@@ -65,7 +65,7 @@ class TrajectoryRecorder:
         )
 
     def pose(self, n: int) -> FloatArray | None:
-        """Return T_map_camera (4, 4) of frame `n` by the current map, or None if it is unknown.
+        """Return T_map_camera (4, 4) of the `n`-th frame by the current map; None if unknown.
 
         It is unknown if the reference keyframe was removed long ago: only the latest thousand
         removed keyframes are searched.
@@ -84,7 +84,7 @@ class TrajectoryRecorder:
         self._frames[n] = frame
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
-        """Attach the frames of removed keyframes to the parents of these."""
+        """Store the parents of removed keyframes; poses of frames become relative to these."""
         for redirect in redirects:
             self._removed.append(redirect)
 

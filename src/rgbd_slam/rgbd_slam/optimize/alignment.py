@@ -21,7 +21,7 @@ _NUM_HYPOTHESES = 200
 # Not tuned; the 95 % limit of the chi-square table is 2.4 px at a noise of 1 px.
 _MAX_ERROR_PX = 4.0  # reprojection error of an inlier in octave 0
 # Not tuned.
-_MIN_INLIERS = 15  # matches that must agree with a pose
+_MIN_INLIERS = 15  # number of matches that must agree with a pose
 _NUM_REFINED = 5  # hypotheses with most inliers that are refined
 _NUM_REFINEMENTS = 4  # iterations of a refinement
 
@@ -65,7 +65,7 @@ def align_image(
     camera: StereoCamera,
     rng: np.random.Generator,
 ) -> Alignment | None:
-    """Return the pose that most of N matches agree with by RANSAC; None if too few agree.
+    """Return the pose with which most of N matches agree, by RANSAC; None if too few agree.
 
     Args:
         measurement_px: (N, 3) undistorted u, v, u_right of the features.
@@ -106,7 +106,7 @@ def _refined(
     camera: StereoCamera,
     limit_px: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Return a hypothesis realigned to all its inliers with depth, and its inliers.
+    """Return a pose hypothesis aligned again to all its inliers with depth, and the new inliers.
 
     Three points alone carry much noise (LO-RANSAC: Chum, Matas and Kittler, DAGM 2003).
     """
@@ -151,7 +151,11 @@ def _reprojection_error_px(
     points_m: FloatArray,
     camera: StereoCamera,
 ) -> FloatArray:
-    """Return the (H, N) distances [px] in (u, v, u_right) or (u, v); inf behind the camera."""
+    """Return the (H, N) reprojection errors [px] of N points for H poses.
+
+    An error is the distance in (u, v, u_right), or in (u, v) for features without depth; it is
+    infinite behind the camera.
+    """
     p = points_m @ np.swapaxes(T_camera_points[:, :3, :3], 1, 2) + T_camera_points[:, None, :3, 3]
     in_front = p[..., 2] > 0
     p[..., 2] = np.where(in_front, p[..., 2], 1.0)

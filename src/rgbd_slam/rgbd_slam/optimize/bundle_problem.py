@@ -22,12 +22,13 @@ class BundleProblem:
     """Keyframes, points and observations as parallel arrays.
 
     Attributes:
-        T_camera_map: (C, 4, 4) poses; the first `num_free` are optimized.
-        num_free: Number of optimized cameras.
+        T_camera_map: (C, 4, 4) poses of the keyframes; the first `num_free` are optimized.
+        num_free: Number of optimized keyframes.
         points_m: (3, P) points in the map frame.
-        camera: (M,) index of the camera of each observation.
-        point: (M,) index of its point; at most one observation for each pair.
-        measured_px: (3, M) u, v, u_right; NaN for u_right without depth.
+        camera: (M,) index of the keyframe of each observation.
+        point: (M,) index of the point of each observation. A keyframe observes a point at most
+            once.
+        measured_px: (3, M) u, v, u_right; u_right is NaN without depth.
         inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
     """
 
@@ -51,7 +52,14 @@ class BundleSolution(NamedTuple):
 def adjust(
     camera: StereoCamera, problem: BundleProblem, iterations: int, rounds: int = 2
 ) -> BundleSolution:
-    """Adjust with Huber kernels, in rounds that each leave out the outliers of the last one."""
+    """Return adjusted poses and points. Each round leaves out the outliers of the round before.
+
+    Args:
+        camera: The camera with the noise that weights the residuals; their kernels are Huber's.
+        problem: The problem with its initial poses and points.
+        iterations: Largest number of iterations in each round.
+        rounds: Number of rounds.
+    """
     fit = hoid_native.adjust_bundle(
         camera.lens,
         GATES,

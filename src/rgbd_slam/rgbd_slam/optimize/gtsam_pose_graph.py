@@ -27,10 +27,9 @@ class PoseGraph:
     def add_constraint(
         self, uid_a: int, uid_b: int, T_a_b: FloatArray, sigma_rad: float, sigma_m: float
     ) -> None:
-        """Connect two keyframes by a measured pose T_a_b (4, 4) and its standard deviations."""
-        sigmas = np.repeat(
-            [sigma_rad, sigma_m], 3
-        )  # GTSAM's twists have the rotation first as well
+        """Connect two keyframes by a measured pose T_a_b (4, 4) with given standard deviations."""
+        # GTSAM's twists have the rotation first as well.
+        sigmas = np.repeat([sigma_rad, sigma_m], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
         self._graph.add(gtsam.BetweenFactorPose3(uid_a, uid_b, gtsam.Pose3(T_a_b), noise))
 

@@ -18,7 +18,10 @@ _MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: points that conne
 def local_bundle_adjustment(
     atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig
 ) -> None:
-    """Adjust keyframe `i`, the keyframes that share most points with it, and their points."""
+    """Adjust keyframe `i`, the keyframes that share most points with it, and their points.
+
+    The result is written to the map, and observations that are outliers are removed from it.
+    """
     free = np.concatenate([[i], atlas.covisible(i, _MIN_SHARED, config.window - 1)])
     root = atlas.keyframes.parent_uid[free] < 0
     fixed_root, free = free[root], free[~root]
@@ -32,7 +35,14 @@ def local_bundle_adjustment(
 
 
 def _fixed_keyframes(atlas: Atlas, j: IntArray, free: IntArray, limit: int) -> IntArray:
-    """Return the keyframes outside the window that observe most of its points (F,)."""
+    """Return the rows (F,) of at most `limit` other keyframes that observe most of the points `j`.
+
+    Args:
+        atlas: The map.
+        j: (P,) rows of the points of the adjusted keyframes.
+        free: Rows of the adjusted keyframes.
+        limit: Largest number of keyframes that are returned.
+    """
     votes = np.bincount(atlas.observations_of(j).i, minlength=atlas.keyframes.capacity)
     votes[free] = 0
     order = np.argsort(-votes, kind='stable')[:limit]
@@ -63,9 +73,9 @@ def bundle_problem(
 
     Args:
         atlas: The map.
-        cameras: (C,) keyframes, the optimized ones first.
+        cameras: (C,) rows of the keyframes, the optimized ones first.
         num_free: Number of optimized keyframes.
-        j: (P,) points.
+        j: (P,) rows of the points.
     """
     keyframes, points = atlas.keyframes, atlas.points
     seen = atlas.observations_of(j, cameras)

@@ -21,7 +21,7 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.optimize.residual_noise import noise_factor
 
 # Not tuned.
-_MIN_RESIDUALS = 50  # residuals of an image that its noise is measured from
+_MIN_RESIDUALS = 50  # with fewer residuals, the noise of an image is not measured
 _PRIOR_IMAGES = 3  # weight of the configured noise, in images
 _MAX_IMAGES = 100  # about three seconds; older images count less
 
@@ -40,7 +40,7 @@ class NoiseEstimator:
         self._num_images = _PRIOR_IMAGES
 
     def add(self, tracked: TrackedFrame, atlas: Atlas) -> None:
-        """Add the residuals of a tracked frame."""
+        """Update the measured noise of `camera` with the residuals of a tracked frame."""
         self._num_images = min(self._num_images + 1, _MAX_IMAGES)
         step = self._factors(tracked, atlas) ** 2 - self._variances
         self._variances += np.nan_to_num(step) / self._num_images
@@ -54,7 +54,10 @@ class NoiseEstimator:
         )
 
     def _factors(self, tracked: TrackedFrame, atlas: Atlas) -> FloatArray:
-        """Return the (2,) factors on the configured noise; NaN with too few residuals."""
+        """Return the noise of pixels and of disparities as factors (2,) on the configured noise.
+
+        A factor is NaN if there are too few residuals.
+        """
         k = np.flatnonzero(tracked.points != NO_POINT)
         position_m = atlas.points.position_m.take(tracked.points[k], 0)
         x = to_camera(se3.inverse(tracked.T_map_camera), position_m.T)

@@ -48,24 +48,31 @@ _MIN_COST_DIFFERENCE = 1.0  # chosen: a match prefers a motion if it costs it on
 
 
 class CompetingMotion(NamedTuple):
-    """A second motion that explains part of the image better than the chosen pose does."""
+    """A second pose hypothesis that part of the matches fit better than the chosen pose.
+
+    The usual cause is a large moving object in view.
+    """
 
     twist: FloatArray  # (6,) left twist from the chosen pose to the other, rotation first [rad, m]
-    chosen_share: (
-        float  # share of the deciding matches that fit the chosen pose, and fit it better
-    )
-    competing_share: float  # and share of those that fit the competing pose better
+    # Share of the deciding matches that fit the chosen pose, and fit it better than the other one.
+    chosen_share: float
+    # Share of the deciding matches that fit the other pose, and fit it better than the chosen one.
+    competing_share: float
 
 
 class BiasingObject(NamedTuple):
-    """A moving object that would bias the pose."""
+    """A moving object that would bias the pose if its matches were used."""
 
-    region: ViewRegion
-    prefers_its_motion: BoolArray  # (N,) matches, anywhere, that fit the biased pose better
+    region: ViewRegion  # the part of the view that the object covers
+    # (N,) mask of the matches, in the whole image, that fit the biased pose better.
+    prefers_its_motion: BoolArray
 
 
 class Consensus(NamedTuple):
-    """The pose of an image, a competing motion and an object that would bias it, if any."""
+    """The pose of one image, and the moving objects that were noticed while estimating it.
+
+    `competing` and `biasing` are None if there is no such motion and no such object.
+    """
 
     estimate: PoseEstimate
     competing: CompetingMotion | None = None
@@ -73,21 +80,24 @@ class Consensus(NamedTuple):
 
     @property
     def covariance(self) -> FloatArray:
-        """Return the (6, 6) covariance in the camera frame, rotation first [rad^2, m^2].
+        """Return the (6, 6) covariance of the pose in the camera frame, rotation first.
 
-        With a competing motion, it is the covariance of the mixture of both poses, weighted by
-        their shares, about the chosen one.
+        Units are rad^2 and m^2. If there is a competing motion, this is the covariance of the
+        mixture of both poses, weighted by their shares, about the chosen pose.
         """
         return covariance(self.estimate) + self.ambiguity
 
     @property
     def image_covariance(self) -> FloatArray:
-        """Return the (6, 6) part of the covariance that successive images do not share."""
+        """Return the (6, 6) part of `covariance` whose errors differ from image to image."""
         return self.estimate.independent_share * covariance(self.estimate) + self.ambiguity
 
     @property
     def ambiguity(self) -> FloatArray:
-        """Return the (6, 6) covariance due to the competing motion; 0 without one."""
+        """Return the (6, 6) covariance that a competing motion adds to that of the pose.
+
+        It is zero if there is no competing motion.
+        """
         if self.competing is None:
             return np.zeros((6, 6))
         twist, chosen, other = self.competing
@@ -95,7 +105,10 @@ class Consensus(NamedTuple):
 
 
 class _Hypothesis(NamedTuple):
-    """A pose and how well the deciding matches fit it."""
+    """A candidate for the pose, and how well the D deciding matches fit it.
+
+    The deciding matches are those of well-observed points; see `_deciding_matches`.
+    """
 
     T_camera_map: FloatArray  # (4, 4)
     information: FloatArray  # (6, 6)
@@ -104,7 +117,7 @@ class _Hypothesis(NamedTuple):
 
     @property
     def supporters(self) -> BoolArray:
-        """Return the (D,) mask of inliers at the noise that the hypothesis itself shows."""
+        """Return the (D,) mask of inliers, tested with the noise that these costs show."""
         return np.asarray(self.inliers & (self.cost <= CHI2_STEREO * _noise_scale(self.cost)))
 
 
@@ -134,8 +147,8 @@ class PoseConsensus:
             problem: N matches.
             is_well_observed: (N,) mask of the matches whose points several keyframes have seen.
             T_camera_map: (4, 4) initial pose.
-            is_initial: True for a pose that only guides the search for more matches: a small bias
-                does no harm there, and no biasing region is searched.
+            is_initial: True for a pose that only guides the search for more matches. A small bias
+                does no harm there, so that no biasing region is searched for.
         """
         fit_to_all = optimize_pose(self._camera, problem, T_camera_map)
         if not self._config.enabled:
@@ -153,7 +166,7 @@ class PoseConsensus:
         return Consensus(estimate, _competing_motion(hypothesis, second or best), biasing)
 
     def _deciding_matches(self, problem: PoseProblem, is_well_observed: BoolArray) -> PoseProblem:
-        """Return the matches of well-observed points, or all if there are few, as in a new map."""
+        """Return the matches of well-observed points, or all matches if these are few."""
         if np.count_nonzero(is_well_observed) < self._config.min_well_observed:
             is_well_observed = np.ones(len(problem), np.bool_)
         return problem.select(is_well_observed)
@@ -161,13 +174,16 @@ class PoseConsensus:
     def _hypothesis(
         self, deciding: PoseProblem, fitted: PoseProblem, T_camera_map: FloatArray
     ) -> _Hypothesis:
-        """Return the pose fitted to some matches, evaluated on all deciding ones."""
+        """Return the pose fitted to the matches `fitted`, evaluated on all deciding matches."""
         fit = optimize_pose(self._camera, fitted, T_camera_map)
         cost, inliers = self._evaluate(deciding, fit.T_camera_map)
         return _Hypothesis(fit.T_camera_map, fit.information, cost, inliers)
 
     def _competing_hypotheses(self, deciding: PoseProblem, fit: _Hypothesis) -> list[_Hypothesis]:
-        """Return the poses of the distant and the near half of the matches, if they contradict."""
+        """Return the poses of the distant and of the near half of the deciding matches.
+
+        A half that is consistent with `fit`, the pose of all deciding matches, is left out.
+        """
         if len(deciding) < 2 * _MIN_HALF:
             return []
         depth_m = deciding.points_m @ fit.T_camera_map[2, :3]
@@ -180,7 +196,15 @@ class PoseConsensus:
     def _hypothesis_of_half(
         self, deciding: PoseProblem, half: BoolArray, fit: _Hypothesis
     ) -> _Hypothesis | None:
-        """Return the pose of one half and all that fit it; None if `fit` agrees with the half."""
+        """Return the pose of one half of the matches, refitted to all matches that support it.
+
+        None is returned if `fit` is consistent with the half.
+
+        Args:
+            deciding: D matches.
+            half: (D,) mask of the half.
+            fit: The pose of all D matches.
+        """
         matches_of_half = deciding.select(half)
         own = optimize_pose(self._camera, matches_of_half, fit.T_camera_map)
         least = self._evaluate(matches_of_half, own.T_camera_map).cost
@@ -197,11 +221,13 @@ class PoseConsensus:
     def _without_biasing_region(
         self, deciding: PoseProblem, biased: _Hypothesis
     ) -> tuple[_Hypothesis, ViewRegion] | None:
-        """Return the pose without the region that biases it most, and the region, if there is one.
+        """Return the pose refitted without the most biasing region, and this region.
+
+        None is returned if no region biases the pose.
 
         An object that moves slowly fits the pose of all matches nearly as well as the static
-        scene, so that residuals do not show it. Without its equations, however, the pose of the
-        rest moves, and the cost of the rest falls by more than noise explains.
+        scene, so that residuals do not show it. When its matches are left out, however, the pose
+        of the other matches changes, and their cost falls by more than noise explains.
         """
         config = self._config
         if not config.leave_out_parts or len(deciding) < config.min_well_observed:
@@ -243,9 +269,13 @@ class PoseConsensus:
         fitting = problem.select(evaluated.inliers & (evaluated.cost <= limit))
         refit = optimize_pose(self._camera, fitting, hypothesis.T_camera_map)
         is_kept = self._supports(deciding, hypothesis, refit, self._config.max_cost_increase)
-        T_camera_map, information = refit[::2] if is_kept else hypothesis[:2]
-        inliers = self._evaluate(problem, T_camera_map).inliers
-        return PoseEstimate(T_camera_map, inliers, information, fit_to_all.independent_share)
+        kept = refit if is_kept else hypothesis
+        return PoseEstimate(
+            kept.T_camera_map,
+            self._evaluate(problem, kept.T_camera_map).inliers,
+            kept.information,
+            fit_to_all.independent_share,
+        )
 
     def _supports(
         self,
@@ -254,13 +284,23 @@ class PoseConsensus:
         estimate: PoseEstimate,
         tolerance: float,
     ) -> bool:
-        """Return whether an estimate fits the inliers of a hypothesis nearly as well."""
+        """Return whether an estimate fits the inliers of a hypothesis as well as the hypothesis.
+
+        `tolerance` is the share by which their cost may be larger.
+        """
         inliers = hypothesis.inliers
         cost = self._evaluate(deciding, estimate.T_camera_map).cost
         return self._is_consistent(cost[inliers], hypothesis.cost[inliers], tolerance)
 
     def _is_consistent(self, cost: FloatArray, least: FloatArray, tolerance: float) -> bool:
-        """Return whether the total cost exceeds the least one by no more than a share of it."""
+        """Return whether some matches cost hardly more than with the pose that fits them best.
+
+        Args:
+            cost: (N,) costs of the matches with the tested pose.
+            least: (N,) costs of the matches with the pose that fits them best.
+            tolerance: Share by which the sum of `cost` may be larger. In addition, it may be
+                larger by `cost_margin`.
+        """
         cost, least = _rescaled(cost, least)
         return bool(cost.sum() <= self._config.cost_margin + (1 + tolerance) * least.sum())
 
@@ -283,7 +323,7 @@ class PoseConsensus:
 def _best_two(
     fit: _Hypothesis, competing: Iterable[_Hypothesis]
 ) -> tuple[_Hypothesis, _Hypothesis | None]:
-    """Return the hypothesis with the least cost, and the one with the second least."""
+    """Return the hypotheses with the lowest and the second lowest cost; the second may be None."""
     best, second = fit, None
     for hypothesis in competing:
         is_best = _is_better(hypothesis, best)
@@ -299,13 +339,15 @@ def _is_better(one: _Hypothesis, other: _Hypothesis) -> bool:
 
 
 def _rescaled(cost: FloatArray, other_cost: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the costs of two poses, truncated, at the noise that the better one shows."""
+    """Return the (N,) costs of two poses, normalized by the noise of the better one, truncated."""
     scale = min(_noise_scale(cost), _noise_scale(other_cost))
     return np.minimum(cost / scale, _MAX_COST), np.minimum(other_cost / scale, _MAX_COST)
 
 
 def _noise_scale(cost: FloatArray) -> float:
-    """Return the noise variance that the median cost shows, relative to the assumed; at most 1.
+    """Return the noise variance that the median cost shows, as a share of the assumed variance.
+
+    The share is at most 1.
 
     The noise in a new map is not measured yet. If it were assumed too large, a moving object would
     fit a pose halfway, and its few points would outweigh the many static ones.
@@ -315,7 +357,7 @@ def _noise_scale(cost: FloatArray) -> float:
 
 
 def _competing_motion(best: _Hypothesis, other: _Hypothesis | None) -> CompetingMotion | None:
-    """Return the motion between two hypotheses if it exceeds the noise and has supporters."""
+    """Return the motion between two hypotheses; None if it is noise or has no supporters."""
     if other is None:
         return None
     twist = se3.log(other.T_camera_map @ se3.inverse(best.T_camera_map))

@@ -22,7 +22,8 @@ class PoseEstimate(NamedTuple):
     T_camera_map: FloatArray  # (4, 4)
     inliers: BoolArray  # (N,)
     information: FloatArray  # (6, 6) of the left twist, rotation first [1/rad^2, 1/m^2]
-    independent_share: float = 1.0  # share of the variance that successive images do not share
+    # Share of the variance that is due to errors that differ from image to image.
+    independent_share: float = 1.0
 
 
 class PosePrior(NamedTuple):
@@ -38,7 +39,7 @@ class PoseProblem:
 
     Attributes:
         points_m: (N, 3) map points in the map frame.
-        measured_px: (N, 3) u, v, u_right; NaN for u_right without depth.
+        measured_px: (N, 3) u, v, u_right; u_right is NaN without depth.
         inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
     """
 
@@ -55,7 +56,7 @@ class PoseProblem:
         return self.points_m, self.measured_px, self.inv_sigma2
 
     def select(self, keep: BoolArray) -> PoseProblem:
-        """Return the matches of an (N,) mask."""
+        """Return the matches that an (N,) mask selects."""
         k = np.flatnonzero(keep)  # looked up once, not three times
         return PoseProblem(
             self.points_m.take(k, 0), self.measured_px.take(k, 0), self.inv_sigma2[k]
@@ -68,7 +69,7 @@ def optimize_pose(
     T_camera_map: FloatArray,
     prior: PosePrior | None = None,
 ) -> PoseEstimate:
-    """Return the pose that fits the matches, and the prior if there is one, best.
+    """Return the pose that fits the matches, and a prior if one is given, best.
 
     The information is that of the configured pixel noise, or of the measured one if that is
     larger, as in blurred images. A smaller measured noise is not used, because errors that all
@@ -78,7 +79,7 @@ def optimize_pose(
         camera: The camera with its measured noise.
         problem: The matches.
         T_camera_map: (4, 4) initial pose.
-        prior: A prior of the pose.
+        prior: A prior of the pose; None if there is none.
     """
     # The kernel weights pixels by their configured variance, and disparities and the prior
     # relative to them; the measured variance scales the sum of all.
@@ -90,7 +91,7 @@ def optimize_pose(
 
 
 def covariance(estimate: PoseEstimate) -> FloatArray:
-    """Return the (6, 6) covariance in the camera frame, rotation first [rad^2, m^2]."""
+    """Return the (6, 6) covariance of a pose in the camera frame, rotation first [rad^2, m^2]."""
     try:
         return np.asarray(np.linalg.inv(estimate.information))
     except np.linalg.LinAlgError:  # no match constrains one of the motions

@@ -18,7 +18,7 @@ from rgbd_slam.optimize.bundle_problem import BundleProblem, BundleSolution
 
 _SIGMA_PER_MEDIAN = 1.4826  # 1 / 0.6745, the median of |x| of a standard normal distribution
 # Not tuned.
-_MIN_OBSERVATIONS = 500  # observations that the noise is measured from
+_MIN_OBSERVATIONS = 500  # with fewer observations, the noise is not measured
 _MIN_OBSERVERS = 4  # a point with fewer observations adapts to them, and their residuals shrink
 _FACTOR_RANGE = (0.1, 10.0)  # limits of the measured noise, relative to the configured
 
@@ -26,7 +26,10 @@ _FACTOR_RANGE = (0.1, 10.0)  # limits of the measured noise, relative to the con
 def with_residual_noise(
     camera: StereoCamera, problem: BundleProblem, solution: BundleSolution
 ) -> tuple[StereoCamera, BundleProblem]:
-    """Return the camera and the problem with the noise that the residuals of a solution show."""
+    """Return the camera and the problem with the noise that the residuals of a solution show.
+
+    The camera has the measured noise of depth, the problem that of pixels.
+    """
     residual = _residuals_px(camera, problem, solution)
     seen = np.bincount(problem.point[~solution.outliers], minlength=problem.points_m.shape[1])
     used = ~solution.outliers & (seen[problem.point] >= _MIN_OBSERVERS)
@@ -45,7 +48,10 @@ def with_residual_noise(
 def _residuals_px(
     camera: StereoCamera, problem: BundleProblem, solution: BundleSolution
 ) -> FloatArray:
-    """Return the (3, M) residuals of u, v, u_right; points behind a camera are outliers anyway."""
+    """Return the (3, M) residuals of u, v, u_right [px] of all observations.
+
+    Those of points behind a camera have no meaning, because such observations are outliers.
+    """
     T = solution.T_camera_map[problem.camera]
     x = np.einsum('mij,jm->mi', T[:, :3, :3], solution.points_m[:, problem.point]) + T[:, :3, 3]
     x[:, 2] = np.where(x[:, 2] > 0, x[:, 2], np.inf)
@@ -53,14 +59,21 @@ def _residuals_px(
 
 
 def _factor(normalized: FloatArray, used: BoolArray) -> float:
-    """Return the factor on the configured noise of the used residuals; 1 if they are few."""
+    """Return the measured noise of the used residuals as a factor on the configured noise.
+
+    It is 1 if they are too few.
+
+    Args:
+        normalized: (..., M) residuals in units of the configured noise.
+        used: (M,) mask of the observations that are used.
+    """
     if np.count_nonzero(used) < _MIN_OBSERVATIONS:
         return 1.0
     return noise_factor(normalized[..., used])
 
 
 def noise_factor(normalized: FloatArray) -> float:
-    """Return the standard deviation of normalized residuals of any shape, limited to a range."""
+    """Return the standard deviation of normalized residuals (any shape), limited to 0.1 to 10."""
     sizes = np.abs(normalized).ravel()
     middle = len(sizes) // 2
     median = float(np.partition(sizes, middle)[middle])  # 3 times as fast as np.median

@@ -16,15 +16,23 @@ _MARGIN = np.array([0.02, 0.02, 0.05])
 
 
 class ViewRegion(NamedTuple):
-    """A box in x / z, y / z and log z (m) of the camera frame."""
+    """A box in the coordinates x / z, y / z and log z of the camera frame, with z in m."""
 
-    low: FloatArray  # (3,)
-    high: FloatArray  # (3,)
+    low: FloatArray  # (3,) lower bounds
+    high: FloatArray  # (3,) upper bounds
 
     def contains(
         self, camera: StereoCamera, measured_px: Float32Array, depth_m: Float32Array
     ) -> BoolArray:
-        """Return the (N,) mask of features in or near the region; without depth: by direction."""
+        """Return the (N,) mask of features in or near the region.
+
+        Features without a depth reading are tested by their direction only.
+
+        Args:
+            camera: The camera.
+            measured_px: (N, 3) u, v, u_right of the features.
+            depth_m: (N,) depth readings of the features; 0 = none.
+        """
         u, v = measured_px[:, :2].T
         x, y = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px
         location = np.stack([x, y, np.log(np.maximum(depth_m, MIN_DEPTH_M))])

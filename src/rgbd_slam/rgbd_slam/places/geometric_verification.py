@@ -2,8 +2,8 @@
 
 RANSAC over descriptor matches with the keyframe gives a pose. The points around the keyframe are
 then searched where that pose predicts them (loop verification of ORB-SLAM2, Mur-Artal and Tardos,
-T-RO 2017). Finally, enough of the expected points must have been found, and depth readings must
-not lie behind the others.
+T-RO 2017). Finally, enough of the expected points must have been found. Where a point was not
+found, depth readings must not lie behind it.
 """
 
 from __future__ import annotations
@@ -98,9 +98,8 @@ class PlaceVerifier:
 
         Args:
             frame: The frame.
-            T_camera_map: (4, 4) predicted pose, near which the points of the keyframes are
-                searched.
-            keyframes: Rows of the keyframes.
+            T_camera_map: (4, 4) pose with which the projections of the points are predicted.
+            keyframes: (K,) rows of the keyframes whose points are searched.
         """
         points = self._atlas.points_of(keyframes)
         for radius in _SEARCH_RADII:
@@ -121,7 +120,10 @@ class PlaceVerifier:
         return found if self._is_same_place(frame, found, points) else None
 
     def _is_same_place(self, frame: Frame, found: PlaceMatch, points: IntArray) -> bool:
-        """Return whether enough of the points (P,) are found, and few are contradicted."""
+        """Return whether enough points (P,) of the place are found, and few are contradicted.
+
+        A point is contradicted if depth readings around its pixel lie behind it.
+        """
         table, config = self._atlas.points, self._config
         view = visible_points(self._atlas, self._camera, found.T_camera_map, points, 1.0)
         depth_m = to_camera(found.T_camera_map, table.position_m[view.points].T)[2]
@@ -138,7 +140,11 @@ class PlaceVerifier:
         )
 
     def _match_descriptors(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
-        """Return matches of a keyframe's observations with features, and their (O,) points."""
+        """Return matches of the O observations of a keyframe with the features of a frame.
+
+        The (O,) rows of the observed points are returned as well; the queries of the matches are
+        numbers of observations.
+        """
         keyframes, config = self._atlas.keyframes, self._config
         observing = np.flatnonzero(keyframes.point_of_feature[candidate] != NO_POINT)
         points = keyframes.point_of_feature[candidate, observing].astype(np.int64)

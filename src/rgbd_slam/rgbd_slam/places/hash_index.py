@@ -33,11 +33,12 @@ _NOTHING = np.empty(0, np.int64), np.empty(0, np.int64)
 
 
 class HashIndex:
-    """Keyframes by the hash keys of their descriptors.
+    """A place index that looks keyframes up by the hash keys of their descriptors.
 
-    A segment holds, for each of T tables, sorted numbers `key << 32 | pool row`. New descriptors
-    make a segment of their own. A segment that has reached a share of the size of the one before
-    is merged with it, so that there are few segments and adding is cheap on average.
+    All descriptors are rows of one array, the pool. A segment holds, for each of T hash tables,
+    the sorted numbers `key << 32 | pool row` of some descriptors. New descriptors become a new
+    segment. A segment that is not much smaller than the one before it is merged with that, so that
+    there are few segments and adding is cheap on average.
     """
 
     def __init__(self, config: IndexConfig) -> None:
@@ -58,7 +59,10 @@ class HashIndex:
         self._segments: list[KeyArray] = []  # from the largest to the smallest
 
     def update(self, atlas: Atlas) -> None:
-        """Add the new keyframes of a map, by features that observe points; remove the gone."""
+        """Add the new keyframes of a map, and remove those that are no longer in it.
+
+        Only features that observe map points are indexed.
+        """
         keyframes = atlas.keyframes
         rows = keyframes.indices()
         rows = rows[np.argsort(keyframes.uid[rows])]
@@ -83,7 +87,10 @@ class HashIndex:
             self._uid[self._rows.pop(uid, slice(0))] = _REMOVED
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
-        """Return keyframes that match descriptors (N, 32), most votes first, then by uid."""
+        """Return the keyframes that match descriptors (N, 32) of an image, with most votes first.
+
+        Keyframes with equal votes are sorted by uid.
+        """
         self._insert_pending()
         descriptors = self._thinned(descriptors)
         keys = self._keys(descriptors)
@@ -107,7 +114,7 @@ class HashIndex:
         return descriptors[rows]
 
     def _keys(self, descriptors: ByteArray) -> KeyArray:
-        """Return the (T, N) keys, shifted to leave space for the pool row."""
+        """Return the (T, N) keys of descriptors (N, 32), in the bits above those of pool rows."""
         keys = np.empty((self._config.num_tables, len(descriptors)), np.uint64)
         for start in range(0, len(descriptors), _BLOCK):
             part = slice(start, start + _BLOCK)
@@ -116,7 +123,17 @@ class HashIndex:
         return keys << _ROW_BITS
 
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
-        """Return (C,) queries and (C,) pool rows with equal keys, except for too common keys."""
+        """Return all pairs of a descriptor and a pool row of a segment that have the same key.
+
+        Pairs whose key is too common are left out.
+
+        Args:
+            segment: The segment.
+            keys: (T, N) keys of the descriptors.
+
+        Returns:
+            The (C,) numbers of the descriptors, and the (C,) pool rows.
+        """
         ends = keys + (np.uint64(1) << _ROW_BITS)
         tables = range(len(keys))
         low = np.stack([np.searchsorted(segment[t], keys[t]) for t in tables])

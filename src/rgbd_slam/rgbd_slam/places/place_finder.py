@@ -21,9 +21,9 @@ _AMBIGUOUS_M = 0.3  # not tuned: verified poses farther apart than this are two 
 
 
 class FoundPlace(NamedTuple):
-    """A verified place and the keyframe that led to it."""
+    """A verified place, and the candidate keyframe that was verified."""
 
-    keyframe: int
+    keyframe: int  # row
     match: PlaceMatch
 
 
@@ -44,11 +44,11 @@ class PlaceFinder:
         self.verifier = PlaceVerifier(atlas, camera, config.verification, seed)
 
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
-        """Return the keyframes most similar to an image, one for each place.
+        """Return the rows of the keyframes most similar to an image, one for each place.
 
         Args:
-            descriptors: (N, 32) of the image.
-            excluded: Keyframes that are no candidates.
+            descriptors: (N, 32) descriptors of the image.
+            excluded: Rows of keyframes that must not be returned.
         """
         self._index.update(self._atlas)
         keyframes = self._atlas.keyframes
@@ -73,11 +73,11 @@ class PlaceFinder:
         return self._unambiguous_place(frame, np.empty(0, np.int64))
 
     def locate_near(self, frame: Frame, hint: PoseHint) -> FoundPlace | None:
-        """Return the place of a frame near a given pose in the main map, or None.
+        """Return the place of a frame near a given pose in the main map; None if it is not there.
 
-        First the map points are searched that this pose predicts, which works if it is accurate to
-        one or two degrees. Then the place index is queried for keyframes near the pose only,
-        because places elsewhere may look the same.
+        First, map points are searched where the given pose predicts them, which works if the pose
+        is accurate to one or two degrees. If that fails, the place index is queried, but only for
+        keyframes near the given pose, because other places may look the same.
         """
         keyframes = self._atlas.keyframes
         rows = keyframes.indices()
@@ -96,7 +96,12 @@ class PlaceFinder:
         return place if is_near_hint else None
 
     def _unambiguous_place(self, frame: Frame, excluded: IntArray) -> FoundPlace | None:
-        """Return the verified place with most inliers, if no other place has about as many."""
+        """Return the verified place with most inliers; None if another place has about as many.
+
+        Args:
+            frame: The frame.
+            excluded: Rows of keyframes that are not considered.
+        """
         candidates = self.candidates(frame.descriptors, excluded)
         tried = [(i, self.verifier.verify(frame, i)) for i in candidates]
         places = [FoundPlace(i, match) for i, match in tried if match is not None]
@@ -107,7 +112,7 @@ class PlaceFinder:
         return None if is_ambiguous else best
 
     def _are_ambiguous(self, a: FoundPlace, b: FoundPlace) -> bool:
-        """Return whether `a` has nearly the inliers of `b`, at another pose in the same map."""
+        """Return whether `a` has about as many inliers as `b`, at another pose in the same map."""
         map_id = self._atlas.keyframes.map_id
         if a is b or map_id[a.keyframe] != map_id[b.keyframe]:
             return False

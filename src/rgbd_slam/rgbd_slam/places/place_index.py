@@ -33,14 +33,18 @@ class PlaceIndex(Protocol):
     def __init__(self, config: IndexConfig) -> None: ...
 
     def update(self, atlas: Atlas) -> None:
-        """Add the new keyframes of a map and remove those that are gone."""
+        """Add the new keyframes of a map, and remove those that are no longer in it."""
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
         """Return the keyframes that resemble an image with descriptors (N, 32)."""
 
 
 def make_place_index(name: str, config: IndexConfig) -> PlaceIndex:
-    """Return an empty place index.
+    """Return an empty place index of a kind: built in, or added by another package.
+
+    Args:
+        name: Name of the kind, as in the parameter `places.index.method`.
+        config: Parameters of the index.
 
     Raises:
         ConfigError: No place index has this name.

@@ -1,4 +1,4 @@
-"""Which map points an image should show if its estimated pose is right.
+"""Finds the map points that an image should show if its estimated pose is right.
 
 In a second place with identical furniture, many points are found, but more are missing, because
 the walls differ. Therefore the number of found points is compared with the expected number, to
@@ -29,17 +29,17 @@ _DEPTH_TOLERANCE_SHARE = 0.12
 class Visibility(NamedTuple):
     """How the features of an image support or contradict N points in its view."""
 
-    observable: BoolArray  # (N,) there are features around, and they do not occlude the point
-    contradicted: BoolArray  # (N,) all depth readings around lie behind the point
+    observable: BoolArray  # (N,) features are near the point's pixel, and do not occlude the point
+    contradicted: BoolArray  # (N,) all depth readings near the point's pixel lie behind the point
 
 
 def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> Visibility:
-    """Compare points with the depth readings of the features around them.
+    """Return how the features near the projections of points support or contradict the points.
 
     Args:
-        projection_px: (3, N) projections of the points.
-        depth_m: (N,) depths of the points.
-        frame: The image.
+        projection_px: (3, N) predicted u, v, u_right of the points.
+        depth_m: (N,) depths of the points in the camera frame.
+        frame: The features of the image.
     """
     n = len(depth_m)
     q, k = FeatureGrid(frame).search(projection_px[:2], np.full(n, _WINDOW_PX))
@@ -57,10 +57,14 @@ def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> 
 
 
 def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
-    """Return the (N,) probabilities that a frame in whose view the points are finds each.
+    """Return the (N,) probabilities that a frame finds each point if the point is in its view.
 
-    This is the share of earlier frames that did, with a Beta(1, 3) prior: 1/4 for a new point
-    (chosen, not tuned).
+    The probability is the share of earlier frames that found the point, with a Beta(1, 3) prior:
+    1/4 for a new point (chosen, not tuned).
+
+    Args:
+        points: The table of map points.
+        j: (N,) rows of the points.
     """
     probability: FloatArray = (points.num_found[j] + 1.0) / (points.num_visible[j] + 4.0)
     return probability

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Protocol
 
 from hoid_common.values import FeatureVerdicts, FloatArray
-from rgbd_slam.loops.loop_closing import LoopCounts
+from rgbd_slam.loops.loop_closer import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.map_state import MapState
 
 
 class MapperClient(Protocol):
-    """The tracker's end of a mapper. The tracker's map changes during these calls only."""
+    """The mapper as the tracker uses it. The tracker's map changes during these calls only."""
 
     @property
     def loops(self) -> LoopCounts:
@@ -28,32 +28,51 @@ class MapperClient(Protocol):
 
     @property
     def waiting_s(self) -> float:
-        """Return the time [s] since the mapper should have answered a request, else 0."""
+        """Return the time [s] that the mapper has been working on its present request.
+
+        It is 0 if the mapper has nothing to do.
+        """
 
     @property
     def is_settled(self) -> bool:
         """Return whether the map will stay as it is until the next request."""
 
     def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> object:
-        """Create the first keyframe of a map; it is pending in the tracker's map until then."""
+        """Request the first keyframe of a new map, with the pose T_map_camera (4, 4).
+
+        The keyframe is in the `pending` of the tracker's map until the mapper has created it.
+        """
 
     def insert(self, request: KeyframeRequest) -> object:
-        """Insert a keyframe; it is pending in the tracker's map until then."""
+        """Request the insertion of a keyframe.
+
+        The keyframe is in the `pending` of the tracker's map until the mapper has inserted it.
+        """
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
-        """Remove the observations of a keyframe's features that proved dynamic."""
+        """Remove the observations of a keyframe's features that turned out to be dynamic."""
 
     def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
-        """Load a saved map; `keep` the running one beside it, or discard that."""
+        """Load a saved map, and wait until it is loaded.
+
+        Args:
+            state: The saved map.
+            first_uid: Uid of its first keyframe.
+            keep: True: keep the running map beside it. False: discard the running map.
+        """
 
     def update(self) -> None:
-        """Apply finished changes to the tracker's map, without waiting."""
+        """Apply the mapper's finished changes to the tracker's map, without waiting for others."""
 
     def settle(self) -> None:
-        """Request a final adjustment of the whole map; poll `is_settled` for its end."""
+        """Request a final global adjustment; poll `is_settled` for its end.
+
+        It repeats the last global adjustment if keyframes have been added to the map since then;
+        see `LoopCloser.settle`.
+        """
 
     def finish(self) -> None:
-        """Wait until all requests are completed and the whole map has been adjusted."""
+        """Do the same as `settle`, then wait until all requests and the adjustment have ended."""
 
     def close(self) -> None:
         """Stop background work; the tracker's map stays readable."""
@@ -71,7 +90,7 @@ class InlineMapper(Mapper):
         """Do nothing: the tracker and the mapper share one map."""
 
     def settle(self) -> None:
-        """Adjust the part of the map that has grown since the last adjustment."""
+        """Repeat the last global adjustment if keyframes have been added to the map since then."""
         self.finish_adjustment(0.0)
 
     def finish(self) -> None:

@@ -5,8 +5,8 @@ mapping process owns the map. The tracker sends it keyframes, receives the rows 
 applies these to its own copy between two frames. That copy is complete: when the process dies, a
 new one continues with it, and only the keyframe that it was working on is lost.
 
-Requests wait in the tracker's process, and few are sent ahead, so that a mapper that is late for
-long finds no more keyframes than it needs to connect the present view with the map.
+Requests wait in the tracker's process, and few are sent ahead. If the mapper is late for long,
+some of the waiting keyframes can therefore be removed again (`_thin_out`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from hoid_common.errors import HoidError
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.loop_closing import LoopCounts
+from rgbd_slam.loops.loop_closer import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -46,8 +46,8 @@ _WORK_S = 60.0  # the longest request, and the start of a replacement process be
 _LOAD_S = 600.0  # loading the largest map
 _SETTLE_S = 20.0  # global adjustment at the end; 4.7 s for 309 keyframes (places_and_loops.md)
 
-# Chosen: requests that the process can have before it has answered the first one, so that it need
-# not wait for the next one; and the number that may wait here.
+# Chosen: number of requests that are sent to the process at once, so that it need not wait for the
+# next one; and number of requests in the queue above which waiting keyframes are removed.
 _MAX_SENT = 2
 _MAX_QUEUED = 64
 
@@ -59,7 +59,7 @@ class MapperStoppedError(HoidError):
 
 
 class MapperWorker(Protocol):
-    """The handle of the mapping process; `ChildWorker` describes the methods."""
+    """The handle of the mapping process, as `ChildWorker` implements it."""
 
     num_restarts: int
 
@@ -81,7 +81,7 @@ class MapperWorker(Protocol):
 
 
 class MapperProcess:
-    """The tracker's end: sends keyframes and keeps its copy of the map up to date.
+    """The tracker's end of the mapping process: sends keyframes, and updates its copy of the map.
 
     Args:
         camera: The camera with its configured noise.
@@ -137,7 +137,10 @@ class MapperProcess:
 
     @property
     def waiting_s(self) -> float:
-        """Return the time [s] since the mapper began the request it is working on, else 0."""
+        """Return the time [s] that the mapper has been working on its present request.
+
+        It is 0 if no request is queued.
+        """
         return self._clock() - self._sent_s if self._queue else 0.0
 
     @property
@@ -162,7 +165,7 @@ class MapperProcess:
         self._append(verdicts)
 
     def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
-        """Load a saved map and wait for it."""
+        """Load a saved map, and wait until the process has loaded it; see `MapperClient.load`."""
         self._append(Load(state, first_uid, keep))
         self.wait(_LOAD_S)
 
@@ -172,16 +175,25 @@ class MapperProcess:
             self._receive(0.0)
 
     def settle(self) -> None:
-        """Request a final adjustment of the whole map; poll `is_settled` for its end."""
+        """Request a final global adjustment; poll `is_settled` for its end.
+
+        It repeats the last global adjustment if keyframes have been added to the map since then.
+        """
         self._append(Settle(0.0))
 
     def wait(self, limit_s: float = _WORK_S) -> None:
-        """Wait until the queue is empty, up to `limit_s` for each request."""
+        """Wait until all queued requests are completed, up to `limit_s` for each of them.
+
+        Their changes are applied to the tracker's map.
+        """
         while self._queue:
             self._receive(limit_s)
 
     def finish(self) -> None:
-        """Wait until the queue is empty and the whole map has been adjusted."""
+        """Do the same as `settle`, then wait until all requests and the adjustment have ended.
+
+        After the time limit of the adjustment, a warning is logged.
+        """
         self._append(Settle(_SETTLE_S))
         self.wait()
         if not self._is_settled:
@@ -214,7 +226,10 @@ class MapperProcess:
             self._worker.send(request)
 
     def _reattached(self, request: KeyframeRequest) -> KeyframeRequest:
-        """Return a request relative to a keyframe that the process has or will have."""
+        """Return a request with a reference keyframe that the process has, or is about to insert.
+
+        A reference keyframe that was removed is replaced by its nearest ancestor.
+        """
         uid, T_reference_camera = request.reference_uid, request.T_reference_camera
         while self._atlas.keyframes.index_of(uid) is None and uid not in self._atlas.pending:
             redirect = self._atlas.redirects.find(uid)
@@ -227,7 +242,7 @@ class MapperProcess:
     def _thin_out(self) -> None:
         """Remove every other keyframe that has not been sent from the queue.
 
-        Those that are left overlap less, but still enough to be connected with each other.
+        The remaining keyframes overlap less, but still enough to be connected with each other.
         """
         waiting = list(islice(self._queue, self._num_sent, None))
         keyframes = [request for request in waiting if isinstance(request, KeyframeRequest)]
@@ -242,7 +257,10 @@ class MapperProcess:
         )
 
     def _receive(self, timeout_s: float) -> None:
-        """Apply the next report to the map."""
+        """Wait up to `timeout_s` for the next report, and apply it to the tracker's map.
+
+        If the process has died, it is replaced.
+        """
         try:
             report = self._worker.receive(timeout_s)
         except ChildEndedError:
@@ -265,7 +283,7 @@ class MapperProcess:
             self._complete_request()
 
     def _complete_request(self) -> None:
-        """Remove the first request from the queue, and send the next one."""
+        """Remove the completed request from the queue, and send the next one."""
         request = self._queue.popleft()
         self._num_sent -= 1
         self._num_done += 1
@@ -277,8 +295,8 @@ class MapperProcess:
     def _restart(self) -> None:
         """Replace the process, unless it ended before it completed a single request.
 
-        The request that it was working on is not sent again, because it may be the reason; but a
-        new map has to start, and a saved one to be loaded.
+        The request that the process was working on is not sent again, because it may be the reason
+        of the failure. An exception are `Start` and `Load`, without which there would be no map.
         """
         if self._num_done == 0:
             self._give_up()

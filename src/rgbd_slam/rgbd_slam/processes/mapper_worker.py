@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.loop_closing import LoopCounts
+from rgbd_slam.loops.loop_closer import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -26,7 +26,7 @@ _IDLE_S = 0.2  # chosen: how often an idle mapper polls its background adjustmen
 class Start(NamedTuple):
     """Request: create the first keyframe of a map."""
 
-    uid: int
+    uid: int  # of the keyframe
     frame: Frame
     T_map_camera: FloatArray  # (4, 4)
     map_id: int
@@ -35,22 +35,22 @@ class Start(NamedTuple):
 class Resume(NamedTuple):
     """Request: continue with the map of a mapping process that has died."""
 
-    whole: MapChange
+    whole: MapChange  # all keyframes and points of the tracker's copy
     loops: LoopCounts
 
 
 class Settle(NamedTuple):
-    """Request: wait for the background adjustment."""
+    """Request: repeat the last global adjustment if the map has grown; see `LoopCloser.settle`."""
 
-    limit_s: float
+    limit_s: float  # time to wait for its end
 
 
 class Load(NamedTuple):
     """Request: load a saved map."""
 
     state: MapState
-    first_uid: int  # of its keyframes
-    keep: bool  # keep the running map beside it
+    first_uid: int  # uid of its first keyframe; the others follow
+    keep: bool  # True: keep the running map beside it; False: discard the running map
 
 
 Request = Start | Load | Resume | Settle | KeyframeRequest | FeatureVerdicts
@@ -61,7 +61,10 @@ class Ready(NamedTuple):
 
 
 class MapperReport(NamedTuple):
-    """Report: what changed since the last report, sent after each request and adjustment."""
+    """Report: the changes of the map since the last report.
+
+    It is sent after each request and after each background adjustment.
+    """
 
     change: MapChange
     loops: LoopCounts
@@ -70,7 +73,7 @@ class MapperReport(NamedTuple):
 
 
 class MapperServer:
-    """Serves the requests of a tracker to a mapper, in whatever process.
+    """Carries out a tracker's requests with a mapper; it does not matter in which process.
 
     Args:
         camera: The camera with its configured noise.
@@ -86,7 +89,7 @@ class MapperServer:
         self._version = 0  # of the map at the last report
 
     def serve(self, request: Request) -> MapperReport:
-        """Complete a request and return the report on it."""
+        """Carry out a request, and return the report of the changes that it caused."""
         mapper = self._mapper
         match request:
             case KeyframeRequest():
@@ -106,7 +109,7 @@ class MapperServer:
         return self._report(completes_request=True, has_features=has_features)
 
     def poll(self) -> MapperReport | None:
-        """Return the report on a background adjustment that has finished, if there is one."""
+        """Apply a finished background adjustment and return its report; None if there is none."""
         return self._report(completes_request=False) if self._mapper.poll() else None
 
     def close(self) -> None:
@@ -114,7 +117,13 @@ class MapperServer:
         self._mapper.close()
 
     def _report(self, *, completes_request: bool, has_features: bool = False) -> MapperReport:
-        """Report what has changed; without new features that the tracker has sent itself."""
+        """Return the report of the changes since the last report.
+
+        Args:
+            completes_request: Whether the report answers a request.
+            has_features: Whether the tracker has the features of the new keyframe already, so that
+                they need not be sent back.
+        """
         change = self.map.changes_since(self._version, with_features=not has_features)
         self._version = change.version
         is_settled = not self._mapper.is_adjusting

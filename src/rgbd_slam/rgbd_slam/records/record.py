@@ -29,11 +29,11 @@ class Column(NamedTuple):
 
 
 def column(dtype: str, *axes: str | int) -> Column:
-    """Return the annotation of an array field of a `Record`.
+    """Return the column with which an array field of a `Record` is annotated.
 
     Args:
         dtype: NumPy's name of the type, such as 'f4'.
-        axes: Fixed lengths, or names of lengths that several fields share.
+        axes: For each axis, a fixed length, or the name of a length that several fields share.
     """
     return Column(np.dtype(dtype).newbyteorder('<'), axes)
 
@@ -51,7 +51,10 @@ class Record:
 
     @classmethod
     def of(cls, arrays: Mapping[str, Array]) -> Self:
-        """Return the record of arrays by field name, which are converted to the declared types."""
+        """Return the record that holds arrays, given by field name.
+
+        The arrays are converted to the declared types.
+        """
         return cls(
             **{
                 name: np.ascontiguousarray(arrays[name], column.dtype)

@@ -31,15 +31,15 @@ def temporary_folder() -> Path:
 
 
 class RecordStore:
-    """A list of records of one structured type; old ones are in an anonymous temporary file.
+    """A list of records of one structured type; old records are in an anonymous temporary file.
 
-    The file is in `TMPDIR`, or else in /var/tmp. A thread writes it, since a disk may be slow.
-    Blocks that cannot be written stay in memory, and are tried again with the next block. (A
-    memory-mapped file would end the process with SIGBUS on a full disk.)
+    The file is in `TMPDIR`, or else in /var/tmp. A thread writes it, because a disk may be slow.
+    Blocks that cannot be written stay in memory; writing them is tried again with the next block.
+    (A memory-mapped file would end the process with SIGBUS on a full disk.)
 
     Args:
         dtype: Type of the records.
-        what: The records in the plural, for log lines.
+        what: A noun for the records, in the plural, for log lines.
     """
 
     def __init__(self, dtype: np.dtype[np.void], what: str) -> None:
@@ -80,7 +80,10 @@ class RecordStore:
         return record
 
     def __setitem__(self, n: int, record: np.void) -> None:
-        """Replace a record; the block of an old one is in memory until blocks are written next."""
+        """Replace a record.
+
+        The block of an old record is kept in memory until blocks are written next.
+        """
         number, i = divmod(n, BLOCK)
         with self._lock:
             if number not in self._held:
@@ -88,14 +91,14 @@ class RecordStore:
             self._held[number][i] = record
 
     def newest(self) -> NDArray[np.void]:
-        """Return copies of the newest records (N,): all of them, or at least a block."""
+        """Return copies of the newest records (N,): at least 1024, or all if there are fewer."""
         last = max(0, self._count - 1) // BLOCK
         first = max(0, last + 1 - _NUM_NEWEST)
         blocks = [self._block(number) for number in range(first, last + 1)]
         return np.concatenate(blocks)[: self._count - first * BLOCK]
 
     def blocks(self, count: int) -> Iterator[NDArray[np.void]]:
-        """Yield the first `count` records in order, a block at a time. Any thread may call this.
+        """Yield the first `count` records in order, in blocks. Any thread may iterate over them.
 
         Raises:
             InputError: The file cannot be read.

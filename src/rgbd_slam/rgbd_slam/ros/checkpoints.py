@@ -41,8 +41,8 @@ class Checkpoints:
     Args:
         node: The SLAM node.
         config: Its parameters.
-        diagnostics: Of the node.
-        session: Returns the session, or None while there is none.
+        diagnostics: Diagnostics of the node.
+        session: Returns the session, or None while there is no session.
         views: Returns the images of the dense map, with color at half the resolution of depth.
     """
 
@@ -59,7 +59,7 @@ class Checkpoints:
         self._find_session, self._find_views = session, views
         self._node_thread = NodeThread(node)
         self._period_s = config.checkpoint_period_s
-        # A node that localizes in a given map has nothing to lose.
+        # A node that localizes in a given map does not change it, so that a crash loses nothing.
         self._is_on = self._period_s > 0 and config.mode == SlamMode.MAPPING.name.lower()
         domain = os.environ.get('ROS_DOMAIN_ID', '0')
         self._file = CheckpointFile(
@@ -79,10 +79,13 @@ class Checkpoints:
     def resume(
         self, session: SlamSession, stamp_ns: int
     ) -> tuple[LoadedMap, DenseState | None] | None:
-        """Load the map that a killed node has left; None if there is none or it is too old.
+        """Load the map that a killed node has left into a new session, and return it.
+
+        The session only localizes until `finish_resume` returns it to mapping. None is returned if
+        there is no checkpoint, or if it is too old or from another camera.
 
         Args:
-            session: A new session; it only localizes until the camera is found in the map.
+            session: The new session.
             stamp_ns: Stamp of the camera's first message.
         """
         stored = self._stored
@@ -92,7 +95,7 @@ class Checkpoints:
             loaded = session.robot_map.load(stored.content)
         except MapFileError as error:
             self._logger.warning(f'the checkpoint is not used: {error}')
-            return None  # a corrected camera info that follows may fit
+            return None  # it is kept, because a corrected camera info that fits it may follow
         self._stored = None
         session.set_mode(SlamMode.LOCALIZATION)
         self._search_end_ns = stamp_ns + _RELOCALIZE_NS
@@ -104,12 +107,13 @@ class Checkpoints:
         return loaded, stored.content.dense
 
     def finish_resume(self, session: SlamSession, done: Processed) -> Processed:
-        """Return to mapping once the camera is found or the search has taken too long.
+        """Return the session to mapping once the camera is found or the search has taken too long.
+
+        Returns the results of the latest image, with the mode and the message of the resume.
 
         Args:
             session: The session.
-            done: The results of the latest image, which are returned with the mode and the
-                message of the resume.
+            done: The results of the latest image.
         """
         if self._search_end_ns is None:
             return done
@@ -134,8 +138,8 @@ class Checkpoints:
         """End the thread, and delete the checkpoint if the end was requested.
 
         Args:
-            is_asked_for: True when an operator or launch ended the node; False after an error,
-                when the next node must resume the map.
+            is_asked_for: True if an operator or launch ended the node; False after an error, so
+                that the next node resumes the map.
         """
         self._is_ended.set()
         if is_asked_for:
@@ -161,7 +165,7 @@ class Checkpoints:
             pause_s = max(usual_s, took_s / _MAX_SHARE)
 
     def _write(self) -> float:
-        """Write the map if it has changed, and return how many seconds that took."""
+        """Write the map if it has changed, and return the time [s] that writing took."""
         copied = self._node_thread.call(self._copy)
         if copied is None:
             return 0.0
@@ -184,9 +188,10 @@ class Checkpoints:
         return time.monotonic() - start_s
 
     def _copy(self) -> tuple[Checkpoint, IntArray, float] | None:
-        """Return a copy of the map, the uids of its keyframes and the ms spent; None if unchanged.
+        """Return a copy of the map, the uids of its keyframes, and the time [ms] that it took.
 
-        Runs between two images. While the camera is relocalized, the old file is left alone.
+        This runs between two images. None is returned if the map is unchanged, and while the
+        camera is being relocalized in the old map, whose file must be kept.
         """
         session = self._find_session()
         if session is None or session.slam.map.is_empty or self._search_end_ns is not None:

@@ -45,7 +45,8 @@ T = TypeVar('T')
 
 _MODES = {mode.name.lower(): mode for mode in SlamMode}
 _SETTLE_S = 40.0  # chosen: twice the limit of the mapping process for a global adjustment
-_POLL_S = 0.05  # chosen: between two looks whether the mapper is done; tracking goes on meanwhile
+# Chosen: time between two checks whether the mapper has finished; tracking continues meanwhile.
+_POLL_S = 0.05
 _MB = 1e6
 
 
@@ -55,9 +56,9 @@ class MapServices:
     Args:
         node: The SLAM node.
         config: Its parameters.
-        session: Returns the session, or raises InputError while there is none.
+        session: Returns the session, or raises InputError while there is no session.
         scene: The scene mapper's process, which has the dense map.
-        diagnostics: Of the node.
+        diagnostics: Diagnostics of the node.
     """
 
     def __init__(
@@ -86,7 +87,7 @@ class MapServices:
         self._thread.start(handlers.report_fault)
 
     def close(self) -> None:
-        """End the thread; one that is still working ends with the node's process."""
+        """End the thread; wait at most two seconds for a request that is being handled."""
         self._thread.close()
 
     def _path(self, name: str, kind: FileKind) -> Path:
@@ -123,7 +124,10 @@ class MapServices:
         return f'{num_poses} poses written to {path}{note}'
 
     def _settle(self) -> bool:
-        """Adjust the whole map once queued requests are done; return whether that has ended."""
+        """Let the mapper complete its requests and a final global adjustment (`settle`).
+
+        Returns whether all of this ended within the time limit.
+        """
         end_s = time.monotonic() + _SETTLE_S
         if not self._is_settled_by(end_s):
             return False
@@ -134,7 +138,7 @@ class MapServices:
         self._session().slam.map.mapper.settle()
 
     def _is_settled_by(self, end_s: float) -> bool:
-        """Wait until the map is settled, at most until `end_s`; return whether it is."""
+        """Wait until the mapper has completed all its work; return whether it has by `end_s`."""
 
         def settled() -> bool | None:
             slam_map = self._session().slam.map
@@ -144,7 +148,10 @@ class MapServices:
         return self._poll(settled, end_s) is not None
 
     def _poll(self, function: Callable[[], T | None], end_s: float) -> T | None:
-        """Call a function in the node's thread until it returns a value; None after `end_s`."""
+        """Call a function in the node's thread until it returns a value, and return this value.
+
+        None is returned if there is no value by the time `end_s` (monotonic clock).
+        """
         while (value := self._node_thread.call(function)) is None and time.monotonic() < end_s:
             time.sleep(_POLL_S)
         return value

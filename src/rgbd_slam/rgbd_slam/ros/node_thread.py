@@ -13,7 +13,7 @@ from hoid_common.errors import InputError
 
 T = TypeVar('T')
 
-_LIMIT_S = 60.0  # chosen: a load may block the node as long as the mapping process may work
+_LIMIT_S = 60.0  # chosen: as long as the mapping process may take to load a map meanwhile
 
 
 class NodeThread:
@@ -24,10 +24,11 @@ class NodeThread:
         self._wake = node.create_guard_condition(self._run_calls)
 
     def call(self, function: Callable[[], T]) -> T:
-        """Return what a function returns, or raise what it raises, in the node's thread.
+        """Call a function in the node's thread, wait for it, and return its result.
 
         Raises:
-            InputError: The node was busy for too long; the function will not be called later.
+            InputError: The node was busy for too long; the function will not be called.
+            Exception: Any exception that the function raises.
         """
         done: Future[object] = Future()
         self._calls.put((function, done))

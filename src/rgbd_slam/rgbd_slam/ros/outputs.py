@@ -26,6 +26,12 @@ from rgbd_slam.session import SlamSession
 _WHEELS = 'wheels'
 
 
+def visual_frame(odom: str) -> str:
+    """Return the frame of the visual odometry where wheels define the frame `odom`."""
+    prefix, slash, name = odom.rpartition('/')
+    return f'{prefix}{slash}visual_{name}'
+
+
 class SlamOutputs:
     """The publishers of the node; every message has the stamp of the image it follows from."""
 
@@ -35,9 +41,13 @@ class SlamOutputs:
         self._node, self._static, self._diagnostics = node, static, diagnostics
         self._wheels: WheelOdometry | None = None
         self._T_map_wheels: FloatArray | None = None
-        self.reconfigure(frames)
+        self.frames = frames
         self._transforms = TransformPublisher(node)
-        own = topics.ODOM if frames.publish_odom_to_base else topics.VISUAL_ODOM
+        own, self._odom_frame = topics.ODOM, frames.odom
+        if not frames.publish_odom_to_base:
+            # The wheels define the odometry frame, from which the visual odometry drifts away.
+            own, self._odom_frame = topics.VISUAL_ODOM, visual_frame(frames.odom)
+            self._wheels = WheelOdometry(node, frames.odom, static, diagnostics)
         self._odom = node.create_publisher(Odometry, own, qos.OUTPUT)
         self._status = node.create_publisher(SlamStatusMsg, topics.SLAM_STATUS, qos.STATE)
         self._path = node.create_publisher(Path, topics.PATH, qos.LATCHED)
@@ -47,26 +57,41 @@ class SlamOutputs:
     def reconfigure(self, frames: FrameConfig) -> None:
         """Apply the parameters that may change at run time: the transforms that are sent."""
         self.frames = frames
-        if not frames.publish_odom_to_base and self._wheels is None:
-            self._wheels = WheelOdometry(self._node, frames.odom, self._static, self._diagnostics)
 
     def publish_pose(self, pose: RobotPose | None, header: Header) -> None:
-        """Publish odometry and transforms of an image; `header` is that of its features."""
+        """Publish odometry and transforms of an image.
+
+        Args:
+            pose: The pose of the robot; None while it is unknown. map -> odom is then still
+                published if the wheels send odom -> base.
+            header: Header of the features of the image.
+        """
         if pose is not None:
             self._publish_odometry(pose, header)
         self._publish_tree(pose, header)
 
     def publish_status(self, status: SlamStatus, header: Header) -> None:
-        """Publish the status; `header` is that of the image's features."""
+        """Publish the status after an image, with the header of the features of the image."""
         self._status.publish(slam_status_to_msg(status, header))
 
     def find_in_map(self, frame: str) -> FloatArray | None:
-        """Return T_map_frame (4, 4) by the latest transforms, or None if it is not connected."""
+        """Return T_map_frame (4, 4) by the latest transforms.
+
+        None is returned if no transforms connect the frame with the map.
+        """
         return self._static.with_edges(self._transforms.sent).find(self.frames.map, frame)
 
     def wheel_motion(self, first_ns: int, second_ns: int, base: str) -> FloatArray | None:
-        """Return T_first_second (4, 4) of the base by external odometry, or None if unknown."""
-        if self._wheels is None or self.frames.publish_odom_to_base:
+        """Return the motion T_first_second (4, 4) of the base by external odometry.
+
+        None is returned if it is unknown, or if no other node sends odom -> base.
+
+        Args:
+            first_ns: Stamp at which the motion begins.
+            second_ns: Stamp at which it ends.
+            base: Name of the base frame.
+        """
+        if self._wheels is None:
             return None
         T_odom_first, T_odom_second = (self._wheels.at(ns, base) for ns in (first_ns, second_ns))
         if T_odom_first is None or T_odom_second is None:
@@ -74,7 +99,7 @@ class SlamOutputs:
         return se3.inverse(T_odom_first) @ T_odom_second
 
     def publish_map(self, session: SlamSession) -> None:
-        """Publish path, points and keyframes of the main map."""
+        """Publish path, points and keyframes of the main map, in the map frame."""
         header = conversions.header_to_msg(session.stamp_ns, self.frames.map)
         robot_map = session.robot_map
         path, keyframes = robot_map.base_path(), robot_map.keyframes()
@@ -92,7 +117,7 @@ class SlamOutputs:
                 pose.covariance,
                 pose.twist,
                 pose.twist_covariance,
-                Header(stamp=header.stamp, frame_id=self.frames.odom),
+                Header(stamp=header.stamp, frame_id=self._odom_frame),
                 self._base(header),
             )
         )
@@ -117,13 +142,15 @@ class SlamOutputs:
     ) -> FloatArray | None:
         """Return T_map_odom (4, 4) for the odometry frame of the wheels.
 
-        While the camera is lost, the latest value is returned, so that the wheels bridge the gap.
-        It is None until camera and wheels have both given a pose of the base for one image.
+        While the camera is lost, the latest transform is returned, so that the pose follows the
+        wheels. None is returned until both camera and wheels have given a pose for one image.
         """
         T_wheels_base = None if self._wheels is None else self._wheels.at(stamp_ns, base)
         if T_wheels_base is None:
             self._diagnostics.set_problem(
-                _WHEELS, f'/tf has no transform of the wheels from {self.frames.odom} to {base}'
+                _WHEELS,
+                f'{self._node.resolve_topic_name(topics.TF)} has no transform of the wheels from '
+                f'{self.frames.odom} to {base}',
             )
             return self._T_map_wheels
         self._diagnostics.clear_problem(_WHEELS)

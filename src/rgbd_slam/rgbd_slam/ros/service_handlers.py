@@ -19,8 +19,8 @@ class ServiceHandlers:
 
     Args:
         node: The node that offers the services.
-        diagnostics: Of the node; faults are counted and logged there.
-        group: Callback group of the services; None for that of the node.
+        diagnostics: Diagnostics of the node, in which faults are counted.
+        group: Callback group of the services; None: the default group of the node.
     """
 
     def __init__(
@@ -32,12 +32,13 @@ class ServiceHandlers:
         diagnostics.count(_FAILURES, 0)
 
     def add(self, type_: type[Any], topic: str, handle: Callable[[Any], str]) -> None:
-        """Offer a service; `handle` receives the request.
+        """Offer a service.
 
         Args:
             type_: Type of the service, whose response has the fields `success` and `message`.
             topic: Name of the service.
-            handle: Returns the message of success; a HoidError that it raises is that of failure.
+            handle: Called with the request; returns the message of a response with success. If it
+                raises a HoidError, the text of the error is the message of a response without.
         """
 
         def respond(request: Any, response: Any) -> Any:
@@ -56,7 +57,7 @@ class ServiceHandlers:
         self._node.create_service(type_, topic, respond, callback_group=self._group)
 
     def report_fault(self, error: Exception) -> None:
-        """Count and log an error that no handler should raise."""
+        """Count and log an unexpected error, which is a fault of this program."""
         self._diagnostics.count(_FAILURES)
         self._node.get_logger().error(f'a request failed: {_one_line(error)}')
 

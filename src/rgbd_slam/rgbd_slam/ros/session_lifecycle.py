@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from hoid_common import topics
 from hoid_common.errors import ConfigError, InputError, MapFileError
 from hoid_common.ros.conversions import stamp_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
@@ -34,7 +35,7 @@ class SessionLifecycle:
         config: Its parameters.
         frames: The static transforms of `/tf_static`.
         scene: The scene mapper's process, which is started and cleared with the session.
-        diagnostics: Of the node.
+        diagnostics: Diagnostics of the node.
         publish_status: Publishes the status of a session that has started, before its first image.
         wheel_motion: Returns the motion (4, 4) of a frame between two stamps [ns] by external
             odometry, or None if that is unknown.
@@ -53,23 +54,29 @@ class SessionLifecycle:
         self._config, self._frames, self._scene = config, frames, scene
         self._diagnostics, self._publish_status = diagnostics, publish_status
         self._wheel_motion = wheel_motion
+        self._reset_service = node.resolve_service_name(topics.RESET)
+        self._tf_static = node.resolve_topic_name(topics.TF_STATIC)
         self.session: SlamSession | None = None
-        self._cameras = CameraInfoCheck()
+        self._cameras = CameraInfoCheck(self._reset_service)
         self._last_camera: tuple[CameraModel, Header] | None = None  # the latest camera info
         self._first_map: MapFile | None = None  # loaded into the next session
-        self._is_reset = False  # a reset also discards the map to start with
+        self._is_reset = False  # True: the map file to start with is not loaded again
         self.checkpoints = Checkpoints(
             node, config, diagnostics, lambda: self.session, scene.views
         )
 
     def require_session(self) -> SlamSession:
-        """Return the session; raise InputError while there is none."""
+        """Return the session; raise InputError if it has not started yet."""
         if self.session is None:
             raise InputError('nothing has been tracked yet: no camera info and features so far')
         return self.session
 
     def configure(self) -> None:
-        """Read the map to start with; raises HoidError, which ends the node, if it is unusable."""
+        """Read the map file to start with, if one is configured.
+
+        Raises:
+            HoidError: The map cannot be used; the error ends the node.
+        """
         self._first_map, self._is_reset = self._read_first_map(), False
 
     def reconfigure(self, config: SlamNodeConfig) -> None:
@@ -79,7 +86,10 @@ class SessionLifecycle:
             self.session.reconfigure(config, self._scene.scene_scheduler())
 
     def update_camera(self, camera: CameraModel, header: Header) -> None:
-        """Take a camera info; start the session once it is confirmed and the base is known."""
+        """Process a camera info, and start the session once camera and base are known.
+
+        If another calibration replaces the one in use, the session is ended first, with its map.
+        """
         self._last_camera = camera, header
         is_confirmed = self._cameras.update(camera)
         self._report_camera()
@@ -87,35 +97,57 @@ class SessionLifecycle:
             self._end()
             self._scene.clear()
             self._first_map = None if self._is_reset else self._read_first_map()
-        if self.session is None and camera == self._cameras.camera:
-            self.session = self._start(camera, header)
+        self._start_if_ready()
 
     def check_image(self, size_px: tuple[int, int]) -> None:
-        """Raise MessageError for features of images that have another size than the camera's."""
+        """Check the size of an image, and start the session if everything it needs is known.
+
+        Raises:
+            MessageError: The size is not that of the camera info.
+        """
         try:
             self._cameras.check_image(size_px)
         finally:
             self._report_camera()
+        self._start_if_ready()
 
     def reset(self) -> None:
-        """Discard the map, and start a new session with the latest camera info."""
+        """Discard the map and its checkpoint, and start a new session with the latest camera info.
+
+        A configured map file is not loaded again.
+        """
         self._end()
         self._first_map, self._is_reset = None, True
         self.checkpoints.discard()
         self._scene.clear()
-        self._cameras = CameraInfoCheck()
+        self._cameras = CameraInfoCheck(self._reset_service)
         if self._last_camera is not None:
             self.update_camera(*self._last_camera)
 
     def clean_up(self) -> None:
-        """Discard the map and the camera, as for the lifecycle transition of this name."""
+        """Discard the map and the camera info, as the lifecycle transition `cleanup` requires."""
         self._last_camera = None
         self.reset()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """End all background work; a checkpoint stays unless the end was asked for."""
+        """End the session and all background work.
+
+        Args:
+            is_asked_for: True if an operator or launch ended the node: the checkpoint is deleted.
+                False after an error: the next node resumes from the checkpoint.
+        """
         self.checkpoints.close(is_asked_for=is_asked_for)
         self._end()
+
+    def _start_if_ready(self) -> None:
+        """Start the session if the camera is confirmed and the base is known.
+
+        Called for each image too: a camera info may be published once, before the base is known.
+        """
+        if self.session is None and self._last_camera is not None:
+            camera, header = self._last_camera
+            if camera == self._cameras.camera:
+                self.session = self._start(camera, header)
 
     def _end(self) -> None:
         if self.session is not None:
@@ -134,7 +166,8 @@ class SessionLifecycle:
         T_base_camera = self._frames.find(names.base, header.frame_id) if names.base else None
         if names.base and T_base_camera is None:
             self._diagnostics.set_problem(
-                'base', f'/tf_static does not join frames "{names.base}" and "{header.frame_id}"'
+                'base',
+                f'{self._tf_static} does not join frames "{names.base}" and "{header.frame_id}"',
             )
             return None
         self._diagnostics.clear_problem('base')
@@ -145,7 +178,11 @@ class SessionLifecycle:
         return RobotFrames(T_base_camera, planar=names.planar)
 
     def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
-        """Return a new session, or None while the base is unknown; takes a second or two."""
+        """Start a session and return it; None while the camera's pose on the base is unknown.
+
+        The session resumes the map of a killed node, or else loads the configured map file. This
+        takes one or two seconds.
+        """
         frames = self._robot_frames(header)
         if frames is None:
             return None
@@ -196,7 +233,7 @@ class SessionLifecycle:
 
 @contextmanager
 def exiting_without_mapper() -> Iterator[None]:
-    """Exit the node when the mapping process cannot be kept running; a supervisor restarts it."""
+    """Exit the node if the mapping process cannot be kept running; a supervisor restarts it."""
     try:
         yield
     except MapperStoppedError as error:

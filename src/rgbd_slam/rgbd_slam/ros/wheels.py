@@ -20,13 +20,13 @@ _MAX_CHILDREN = 16
 
 
 class WheelOdometry:
-    """Buffers the poses of the odometry frame's child, which may be any frame of the robot.
+    """Buffers the transforms from the odometry frame to its child, which may be any robot frame.
 
     Args:
         node: The node that subscribes to /tf.
         odom: Name of the odometry frame.
-        static: The static transforms, which connect that child with the base.
-        diagnostics: Of the node; refused transforms are counted there.
+        static: The static transforms, which connect the child with the base.
+        diagnostics: Diagnostics of the node, in which refused transforms are counted.
     """
 
     def __init__(
@@ -38,7 +38,12 @@ class WheelOdometry:
         listen_to_transforms(node, topics.TF, qos.TF, 'transforms', self._add, diagnostics)
 
     def at(self, stamp_ns: int, base: str) -> FloatArray | None:
-        """Return T_odom_base (4, 4) at a stamp, or None if it is unknown."""
+        """Return T_odom_base (4, 4) at a stamp; None if it is unknown.
+
+        Args:
+            stamp_ns: The stamp.
+            base: Name of the base frame.
+        """
         for child, poses in self._poses.items():
             T_child_base = self._static.find(child, base)
             T_odom_child = poses.at(stamp_ns)

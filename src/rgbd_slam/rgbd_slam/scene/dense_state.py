@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -11,13 +12,13 @@ from numpy.typing import NDArray
 
 from hoid_common.values import ByteArray, CameraModel, FloatArray, IntArray
 from rgbd_slam.records.record import Array, Record, column
-from rgbd_slam.scene.stored_view import StoredView, doubled, halved
-from rgbd_slam.scene.voxel_map import DepthView
+from rgbd_slam.scene.depth_view import DepthView
+from rgbd_slam.scene.stored_view import StoredView
 
 
 @dataclass(frozen=True, eq=False)
 class DenseState(Record):
-    """V stored images. Color has half the resolution of depth: a voxel averages many pixels."""
+    """V stored images. Color has half the resolution of depth, because a voxel averages pixels."""
 
     keyframe: Annotated[NDArray[np.int32], column('i4', 'views')]  # row in the saved map
     T_keyframe_camera: Annotated[FloatArray, column('f8', 'views', 4, 4)]
@@ -29,32 +30,32 @@ class DenseState(Record):
         return len(self.keyframe)
 
     @classmethod
-    def of_views(
-        cls, views: Sequence[StoredView], keyframe_uids: IntArray, *, is_halved: bool = False
-    ) -> DenseState:
-        """Return the record of stored images, without those of other keyframes.
+    def of_views(cls, views: Sequence[StoredView], keyframe_uids: IntArray) -> DenseState:
+        """Return the record of the stored images whose keyframes are saved.
 
         Args:
-            views: The images, at least one.
+            views: The images; those whose files have been removed are left out.
             keyframe_uids: (K,) ascending uids of the saved keyframes.
-            is_halved: Whether color has half the resolution of depth already.
         """
-        kept = [view for view in views if view.keyframe_uid in set(keyframe_uids.tolist())]
-        rows, columns = views[0].view.flagged_mm.shape
-        colors = [v.view.image_bgr if is_halved else halved(v.view.image_bgr) for v in kept]
-        half = colors[0].shape if colors else ((rows + 1) // 2, (columns + 1) // 2, 3)
+        saved, kept, images = set(keyframe_uids.tolist()), [], []
+        for view in views:
+            with suppress(OSError):
+                if view.keyframe_uid in saved:
+                    images.append(view.read())
+                    kept.append(view)
+        shapes = [(i.flagged_mm.shape, i.image_bgr.shape) for i in images[:1]] or [((0, 0),) * 2]
         uids = np.array([view.keyframe_uid for view in kept], np.int64)
         return cls.of(
             {
                 'keyframe': np.searchsorted(keyframe_uids, uids),
                 'T_keyframe_camera': _stacked([v.T_keyframe_camera for v in kept], (4, 4)),
-                'flagged_mm': _stacked([v.view.flagged_mm for v in kept], (rows, columns)),
-                'image_bgr': _stacked(colors, half),
+                'flagged_mm': _stacked([i.flagged_mm for i in images], shapes[0][0]),
+                'image_bgr': _stacked([i.image_bgr for i in images], (*shapes[0][1][:2], 3)),
             }
         )
 
     def fits(self, camera: CameraModel, pixel_stride: int) -> bool:
-        """Return whether the images have the size that the dense map uses."""
+        """Return whether the images have the size that a dense map with these settings uses."""
         size = camera.height_px, camera.width_px
         return self.flagged_mm.shape[1:] == tuple(-(-n // pixel_stride) for n in size)
 
@@ -66,10 +67,10 @@ class DenseState(Record):
         """
         columns = self.flagged_mm, self.image_bgr, keyframe_uids[self.keyframe]
         return [
-            StoredView(DepthView(flagged_mm, doubled(image, flagged_mm.shape)), int(uid), T)
+            StoredView(DepthView(flagged_mm, image), int(uid), T)
             for flagged_mm, image, uid, T in zip(*columns, self.T_keyframe_camera, strict=True)
         ]
 
 
 def _stacked(arrays: Sequence[Array], shape: tuple[int, ...]) -> Array:
-    return np.array(arrays).reshape(-1, *shape)
+    return np.array(arrays).reshape(len(arrays), *shape)

@@ -26,10 +26,10 @@ class Floor(NamedTuple):
 
     @property
     def T_map_ground(self) -> FloatArray:  # noqa: N802 - a transform's name
-        """Return the affine (4, 4) to the map from its own x and y and the height above the plane.
+        """Return the affine transform (4, 4) to the map from the ground frame.
 
-        This removes a small slope of the floor in a level map frame. It keeps x and y, so that it
-        is no rigid motion.
+        The ground frame has the x and y of the map, and the height above the plane as z. A small
+        slope of the floor in a level map frame disappears in it. The transform is not rigid.
         """
         T_ground_map = np.eye(4)
         normal = self.T_map_floor[:3, 2]
@@ -37,20 +37,21 @@ class Floor(NamedTuple):
         return np.asarray(np.linalg.inv(T_ground_map), np.float64)
 
     def height_m(self, x_m: float, y_m: float) -> float:
-        """Return z of the plane at x and y, in the map frame."""
+        """Return z [m] of the plane at a given x and y, all in the map frame."""
         normal, origin = self.T_map_floor[:3, 2], self.T_map_floor[:3, 3]
         return float((normal @ origin - normal[0] * x_m - normal[1] * y_m) / normal[2])
 
 
 def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | None:
-    """Return the floor of points (N, 3), or None if no level plane has almost all points above it.
+    """Return the floor in a point cloud, found by RANSAC; None if there is none.
 
-    RANSAC (Fischler and Bolles, 1981) with a least-squares refit.
+    The floor is the level plane with most points that has almost all other points above it. It is
+    refitted by least squares (Fischler and Bolles, CACM 1981).
 
     Args:
-        points_m: The points, in the map frame.
+        points_m: (N, 3) points in the map frame.
         up: (3,) unit vector, approximately opposite to gravity.
-        seed: Of the random numbers, so that the same points always give the same floor.
+        seed: Seed of the random samples, so that the same points always give the same floor.
     """
     rng = np.random.default_rng(seed)
     if len(points_m) > _MAX_POINTS:
@@ -96,7 +97,12 @@ def _fit_plane(points_m: FloatArray, up: FloatArray) -> tuple[FloatArray, float]
 
 
 def _frame_on(normal: FloatArray, offset: float) -> FloatArray:
-    """Return T_map_plane (4, 4) with z along the normal and x close to the map's x."""
+    """Return T_map_plane (4, 4) of a plane, with z along its normal and x close to the map's x.
+
+    Args:
+        normal: (3,) unit normal of the plane.
+        offset: Distance of the plane from the origin along the normal [m].
+    """
     x = np.array([1.0, 0, 0]) if abs(normal[0]) < 0.9 else np.array([0, 0, 1.0])
     x = x - (x @ normal) * normal
     x /= np.linalg.norm(x)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,12 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray
 from rgbd_slam.config.dense_config import GridConfig
+from rgbd_slam.scene.free_space import required_bits
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # nav_msgs/OccupancyGrid
-_STEP_M = 0.05  # chosen: vertical step of the test for free space, the thickness of a seat
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # the defaults of Nav2's map saver
 
 
@@ -24,7 +23,8 @@ _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # the defaults of Nav2's map saver
 class Grid:
     """Cells over the floor; row 0 is at the smallest y, as in nav_msgs/OccupancyGrid.
 
-    The cells are in the level frame: x and y along the floor, z the height above it.
+    The cells are in the level frame, which has x and y along the floor, and the height above the
+    floor as z.
     """
 
     cells: NDArray[np.int8]  # (H, W): FREE, OCCUPIED or UNKNOWN
@@ -45,81 +45,77 @@ class Grid:
         return self.T_map_level @ T_level_origin
 
 
-class _Canvas(NamedTuple):
-    """A range of cells from `low` to `high`, inclusive, counted from the level frame's origin."""
+class SubmapCells(NamedTuple):
+    """The cells over one submap, each once."""
 
-    low: FloatArray  # (2,) column, row
-    high: FloatArray  # (2,)
-    resolution_m: float
-
-    def contains(self, xy_m: FloatArray) -> BoolArray:
-        """Return the (H, W) mask of the cells that contain any of the points (N, 2)."""
-        width, height = (self.high - self.low).astype(np.int64) + 1
-        col, row = (np.floor(xy_m / self.resolution_m) - self.low).astype(np.int64).T
-        inside = (col >= 0) & (row >= 0) & (col < width) & (row < height)
-        cells = np.zeros((height, width), np.bool_)
-        cells[row[inside], col[inside]] = True
-        return cells
+    column_row: NDArray[np.int64]  # (M, 2), counted from the level frame's origin
+    kinds: NDArray[np.uint8]  # (M,) any of the flags below
+    free_above: NDArray[np.uint16]  # (M,) steps of height that are known as free
 
 
-def project_grid(
-    points_m: FloatArray,
-    T_map_level: FloatArray,
-    config: GridConfig,
-    unconfirmed_m: FloatArray = np.empty((0, 3)),  # noqa: B008 - is never changed
-) -> Grid:
-    """Return the grid of points (N, 3) in the map frame.
-
-    A cell is occupied if a point is above it, between the limits of height. It is free if only
-    points of the floor are there, and not even one unconfirmed point (M, 3) above it.
-    """
-    T_level_map = np.asarray(np.linalg.inv(T_map_level), np.float64)
-    p, unconfirmed = (se3.transform(T_level_map, x) for x in (points_m, unconfirmed_m))
-    p, unconfirmed = (x[x[:, 2] < config.max_height_m] for x in (p, unconfirmed))
-    if len(p) == 0:
-        return Grid(np.empty((0, 0), np.int8), config.resolution_m, T_map_level, (0, 0))
-    low = np.floor(p[:, :2].min(0) / config.resolution_m)
-    high = np.floor(p[:, :2].max(0) / config.resolution_m)
-    canvas = _Canvas(low, high, config.resolution_m)
-    is_tall = p[:, 2] > config.min_height_m
-    is_occupied = canvas.contains(p[is_tall, :2])
-    is_blocked = canvas.contains(unconfirmed[unconfirmed[:, 2] > config.min_height_m, :2])
-    cells = np.full(is_occupied.shape, UNKNOWN, np.int8)
-    cells[canvas.contains(p[~is_tall, :2]) & ~is_blocked] = FREE
-    cells[is_occupied] = OCCUPIED
-    return Grid(cells, config.resolution_m, T_map_level, (int(low[0]), int(low[1])))
+_FLOOR, _OBSTACLE, _DOUBT = 1, 2, 4
 
 
-def require_free_space(
-    grid: Grid, config: GridConfig, is_free: Callable[[FloatArray], BoolArray]
-) -> Grid:
-    """Return the grid with free cells set to unknown where the space above is not known as free.
-
-    The floor under a table is seen long before the top of the table.
+def cells_of(
+    points_m: FloatArray, is_shown: BoolArray, free_above: NDArray[np.uint16], config: GridConfig
+) -> SubmapCells:
+    """Return the cells that points (N, 3) in the level frame fall into, with height as z.
 
     Args:
-        grid: The grid.
-        config: Gives the height up to which the space must be free.
-        is_free: Returns the (N,) mask of the map points (N, 3) that are in free space.
+        points_m: The voxels.
+        is_shown: (N,) whether enough images agree on a voxel.
+        free_above: (N,) steps of height above a voxel of the floor that are known as free.
+        config: Gives the size of a cell and the limits of height.
     """
-    rows, cols = np.nonzero(grid.cells == FREE)
-    heights = np.arange(config.min_height_m + _STEP_M / 2, config.clear_height_m, _STEP_M)
-    if len(rows) == 0 or len(heights) == 0:
-        return grid
-    columns = np.empty((len(rows), len(heights), 3))
-    columns[..., :2] = ((np.stack([cols, rows], axis=1) + 0.5) * grid.resolution_m)[:, None]
-    columns[..., 2] = heights
-    points_m = se3.transform(grid.T_map_origin, columns.reshape(-1, 3))
-    unseen = ~is_free(points_m).reshape(columns.shape[:2]).all(axis=1)
-    cells = grid.cells.copy()
-    cells[rows[unseen], cols[unseen]] = UNKNOWN
-    return replace(grid, cells=cells)
+    height_m = points_m[:, 2]
+    is_tall = height_m > config.min_height_m
+    kinds = np.select([is_shown & ~is_tall, is_shown, is_tall], [_FLOOR, _OBSTACLE, _DOUBT], 0)
+    used = (kinds > 0) & (height_m < config.max_height_m)
+    cells = np.floor(points_m[used, :2] / config.resolution_m).astype(np.int64)
+    if len(cells) == 0:
+        return SubmapCells(cells, np.empty(0, np.uint8), np.empty(0, np.uint16))
+    order = np.lexsort(cells.T)
+    cells, kinds = cells[order], kinds[used][order].astype(np.uint8)
+    free = np.where(kinds == _FLOOR, free_above[used][order], np.uint16(0))
+    first = np.flatnonzero(np.r_[True, (cells[1:] != cells[:-1]).any(axis=1)])
+    return SubmapCells(
+        cells[first], np.bitwise_or.reduceat(kinds, first), np.bitwise_or.reduceat(free, first)
+    )
+
+
+def compose_grid(
+    parts: Sequence[SubmapCells], T_map_level: FloatArray, config: GridConfig
+) -> Grid:
+    """Return the grid of the cells of all submaps.
+
+    A cell is occupied if a point is above it, between the limits of height. It is free if only
+    points of the floor are there, not even one unconfirmed point above it, and the space above
+    is known as free up to `clear_height_m`.
+    """
+    cells, kinds, free = (np.concatenate(column) for column in zip(*parts, strict=True))
+    is_known = (kinds & (_FLOOR | _OBSTACLE)) > 0
+    if not is_known.any():
+        return Grid(np.empty((0, 0), np.int8), config.resolution_m, T_map_level, (0, 0))
+    low, high = cells[is_known].min(axis=0), cells[is_known].max(axis=0)
+    inside = ((cells >= low) & (cells <= high)).all(axis=1)
+    width, height = high - low + 1
+    at = ((cells - low)[inside] @ np.array([1, width])).astype(np.int64)
+    all_kinds, all_free = np.zeros(height * width, np.uint8), np.zeros(height * width, np.uint16)
+    np.bitwise_or.at(all_kinds, at, kinds[inside])
+    np.bitwise_or.at(all_free, at, free[inside])
+    required = required_bits(config.min_height_m, config.clear_height_m)
+    is_free = (all_kinds == _FLOOR) & (all_free & required == required)
+    is_occupied = (all_kinds & _OBSTACLE) > 0
+    out = np.select([is_occupied, is_free], [OCCUPIED, FREE], UNKNOWN).astype(np.int8)
+    place = int(low[0]), int(low[1])
+    return Grid(out.reshape(height, width), config.resolution_m, T_map_level, place)
 
 
 def write_map_server(grid: Grid, stem: Path) -> None:
-    """Write `stem`.yaml and `stem`.pgm for Nav2's map server, in its mode `trinary`."""
+    """Write a grid as `stem`.yaml and `stem`.pgm for the `trinary` mode of Nav2's map server."""
     cells = grid.cells[::-1]  # the image's first row is at the largest y
-    # Unknown is 1 - 205 / 255 = 0.196, just not free.
+    # The value 205 is an occupancy of 1 - 205 / 255 = 0.196, which is just not below the limit of
+    # free cells.
     gray = np.select([cells == FREE, cells == OCCUPIED], [254, 0], 205).astype(np.uint8)
     image = stem.with_name(f'{stem.name}.pgm')  # not with_suffix: a date contains dots
     cv2.imwrite(str(image), gray)

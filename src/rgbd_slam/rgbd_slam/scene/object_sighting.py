@@ -21,7 +21,8 @@ _BIN_M, _LAYER_BINS, _NEARER_SHARE = 0.05, 4, 0.6
 _CENTRAL_CUT = 0.25  # share of a box cut off on each side, because the border shows the background
 _EXTENT_CUT = 0.08  # the same where the size of an object is measured
 _EXTENT_PERCENTILES = (4, 96)  # of an object's readings, against outliers
-# An object is still at its known depth if this share of its box is within this distance of it.
+# An object is still at its known depth if this share of the readings in its box is within this
+# distance [m] of this depth.
 _KNOWN_SHARE, _KNOWN_M = 0.15, 0.15
 _THICKNESS_SHARE, _THICKNESS_M = 0.6, (0.12, 0.45)  # of an object, from its width, with limits
 _TORSO_M = 0.45  # a person's readings are within this distance of the nearest layer
@@ -37,7 +38,7 @@ class Sighting(NamedTuple):
     detection: DynamicObject
     position_map_m: FloatArray  # (3,) center
     size_m: FloatArray  # (3,) extent along the map's axes
-    is_at_known_depth: bool  # enough of the box is at its track's depth
+    is_at_known_depth: bool  # enough of the box is at the depth that its track predicts
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class DepthImage:
 
     @staticmethod
     def of(camera: CameraModel, depth_m: Float32Array, T_map_camera: FloatArray) -> DepthImage:
-        """Return the value of a full depth image (H, W)."""
+        """Return every fourth pixel of a full depth image (H, W) with its pose T_map_camera."""
         return DepthImage(camera, depth_m[::_STRIDE, ::_STRIDE], T_map_camera)
 
     def depth_of_m(self, position_map_m: FloatArray) -> float:
@@ -69,10 +70,13 @@ class DepthImage:
         return uv is not None and bool((uv >= 0).all() and (uv < size_px).all())
 
     def sees_through(self, position_map_m: FloatArray, margin_m: float) -> bool | None:
-        """Return whether the surface measured at a point (3,) is behind it; None: unknown.
+        """Return whether the surface measured in the direction of a point is behind the point.
+
+        None is returned if this is unknown: there are no readings, the point is out of range or
+        view, or something occludes it.
 
         Args:
-            position_map_m: The point.
+            position_map_m: (3,) point.
             margin_m: Difference of depth from which the surface counts as behind or in front.
         """
         point = self._in_camera(position_map_m)
@@ -97,7 +101,7 @@ class DepthImage:
         """Return the (M,) depths and (M, 2) pixels of the readings in a box.
 
         Args:
-            box_xyxy_px: The box.
+            box_xyxy_px: Left, top, right and bottom of the box.
             cut: Share of the box that is left out on each side.
         """
         x1, y1, x2, y2 = box_xyxy_px
@@ -128,9 +132,10 @@ def measure(
     Args:
         detection: The detection.
         image: The depth image.
-        known_map_m: (3,) place that its track predicts. If enough of the box is at this depth, the
-            object is measured there; otherwise it is measured at the nearest layer of depth.
-        floor: The floor that people stand on, if it is known.
+        known_map_m: (3,) position that the object's track predicts; None if it has no track. If
+            enough of the box is at this depth, the object is measured there; otherwise it is
+            measured at the nearest layer of depth.
+        floor: The floor that people stand on; None if it is unknown.
     """
     depth, _ = image.readings(detection.box_xyxy_px, _CENTRAL_CUT)
     if len(depth) < _MIN_READINGS:
@@ -164,7 +169,17 @@ def _measure_person(
     floor: Floor | None,
     is_at_known_depth: bool,
 ) -> Sighting | None:
-    """Return the body's center, height and width; the height is that of the box."""
+    """Return the center and size of a person; None if there are too few depth readings.
+
+    The height is that of the box, down to the floor if it is known.
+
+    Args:
+        detection: The detection.
+        image: The depth image.
+        layer_m: Depth of the person.
+        floor: The floor; None if it is unknown.
+        is_at_known_depth: Passed on to the sighting.
+    """
     x1, y1, x2, y2 = detection.box_xyxy_px
     depth, uv = image.readings(detection.box_xyxy_px, 0.0)
     body = np.abs(depth - layer_m) < _TORSO_M
@@ -193,7 +208,11 @@ def _measure_object(
     layer_m: float,
     is_at_known_depth: bool,
 ) -> Sighting | None:
-    """Return the center and size of the layer's readings, with an estimate of the hidden side."""
+    """Return the center and size of an object at the depth `layer_m`, hidden side included.
+
+    None is returned if there are too few depth readings. The hidden side is estimated from the
+    width of the object.
+    """
     x1, _, x2, _ = detection.box_xyxy_px
     width_m = (x2 - x1) / image.camera.fx_px * layer_m
     thickness_m = float(np.clip(_THICKNESS_SHARE * width_m, *_THICKNESS_M))

@@ -1,8 +1,8 @@
 """The track of one person or object: a constant-velocity Kalman filter with a state of rest.
 
-The axes are independent and have the same noise, so that one (2, 2) covariance serves all three
- (Bar-Shalom et al., Estimation with Applications to Tracking and
-Navigation, 2001, sec. 6.2).
+An object at rest is settled: it keeps its position and has no velocity. The axes of the filter are
+independent and have the same noise, so that one (2, 2) covariance serves all three (Bar-Shalom et
+al., Estimation with Applications to Tracking and Navigation, 2001, sec. 6.2).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rgbd_slam.scene.object_sighting import Sighting
 
 # None of these numbers was tuned.
 _START_SPEED_MPS = 1.0  # standard deviation of the velocity of a new track, a walking pace
-_MIN_IMAGES_WITHOUT = 5  # images that must see through an object's place before it is gone
+_MIN_IMAGES_WITHOUT = 5  # images that must see through an object's place before it counts as gone
 _FADE_S = 0.5  # time constant with which the velocity of an unseen track decays
 
 
@@ -26,10 +26,10 @@ class ObjectState(Enum):
     """The state of a tracked object; the values are those of hoid_msgs/TrackedObject."""
 
     PERSON = 0
-    HANDLED = 1
-    AT_REST = 2  # where it was first seen
+    HANDLED = 1  # a person moves it
+    AT_REST = 2  # at rest where it was first seen
     MOVED = 3  # at rest in another place than before
-    MOVING = 4  # moves, of unknown class
+    MOVING = 4  # noticed by its motion only, of unknown class
 
 
 SETTLED = (ObjectState.AT_REST, ObjectState.MOVED)
@@ -50,7 +50,14 @@ class TrackedObject:
 
 
 class KalmanTrack:
-    """The Kalman filter of one object, and whether it rests, is handled, or was taken away."""
+    """The Kalman filter of one person or object, and whether it is at rest, handled or taken away.
+
+    Args:
+        track_id: Number of the track.
+        sighting: The first detection, measured in the map.
+        stamp_ns: Time of the first detection.
+        config: Parameters.
+    """
 
     def __init__(
         self, track_id: int, sighting: Sighting, stamp_ns: int, config: ObjectTrackerConfig
@@ -67,7 +74,8 @@ class KalmanTrack:
         self.stamp_ns = stamp_ns
         self.num_sightings = 1
         self._num_images_without = 0
-        self.is_taken = False  # True: it has left its place unseen, and is not published
+        # True: the object has been taken away to an unknown place, and is not published.
+        self.is_taken = False
         self.was_at_rest = self.state is ObjectState.AT_REST
         self._config = config
         self._score, self._size_m = sighting.detection.score, sighting.size_m
@@ -83,11 +91,14 @@ class KalmanTrack:
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether the track is published: seen often enough, and not taken away."""
+        """Return whether the track is published: detected often enough, and not taken away."""
         return self.num_sightings >= self._config.min_sightings and not self.is_taken
 
     def position_at_m(self, stamp_ns: int) -> FloatArray:
-        """Return the predicted position (3,), whose velocity decays while the object is unseen."""
+        """Return the predicted position (3,) [m] in the map frame at a time.
+
+        The velocity decays while the object is not detected.
+        """
         if self.is_settled:
             return self._position_m
         unseen_s = max(0.0, (stamp_ns - self.stamp_ns) * S_PER_NS)
@@ -108,16 +119,19 @@ class KalmanTrack:
         )
 
     def count_seen_through(self) -> None:
-        """Count an image that sees through the place; after several in a row it is taken away."""
+        """Count an image that shows that the object is not at its place.
+
+        After five such images in a row, the object counts as taken away.
+        """
         self._num_images_without += 1
         self.is_taken = self._num_images_without >= _MIN_IMAGES_WITHOUT
 
     def mark_taken(self) -> None:
-        """Mark the object as carried out of sight."""
+        """Mark the object as taken away, because it was carried out of sight."""
         self.is_taken = True
 
     def is_alive(self, stamp_ns: int) -> bool:
-        """Return whether the track has been seen recently enough to be kept."""
+        """Return whether the object was detected recently enough for its track to be kept."""
         config = self._config
         limit_s = config.forget_resting_s if self.is_settled else config.forget_moving_s
         if self.num_sightings < config.min_sightings:
@@ -127,7 +141,15 @@ class KalmanTrack:
         return (stamp_ns - self.stamp_ns) * S_PER_NS <= limit_s
 
     def correct(self, sighting: Sighting, stamp_ns: int) -> None:
-        """Update the filter with a measured place; rest ends if the object was moved away."""
+        """Update the filter with a measured position.
+
+        A settled object that a person has moved away becomes HANDLED. A handled object that has
+        stayed in one place for some time becomes settled.
+
+        Args:
+            sighting: The detection, measured in the map.
+            stamp_ns: Time of the image.
+        """
         self.num_sightings += 1
         self._num_images_without = 0
         self._score, self._size_m = sighting.detection.score, sighting.size_m
@@ -141,16 +163,20 @@ class KalmanTrack:
             self._settle_if_still(stamp_ns)
 
     def confirm(self, sighting: Sighting, stamp_ns: int) -> None:
-        """Confirm that the object rests where it was, without a new position.
+        """Record that the object is still at rest at its place, without updating the position.
 
-        A person hides part of it, so that the center of the visible part is not its center.
+        Use it while a person hides part of the object: the center of the visible part is not the
+        center of the object.
         """
         self.num_sightings += 1
         self._num_images_without = 0
         self._score, self.stamp_ns = sighting.detection.score, stamp_ns
 
     def put_down(self, sighting: Sighting, stamp_ns: int) -> None:
-        """Restart the filter where an object that was taken away is seen again."""
+        """Restart the filter at the position where an object that was taken away is seen again.
+
+        The object becomes HANDLED.
+        """
         self.is_taken = False
         self.state = ObjectState.HANDLED
         self._position_m = self._still_place_m = sighting.position_map_m

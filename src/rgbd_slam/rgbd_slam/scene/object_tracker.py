@@ -1,8 +1,8 @@
 """Tracks people and handled objects in the map frame, for planners that keep a distance to them.
 
-A box that overlaps a person's is often an object far behind the person. Each box is therefore
-measured on the depth image, and compared with the track first: an object that is still visible at
-its place rests there, and one that a person occludes is neither seen nor gone.
+A box that overlaps the box of a person often belongs to an object far behind the person. The depth
+image is therefore compared with the object's track first. An object that is still visible at its
+place is at rest there; an object that a person occludes keeps its track unchanged.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from rgbd_slam.scene.object_track import KalmanTrack, ObjectState, TrackedObject
 __all__ = ['ObjectState', 'ObjectTracker', 'TrackedObject']
 
 # None of these numbers was tuned.
-_OCCLUDED_M = 0.15  # a surface this far in front of an object's place occludes it
-_GONE_M = 0.25  # a surface this far behind its place shows that the object is gone
-_CARRY_MPS, _CARRY_S = 1.5, 3.0  # speed, and longest time, at which an object is carried unseen
+_OCCLUDED_M = 0.15  # a surface this far in front of an object's place occludes the object
+_GONE_M = 0.25  # a surface this far behind an object's place shows that the object is gone
+# Speed at which a person carries an object that is not detected, and longest time of that.
+_CARRY_MPS, _CARRY_S = 1.5, 3.0
 
 
 class ObjectTracker:
-    """Associates the classified detections of each image with tracks."""
+    """Associates the classified detections of each image with the tracks of people and objects."""
 
     def __init__(self, config: ObjectTrackerConfig) -> None:
         self._config = config
@@ -40,10 +41,10 @@ class ObjectTracker:
         stamp_ns: int,
         floor: Floor | None = None,
     ) -> tuple[TrackedObject, ...]:
-        """Update the tracks with the objects of one image; return the confirmed ones by id.
+        """Update the tracks with the detections of one image; return the confirmed tracks by id.
 
         Args:
-            objects: The detections with the verdicts of the filter.
+            objects: The detections, with the filter's verdict which of them are dynamic.
             image: The depth image with its pose, in a map whose z axis points up.
             stamp_ns: Time of the image.
             floor: The floor that people stand on, if it is known.
@@ -59,7 +60,8 @@ class ObjectTracker:
             if detection.class_name == PERSON:
                 people_m.append(sighting.position_map_m)
             elif known is not None and known.is_settled and detection.is_dynamic:
-                # The box overlaps a person's box, but the object may still be at rest.
+                # The filter calls the object dynamic, because its box overlaps the box of a
+                # person. The object may be at rest behind the person nevertheless.
                 if sighting.is_at_known_depth:
                     free.remove(known)
                     known.confirm(sighting, stamp_ns)
@@ -76,7 +78,10 @@ class ObjectTracker:
     def _track_in_box(
         self, detection: DynamicObject, image: DepthImage, free: list[KalmanTrack], stamp_ns: int
     ) -> KalmanTrack | None:
-        """Return the track of the same class whose prediction is nearest to the box's center."""
+        """Return the track of a detection's class that is predicted nearest to its box's center.
+
+        None is returned if no track in `free` is predicted inside the box.
+        """
         x1, y1, x2, y2 = detection.box_xyxy_px
         center = np.array([(x1 + x2) / 2, (y1 + y2) / 2])
         best, best_px = None, np.inf
@@ -99,7 +104,18 @@ class ObjectTracker:
         image: DepthImage,
         stamp_ns: int,
     ) -> None:
-        """Update the track that a sighting belongs to, or start one."""
+        """Update the track that a sighting belongs to, or start a new one.
+
+        A handled object out of every person's reach starts no track. An object that was taken away
+        continues its track.
+
+        Args:
+            sighting: The detection, measured in the map.
+            free: The tracks that have no detection in this image yet; the updated one is removed.
+            people_m: Positions (3,) of the people in this image.
+            image: The depth image.
+            stamp_ns: Time of the image.
+        """
         match = self._carried_here(sighting, free, image, stamp_ns)
         match = match or self._nearest(sighting, free, stamp_ns)
         if match is not None:
@@ -108,7 +124,7 @@ class ObjectTracker:
             return
         detection = sighting.detection
         if _is_handled(detection) and not self._in_reach(sighting, people_m):
-            return  # the boxes overlap, but the object is out of every person's reach
+            return  # its box overlaps a person's box, but no person can reach it
         taken = self._last_taken(detection.class_name)
         if taken is not None:
             taken.put_down(sighting, stamp_ns)
@@ -133,9 +149,10 @@ class ObjectTracker:
     def _carried_here(
         self, sighting: Sighting, free: list[KalmanTrack], image: DepthImage, stamp_ns: int
     ) -> KalmanTrack | None:
-        """Return the published track that a person can have carried here while it was unseen.
+        """Return the published track of an object that a person can have carried to a sighting.
 
-        Its last place is in view, and no detection was assigned to it there.
+        The last place of such an object is in view, and no detection has been assigned to it
+        there. None is returned if there is no such track.
         """
         if not _is_handled(sighting.detection):
             return None
@@ -162,7 +179,7 @@ class ObjectTracker:
         return max(taken, key=lambda track: track.stamp_ns, default=None)
 
     def _mark_gone(self, unseen: list[KalmanTrack], image: DepthImage) -> None:
-        """Count the resting objects through whose place the image sees."""
+        """Count this image for the objects at rest that it shows to be gone from their places."""
         for track in unseen:
             if track.is_settled and image.sees_through(track.position_at_m(0), _GONE_M):
                 track.count_seen_through()
@@ -179,12 +196,15 @@ class ObjectTracker:
 
 
 def _is_measured(item: DynamicObject) -> bool:
-    """Return whether the detector has seen this box: a predicted box shows no object's place."""
+    """Return whether the detector has found this box; a predicted box does not show a place."""
     return item.class_name == PERSON or item.reason is not Reason.PREDICTED
 
 
 def _is_handled(item: DynamicObject) -> bool:
-    """Return whether a person handles the object; an undetected mover may move by itself."""
+    """Return whether a person handles the object.
+
+    Objects of unknown class that were noticed by their motion may move by themselves.
+    """
     return item.class_name != PERSON and item.is_dynamic and item.reason is not Reason.MOVING
 
 
@@ -197,7 +217,7 @@ def _priority(item: DynamicObject) -> tuple[bool, bool]:
 
 
 def _is_occluded(sighting: Sighting, image: DepthImage, known_m: FloatArray | None) -> bool:
-    """Return whether the sighting is a surface in front of the place where the object rests."""
+    """Return whether the sighting is a surface in front of the object's known place (3,)."""
     if known_m is None:
         return False
     layer_m = image.depth_of_m(sighting.position_map_m)

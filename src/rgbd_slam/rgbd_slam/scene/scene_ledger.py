@@ -1,15 +1,17 @@
-"""The ledger of the scene: which images were integrated into its maps, and at which poses.
+"""The ledger of the scene: its stored images, and what was fused into the submaps at which poses.
 
-All maps of the scene are made of the same images. The ledger stores these relative to keyframes,
-follows the corrections of the keyframes, and lets every consumer integrate each image once, at
-the same pose in the map frame.
+The ledger stores the images relative to keyframes and follows the corrections of the keyframes.
+A correction first moves each submap with its anchor keyframe. Where the images of a submap have
+moved relative to each other, the submap is bent, and is fused again from its stored images.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
-from typing import Protocol
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -17,65 +19,63 @@ from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.model.keyframe_poses import NO_KEYFRAMES, KeyframePoses
+from rgbd_slam.scene.depth_view import DepthView
 from rgbd_slam.scene.scene_scheduler import SceneRequest
-from rgbd_slam.scene.stored_view import StoredView, ViewChange, halved
-from rgbd_slam.scene.voxel_map import DepthView
+from rgbd_slam.scene.stored_view import StoredView, ViewChange, ViewFile
+from rgbd_slam.scene.submap import Submap
+from rgbd_slam.scene.voxel_map import PosedView, VoxelMap
 
 # Chosen: distance [m] at which a rotation is compared with a translation, typical of what a
 # camera sees in a room.
 _ROTATION_M_PER_RAD = 2.0
-# Rebuilding costs as much as all integrations before it. None of these numbers was tuned.
-_LARGE_VOXELS = 5.0  # a correction of more voxels than this rebuilds at once
-_SMALL_VOXELS = 0.25  # a correction of fewer voxels than this never does: a voxel hides it
-_WAIT_VIEWS, _WAIT_SHARE = 10, 1 / 3  # others wait for this many, and this share of, new views
-
-
-class SceneConsumer(Protocol):
-    """A map of the scene that is made of the stored images, such as the voxels.
-
-    A consumer keeps no pose and no image: the ledger calls it with both, again after corrections.
-    """
-
-    def integrate(self, view: DepthView, T_map_camera: FloatArray) -> None:
-        """Add an image that was taken at a pose (4, 4)."""
-
-    def clear(self) -> None:
-        """Discard everything: all images follow again at corrected poses."""
+_BENT_VOXELS = 0.5  # a smaller displacement is hidden by a voxel; not tuned
+_FORCED_VOXELS = 0.05  # the same if a correction of any size counts
+# Images stored within this distance of each other; beyond it, the most redundant one is removed.
+# A camera that drives past stores 6 images per meter; a voxel needs 3. Not tuned.
+_NEAR_M, _MAX_NEAR = 2.0, 100
+_MIN_SHARE = 0.5  # of a submap's images must be stored to fuse it again, or so many; not tuned
+_ENOUGH = 10
+_REGION_M = 3.0  # chosen: bounds the time to fuse one region again to about 2 s
 
 
 class SceneLedger:
-    """Stores images relative to keyframes, and keeps the consumers consistent with both.
+    """Stores images relative to keyframes, and keeps the voxels consistent with both.
 
-    The number of images is bounded; the most redundant one is removed first, so that memory grows
-    with the space seen. Images of other maps than the main one wait, stored but not integrated,
-    until a recognized place merges these maps.
+    The images are in files, and their number grows with the space seen and not with time.
 
     Args:
-        consumers: The maps that are made of the images.
-        config: Gives the number of images and the size of a voxel.
+        voxels: The map that is made of the images.
+        config: Gives the size of a voxel.
+        folder: For the files of the images; None: a temporary one.
     """
 
-    def __init__(self, consumers: Sequence[SceneConsumer], config: DenseConfig) -> None:
-        self._consumers, self._config = consumers, config
+    def __init__(self, voxels: VoxelMap, config: DenseConfig, folder: Path | None = None) -> None:
+        self._voxels, self._config = voxels, config
+        self._temporary = TemporaryDirectory(prefix='hoid-scene-') if folder is None else None
+        self._folder = folder or Path(self._temporary.name if self._temporary else '')
         self._keyframes = NO_KEYFRAMES
-        self._stored: list[StoredView] = []
-        self._reported: dict[int, StoredView] = {}  # by slot, as of the last `take_changes`
+        self._views: dict[int, StoredView] = {}  # by slot, in the order of time
+        self._reported: dict[int, StoredView] = {}  # as of the last `take_changes`
         self._next_slot = 0
-        self._num_since_rebuild = 0
+        self._camera_m = np.zeros(3)  # where the last image was taken
 
     @property
     def views(self) -> tuple[StoredView, ...]:
         """Return the stored images."""
-        return tuple(self._stored)
+        return tuple(self._views.values())
 
-    def integrated(self) -> Iterator[tuple[DepthView, FloatArray]]:
-        """Yield the images in the consumers with T_map_camera (4, 4), the newest first."""
-        for stored in reversed(self._stored):
-            if stored.integrated_at is not None:
-                yield stored.view, stored.integrated_at
+    @property
+    def num_bent(self) -> int:
+        """Return the number of submaps that wait to be fused again."""
+        return sum(submap.is_bent for submap in self._voxels.submaps)
+
+    def read(self, slot: int) -> DepthView | None:
+        """Return a stored image, or None if it has been removed."""
+        view = self._views.get(slot)
+        return None if view is None else view.read()
 
     def add(self, request: SceneRequest, view: DepthView) -> None:
-        """Store and integrate an image, unless its keyframe has been removed since the request."""
+        """Store and fuse an image, unless its keyframe has been removed since the request."""
         keyframes = self._keyframes if request.keyframes is None else request.keyframes
         rows = np.flatnonzero(keyframes.uids == request.reference_uid)
         if len(rows) == 0:
@@ -86,7 +86,7 @@ class SceneLedger:
         self.restore(StoredView(view, request.reference_uid, T_keyframe_camera))
 
     def restore(self, view: StoredView) -> None:
-        """Store and integrate an image of a saved map, unless its keyframe does not exist.
+        """Store and fuse an image of a saved map, unless its keyframe does not exist.
 
         A view with a slot was reported by the ledger of a process that has died; it keeps its slot
         and is not reported again.
@@ -99,131 +99,201 @@ class SceneLedger:
         rows = np.flatnonzero(self._keyframes.uids == view.keyframe_uid)
         if len(rows) == 0:
             return
-        if self._keyframes.is_main[rows[0]]:
-            T_map_camera = self._keyframes.T_map_camera[rows[0]] @ view.T_keyframe_camera
-            self._integrate(view, T_map_camera)
-            self._num_since_rebuild += 1
-            view = replace(view, integrated_at=T_map_camera)
-        self._stored.append(view)
-        if len(self._stored) > self._config.max_views:
-            self._stored.pop(self._most_redundant())
+        try:
+            image = view.read()
+        except OSError:  # its file was removed when the process died
+            return
+        if isinstance(view.source, DepthView):
+            file = ViewFile.write(self._folder / f'{view.slot}.view', view.source)
+            view = replace(view, source=file)
+        posed = self._posed(view, image)
+        self._voxels.integrate(posed)
+        self._camera_m = posed.T_map_camera[:3, 3]
+        self._voxels.limit_memory(posed.T_map_camera)
+        self._views[view.slot] = view
+        self._limit_views(posed)
 
     def correct(self, keyframes: KeyframePoses, *, force: bool = False) -> bool:
-        """Apply corrected keyframe poses; rebuild the consumers if the images moved enough.
+        """Apply corrected keyframe poses: move the submaps, and find those that are bent.
 
         Args:
             keyframes: The poses of all keyframes.
-            force: Rebuild after corrections of any size, as at the end of a run.
+            force: Fuse all bent submaps again now, after corrections of any size, as at the end
+                of a run.
 
         Returns:
-            Whether the consumers were rebuilt.
+            Whether submaps are bent, or were fused again.
         """
-        self._stored = _reattached(self._stored, self._keyframes, keyframes)
-        self._keyframes = keyframes
-        targets = self._targets()
-        pairs = zip(self._stored, targets, strict=True)
-        moved_m = max((_moved_m(v.integrated_at, T) for v, T in pairs), default=0.0)
-        wait = max(_WAIT_VIEWS, _WAIT_SHARE * len(self._stored))
-        voxel_m = self._config.voxel_m
-        is_due = self._num_since_rebuild >= wait or moved_m > _LARGE_VOXELS * voxel_m
-        if force or (is_due and moved_m > _SMALL_VOXELS * voxel_m):
-            self._rebuild(targets)
-            return True
-        return False
+        before, self._keyframes = self._keyframes, keyframes
+        if before is not NO_KEYFRAMES:
+            self._reattach(before)
+        rows = {uid: row for row, uid in enumerate(keyframes.uids.tolist())}
+        self._voxels.move(keyframes, rows)
+        moved = _moved_uids(before, keyframes)
+        if moved or force:
+            self._find_bent(moved, force=force)
+        is_bent = self.num_bent > 0
+        if force:
+            self.fuse_bent(np.inf)
+        return is_bent
+
+    def fuse_bent(self, region_m: float = _REGION_M) -> bool:
+        """Fuse the bent submaps of one region near the camera again; return whether any were.
+
+        Args:
+            region_m: Radius of the region. Most images of near submaps are the same.
+        """
+        bent = [submap for submap in self._voxels.submaps if submap.is_bent]
+        if not bent:
+            return False
+        centers_m = np.array([s.T_map_submap[:3, :3] @ s.center_m for s in bent])
+        centers_m += [s.T_map_submap[:3, 3] for s in bent]
+        first = np.argmin(np.linalg.norm(centers_m - self._camera_m, axis=1))
+        near = np.linalg.norm(centers_m - centers_m[first], axis=1) < region_m
+        region = [
+            submap
+            for submap, is_near in zip(bent, near, strict=True)
+            if is_near and submap.map_id == bent[first].map_id
+        ]
+        slots = sorted(set().union(*(submap.fused for submap in region)) & self._views.keys())
+        for submap in region:
+            submap.clear()
+        changing = set(region)
+        for slot in slots:
+            view = self._views[slot]
+            posed = self._posed(view, view.read())
+            changing.update(self._voxels.integrate(posed, changing))
+            self._voxels.limit_memory(posed.T_map_camera)
+        return True
 
     def clear(self) -> None:
-        """Discard all images."""
-        self._stored = []
-        self._rebuild([])
+        """Discard all images and voxels."""
+        self._voxels.remove(list(self._voxels.submaps))
+        for slot in list(self._views):
+            self._discard(slot)
 
     def take_changes(self) -> Iterator[ViewChange]:
         """Yield the changes of the stored images since the last call."""
-        before, self._reported = self._reported, {view.slot: view for view in self._stored}
+        before, self._reported = self._reported, dict(self._views)
         for slot, view in self._reported.items():
             old = before.pop(slot, None)
-            attached = view.keyframe_uid, view.T_keyframe_camera
-            if old is None:
-                image = DepthView(view.view.flagged_mm, halved(view.view.image_bgr))
-                yield ViewChange(slot, attached, image)
-            elif old.T_keyframe_camera is not view.T_keyframe_camera:
-                yield ViewChange(slot, attached)
+            if old is None or old.T_keyframe_camera is not view.T_keyframe_camera:
+                yield ViewChange(slot, view)
         for slot in before:
             yield ViewChange(slot, None)
 
-    def _integrate(self, stored: StoredView, T_map_camera: FloatArray) -> None:
-        for consumer in self._consumers:
-            consumer.integrate(stored.view, T_map_camera)
+    def _discard(self, slot: int) -> None:
+        view = self._views.pop(slot)
+        if isinstance(view.source, ViewFile):
+            with suppress(OSError):
+                view.source.path.unlink()
 
-    def _rebuild(self, targets: list[FloatArray | None]) -> None:
-        for consumer in self._consumers:
-            consumer.clear()
-        for stored, T_map_camera in zip(self._stored, targets, strict=True):
-            if T_map_camera is not None:
-                self._integrate(stored, T_map_camera)
-        pairs = zip(self._stored, targets, strict=True)
-        self._stored = [replace(stored, integrated_at=T) for stored, T in pairs]
-        self._num_since_rebuild = 0
+    def _posed(self, view: StoredView, image: DepthView) -> PosedView:
+        row = int(self._keyframes.rows_of(np.array([view.keyframe_uid]))[0])
+        T_map_keyframe = self._keyframes.T_map_camera[row]
+        T_map_camera = T_map_keyframe @ view.T_keyframe_camera
+        map_id = int(self._keyframes.map_ids[row])
+        return PosedView(
+            image, view.slot, T_map_camera, view.keyframe_uid, map_id, T_map_keyframe
+        )
 
-    def _rows(self) -> IntArray:
-        uids = np.array([view.keyframe_uid for view in self._stored], np.int64)
+    def _poses(self, slots: list[int]) -> FloatArray:
+        """Return the (N, 4, 4) poses of stored images, each in the frame of its own map."""
+        if not slots:
+            return np.empty((0, 4, 4))
+        T = np.array([self._views[slot].T_keyframe_camera for slot in slots])
+        return np.asarray(self._keyframes.T_map_camera[self._rows(slots)] @ T)
+
+    def _rows(self, slots: list[int]) -> IntArray:
+        """Return the rows of the keyframes of stored images."""
+        uids = np.array([self._views[slot].keyframe_uid for slot in slots], np.int64)
         return self._keyframes.rows_of(uids)
 
-    def _poses(self) -> FloatArray:
-        """Return the (N, 4, 4) poses of the stored images, each in the frame of its own map."""
-        if not self._stored:
-            return np.empty((0, 4, 4))
-        T = np.array([view.T_keyframe_camera for view in self._stored])
-        return np.asarray(self._keyframes.T_map_camera[self._rows()] @ T)
+    def _find_bent(self, moved: set[int], *, force: bool) -> None:
+        """Find the bent submaps among those that images of moved keyframes were fused into."""
+        slots = [s for s, v in self._views.items() if force or v.keyframe_uid in moved]
+        touched = set(slots)
+        voxels = _FORCED_VOXELS if force else _BENT_VOXELS
+        poses = dict(zip(self._views, self._poses(list(self._views)), strict=True))
+        for submap in self._voxels.submaps:
+            if submap.fused.isdisjoint(touched) and submap.anchor_uid not in moved:
+                continue
+            is_bent = submap.bend_m(poses) > voxels * self._config.voxel_m
+            num_stored = len(submap.fused & self._views.keys())
+            needed = min(_ENOUGH, _MIN_SHARE * len(submap.fused))
+            submap.is_bent = is_bent and num_stored >= needed
 
-    def _targets(self) -> list[FloatArray | None]:
-        """Return each image's T_map_camera (4, 4), or None where it is in another map."""
-        is_main = self._keyframes.is_main[self._rows()].tolist()
-        return [T if main else None for T, main in zip(self._poses(), is_main, strict=True)]
+    def _limit_views(self, posed: PosedView) -> None:
+        """Remove the most redundant image near a new one if too many are stored there."""
+        slots = list(self._views)
+        T = self._poses(slots)
+        near = np.linalg.norm(T[:, :3, 3] - posed.T_map_camera[:3, 3], axis=1) < _NEAR_M
+        near &= self._keyframes.map_ids[self._rows(slots)] == posed.map_id
+        rows = np.flatnonzero(near)
+        if len(rows) > _MAX_NEAR:
+            self._discard(slots[rows[_most_redundant(T[rows])]])
 
-    def _most_redundant(self) -> int:
-        """Return the index of the older one of the two images with the most similar poses."""
-        T = self._poses()
-        gap = np.linalg.norm(T[:, None, :3, 3] - T[None, :, :3, 3], axis=2)
-        cosine = np.clip(np.einsum('ik,jk->ij', T[:, :3, 2], T[:, :3, 2]), -1, 1)
-        gap += _ROTATION_M_PER_RAD * np.arccos(cosine)
-        gap[np.tril_indices(len(gap))] = np.inf
-        return int(np.unravel_index(np.argmin(gap), gap.shape)[0])
+    def _reattach(self, before: KeyframePoses) -> None:
+        """Attach images and submaps of removed keyframes to others of the same map.
+
+        Those of a map that was removed are discarded.
+        """
+        remaining = set(self._keyframes.uids.tolist())
+        removed = set(before.uids.tolist()) - remaining
+        if not removed:
+            return
+        substitutes = {uid: _substitute(before, uid, self._keyframes) for uid in removed}
+        for slot, view in list(self._views.items()):
+            if view.keyframe_uid in removed:
+                near = substitutes[view.keyframe_uid]
+                if near is None:
+                    self._discard(slot)
+                    continue
+                uid, T_near_old = near
+                T = T_near_old @ view.T_keyframe_camera
+                self._views[slot] = replace(view, keyframe_uid=uid, T_keyframe_camera=T)
+        gone = []
+        for submap in self._voxels.submaps:
+            if submap.anchor_uid in removed:
+                near = substitutes[submap.anchor_uid]
+                if near is None:
+                    gone.append(submap)
+                    continue
+                submap.anchor_uid = near[0]
+                submap.T_anchor_submap = near[1] @ submap.T_anchor_submap
+        self._voxels.remove(gone)
 
 
-def _reattached(
-    views: list[StoredView], before: KeyframePoses, after: KeyframePoses
-) -> list[StoredView]:
-    """Return the views, attached to other keyframes of the same map where theirs were removed.
+def _moved_uids(before: KeyframePoses, after: KeyframePoses) -> set[int]:
+    """Return the uids of the keyframes whose poses have changed."""
+    uids, old, new = np.intersect1d(before.uids, after.uids, True, return_indices=True)
+    change = np.abs(before.T_map_camera[old] - after.T_map_camera[new]).max(axis=(1, 2), initial=0)
+    return set(uids[change > 0].tolist())
 
-    The views of a map that was removed are left out.
+
+def _substitute(
+    before: KeyframePoses, removed_uid: int, after: KeyframePoses
+) -> tuple[int, FloatArray] | None:
+    """Return the remaining keyframe that precedes a removed one in its map, or the first one.
+
+    Returns:
+        Its uid, and the pose (4, 4) of the removed keyframe relative to it; None if no keyframe
+        of this map remains.
     """
-    remaining, out = set(after.uids.tolist()), []
-    for view in views:
-        if view.keyframe_uid in remaining:
-            out.append(view)
-            continue
-        old = np.flatnonzero(before.uids == view.keyframe_uid)
-        near = _substitute(before, old[0], after.uids) if len(old) else None
-        if near is not None:
-            T_near_old = se3.inverse(before.T_map_camera[near]) @ before.T_map_camera[old[0]]
-            T_near_camera = T_near_old @ view.T_keyframe_camera
-            uid = int(before.uids[near])
-            out.append(replace(view, keyframe_uid=uid, T_keyframe_camera=T_near_camera))
-    return out
-
-
-def _substitute(keyframes: KeyframePoses, removed: int, remaining_uids: IntArray) -> int | None:
-    """Return the row of the keyframe of the same map that precedes a removed one, or the first."""
-    same = keyframes.map_ids == keyframes.map_ids[removed]
-    rows = np.flatnonzero(same & np.isin(keyframes.uids, remaining_uids))
+    removed = int(before.rows_of(np.array([removed_uid]))[0])
+    same = before.map_ids == before.map_ids[removed]
+    rows = np.flatnonzero(same & np.isin(before.uids, after.uids))
     if len(rows) == 0:
         return None
-    return int(rows[max(int(np.searchsorted(rows, removed)) - 1, 0)])
+    near = int(rows[max(int(np.searchsorted(rows, removed)) - 1, 0)])
+    T_near_old = se3.inverse(before.T_map_camera[near]) @ before.T_map_camera[removed]
+    return int(before.uids[near]), T_near_old
 
 
-def _moved_m(before: FloatArray | None, after: FloatArray | None) -> float:
-    """Return by how much what a camera sees moves with it; inf if it enters or leaves the map."""
-    if before is None or after is None:
-        return 0.0 if before is after else np.inf
-    twist = se3.log(se3.inverse(before) @ after)
-    return float(np.linalg.norm(twist[3:]) + _ROTATION_M_PER_RAD * np.linalg.norm(twist[:3]))
+def _most_redundant(T: FloatArray) -> int:
+    """Return the row of the older one of the two most similar poses (N, 4, 4)."""
+    gap = np.linalg.norm(T[:, None, :3, 3] - T[None, :, :3, 3], axis=2)
+    cosine = np.clip(np.einsum('ik,jk->ij', T[:, :3, 2], T[:, :3, 2]), -1, 1)
+    gap += _ROTATION_M_PER_RAD * np.arccos(cosine)
+    gap[np.tril_indices(len(gap))] = np.inf
+    return int(np.unravel_index(np.argmin(gap), gap.shape)[0])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from hoid_common.errors import MapFileError
 from hoid_common.values import (
-    BoolArray,
     ByteArray,
     CameraModel,
     DynamicObject,
@@ -18,33 +19,41 @@ from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.scene.dense_state import DenseState
+from rgbd_slam.scene.depth_view import in_boxes
 from rgbd_slam.scene.floor import Floor, find_floor
-from rgbd_slam.scene.grid import Grid, project_grid, require_free_space
+from rgbd_slam.scene.free_space import mark_free_space
+from rgbd_slam.scene.grid import Grid, SubmapCells, cells_of, compose_grid
+from rgbd_slam.scene.local_floors import LocalFloors
 from rgbd_slam.scene.object_sighting import DepthImage
 from rgbd_slam.scene.object_tracker import ObjectTracker, TrackedObject
 from rgbd_slam.scene.scene_ledger import SceneLedger
 from rgbd_slam.scene.scene_scheduler import SceneRequest
-from rgbd_slam.scene.voxel_map import ColoredCloud, VoxelMap, in_boxes
+from rgbd_slam.scene.submap import Submap, transform
+from rgbd_slam.scene.voxel_map import ColoredCloud, VoxelMap
 
 _UP = np.array([0.0, 0.0, 1.0])
+_FLOOR_POINTS = 50_000  # chosen: of the cloud, to find the floor
+_SAME_FLOOR_M = 0.01  # chosen: less than half a voxel, which the floors of submaps absorb
 
 
 class SceneMapper:
     """Maps the scene in the map frame, whose z axis points up.
 
-    Each image comes with a `SceneRequest`, which has its time, pose and keyframe, the same for all
-    maps. Those that describe the static scene are made of the images in the `ledger`, which knows
-    what was integrated where; another one is added to its consumers. The grid is projected from
-    the voxels whenever it is asked for. Tracks of people and objects describe the present: they
-    are updated once per image, and no later correction of the map changes them.
+    Each image comes with a `SceneRequest`, which gives its time, pose and keyframe for all maps.
+    The voxels of the static scene are made of the images in the `ledger`. The grid is composed of
+    the cells over the submaps whenever it is requested; only submaps that have changed are
+    projected again.
+    Tracks of people and objects describe the present: they are updated once per image, and no
+    later correction of the map changes them.
 
     Args:
         camera: The camera of depth and color.
         dense: Parameters of the dense map.
         objects: Parameters of the object tracks.
-        is_map_level: Whether the map frame is level to within a degree or two, as it is when the
-            base frame is known. The grid has the map's x and y then; otherwise it has a level
-            frame of its own.
+        is_map_level: Whether the map frame is level to within a degree or two, which it is if the
+            base frame is known. If so, the grid has the x and y of the map; otherwise it has a
+            level frame of its own.
+        folder: For the files of the stored images; None: a temporary one.
     """
 
     def __init__(
@@ -54,14 +63,16 @@ class SceneMapper:
         objects: ObjectTrackerConfig,
         *,
         is_map_level: bool = False,
+        folder: Path | None = None,
     ) -> None:
         self._camera = camera
         self._config = dense
         self._voxels = VoxelMap(camera, dense)
-        self.ledger = SceneLedger((self._voxels,), dense)
+        self.ledger = SceneLedger(self._voxels, dense, folder)
         self._tracker = ObjectTracker(objects)
         self._is_map_level = is_map_level
-        self._floor: Floor | None = None
+        self._floors: LocalFloors | None = None
+        self._cells: dict[Submap, tuple[tuple[object, ...], SubmapCells]] = {}  # with their key
 
     def reconfigure(self, dense: DenseConfig) -> bool:
         """Apply the parameters that may change at run time; return whether the grid changes."""
@@ -83,28 +94,41 @@ class SceneMapper:
     ) -> None:
         """Integrate an image (H, W) into the dense map.
 
-        Pixels in the boxes of dynamic objects add no surface, but the space in front of them is
-        still carved.
+        Pixels in the boxes of dynamic objects add no surface. Voxels in front of them are still
+        removed (carved).
+
+        Args:
+            request: Time, pose and keyframe of the image.
+            depth_m: (H, W) depth; 0: no reading.
+            image_bgr: (H, W, 3) color.
+            objects: The detections in the image.
         """
         boxes = [seen.box_xyxy_px for seen in objects if seen.is_dynamic]
         boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
         is_dynamic = in_boxes(depth_m.shape, boxes_xyxy_px, self._config.mask_margin_px)
-        self.ledger.add(request, self._voxels.view_of(depth_m, is_dynamic, image_bgr))
+        self.ledger.add(request, self._voxels.camera.view_of(depth_m, is_dynamic, image_bgr))
 
     def track_objects(
         self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
     ) -> tuple[TrackedObject, ...]:
-        """Update the tracks with an image (H, W), and return the confirmed ones."""
+        """Update the tracks with an image, and return the confirmed tracks.
+
+        Args:
+            request: Time and pose of the image.
+            depth_m: (H, W) depth; 0: no reading.
+            objects: The detections in the image.
+        """
         image = DepthImage.of(self._camera, depth_m, request.T_map_camera)
-        return self._tracker.update(objects, image, request.stamp_ns, self._floor)
+        floor = None if self._floors is None else self._floors.floor
+        return self._tracker.update(objects, image, request.stamp_ns, floor)
 
     def load(self, dense: DenseState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
-        """Add a saved dense map.
+        """Add the images of a saved dense map to the dense map.
 
         Args:
             dense: The dense map.
-            keyframes: The present poses of all keyframes, those of the saved map included.
-            keyframe_uids: (K,) uids of the keyframes that were saved with the dense map.
+            keyframes: The present poses of all keyframes, including those of the saved map.
+            keyframe_uids: (K,) uids that the keyframes of the saved map have now.
 
         Raises:
             MapFileError: It was made with another `pixel_stride`.
@@ -122,23 +146,50 @@ class SceneMapper:
     def grid(self, cloud: ColoredCloud) -> Grid | None:
         """Return the grid of the dense map's cloud, or None while no floor has been seen.
 
-        This also finds the floor, on which tracked people stand from then on.
+        This also updates the floor, which is used to measure people.
         """
-        points_m = cloud.points_m.astype(np.float64)
-        self._floor = find_floor(points_m, _UP) or self._floor
-        if self._floor is None:
+        self._update_floor(cloud.points_m[:: max(1, len(cloud.points_m) // _FLOOR_POINTS)])
+        if self._floors is None:
             return None
-        floor, config = self._floor, self._config.grid
+        floor, config = self._floors.floor, self._config.grid
         T_map_level = floor.T_map_ground if self._is_map_level else floor.T_map_floor
-        grid = project_grid(points_m, T_map_level, config, self._voxels.unconfirmed_m())
-        return require_free_space(grid, config, self._is_free)
+        submaps = self._voxels.shown()
+        floor_m = self._floors.heights_m(submaps)
+        mark_free_space(submaps, floor, floor_m, self._voxels.camera, self.ledger.read)
+        before, self._cells = self._cells, {}
+        for submap in submaps:
+            key = submap.revision, floor_m[submap], floor, config
+            known = before.get(submap)
+            if known is None or known[0] != key:
+                known = key, self._cells_of(submap, T_map_level, floor_m[submap])
+            self._cells[submap] = known
+        return compose_grid([cells for _, cells in self._cells.values()], T_map_level, config)
 
-    def _is_free(self, points_m: FloatArray) -> BoolArray:
-        """Return the (N,) mask of the points (N, 3) that one of the stored images sees through."""
-        is_free = np.zeros(len(points_m), np.bool_)
-        for view, T_map_camera in self.ledger.integrated():
-            left = np.flatnonzero(~is_free)
-            if len(left) == 0:
-                break
-            is_free[left] = self._voxels.sees_through(points_m[left], view, T_map_camera)
-        return is_free
+    def _cells_of(self, submap: Submap, T_map_level: FloatArray, floor_m: float) -> SubmapCells:
+        T_level_submap = np.linalg.inv(T_map_level) @ submap.T_map_submap
+        points_m = transform(T_level_submap, submap.points_m())
+        points_m[:, 2] -= floor_m
+        free = submap.free_above.reshape(-1)[submap.columns()]
+        return cells_of(points_m, submap.is_shown(), free, self._config.grid)
+
+    def _update_floor(self, points_m: Float32Array) -> None:
+        """Find the floor of points (N, 3); keep the old one if it is about the same.
+
+        A new plane moves the level frame of the grid and the space above the floor, so that all
+        submaps are projected again.
+        """
+        points = points_m.astype(np.float64)
+        floor = find_floor(points, _UP)
+        if floor is None:
+            return
+        if self._floors is not None:
+            old, new = (_heights_m(points, f) for f in (self._floors.floor, floor))
+            if np.abs(new - old).max() < _SAME_FLOOR_M:
+                return
+        self._floors = LocalFloors(floor)
+        for submap in self._voxels.submaps:
+            submap.marked.clear()
+
+
+def _heights_m(points_m: FloatArray, floor: Floor) -> FloatArray:
+    return np.asarray((points_m - floor.T_map_floor[:3, 3]) @ floor.T_map_floor[:3, 2])

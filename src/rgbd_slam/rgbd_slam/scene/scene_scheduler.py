@@ -21,20 +21,21 @@ class SceneRequest(NamedTuple):
 
     stamp_ns: int
     T_map_camera: FloatArray  # (4, 4), in the map frame of that version
-    reference_uid: int  # of the keyframe that the pose is relative to
-    keyframes: KeyframePoses | None  # of that version; None: not for the dense map
+    reference_uid: int  # uid of the keyframe relative to which the pose is stored
+    # Keyframe poses of that version; None: the image is not for the dense map.
+    keyframes: KeyframePoses | None
     track_objects: bool = True  # whether to update the tracks of people and objects
 
 
 class Rate:
-    """Selects stamps at a rate, on average, whatever the frame rate."""
+    """Selects stamps at a given average rate, which need not divide the frame rate."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_ns = round(NS_PER_S / rate_hz)
         self._last_ns: int | None = None
 
     def take_due(self, stamp_ns: int) -> bool:
-        """Return whether a stamp is due; the next one is due a period later."""
+        """Return whether the image with this stamp is selected; the next is due a period later."""
         last_ns = self._last_ns
         if last_ns is None or stamp_ns < last_ns - RESTART_NS:
             self._last_ns = stamp_ns
@@ -71,8 +72,8 @@ class SceneScheduler:
         Args:
             stamp_ns: Time of the image.
             T_map_camera: (4, 4) pose of the image after tracking and mapping.
-            reference_uid: The keyframe that the pose is relative to.
-            keyframes: Returns the present poses of all keyframes.
+            reference_uid: Uid of the keyframe relative to which the pose is stored.
+            keyframes: Returns the present poses of all keyframes; called only if they are needed.
         """
         fuse = self._dense is not None and self._dense.take_due(stamp_ns)
         track_objects = self._objects is not None and self._objects.take_due(stamp_ns)

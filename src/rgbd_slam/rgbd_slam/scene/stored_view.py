@@ -1,83 +1,78 @@
-"""The images that the scene is made of, each stored relative to a keyframe, and copies of them.
+"""The images that the scene is made of, each stored in a file and relative to a keyframe.
 
-The scene process has the images; the SLAM node keeps copies, with which it saves the map and
-restores the scene after the process has died.
+The scene process writes the files. The SLAM node keeps a list of them, with which it saves the map
+and restores the scene after the scene process has died.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from hoid_common.values import ByteArray, FloatArray
-from rgbd_slam.scene.voxel_map import DepthView
+from hoid_common.values import FloatArray
+from rgbd_slam.scene.depth_view import DepthView
+
+
+class ViewFile(NamedTuple):
+    """A file with an image, of about 0.2 MB."""
+
+    path: Path
+
+    @classmethod
+    def write(cls, path: Path, view: DepthView) -> ViewFile:
+        """Write an image to a file."""
+        with path.open('wb') as file:
+            np.save(file, view.flagged_mm)
+            np.save(file, view.image_bgr)
+        return cls(path)
+
+    def read(self) -> DepthView:
+        """Read the image; raise OSError if the file has been removed."""
+        with self.path.open('rb') as file:
+            return DepthView(np.load(file), np.load(file))
 
 
 @dataclass(frozen=True, eq=False)
 class StoredView:
     """An image that is kept with its keyframe, so that it can be integrated again."""
 
-    view: DepthView
+    source: DepthView | ViewFile
     keyframe_uid: int
     T_keyframe_camera: FloatArray  # (4, 4)
-    integrated_at: FloatArray | None = None  # (4, 4) T_map_camera; None: in no consumer now
-    slot: int = -1  # its number in the ledger
+    slot: int = -1  # its number in the ledger; -1: it is not in one yet
+
+    def read(self) -> DepthView:
+        """Return the image; raise OSError if its file has been removed."""
+        return self.source.read() if isinstance(self.source, ViewFile) else self.source
 
 
 class ViewChange(NamedTuple):
-    """A stored view that is new, attached to another keyframe, or removed."""
+    """A stored view that is new or attached to another keyframe, or that was removed."""
 
     slot: int
-    attached: tuple[int, FloatArray] | None  # keyframe's uid, T_keyframe_camera; None: removed
-    image: DepthView | None = None  # of a new view, its color at half the resolution of its depth
+    view: StoredView | None  # None: removed
 
 
-class ViewCopies:
-    """Copies of the stored views of another process, about 0.2 MB each."""
+class ViewList:
+    """The stored views of another process."""
 
     def __init__(self) -> None:
-        self._copies: dict[int, StoredView] = {}
+        self._views: dict[int, StoredView] = {}
 
     def apply(self, change: ViewChange) -> None:
-        """Apply a change; ignore changes of unknown views, which arrive after `clear`."""
-        if change.attached is None:
-            self._copies.pop(change.slot, None)
-            return
-        before = self._copies.get(change.slot)
-        image = change.image or (before.view if before is not None else None)
-        if image is not None:
-            self._copies[change.slot] = StoredView(image, *change.attached, slot=change.slot)
+        """Apply a change."""
+        if change.view is None:
+            self._views.pop(change.slot, None)
+        else:
+            self._views[change.slot] = change.view
 
     def clear(self) -> None:
-        """Discard all copies."""
-        self._copies.clear()
+        """Discard all views."""
+        self._views.clear()
 
-    def with_half_color(self) -> list[StoredView]:
-        """Return the views, with color at half the resolution of depth."""
-        return list(self._copies.values())
-
-    def with_full_color(self) -> list[StoredView]:
-        """Return the views, with color scaled up to the resolution of depth."""
-        return [_with_full_color(copy) for copy in list(self._copies.values())]
-
-
-def halved(image_bgr: ByteArray) -> ByteArray:
-    """Return an image (H, W, 3) at half the resolution, rounded up."""
-    rows, columns = image_bgr.shape[:2]
-    even = np.pad(image_bgr, ((0, rows % 2), (0, columns % 2), (0, 0)), 'edge')
-    size = even.shape[1] // 2, even.shape[0] // 2
-    return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def doubled(image_bgr: ByteArray, shape: tuple[int, ...]) -> ByteArray:
-    """Return an image at twice the resolution, cropped to a shape (H, W)."""
-    return image_bgr.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]]
-
-
-def _with_full_color(copy: StoredView) -> StoredView:
-    flagged_mm, image_bgr = copy.view.flagged_mm, copy.view.image_bgr
-    view = DepthView(flagged_mm, doubled(image_bgr, flagged_mm.shape))
-    return StoredView(view, copy.keyframe_uid, copy.T_keyframe_camera, slot=copy.slot)
+    def views(self) -> list[StoredView]:
+        """Return the views."""
+        return list(self._views.values())

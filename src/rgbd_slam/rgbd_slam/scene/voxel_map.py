@@ -1,4 +1,4 @@
-"""Colored voxels of the static scene, with free-space carving (decision 022).
+"""Colored voxels of the static scene in submaps, with free-space carving (decision 022).
 
 Each image adds the surface that it measures and removes the voxels that it sees through, so that
 a person who stood still and then left leaves nothing behind. Readings on dynamic objects add no
@@ -10,57 +10,21 @@ distance, which would need five times as many voxels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from hoid_common import se3
-from hoid_common.values import (
-    BoolArray,
-    ByteArray,
-    CameraModel,
-    Float32Array,
-    FloatArray,
-    IntArray,
-)
+from hoid_common.values import BoolArray, ByteArray, CameraModel, Float32Array, FloatArray
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.scene.depth_view import Comparison, DepthCamera, DepthView, Surface
+from rgbd_slam.scene.submap import SIDE, Evidence, Submap, move_to_disk, num_in_memory, transform
 
-_KEY_BITS = 21  # per axis, so that a key fits into 63 bits: +-26 km at 2.5 cm
-_KEY_OFFSET = 1 << (_KEY_BITS - 1)
-# Not tuned: within 3x3 pixels, a step of more than this share of the depth is a depth edge, where
-# the sensor interpolates between two surfaces ("flying pixels").
-_EDGE_SLOPE = 0.06
-# Standard deviation of depth at 1 m [m]; it grows with the square of the depth. Khoshelham and
-# Elberink (Sensors 2012) measured 1.4 mm with the Kinect; this is twice that. Not tuned.
-_NOISE_PER_M2 = 0.003
-_MAX_HITS = 30.0  # chosen: bounds the evidence, so that a change is seen within seconds
-# Chosen: a reading this far away, of any accuracy, still shows that the space nearby is free.
-_CARVE_RANGE_M = 12.0
-_FREE_MARGIN_M = 0.03  # a point is free if the surface behind it is this much farther; not tuned
-_CARVE_WEIGHT = 3.0  # an image that sees through a voxel outweighs 3 that measured it; not tuned
-_MIN_DEPTH_M = 0.1  # chosen: nearer points are behind the camera or have no reading
-_DYNAMIC = np.uint16(0x8000)  # flag of a reading; readings up to the carve range need 14 bits
-
-
-@dataclass(frozen=True, eq=False)
-class DepthView:
-    """The usable readings of one RGB-D image, at every n-th pixel; see `VoxelMap.view_of`."""
-
-    flagged_mm: NDArray[np.uint16]  # (h, w) depth; 0 = none, edge or too far; bit 15 = dynamic
-    image_bgr: ByteArray  # (h, w, 3)
-
-    @property
-    def depth_m(self) -> Float32Array:
-        """Return the (h, w) depth, on dynamic objects too: the space in front of them is free."""
-        return (self.flagged_mm & ~_DYNAMIC) * np.float32(0.001)
-
-    @property
-    def is_static(self) -> BoolArray:
-        """Return the (h, w) mask of pixels outside dynamic objects."""
-        return np.asarray(self.flagged_mm < _DYNAMIC)
+# Chosen: submaps move to disk until this share of the largest number of voxels is in memory, so
+# that one file takes many of them.
+_KEPT_SHARE = 0.75
 
 
 class ColoredCloud(NamedTuple):
@@ -70,189 +34,208 @@ class ColoredCloud(NamedTuple):
     colors_bgr: ByteArray  # (N, 3)
 
 
-class _Projection(NamedTuple):
-    """The points that one image observes, compared with its depth."""
+class PosedView(NamedTuple):
+    """An image with its pose and its keyframe, for fusion."""
 
-    rows: IntArray  # (M,) of the points
-    gap_m: FloatArray  # (M,) measured depth minus the point's depth; positive: seen through
-    noise_m: FloatArray  # (M,) standard deviation of the gap
-    is_static: BoolArray  # (M,) the measured surface belongs to no dynamic object
-
-
-class _Surface(NamedTuple):
-    """The surface that one image measures, summed per voxel."""
-
-    keys: IntArray  # (M,), sorted
-    weighted: FloatArray  # (M, 7): sums of w*x, w*y, w*z, w*b, w*g, w*r, w
+    view: DepthView
+    slot: int  # its number among the stored images
+    T_map_camera: FloatArray  # (4, 4)
+    keyframe_uid: int
+    map_id: int  # of the keyframe
+    T_map_keyframe: FloatArray  # (4, 4)
 
 
 class VoxelMap:
-    """A sparse voxel grid as a structure of arrays, sorted by key; a `SceneConsumer`."""
+    """The submaps, each of which is anchored to the keyframe that saw it first.
+
+    An image changes all submaps that it observes. What it measures outside of them starts new
+    ones. Submaps of other maps than the main one are fused in frames of their own and are not
+    shown; when a recognized place merges the maps, they move to the map frame.
+
+    Args:
+        camera: The camera of depth and color.
+        config: Gives the size of a voxel, and the number of them that are kept in memory.
+    """
 
     def __init__(self, camera: CameraModel, config: DenseConfig) -> None:
+        self.camera = DepthCamera(camera, config)
         self._config = config
-        self._rays = _pixel_rays(camera, config.pixel_stride)
-        self._camera = camera
-        self._keys: IntArray = np.empty(0, np.int64)
-        self._sums: FloatArray = np.empty((0, 7))
-        self._hits: Float32Array = np.empty(0, np.float32)  # images that measured it, less carving
-        self._num_views: Float32Array = np.empty(0, np.float32)  # images that observed it
+        self._main_map = 0
+        self._submaps: list[Submap] = []  # in the order in which they were created
+        self._clouds: dict[Submap, tuple[int, ColoredCloud]] = {}  # with the submap's revision
 
     def __len__(self) -> int:
-        return len(self._keys)
+        return sum(map(len, self._submaps))
 
-    def view_of(
-        self, depth_m: Float32Array, is_dynamic: BoolArray, image_bgr: ByteArray
-    ) -> DepthView:
-        """Return the usable readings of an image (H, W), with its dynamic pixels flagged."""
-        stride = self._config.pixel_stride
-        flagged_mm = (self._reliable_depth(depth_m) * 1000 + 0.5).astype(np.uint16)
-        flagged_mm[is_dynamic[::stride, ::stride]] |= _DYNAMIC
-        return DepthView(flagged_mm, np.ascontiguousarray(image_bgr[::stride, ::stride]))
+    @property
+    def submaps(self) -> Sequence[Submap]:
+        """Return all submaps."""
+        return self._submaps
 
-    def integrate(self, view: DepthView, T_map_camera: FloatArray) -> None:
-        """Carve the voxels that an image sees through, then add the surface that it measures."""
-        agrees = self._compare(view, T_map_camera)
-        self._add(self._measure(view, T_map_camera), agrees)
-        self._remove_weak()
+    @property
+    def num_in_memory(self) -> int:
+        """Return the number of voxels that are in memory; the others are in a file."""
+        return num_in_memory(self._submaps)
+
+    def shown(self) -> list[Submap]:
+        """Return the submaps of the main map."""
+        return [submap for submap in self._submaps if submap.map_id == self._main_map]
+
+    def integrate(self, posed: PosedView, only: Collection[Submap] | None = None) -> list[Submap]:
+        """Carve the voxels that an image sees through, then add the surface that it measures.
+
+        Args:
+            posed: The image.
+            only: The submaps that may change; None: all. The others still keep their space.
+
+        Returns:
+            The submaps that were created.
+        """
+        near = self._in_view(posed)
+        observed = [s for s in near if only is None or s in only]
+        evidence = self._evidence(posed, observed)
+        surfaces, rest = _split(self.camera.measure(posed.view, posed.T_map_camera), near)
+        for submap in observed:
+            self._update(submap, posed, evidence[submap], surfaces.get(submap))
+        created = self._create(posed, rest)
+        self._submaps += created
+        return created
+
+    def move(self, keyframes: KeyframePoses, rows: Mapping[int, int]) -> None:
+        """Move each submap rigidly with its anchor.
+
+        Args:
+            keyframes: The poses of all keyframes.
+            rows: The row of each keyframe by its uid.
+        """
+        self._main_map = keyframes.main_map
+        for submap in self._submaps:
+            submap.move(keyframes, rows[submap.anchor_uid])
+
+    def remove(self, removed: Collection[Submap]) -> None:
+        """Remove submaps with their voxels."""
+        self._submaps = [submap for submap in self._submaps if submap not in removed]
+        for submap in removed:
+            self._clouds.pop(submap, None)
+
+    def limit_memory(self, T_map_camera: FloatArray) -> None:
+        """Move the submaps farthest from the camera to disk if too many voxels are in memory."""
+        if self.num_in_memory <= self._config.max_voxels:
+            return
+        camera_m = T_map_camera[:3, 3]
+        loaded = [submap for submap in self._submaps if submap.is_in_memory and len(submap)]
+        centers_m = _centers_m(loaded, np.eye(4))
+        order = np.argsort(np.linalg.norm(centers_m - camera_m, axis=1), kind='stable')
+        total = np.cumsum([len(loaded[i]) for i in order])
+        far = order[total > _KEPT_SHARE * self._config.max_voxels]
+        move_to_disk([loaded[i] for i in far])
 
     def cloud(self) -> ColoredCloud:
-        """Return the mean point and color of each confirmed voxel."""
-        sums = self._sums[self._is_confirmed()]
-        mean = sums[:, :6] / sums[:, 6:]
-        return ColoredCloud(mean[:, :3].astype(np.float32), mean[:, 3:].round().astype(np.uint8))
+        """Return the mean point and color of each confirmed voxel of the main map."""
+        parts = [self._cloud_of(submap) for submap in self.shown()]
+        if not parts:
+            return ColoredCloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
+        points_m, colors_bgr = zip(*parts, strict=True)
+        return ColoredCloud(np.concatenate(points_m), np.concatenate(colors_bgr))
 
-    def unconfirmed_m(self) -> FloatArray:
-        """Return the (N, 3) points that too few images have measured so far."""
-        sums = self._sums[~self._is_confirmed()]
-        return np.asarray(sums[:, :3] / sums[:, 6:])
+    def _cloud_of(self, submap: Submap) -> ColoredCloud:
+        known = self._clouds.get(submap)
+        if known is None or known[0] != submap.revision:
+            known = submap.revision, ColoredCloud(*submap.cloud())
+            self._clouds[submap] = known
+        return known[1]
 
-    def _is_confirmed(self) -> BoolArray:
-        agreed = self._hits >= self._config.min_hit_share * self._num_views
-        return np.asarray(agreed & (self._hits >= self._config.min_views))
+    def _in_view(self, posed: PosedView) -> list[Submap]:
+        """Return the submaps of the image's map that may be in view, the oldest first."""
+        same = [submap for submap in self._submaps if submap.map_id == posed.map_id]
+        if not same:
+            return []
+        centers_m = _centers_m(same, se3.inverse(posed.T_map_camera))
+        is_near = self.camera.in_view(centers_m, same[0].radius_m)
+        return [same[i] for i in np.flatnonzero(is_near)]
 
-    def clear(self) -> None:
-        """Discard all voxels."""
-        self._keep(np.zeros(len(self), bool))
-
-    def _reliable_depth(self, depth_m: Float32Array) -> Float32Array:
-        """Return the strided depth (h, w) with depth edges set to 0.
-
-        Readings beyond the range of the map stay, because they carve the space in front of them.
-        """
-        stride = self._config.pixel_stride
-        near = cv2.erode(depth_m, np.ones((3, 3), np.uint8))
-        far = cv2.dilate(depth_m, np.ones((3, 3), np.uint8))
-        good = (far - near < _EDGE_SLOPE * depth_m) & (depth_m < _CARVE_RANGE_M)
-        return np.ascontiguousarray(np.where(good, depth_m, np.float32(0))[::stride, ::stride])
-
-    def _compare(self, view: DepthView, T_map_camera: FloatArray) -> BoolArray:
-        """Carve the voxels that the image sees through; return the (N,) mask of those it confirms.
+    def _evidence(self, posed: PosedView, submaps: list[Submap]) -> dict[Submap, Evidence]:
+        """Compare the voxels of submaps with an image.
 
         A measured surface confirms the voxels within half a voxel of it, not only the one that it
         falls into: a surface on the border of two voxels falls into either at random.
         """
-        agrees = np.zeros(len(self), np.bool_)
-        if len(self) == 0:
-            return agrees
-        points_m = self._sums[:, :3] / self._sums[:, 6:]
-        seen = self._project(points_m, view, T_map_camera)
+        if not submaps:
+            return {}
+        T_camera_map = se3.inverse(posed.T_map_camera)
+        points = [transform(T_camera_map @ s.T_map_submap, s.points_m()) for s in submaps]
+        seen = self.camera.compare(np.concatenate(points), posed.view)
+        masks = self._masks(seen, sum(map(len, points)))
+        ends = np.cumsum([len(part) for part in points])[:-1]
+        parts = zip(*(np.split(mask, ends) for mask in masks), strict=True)
+        return {s: Evidence(*part) for s, part in zip(submaps, parts, strict=True)}
+
+    def _masks(self, seen: Comparison, count: int) -> Evidence:
         margin_m = self._config.carve_margin_m + seen.noise_m
         near_m = 0.5 * self._config.voxel_m + seen.noise_m
         distance_m = np.abs(seen.gap_m)
-        self._hits[seen.rows[seen.gap_m > margin_m]] -= _CARVE_WEIGHT
-        self._num_views[seen.rows[seen.is_static & (distance_m <= margin_m)]] += 1
-        agrees[seen.rows[seen.is_static & (distance_m <= near_m)]] = True
-        return agrees
+        chosen = (
+            seen.gap_m > margin_m,
+            seen.is_static & (distance_m <= margin_m),
+            seen.is_static & (distance_m <= near_m),
+        )
+        masks = [np.zeros(count, np.bool_) for _ in chosen]
+        for mask, rows in zip(masks, chosen, strict=True):
+            mask[seen.rows[rows]] = True
+        return Evidence(*masks)
 
-    def sees_through(
-        self, points_m: FloatArray, view: DepthView, T_map_camera: FloatArray
-    ) -> BoolArray:
-        """Return the (N,) mask of the points (N, 3) that an image shows to be in free space."""
-        out = np.zeros(len(points_m), np.bool_)
-        seen = self._project(points_m, view, T_map_camera)
-        out[seen.rows[seen.gap_m > _FREE_MARGIN_M + seen.noise_m]] = True
-        return out
+    def _update(
+        self, submap: Submap, posed: PosedView, evidence: Evidence, surface: Surface | None
+    ) -> None:
+        submap.poses[posed.slot] = se3.inverse(submap.T_map_submap) @ posed.T_map_camera
+        if surface is not None or evidence.is_carved.any() or evidence.is_observed.any():
+            submap.fused.add(posed.slot)
+            submap.update(evidence, surface)
 
-    def _project(
-        self, points_m: FloatArray, view: DepthView, T_map_camera: FloatArray
-    ) -> _Projection:
-        """Compare points (N, 3) in the map frame with the depth at their pixels."""
-        depth_m = view.depth_m
-        stride = self._config.pixel_stride
-        camera = self._camera
-        points = se3.transform(se3.inverse(T_map_camera), points_m)
-        z = points[:, 2]
-        index = np.flatnonzero((z > _MIN_DEPTH_M) & (z < self._config.max_depth_m))
-        z = z[index]
-        col, row = np.rint(camera.project_px(points[index]) / stride).astype(np.int64).T
-        inside = (col >= 0) & (row >= 0) & (col < depth_m.shape[1]) & (row < depth_m.shape[0])
-        index, z, row, col = index[inside], z[inside], row[inside], col[inside]
-        read = depth_m[row, col] > 0
-        index, z, row, col = index[read], z[read], row[read], col[read]
-        gap_m = depth_m[row, col] - z
-        return _Projection(index, gap_m, _NOISE_PER_M2 * z * z, view.is_static[row, col])
-
-    def _measure(self, view: DepthView, T_map_camera: FloatArray) -> _Surface:
-        depth_m = view.depth_m
-        valid = view.is_static & (depth_m > 0) & (depth_m < self._config.max_depth_m)
-        z = depth_m[valid].astype(np.float64)
-        points = se3.transform(T_map_camera, self._rays[valid] * z[:, None])
-        colors = view.image_bgr[valid]
-        weight = 1.0 / z**4  # inverse variance: the standard deviation grows with depth squared
-        keys, inverse = np.unique(_keys_of(points, self._config.voxel_m), return_inverse=True)
-        columns = [points[:, 0], points[:, 1], points[:, 2], *colors.T]
-        sums = [np.bincount(inverse, weight * c, len(keys)) for c in columns]
-        return _Surface(keys, np.stack([*sums, np.bincount(inverse, weight, len(keys))], axis=1))
-
-    def _add(self, surface: _Surface, agrees: BoolArray) -> None:
-        at = np.searchsorted(self._keys, surface.keys)
-        known = np.zeros(len(at), bool)
-        inside = at < len(self)
-        known[inside] = self._keys[at[inside]] == surface.keys[inside]
-        self._sums[at[known]] += surface.weighted[known]
-        agrees[at[known]] = True
-        self._hits[agrees] = np.minimum(np.maximum(self._hits[agrees], 0) + 1, _MAX_HITS)
-        fresh = ~known
-        ones = np.ones(int(fresh.sum()), np.float32)
-        self._keys = np.insert(self._keys, at[fresh], surface.keys[fresh])
-        self._sums = np.insert(self._sums, at[fresh], surface.weighted[fresh], axis=0)
-        self._hits = np.insert(self._hits, at[fresh], ones)
-        self._num_views = np.insert(self._num_views, at[fresh], ones)
-
-    def _remove_weak(self) -> None:
-        """Remove carved voxels and, beyond `max_voxels`, those with the least evidence."""
-        self._num_views[self._num_views > _MAX_HITS] = _MAX_HITS
-        keep = self._hits > 0
-        if int(keep.sum()) > self._config.max_voxels:
-            keep[np.argsort(-self._hits, kind='stable')[self._config.max_voxels :]] = False
-        if not keep.all():
-            self._keep(keep)
-
-    def _keep(self, keep: BoolArray) -> None:
-        self._keys, self._sums = self._keys[keep], self._sums[keep]
-        self._hits, self._num_views = self._hits[keep], self._num_views[keep]
+    def _create(self, posed: PosedView, surface: Surface) -> list[Submap]:
+        """Return new submaps with a surface that no other submap has space for."""
+        side_m = SIDE * self._config.voxel_m
+        cubes = np.floor(surface.points_m / side_m).astype(np.int64)
+        created = []
+        while len(cubes):
+            T_map_submap = np.eye(4)
+            T_map_submap[:3, 3] = cubes[0] * side_m
+            submap = Submap(
+                T_map_submap, posed.keyframe_uid, posed.map_id, posed.T_map_keyframe, self._config
+            )
+            surfaces, surface = _split(surface, [submap])
+            cubes = np.floor(surface.points_m / side_m).astype(np.int64)
+            none = np.zeros(0, np.bool_)
+            self._update(submap, posed, Evidence(none, none, none), surfaces[submap])
+            created.append(submap)
+        return created
 
 
-def in_boxes(shape: tuple[int, ...], boxes_xyxy_px: Float32Array, margin_px: int) -> BoolArray:
-    """Return the (H, W) mask of the pixels inside boxes (N, 4) enlarged by a margin."""
-    out = np.zeros(shape, np.bool_)
-    for x1, y1, x2, y2 in boxes_xyxy_px:  # a handful of dynamic objects
-        top, left = max(0, int(y1) - margin_px), max(0, int(x1) - margin_px)
-        out[top : int(np.ceil(y2)) + margin_px, left : int(np.ceil(x2)) + margin_px] = True
-    return out
+def _centers_m(submaps: Iterable[Submap], T: FloatArray) -> FloatArray:
+    """Return the centers (N, 3) of submaps, transformed from the map frame."""
+    centers_m = [s.T_map_submap[:3, :3] @ s.center_m + s.T_map_submap[:3, 3] for s in submaps]
+    return se3.transform(T, np.array(centers_m).reshape(-1, 3))
 
 
-def _pixel_rays(camera: CameraModel, stride: int) -> FloatArray:
-    """Return the (h, w, 3) rays with z = 1 of every n-th pixel, without lens distortion."""
-    v, u = np.mgrid[0 : camera.height_px : stride, 0 : camera.width_px : stride]
-    uv = camera.undistort_px(np.stack([u, v], -1).reshape(-1, 2).astype(np.float32))
-    x = (uv[:, 0] - camera.cx_px) / camera.fx_px
-    y = (uv[:, 1] - camera.cy_px) / camera.fy_px
-    return np.stack([x, y, np.ones_like(x)], -1).reshape(*u.shape, 3).astype(np.float64)
+def _split(surface: Surface, submaps: list[Submap]) -> tuple[dict[Submap, Surface], Surface]:
+    """Divide a surface among submaps; return their parts, in their frames, and the rest.
 
-
-def _keys_of(points_m: FloatArray, voxel_m: float) -> IntArray:
-    """Return the (N,) keys of the voxels that points (N, 3) fall into."""
-    cell = np.floor(points_m / voxel_m).astype(np.int64) + _KEY_OFFSET
-    return (cell[:, 0] << (2 * _KEY_BITS)) | (cell[:, 1] << _KEY_BITS) | cell[:, 2]
+    The first submap that has space for a voxel gets it, so that the same voxel always belongs to
+    the same submap.
+    """
+    parts = {}
+    left: BoolArray = np.ones(len(surface.points_m), np.bool_)
+    for submap in submaps:
+        T = submap.T_map_submap
+        center_m = T[:3, :3] @ submap.center_m + T[:3, 3]
+        offset_m = np.abs(surface.points_m - center_m).max(axis=1)
+        rows = np.flatnonzero(left & (offset_m < submap.radius_m))
+        local_m = se3.transform(se3.inverse(T), surface.points_m[rows])
+        inside = submap.contains(local_m)
+        rows = rows[inside]
+        if len(rows):
+            parts[submap] = Surface(
+                local_m[inside], surface.colors_bgr[rows], surface.weights[rows]
+            )
+            left[rows] = False
+    return parts, Surface(*(column[left] for column in surface))

@@ -10,15 +10,16 @@ from hoid_common.values import NS_PER_S
 # Chosen, not tuned.
 _WINDOW = 31  # intervals whose mean is the period of the stream: one second at 30 Hz
 _MIN_INTERVALS = 5  # intervals from which on the period is known
-_NEW_RATE = 15  # equal gaps in a row that are a lower rate, as of a camera in the dark
-_PAUSE_NS = NS_PER_S  # a longer gap is a pause of the camera or the bag, which drops nothing
+# Number of equal gaps in a row from which they show a lower rate, as of a camera in the dark.
+_NEW_RATE = 15
+_PAUSE_NS = NS_PER_S  # a longer gap is a pause of the camera or the bag, in which no image is lost
 
 
 class DroppedFrameCounter:
     """Counts the images that are missing at the rate of the stream.
 
-    Stamps do not show who dropped an image, or whether it was ever taken. Therefore a stream that
-    skips the same number of images `_NEW_RATE` times in a row has a lower rate from then on.
+    Stamps do not show whether a missing image was dropped or never taken. Therefore, if a stream
+    skips the same number of images `_NEW_RATE` times in a row, it has a lower rate from then on.
     """
 
     def __init__(self) -> None:
@@ -43,7 +44,7 @@ class DroppedFrameCounter:
             if num_missing and self._num_equal == _NEW_RATE:
                 self._restart()
                 return
-            interval_ns /= num_missing + 1  # jitter averages out, a gap would not
+            interval_ns /= num_missing + 1  # so that gaps do not lengthen the mean interval
         self._intervals_ns.append(interval_ns)
 
     def _restart(self) -> None:

@@ -15,24 +15,29 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.tracking.tracker import TrackerOutput
 
-# ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: weight (an observation with depth counts twice) from
-# which a point of the reference keyframe counts, and that for a map of at most two keyframes. The
-# share of such a map is that of ORB-SLAM3 for a map of one keyframe.
+# ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of observations (one with depth counts twice)
+# from which a point of the reference keyframe counts as confirmed; a smaller number in a map of at
+# most two keyframes. In such a map, `reference_share` is replaced by the share that ORB-SLAM3 uses
+# for a map of one keyframe.
 _MIN_WEIGHT = 3
 _MIN_WEIGHT_NEW_MAP = 2
 _NEW_MAP_KEYFRAMES = 2
 _NEW_MAP_SHARE = 0.4
 _NUM_NEIGHBORS = 24  # not tuned: covisible keyframes that may show the view of a frame
-# Decision 004: the number of later keyframes that have confirmed or culled the points of one, and
-# the largest difference of two equal views: rotation [rad] plus distance over median depth.
+# Decision 004: the points of a keyframe have been confirmed or culled once so many keyframes have
+# followed it.
 _SETTLED_AGE = 10
+# Decision 004: the largest difference of two views that count as the same one: rotation [rad] plus
+# distance over median depth.
 _SAME_VIEW_RAD = 0.2
 _CELL_PX = 40  # not tuned: a new feature counts only in a cell where no point is expected
 _ROW = 1 << 16  # chosen: more cells than a row has
 
 
 class KeyframePolicy:
-    """Selects keyframes by the share of the map that a frame still sees since the last keyframe.
+    """Selects a frame as a keyframe once it sees clearly fewer map points than earlier frames.
+
+    The frames since the last keyframe and the points of the reference keyframe are compared with.
 
     Args:
         atlas: The map.
@@ -55,12 +60,12 @@ class KeyframePolicy:
         self.inserted(0)
 
     def inserted(self, stamp_ns: int) -> None:
-        """Record the stamp of a new keyframe."""
+        """Start counting anew at a keyframe with this stamp."""
         self._last_ns = stamp_ns
         self._most_inliers = 0
 
     def wants(self, tracking: TrackerOutput) -> bool:
-        """Return whether a frame should become a keyframe.
+        """Return whether a frame should become a keyframe. Call it once for every tracked frame.
 
         No keyframe is requested soon after the last one while tracking is good.
         """
@@ -87,9 +92,9 @@ class KeyframePolicy:
     def _leaves_pending(self, tracking: TrackerOutput) -> bool:
         """Return whether the view has changed since the newest keyframe, which is still pending.
 
-        Its points may be enough for the present view, once they are in the map. A view that has
-        changed needs a keyframe in between, with which both overlap: otherwise a late mapper
-        could not connect the present view with the map.
+        The points of the pending keyframe may be enough for the present view once they are in the
+        map. If the view has changed, another keyframe must be inserted that overlaps with both
+        views: otherwise a late mapper could not connect the present view with the map.
         """
         T_map_pending = self._atlas.pose(max(self._atlas.pending))
         if T_map_pending is None:
@@ -107,8 +112,13 @@ class KeyframePolicy:
     def _is_known_view(self, tracking: TrackerOutput, i: int) -> bool:
         """Return whether an old keyframe has the same view, and nothing new has appeared in it.
 
-        Features that do not match the map there did not match it before either. A keyframe at each
-        visit would make the map grow with time instead of with the space seen.
+        Features that do not match the map in a known view did not match it at earlier visits
+        either. A keyframe at each visit would make the map grow with time instead of with the
+        space seen.
+
+        Args:
+            tracking: The tracked frame.
+            i: Row of its reference keyframe.
         """
         keyframes, frame = self._atlas.keyframes, tracking.tracked.frame
         rows = np.r_[i, self._atlas.covisible(i, limit=_NUM_NEIGHBORS)]
@@ -123,7 +133,10 @@ class KeyframePolicy:
         return bool(appeared <= self._config.min_close_new)
 
     def _view_differences(self, tracking: TrackerOutput, poses: FloatArray) -> FloatArray:
-        """Return the (N,) differences [rad] of the view from those at other poses (N, 4, 4)."""
+        """Return the (N,) differences [rad] between a frame's view and those from (N, 4, 4) poses.
+
+        A difference is the rotation plus the distance over the frame's median depth.
+        """
         frame = tracking.tracked.frame
         T = se3.inverse(tracking.tracked.T_map_camera) @ poses
         depth_m = np.median(frame.depth_m[frame.has_depth]) if frame.has_depth.any() else np.inf
@@ -132,12 +145,21 @@ class KeyframePolicy:
         return np.asarray(difference_rad)
 
     def _is_close(self, pixels: FloatArray | Float32Array) -> BoolArray:
-        """Return the (N,) mask of (3, N) u, v, u_right that are near enough to create points."""
+        """Return the (N,) mask of features (3, N) whose depth reading is near enough for a point.
+
+        Args:
+            pixels: (3, N) u, v, u_right.
+        """
         is_close: BoolArray = pixels[0] - pixels[2] > self._close_px  # False without depth (NaN)
         return is_close
 
     def _leaves_reference(self, i: int, num_inliers: int) -> bool:
-        """Return whether a frame tracks few of the confirmed points of its reference keyframe."""
+        """Return whether a frame tracks few points, compared with its reference keyframe.
+
+        Args:
+            i: Row of the reference keyframe, of which only confirmed points count.
+            num_inliers: Number of map points that the frame tracks.
+        """
         keyframes, points = self._atlas.keyframes, self._atlas.points
         seen = keyframes.point_of_feature[i]
         seen = seen[seen != NO_POINT]

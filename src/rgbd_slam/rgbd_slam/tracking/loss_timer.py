@@ -18,7 +18,10 @@ class LossTimer:
         self._lost_ns = 0
 
     def add(self, stamp_ns: int) -> bool:
-        """Add the stamp of the next image; return whether the stamps have started again."""
+        """Add the stamp of the next image, and return whether the stamps have started again.
+
+        If they have, the measured time is set to zero.
+        """
         newest_ns = self._newest_ns
         if newest_ns is None or stamp_ns < newest_ns - RESTART_NS:
             self._newest_ns, self._lost_ns = stamp_ns, 0

@@ -1,4 +1,4 @@
-"""Sources that predict the motion of the camera between images.
+"""Motion sources, which predict the motion of the camera between images.
 
 A further source, such as an IMU, is a class that implements `MotionSource`, and an entry in
 `MOTION_SOURCES`.
@@ -30,7 +30,7 @@ class BridgedMotion(NamedTuple):
 
     T_last_camera: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first
-    image_covariance: FloatArray  # (6, 6) part of it that successive images do not share
+    image_covariance: FloatArray  # (6, 6) part whose errors differ from image to image
     elapsed_s: float
 
 
@@ -38,17 +38,18 @@ class MotionSource(Protocol):
     """Predicts the motion of the camera since the last tracked frame."""
 
     def start(self, stamp_ns: int) -> None:
-        """Measure motions from the frame with this stamp on; its pose is known."""
+        """Predict motions relative to the frame with this stamp, which has been tracked."""
 
     def advance(self, stamp_ns: int) -> None:
-        """Proceed to the image with this stamp."""
+        """Predict the motion up to the image with this stamp from now on."""
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:
         """Learn from the motion (4, 4) that the tracker measured up to the current image.
 
         Args:
-            T_last_camera: The motion since the start.
-            twist: (6,) its velocity, of points in the camera frame, rotation first [rad/s, m/s].
+            T_last_camera: (4, 4) motion since the frame given to `start`.
+            twist: (6,) velocity of points in the camera frame during this motion, rotation first
+                [rad/s, m/s].
         """
 
     def reset(self) -> None:
@@ -58,7 +59,7 @@ class MotionSource(Protocol):
         """Return the predicted motion T_camera_last (4, 4), or None if it is unknown."""
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the motion if it can replace the tracker's for some time, otherwise None."""
+        """Return the motion if it was measured, so that it can replace the tracker; else None."""
 
 
 class ConstantVelocity:
@@ -73,11 +74,11 @@ class ConstantVelocity:
         self._start_ns = self._stamp_ns = stamp_ns
 
     def advance(self, stamp_ns: int) -> None:
-        """Proceed to the image with this stamp."""
+        """Measure the elapsed time up to this stamp."""
         self._stamp_ns = stamp_ns
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
-        """Keep the velocity of a tracked motion."""
+        """Predict motions with this velocity from now on."""
         self._twist = twist
 
     def reset(self) -> None:
@@ -98,7 +99,8 @@ class ExternalOdometry:
     """Reads the motion from external odometry, such as that of the wheels, and learns its error.
 
     Args:
-        lookup: Returns the motion of the camera by that odometry; None without one.
+        lookup: Returns the motion of the camera between two stamps; None if there is no external
+            odometry.
     """
 
     def __init__(self, lookup: MotionLookup | None) -> None:
@@ -113,7 +115,10 @@ class ExternalOdometry:
         self._T_last_camera = np.eye(4)
 
     def advance(self, stamp_ns: int) -> None:
-        """Add the motion up to this stamp; if it is unknown, so is the whole motion."""
+        """Add the motion up to this stamp.
+
+        If this motion is unknown, the whole motion is unknown until the next `start`.
+        """
         T = self._T_last_camera
         if T is not None:
             step = None if self._lookup is None else self._lookup(self._stamp_ns, stamp_ns)
@@ -121,7 +126,7 @@ class ExternalOdometry:
         self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
-        """Learn the error of the velocity from a tracked motion (4, 4): wheels slip."""
+        """Update the error of the odometry's velocity by comparison with a tracked motion."""
         if self._T_last_camera is not None and self._elapsed_s > 0:
             error = se3.log(se3.inverse(T_last_camera) @ self._T_last_camera) / self._elapsed_s
             weight = min(self._elapsed_s / _AVERAGING_S, 1.0)
@@ -138,8 +143,8 @@ class ExternalOdometry:
         """Return the measured motion, or None if it is unknown.
 
         Its standard deviation grows linearly with time, because the error of a wheel's velocity
-        lasts. The covariance of a single image is half that of one step, so that the difference of
-        two poses has the covariance of one.
+        lasts. `image_covariance` is half the covariance of the motion between two images, so that
+        the difference of two poses has the covariance of that motion.
         """
         if self._T_last_camera is None:
             return None
@@ -160,4 +165,7 @@ MOTION_SOURCES: dict[str, Callable[[MotionLookup | None], MotionSource]] = {
     'constant_velocity': lambda _: ConstantVelocity(),
     'external_odometry': ExternalOdometry,
 }
-"""Makes each source, given the lookup of external odometry; the most reliable source is first."""
+"""A factory of each motion source, the most reliable source first.
+
+The argument is the lookup of external odometry, or None if there is none.
+"""

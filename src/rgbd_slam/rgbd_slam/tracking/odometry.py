@@ -21,21 +21,25 @@ _UNKNOWN_COVARIANCE = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
 
 
 class Bridge(NamedTuple):
-    """The pose of the camera by a motion source, while it is not tracked."""
+    """The pose of an image that could not be tracked, from external odometry."""
 
     T_map_camera: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first
-    image_covariance: FloatArray  # (6, 6) part of it that successive images do not share
+    image_covariance: FloatArray  # (6, 6) part whose errors differ from image to image
     elapsed_s: float  # since the last tracked frame
     distance_m: float  # from the last tracked frame
 
 
 class Odometry:
-    """Accumulates the motions between tracked frames; corrections of the map do not change it.
+    """Accumulates the motions between tracked frames, as the pose `T_odom_camera`.
+
+    Corrections of the map do not change this pose. Motion sources (constant velocity and external
+    odometry, see `MOTION_SOURCES`) predict the motion up to the next image. External odometry also
+    replaces the tracker while the camera is lost, which is called bridging here.
 
     Args:
         atlas: The map, which determines the current pose of the last frame.
-        wheels: External odometry, if there is one.
+        wheels: External odometry; None if there is none.
     """
 
     def __init__(self, atlas: Atlas, wheels: MotionLookup | None = None) -> None:
@@ -43,8 +47,8 @@ class Odometry:
         self.T_odom_camera = np.eye(4)
         # (6,) last observed velocity of points in the camera frame, rotation first [rad/s, m/s]
         self.twist: FloatArray = np.zeros(6)
-        # (6, 6) covariance of the last pose in the camera frame, rotation first, and the part of
-        # it that successive images do not share
+        # (6, 6) covariance of the last pose in the camera frame, rotation first [rad^2, m^2], and
+        # the part of this covariance whose errors differ from image to image.
         self.covariance = self.image_covariance = np.zeros((6, 6))
         self._atlas = atlas
         self._sources = [make(wheels) for make in MOTION_SOURCES.values()]
@@ -53,15 +57,15 @@ class Odometry:
         self._pose_noise = PoseNoise()
 
     def follow(self, stamp_ns: int) -> None:
-        """Proceed to the image with this stamp."""
+        """Let the motion sources measure or extrapolate the motion up to the next image."""
         for source in self._sources:
             source.advance(stamp_ns)
 
     def predict(self) -> list[FloatArray]:
         """Return the predicted motions T_camera_last (4, 4), the most reliable first.
 
-        While the camera is tracked, its own velocity is more reliable than wheels, which slip;
-        once it is lost, only the sources that bridge the loss have measured its motion.
+        While the camera is tracked, its own velocity is more reliable than wheels, which slip.
+        Once it is lost, only external odometry has measured its motion.
         """
         sources = self._sources
         if self._is_bridged:
@@ -70,7 +74,10 @@ class Odometry:
         return [T_camera_last for T_camera_last in predictions if T_camera_last is not None]
 
     def advance(self, tracking: TrackerOutput) -> None:
-        """Add the motion from the last frame to a tracked one, by the current map."""
+        """Add the motion from the last frame to a newly tracked one, by the current map.
+
+        Also updates the velocity and the covariances. The new frame replaces the last one.
+        """
         assert self.last is not None
         tracked = tracking.tracked
         T_last_camera = se3.inverse(self.last.current_pose(self._atlas)) @ tracked.T_map_camera
@@ -87,7 +94,10 @@ class Odometry:
         self.restart_from(tracked)
 
     def bridge(self) -> Bridge | None:
-        """Move by a motion source instead of an image; None if no source knows the motion."""
+        """Move `T_odom_camera` by external odometry up to the current image; return its pose.
+
+        None is returned, and nothing moves, if no source has measured the motion.
+        """
         motion = self._bridged_motion()
         if self.last is None or motion is None:
             return None
@@ -103,30 +113,41 @@ class Odometry:
         )
 
     def restart_from(self, tracked: TrackedFrame | None) -> None:
-        """Replace the last frame, or remove it, without a motion between the two."""
+        """Replace the last frame, or remove it (None), without moving `T_odom_camera`."""
         self.last = tracked
         self._T_odom_last, self._is_bridged = self.T_odom_camera, False
         if tracked is not None:
             for source in self._sources:
                 source.start(tracked.frame.stamp_ns)
 
-    def stop(self) -> None:
-        """Discard the velocity: predict no motion until one has been observed."""
+    def forget_velocity(self) -> None:
+        """Predict no motion until the velocity has been observed again."""
         self.twist = np.zeros(6)
         for source in self._sources:
             source.reset()
 
     def pose(self) -> FloatArray:
-        """Return T_map_camera (4, 4) of the last frame by the current map; I without a frame."""
+        """Return T_map_camera (4, 4) of the last frame by the current map.
+
+        It is the identity if there is no last frame.
+        """
         return np.eye(4) if self.last is None else self.last.current_pose(self._atlas)
 
     def in_map(self, covariance: FloatArray) -> FloatArray:
-        """Return a (6, 6) covariance, enlarged if the last frame is not in the main map."""
+        """Return the (6, 6) covariance of a pose with respect to the main map.
+
+        It is enlarged if the last frame is in another map, which is not connected with the main
+        one.
+        """
         return covariance if self.is_in_main_map else covariance + _UNKNOWN_COVARIANCE
 
     @property
     def anchor_uid(self) -> int | None:
-        """Return the keyframe of the map that the last frame hangs on, or None without one."""
+        """Return the uid of a keyframe in the map that the pose of the last frame is relative to.
+
+        It is the reference keyframe, or its nearest ancestor that is in the map. None is returned
+        if there is no last frame or no such keyframe.
+        """
         anchor = self._atlas.anchor(self.last.reference_uid) if self.last is not None else None
         if anchor is None or anchor.row is None:
             return None
@@ -134,7 +155,10 @@ class Odometry:
 
     @property
     def is_in_main_map(self) -> bool:
-        """Return whether the last frame is in the map with most keyframes."""
+        """Return whether the last frame is in the map with most keyframes.
+
+        It is also true if there is no last frame, and while the very first keyframe is pending.
+        """
         keyframes = self._atlas.keyframes
         anchor = self._atlas.anchor(self.last.reference_uid) if self.last is not None else None
         if anchor is None or anchor.row is None:  # no pose, or a map that is only starting
@@ -142,7 +166,10 @@ class Odometry:
         return int(keyframes.map_id[anchor.row]) == main_map(keyframes)
 
     def _observe(self, T_last_camera: FloatArray, elapsed_ns: int) -> None:
-        """Measure the velocity; it is unknown if the stamps do not increase."""
+        """Update the velocity, and let the motion sources learn from the tracked motion.
+
+        The velocity is set to zero if the stamps do not increase.
+        """
         if elapsed_ns > 0:
             self.twist = se3.log(se3.inverse(T_last_camera)) / (S_PER_NS * elapsed_ns)
         else:
@@ -151,15 +178,15 @@ class Odometry:
             source.observe(T_last_camera, self.twist)
 
     def _bridged_motion(self) -> BridgedMotion | None:
-        """Return the motion of the first source that knows it."""
+        """Return the motion of the first source that has measured it; None if no source has."""
         motions = (source.bridge() for source in self._sources)
         return next((motion for motion in motions if motion is not None), None)
 
     def _update_covariances(self, tracking: TrackerOutput, T_last_camera: FloatArray) -> None:
-        """Combine the noise of successive poses, once it is known, with that of the residuals.
+        """Update the covariances from the residuals and, once known, from the pose noise.
 
         If too few points of the map are seen, the pose is that of the last frame with a measured
-        motion, and so its error is added to that of the last pose.
+        motion. The covariance of the last pose is then added to that of the motion.
         """
         consensus, before = tracking.consensus, self.covariance
         noise = self._pose_noise.covariance(consensus.image_covariance)

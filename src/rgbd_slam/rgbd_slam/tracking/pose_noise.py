@@ -3,7 +3,7 @@
 An error that all matches of an image share, as by a rolling shutter or a depth image of another
 instant, changes the pose and leaves no residual. But a camera moves smoothly: a parabola fits five
 successive poses, and the distance of the middle pose from the parabola through the others is its
-error. A camera that shakes faster than that is taken for a noisy pose.
+error. The motion of a camera that shakes faster is mistaken for noise.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class PoseNoise:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the recent poses, because the next one does not continue their motion."""
+        """Discard the recent poses, because the motion is interrupted before the next pose."""
         self._poses: deque[tuple[int, FloatArray]] = deque(maxlen=WINDOW)
 
     def add(self, stamp_ns: int, T_odom_camera: FloatArray) -> None:
-        """Add the pose (4, 4) of the next image."""
+        """Add the pose (4, 4) of the next image, and update the covariance."""
         if self._poses and stamp_ns <= self._poses[-1][0]:
             self.restart()
         self._poses.append((stamp_ns, T_odom_camera))
@@ -49,10 +49,13 @@ class PoseNoise:
             self._covariance += (np.outer(error, error) - self._covariance) / self._num_samples
 
     def covariance(self, prior: FloatArray) -> FloatArray | None:
-        """Return the (6, 6) covariance in the camera frame, rotation first; None without samples.
+        """Return the (6, 6) covariance of a pose in the camera frame, rotation first.
+
+        None is returned while no five successive poses have been added.
 
         Args:
-            prior: (6, 6) residual-based covariance, which outweighs few samples.
+            prior: (6, 6) covariance of the pose by its residuals. It outweighs the measured one
+                while that consists of few samples.
         """
         if self._num_samples == 0:
             return None

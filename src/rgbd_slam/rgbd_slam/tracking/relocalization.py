@@ -23,9 +23,10 @@ _NOT_THERE = 'not found at the pose given; looking everywhere'
 
 
 class Relocalizer:
-    """Relocalizes single frames.
+    """Relocalizes single frames in the map.
 
-    The place index is updated only when a frame is relocalized, so that tracking costs nothing.
+    The place index is updated only when a frame is relocalized, so that it takes no time while the
+    camera is tracked.
 
     Args:
         atlas: The map.
@@ -46,11 +47,11 @@ class Relocalizer:
         self._note = self._logged = ''
 
     def relocalize_near(self, hint: PoseHint) -> None:
-        """Search near a pose first, until the camera is found or many frames have failed."""
+        """Search near a pose first, until the camera is found or 30 frames have failed."""
         self._hint, self._num_hinted, self._logged = hint, 0, ''
 
     def take_note(self) -> str:
-        """Return the message that the last frame caused about the hint, and clear it."""
+        """Return the message about the search near the given pose, or '', and clear it."""
         note, self._note = self._note, ''
         return note
 
@@ -82,7 +83,7 @@ class Relocalizer:
         return self._finder.locate(frame)
 
     def _report_distance(self, tracking: TrackerOutput) -> None:
-        """Report how far the camera is from the given pose, which is not needed any more."""
+        """Report how far the found camera is from the given pose, and discard that pose."""
         if self._hint is not None:
             (distance_m,), (turn_rad,) = self._hint.distances(tracking.tracked.T_map_camera[None])
             self._hint = None

@@ -27,7 +27,8 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 _IMAGES_PER_ESTIMATE = 10
 _MAX_ESTIMATES = 12  # the latest ones, which are averaged
 _MIN_ESTIMATES = 4
-_PRIOR_S = 1e-3  # standard deviation of a prior of 0, which holds while the camera is at rest
+# Standard deviation of a prior readout time of 0; it prevails while the camera is at rest.
+_PRIOR_S = 1e-3
 _MIN_READOUT_S = 5e-3  # decision 033: errors of points resemble 1 to 4 ms
 _MAX_READOUT_S = 0.05  # chosen: the interval of images at 20 Hz
 _MIN_STANDARD_ERRORS = 3.0  # decision 033: significance of the average, by the scatter
@@ -36,7 +37,7 @@ _CAUCHY_SCALE = 2.0  # of the robust weights, in standard deviations (95 % effic
 
 
 class RollingShutter:
-    """Estimates the readout time of an image and moves features to its middle row's time.
+    """Estimates the readout time of an image, and moves features to where the middle row saw them.
 
     Args:
         height_px: Number of rows of an image.
@@ -45,9 +46,8 @@ class RollingShutter:
     def __init__(self, height_px: int) -> None:
         self.readout_s = 0.0  # time from the first row to the last; 0 until it is significant
         self._height_px = height_px
-        self._estimates: deque[tuple[float, float]] = deque(
-            maxlen=_MAX_ESTIMATES
-        )  # [s] and its information
+        # Estimates of the readout time [s], each with its information [1/s^2].
+        self._estimates: deque[tuple[float, float]] = deque(maxlen=_MAX_ESTIMATES)
         self._begin()
 
     def _begin(self) -> None:
@@ -55,7 +55,7 @@ class RollingShutter:
         self._weighted_s = self._information = 0.0
 
     def compensated(self, frame: Frame, camera: StereoCamera, twist: FloatArray) -> Frame:
-        """Return a frame as if all rows had been exposed together with the middle one.
+        """Return the frame as if all rows had been exposed at the time of the middle row.
 
         Args:
             frame: The frame as imaged.
@@ -78,7 +78,7 @@ class RollingShutter:
     def add(
         self, tracked: TrackedFrame, atlas: Atlas, camera: StereoCamera, twist: FloatArray
     ) -> None:
-        """Add the residuals of a tracked frame.
+        """Update the estimated readout time with the residuals of a tracked frame.
 
         Args:
             tracked: The frame, which was compensated before it was tracked.
@@ -146,7 +146,7 @@ def _with_disparity(pixels: FloatArray) -> FloatArray:
 def _marginal_of_time(
     by_pose: FloatArray, by_time: FloatArray, residual: FloatArray
 ) -> tuple[float, float]:
-    """Return the information about the readout time, and its product with the time.
+    """Return the information [1/s^2] about the readout time, and its product with this time [1/s].
 
     The pose is marginalized out by the Schur complement, with robust weights (Cauchy).
 

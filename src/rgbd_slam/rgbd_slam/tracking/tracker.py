@@ -46,9 +46,11 @@ class TrackerOutput:
     consensus: Consensus
     matched: IntArray  # (N,) point matched with each feature, outliers included, or NO_POINT
     num_inliers: int  # matches with map points that fit the pose
-    tally: PointTally
-    expected_px: FloatArray  # (3, V) projections of the points of the local map not tracked before
-    moved: IntArray  # (M,) map points that proved to be on moving objects
+    tally: PointTally  # the points that should be visible in the frame, and those found in it
+    # (3, V) projections u, v, u_right of the visible points of the local map, without those that
+    # the initial pose was estimated from.
+    expected_px: FloatArray
+    moved: IntArray  # (M,) map points that turned out to be on moving objects
     is_on_map: bool  # False: too few map points fit the pose; it rests on the last frame's depth
 
     @property
@@ -68,7 +70,7 @@ class TrackerOutput:
 
 
 class _PoseEstimate(NamedTuple):
-    """A pose of a frame, and the correspondences that fit it."""
+    """An estimated pose of a frame, and the correspondences that fit it."""
 
     consensus: Consensus
     inliers: Correspondences
@@ -83,8 +85,8 @@ class _LocalMapMatches(NamedTuple):
     """The result of searching the points of the local map in a frame."""
 
     reference_uid: int  # the keyframe that shares most points with the frame
-    correspondences: Correspondences  # those of the initial pose and the new ones
-    tally: PointTally  # points that should be visible; none found yet
+    correspondences: Correspondences  # the inliers of the initial pose, then the new ones
+    visible: IntArray  # (S,) points that should be visible, those of the initial pose included
     expected_px: FloatArray  # (3, V) projections of the points that were searched
 
 
@@ -114,16 +116,17 @@ class Tracker:
     def track(
         self, frame: Frame, last: TrackedFrame, *T_camera_last: FloatArray
     ) -> TrackerOutput | None:
-        """Return the pose and points of a frame, or None if too few map points are found.
+        """Return the tracked frame, or None if too few map points are found in it.
 
-        Initial poses are tried from the cheapest to the most expensive search until a refined one
-        is convincing; if none is, the one with most inliers is returned.
+        Initial poses are tried from the cheapest to the most expensive search. Each is refined
+        with the local map, and the first convincing result is returned (`_is_convincing`). If
+        none is convincing, it is the result with most inliers.
 
         Args:
             frame: The frame.
             last: The previous tracked frame.
-            *T_camera_last: (4, 4) predicted motions since then, the most likely first. They only
-                center the searches; the matches decide.
+            *T_camera_last: (4, 4) predicted motions since the last frame, the most likely first.
+                They only place the search windows; the matches determine the pose.
         """
         if self._atlas.anchor(last.reference_uid) is None:
             return None
@@ -143,13 +146,13 @@ class Tracker:
     def track_relocalized(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference_uid: int
     ) -> TrackerOutput | None:
-        """Track a frame from the points that relocalization found in it.
+        """Track a frame from the points that relocalization found in it; None if too few fit.
 
         Args:
             frame: The frame.
             T_camera_map: (4, 4) its approximate pose.
             points: (N,) point that each feature observes, or NO_POINT.
-            reference_uid: A keyframe that observes many of them.
+            reference_uid: Uid of a keyframe that observes many of these points.
         """
         k = np.flatnonzero(points != NO_POINT)
         found = Correspondences(k, points[k], self._atlas.points.position_m[points[k]])
@@ -162,10 +165,11 @@ class Tracker:
         last: TrackedFrame,
         T_camera_last: Sequence[FloatArray],
     ) -> Iterator[_PoseEstimate | None]:
-        """Yield initial poses, from the cheapest search to the most expensive; None if one fails.
+        """Yield initial poses, from the cheapest search to the most expensive one.
 
-        Map points are searched before depth readings of the last frame, because these readings
-        carry the error of the last pose on to the next one (decision 005).
+        None is yielded for a search that fails. Map points are searched before depth readings of
+        the last frame, because these readings carry the error of the last pose on to the next one
+        (decision 005).
         """
         config = self._config
         T_last_map = se3.inverse(last.current_pose(self._atlas))
@@ -189,7 +193,11 @@ class Tracker:
         T_camera_map: FloatArray,
         radii_px: tuple[float, ...],
     ) -> _PoseEstimate | None:
-        """Return the pose from landmarks found near their predicted projections."""
+        """Return the pose from landmarks found near their predicted projections; None if few fit.
+
+        `radii_px` are half sides of search windows in octave 0, each of which is tried until one
+        gives enough matches.
+        """
         projection_px = self._project(landmarks, T_camera_map)
         scale = self._atlas.octave_scale[landmarks.octave]
         for radius_px in radii_px:
@@ -201,7 +209,10 @@ class Tracker:
         return self._initial_pose(frame, landmarks, matches, T_camera_map)
 
     def _project(self, landmarks: Landmarks, T_camera_map: FloatArray) -> FloatArray:
-        """Return (3, N) u, v, u_right; outside any image for landmarks behind the camera."""
+        """Return the (3, N) projections u, v, u_right [px] of landmarks.
+
+        They are far outside the image for landmarks behind the camera.
+        """
         x = to_camera(T_camera_map, landmarks.position_m.T)
         is_behind = x[2] < MIN_DEPTH_M
         x[2][is_behind] = MIN_DEPTH_M
@@ -214,7 +225,8 @@ class Tracker:
     ) -> _PoseEstimate | None:
         """Return the pose from descriptor matches with the last frame and its reference keyframe.
 
-        No prediction is needed. The pose is rejected if the camera cannot have moved so far.
+        No predicted pose is needed. None is returned if too few matches fit, or if the camera
+        cannot have moved so far since the last frame, which observed the map points `known`.
         """
         config, anchor = self._config, self._atlas.anchor(last.reference_uid)
         if anchor is None or anchor.row is None:
@@ -265,7 +277,7 @@ class Tracker:
     def _refine(
         self, frame: Frame, initial: _PoseEstimate, reference_uid: int
     ) -> TrackerOutput | None:
-        """Return the tracked frame after matching the local map; None if too few points fit."""
+        """Return the frame with its pose refined on the local map; None if too few points fit."""
         searched = self._match_local_map(frame, initial, reference_uid)
         refined = self._optimize(frame, searched.correspondences, initial.T_camera_map)
         if len(refined.inliers.k) < self._config.min_inliers:
@@ -275,7 +287,10 @@ class Tracker:
     def _match_local_map(
         self, frame: Frame, initial: _PoseEstimate, reference_uid: int
     ) -> _LocalMapMatches:
-        """Search the points of the local map where the initial pose predicts them."""
+        """Return matches of a frame with the local map, which lies around a reference keyframe.
+
+        Points are searched where the initial pose predicts them. Its inliers are kept as matches.
+        """
         known = initial.inliers.points
         local_map = find_local_map(
             self._atlas, known, reference_uid, self._config.max_local_keyframes
@@ -296,11 +311,10 @@ class Tracker:
         )
         j = view.points[matches.q]
         new = Correspondences(matches.k, j, self._atlas.points.position_m.take(j, 0))
-        visible = np.concatenate([known, view.points])
         return _LocalMapMatches(
             local_map.reference_uid,
             initial.inliers.joined(new),
-            PointTally(visible, np.empty(0, np.int64)),
+            np.concatenate([known, view.points]),
             view.queries.projection_px,
         )
 
@@ -309,9 +323,12 @@ class Tracker:
     ) -> TrackerOutput:
         """Return the tracked frame, without the points of an object that biases the pose.
 
-        Features on such an object keep their matches, but observe no point and create none.
+        Features on such an object stay in `matched`, but observe no map point and may not create
+        one.
         """
-        found, (consensus, inliers) = searched.correspondences, refined
+        found = searched.correspondences
+        consensus = refined.consensus
+        inliers = refined.inliers
         moved = np.empty(0, np.int64)
         if consensus.biasing is not None:
             region, prefers_its_motion = consensus.biasing
@@ -324,10 +341,10 @@ class Tracker:
         matched[found.k] = found.point
         points[inliers.k] = inliers.point
         T_map_camera = se3.inverse(refined.T_camera_map)
-        tally = searched.tally._replace(found=inliers.points)
+        tally = PointTally(searched.visible, inliers.points)
         is_on_map = len(tally.found) >= self._config.min_inliers
         pending = self._atlas.pending
-        # While the mapper is late, the newest keyframe shows the view, and the map does not.
+        # If the map does not show the view because the mapper is late, a pending keyframe does.
         reference_uid = searched.reference_uid if is_on_map or not pending else max(pending)
         return TrackerOutput(
             tracked_frame(frame, T_map_camera, points, self._atlas, reference_uid),
@@ -357,7 +374,14 @@ class Tracker:
         *,
         is_initial: bool = False,
     ) -> _PoseEstimate:
-        """Return the pose that the correspondences give, starting from an initial one."""
+        """Return the pose optimized on correspondences, and those that fit it.
+
+        Args:
+            frame: The frame.
+            found: The correspondences.
+            T_camera_map: (4, 4) pose at which the optimization starts.
+            is_initial: True for a pose that only guides the search for more matches.
+        """
         problem = PoseProblem(
             found.position_m,
             frame.measurement_px.take(found.k, 0).astype(np.float64),

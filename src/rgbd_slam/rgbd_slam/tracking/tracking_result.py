@@ -21,7 +21,7 @@ class TrackingResult:
     # (6, 6) in the camera frame, rotation first [rad^2, m^2]; large in a map that was started
     # after a loss and is not the main one
     covariance: FloatArray | None = None
-    image_covariance: FloatArray | None = None  # (6, 6) part that successive images do not share
+    image_covariance: FloatArray | None = None  # (6, 6) part whose errors differ between images
     num_tracked: int = 0  # matched map points
     num_inliers: int = 0  # matched map points that fit the pose
     is_keyframe: bool = False

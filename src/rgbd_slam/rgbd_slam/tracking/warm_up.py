@@ -34,7 +34,7 @@ class WarmUp:
     Args:
         atlas: The map.
         trajectory: Records the poses of all frames.
-        config: Parameters; without the consensus, no frame is re-estimated.
+        config: Parameters; if `consensus.enabled` is off, no frame is re-estimated.
     """
 
     def __init__(
@@ -60,9 +60,9 @@ class WarmUp:
             self._frames.append((len(self._trajectory) - 1, tracked))
 
     def reestimate_next(self, camera: StereoCamera) -> None:
-        """Re-estimate the pose of one stored frame, if static points are known by now.
+        """Re-estimate the pose of one stored frame, once static points are known.
 
-        It is called once per image, so that the cost of an image is bounded.
+        Call it once per image, so that the cost of an image is bounded.
 
         Args:
             camera: The camera with its measured noise.
@@ -83,7 +83,16 @@ class WarmUp:
     def _reestimate(
         self, n: int, tracked: TrackedFrame, is_static: BoolArray, camera: StereoCamera
     ) -> None:
-        """Replace the pose of frame `n` by that of its static points, if it observes enough."""
+        """Replace the pose of a frame in the trajectory by the pose estimated from static points.
+
+        Nothing is replaced if the frame observes too few static points.
+
+        Args:
+            n: Number of the frame in the trajectory.
+            tracked: The frame.
+            is_static: (capacity + 1,) mask of the static points of the map.
+            camera: The camera with its measured noise.
+        """
         points = tracked.current_points(self._atlas)
         k = np.flatnonzero(points != NO_POINT)
         j = points[k]

@@ -1,7 +1,7 @@
-"""Conversions between messages and values, as pairs `x_from_msg` and `x_to_msg`.
+"""Conversions between messages and values, by pairs of functions `x_from_msg` and `x_to_msg`.
 
-The `from` functions raise MessageError with one line that names the wrong field. The `to`
-functions take a Header, since every output has the stamp and frame of the image it belongs to.
+The functions `x_from_msg` raise MessageError with one line that names the wrong field. The
+functions `x_to_msg` take a Header, because every output has the stamp and frame of its image.
 """
 
 from hoid_common.io.camera_info import camera_from_info as camera_from_msg

@@ -1,6 +1,6 @@
 """Conversions between NumPy arrays and the array fields of messages.
 
-Fields are set from `array.array`. rclpy checks every element of any other type, which takes 54 ms
+Fields are set from `array.array`. For any other type rclpy checks every element, which takes 54 ms
 for a VGA image (rosidl_python issue 156).
 """
 
@@ -50,6 +50,7 @@ def byte_array(field: Any, name: str, length: int) -> ByteArray:
 
 
 def _array(field: Any, name: str, length: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return a copy (length,) of an array field; raise MessageError if its length is another."""
     if len(field) != length:
         raise MessageError(f'{name} has {len(field)} elements, expected {length}')
     return np.array(field, dtype=dtype) if length else np.empty(0, dtype)

@@ -10,7 +10,7 @@ from hoid_common.values import CameraModel
 
 
 def camera_to_msg(camera: CameraModel, header: Header) -> CameraInfo:
-    """Return the message of a camera whose images are not rectified (R = I, P = [K 0])."""
+    """Return the CameraInfo of a camera whose images are not rectified (R = I, P = [K 0])."""
     K = camera.matrix.ravel().tolist()
     P = np.hstack([camera.matrix, np.zeros((3, 1))]).ravel().tolist()
     distortion = list(camera.distortion) or [0.0] * 5

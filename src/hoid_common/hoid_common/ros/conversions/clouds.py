@@ -1,6 +1,6 @@
 """Conversion of point clouds, with or without color: sensor_msgs/PointCloud2.
 
-sensor_msgs_py has the same, but is missing from the wheels of rclpy.
+sensor_msgs_py has the same functions, but is missing from the wheels of rclpy.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def cloud_from_msg(msg: PointCloud2) -> Cloud:
     Other fields are ignored.
 
     Raises:
-        MessageError: x, y, z are no little-endian float32, or the data has the wrong length.
+        MessageError: x, y and z are not little-endian float32, or the data has the wrong length.
     """
     offsets = {
         field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32

@@ -13,7 +13,7 @@ from hoid_common.ros.conversions.headers import stamp_from_msg
 from hoid_common.values import Detections
 
 MAX_DETECTIONS = 1000
-"""Most boxes of a message. Chosen: COCO's evaluation uses 100; more would only stall a node."""
+"""Largest number of boxes in a message. Chosen: COCO's evaluation uses 100."""
 
 
 def detections_from_msg(msg: DetectionArray) -> Detections:
@@ -41,13 +41,14 @@ def detections_to_msg(
     class_names: Sequence[str] = (),
     inference_ms: float = 0.0,
 ) -> DetectionArray:
-    """Return the message of detections.
+    """Return the DetectionArray of detections.
 
     Args:
         detections: Boxes, classes and scores.
-        header: Of the color image.
+        header: Header of the color image.
         image_size_px: Width and height of the image that the boxes refer to.
-        class_names: Classes of the model, whose index is `class_id`; other classes get -1.
+        class_names: Class names of the model. The index of a detection's class in them becomes its
+            `class_id`; a class that is not among them gets -1.
         inference_ms: Duration of the detection; 0 when no network ran.
     """
     ids = {name: i for i, name in enumerate(class_names)}

@@ -47,7 +47,7 @@ def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
 
 
 def detections_2d_to_msg(detections: Detections, header: Header) -> Detection2DArray:
-    """Return the message of detections, with the class name as `class_id`."""
+    """Return the Detection2DArray of detections, with the class name as `class_id`."""
     rows = zip(
         detections.boxes_xyxy_px.tolist(),
         detections.class_names,
@@ -60,12 +60,14 @@ def detections_2d_to_msg(detections: Detections, header: Header) -> Detection2DA
 
 
 def _likeliest(detection: Detection2D) -> ObjectHypothesis:
+    """Return the hypothesis of highest score; raise MessageError if there is none."""
     if not detection.results:
         raise MessageError('detections_2d.results is empty: a box needs a class and a score')
     return max((r.hypothesis for r in detection.results), key=lambda h: h.score)
 
 
 def _box_from_msg(box: BoundingBox2D) -> Row:
+    """Return left, top, right and bottom of the upright box around a rotated box, in px."""
     x, y = box.center.position.x, box.center.position.y
     theta_rad = box.center.theta if math.isfinite(box.center.theta) else math.nan
     cos, sin = abs(math.cos(theta_rad)), abs(math.sin(theta_rad))

@@ -19,7 +19,7 @@ _MAX_FEATURES = 65_536
 
 
 class FeatureCounts(NamedTuple):
-    """Numbers and durations of the filter that hoid_msgs/Features contains."""
+    """Statistics of the filter for one image, which hoid_msgs/Features contains."""
 
     num_detected: int = 0  # features that were found before filtering
     num_removed: int = 0  # features that were removed as dynamic
@@ -54,7 +54,7 @@ def features_from_msg(msg: FeaturesMsg) -> Features:
 
 
 def feature_counts_from_msg(msg: FeaturesMsg) -> FeatureCounts:
-    """Return the filter's numbers and durations of a features message."""
+    """Return the statistics of the filter in a Features message."""
     return FeatureCounts(msg.num_detected, msg.num_removed, msg.extract_ms, msg.filter_ms)
 
 
@@ -64,13 +64,13 @@ def features_to_msg(
     image_size_px: tuple[int, int],
     counts: FeatureCounts = FeatureCounts(),  # noqa: B008 (immutable)
 ) -> FeaturesMsg:
-    """Return the message of features.
+    """Return the Features message of the features of an image.
 
     Args:
-        features: The static features.
-        header: Of the color image.
-        image_size_px: Width and height of the image that the features were extracted from.
-        counts: The filter's numbers and durations.
+        features: The features on static surface.
+        header: Header of the color image.
+        image_size_px: Width and height of the image from which the features were extracted.
+        counts: Statistics of the filter.
     """
     seeds_all = bool(features.may_seed.all())
     return FeaturesMsg(
@@ -92,7 +92,7 @@ def features_to_msg(
 
 
 def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
-    """Return the verdicts of a message; it has none when no feature is dynamic.
+    """Return the verdicts in a message. Its array is empty when no feature is dynamic.
 
     Raises:
         MessageError: There are more verdicts than an image can have features.
@@ -106,12 +106,18 @@ def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
 
 
 def feature_verdicts_to_msg(verdicts: FeatureVerdicts, header: Header) -> FeatureVerdictsMsg:
-    """Return the message of verdicts; the header is that of the features."""
+    """Return the FeatureVerdicts message, whose array is empty when no feature is dynamic.
+
+    Args:
+        verdicts: Verdicts on the features of an image.
+        header: Header of the Features message.
+    """
     flags = verdicts.is_dynamic if verdicts.is_dynamic.any() else verdicts.is_dynamic[:0]
     return FeatureVerdictsMsg(header=header, dynamic=bytes_field(flags))
 
 
 def _check_values(features: Features, width_px: int, height_px: int) -> None:
+    """Raise MessageError if a feature is outside the image or has an invalid depth."""
     uv = features.uv_px
     # Pixel centers are integers, so that the sensor ends half a pixel beyond the outermost ones.
     inside = (uv >= -0.5) & (uv <= np.array([width_px, height_px]) - 0.5)

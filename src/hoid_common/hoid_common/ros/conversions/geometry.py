@@ -1,7 +1,7 @@
 """Conversions of poses, transforms, twists, odometry and paths.
 
-The suite orders twists and covariances rotation first, as GTSAM does; ROS orders them translation
-first. This module is the only place that reorders.
+In the suite, twists and covariances have the rotation first, as in GTSAM; in ROS messages they
+have the translation first. Only this module converts between the two orders.
 """
 
 from __future__ import annotations
@@ -46,7 +46,11 @@ def pose_to_msg(T_a_b: FloatArray) -> Pose:
 
 
 def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, float, float]:
-    """Return the transform (4, 4) and its largest standard deviations in m and in rad.
+    """Return the transform (4, 4) of a pose, and its uncertainty.
+
+    Returns:
+        The transform; the largest standard deviation of x, y and z in m; and the largest standard
+        deviation of the rotation about x, y and z in rad.
 
     Raises:
         MessageError: The pose is no rigid transform, or a variance is negative or not finite.
@@ -59,14 +63,25 @@ def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, floa
 
 
 def transform_from_msg(msg: TransformStamped) -> FloatArray:
-    """Return T_parent_child (4, 4), translation in m; raises as `pose_from_msg`."""
+    """Return T_parent_child (4, 4) of an edge of the frame tree, translation in m.
+
+    Raises:
+        MessageError: A value is not finite, or the quaternion is not normalized.
+    """
     return _transform(msg.transform.rotation, msg.transform.translation, 'transform')
 
 
 def transform_to_msg(
     T_parent_child: FloatArray, stamp_ns: int, parent: str, child: str
 ) -> TransformStamped:
-    """Return the message of T_parent_child (4, 4), an edge of the frame tree."""
+    """Return the TransformStamped of an edge of the frame tree.
+
+    Args:
+        T_parent_child: (4, 4), translation in m.
+        stamp_ns: Time of the transform.
+        parent: Name of the parent frame.
+        child: Name of the child frame.
+    """
     msg = TransformStamped(child_frame_id=child)
     msg.header.stamp = stamp_to_msg(stamp_ns)
     msg.header.frame_id = parent
@@ -96,16 +111,16 @@ def odometry_to_msg(
     header: Header,
     child_frame_id: str,
 ) -> Odometry:
-    """Return the odometry message of the base's pose and velocity.
+    """Return the Odometry message of the pose and velocity of the robot's base.
 
     Args:
-        T_odom_base: (4, 4), translation in m.
-        covariance: (6, 6) of a small motion expressed in the base frame, rotation (rad²) first,
-            then translation (m²), as GTSAM computes it for T_odom_base. ROS expresses it along
-            the axes of the header's frame, to which it is rotated here.
+        T_odom_base: (4, 4) pose of the base in the odometry frame, translation in m.
+        covariance: (6, 6) covariance of the pose in the base frame, rotation (rad²) first, then
+            translation (m²), as in GTSAM. It is rotated here to the axes of the odometry frame,
+            along which ROS expresses it.
         twist: (6,) in the base frame: angular velocity in rad/s, then linear velocity in m/s.
-        twist_covariance: (6, 6) of the twist, in the same order.
-        header: The stamp of the image; frame_id is the odometry frame.
+        twist_covariance: (6, 6) covariance of the twist, in the same order.
+        header: Header with the stamp of the image and the odometry frame.
         child_frame_id: Name of the base frame.
     """
     A = _block_rotation(T_odom_base)
@@ -119,7 +134,13 @@ def odometry_to_msg(
 
 
 def path_to_msg(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> Path:
-    """Return the path of poses (N, 4, 4) at stamps (N,) in ns, in the header's frame."""
+    """Return the Path message of N poses.
+
+    Args:
+        stamps_ns: (N,) stamps of the poses.
+        T_map_base: (N, 4, 4) poses of the base in the header's frame, translation in m.
+        header: Header of the path.
+    """
     quats = se3.quat_xyzw_from_rotation(T_map_base[:, :3, :3]).tolist()
     positions_m = T_map_base[:, :3, 3].tolist()
     msg = Path(header=header)
@@ -139,6 +160,7 @@ def path_to_msg(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> 
 
 
 def _transform(rotation: Quaternion, translation: Any, what: str) -> FloatArray:
+    """Return the transform (4, 4); raise MessageError, beginning with `what`, if it is invalid."""
     quat = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     position_m = np.array([translation.x, translation.y, translation.z])
     # Chosen: rounding leaves the norm near 1. The comparison is False for NaN.
@@ -155,6 +177,7 @@ def _quaternion(T: FloatArray) -> Quaternion:
 
 
 def _block_rotation(T: FloatArray) -> FloatArray:
+    """Return the (6, 6) block-diagonal matrix that rotates both halves of a twist by T."""
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = T[:3, :3]
     return A

@@ -20,5 +20,5 @@ def stamp_to_msg(stamp_ns: int) -> Time:
 
 
 def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
-    """Return a header, for outputs that belong to no input message."""
+    """Return a header from a stamp and a frame, for an output that belongs to no input message."""
     return Header(stamp=stamp_to_msg(stamp_ns), frame_id=frame_id)

@@ -10,7 +10,7 @@ from hoid_common.errors import MessageError
 from hoid_common.ros.conversions.detections import MAX_DETECTIONS
 from hoid_common.values import MAX_NAME_LENGTH, DynamicObject, Reason
 
-_MAX_COORDINATE_PX = 1e5  # chosen beyond any image, to refuse only garbage
+_MAX_COORDINATE_PX = 1e5  # chosen far beyond any image size
 
 
 def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ...]:
@@ -34,11 +34,11 @@ def dynamic_objects_to_msg(
     *,
     provisional: bool = False,
 ) -> DynamicObjectArray:
-    """Return the message of objects.
+    """Return the DynamicObjectArray of the objects in an image.
 
     Args:
-        objects: With the filter's verdict on each.
-        header: Of the color image.
+        objects: The objects, each with the filter's verdict.
+        header: Header of the color image.
         image_size_px: Width and height of the image that the boxes refer to.
         provisional: Whether a final message with the same stamp follows.
     """

@@ -1,6 +1,6 @@
 """Deserialization of sensor_msgs/Image without copying the pixels.
 
-rclpy copies them twice, which takes 1 ms for a VGA image in each subscribed node.
+rclpy copies the pixels twice, which takes 1 ms for a VGA image in each node that subscribes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ReceivedImage(NamedTuple):
 
 
 def image_from_cdr(serialized: bytes) -> ReceivedImage:
-    """Return the image message of its serialized bytes (CDR).
+    """Return the image message that serialized bytes (CDR) contain.
 
     Raises:
         MessageError: The bytes are no sensor_msgs/Image.

@@ -51,7 +51,7 @@ def slam_status_from_msg(msg: SlamStatusMsg) -> SlamStatus:
 
 
 def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
-    """Return the message of the status after an image."""
+    """Return the SlamStatus message of the status after an image."""
     return SlamStatusMsg(
         header=header,
         state=status.state.value,
@@ -63,11 +63,13 @@ def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
 
 
 def keyframes_to_msg(T_map_camera: FloatArray, header: Header) -> MarkerArray:
-    """Return one marker with a pyramid for each keyframe, which opens in the viewing direction.
+    """Return a single line marker that shows each keyframe as a pyramid with its tip at the camera.
+
+    Without keyframes, the marker is deleted.
 
     Args:
-        T_map_camera: (N, 4, 4) poses of the keyframes' optical frames.
-        header: frame_id is the map frame.
+        T_map_camera: (N, 4, 4) poses of the keyframes' optical frames in the map frame.
+        header: Header with the map frame.
     """
     lines_m = _pyramid_lines()
     placed = lines_m @ np.swapaxes(T_map_camera[:, :3, :3], 1, 2) + T_map_camera[:, None, :3, 3]
@@ -82,7 +84,7 @@ def keyframes_to_msg(T_map_camera: FloatArray, header: Header) -> MarkerArray:
 
 
 def _pyramid_lines() -> FloatArray:
-    """Return the ends (16, 3) of the pyramid's eight lines, in the optical frame, in m."""
+    """Return the end points (16, 3) in m of a pyramid's eight lines, in the optical frame."""
     base = np.hstack([_CORNERS, np.full((4, 1), _DEPTH_M)])
     sides = np.stack([np.zeros((4, 3)), base], axis=1)
     rim = np.stack([base, np.roll(base, -1, axis=0)], axis=1)

@@ -1,4 +1,1 @@
-"""Executors and threads that run the callbacks of nodes.
-
-Nothing here depends on what the callbacks do.
-"""
+"""Executors and threads that run the callbacks of nodes, independent of what the callbacks do."""

@@ -19,8 +19,8 @@ _JOIN_TIMEOUT_S = 2.0  # chosen: for the running service to return at the end of
 class ServiceThread:
     """Runs the services of a callback group in a thread, so that they do not block the node.
 
-    Make the services with `group` as their callback group, then call `start`. The thread runs
-    until the node ends; errors of services do not end it.
+    Create the services with `group` as their callback group, then call `start`. The thread runs
+    until `close` is called or ROS shuts down. An error in a service does not end it.
 
     Args:
         node: Node of the services.
@@ -39,16 +39,16 @@ class ServiceThread:
         return self._group
 
     def start(self, on_failure: Callable[[Exception], None]) -> None:
-        """Start the thread; all services must exist.
+        """Start the thread. All its services must have been created before.
 
         Args:
-            on_failure: Called in the thread with each error that a service raises.
+            on_failure: Function that is called in the thread with each error of a service.
         """
         self._on_failure = on_failure
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread. A service that does not return in two seconds ends with the process."""
+        """End the thread, and wait at most two seconds for the running service to return."""
         self._is_ended.set()
         self._executor.shutdown(timeout_sec=0.0)
         if self._thread.is_alive():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from rclpy.node import Node
@@ -26,10 +28,25 @@ _PROBLEM = 'scene'
 _DEATHS = 'scene processes that died'
 
 
+def own_remappings(node: str, argv: Sequence[str]) -> tuple[str, ...]:
+    """Return the remapping rules of a command line that are for one node, without its name.
+
+    Rules for all nodes reach the node of a child process by themselves.
+    """
+    rules = [rule for option, rule in pairwise(argv) if option in ('-r', '--remap')]
+    own = (rule.removeprefix(f'{node}:') for rule in rules if rule.startswith(f'{node}:'))
+    return tuple(rule for rule in own if not rule.startswith('__node:='))
+
+
 class SceneClient:
     """Runs the scene process if the dense map or object tracks are on, and publishes its messages.
 
-    All calls do nothing if both are off.
+    If both are off, all calls do nothing.
+
+    Args:
+        node: The SLAM node.
+        config: Parameters of the node.
+        diagnostics: Diagnostics of the node.
     """
 
     def __init__(self, node: Node, config: SlamNodeConfig, diagnostics: Diagnostics) -> None:
@@ -53,12 +70,13 @@ class SceneClient:
             dense=config.dense,
             objects=config.objects,
             input=config.input,
+            remappings=own_remappings(node.get_name(), sys.argv),
         )
         self._process = SceneProcess(setup, self._publish, self._report_end)
 
     @property
     def _dense_process(self) -> SceneProcess | None:
-        """Return the process if it has a dense map."""
+        """Return the scene process if it makes a dense map, else None."""
         return self._process if self._config.dense.enabled else None
 
     def scene_scheduler(self) -> SceneScheduler:
@@ -75,13 +93,13 @@ class SceneClient:
             self._process.send(config.dense)
 
     def start_map(self, camera: CameraModel) -> None:
-        """Start an empty scene."""
+        """Start an empty scene for the images of a camera."""
         self._camera = camera
         if self._process is not None:
             self._process.send(camera)
 
     def clear(self) -> None:
-        """Discard the scene."""
+        """Discard the scene, and stop mapping it until `start_map` is called."""
         if self._process is not None:
             self._process.send(ClearScene())
 
@@ -121,12 +139,12 @@ class SceneClient:
         return process.await_result(process.command(cloud_path=cloud_path, grid_path=grid_path))
 
     def load(self, dense: DenseState | None, loaded: LoadedMap, *, keep: bool) -> str:
-        """Load a saved dense map, and return what the user must know of what was left out.
+        """Load a saved dense map; return an addition to the response, if something is left out.
 
         Args:
-            dense: The dense map, if one was saved with the map.
-            loaded: The map, which has been loaded already.
-            keep: Whether to keep the running dense map as well.
+            dense: The dense map; None if none was saved with the map.
+            loaded: The keyframes of the map, which has been loaded already.
+            keep: True: keep the running dense map as well. False: discard it.
         """
         process, camera = self._dense_process, self._camera
         if process is None or camera is None:
@@ -143,7 +161,7 @@ class SceneClient:
         return ''
 
     def enqueue(self, request: SceneRequest | None) -> None:
-        """Send a request to map an image, if there is one."""
+        """Send a request for the use of an image to the scene process; None: do nothing."""
         if self._process is None or request is None:
             return
         self._process.enqueue(request)

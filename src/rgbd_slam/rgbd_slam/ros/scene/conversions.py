@@ -41,11 +41,12 @@ class SceneMaps(NamedTuple):
     cloud: ColoredCloud
     header: Header  # with the map frame
     grid: Grid | None = None  # None: no floor is known
-    grid_header: Header | None = None  # with a level frame, which may be the map frame
-    grid_height_m: float = 0.0  # in that frame
+    grid_header: Header | None = None  # with the level frame of the grid, or with the map frame
+    grid_height_m: float = 0.0  # z of the grid in the frame of its header
     patch: GridPatch | None = None  # None: the grid is unchanged, or has another size
-    T_map_level: FloatArray | None = None  # (4, 4) of the level frame; None: unchanged, or no such
-    is_discarded: bool = False  # the scene was discarded, and the maps are empty
+    # (4, 4) pose of the level frame; None: unchanged, or the grid is in the map frame.
+    T_map_level: FloatArray | None = None
+    is_discarded: bool = False  # True: the scene was discarded, and the maps are empty
 
 
 def cloud_to_msg(maps: SceneMaps) -> PointCloud2:
@@ -55,7 +56,7 @@ def cloud_to_msg(maps: SceneMaps) -> PointCloud2:
 
 
 def level_frame_to_msg(maps: SceneMaps) -> TFMessage | None:
-    """Return the transform of the level frame of the grid, if it has changed."""
+    """Return the transform of the level frame of the grid; None if it has not changed."""
     if maps.T_map_level is None or maps.grid_header is None:
         return None
     stamp_ns = conversions.stamp_from_msg(maps.header.stamp)
@@ -66,7 +67,10 @@ def level_frame_to_msg(maps: SceneMaps) -> TFMessage | None:
 
 
 def grid_to_msg(maps: SceneMaps) -> OccupancyGrid | None:
-    """Return the message of the whole grid, which subscribers that join late receive."""
+    """Return the message of the whole grid; None if no floor is known.
+
+    The grid of a discarded scene is empty.
+    """
     grid, header = maps.grid, maps.grid_header
     if grid is None or header is None:
         return OccupancyGrid(header=maps.header) if maps.is_discarded else None
@@ -85,7 +89,7 @@ def grid_to_msg(maps: SceneMaps) -> OccupancyGrid | None:
 
 
 def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:
-    """Return the message of the changed part of the grid, if only cells have changed."""
+    """Return the message of the changed part of the grid; None unless only cells have changed."""
     patch = maps.patch
     if patch is None:
         return None

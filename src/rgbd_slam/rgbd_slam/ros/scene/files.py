@@ -14,7 +14,7 @@ from rgbd_slam.scene.voxel_map import ColoredCloud
 
 
 def save_cloud(scene: SceneMapper | None, path: Path) -> str:
-    """Write the dense map as PLY; return a message for the user.
+    """Write the dense map as a PLY file; return a message for the user.
 
     Raises:
         InputError: There is no dense map, or it cannot be written.
@@ -32,8 +32,8 @@ def save_grid(
     """Write the grid in the format of Nav2's map server; return a message for the user.
 
     Args:
-        scene: The scene mapper, if there is one.
-        grid_of: Returns the grid of a cloud, or None if no floor is known.
+        scene: The scene mapper; None if there is none.
+        grid_of: Returns the grid of a cloud of the scene, or None if no floor is known.
         path: Path of the YAML file or of the image, which differ in the extension.
 
     Raises:

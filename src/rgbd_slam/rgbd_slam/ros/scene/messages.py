@@ -23,18 +23,20 @@ class SceneSetup(NamedTuple):
     dense: DenseConfig
     objects: ObjectTrackerConfig
     input: InputConfig
+    remappings: tuple[str, ...] = ()  # rules that the command line has for the SLAM node only
 
 
 class ClearScene(NamedTuple):
-    """Discards the scene until a camera follows."""
+    """Discards the scene; the next `CameraModel` starts a new one."""
 
 
 class SceneCommand(NamedTuple):
-    """Writes files, and asks for a `CommandResult` once all earlier messages are processed."""
+    """Asks to write files, and for a `CommandResult` after all earlier messages are processed."""
 
-    number: int
-    cloud_path: Path | None = None  # the file for the dense map
-    grid_path: Path | None = None  # the YAML file for the grid; its image is written beside it
+    number: int  # identifies the command in its result
+    cloud_path: Path | None = None  # the file for the dense map; None: do not write it
+    # The YAML file for the grid, beside which its image is written; None: do not write the grid.
+    grid_path: Path | None = None
 
 
 SceneMessage = (
@@ -46,12 +48,15 @@ SceneMessage = (
     | StoredView
     | SceneCommand
 )
-"""A camera starts an empty scene, a configuration replaces the parameters that may change at run
-time, and a stored view restores an image of a saved scene or of a process that has died."""
+"""A message to the scene process.
+
+A camera starts an empty scene, a configuration replaces the parameters that may change at run
+time, and a stored view restores an image of a saved scene or of a process that has died.
+"""
 
 
 class Output(NamedTuple):
-    """A message for a topic."""
+    """A message that the SLAM node publishes for the scene process."""
 
     topic: str
     data: bytes  # serialized here, so that the SLAM node's thread need not do it

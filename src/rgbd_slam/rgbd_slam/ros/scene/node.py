@@ -52,7 +52,9 @@ class SceneNode(Node):
 
     def __init__(self, messages: Connection, reports: Connection, setup: SceneSetup) -> None:
         # A node name on the command line is meant for the SLAM node.
-        super().__init__(setup.name, cli_args=['--ros-args', '-r', f'__node:={setup.name}'])
+        rules = (f'__node:={setup.name}', *setup.remappings)
+        remappings = [word for rule in rules for word in ('-r', rule)]
+        super().__init__(setup.name, cli_args=['--ros-args', *remappings])
         # Mapping only uses time that no stage before the pose needs (decision 016). The threads of
         # the middleware, which run already, keep their priority: a participant whose threads do
         # not answer in time is taken for dead by all others.
@@ -164,7 +166,7 @@ class SceneNode(Node):
         self._outputs.clear(self._stamp_ns)
 
     def _on_objects(self, msg: DynamicObjectArray) -> None:
-        """Take final verdicts only: the maps can wait for them."""
+        """Use final verdicts only, because the maps can wait for them."""
         if not msg.provisional:
             self._add('objects', conversions.stamp_from_msg(msg.header.stamp), msg)
 
@@ -183,7 +185,7 @@ class SceneNode(Node):
         self._diagnostics.set_count('images missing', self._matcher.counts['pose'].unmatched)
 
     def _map_image(self, match: Match) -> None:
-        """Add one image, with its pose and its objects, to the maps that asked for it."""
+        """Add one image, with its pose and its objects, to the maps for which it was requested."""
         request, depth, color, objects_msg = match.values
         if self._scene is None:
             return

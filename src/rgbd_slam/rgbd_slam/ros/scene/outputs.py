@@ -35,7 +35,7 @@ from rgbd_slam.scene.voxel_map import ColoredCloud
 
 
 class OutputTopic(NamedTuple):
-    """A topic, and the function that makes its message; None from it publishes nothing."""
+    """A topic, and the function that makes its message, or None if nothing is to be published."""
 
     name: str
     type: Any
@@ -43,7 +43,8 @@ class OutputTopic(NamedTuple):
     to_msg: Callable[..., Any]
 
 
-# From (objects: tuple[TrackedObject, ...], header: Header), after each image with objects.
+# `to_msg` is called with (objects: tuple[TrackedObject, ...], header: Header) after each image
+# that is used to track objects.
 OBJECT_OUTPUTS = (
     OutputTopic(
         topics.TRACKED_OBJECTS, TrackedObjectArray, qos.OUTPUT, conversions.tracked_objects_to_msg
@@ -53,7 +54,8 @@ OBJECT_OUTPUTS = (
         topics.TRACKED_OBJECT_MARKERS, MarkerArray, qos.OUTPUT, conversions.markers_to_msg
     ),
 )
-# From (maps: SceneMaps), once per `dense.publish_period_s` if the maps have changed.
+# `to_msg` is called with (maps: SceneMaps) once per `dense.publish_period_s`, if the maps have
+# changed.
 MAP_OUTPUTS = (
     OutputTopic(topics.CLOUD_MAP, PointCloud2, qos.LATCHED, conversions.cloud_to_msg),
     OutputTopic(topics.TF_STATIC, TFMessage, qos.TF_STATIC, conversions.level_frame_to_msg),
@@ -65,13 +67,13 @@ MAP_OUTPUTS = (
 
 
 class SceneOutputs:
-    """Publishes the scene in the map frame, with the stamps of the images that it was made of.
+    """Publishes the scene in the map frame, with the stamps of the images that it is made of.
 
     The grid is in a frame of its own, `<map frame>_level`, if the map frame is not level.
 
     Args:
         send: Sends a message to the SLAM node, which publishes it.
-        setup: Names the map frame, and states whether it is level.
+        setup: The parameters of the scene process.
     """
 
     def __init__(self, send: Callable[[Output], None], setup: SceneSetup) -> None:
@@ -81,7 +83,7 @@ class SceneOutputs:
         self._T_map_level: FloatArray | None = None  # as published last
 
     def publish_objects(self, objects: tuple[TrackedObject, ...], stamp_ns: int) -> None:
-        """Publish the tracks as they are after an image."""
+        """Publish the tracks of people and objects after an image with this stamp."""
         self._publish(OBJECT_OUTPUTS, objects, header_to_msg(stamp_ns, self._frame))
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:
@@ -100,12 +102,19 @@ class SceneOutputs:
         self._publish(MAP_OUTPUTS, maps)
 
     def place_grid(self, scene: SceneMapper, cloud: ColoredCloud) -> Grid | None:
-        """Return the grid of a cloud of the scene with its published size, or None if none."""
+        """Return the grid of a cloud of the scene, with the size in which it is published.
+
+        None is returned if no floor is known.
+        """
         grid = scene.grid(cloud)
         return None if grid is None else self._steady.place(grid)
 
     def clear(self, stamp_ns: int) -> None:
-        """Publish empty maps and no tracks, if anything was published before (`stamp_ns` > 0)."""
+        """Publish empty maps and no tracks.
+
+        Nothing is published if `stamp_ns`, the stamp of the latest image in the dense map, is 0:
+        no map has been published then.
+        """
         if stamp_ns == 0:
             return
         self._steady.clear()

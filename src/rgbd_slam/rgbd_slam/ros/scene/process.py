@@ -56,8 +56,8 @@ class SceneProcess:
     Args:
         setup: Parameters of the scene process.
         on_output: Called with each message to publish, in a thread of this object.
-        on_end: Called when the process has died, in the same thread, with how it ended and whether
-            a new one was started.
+        on_end: Called when the process has died, in the same thread. Arguments: how it ended, and
+            whether a new process was started.
     """
 
     def __init__(
@@ -83,7 +83,10 @@ class SceneProcess:
     def send(
         self, message: CameraModel | ClearScene | DenseConfig | KeyframePoses | StoredView
     ) -> None:
-        """Send a message that changes the scene; a process that replaces this one gets it too."""
+        """Send a message that changes the scene.
+
+        If the process dies, the process that replaces it is brought to the same state.
+        """
         with self._lock:
             match message:
                 case CameraModel():
@@ -99,7 +102,7 @@ class SceneProcess:
             self._worker.send(message)
 
     def enqueue(self, request: SceneRequest) -> None:
-        """Send a request, unless too many are waiting."""
+        """Send a request, unless too many are waiting; dropped requests are counted."""
         self._state.keyframes = request.keyframes or self._state.keyframes
         if self._worker.num_waiting >= _MAX_WAITING:
             self.num_dropped += 1
@@ -107,13 +110,18 @@ class SceneProcess:
             self._worker.send(request)
 
     def command(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> int:
-        """Send a command, which writes the given files; return its number for `await_result`."""
+        """Send a command, and return its number for `await_result`.
+
+        It writes the dense map and the grid to the given files; None: does not write it.
+        """
         number = next(self._numbers)
         self._worker.send(SceneCommand(number, cloud_path, grid_path))
         return number
 
     def await_result(self, number: int) -> str:
-        """Wait for a command and return its text; only one command may be under way.
+        """Wait until a command is completed, and return the text of its result.
+
+        Only one command may be in progress at a time.
 
         Raises:
             InputError: The command failed, the process has ended, or it takes too long.
@@ -162,7 +170,11 @@ class SceneProcess:
                 self._results.put(report)
 
     def _restart(self) -> bool:
-        """Start a new process, unless closed or in vain; return whether one was started."""
+        """Replace the process that has died; return whether a new one was started.
+
+        None is started after `close`, or if the process has ended soon after its start again and
+        again.
+        """
         self._results.put(CommandResult(next(self._numbers), False, _ENDED))  # for any command
         with self._lock:
             if self._is_closed:

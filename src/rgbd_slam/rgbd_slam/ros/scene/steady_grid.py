@@ -22,17 +22,20 @@ class GridPatch(NamedTuple):
 
 
 class SteadyGrid:
-    """Places grids in a larger one, which never shrinks while the resolution is the same."""
+    """Extends grids to a larger size, which never shrinks while the resolution is the same."""
 
     def __init__(self) -> None:
         self._last: Grid | None = None
 
     def clear(self) -> None:
-        """Forget the last grid, because the map is another one now."""
+        """Forget the last grid, because the map has been discarded."""
         self._last = None
 
     def place(self, grid: Grid) -> Grid:
-        """Return the grid, extended by unknown cells to multiples of the step."""
+        """Return the grid extended by unknown cells, so that its borders are at multiples of 2 m.
+
+        The extended grid covers that of the last call of `take_patch`.
+        """
         block = max(1, round(_STEP_M / grid.resolution_m))
         low = np.array(grid.low) // block * block
         high = -(-(np.array(grid.low) + grid.cells.shape[::-1]) // block) * block
@@ -48,7 +51,13 @@ class SteadyGrid:
         return replace(grid, cells=cells, low=(int(low[0]), int(low[1])))
 
     def take_patch(self, placed: Grid) -> GridPatch | None:
-        """Return the changes since the last placed grid, or None if there are none or it moved."""
+        """Return the cells that have changed since the last call; the grid is stored for the next.
+
+        None is returned if no cell has changed, or if size or origin have changed.
+
+        Args:
+            placed: The grid, extended by `place`.
+        """
         last, self._last = self._last, placed
         if last is None or _extent(last) != _extent(placed):
             return None

@@ -27,10 +27,11 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
-_AROUND = 10  # not tuned: neighbors of each keyframe of a loop whose points are fused
+_AROUND = 10  # not tuned: neighbors of both keyframes of a loop whose points are fused
 _NO_MAP = -1
-# Chosen: keyframes around a loop with hardly any drift whose poses are corrected. No recording of
-# a room has as many; in a building such a loop costs the same whatever the size of the map.
+# Chosen: number of keyframes whose poses are corrected around a loop with hardly any drift. No
+# recording of a room has as many; in a building such a loop takes the same time whatever the size
+# of the map.
 _SMALL_LOOP = 200
 
 _logger = logging.getLogger(__name__)
@@ -95,13 +96,16 @@ class LoopCloser:
         self._detector = LoopDetector(atlas, camera, config)
         self._loops: list[Loop] = []
         self._adjusted_map = _NO_MAP  # the map that was adjusted last
-        self._has_grown = False  # whether keyframes were added to it since then
+        self._has_grown = False  # whether keyframes have been added to that map since then
         self._adjuster = GlobalAdjuster(
             atlas, camera, self._config.global_iterations, background=background
         )
 
     def process(self, i: int) -> LoopEvent:
-        """Correct the map if keyframe `i` shows a known place; return what was done."""
+        """Correct the map if the new keyframe `i` shows a known place; return what was done.
+
+        Also applies a finished global adjustment to the map.
+        """
         self.poll()
         self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
         found = self._detector.detect(i) if self._config.enabled else None
@@ -127,7 +131,12 @@ class LoopCloser:
         return self._adjuster.is_running
 
     def settle(self, limit_s: float) -> None:
-        """Adjust the last adjusted map again if it has grown since; wait up to `limit_s`."""
+        """Repeat the last global adjustment if keyframes have been added to the map since then.
+
+        It covers the part of the map around the newest keyframe, or the whole map if this is
+        small. Waits up to `limit_s` for a global adjustment that is running, and as long for the
+        repeated one, which may continue in the background.
+        """
         self._adjuster.poll(limit_s)
         if self._has_grown and not self._adjuster.is_running:
             keyframes = self._atlas.keyframes
@@ -136,11 +145,21 @@ class LoopCloser:
             self._adjuster.poll(limit_s)
 
     def close(self) -> None:
-        """Stop the global adjustment in the background."""
+        """Stop the global adjustment in the background without applying it."""
         self._adjuster.close()
 
     def _close(self, i: int, c: int, match: PlaceMatch, T_c_i: FloatArray) -> LoopEvent:
-        """Close a loop from keyframe `i` to keyframe `c` by pose graph optimization."""
+        """Close a loop from keyframe `i` to keyframe `c` by pose graph optimization.
+
+        Points of both ends are fused. A global adjustment follows unless the loop is short and
+        has hardly any drift.
+
+        Args:
+            i: Row of the new keyframe.
+            c: Row of the keyframe that shows the same place.
+            match: The verified pose of keyframe `i` at this place.
+            T_c_i: (4, 4) the same pose, relative to keyframe `c`.
+        """
         keyframes, config = self._atlas.keyframes, self._config
         turn_rad, distance_m = self._detector.correction(i, match)
         path_m = path_length_m(self._atlas, c, i)

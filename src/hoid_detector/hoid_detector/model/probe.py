@@ -1,0 +1,120 @@
+"""Outputs of a network for a test image, and what they show about its layout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.errors import ModelError
+from hoid_common.values import Float32Array
+from hoid_detector.model.class_names import COCO
+from hoid_detector.model.decoders import Size, cells
+from hoid_detector.model.finished_boxes import LARGEST_NORMALIZED
+
+AUTO = 'auto'
+"""Value of a parameter that follows from the model file."""
+
+# Grid strides of the published YOLO models, the usual ones (P3 to P5) first.
+_STRIDES_PX = ((8, 16, 32), (8, 16, 32, 64), (4, 8, 16, 32), (16, 32), (8, 16), (8,), (16,))
+
+
+class Grid(NamedTuple):
+    """A single output as channels of anchors, and the grid cells that its anchors lie on."""
+
+    channels: Float32Array  # (C, N)
+    anchors_last: bool  # whether the output is (C, N) itself, else (N, C)
+    strides_px: tuple[int, ...]  # empty where the number of anchors fits no grid
+    anchors_per_cell: int
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """Outputs of a network for a test image, from which its layout is recognized."""
+
+    size_wh: Size  # of the network input
+    names: tuple[str, ...]  # of the outputs
+    outputs: tuple[NDArray[Any], ...]
+    metadata: Mapping[str, str]
+    num_classes: int | None  # number of class names, where they are known
+    box_units: str = AUTO  # AUTO, 'pixel' or 'normalized'
+    class_ids: str = AUTO  # AUTO, or the convention of class ids
+    takes_size: bool = False  # whether the network has an input for the image size
+
+    def __str__(self) -> str:
+        found = zip(self.names, self.outputs, strict=True)
+        return ', '.join(f'{name} {a.dtype} {"x".join(map(str, a.shape))}' for name, a in found)
+
+    @property
+    def table(self) -> NDArray[Any]:
+        """Return the single output, (rows, columns) or (1, rows, columns).
+
+        Raises:
+            ModelError: It has another shape.
+        """
+        output = self.outputs[0]
+        self.require(output.ndim == 2 or (output.ndim == 3 and output.shape[0] == 1))
+        return output
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Return the single output as a grid of anchors; raise ModelError if it is no table."""
+        table: Float32Array = np.asarray(self.table, np.float32).reshape(self.table.shape[-2:])
+        for strides in _STRIDES_PX:
+            num_cells = len(cells(self.size_wh, strides)[1])
+            for last in (True, False):
+                anchors, channels = table.shape[::-1] if last else table.shape
+                if anchors in (num_cells, 3 * num_cells) and channels > 4:
+                    return Grid(table if last else table.T, last, strides, anchors // num_cells)
+        last = table.shape[1] > table.shape[0]
+        return Grid(table if last else table.T, last, (), 0)
+
+    @property
+    def num_before_classes(self) -> int | None:
+        """Return 4 (box) or 5 (box, objectness), or None where the output is no grid of anchors.
+
+        Without class names, models with COCO's 80 classes are recognized. Others are assumed to
+        have no objectness where the channels come before the anchors, as YOLOv8 exports them.
+        """
+        channels, anchors_last, strides_px, _ = self.grid
+        num, with_box = len(channels), 4 if anchors_last else 5
+        num_classes = self.num_classes
+        if num_classes is None:
+            is_coco = num in (4 + len(COCO), 5 + len(COCO))
+            num_classes = len(COCO) if is_coco else num - with_box
+        before = num - num_classes
+        return before if strides_px and before in (4, 5) else None
+
+    def find(self, matches: Callable[[str, NDArray[Any]], bool], word: str = '') -> int | None:
+        """Return the index of the first output that matches by its lower-case name and values.
+
+        Outputs with `word` in their names come first.
+        """
+        named = enumerate(zip(self.names, self.outputs, strict=True))
+        found = [i for i, (name, a) in named if matches(name.lower(), a)]
+        return min(found, key=lambda i: word not in self.names[i].lower(), default=None)
+
+    def is_normalized(self, boxes: NDArray[Any]) -> bool:
+        """Return whether boxes are fractions of the input; where there is no box, they are not."""
+        if self.box_units != AUTO:
+            return self.box_units == 'normalized'
+        return 0 < float(np.abs(boxes).max(initial=0)) <= LARGEST_NORMALIZED
+
+    def require(self, condition: bool) -> None:
+        """Raise the ModelError of an unknown layout unless the condition holds."""
+        if not condition:
+            raise self.unknown()
+
+    def unknown(self) -> ModelError:
+        """Return the error of a model whose layout is none of the known ones."""
+        width, height = self.size_wh
+        names = '' if self.num_classes is None else f' and {self.num_classes} class names'
+        task = f', task {self.metadata["task"]}' if 'task' in self.metadata else ''
+        return ModelError(
+            f'unknown output layout: {self} at input {width}x{height}{names}{task}; '
+            f'export a plain detection model, or set the parameter "layout"'
+        )

@@ -1,0 +1,57 @@
+"""The height of the floor in each submap, so that a floor need not be one plane in a large map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hoid_common import se3
+from rgbd_slam.scene.floor import Floor
+from rgbd_slam.scene.submap import Submap, transform
+
+# Chosen: the floor of a submap is looked for this near to the floor of the nearest one: less than
+# a step of stairs, and more than the drift of a few meters.
+_BAND_M = 0.1
+_MIN_VOXELS = 100  # not tuned: fewer voxels show no floor
+
+
+class LocalFloors:
+    """Heights of the floor of submaps above one plane.
+
+    Args:
+        floor: The plane, which was found in the whole map.
+    """
+
+    def __init__(self, floor: Floor) -> None:
+        self.floor = floor
+        self._seen: dict[Submap, tuple[int, float, float]] = {}  # revision, nearest, own height
+
+    def heights_m(self, submaps: Sequence[Submap]) -> dict[Submap, float]:
+        """Return the height of the floor of each submap above the plane.
+
+        It is the median of the voxels near the floor of the nearest submap before it, or that
+        floor itself where there are too few.
+        """
+        T_floor_map = se3.inverse(self.floor.T_map_floor)
+        out: dict[Submap, float] = {}
+        places, heights_m = np.empty((len(submaps), 2)), np.empty(len(submaps))
+        known = 0
+        for submap in submaps:
+            T = T_floor_map @ submap.T_map_submap
+            place = (T[:3, :3] @ submap.center_m + T[:3, 3])[:2]
+            nearest_m = 0.0
+            if known:
+                gap = np.abs(places[:known] - place).max(axis=1)
+                nearest_m = float(heights_m[np.argmin(gap)])
+            seen = self._seen.get(submap)
+            if seen is None or seen[:2] != (submap.revision, nearest_m):
+                above_m = transform(T, submap.points_m())[submap.is_shown(), 2]
+                above_m = above_m[np.abs(above_m - nearest_m) < _BAND_M]
+                own_m = float(np.median(above_m)) if len(above_m) >= _MIN_VOXELS else np.nan
+                seen = self._seen[submap] = submap.revision, nearest_m, own_m
+            out[submap] = nearest_m if np.isnan(seen[2]) else seen[2]
+            if not np.isnan(seen[2]):
+                places[known], heights_m[known] = place, seen[2]
+                known += 1
+        return out
