@@ -41,6 +41,7 @@ class Anchor(NamedTuple):
     T_anchor_keyframe: FloatArray  # (4, 4); T_map_keyframe without an ancestor
 
 
+_REFRESHED = 5000  # chosen: points that are refreshed at once, whose observations fit the cache
 _NOTHING = np.empty(0, np.int64)
 
 
@@ -373,13 +374,12 @@ class Atlas:
             first_uid: The uid of the first one; None: the next unused one.
         """
         kf = self.keyframes
+        kf.reserve_features(int(saved.columns['num_features'].max()))
         i = kf.append(saved.columns, self.version, first_uid)
         kf.is_loaded[i] = True
         kf.parent_uid[i] = np.where(saved.parent == DEAD, DEAD, kf.uid[i[saved.parent]])
         kf.point_of_feature[i] = NO_POINT
-        kf.append_features(
-            i[saved.keyframe], saved.feature, saved.features, saved.columns['num_features']
-        )
+        kf.append_features(i[saved.keyframe], saved.feature, saved.features)
         return i
 
     def append_points(self, columns: Mapping[str, Column], reference: IntArray) -> IntArray:
@@ -400,9 +400,11 @@ class Atlas:
         self._note_features(seen.i, seen.k)
         self.keyframes.point_of_feature[seen.i, seen.k] = seen.j
         self._graph.observe(*seen)
-        for i in np.unique(seen.i).tolist():
+        for i in np.flatnonzero(np.bincount(seen.i)).tolist():
             self.update_connections(i)
-        self.refresh(np.unique(seen.j))
+        points = np.flatnonzero(np.bincount(seen.j))
+        for start in range(0, len(points), _REFRESHED):
+            self.refresh(points[start : start + _REFRESHED])
 
     # ---- copies in other processes
 

@@ -159,12 +159,13 @@ class KeyframeTable(SoaTable):
         if self._num_put % _RELEASE_AFTER == 0:
             self.release_memory()
 
-    def append_features(
-        self, i: IntArray, k: IntArray, columns: Mapping[str, Column], num_features: IntArray
-    ) -> None:
+    def reserve_features(self, max_features: int) -> None:
+        """Widen the feature columns, if they are narrower than `max_features`."""
+        if max_features > self.max_features:
+            self.grow_features(max_features)
+
+    def append_features(self, i: IntArray, k: IntArray, columns: Mapping[str, Column]) -> None:
         """Store (F, ...) features: feature n becomes number `k[n]` of keyframe `i[n]`."""
-        if num_features.max() > self.max_features:
-            self.grow_features(int(num_features.max()))
         for name, values in columns.items():
             getattr(self, name)[i, k] = values
         self.release_memory()
