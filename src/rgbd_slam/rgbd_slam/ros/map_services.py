@@ -158,7 +158,8 @@ class MapServices:
             session.slam.map.update()
             if session.slam.map.mapper.queue_length > 0:
                 return None  # tracking would stop until the mapper has emptied its queue
-            loaded = session.robot_map.load(content, keep=keep)
+            extend = session.mode is SlamMode.MAPPING
+            loaded = session.robot_map.load(content, keep=keep, extend=extend)
             return self._scene.load(content.dense, loaded, keep=keep)
 
         note = self._poll(load, time.monotonic() + _SETTLE_S)
