@@ -212,7 +212,8 @@ class RgbdSlam:
 
     def _relocalize(self, frame: Frame) -> TrackerOutput | None:
         """Relocalize a lost frame in the map; only wheels know its motion since the last one."""
-        tracking = self._relocalizer.relocalize(frame)
+        # While the map grows, a later merge connects the maps; in localization nothing does.
+        tracking = self._relocalizer.relocalize(frame, in_main_map=not self.map.is_growing)
         if tracking is not None:
             self.odometry.bridge()
             self.odometry.restart_from(tracking.tracked)

@@ -193,3 +193,18 @@ def test_a_camera_that_differs_much_does_not_extend_the_map(saved: MapState) -> 
         content.seen_by(half, *octaves, extend=True)
     with pytest.raises(MapFileError, match=r'camera\.num_octaves'):
         content.seen_by(CAMERA, config.scale_factor, 4, extend=False)
+
+
+def test_in_localization_a_camera_in_a_map_that_nothing_joins_is_lost(saved: MapState) -> None:
+    config = SlamConfig().updated({'places.new_map_after_s': 0.3})
+    mapping, poses = RgbdSlam(CAMERA, config), sway(90)[:40]
+    mapping.load(saved, keep=False)
+    run(mapping, World(seed=7), poses)
+    assert mapping.stats.num_maps == 2
+    two_maps = snapshot(mapping.map.atlas)
+    for is_growing, state in ((True, SlamState.TRACKING), (False, SlamState.LOST)):
+        slam = RgbdSlam(CAMERA, config)
+        slam.load(two_maps, keep=False)
+        slam.map.is_growing = is_growing
+        results = run(slam, World(seed=7), poses[20:22], first=200)
+        assert [result.state for result in results] == [state] * 2
