@@ -65,13 +65,13 @@ def _described(path: Path, content: MapFile) -> Sequence[str]:
     state, camera = content.map, content.camera
     sizes = np.sort(np.bincount(state.map_id))[::-1]
     extent_m = np.ptp(state.T_map_camera[:, :3, 3], axis=0)
+    lens = f'fx={camera.fx_px:g} fy={camera.fy_px:g}'
     views = 0 if content.dense is None else len(content.dense)
     lines = [
         f'{path}: {path.stat().st_size / _MB:.1f} MB',
         f'keyframes  {len(state)}, over {" x ".join(f"{side:.1f}" for side in extent_m)} m',
         f'points     {len(state.position_m)}',
-        f'camera     {camera.width_px}x{camera.height_px}, fx={camera.fx_px:g} '
-        f'fy={camera.fy_px:g}',
+        f'camera     {camera.width_px}x{camera.height_px}, {lens}',
         f'dense map  {views} images' if views else 'dense map  none',
     ]
     if len(sizes) > 1:
