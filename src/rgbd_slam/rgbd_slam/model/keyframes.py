@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.soa_table import DEAD, Column, SoaTable, SoaTableRows
 from rgbd_slam.records.disk_array import DiskArray
+from rgbd_slam.records.soa_table import DEAD, Column, SoaTable, SoaTableRows
 
 NO_POINT = -1
 

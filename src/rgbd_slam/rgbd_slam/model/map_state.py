@@ -26,8 +26,8 @@ from hoid_native.results import Observations
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import SavedKeyframes
-from rgbd_slam.model.soa_table import DEAD
 from rgbd_slam.records.record import Array, Record, column
+from rgbd_slam.records.soa_table import DEAD
 
 Int32Array = NDArray[np.int32]
 NONE = -1
