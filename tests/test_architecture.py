@@ -38,7 +38,7 @@ LAYERS = {
     """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < tracking local_mapping
-        < loops < scene < map_io < mapper < processes < slam_map statistics
+        < loops < scene < map_io < mapper map_joining < processes < slam_map statistics
         < robot_frames slam late_verdicts < robot_map < session < ros < node
     """,
     'hoid_bags': """
@@ -53,7 +53,7 @@ LAYERS = {
         < command_reference message_reference < __main__
     """,
     'hoid_benchmarks': """
-        consistency plan < jobs < rooms faults < report < publish demo_picture pictures
+        consistency plan < jobs < rooms faults building < report < publish demo_picture pictures
         < commands demo
     """,
 }
@@ -63,7 +63,8 @@ ROS_FOLDERS = re.compile(
     r'hoid_bags\.live\b|hoid_bringup\.live\b|hoid_benchmarks\.faults\.live\b'
 )
 MOST_MODULES, MOST_LINES = 12, 400
-LONG_FUNCTION = 25  # lines; at most 5 % of the functions may be longer
+# Lines without the docstring; at most 5 % of the functions may be longer.
+LONG_FUNCTION = 22
 # Importing each takes more than 0.1 s, which would delay the restart of a killed node.
 LONG_TO_LOAD = ('gtsam', 'rosbags.typesys.stores.ros2_jazzy', 'scipy', 'onnxruntime')
 EXPERIMENTS_ONLY = ('distributed', 'embreex', 'evo', 'matplotlib', 'plotly')
@@ -161,8 +162,16 @@ def test_folders_files_and_functions_stay_small() -> None:
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.FunctionDef)
     ]
-    long = [f for f in functions if (f.end_lineno or 0) - f.lineno + 1 > LONG_FUNCTION]
+    long = [function for function in functions if code_lines(function) > LONG_FUNCTION]
     assert len(long) <= 0.05 * len(functions)
+
+
+def code_lines(function: ast.FunctionDef) -> int:
+    """Return the number of lines of a function without its docstring."""
+    first = function.body[0]
+    has_docstring = ast.get_docstring(function) is not None
+    docstring = (first.end_lineno or 0) - first.lineno + 1 if has_docstring else 0
+    return (function.end_lineno or 0) - function.lineno + 1 - docstring
 
 
 def test_everything_public_has_a_docstring() -> None:

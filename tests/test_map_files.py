@@ -301,7 +301,7 @@ def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path
     os.mkfifo(folder / 'pipe.hoidmap')
     (folder / 'link.hoidmap').symlink_to('/etc/passwd')
     other = map_file.load(folder / 'good.hoidmap')
-    camera = CAMERA.__class__(640, 480, 500.0, 500.0, 319.5, 239.5)
+    camera = CAMERA.__class__(640, 480, 300.0, 300.0, 319.5, 239.5)
     map_file.save(folder / 'other.hoidmap', other._replace(camera=camera))
     octaves = other._replace(num_octaves=4)
     map_file.save(folder / 'octaves.hoidmap', octaves)

@@ -37,7 +37,7 @@ class Size:
 NIGHTLY = Size(
     files=500, kills=50, network=5, messages=2000, conditions=10, cameras=1, deaths=50, soak=60
 )  # fmt: skip
-SLICE = Size(files=8, kills=4, network=0, messages=20, conditions=1, cameras=0, deaths=0, soak=0)
+SLICE = Size(files=4, kills=2, network=0, messages=10, conditions=1, cameras=0, deaths=0, soak=0)
 
 
 def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:

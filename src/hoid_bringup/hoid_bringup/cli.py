@@ -50,6 +50,7 @@ COMMANDS = {
     'nodes': Command('hoid_bringup.live.nodes', 'run detector, filter and SLAM nodes on a robot'),
     'run': Command('hoid_bringup.commands', 'run SLAM on every frame of a recording, offline'),
     'replay': Command('hoid_bringup.commands', 'play a recording in real time to the nodes'),
+    'map': Command('hoid_bringup.run.map_command', 'describe saved maps, or join several'),
     'evaluate': Command('hoid_bringup.commands', 'compute the errors of a trajectory'),
     'bench': Command('hoid_benchmarks.commands', 'run experiments, or measure a stage'),
     'view': Command('hoid_bringup.view.view', 'show a recording or the results of a run in 3-D'),

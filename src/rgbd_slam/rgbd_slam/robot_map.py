@@ -94,7 +94,7 @@ class RobotMap:
         state = snapshot(self._slam.map.atlas).moved(self._frames.T_map_core)
         return MapFile(self._camera, self._config.scale_factor, self._config.num_octaves, state)
 
-    def load(self, content: MapFile, *, keep: bool = False) -> LoadedMap:
+    def load(self, content: MapFile, *, keep: bool = False, extend: bool = True) -> LoadedMap:
         """Load a saved map between two images; the map frame becomes that of the saved map.
 
         Args:
@@ -102,11 +102,15 @@ class RobotMap:
             keep: Continue in the running map until a place of the saved map is recognized.
                 Otherwise the running map is discarded, and the camera is relocalized in the saved
                 map.
+            extend: Whether the map will be extended, and not only localized in.
 
         Raises:
-            MapFileError: The map was made with another camera; the running map is unchanged.
+            MapFileError: The map was made with a camera that differs too much to extend it, or
+                with other features; the running map is unchanged.
         """
-        content.check_fits(self._camera, self._config.scale_factor, self._config.num_octaves)
+        content = content.seen_by(
+            self._camera, self._config.scale_factor, self._config.num_octaves, extend=extend
+        )
         state = content.map.moved(se3.inverse(self._frames.T_map_core))
         uids = self._slam.load(state, keep=keep)
         self.has_changed = True

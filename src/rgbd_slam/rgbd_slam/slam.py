@@ -242,7 +242,8 @@ class RgbdSlam:
         The odometry frame moves by external odometry, which alone has measured the motion since
         the last tracked frame.
         """
-        tracking = self._relocalizer.relocalize(frame)
+        # While the map grows, a later merge connects the maps; in localization nothing does.
+        tracking = self._relocalizer.relocalize(frame, in_main_map=not self.map.is_growing)
         if tracking is not None:
             self.odometry.bridge()
             self.odometry.restart_from(tracking.tracked)

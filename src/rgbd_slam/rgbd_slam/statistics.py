@@ -26,7 +26,7 @@ _TWO_MOTIONS = 'two motions explain this image: {:.0f} % / {:.0f} %; something l
 class SlamStats:
     """The size of the main map (the one with most keyframes), and numbers of events so far."""
 
-    num_keyframes: int
+    num_keyframes: int  # of a map that is only starting, those that the mapper has in its queue
     num_map_points: int
     num_maps: int = 0  # more than one only after a loss, until the maps are merged
     num_loops: int = 0
@@ -41,7 +41,7 @@ def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> Sla
     num_maps = int(np.count_nonzero(sizes))
     is_in_main = points.alive & (points.map_id == main) if num_maps > 1 else None
     return SlamStats(
-        int(sizes[main]) if num_maps else 0,
+        int(sizes[main]) if num_maps else len(atlas.pending),
         len(points) if is_in_main is None else int(np.count_nonzero(is_in_main)),
         num_maps,
         loops.closed,

@@ -15,9 +15,9 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import snapshot
-from rgbd_slam.model.soa_table import SoaTable
 from rgbd_slam.processes.mapper_process import MapperProcess
 from rgbd_slam.processes.mapper_worker import Start
+from rgbd_slam.records.soa_table import SoaTable
 from rgbd_slam.slam import RgbdSlam
 
 from .world import CAMERA, PERIOD_NS, World, sway

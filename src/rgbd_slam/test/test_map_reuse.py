@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.errors import MapFileError
 from hoid_common.slam_status import SlamState
-from hoid_common.values import FloatArray
+from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.tracking_result import TrackingResult
@@ -153,3 +155,56 @@ def test_the_mapping_process_takes_a_map_over_at_once(saved: MapState) -> None:
         assert len(slam.trajectory.final()) == 60
     finally:
         slam.map.mapper.close()
+
+
+@pytest.mark.parametrize(
+    'camera',
+    [
+        CameraModel(640, 480, 545.0, 540.0, 330.0, 230.0),  # another unit
+        CameraModel(320, 240, 260.0, 260.0, 160.0, 120.0),  # half the resolution
+        CameraModel(848, 480, 420.0, 420.0, 424.0, 240.0),  # a wider lens
+    ],
+)
+def test_another_camera_is_localized_in_the_map(saved: MapState, camera: CameraModel) -> None:
+    config = SlamConfig().camera
+    content = MapFile(CAMERA, config.scale_factor, config.num_octaves, saved)
+    octaves = config.scale_factor, config.num_octaves
+    slam = RgbdSlam(camera, SlamConfig())
+    slam.map.is_growing = False
+    slam.load(content.seen_by(camera, *octaves, extend=False).map, keep=False)
+    world, poses = World(), turn(20)
+    results = [
+        slam.process(world.features(n * PERIOD_NS, T, camera=camera)) for n, T in enumerate(poses)
+    ]
+    way_m, turn_rad = errors(results, poses)
+    assert way_m.max() < 0.02
+    assert np.degrees(turn_rad).max() < 1
+
+
+def test_a_camera_that_differs_much_does_not_extend_the_map(saved: MapState) -> None:
+    config = SlamConfig().camera
+    content = MapFile(CAMERA, config.scale_factor, config.num_octaves, saved)
+    octaves = config.scale_factor, config.num_octaves
+    similar = CameraModel(640, 480, 545.0, 540.0, 330.0, 230.0)
+    assert content.seen_by(CAMERA, *octaves, extend=True) is content
+    assert content.seen_by(similar, *octaves, extend=True).camera == similar
+    half = CameraModel(320, 240, 260.0, 260.0, 160.0, 120.0)
+    with pytest.raises(MapFileError, match=r'640x480 .* 320x240 .*localize in it'):
+        content.seen_by(half, *octaves, extend=True)
+    with pytest.raises(MapFileError, match=r'camera\.num_octaves'):
+        content.seen_by(CAMERA, config.scale_factor, 4, extend=False)
+
+
+def test_in_localization_a_camera_in_a_map_that_nothing_joins_is_lost(saved: MapState) -> None:
+    config = SlamConfig().updated({'places.new_map_after_s': 0.3})
+    mapping, poses = RgbdSlam(CAMERA, config), sway(90)[:40]
+    mapping.load(saved, keep=False)
+    run(mapping, World(seed=7), poses)
+    assert mapping.stats.num_maps == 2
+    two_maps = snapshot(mapping.map.atlas)
+    for is_growing, state in ((True, SlamState.TRACKING), (False, SlamState.LOST)):
+        slam = RgbdSlam(CAMERA, config)
+        slam.load(two_maps, keep=False)
+        slam.map.is_growing = is_growing
+        results = run(slam, World(seed=7), poses[20:22], first=200)
+        assert [result.state for result in results] == [state] * 2

@@ -29,18 +29,25 @@ class World:
         self._size_m = rng.uniform(1.0, 5.0, count)
 
     def features(
-        self, stamp_ns: int, T_world_camera: FloatArray, noise_px: float = 0.3, limit: int = 900
+        self,
+        stamp_ns: int,
+        T_world_camera: FloatArray,
+        noise_px: float = 0.3,
+        limit: int = 900,
+        camera: CameraModel = CAMERA,
     ) -> Features:
         """Return at most `limit` features that a camera at a pose sees."""
         rng = self._rng
         x = se3.transform(se3.inverse(T_world_camera), self.points_m)
         j = np.flatnonzero(x[:, 2] > 0.3)
-        uv = CAMERA.project_px(x[j])
-        inside = ((uv > 4) & (uv < (636, 476))).all(1)
+        uv = camera.project_px(x[j])
+        size_px = camera.width_px, camera.height_px
+        inside = ((uv > 4) & (uv < np.subtract(size_px, 4))).all(1)
         j, uv = j[inside], uv[inside]
         j, uv = j[:limit], uv[:limit]
         depth = x[j, 2]
-        octave = np.log(self._size_m[j] / np.linalg.norm(x[j], axis=1)) / np.log(_SCALE)
+        size = self._size_m[j] / np.linalg.norm(x[j], axis=1) * camera.fx_px / CAMERA.fx_px
+        octave = np.log(size) / np.log(_SCALE)
         octave = np.clip(np.rint(octave), 0, _OCTAVES - 1).astype(np.uint8)
         uv = uv + rng.normal(0, noise_px, uv.shape) * _SCALE ** octave[:, None]
         read = depth + rng.normal(0, 0.0015, len(j)) * depth**2

@@ -82,7 +82,7 @@ class OfflinePipeline:
             MapFileError: The file is not a valid map.
         """
         content = map_file.load(path)
-        loaded = self._session.robot_map.load(content)
+        loaded = self._session.robot_map.load(content, extend=not localize)
         if content.dense is not None:
             self._scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
         self._session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)

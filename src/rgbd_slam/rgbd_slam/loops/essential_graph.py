@@ -7,6 +7,7 @@ observable.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -93,48 +94,58 @@ def closed_poses(
     groups = keyframe_groups(np.where(parents >= 0, position[parents], -1))
     poses = keyframes.T_map_camera[rows]
     T_map_head = poses[groups.heads]
-    edges = _edges(atlas, rows, min_shared)
-    pairs = _between_groups(
-        Edges(groups.group[position[edges.first]], groups.group[position[edges.second]], edges[2])
-    )
+    group_of = np.where(position >= 0, groups.group[position], -1)  # of each keyframe of the map
+    pairs = _between_groups(_edges(atlas, rows, min_shared), group_of)
     graph = PoseGraph()
     is_fixed = (parents[groups.heads] < 0) | (groups.heads >= len(region.rows))
     for g, T in enumerate(T_map_head):
         graph.add_keyframe(g, T, fixed=bool(is_fixed[g]))
-    T_a_b = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
-    weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, _MIN_SHARED, _STRONG_SHARED))
-    sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_a_b[:, :3, 3], axis=1))
-    sigma_rad = _SIGMA_RAD * weak
-    for edge in zip(
-        pairs.first.tolist(),
-        pairs.second.tolist(),
-        T_a_b,
-        sigma_rad.tolist(),
-        sigma_m.tolist(),
-        strict=True,
-    ):
+    for edge in _constraints(pairs, T_map_head):
         graph.add_constraint(*edge)
-    for loop in loops:
-        a, b = (keyframes.index_of(uid) for uid in (loop.uid_a, loop.uid_b))
-        if a is None or b is None or position[a] < 0 or position[b] < 0:
-            continue
-        g, h = (int(groups.group[position[i]]) for i in (a, b))
-        T_head_a = se3.inverse(T_map_head[g]) @ keyframes.T_map_camera[a]
-        T_b_head = se3.inverse(keyframes.T_map_camera[b]) @ T_map_head[h]
-        T_g_h = T_head_a @ loop.T_a_b @ T_b_head
-        if g != h:
-            graph.add_measurement(g, h, T_g_h, loop.covariance)
+    for link in _links(atlas, loops, group_of, T_map_head):
+        graph.add_measurement(*link)
     corrected = spread_corrections(groups, poses, graph.optimize(), pairs.first, pairs.second)
     return region.rows, corrected[: len(region.rows)]
 
 
-def _between_groups(edges: Edges) -> Edges:
+def _constraints(
+    pairs: Edges, T_map_head: FloatArray
+) -> Iterator[tuple[int, int, FloatArray, float, float]]:
+    """Yield for each pair of groups its present relative pose, sigma [rad] and sigma [m]."""
+    T_a_b = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
+    weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, _MIN_SHARED, _STRONG_SHARED))
+    sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_a_b[:, :3, 3], axis=1))
+    sigma_rad = _SIGMA_RAD * weak
+    for n, (a, b) in enumerate(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)):
+        yield a, b, T_a_b[n], float(sigma_rad[n]), float(sigma_m[n])
+
+
+def _links(
+    atlas: Atlas, loops: list[Loop], group_of: IntArray, T_map_head: FloatArray
+) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
+    """Yield for each loop its two groups, the relative pose of their heads, and its covariance."""
+    keyframes = atlas.keyframes
+    for loop in loops:
+        a, b = keyframes.index_of(loop.uid_a), keyframes.index_of(loop.uid_b)
+        if a is None or b is None:
+            continue
+        g, h = int(group_of[a]), int(group_of[b])
+        if min(g, h) < 0 or g == h:
+            continue
+        T_head_a = se3.inverse(T_map_head[g]) @ keyframes.T_map_camera[a]
+        T_b_head = se3.inverse(keyframes.T_map_camera[b]) @ T_map_head[h]
+        yield g, h, T_head_a @ loop.T_a_b @ T_b_head, loop.covariance
+
+
+def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
     """Return the pairs of different groups that edges connect, each with its strongest edge only.
 
     Args:
-        edges: Edges between groups, possibly several for the same pair.
+        edges: Edges between keyframes, possibly several for the same pair of groups.
+        group_of: (capacity,) group of each keyframe.
     """
-    low, high = np.minimum(edges.first, edges.second), np.maximum(edges.first, edges.second)
+    ends = group_of[np.stack([edges.first, edges.second])]
+    low, high = ends.min(0), ends.max(0)
     between = np.flatnonzero(low != high)
     order = between[np.lexsort((-edges.shared[between], high[between], low[between]))]
     is_new = np.r_[

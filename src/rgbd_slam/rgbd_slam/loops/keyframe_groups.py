@@ -84,23 +84,33 @@ def spread_corrections(
     if len(heads) == len(group):
         return T_map_head[np.argsort(heads)]
     correction = T_map_head @ se3.inverse(T_map_camera[heads])
-    own, near = (
-        np.r_[np.arange(len(heads)), first, second],
-        np.r_[np.arange(len(heads)), second, first],
-    )
-    twist = se3.log(se3.inverse(correction[own]) @ correction[near])
+    every = np.arange(len(heads))
+    own, near = np.r_[every, first, second], np.r_[every, second, first]
     order = np.argsort(own, kind='stable')
-    starts = np.searchsorted(own[order], np.arange(len(heads) + 1))
-    counts = np.diff(starts)[group]
-    member = np.repeat(np.arange(len(group)), counts)
-    offset = np.arange(len(member)) - np.repeat(np.cumsum(counts) - counts, counts)
-    pair = order[starts[group[member]] + offset]
+    own, near = own[order], near[order]
+    twist = se3.log(se3.inverse(correction[own]) @ correction[near])
+    member, pair = _members_of_pairs(group, own)
     motion = se3.log(se3.inverse(T_map_camera[heads[near[pair]]]) @ T_map_camera[member])
     square = np.sum(motion[:, 3:] ** 2, axis=1) + _TURN_M**2 * np.sum(motion[:, :3] ** 2, axis=1)
     weight = 1 / (square + _NEAR_M**2)
-    total = np.bincount(member, weight)
-    mean = np.stack(
-        [np.bincount(member, weight * column) / total for column in twist[pair].T], axis=1
-    )
+    sums = [np.bincount(member, weight * column) for column in twist[pair].T]
+    mean = np.stack(sums, axis=1) / np.bincount(member, weight)[:, None]
     corrected: FloatArray = correction[group] @ se3.exp(mean) @ T_map_camera
     return corrected
+
+
+def _members_of_pairs(group: IntArray, own: IntArray) -> tuple[IntArray, IntArray]:
+    """Combine each keyframe with the pairs of groups of which the first one is its own.
+
+    Args:
+        group: (N,) group of each keyframe.
+        own: (E,) first group of each pair, ascending.
+
+    Returns:
+        (M,) keyframes and (M,) pairs.
+    """
+    starts = np.searchsorted(own, group)
+    counts = np.searchsorted(own, group, side='right') - starts
+    member = np.repeat(np.arange(len(group)), counts)
+    offset = np.arange(len(member)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return member, starts[member] + offset

@@ -53,6 +53,11 @@ class Join(NamedTuple):
     stamp_ns: int  # of the keyframe
     place_stamp_ns: int  # of the earlier keyframe at the same place
     T_place_camera: FloatArray  # (4, 4)
+    place_uid: int  # of the earlier keyframe
+    num_points: int  # of the place that the keyframe observes
+    # How far the keyframe was from where the place has it: distance [m] and rotation [rad]; None
+    # between two maps, whose relative pose was unknown.
+    correction: tuple[float, float] | None
 
     def __str__(self) -> str:
         ago_s = S_PER_NS * (self.stamp_ns - self.place_stamp_ns)
@@ -97,6 +102,7 @@ class LoopCloser:
         self._loops: list[Loop] = []
         self._adjusted_map = _NO_MAP  # the map that was adjusted last
         self._has_grown = False  # whether keyframes have been added to that map since then
+        self.last_join: Join | None = None  # of the last keyframe, if it showed a known place
         self._adjuster = GlobalAdjuster(
             atlas, camera, self._config.global_iterations, background=background
         )
@@ -108,17 +114,25 @@ class LoopCloser:
         """
         self.poll()
         self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
+        self.last_join = None
         found = self._detector.detect(i) if self._config.enabled else None
         if found is None:
             return LoopEvent.NOTHING
         c, match = found
-        T_c_i = se3.inverse(self._atlas.keyframes.T_map_camera[c]) @ match.T_map_camera
-        if self._atlas.keyframes.map_id[i] == self._atlas.keyframes.map_id[c]:
+        keyframes, correction = self._atlas.keyframes, None
+        stamp_ns, place_stamp_ns = keyframes.stamp_ns[[i, c]].tolist()
+        place_uid = int(keyframes.uid[c])
+        T_c_i = se3.inverse(keyframes.T_map_camera[c]) @ match.T_map_camera
+        if keyframes.map_id[i] == keyframes.map_id[c]:
+            turn_rad, distance_m = self._detector.correction(i, match)
+            correction = distance_m, turn_rad
             event = self._close(i, c, match, T_c_i)
         else:
             event = self._merge(i, c, T_c_i)
-        stamp_ns = self._atlas.keyframes.stamp_ns
-        _logger.info('%s', Join(event, int(stamp_ns[i]), int(stamp_ns[c]), T_c_i))
+        self.last_join = Join(
+            event, stamp_ns, place_stamp_ns, T_c_i, place_uid, len(match.k), correction
+        )
+        _logger.info('%s', self.last_join)
         return event
 
     def poll(self) -> bool:

@@ -39,12 +39,12 @@ from rgbd_slam.scene.dense_state import DenseState
 SUFFIX = '.hoidmap'
 _HEADER_BYTES = 128
 _SAME = 1e-6  # chosen: intrinsics [px] that differ by less are equal
+_MAX_ZOOM = 1.1  # chosen: ratio of focal lengths up to which a camera extends the map of another
 # Protection from zip bombs: a map unpacks to about twice the size of its file.
 _MAX_EXPANSION = 50
 _SMALL_BYTES = 1_000_000  # chosen: so many unpacked bytes are harmless in any case
 _MAX_QUOTED = 120  # chosen: characters of an error, which may quote the file
-_PIECE_BYTES = 1 << 20  # arrays are packed piecewise, so that no packed copy is in memory
-_LEVEL = 1  # of compression; a higher one takes three times as long for files smaller by a tenth
+_PIECE_BYTES = 1 << 20  # arrays are written piecewise
 # The errors that zipfile, zlib, json and NumPy raise for damaged files.
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -69,21 +69,51 @@ class MapFile(NamedTuple):
     map: MapState
     dense: DenseState | None = None
 
-    def check_fits(self, camera: CameraModel, scale_factor: float, num_octaves: int) -> None:
-        """Raise MapFileError if the map was made with another camera or with other features."""
-        size_px = self.camera.width_px, self.camera.height_px
-        here, there = _intrinsics(camera), _intrinsics(self.camera)
-        is_size = size_px == (camera.width_px, camera.height_px)
-        if not is_size or np.abs(here - there).max() > _SAME:
-            raise MapFileError(
-                f'the map was made with another camera: {_listed(size_px, there)}; '
-                f'this one is {_listed((camera.width_px, camera.height_px), here)}'
-            )
+    def seen_by(
+        self, camera: CameraModel, scale_factor: float, num_octaves: int, *, extend: bool
+    ) -> MapFile:
+        """Return the map as if it had been made with a given camera.
+
+        Its features lie at undistorted pixels, so that they are moved to those of the same rays.
+
+        Args:
+            camera: The camera.
+            scale_factor: Ratio of the sizes of two successive octaves of its features.
+            num_octaves: Number of octaves of its features.
+            extend: Whether the camera will extend the map, and not only be localized in it. Then
+                its focal length must be similar, because features of the two are matched in both
+                directions.
+
+        Raises:
+            MapFileError: The map has other octaves, or the focal lengths differ too much.
+        """
         if (self.scale_factor, self.num_octaves) != (scale_factor, num_octaves):
             raise MapFileError(
                 f'the map has features of {self.num_octaves} octaves with scale '
                 f'{self.scale_factor:g}: set camera.num_octaves and camera.scale_factor to these'
             )
+        if self._is_of(camera):
+            return self
+        zoom = float(np.sqrt(camera.fx_px * camera.fy_px / self.camera.fx_px / self.camera.fy_px))
+        if extend and abs(np.log(zoom)) > np.log(_MAX_ZOOM):
+            raise MapFileError(
+                f'the map was made with another camera, {_listed(self.camera)}, and this one, '
+                f'{_listed(camera)}, differs too much to extend it: localize in it (mode '
+                'localization, ./hoid run --localize), or make a new map'
+            )
+        state = self.map.in_camera(self.camera, camera, scale_factor, num_octaves)
+        return self._replace(camera=camera, map=state)
+
+    def _is_of(self, camera: CameraModel) -> bool:
+        """Return whether a camera is that of the map."""
+        is_size = _size_px(self.camera) == _size_px(camera)
+        return is_size and bool(
+            (np.abs(_intrinsics(camera) - _intrinsics(self.camera)) < _SAME).all()
+        )
+
+
+def _size_px(camera: CameraModel) -> tuple[int, int]:
+    return camera.width_px, camera.height_px
 
 
 def _intrinsics(camera: CameraModel) -> FloatArray:
@@ -93,9 +123,8 @@ def _intrinsics(camera: CameraModel) -> FloatArray:
     return out
 
 
-def _listed(size_px: tuple[int, int], intrinsics: FloatArray) -> str:
-    values = ' '.join(f'{value:g}' for value in intrinsics)
-    return f'{size_px[0]}x{size_px[1]} with fx, fy, cx, cy, distortion = {values}'
+def _listed(camera: CameraModel) -> str:
+    return f'{camera.width_px}x{camera.height_px} with fx={camera.fx_px:g} fy={camera.fy_px:g}'
 
 
 def save(path: Path, content: MapFile) -> int:
@@ -158,7 +187,8 @@ def _write(file: IO[bytes], content: MapFile) -> None:
         'num_octaves': content.num_octaves,
         'lengths': {name: record.lengths() for name, record in present.items()},
     }
-    with zipfile.ZipFile(file, 'w', zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive:
+    # Not compressed: that saved 18 % of a map without images and took ten times as long.
+    with zipfile.ZipFile(file, 'w', zipfile.ZIP_STORED) as archive:
         archive.writestr(MANIFEST, json.dumps(manifest, indent=1))
         for section, record in present.items():
             for name, array in record.arrays().items():

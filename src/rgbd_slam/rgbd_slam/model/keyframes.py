@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.soa_table import DEAD, Column, SoaTable, SoaTableRows
 from rgbd_slam.records.disk_array import DiskArray
+from rgbd_slam.records.soa_table import DEAD, Column, SoaTable, SoaTableRows
 
 NO_POINT = -1
 
@@ -159,19 +159,19 @@ class KeyframeTable(SoaTable):
         if self._num_put % _RELEASE_AFTER == 0:
             self.release_memory()
 
-    def append_features(
-        self, i: IntArray, k: IntArray, columns: Mapping[str, Column], num_features: IntArray
-    ) -> None:
+    def reserve_features(self, max_features: int) -> None:
+        """Widen the feature columns, if they are narrower than `max_features`."""
+        if max_features > self.max_features:
+            self.grow_features(max_features)
+
+    def append_features(self, i: IntArray, k: IntArray, columns: Mapping[str, Column]) -> None:
         """Store F features of several keyframes: feature n becomes number `k[n]` of `i[n]`.
 
         Args:
             i: (F,) rows of the keyframes.
             k: (F,) numbers of the features within their keyframes.
             columns: (F, ...) values of the features by column.
-            num_features: (N,) numbers of features of the keyframes.
         """
-        if num_features.max() > self.max_features:
-            self.grow_features(int(num_features.max()))
         for name, values in columns.items():
             getattr(self, name)[i, k] = values
         self.release_memory()

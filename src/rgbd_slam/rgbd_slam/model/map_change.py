@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.values import FloatArray, IntArray
-from rgbd_slam.model.soa_table import SoaTableRows
+from rgbd_slam.records.soa_table import SoaTableRows
 
 # Chosen: more keyframes than can be removed while a request to the mapper is queued.
 _MAX_REMEMBERED = 4096

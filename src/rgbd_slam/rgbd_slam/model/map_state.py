@@ -14,16 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from hoid_common.values import (
+    BoolArray,
+    ByteArray,
+    CameraModel,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
 from hoid_native.results import Observations
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import SavedKeyframes
-from rgbd_slam.model.soa_table import DEAD
 from rgbd_slam.records.record import Array, Record, column
+from rgbd_slam.records.soa_table import DEAD
 
 Int32Array = NDArray[np.int32]
 NONE = -1
+_OUTSIDE = 1.0  # chosen: image sizes by which a pixel of another camera may lie outside the image
 _COPIED = ('depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
 
 
@@ -58,6 +66,27 @@ class MapState(Record):
         """Return the (F,) row of the keyframe of each feature."""
         return np.repeat(np.arange(len(self)), self.num_features)
 
+    def in_camera(
+        self, old: CameraModel, new: CameraModel, scale_factor: float, num_octaves: int
+    ) -> MapState:
+        """Return the map with the pixels and octaves that another camera would have seen.
+
+        Args:
+            old: The camera of the map.
+            new: The other camera.
+            scale_factor: Ratio of the sizes of two successive octaves.
+            num_octaves: Number of octaves.
+        """
+        rays = (self.uv_px - _center_px(old)) / _focal_px(old)
+        size_px = np.array([new.width_px, new.height_px])
+        uv_px = np.clip(
+            rays * _focal_px(new) + _center_px(new), -_OUTSIDE * size_px, (1 + _OUTSIDE) * size_px
+        )
+        # The same detail is larger in the images of a camera with a longer focal length.
+        larger = float(np.log(_focal_px(new) / _focal_px(old)).mean()) / np.log(scale_factor)
+        octave = np.clip(np.rint(self.octave + larger), 0, num_octaves - 1)
+        return replace(self, uv_px=uv_px.astype(np.float32), octave=octave.astype(np.uint8))
+
     def moved(self, T_new_map: FloatArray) -> MapState:
         """Return the map transformed into another frame."""
         return replace(
@@ -65,6 +94,14 @@ class MapState(Record):
             T_map_camera=T_new_map @ self.T_map_camera,
             position_m=se3.transform(T_new_map, self.position_m),
         )
+
+
+def _focal_px(camera: CameraModel) -> FloatArray:
+    return np.array([camera.fx_px, camera.fy_px])
+
+
+def _center_px(camera: CameraModel) -> FloatArray:
+    return np.array([camera.cx_px, camera.cy_px])
 
 
 def snapshot(atlas: Atlas) -> MapState:

@@ -7,7 +7,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
-from rgbd_slam.model.soa_table import SoaTable
+from rgbd_slam.records.soa_table import SoaTable
 
 _INITIAL_CAPACITY = 4096
 _NOT_COUNTED = -2  # no uid of a point or an empty row

@@ -14,9 +14,9 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.model.keyframes import KeyframeTable
 from rgbd_slam.model.map_change import Redirect
-from rgbd_slam.model.soa_table import DEAD
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.records.record_store import RecordStore
+from rgbd_slam.records.soa_table import DEAD
 
 _FRAME = np.dtype(
     [

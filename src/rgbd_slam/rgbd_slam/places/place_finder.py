@@ -64,13 +64,22 @@ class PlaceFinder:
                 taken.update([i, *self._atlas.covisible(i, NEAR_SHARED).tolist()])
         return chosen
 
-    def locate(self, frame: Frame) -> FoundPlace | None:
+    def locate(self, frame: Frame, *, in_main_map: bool = False) -> FoundPlace | None:
         """Return the place of a frame in the map, or None if it is unknown or ambiguous.
 
         With identical furniture, two places may be verified. Then neither is returned; a later
         frame that shows more may resolve the ambiguity.
+
+        Args:
+            frame: The frame.
+            in_main_map: Whether to search the main map only, and not the maps whose poses
+                relative to it are unknown.
         """
-        return self._unambiguous_place(frame, np.empty(0, np.int64))
+        keyframes, excluded = self._atlas.keyframes, np.empty(0, np.int64)
+        if in_main_map:
+            rows = keyframes.indices()
+            excluded = rows[keyframes.map_id[rows] != main_map(keyframes)]
+        return self._unambiguous_place(frame, excluded)
 
     def locate_near(self, frame: Frame, hint: PoseHint) -> FoundPlace | None:
         """Return the place of a frame near a given pose in the main map; None if it is not there.

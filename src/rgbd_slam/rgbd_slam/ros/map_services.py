@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
 from rclpy.node import Node
 
@@ -165,7 +166,8 @@ class MapServices:
             session.slam.map.update()
             if session.slam.map.mapper.queue_length > 0:
                 return None  # tracking would stop until the mapper has emptied its queue
-            loaded = session.robot_map.load(content, keep=keep)
+            extend = session.mode is SlamMode.MAPPING
+            loaded = session.robot_map.load(content, keep=keep, extend=extend)
             return self._scene.load(content.dense, loaded, keep=keep)
 
         note = self._poll(load, time.monotonic() + _SETTLE_S)
@@ -189,4 +191,11 @@ class MapServices:
 def _summary(content: MapFile) -> str:
     views = 0 if content.dense is None else len(content.dense)
     keyframes, points = len(content.map), len(content.map.position_m)
-    return f'{keyframes} keyframes, {points} points and {views} images of the dense map'
+    summary = f'{keyframes} keyframes, {points} points and {views} images of the dense map'
+    sizes = np.sort(np.bincount(content.map.map_id))[::-1]
+    if len(sizes) > 1:
+        summary += (
+            f' in {len(sizes)} maps that no recognized place joins yet, of '
+            f'{", ".join(map(str, sizes))} keyframes: localization uses the largest'
+        )
+    return summary

@@ -224,7 +224,8 @@ class SessionLifecycle:
     def _load_first_map(self, session: SlamSession, content: MapFile) -> None:
         self._first_map = None
         try:
-            loaded = session.robot_map.load(content)
+            extend = self._config.mode == SlamMode.MAPPING.name.lower()
+            loaded = session.robot_map.load(content, extend=extend)
         except MapFileError as error:
             raise SystemExit(f'error: {self._config.map_file}: {error}') from error
         session.set_mode(SlamMode[self._config.mode.upper()])

@@ -55,9 +55,14 @@ class Relocalizer:
         note, self._note = self._note, ''
         return note
 
-    def relocalize(self, frame: Frame) -> TrackerOutput | None:
-        """Return the tracked frame; None if its place is unknown or ambiguous."""
-        place = self._locate(frame)
+    def relocalize(self, frame: Frame, *, in_main_map: bool) -> TrackerOutput | None:
+        """Return the tracked frame; None if its place is unknown or ambiguous.
+
+        Args:
+            frame: The frame.
+            in_main_map: Whether to search the main map only.
+        """
+        place = self._locate(frame, in_main_map)
         if place is None:
             return None
         points = np.full(len(frame), NO_POINT, np.int64)
@@ -70,17 +75,17 @@ class Relocalizer:
             self._report_distance(tracking)
         return tracking
 
-    def _locate(self, frame: Frame) -> FoundPlace | None:
+    def _locate(self, frame: Frame, in_main_map: bool) -> FoundPlace | None:
         hint = self._hint
         if hint is None:
-            return self._finder.locate(frame)
+            return self._finder.locate(frame, in_main_map=in_main_map)
         if self._num_hinted < _HINTED_FRAMES:
             self._num_hinted += 1
             place = self._finder.locate_near(frame, hint)
             if place is not None:
                 return place
         self._report(_NOT_THERE)
-        return self._finder.locate(frame)
+        return self._finder.locate(frame, in_main_map=in_main_map)
 
     def _report_distance(self, tracking: TrackerOutput) -> None:
         """Report how far the found camera is from the given pose, and discard that pose."""

@@ -13,6 +13,7 @@ from hoid_common.values import BoolArray, IntArray
 
 Column = NDArray[Any]
 DEAD = -1  # uid of an empty row
+_MANY = 1000  # chosen: from this number of rows, sorting the heap is faster than popping them
 
 
 class SoaTableRows(NamedTuple):
@@ -80,10 +81,17 @@ class SoaTable:
         """
         if self._free is None:
             self._free = np.flatnonzero(self.uid == DEAD).tolist()
-        while len(self._free) < count:
-            self._free.extend(range(self.capacity, 2 * self.capacity))
-            self.grow(2 * self.capacity)
-        rows = np.array([heappop(self._free) for _ in range(count)], np.int64)
+        capacity = self.capacity
+        while len(self._free) + capacity - self.capacity < count:
+            capacity *= 2
+        if capacity > self.capacity:
+            self._free.extend(range(self.capacity, capacity))
+            self.grow(capacity)
+        if count < _MANY:
+            rows = np.array([heappop(self._free) for _ in range(count)], np.int64)
+        else:  # a sorted list is a heap
+            self._free.sort()
+            rows, self._free = np.array(self._free[:count]), self._free[count:]
         self._num_alive += count
         first_uid = self._next_uid if first_uid is None else first_uid
         self.uid[rows] = first_uid + np.arange(count)

@@ -1,0 +1,96 @@
+"""The command `map`: what saved maps hold, and one map of several."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hoid_common.errors import ConfigError, MapFileError
+from hoid_common.io.files import check_writable
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.map_file import SUFFIX, MapFile
+from rgbd_slam.map_joining import MapJoin, join_maps
+
+_MB = 1e6
+_INFO, _MERGE = 'info', 'merge'
+
+
+def add_map_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid map`."""
+    parser.add_argument(
+        'action',
+        choices=(_INFO, _MERGE),
+        help='info: print what each map holds; merge: join the maps where they show the same '
+        'places, in the frame of the first one',
+    )
+    parser.add_argument('maps', type=Path, nargs='+', metavar='FILE', help=f'saved {SUFFIX} files')
+    parser.add_argument('--out', type=Path, metavar='FILE', help='merge: file of the joined map')
+
+
+def map_command(args: argparse.Namespace) -> None:
+    """Print what saved maps hold, or join them.
+
+    Raises:
+        ConfigError: The arguments do not fit the action.
+        MapFileError: A file is no valid map, or the joined map cannot be written.
+    """
+    if args.action == _INFO:
+        for path in args.maps:
+            _print(*_described(path, map_file.load(path)))
+        return
+    if args.out is None or len(args.maps) < 2:
+        raise ConfigError('merge needs at least two maps, and --out for the joined one')
+    check_writable(args.out.parent)
+    contents = [map_file.load(path) for path in args.maps]
+    joined = join_maps(contents, SlamConfig())
+    for path, join in zip(args.maps[1:], joined.joins, strict=True):
+        _print(_joined(path, join))
+    if not any(join.is_joined for join in joined.joins):
+        raise MapFileError('no map shows a place of another one; nothing is written')
+    size = map_file.save(args.out, joined.content)
+    _print(f'{args.out}: {len(joined.content.map)} keyframes, {size / _MB:.1f} MB')
+
+
+def _print(*lines: str) -> None:
+    sys.stdout.writelines(f'{line}\n' for line in lines)
+
+
+def _described(path: Path, content: MapFile) -> Sequence[str]:
+    """Return the lines of `map info`."""
+    state, camera = content.map, content.camera
+    sizes = np.sort(np.bincount(state.map_id))[::-1]
+    extent_m = np.ptp(state.T_map_camera[:, :3, 3], axis=0)
+    lens = f'fx={camera.fx_px:g} fy={camera.fy_px:g}'
+    views = 0 if content.dense is None else len(content.dense)
+    lines = [
+        f'{path}: {path.stat().st_size / _MB:.1f} MB',
+        f'keyframes  {len(state)}, over {" x ".join(f"{side:.1f}" for side in extent_m)} m',
+        f'points     {len(state.position_m)}',
+        f'camera     {camera.width_px}x{camera.height_px}, {lens}',
+        f'dense map  {views} images' if views else 'dense map  none',
+    ]
+    if len(sizes) > 1:
+        lines.append(
+            f'apart      {len(sizes)} maps that no recognized place joins, of '
+            f'{", ".join(map(str, sizes))} keyframes'
+        )
+    return lines
+
+
+def _joined(path: Path, join: MapJoin) -> str:
+    """Return the line of `map merge` for one map."""
+    if not join.is_joined:
+        return f'{path}: not joined, as none of its keyframes shows a place of another map'
+    first = join.links[0]
+    line = f'{path}: joined at a place of {first.num_points} points'
+    if join.disagreement_m is None:
+        return line
+    return (
+        f'{line}; {len(join.links) - 1} more places agree within '
+        f'{1e3 * join.disagreement_m:.0f} mm in the median'
+    )

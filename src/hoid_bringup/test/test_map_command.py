@@ -1,0 +1,88 @@
+"""`hoid map` describes saved maps, and joins those that show the same places."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoid_bringup.cli import main
+from hoid_bringup.run.map_files import MapFiles
+from hoid_bringup.run.offline import run_offline
+from hoid_bringup.run.run_config import RunConfig
+from rgbd_slam.map_io import map_file
+
+from .test_offline import WallSequence
+
+
+@dataclass
+class OtherWall(WallSequence):
+    """The same slide along a wall with another texture."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.wall = np.ascontiguousarray(self.wall[::-1, ::-1])
+
+
+def _map_of(sequence: WallSequence, folder: Path, name: str) -> str:
+    config = RunConfig().updated({'filter.strategy': 'none'})
+    path = folder / name
+    run_offline(sequence, config, folder / 'out', maps=MapFiles(save=path), show_progress=False)
+    return str(path)
+
+
+@pytest.fixture(scope='module')
+def maps(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """Return the files of two maps of different walls."""
+    folder = tmp_path_factory.mktemp('maps')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('hoid_bringup.run.outputs.plot_run', lambda *_: None)
+        walls = WallSequence(), OtherWall()
+        one, other = (_map_of(wall, folder, f'{n}.hoidmap') for n, wall in enumerate(walls))
+    return one, other
+
+
+def test_info_prints_the_size_and_the_camera(
+    maps: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['map', 'info', *maps]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    state = map_file.load(Path(maps[0])).map
+    assert lines[0].startswith(f'{maps[0]}: ')
+    assert lines[1].startswith(f'keyframes  {len(state)}, over ')
+    assert lines[2] == f'points     {len(state.position_m)}'
+    assert '320x240, fx=260' in lines[3]
+    assert len(lines) == 10
+
+
+def test_maps_of_one_place_are_joined(
+    maps: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'joined.hoidmap'
+    assert main(['map', 'merge', maps[0], maps[0], '--out', str(out)]) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith(f'{maps[0]}: joined at a place of ')
+    joined, single = map_file.load(out).map, map_file.load(Path(maps[0])).map
+    assert len(joined) == 2 * len(single)
+    assert (joined.map_id == 0).all()
+    assert len(joined.position_m) < 1.2 * len(single.position_m)
+
+
+def test_maps_of_different_places_are_not_joined(
+    maps: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'joined.hoidmap'
+    assert main(['map', 'merge', *maps, '--out', str(out)]) == 1
+    printed = capsys.readouterr()
+    assert f'{maps[1]}: not joined' in printed.out
+    assert 'nothing is written' in printed.err
+    assert not out.exists()
+
+
+def test_a_merge_without_output_is_refused(
+    maps: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['map', 'merge', *maps]) == 1
+    assert '--out' in capsys.readouterr().err

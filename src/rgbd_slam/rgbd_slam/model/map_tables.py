@@ -1,0 +1,290 @@
+"""The keyframes, points and observations of all maps, and how copies of them are kept equal.
+
+An observation is a triple `(i, k, j)`: keyframe i observes point j in its feature k.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.values import FloatArray, IntArray
+from hoid_native import ObservationGraph, move_points
+from hoid_native.results import Edges, Observations
+from rgbd_slam.model.frame import Frame
+from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable
+from rgbd_slam.model.map_change import (
+    Connections,
+    FeatureStates,
+    MapChange,
+    Move,
+    PendingKeyframe,
+    PointPositions,
+    Redirect,
+    Redirects,
+)
+from rgbd_slam.model.points import PointTable
+from rgbd_slam.records.soa_table import DEAD
+
+
+class Anchor(NamedTuple):
+    """The keyframe in the map that the pose of a keyframe is relative to: its anchor.
+
+    It is the keyframe itself, or its nearest ancestor in the spanning tree if the keyframe was
+    removed or is still pending.
+    """
+
+    row: int | None  # None: no ancestor is in this copy of the map yet
+    T_anchor_keyframe: FloatArray  # (4, 4); T_map_keyframe without an ancestor
+
+
+_NOTHING = np.empty(0, np.int64)
+
+
+class MapTables:
+    """What every copy of a map has, to be read; only `Atlas` changes it.
+
+    Live the mapper has its own copy in a separate process and sends `MapChange`s (what changed
+    since the last one), which the tracker applies to its copy between two frames.
+    """
+
+    def __init__(self, scale_factor: float, num_octaves: int) -> None:
+        self.keyframes = KeyframeTable()
+        self.points = PointTable()
+        self.version = 1
+        self.octave_scale = np.power(scale_factor, np.arange(num_octaves, dtype=np.float64))
+        self.redirects = Redirects()
+        # Keyframes that were requested from a mapper in another process and are not in this copy
+        # yet, by uid, the oldest first.
+        self.pending: dict[int, PendingKeyframe] = {}
+        self._graph = ObservationGraph()
+        self._moves: list[Move] = []  # since the last change was sent
+
+    def covisible(self, i: int, min_shared: int = 1, limit: int | None = None) -> IntArray:
+        """Return (N,) keyframes that share at least `min_shared` points with `i`, most first."""
+        return self._graph.neighbors(i, min_shared).rows[:limit]
+
+    def edges(self) -> Edges:
+        """Return all pairs of keyframes that share points, by first and second row."""
+        return self._graph.edges()
+
+    def points_of(self, keyframes: IntArray) -> IntArray:
+        """Return the (P,) points, ascending, that any of the keyframes (N,) observes."""
+        return self._graph.points_of(self.keyframes.point_of_feature, keyframes)
+
+    def count_observed(self, j: IntArray, keyframes: IntArray) -> IntArray:
+        """Return how many of the points (P,) each of the keyframes (N,) observes."""
+        return self._graph.count_observed(j, keyframes)
+
+    def observations_of(self, j: IntArray, keyframes: IntArray | None = None) -> Observations:
+        """Return the observations of points `j` (P,) by keyframes; None: by all keyframes.
+
+        They are sorted by keyframe (in the given order, else ascending), then by feature.
+        """
+        return self._graph.observations(j, keyframes)
+
+    def path_length_m(self, start: int, goal: int, min_shared: int, m_per_rad: float) -> float:
+        """Return the length [m] of the shortest path between two keyframes; inf if there is none.
+
+        See `hoid_native.ObservationGraph.path_length_m`.
+
+        Args:
+            start: Row of one keyframe.
+            goal: Row of the other keyframe.
+            min_shared: Number of shared points from which keyframes are connected. Parent and
+                child in the spanning tree are always connected.
+            m_per_rad: Length [m] that is added for a rotation by 1 rad.
+        """
+        kf = self.keyframes
+        poses = kf.T_map_camera
+        return self._graph.path_length_m(poses, self.parents(), start, goal, min_shared, m_per_rad)
+
+    def parents(self) -> IntArray:
+        """Return the (capacity,) row of each keyframe's parent; -1 for roots and empty rows."""
+        kf = self.keyframes
+        rows = kf.indices()
+        order = rows[np.argsort(kf.uid[rows])]
+        uids, wanted = kf.uid[order], kf.parent_uid[rows]
+        at = np.minimum(np.searchsorted(uids, wanted), max(len(rows) - 1, 0))
+        parents = np.full(kf.capacity, -1, np.int64)
+        parents[rows] = np.where(uids[at] == wanted, order[at], -1)
+        return parents
+
+    def anchor(self, uid: int) -> Anchor | None:
+        """Return the anchor of a keyframe, which may have been removed or be still pending.
+
+        None is returned if the keyframe is unknown, or was removed long ago.
+        """
+        T_anchor_keyframe = np.eye(4)
+        row = self.keyframes.index_of(uid)
+        while row is None:
+            link = self.pending.get(uid) or self.redirects.find(uid)
+            if link is None:
+                return None
+            T_anchor_keyframe = link.T_parent_camera @ T_anchor_keyframe
+            if link.parent_uid is None:
+                break
+            uid = link.parent_uid
+            row = self.keyframes.index_of(uid)
+        return Anchor(row, T_anchor_keyframe)
+
+    def pose(self, uid: int) -> FloatArray | None:
+        """Return T_map_keyframe (4, 4) of a keyframe, which may be removed or pending.
+
+        None is returned if it is unknown, or was removed long ago.
+        """
+        anchor = self.anchor(uid)
+        if anchor is None or anchor.row is None:
+            return None if anchor is None else anchor.T_anchor_keyframe
+        pose: FloatArray = self.keyframes.T_map_camera[anchor.row] @ anchor.T_anchor_keyframe
+        return pose
+
+    def drop_pending(self, uid: int) -> None:
+        """Replace a pending keyframe by its parent, because the mapper will not insert it."""
+        lost = self.pending.pop(uid, None)
+        if lost is not None and lost.parent_uid is not None:
+            self.redirects.add([Redirect(lost.uid, lost.parent_uid, lost.T_parent_camera)])
+
+    def changes_since(self, version: int, *, with_features: bool = True) -> MapChange:
+        """Return the changes after a version, and start a new version for later changes.
+
+        Redirects, moves and feature states are returned once only.
+
+        Args:
+            version: The version of the copy that the change will be applied to.
+            with_features: False: leave out the features of new keyframes, because the copy has
+                them already.
+        """
+        change = MapChange(
+            self.version,
+            tuple(self._moves),
+            self.keyframes.rows_since(version, with_features=with_features),
+            self.points.rows_since(version),
+            self._positions_since(version),
+            self._features_since(version),
+            self._connections_since(version),
+            self.redirects.take(),
+        )
+        self._moves = []
+        self.version += 1
+        return change
+
+    def whole(self) -> MapChange:
+        """Return the change that makes an empty atlas equal to this one."""
+        everything = self.keyframes.rows_since(0), self.points.rows_since(0)
+        features = self._features_since(0)
+        positions = self._positions_since(self.version)
+        return MapChange(
+            self.version, (), *everything, positions, features, self._connections_since(0), ()
+        )
+
+    def apply(self, change: MapChange, frame: Frame | None = None) -> None:
+        """Apply a change to this copy of the map.
+
+        Keyframes that the change inserts or removes are no longer pending.
+
+        Args:
+            change: The change.
+            frame: The features of the only new keyframe, if the change was made without features.
+        """
+        kf, rows = self.keyframes, change.keyframes.rows
+        for move in change.moves:
+            self._apply_move(move)
+        kf.put_rows(change.keyframes, change.version)
+        if frame is not None:
+            for i in change.keyframes.new_rows.tolist():
+                kf.put_features(i, frame)
+        self.points.put_rows(change.points, change.version)
+        self.points.position_m[change.positions.rows] = change.positions.position_m
+        self._apply_features(change.observations)
+        self._connect(change.connections)
+        for i in rows[kf.uid[rows] == DEAD].tolist():
+            self._graph.set_neighbors(i, _NOTHING, _NOTHING)
+        self.version = change.version
+        self.redirects.add(change.redirects)
+        for uid in list(self.pending):
+            if kf.index_of(uid) is not None or self.redirects.find(uid) is not None:
+                del self.pending[uid]
+
+    def _apply_move(self, move: Move) -> None:
+        kf, points = self.keyframes, self.points
+        rows = kf.indices()
+        rows = rows[np.isin(kf.uid[rows], move.uids)]
+        order = np.argsort(move.uids)
+        n = order[np.searchsorted(move.uids, kf.uid[rows], sorter=order)]
+        kf.T_map_camera[rows] = move.T_new_old[n] @ kf.T_map_camera[rows]
+        which_of_uid = np.full(int(move.uids.max(initial=0)) + 1, -1, np.int64)
+        which_of_uid[move.uids] = np.arange(len(move.uids))
+        reference = points.reference_keyframe_uid
+        is_known = points.alive & (reference < len(which_of_uid))
+        which = np.where(is_known, which_of_uid[np.where(is_known, reference, 0)], -1)
+        move_points(move.T_new_old, which, points.position_m, points.view_direction)
+        if move.map_id is not None:
+            kf.map_id[rows] = points.map_id[which >= 0] = move.map_id
+
+    def _positions_since(self, version: int) -> PointPositions:
+        """Return the positions of points of which nothing else has changed after `version`."""
+        points = self.points
+        rows = np.flatnonzero((points.shifted > version) & (points.version <= version))
+        rows = rows[points.uid[rows] != DEAD]
+        return PointPositions(rows.astype(np.int32), points.position_m[rows])
+
+    def _note_features(self, i: int | IntArray, k: IntArray) -> None:
+        """Mark features `k` of keyframes `i` as changed, so that they are sent to the copies."""
+        self.keyframes.reobserved[i] = self.version
+        self.keyframes.is_reobserved[i, k] = True
+
+    def _features_since(self, version: int) -> FeatureStates:
+        """Return the states of features that changed after the last call with this version.
+
+        Since version 0, these are all features that observe a point.
+        """
+        kf = self.keyframes
+        if version == 0:
+            kf.is_reobserved[:] = False
+            return self._feature_states(*np.nonzero(kf.point_of_feature != NO_POINT))
+        rows = np.flatnonzero(kf.reobserved > version)
+        n, k = np.nonzero(kf.is_reobserved[rows])
+        kf.is_reobserved[rows] = False
+        return self._feature_states(rows[n], k)
+
+    def _feature_states(self, i: IntArray, k: IntArray) -> FeatureStates:
+        kf = self.keyframes
+        i32, k32 = i.astype(np.int32), k.astype(np.int32)
+        return FeatureStates(i32, k32, kf.point_of_feature[i, k], kf.may_seed[i, k])
+
+    def _apply_features(self, states: FeatureStates) -> None:
+        """Set the states of features to those of another copy."""
+        kf = self.keyframes
+        i, k, new = (part.astype(np.int64) for part in states[:3])
+        old = kf.point_of_feature[i, k].astype(np.int64)
+        gone, seen = old != NO_POINT, new != NO_POINT
+        self._graph.unobserve(i[gone], k[gone], old[gone])
+        self._graph.observe(i[seen], k[seen], new[seen])
+        kf.point_of_feature[i, k] = new
+        kf.may_seed[i, k] = states.may_seed
+
+    def _connections_since(self, version: int) -> Connections:
+        """Return the connections that were counted after `version`."""
+        rows = np.flatnonzero(self.keyframes.alive & (self.keyframes.connected > version))
+        found = [self._graph.neighbors(i) for i in rows.tolist()]
+        return Connections(
+            rows,
+            np.array([len(near.rows) for near in found], np.int64),
+            np.concatenate([_NOTHING, *(near.rows for near in found)]),
+            np.concatenate([_NOTHING, *(near.shared for near in found)]),
+        )
+
+    def _connect(self, connections: Connections) -> None:
+        """Set the connections of keyframes to those of another copy."""
+        ends = np.cumsum(connections.lengths).tolist()
+        starts = [0, *ends]
+        for i, start, end in zip(connections.rows.tolist(), starts, ends, strict=False):
+            rows, shared = connections.neighbors[start:end], connections.shared[start:end]
+            order = np.argsort(rows)
+            self._graph.set_neighbors(i, rows[order], shared[order])
+
+    def _set_neighbors(self, i: int, rows: IntArray, shared: IntArray) -> None:
+        self._graph.set_neighbors(i, rows, shared)
+        self.keyframes.connected[i] = self.version
