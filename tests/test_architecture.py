@@ -34,15 +34,16 @@ LAYERS = {
     'hoid_detector': 'drawing newest_wins < model < config < onnx_detector < node',
     'hoid_filter': """
         strategy_registry < config drawing < extraction < motion < strategy < detections
-        < node_config < strategies masked_images < feature_filter < live_filter < ros < node
+        < node_config < strategies masked_images < feature_filter < live_interfaces < live_filter
+        < ros < node
     """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < tracking local_mapping
-        < loops < scene < map_io < mapper map_joining < processes < slam_map statistics
+        < loops < dense < scene < map_io < mapper map_joining < processes < slam_map statistics
         < robot_frames slam late_verdicts < robot_map < session < ros < node
     """,
     'hoid_bags': """
-        images progress < mcap < tum < bag < options sequence convert < live < commands
+        images progress < mcap < tum < bag < sequence convert < options < live < commands
     """,
     'hoid_synth': """
         config mesh noise < texture < people < room < acting < render

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2, RegionOfInterest
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from vision_msgs.msg import (
     Detection2D,
     Detection2DArray,
@@ -126,9 +126,7 @@ def test_camera_round_trip(distortion: tuple[float, ...]) -> None:
     [
         ({'k': np.zeros(9)}, 'fx=0.0 fy=0.0'),
         ({'width': 0}, '0x480'),
-        ({'distortion_model': 'equidistant'}, 'distortion_model "equidistant"'),
-        ({'binning_x': 2}, 'binning'),
-        ({'roi': RegionOfInterest(x_offset=1)}, 'region of interest'),
+        ({'distortion_model': 'mei'}, 'distortion_model "mei"'),
     ],
 )
 def test_unusable_camera_infos_are_refused(change: dict[str, Any], message: str) -> None:

@@ -214,7 +214,7 @@ def test_classes_that_are_no_list_are_refused_in_one_line(bench: Bench, value: o
 @pytest.mark.parametrize(
     ('changes', 'words'),
     [
-        ({'encoding': 'yuv422'}, 'encoding'),
+        ({'encoding': 'h264'}, 'encoding'),
         ({'step': 10}, 'step'),
         ({'height': 4000}, 'bytes'),
         ({'width': 0, 'height': 0}, 'empty'),

@@ -78,7 +78,7 @@ def test_invalid_images_are_refused(run_filter: FilterRunner) -> None:
     peer.send_images(0, DEPTH_M[::2, ::2])
     peer.wait_for_count('matched images refused', 1)
     strange = conversions.color_to_msg(IMAGE, peer.header(1))
-    strange.encoding = 'yuv422'
+    strange.encoding = 'h264'
     peer.color.publish(strange)
     peer.depth.publish(conversions.depth_to_msg(DEPTH_M, peer.header(1)))
     peer.wait_for_count('color images refused', 1)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hoid_msgs.msg import SlamStatus
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
 from hoid_common import se3
@@ -17,7 +18,7 @@ from hoid_common.pose_buffer import PoseBuffer
 from hoid_common.ros import conversions, qos
 from hoid_common.values import NS_PER_S, Features, FloatArray
 from hoid_system_tests.frame_tree import OPTICAL, edges
-from hoid_system_tests.point_world import PointWorld
+from hoid_system_tests.point_world import CAMERA, PointWorld
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import (
@@ -185,7 +186,7 @@ class SlippingWheels(Wheels):
 
     @staticmethod
     def at(stamp_ns: int) -> FloatArray:
-        has_slipped = stamp_ns >= START_NS + (IMAGES // 2) * PERIOD_NS
+        has_slipped = stamp_ns >= START_NS + (IMAGES // 2) * PERIOD_NS - 7_000_000
         return se3.exp(np.array([0, 0, 0, 0.5 if has_slipped else 0.0, 0, 0]))
 
 
@@ -296,3 +297,43 @@ def test_planar_motion_without_a_base_frame_is_reported(start: Start, probe: Pro
 
 def statuses(peer: Peer) -> list[Any]:
     return [status for msg in peer.diagnostics for status in msg.status]
+
+
+def in_frame(msg: Any, frame_id: str) -> Any:
+    msg.header.frame_id = frame_id
+    return msg
+
+
+def camera_info(frame_id: str) -> CameraInfo:
+    header = conversions.header_to_msg(START_NS, frame_id)
+    return conversions.camera_to_msg(CAMERA, header)
+
+
+@pytest.mark.parametrize(
+    ('frame_id', 'parameters', 'child'),
+    [('/camera', {}, 'camera'), ('', {'expert': True, 'frames.camera': 'named'}, 'named')],
+)
+def test_a_slashed_or_missing_camera_frame_is_valid_in_tf(
+    start: Start, probe: Probe, frame_id: str, parameters: dict[str, Any], child: str
+) -> None:
+    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    peer = Peer(probe)
+    peer.begin(camera_info(frame_id))
+    seen = PointWorld().features(camera_at(0), START_NS)
+    peer.answer_to(in_frame(features_msg(seen), frame_id))
+    peer.probe.spin_until(lambda: len(peer.edges()) == 2, 'no transforms')
+    assert peer.edges() == {('map', 'odom'), ('odom', child)}
+
+
+def test_an_empty_camera_frame_is_refused_with_what_to_do(start: Start, probe: Probe) -> None:
+    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    peer = Peer(probe)
+    messages: list[str] = []
+
+    def is_named() -> bool:
+        peer.send_camera(camera_info(''))
+        messages[:] = [s.message for d in peer.diagnostics for s in d.status]
+        return any('frame_id is empty' in message for message in messages)
+
+    probe.spin_until(is_named, 'no diagnostics about the frame', 60.0)
+    assert any('parameter frames.camera' in message for message in messages)

@@ -300,10 +300,7 @@ def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path
     (folder / 'folder.hoidmap').mkdir()
     os.mkfifo(folder / 'pipe.hoidmap')
     (folder / 'link.hoidmap').symlink_to('/etc/passwd')
-    other = map_file.load(folder / 'good.hoidmap')
-    camera = CAMERA.__class__(640, 480, 300.0, 300.0, 319.5, 239.5)
-    map_file.save(folder / 'other.hoidmap', other._replace(camera=camera))
-    octaves = other._replace(num_octaves=4)
+    octaves = map_file.load(folder / 'good.hoidmap')._replace(num_octaves=4)
     map_file.save(folder / 'octaves.hoidmap', octaves)
     for name, message in (
         ('none', 'there is no such file'),
@@ -313,7 +310,6 @@ def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path
         ('folder', 'there is no such file'),
         ('pipe', 'there is no such file'),
         ('link', 'is a link'),
-        ('other', 'another camera'),
         ('octaves', 'camera.num_octaves'),
         ('../good', 'no plain file name'),
         ('/etc/passwd', 'no plain file name'),
@@ -330,3 +326,22 @@ def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path
     assert peer.send(10)[-1].state == SlamStatus.TRACKING
     assert peer.save('after').success
     assert map_file.load(folder / 'after.hoidmap').map.digest() == digest
+
+
+def test_the_map_of_a_very_different_camera_can_only_be_localized_in(
+    begin: Begin, folder: Path
+) -> None:
+    peer, _ = begin()
+    peer.send(*range(10))
+    assert peer.save('good').success
+    good = map_file.load(folder / 'good.hoidmap')
+    camera = CAMERA.__class__(640, 480, 300.0, 300.0, 319.5, 239.5)
+    map_file.save(folder / 'other.hoidmap', good._replace(camera=camera))
+    refused = peer.load('other')
+    assert not refused.success
+    assert 'another camera, 640x480 with fx=300 fy=300' in refused.message
+    assert peer.set_mode('localization').success
+    assert peer.load('other').success
+    refused = peer.set_mode('mapping')
+    assert not refused.success
+    assert 'differs too much to extend it' in refused.message

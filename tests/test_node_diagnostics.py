@@ -1,18 +1,25 @@
 """Diagnostics, clock and logging of a node."""
 
 import logging
+from pathlib import Path
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.parameter import Parameter
 from rclpy.time_source import TimeSource
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image
 
 from hoid_common import topics
 from hoid_common.inputs.input_watch import InputWatch
+from hoid_common.ros import conversions
 from hoid_common.ros.clocks import ignore_negative_clock_times
 from hoid_common.ros.logs import bridge_logging
+from hoid_system_tests.detector_bench import write_model
+from hoid_system_tests.filter_peer import DEPTH_M, IMAGE
 from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
 from hoid_system_tests.sample_bench import SampleBench
 
 
@@ -77,3 +84,37 @@ def test_core_log_records_reach_the_logger_of_the_node(
     assert '[WARN]' in output
     assert '[sample]: the lens is dirty' in output
     assert 'not this' not in output
+
+
+def test_a_missing_camera_is_logged_in_one_line_by_all_nodes_together(
+    start: Start, probe: Probe, tmp_path: Path
+) -> None:
+    model = str(write_model(tmp_path / 'model.onnx'))
+    for node, params in (
+        ('hoid_detector', {'model': model}),
+        ('hoid_filter', {}),
+        ('rgbd_slam', {}),
+    ):
+        start(node, f'{node}_node', params)
+
+    def lines(text: str) -> list[str]:
+        logs = [path.read_text() for path in sorted(tmp_path.glob('log_*/*'))]
+        return [line for log in logs for line in log.splitlines() if text in line]
+
+    probe.spin_until(lambda: bool(lines('no color images yet')), 'nothing is logged', 60.0)
+    probe.spin_for(3.0)
+    (line,) = lines('no publisher')
+    assert '[hoid_filter]' in line
+    for topic in ('/rgb/image', '/depth/image', '/rgb/camera_info'):
+        assert f' on {topic}: no publisher' in line
+    assert lines('features') == lines('detections') == []
+    colors, depths = (probe.publisher(Image, topic) for topic in ('rgb/image', 'depth/image'))
+    for i in range(60):
+        header = conversions.header_to_msg(1_000_000_000 + i * 50_000_000, 'camera')
+        colors.publish(conversions.color_to_msg(IMAGE, header))
+        depths.publish(conversions.depth_to_msg(np.asarray(DEPTH_M), header))
+        probe.spin_for(0.05)
+    received = lines('receiving')
+    assert 1 <= len(received) <= 2  # two if the depth images begin in another second
+    for text in ('[hoid_filter]: receiving ', 'color images on /rgb/image', 'on /depth/image'):
+        assert any(text in line for line in received)

@@ -43,7 +43,7 @@ def test_an_invalid_image_is_refused_and_the_node_keeps_running(sample: SampleBe
     colors = sample.probe.publisher(Image, 'rgb/image')
     depths = sample.probe.publisher(Image, 'depth/image')
     bad = color(1000)
-    bad.encoding = 'yuv422'
+    bad.encoding = 'thermal8'
     colors.publish(bad)
     depths.publish(depth(1000))
     sample.probe.spin_until(lambda: sample.count('color images refused') == 1, 'no image refused')

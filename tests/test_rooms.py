@@ -18,12 +18,12 @@ from hoid_common.values import CameraModel, Detections, FloatArray, RgbdFrame
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers
+from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
 from rgbd_slam.scene.scene_scheduler import SceneRequest
-from rgbd_slam.scene.voxel_map import ColoredCloud
 
 pytestmark = pytest.mark.thorough
 

@@ -21,7 +21,7 @@ from hoid_common import se3
 from hoid_common.values import FloatArray, Trajectory
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
-from rgbd_slam.scene.voxel_map import ColoredCloud
+from rgbd_slam.dense.voxel_map import ColoredCloud
 
 pytestmark = pytest.mark.thorough
 

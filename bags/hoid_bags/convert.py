@@ -39,14 +39,37 @@ class ConvertConfig(Config):
     (decision 024).
     """
 
-    rgb: str = param(RAW, 'Color images as raw, png or jpeg', choices=(RAW, PNG, JPEG))
-    depth: str = param(RAW, 'Depth images as raw or png', choices=(RAW, PNG))
-    jpeg_quality: int = param(95, 'Quality of JPEGs made from other files', minimum=1, maximum=100)
-    depth_units_per_m: float = param(
-        TUM_DEPTH_UNITS_PER_M, 'Units per meter of the depth files', minimum=1e-3
+    rgb: str = param(
+        RAW,
+        'Encoding of color images. Choose jpeg for small bags, png for smaller bags without loss.',
+        choices=(RAW, PNG, JPEG),
     )
-    round_depth: bool = param(False, 'Round depth to mm where it is finer (decision 023)')
-    compress: bool = param(False, 'Compress the chunks of the bag with zstd')
+    depth: str = param(
+        RAW,
+        'Encoding of depth images. Choose png for smaller bags without loss.',
+        choices=(RAW, PNG),
+    )
+    jpeg_quality: int = param(
+        95,
+        'Quality of the JPEG images that are made from files of another format.',
+        minimum=1,
+        maximum=100,
+    )
+    depth_units_per_m: float = param(
+        TUM_DEPTH_UNITS_PER_M,
+        'Depth units per meter in the image files. Set it for a recording other than TUM RGB-D.',
+        minimum=1e-3,
+    )
+    round_depth: bool = param(
+        False,
+        'Whether to round depth to millimeters. Set it to true where png would lose precision '
+        '(decision 023).',
+    )
+    compress: bool = param(
+        False,
+        'Whether to compress the chunks of the bag with zstd. Set it to true for smaller bags, '
+        'which take longer to read.',
+    )
 
 
 class _Stamped(NamedTuple):
@@ -63,18 +86,18 @@ def convert(
     *,
     show_progress: bool = False,
 ) -> None:
-    """Convert a TUM folder to a bag; memory does not grow with the length of the recording.
+    """Convert a TUM folder to a bag, image by image.
 
     Args:
         folder: The recording.
-        bag: The folder to create.
-        config: Options of the conversion.
-        camera: Camera of the recording; None takes it from the folder's name.
+        bag: Folder of the bag, which is created.
+        config: Options of the conversion; None: the defaults.
+        camera: Camera of the recording; None: the folder's name determines it.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
         InputError: The recording or one of its files cannot be used, or the bag cannot be written.
-            No bag is left then.
+            No bag remains in this case.
     """
     config = config or ConvertConfig()
     source = open_tum_folder(folder, camera, config.depth_units_per_m)

@@ -1,4 +1,4 @@
-"""Image files of recordings, verified to be complete and of the right kind, and decoded."""
+"""Decodes a recording's image files, and checks that they are complete and of the right kind."""
 
 from __future__ import annotations
 
@@ -45,10 +45,14 @@ def is_jpeg(data: bytes) -> bool:
 
 
 def check_complete(data: bytes, name: object) -> None:
-    """Raise InputError when a PNG or JPEG lacks its end.
+    """Raise InputError if a PNG or JPEG is truncated.
 
-    This comes before decoding, because some decoders fill the missing part with gray without an
-    error, and others write to the terminal.
+    Decoders do not report this reliably: some fill the missing part with gray, and others write to
+    the terminal.
+
+    Args:
+        data: Content of the file.
+        name: Name of the image, with which an error begins.
     """
     truncated = (is_png(data) and _PNG_END not in data[-_PNG_TAIL_BYTES:]) or (
         is_jpeg(data) and _JPEG_END not in data[-_JPEG_TAIL_BYTES:]
@@ -85,7 +89,7 @@ def decode_depth(data: bytes, name: object) -> DepthUnits:
 def check_size(
     image: ByteArray | DepthUnits | Float32Array, camera: CameraModel, name: object
 ) -> None:
-    """Raise InputError unless an image has the size of the camera."""
+    """Raise InputError, beginning with `name`, unless an image has the size of the camera."""
     height, width = image.shape[:2]
     if (width, height) != (camera.width_px, camera.height_px):
         raise InputError(

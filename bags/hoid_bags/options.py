@@ -77,7 +77,7 @@ def open_recording(
     """Open a recording with the options of the command line, and print the topics of a bag.
 
     Raises:
-        InputError: It cannot be read.
+        InputError: The recording cannot be read.
     """
     topics, camera = chosen_topics(args), chosen_camera(args)
     found = open_sequence(path, camera, args.depth_factor, topics, max_gap_ns)
@@ -90,7 +90,7 @@ def chosen_camera(args: argparse.Namespace) -> CameraModel | None:
     """Return the camera that `--camera` names; None without the option, or for a driver's name.
 
     Raises:
-        InputError: It is neither a known name nor a readable camera file.
+        InputError: The value is neither a known name nor a readable camera file.
     """
     if not args.camera or args.camera in CAMERA_TOPICS:
         return None

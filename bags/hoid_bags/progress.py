@@ -12,7 +12,14 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0  # chosen: periods of updates
 
 
 def progress(items: Iterable[Any] | None, total: int, unit: str, *, show: bool = True) -> Any:
-    """Return a tqdm bar over items, or without items one that the caller updates."""
+    """Return an iterator over items that shows a progress bar.
+
+    Args:
+        items: The items; None: the caller updates the bar.
+        total: Number of items.
+        unit: Name of the items in the plural.
+        show: Whether to draw the bar.
+    """
     interval_s = _TERMINAL_S if sys.stderr.isatty() else _LOG_S
     return tqdm(
         items, total=total, unit=f' {unit}', mininterval=interval_s, disable=not show, ncols=88

@@ -18,7 +18,7 @@ from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
 
 
 class Sequence(Protocol):
-    """Recording of paired color and depth images in order of time; can be iterated repeatedly."""
+    """A recording of paired color and depth images; it can be iterated repeatedly."""
 
     @property
     def name(self) -> str:
@@ -30,24 +30,24 @@ class Sequence(Protocol):
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """Return the ground-truth poses of the camera, or None."""
+        """Return the ground-truth poses of the camera; None: the recording has none."""
 
     @property
     def true_detections(self) -> Mapping[int, Detections] | None:
-        """Return the ground-truth detections by stamp of the color image (ns), or None."""
+        """Return the ground-truth boxes by stamp of the color image (ns), or None."""
 
     @property
     def fault(self) -> str | None:
-        """Return one line about what cannot be read of a damaged recording, or None.
+        """Return a line of text about the unreadable part of a recording; None: no damage.
 
         Commands process the readable part, then print this line and exit with status 1.
         """
 
     def __len__(self) -> int:
-        """Return the number of pairs."""
+        """Return the number of pairs of images."""
 
     def __iter__(self) -> Iterator[RgbdFrame]:
-        """Yield the frames; the stamp of a frame is that of its color image.
+        """Yield the frames in order of time; the stamp of a frame is that of its color image.
 
         Raises:
             InputError: An image is truncated, or of another kind or size than expected.
@@ -67,11 +67,11 @@ def open_sequence(
         path: The folder, or one file of a bag.
         camera: Camera of the recording; None takes it from the folder's name or the bag.
         depth_units_per_m: Units of the PNG files of a TUM folder.
-        choice: Topics of a bag that the user names; the others are found.
+        choice: Topics of a bag that the user names; the other topics are found by their names.
         max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
 
     Raises:
-        InputError: There is nothing, or no usable recording.
+        InputError: The path does not exist, or is no usable recording.
     """
     if not path.exists():
         raise InputError(f'{path}: no such file or folder')

@@ -187,8 +187,8 @@ def test_true_detections(tmp_path: Path, camera: CameraModel) -> None:
 @pytest.mark.parametrize(
     ('stamps_ns', 'used_ns', 'expected'),
     [
-        ([10, 20, 20, 30], [10, 20, 30], '1 items with the stamp of another one left out'),
-        ([10, 30, 20, 40], [10, 20, 30, 40], '1 late items sorted in'),
+        ([10, 20, 20, 30], [10, 20, 30], 'repeated stamps left out: 1'),
+        ([10, 30, 20, 40], [10, 20, 30, 40], 'late stamps sorted in: 1'),
         ([10, 5 * 10**9, 6 * 10**9, 10, 20], [10, 5 * 10**9, 6 * 10**9], 'time starts anew'),
     ],
 )

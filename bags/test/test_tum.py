@@ -12,7 +12,7 @@ from hoid_bags.sequence import open_sequence
 from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_common import se3
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.trajectory_io import read_tum, write_tum
+from hoid_common.io.trajectory_io import read_tum, write_tum, write_tum_parts
 from hoid_common.values import CameraModel, Trajectory
 
 FolderMaker = Callable[..., Path]
@@ -120,7 +120,7 @@ def test_stamps_that_go_backwards(
     lines[3], lines[4] = lines[4], lines[3]
     (folder / f'{kind}.txt').write_text('\n'.join(lines))
     assert len(list(open_sequence(folder, camera))) == 3
-    assert f'{kind}.txt: 1 late items sorted in' in caplog.text
+    assert f'{kind}.txt: late stamps sorted in: 1' in caplog.text
 
 
 @pytest.mark.parametrize(('kind', 'ext'), [('rgb', 'png'), ('rgb', 'jpg'), ('depth', 'png')])
@@ -183,7 +183,16 @@ def test_name_that_says_no_camera(make_folder: FolderMaker) -> None:
 def test_lists_that_never_meet(make_folder: FolderMaker, camera: CameraModel) -> None:
     folder = make_folder(1)
     (folder / 'depth.txt').write_text(f'12.5 depth/{image(folder, "depth", 0).name}\n')
-    assert 'depth is -1305031089.675 s from color, so two clocks' in fault_of(folder, camera)
+    assert 'stamps of depth are -1305031089.675 s from those of color, so two clocks' in fault_of(
+        folder, camera
+    )
+
+
+def test_a_wrong_depth_factor_is_noticed(make_folder: FolderMaker) -> None:
+    folder = make_folder(1, scale=5)
+    camera = CameraModel(160, 120, 150.0, 155.0, 77.5, 57.5)
+    with pytest.raises(InputError, match=r'median of \d+ m, .* it is 1/1 m; set --depth-factor'):
+        list(open_sequence(folder, camera, 1.0))
 
 
 @pytest.mark.parametrize('factor', [0.0, -5000.0, float('nan'), float('inf')])
@@ -225,6 +234,22 @@ def test_bad_trajectories(tmp_path: Path, text: str, expected: str) -> None:
     assert '\n' not in str(caught.value)
 
 
+def test_a_trajectory_in_which_time_starts_anew_keeps_the_last_pass(tmp_path: Path) -> None:
+    stamps_s = [1, 2, 3, 3, 1, 2, 2, 4]
+    poses = np.tile(np.eye(4), (len(stamps_s), 1, 1))
+    poses[:, 0, 3] = np.arange(len(stamps_s))
+    stamps_ns = np.array(stamps_s) * 10**9
+    parts = [Trajectory(stamps_ns[:5], poses[:5]), Trajectory(stamps_ns[5:], poses[5:])]
+    written = write_tum_parts(tmp_path / 't.txt', parts)
+    after = read_tum(tmp_path / 't.txt')
+    assert (after.stamps_ns / 1e9).tolist() == [1, 2, 4]
+    assert after.T_world_camera[:, 0, 3].tolist() == [4, 5, 7]
+    assert str(written) == (
+        '3 poses since time started anew (3 earlier ones left out) '
+        '(2 with a repeated or older stamp left out)'
+    )
+
+
 def test_bad_rows_of_a_trajectory_are_left_out(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -236,7 +261,7 @@ def test_bad_rows_of_a_trajectory_are_left_out(
     assert (truth.stamps_ns / 1e9).tolist() == [1, 2, 3, 4, 5]
     assert truth.T_world_camera[:, 0, 3].tolist() == [1, 2, 3, 4, 5]
     assert f'{path}: 4 unusable rows left out (line 3: ' in caplog.text
-    assert '1 items with the stamp of another one left out, 2 late items sorted in' in caplog.text
+    assert 'repeated stamps left out: 1, late stamps sorted in: 2' in caplog.text
 
 
 def test_a_constant_offset_between_color_and_depth_is_named_and_can_be_allowed(
@@ -251,7 +276,10 @@ def test_a_constant_offset_between_color_and_depth_is_named_and_can_be_allowed(
     ]
     (folder / 'rgb.txt').write_text('\n'.join(rgb))
     (folder / 'depth.txt').write_text('\n'.join(shifted))
-    assert 'depth is +25.0 ms from color (limit 20): raise sync_slop_s' in fault_of(folder, camera)
+    assert (
+        'depth are +25.0 ms from those of color (limit 20): raise sync_slop_s to 0.030'
+        in fault_of(folder, camera)
+    )
     assert len(open_sequence(folder, camera, max_gap_ns=30_000_000)) == 4
 
 

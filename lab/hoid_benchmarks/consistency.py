@@ -135,7 +135,7 @@ class _Motion:
 
 
 def _at(truth: Trajectory, stamps_ns: IntArray, clock_s: float) -> tuple[FloatArray, BoolArray]:
-    """Return interpolated poses (N, 4, 4) of the reference, and the (N,) mask of valid ones."""
+    """Return interpolated reference poses (N, 4, 4), and the (N,) mask of valid poses."""
     at_ns = stamps_ns + round(clock_s * NS_PER_S)
     known_ns, T = truth.stamps_ns, truth.T_world_camera
     after = np.clip(np.searchsorted(known_ns, at_ns), 1, len(known_ns) - 1)

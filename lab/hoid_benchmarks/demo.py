@@ -176,7 +176,7 @@ def _drawn(frame: RgbdFrame, result: FilterResult) -> ByteArray:
 
 
 def _run(bag: BagSequence, out: Path, label: str) -> DemoRun:
-    """Return trajectory and map of a run, aligned to the ground truth if there is one."""
+    """Return trajectory and map of a run, aligned to the ground truth if it is known."""
     folder = out / _folder(label)
     found = read_tum(folder / outputs.FINAL)
     points_m = read_ply(folder / outputs.MAP).points_m.astype(np.float64)

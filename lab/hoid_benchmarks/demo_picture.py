@@ -36,7 +36,7 @@ class Snapshot(NamedTuple):
 
 
 class DemoRun(NamedTuple):
-    """Trajectory and map of a run, in the frame of the ground truth or else of the run."""
+    """Trajectory and map of a run, in the frame of the ground truth if it is known."""
 
     stamps_ns: IntArray  # (N,)
     T_world_camera: FloatArray  # (N, 4, 4)

@@ -116,7 +116,7 @@ def run(sequence: Sequence, config: RunConfig) -> Outcome:
 
 
 def row(name: str, seed: int, outcome: Outcome, ate_without_m: float | None) -> str:
-    """Return a row of the table."""
+    """Return a row of the printed table."""
     joins = outcome.joins
     counts = [sum(join.event is event for join in joins) for event in _EVENTS]
     worst_m = max((join.error_m for join in joins), default=0.0)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoid_benchmarks.building.camera import MODEL, NO_LANDMARK, FeatureCamera
 from hoid_benchmarks.building.drive import Drive, Image
-from hoid_benchmarks.building.floors import Building, CellKey, CellKind, Opening
 from hoid_benchmarks.building.lag import longest_detached_s, reattached_s
-from hoid_benchmarks.building.landmarks import LandmarkStore
-from hoid_benchmarks.building.route import CORNER, FULL_TURN, Route, first_mark
 from hoid_benchmarks.building.tiled_map import tiled
 from hoid_benchmarks.building.virtual_mapper import Delay
+from hoid_benchmarks.building.world.camera import MODEL, NO_LANDMARK, FeatureCamera
+from hoid_benchmarks.building.world.floors import Building, CellKey, CellKind, Opening
+from hoid_benchmarks.building.world.landmarks import LandmarkStore
+from hoid_benchmarks.building.world.route import CORNER, FULL_TURN, Route, first_mark
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
 from hoid_common.values import Float32Array, FloatArray

@@ -13,6 +13,7 @@ TRUTH = Trajectory(
     np.arange(4) * NS, se3.exp(np.outer(np.arange(4), [0.0, 0.1, 0.0, 0.5, 0.0, 0.2]))
 )
 T_0_3 = se3.inverse(TRUTH.T_world_camera[0]) @ TRUTH.T_world_camera[3]
+NOT_USED = 0, 50, None  # place, points and correction
 
 
 @pytest.mark.parametrize(
@@ -21,7 +22,7 @@ T_0_3 = se3.inverse(TRUTH.T_world_camera[0]) @ TRUTH.T_world_camera[3]
      ([0.1, 0, 0, 0, 0, 0], True)],
 )  # fmt: skip
 def test_a_join_is_held_against_the_truth(twist: list[float], is_false: bool) -> None:
-    join = Join(LoopEvent.CLOSED, 3 * NS + 1000, 0, T_0_3 @ se3.exp(np.array(twist)))
+    join = Join(LoopEvent.CLOSED, 3 * NS + 1000, 0, T_0_3 @ se3.exp(np.array(twist)), *NOT_USED)
     found = checked(join, TRUTH)
     assert found.is_false is is_false
     assert found.error_m == pytest.approx(np.linalg.norm(twist[3:]), abs=1e-9)
@@ -29,7 +30,7 @@ def test_a_join_is_held_against_the_truth(twist: list[float], is_false: bool) ->
 
 
 def test_joins_are_heard_of_while_listening() -> None:
-    join = Join(LoopEvent.MERGED, 3, 1, T_0_3)
+    join = Join(LoopEvent.MERGED, 3, 1, T_0_3, *NOT_USED)
     logger = logging.getLogger('rgbd_slam.loops.loop_closer')
     with listening() as joins:
         logger.info('%s', join)

@@ -101,7 +101,14 @@ def pose_from_message(message: Message) -> FloatArray:
 
 
 def imu(stamp_ns: int, acceleration_mps2: FloatArray) -> Message:
-    """Return the sensor_msgs/Imu of (3,) acceleration; covariance -1 marks missing values."""
+    """Return the sensor_msgs/Imu of an accelerometer, of which only the acceleration is known.
+
+    A covariance of -1 marks the other values as missing.
+
+    Args:
+        stamp_ns: Stamp of the measurement.
+        acceleration_mps2: (3,) acceleration along the axes of the IMU.
+    """
     unknown = np.array([-1.0, *[0.0] * 8])
     ax, ay, az = acceleration_mps2.tolist()
     return new_message(
@@ -117,7 +124,7 @@ def imu(stamp_ns: int, acceleration_mps2: FloatArray) -> Message:
 
 
 def detection_array(detections: Detections, camera: CameraModel) -> Message:
-    """Return the hoid_msgs/DetectionArray of detections that no network has made."""
+    """Return the hoid_msgs/DetectionArray of ground-truth boxes in images of a camera."""
     boxes = detections.boxes_xyxy_px.tolist()
     entries = [
         new_message(

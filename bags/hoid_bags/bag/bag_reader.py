@@ -1,4 +1,4 @@
-"""Reading of bags of this suite and of `ros2 bag record`, whole, damaged or cut off."""
+"""Reading of bags that this suite or `ros2 bag record` has written, also damaged ones."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from rosbags.interfaces import ConnectionExtRosbag2, Qos
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from hoid_bags.bag.metadata import METADATA, read_metadata
-from hoid_bags.bag.write_ahead_log import has_log, with_log
 from hoid_bags.mcap.chunks import DAMAGE, ZSTD_MAGIC, describe_damage, one_line, unpack_message
 from hoid_bags.mcap.mcap_file import McapFile
 from hoid_bags.mcap.packed_file import SUFFIX, unpack_file
+from hoid_bags.mcap.write_ahead_log import has_log, with_log
 from hoid_common.errors import InputError
 from hoid_common.io.untrusted import open_regular
 from hoid_common.values import NS_PER_S
@@ -31,15 +31,15 @@ class BagTopic(NamedTuple):
     name: str  # absolute
     type_name: str
     num_messages: int
-    qos: Qos | None  # as offered when it was recorded
+    qos: Qos | None  # profile that its publisher offered; None: unknown
 
 
 class BagMessage(NamedTuple):
     """One message, still serialized."""
 
     topic: str
-    log_ns: int  # when it was recorded
-    data: bytes  # CDR
+    log_ns: int  # time at which it was recorded
+    data: bytes  # serialized message (CDR)
 
 
 def is_bag(path: Path) -> bool:
@@ -79,7 +79,7 @@ class BagReader:
         """Open the bag.
 
         Raises:
-            InputError: Not a single message can be read.
+            InputError: No message of the bag can be read.
         """
         with ExitStack() as stack:
             try:
@@ -100,7 +100,7 @@ class BagReader:
 
     @property
     def fault(self) -> str | None:
-        """Return one line about the damage that has been met so far, or None."""
+        """Return a line of text about the damage that was found so far; None: no damage."""
         damage = [chunk for file in self._mcap_files for chunk in file.damage.values()]
         if not damage:
             return self._fault
@@ -109,7 +109,10 @@ class BagReader:
 
     @property
     def topics(self) -> tuple[BagTopic, ...]:
-        """Return every topic. One that was recorded with several QoS profiles is listed once."""
+        """Return every topic, also one without messages.
+
+        A topic that was recorded with several QoS profiles is listed once.
+        """
         merged: dict[str, BagTopic] = {}
         for connection in (c for file in self._files for c in file.connections):
             extra, before = connection.ext, merged.get(connection.topic)
@@ -135,7 +138,7 @@ class BagReader:
     def topic_span_ns(self, topic: str) -> tuple[int, int]:
         """Return the log times of a topic's first and last message.
 
-        They are those of the whole bag when no message of the topic can be read.
+        If no message of the topic can be read, the log times of the whole bag are returned.
         """
         first = next(self.messages([topic]), None)
         bag_first_ns, bag_last_ns = self.span_ns
@@ -154,8 +157,8 @@ class BagReader:
         """Yield the readable messages in order of time; `fault` describes the others.
 
         Args:
-            topics: Absolute names; None means all.
-            start_ns: Log time from which on to read.
+            topics: Absolute names of the topics to read; None means all.
+            start_ns: Log time from which messages are read; None: from the start.
         """
         num_read = first_ns = last_ns = 0
         try:
@@ -186,7 +189,11 @@ class BagReader:
         return [file for file in self._files if isinstance(file, McapFile)]
 
     def _open_as_described(self, stack: ExitStack) -> list[McapFile | Sqlite3Reader]:
-        """Open the files that metadata.yaml lists; InputError when it contradicts them."""
+        """Open the files that metadata.yaml lists, or all files if there is no metadata.yaml.
+
+        Raises:
+            InputError: A file cannot be opened, or metadata.yaml contradicts the files.
+        """
         if not self.path.is_dir():
             return [_open_file(self.path, stack)]
         metadata = read_metadata(self.path)
@@ -212,7 +219,11 @@ class BagReader:
         return sorted(files, key=lambda file: file.metadata.start_time)
 
     def _note_unusable_files(self) -> None:
-        """Set the fault of files that are cut off, or have a damaged index."""
+        """Set the fault if a file is cut off or has a damaged index.
+
+        Raises:
+            InputError: No message can be read.
+        """
         num_messages = sum(topic.num_messages for topic in self.topics)
         errors = [file.index_error for file in self._mcap_files if file.index_error is not None]
         if errors and not num_messages:
@@ -228,7 +239,11 @@ class BagReader:
 
 
 def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
-    """Open one file of a bag until the stack is closed; damage of an .mcap file never raises."""
+    """Open one file of a bag until the stack is closed.
+
+    Raises:
+        InputError: The file cannot be opened. (Damage inside an .mcap file raises no error.)
+    """
     open_regular(path).close()
     if path.suffix == SUFFIX:
         path = unpack_file(path, Path(stack.enter_context(TemporaryDirectory())))

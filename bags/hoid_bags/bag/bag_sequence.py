@@ -29,14 +29,14 @@ from hoid_common.values import (
 )
 
 _LOG = logging.getLogger(__name__)
-_MAX_BAD_AT_START = 30  # chosen: so many unusable images, and none before, end the reading
+_MAX_BAD_AT_START = 30  # chosen: reading ends if the first 30 images are all unusable
 
 
 class BagSequence:
     """The paired color and depth images of a bag, as a `Sequence`.
 
-    Topics, stamps, camera and ground truth are read when it is opened, images when it is iterated.
-    Images that cannot be decoded are left out; `fault` then counts them.
+    Topics, stamps, camera and ground truth are read when the bag is opened; images are read during
+    iteration. Images that cannot be decoded are left out, and `fault` states their number.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class BagSequence:
             max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
 
         Raises:
-            InputError: It is no bag, or has no RGB-D images that belong together.
+            InputError: The path is no bag, or the bag has no color and depth images of equal time.
         """
         self.path = path
         self.name = path.resolve().name
@@ -113,6 +113,7 @@ class BagSequence:
         problems.finish()
 
     def _frame(self, color_ns: int, color: bytes, depth: bytes) -> RgbdFrame:
+        """Return the frame of two serialized image messages."""
         topic = self.topics.color
         try:
             image_bgr = decode_color(color, topic)
@@ -134,7 +135,7 @@ class _Problems:
         self.num_frames = 0
 
     def add(self, error: InputError) -> None:
-        """Note an unusable image; raise its error if there are many, and no usable one."""
+        """Store an error; raise the first error if many images were unusable and none usable."""
         self._errors.append(error)
         if not self.num_frames and len(self._errors) >= _MAX_BAD_AT_START:
             raise self._errors[0]

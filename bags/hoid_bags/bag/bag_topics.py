@@ -1,4 +1,4 @@
-"""Choice of topics of a bag: those of an RGB-D recording, and those that a user names.
+"""Choice of the topics of a bag: the topics of an RGB-D recording, or topics that a user names.
 
 `ros2 bag record -a` leaves every topic of a driver: each image in several encodings, infrared and
 unregistered depth beside the usable images, and images that other nodes draw. The choice follows
@@ -100,21 +100,21 @@ def find_topics(
 
 
 def base_name(topic: str) -> str:
-    """Return the name of an image topic without the suffix of image_transport."""
+    """Return the name of an image topic without image_transport's suffix of compressed topics."""
     for suffix in _SUFFIXES:
         topic = topic.removesuffix(suffix)
     return topic
 
 
 def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTopic, ...]:
-    """Return the topics with messages that have these names; without names, all but /clock.
+    """Return the named topics that have messages; the others are left out.
 
     Args:
         reader: The bag.
-        names: Names with or without leading slash.
+        names: Names of topics, with or without leading slash; empty: all topics except /clock.
 
     Raises:
-        InputError: The bag lacks one of the names, or none of the topics has messages.
+        InputError: The bag lacks one of the topics, or none of them has messages.
     """
     by_name = {topic.name: topic for topic in reader.topics}
     absolute = [f'/{name.lstrip("/")}' for name in names]
@@ -129,7 +129,7 @@ def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTop
 
 
 def _images(reader: BagReader, found: list[BagTopic]) -> tuple[list[_Image], list[str]]:
-    """Return the image topics that can be read, and the problems of the others."""
+    """Return the readable image topics, and a line about each unreadable topic."""
     images, problems = [], []
     for topic in found:
         first = next(reader.messages([topic.name]), None)
@@ -145,7 +145,7 @@ def _color(
     reader: BagReader, name: str, found: list[_Image], depths: list[_Image],
     presets: Sequence[CameraTopics], problem: str | None,
 ) -> _Image:  # fmt: skip
-    """Return the color images: the named, the suite's, those of a driver, else by words."""
+    """Return the color topic: the named one, else the suite's or a driver's, else by its name."""
 
     def rank(image: _Image) -> tuple[Any, ...]:
         text = image.base.lower()
@@ -225,7 +225,7 @@ def _is_of_driver(
 def _camera_info(
     color: _Image, found: list[BagTopic], presets: Sequence[CameraTopics]
 ) -> BagTopic | None:
-    """Return the camera_info in the namespace of the color images, else the only one."""
+    """Return the camera_info beside the color images, or else the only one; None: neither."""
     names = [color.base.rpartition('/')[0] + '/camera_info']
     names += [
         color.base.removesuffix(preset.rgb_image) + preset.camera_info

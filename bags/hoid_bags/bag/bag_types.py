@@ -1,4 +1,4 @@
-"""Message types without ROS: those of Jazzy, and all whose .msg file is installed."""
+"""Message types without ROS: the types of Jazzy, and all types whose .msg file is installed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ IMU = 'sensor_msgs/msg/Imu'
 POSE_STAMPED = 'geometry_msgs/msg/PoseStamped'
 DETECTION_ARRAY = 'hoid_msgs/msg/DetectionArray'
 
-_NAME = re.compile(r'[A-Za-z]\w{0,99}', re.ASCII)  # of a package or message
+_NAME = re.compile(r'[A-Za-z]\w{0,99}', re.ASCII)  # name of a package or message
 _WORKSPACE_SOURCES = Path(__file__).resolve().parents[3] / 'src'
 
 
@@ -58,7 +58,12 @@ def ensure_type(type_name: str) -> None:
 
 
 def new_message(type_name: str, /, **fields: Any) -> Message:
-    """Return a message; every field must be given, numeric arrays as (N,) numpy arrays."""
+    """Return a message of a type.
+
+    Args:
+        type_name: Name of the type, such as `std_msgs/msg/Header`.
+        **fields: Values of all its fields, where arrays of numbers are NumPy arrays (N,).
+    """
     ensure_type(type_name)
     return shared_typestore().types[type_name](**fields)
 
@@ -69,7 +74,7 @@ def serialize(message: Message, type_name: str) -> memoryview:
 
 
 def deserialize(data: bytes | memoryview, type_name: str) -> Message:
-    """Return the message of CDR bytes; its arrays are numpy views of them.
+    """Return the message that serialized bytes (CDR) contain; its arrays share their memory.
 
     Raises:
         MessageError: The bytes are no message of this type.
@@ -98,6 +103,7 @@ def message_class(topic: str, type_name: str) -> Any:
 
 
 def _find_definition(type_name: str) -> Path:
+    """Return the .msg file of a type; raise InputError if it is not found."""
     package, _, name = type_name.partition('/msg/')
     prefixes = [p for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
     shares = [Path(prefix) / 'share' for prefix in (*prefixes, sys.prefix)]
@@ -113,7 +119,7 @@ def _find_definition(type_name: str) -> Path:
 
 
 def _named_types(fields: Any) -> set[str]:
-    """Return the message types of a definition's fields, also those of nested arrays."""
+    """Return the names of all message types in a definition's fields and arrays."""
     found: set[str] = set()
     for _, (node, detail) in fields:
         if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):

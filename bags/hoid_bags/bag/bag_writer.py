@@ -24,7 +24,7 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, write_error
 from hoid_common.process.signals import termination_signals_blocked
 
-_METADATA_VERSION: Final = 9  # what Jazzy's rosbag2 writes
+_METADATA_VERSION: Final = 9  # version that rosbag2 of Jazzy writes
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it
 
 
@@ -46,20 +46,19 @@ def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
 class BagWriter:
     """Writer of an MCAP bag; a context manager.
 
-    Messages are written to a hidden folder beside the bag, which gets the name of the bag at the
-    end. It is removed on any exception, so that an incomplete bag never looks like a complete one.
+    Messages are written to a hidden folder beside the bag, which is renamed to the bag at the end.
+    After an exception, the folder is removed. An incomplete bag is thus never taken for a complete
+    one.
+
+    Args:
+        path: The folder of the bag.
+        compress: Whether to compress the chunks with zstd.
+
+    Raises:
+        InputError: The path exists already.
     """
 
     def __init__(self, path: Path, *, compress: bool = False) -> None:
-        """Prepare to write.
-
-        Args:
-            path: The folder of the bag.
-            compress: Whether to compress the chunks with zstd.
-
-        Raises:
-            InputError: The path exists already.
-        """
         if path.exists():
             raise InputError(f'{path}: exists already; remove it or choose another name')
         self.path = path
@@ -98,7 +97,12 @@ class BagWriter:
                 raise write_error(self.path, cause) from cause
 
     def add_topic(self, topic: str, type_name: str, qos: Qos | None = None) -> None:
-        """Add a topic; relative names become absolute, as in bags of `ros2 bag record`.
+        """Add a topic to the bag.
+
+        Args:
+            topic: Name of the topic. A relative name becomes absolute, as with `ros2 bag record`.
+            type_name: Type of its messages.
+            qos: Profile that its publisher offers; None: reliable.
 
         Raises:
             InputError: The definition of the type is unknown.
@@ -115,20 +119,28 @@ class BagWriter:
         """Write a message on a topic that was added.
 
         Raises:
-            InputError: The system refuses to write, for instance because the disk is full.
+            InputError: The bag cannot be written, for instance because the disk is full.
         """
         connection = self._connections[topic]
         self.write_serialized(topic, stamp_ns, serialize(message, connection.msgtype))
 
     def write_serialized(self, topic: str, stamp_ns: int, data: bytes | memoryview) -> None:
-        """Write the CDR bytes of a message on a topic that was added; raises as `write`."""
+        """Write a serialized message (CDR) on a topic that was added.
+
+        Raises:
+            InputError: The bag cannot be written, for instance because the disk is full.
+        """
         try:
             self._writer.write(self._connections[topic], stamp_ns, data)
         except OSError as error:
             raise write_error(self.path, error) from error
 
     def flush(self) -> None:
-        """Pass all messages to the system, so that a kill loses none; raises as `write`."""
+        """Pass all messages to the operating system, so that a kill of this process loses none.
+
+        Raises:
+            InputError: The bag cannot be written, for instance because the disk is full.
+        """
         try:
             self._writer.flush()
         except OSError as error:

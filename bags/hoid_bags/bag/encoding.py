@@ -54,7 +54,9 @@ class ColorEncoder:
         return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
 
     def message(self, listed: ListedImage) -> Message:
-        """Return the message of a file. A file that already has the encoding is copied unchanged.
+        """Return the message of an image file.
+
+        If the file already has the wanted encoding, its content is used unchanged.
 
         Raises:
             InputError: The file is truncated, no image, or of another size.
@@ -77,8 +79,8 @@ class DepthEncoder:
 
     camera: CameraModel
     encoding: str  # RAW or PNG
-    units_per_m: float
-    in_mm: bool
+    units_per_m: float  # units of the files
+    in_mm: bool  # True: 16UC1 in mm; False: 32FC1 in m
 
     @property
     def topic(self) -> str:
@@ -92,7 +94,7 @@ class DepthEncoder:
         return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
 
     def message(self, listed: ListedImage) -> Message:
-        """Return the message of a file.
+        """Return the message of a depth image file.
 
         Raises:
             InputError: The file is truncated, no 16-bit gray image, or of another size.
@@ -122,7 +124,7 @@ def mm_from_units(units: DepthUnits, units_per_m: float) -> NDArray[np.uint16]:
 
 
 def first_not_whole_mm(listed: Iterable[ListedImage], units_per_m: float) -> Path | None:
-    """Return the first depth file with a value that is no whole mm up to 65.535 m, or None.
+    """Return the first depth file that 16-bit millimeters cannot represent exactly; None: no file.
 
     Raises:
         InputError: A file is truncated, or no 16-bit gray image.
@@ -146,7 +148,14 @@ def choose_depth_encoder(
     *,
     round_to_mm: bool,
 ) -> DepthEncoder:
-    """Return the lossless encoder of depth files, or with `round_to_mm` the one for millimeters.
+    """Return the encoder of depth files: 16-bit millimeters if this is exact, else 32-bit meters.
+
+    Args:
+        listed: The depth files.
+        camera: Camera of the recording.
+        encoding: RAW or PNG.
+        units_per_m: Units of the files.
+        round_to_mm: Whether to encode millimeters even if depth is rounded.
 
     Raises:
         InputError: PNG would round the depth, or a file is no depth image.

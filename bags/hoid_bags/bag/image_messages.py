@@ -1,4 +1,4 @@
-"""Serialized image messages of bags, raw or compressed, decoded to arrays."""
+"""Decoding of serialized image messages of bags, raw or compressed, to arrays."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a color message.
 
     Raises:
-        MessageError: It is no image message, or has another encoding.
-        InputError: It contains a truncated JPEG or PNG.
+        MessageError: The data is no image message, or has an unsupported encoding.
+        InputError: The message contains a truncated JPEG or PNG.
     """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
@@ -30,7 +30,11 @@ def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
 
 
 def decode_depth(data: bytes, topic: BagTopic) -> Float32Array:
-    """Return the (H, W) float32 depth in m of a depth message; MessageError if it is none."""
+    """Return the (H, W) float32 depth in m of a depth message.
+
+    Raises:
+        MessageError: The data is no depth message, or has an unsupported encoding.
+    """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
         return images.decode_depth(message)
@@ -45,7 +49,7 @@ class ImageHead(NamedTuple):
 
 
 def image_head(data: bytes, topic: BagTopic) -> ImageHead:
-    """Return kind and size of an image message; MessageError if it is none."""
+    """Return kind and size of an image; raise MessageError if the message is not an image."""
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
         is_gray = message.encoding == 'mono16' and not _DEPTH_NAME.search(topic.name)

@@ -21,11 +21,11 @@ class TopicSummary(NamedTuple):
     type_name: str
     num_messages: int
     rate_hz: float  # 0 with fewer than two messages
-    size_bytes: int | None = None  # of all messages, serialized; None: not counted
+    size_bytes: int | None = None  # total size of its serialized messages; None: not counted
 
     @property
     def bytes_per_s(self) -> float | None:
-        """Return the bandwidth; None when sizes were not counted or there are no messages."""
+        """Return the mean bandwidth; None if sizes were not counted or there are no messages."""
         if self.size_bytes is None or not self.num_messages:
             return None
         return self.size_bytes / self.num_messages * self.rate_hz
@@ -35,11 +35,11 @@ class BagSummary(NamedTuple):
     """Summary of a bag."""
 
     path: Path
-    size_bytes: int
+    size_bytes: int  # size of all files
     start_ns: int  # log time of the first message
-    end_ns: int  # of the last
+    end_ns: int  # log time of the last message
     topics: tuple[TopicSummary, ...]
-    fault: str | None
+    fault: str | None  # line of text about damage; None: no damage was found
 
     @property
     def num_messages(self) -> int:
@@ -53,14 +53,14 @@ class BagSummary(NamedTuple):
 
 
 def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
-    """Return a bag's summary.
+    """Return the summary of a bag.
 
     Args:
         path: The folder or file of the bag.
         sizes: Whether to count the bytes of each topic, which reads the whole bag.
 
     Raises:
-        InputError: It is no bag, or no message of it can be read.
+        InputError: The path is no bag, or no message of the bag can be read.
     """
     with BagReader(path) as reader:
         size_of = _sizes_bytes(reader) if sizes else None
@@ -81,7 +81,7 @@ def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
 
 
 def describe(summary: BagSummary) -> str:
-    """Return a summary as text."""
+    """Return a summary as text: a few lines about the bag, then a table of its topics."""
     when = datetime.fromtimestamp(summary.start_ns // NS_PER_S, UTC)
     lines = [
         f'bag       {summary.path} ({summary.size_bytes / _MB:.1f} MB)',

@@ -1,7 +1,7 @@
 """The metadata.yaml of rosbag2 bags: read within limits, and compared with the files.
 
-Topics, times and messages are always taken from the files. Only what they do not contain is taken
-from here: their order, and whether each message is compressed.
+Topics, times and messages are always taken from the files. The metadata are used only for what the
+files do not contain: their order, and whether each message is compressed.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ class BagMetadata(NamedTuple):
 
     path: Path
     files: tuple[Path, ...]
-    has_packed_messages: bool
+    has_packed_messages: bool  # whether each message is compressed on its own
     num_messages: Counter[tuple[str, str]]  # by name and type of the topic
-    first_ns: int
-    last_ns: int
+    first_ns: int  # log time of the first message
+    last_ns: int  # log time of the last message
 
     def check(self, connections: Iterable[Connection], first_ns: int, last_ns: int) -> None:
-        """Compare with what the files contain.
+        """Check that the metadata agree with the content of the files.
 
         Args:
             connections: Topics of all files with their numbers of messages.
@@ -54,10 +54,10 @@ class BagMetadata(NamedTuple):
 
 
 def read_metadata(folder: Path) -> BagMetadata | None:
-    """Return the metadata of a bag's folder, or None when there is no such file.
+    """Return the metadata in a bag's folder; None if it contains no metadata.yaml.
 
     Raises:
-        InputError: It is no plain YAML, or no metadata of a bag.
+        InputError: The file is no plain YAML, or not the metadata of a bag.
     """
     path = folder / METADATA
     if not path.exists():

@@ -11,7 +11,7 @@ from hoid_bags.bag.bag_writer import BagWriter
 from hoid_common.errors import InputError
 from hoid_common.io.files import abandoned_scratch_folders
 
-_SCRATCH = re.compile(r'\.(?P<name>.*[^.].*)\.partial-[^.]+')  # of `scratch_folder`
+_SCRATCH = re.compile(r'\.(?P<name>.*[^.].*)\.partial-[^.]+')  # name made by `scratch_folder`
 
 
 def repair(path: Path) -> Path:

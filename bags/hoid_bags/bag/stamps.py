@@ -1,4 +1,4 @@
-"""Stamps of messages: in message objects, and in serialized messages without parsing the rest."""
+"""Stamps in the headers of messages, also of serialized messages without parsing all of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hoid_common.errors import InputError, MessageError
 from hoid_common.values import NS_PER_S
 
 _HEADER_FIELD = ('header', 'std_msgs/msg/Header')
-_CDR_HEADER_BYTES = 4  # of which the second gives the byte order
+_CDR_HEADER_BYTES = 4  # the second of these bytes gives the byte order
 _LITTLE, _BIG = struct.Struct('<iI'), struct.Struct('>iI')  # seconds, nanoseconds
 
 
@@ -49,7 +49,12 @@ def header_stamp_ns(data: bytes) -> int:
 
 
 def shift_header_stamp(data: bytes, offset_ns: int) -> bytes:
-    """Return a serialized message that begins with a header, with a later stamp."""
+    """Return a copy of a serialized message that begins with a header, with a later stamp.
+
+    Args:
+        data: The message (CDR).
+        offset_ns: Time that is added to the stamp.
+    """
     shifted = bytearray(data)
     stamp = divmod(header_stamp_ns(data) + offset_ns, NS_PER_S)
     _byte_order(data).pack_into(shifted, _CDR_HEADER_BYTES, *stamp)

@@ -1,4 +1,4 @@
 """Playing bags on topics and recording topics into bags.
 
-The only folder of this package that needs ROS.
+This is the only part of `hoid_bags` that needs ROS.
 """

@@ -16,7 +16,10 @@ _MAX_BYTES = 64  # chosen: bytes to read at once
 
 
 class KeyPresses:
-    """Reader of pressed keys; a context manager. Without a terminal there are none."""
+    """Reader of the keys pressed on the terminal; a context manager.
+
+    If the standard input is no terminal, no key is ever pressed.
+    """
 
     def __enter__(self) -> Self:
         self._saved = None
@@ -38,9 +41,8 @@ class KeyPresses:
         """Return the keys pressed since the last call, without waiting."""
         keys = ''
         while self._saved is not None and select.select([sys.stdin], [], [], 0)[0]:
-            pressed = os.read(
-                sys.stdin.fileno(), _MAX_BYTES
-            )  # select does not see what is in the buffer of sys.stdin
+            # Not by sys.stdin, because select does not see what is in its buffer.
+            pressed = os.read(sys.stdin.fileno(), _MAX_BYTES)
             if not pressed:  # end of file
                 break
             keys += pressed.decode(errors='replace')

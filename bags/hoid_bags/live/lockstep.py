@@ -8,10 +8,12 @@ from hoid_bags.live.playback import ScheduledMessage
 
 
 class LockstepGate:
-    """Holds a color image back until the previous frame, color and depth, has its odometry.
+    """Holds a color image back until odometry for the previous pair of images has arrived.
 
-    Color images without a depth image are no frames: they are not held back, and nothing waits
-    for their odometry.
+    A color image without a depth image is not held back, and no image waits for its odometry.
+
+    Args:
+        sequence: The recording, which determines the pairs.
     """
 
     def __init__(self, sequence: BagSequence) -> None:
@@ -29,7 +31,7 @@ class LockstepGate:
         return is_out and self._partner_ns(message) is not None
 
     def note_published(self, message: ScheduledMessage) -> None:
-        """Note that a message has been published."""
+        """Record that a message has been published."""
         partner_ns = self._partner_ns(message)
         if partner_ns is not None:
             self._pending_ns, self._pending_depth_ns = header_stamp_ns(message.data), partner_ns
@@ -37,13 +39,13 @@ class LockstepGate:
             self._last_depth_ns = header_stamp_ns(message.data)
 
     def note_answer(self, stamp_ns: int) -> None:
-        """Note odometry or SLAM status for the image with this stamp."""
+        """Record that odometry or SLAM status for the image of this stamp has arrived."""
         if self._pending_ns is not None and stamp_ns >= self._pending_ns:
             self._pending_ns = None
             self.num_answered += 1
 
     def give_up(self) -> None:
-        """Let the next frame pass without odometry for the previous one."""
+        """Let the next pair of images pass without waiting any longer, and count this."""
         self._pending_ns = None
         self.num_unanswered += 1
 

@@ -33,8 +33,8 @@ from hoid_common.ros.conversions import stamp_from_msg, stamp_to_msg
 from hoid_common.values import NS_PER_S
 
 _LOG = logging.getLogger(__name__)
-_TICK_S = 0.01  # chosen: period of reading the keyboard, and error of the lockstep's waiting
-# Real time. Chosen: each /clock message wakes every node on simulated time (decision 018).
+_TICK_S = 0.01  # chosen: period in which the keyboard and, in lockstep, odometry are checked
+# In real time. Chosen: each /clock message wakes every node on simulated time (decision 018).
 _CLOCK_PERIOD_S = 0.02
 _SETTLE_S = 0.3  # chosen: a subscriber needs up to this long from matching to receiving
 _SETTLE_LOCKSTEP_S = 1.0  # chosen: longer, because a lost frame would never be answered
@@ -81,7 +81,15 @@ def play(
 
 
 class Player:
-    """Publishes messages when they are due, and the clock between them."""
+    """Publishes the messages of a bag when they are due, and /clock in between.
+
+    Args:
+        node: Node whose publishers are used.
+        plan: The part of the bag to play.
+        config: Options of the playback.
+        keys: Pressed keys; the space bar pauses.
+        gate: Holds images back in lockstep; None: no lockstep.
+    """
 
     def __init__(
         self,
@@ -117,12 +125,15 @@ class Player:
         self._clock_period_ns = round(_CLOCK_PERIOD_S * config.rate * NS_PER_S)
 
     def wait_for_subscribers(self, minimum: Mapping[str, int]) -> None:
-        """Wait for the minimum of subscribers of each topic, or without one for any subscriber.
+        """Wait until all topics have enough subscribers, and in lockstep a publisher of odometry.
 
-        In lockstep there must be a publisher of odometry as well.
+        After the time limit, playing goes on with a warning if no minimum is given.
+
+        Args:
+            minimum: Least number of subscribers by topic; empty: one subscriber of any topic.
 
         Raises:
-            InputError: A minimum was given and not reached in time.
+            InputError: A minimum is given and was not reached in time.
         """
         now_s = time.monotonic()
         deadline_s, changed_s, count = now_s + self._config.wait_s, now_s, 0
@@ -141,7 +152,7 @@ class Player:
             _LOG.warning('%s after %g s; playing without', missing, self._config.wait_s)
 
     def run(self, *, show_progress: bool) -> None:
-        """Publish all messages, each when it is due."""
+        """Publish all messages, each when it is due, and wait until they are received."""
         plan, config = self._plan, self._config
         span_s = (plan.end_ns - plan.start_ns) / NS_PER_S
         total_s = None if config.loop else round(span_s, 2)
@@ -161,7 +172,7 @@ class Player:
             publisher.wait_for_all_acked(_ACK_LIMIT)
 
     def _wait_for(self, message: ScheduledMessage) -> None:
-        """Return when a message is due; until then handle clock, keyboard and odometry."""
+        """Wait until a message is due; meanwhile publish the clock and read keys and odometry."""
         limit_s = self._config.lockstep_timeout_s
         give_up_s = time.monotonic() + limit_s
         while True:

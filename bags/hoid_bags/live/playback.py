@@ -1,4 +1,4 @@
-"""Schedule of a playback, without ROS: messages in order of time, and a clock to play them by."""
+"""Schedule of a playback, without ROS: messages in order of time, and the clock it follows."""
 
 from __future__ import annotations
 
@@ -23,23 +23,44 @@ LOOP_GAP_NS = 100_000_000
 class PlayConfig(Config):
     """Options of a playback."""
 
-    rate: float = param(1.0, 'Speed, as a multiple of real time', minimum=1e-3, maximum=1e3)
-    loop: bool = param(False, 'Repeat the bag; stamps keep increasing')
-    start_s: float = param(0.0, 'Start, from the first message of the topics', minimum=0.0)
-    duration_s: float = param(0.0, 'Length to play; 0 = to the end', minimum=0.0)
-    clock: bool = param(True, 'Publish the time of the bag on /clock')
-    lockstep: bool = param(False, 'Hold each frame until the odometry of the previous one')
-    lockstep_timeout_s: float = param(10.0, 'Longest wait for odometry in lockstep', minimum=0.0)
-    wait_s: float = param(5.0, 'Longest wait for subscribers', minimum=0.0)
+    rate: float = param(
+        1.0,
+        'Speed as a multiple of real time. Lower it for a slow computer.',
+        minimum=1e-3,
+        maximum=1e3,
+    )
+    loop: bool = param(
+        False, 'Whether to play the bag again and again, with stamps that keep increasing.'
+    )
+    start_s: float = param(
+        0.0, 'Time to skip after the first message of the played topics (s).', minimum=0.0
+    )
+    duration_s: float = param(0.0, 'Time to play (s); 0 means to the end.', minimum=0.0)
+    clock: bool = param(
+        True,
+        'Whether to publish the time of the bag on /clock. Set it to false if no node uses '
+        'simulated time.',
+    )
+    lockstep: bool = param(
+        False,
+        'Whether to publish each pair of images only after the odometry of the previous pair. Set '
+        'it to true so that a slow computer loses no image.',
+    )
+    lockstep_timeout_s: float = param(
+        10.0, 'Longest time to wait for odometry in lockstep (s).', minimum=0.0
+    )
+    wait_s: float = param(
+        5.0, 'Longest time to wait for subscribers before playing (s).', minimum=0.0
+    )
 
 
 class ScheduledMessage(NamedTuple):
     """A message and the time at which it is due."""
 
-    topic: str  # as in the bag
-    time_ns: int  # on the clock of the playback
-    offset_ns: int  # of this round's times and stamps from those of the bag
-    data: bytes  # CDR
+    topic: str  # name in the bag
+    time_ns: int  # time on the clock of the playback
+    offset_ns: int  # time that is added to the times and stamps of the bag in this round
+    data: bytes  # serialized message (CDR)
 
 
 @dataclass(frozen=True)
@@ -48,9 +69,9 @@ class PlaybackPlan:
 
     path: Path
     topics: tuple[BagTopic, ...]
-    start_ns: int  # log time of the bag
-    end_ns: int  # the same, inclusive
-    fault: str | None  # damage that is known before the bag is played
+    start_ns: int  # log time of the first message
+    end_ns: int  # log time of the last message
+    fault: str | None  # damage that is known before the bag is played; None: no damage
 
     @property
     def period_ns(self) -> int:
@@ -58,9 +79,10 @@ class PlaybackPlan:
         return self.end_ns - self.start_ns + LOOP_GAP_NS
 
     def messages(self, *, loop: bool) -> Iterator[ScheduledMessage]:
-        """Yield the messages in order of time; with `loop`, round after round without end.
+        """Yield the messages in order of time; with `loop`, the bag is repeated without end.
 
-        Times always increase: later rounds get an offset, also in the stamps of headers.
+        Times always increase: in each repetition, an offset is added to the times of messages and
+        to the stamps in their headers.
 
         Raises:
             InputError: The bag is damaged. This is raised after the last readable message.
@@ -93,7 +115,7 @@ def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> P
         topics: Names of topics, with or without leading slash; empty means all but /clock.
 
     Raises:
-        InputError: The bag lacks a topic, or has no messages in the time asked for.
+        InputError: The bag lacks a topic, or ends before the chosen start.
     """
     with BagReader(path) as reader:
         chosen = topics_to_play(reader, topics)
@@ -109,7 +131,13 @@ def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> P
 
 
 class Pacer:
-    """Clock of the playback: time of the bag, at a rate. It can be paused."""
+    """Clock of the playback, which shows the time of the bag and can be paused.
+
+    Args:
+        start_ns: Time that the clock shows at first.
+        rate: Speed as a multiple of real time.
+        now_s: A steady clock, in seconds.
+    """
 
     def __init__(
         self, start_ns: int, rate: float, now_s: Callable[[], float] = time.monotonic

@@ -16,8 +16,12 @@ _LIMIT_BYTES = 64 * 2**20  # chosen: about one second of raw VGA color and depth
 class ReadAhead:
     """Iterator over messages that a thread reads in advance; a context manager for the thread.
 
-    It is full before the first message is given: filling it during the playback would take a
-    third of a core from the nodes that receive the messages.
+    The buffer is filled before the first message is yielded. Filling it during the playback would
+    take a third of a core from the nodes that receive the messages.
+
+    Args:
+        messages: Messages to read.
+        limit_bytes: Size of the buffer.
     """
 
     def __init__(
@@ -77,7 +81,7 @@ class ReadAhead:
             self._changed.notify_all()
 
     def _put(self, message: ScheduledMessage) -> bool:
-        """Append a message when there is space; return False when the reader has ended."""
+        """Append a message when the buffer has space; return False if iteration has ended."""
         with self._changed:
             self._changed.wait_for(lambda: self._is_done or self._has_space)
             if self._is_done:

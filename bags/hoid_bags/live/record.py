@@ -46,23 +46,23 @@ def record(
     use_sim_time: bool = False,
     show_progress: bool = False,
 ) -> int:
-    """Record for a time or until a KeyboardInterrupt; return the number of messages.
+    """Record topics for a time or until a KeyboardInterrupt; return the number of messages.
 
     If the process is killed, a hidden folder remains with all messages except those of the last
     half second; `repair` turns it into a bag.
 
     Args:
-        bag: The folder to create.
+        bag: Folder of the bag, which is created.
         topic_names: Topics to record. Each is subscribed to when its first publisher appears.
         namespace: Namespace of relative names.
-        duration_s: Length from the first message on; 0 = until interrupted.
+        duration_s: Time to record after the first message; 0 = until interrupted.
         use_sim_time: Whether messages get the time of /clock instead of the wall clock.
         show_progress: Whether to count messages on stderr.
 
     Raises:
         ConfigError: The duration is negative.
         InputError: Nothing arrived, a message type is unknown, or the bag cannot be written. No
-            bag is left then.
+            partial bag remains.
     """
     if not duration_s >= 0:  # also refuses NaN
         raise ConfigError(f'--duration {duration_s:g}: must be at least 0')
@@ -90,7 +90,12 @@ class Recorder:
         self.num_messages = 0
 
     def run(self, duration_s: float, on_messages: Callable[[int], object]) -> None:
-        """Record for a time (s) from the first message on; 0 = without end."""
+        """Record messages, and flush the bag twice per second.
+
+        Args:
+            duration_s: Time to record after the first message; 0 = without end.
+            on_messages: Function that is called with the number of newly recorded messages.
+        """
         look_s = end_s = flush_s = 0.0
         while not end_s or time.monotonic() < end_s:
             before = self.num_messages
@@ -106,6 +111,7 @@ class Recorder:
                 end_s = time.monotonic() + duration_s
 
     def _subscribe_new(self) -> None:
+        """Subscribe to the topics whose first publisher has appeared."""
         for name, types in self._node.get_topic_names_and_types():
             if name in self._awaited:
                 publishers = self._node.get_publishers_info_by_topic(name)

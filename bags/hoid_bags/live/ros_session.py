@@ -25,7 +25,14 @@ _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
 
 @contextmanager
 def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -> Iterator[Node]:
-    """Yield a node; SIGINT, SIGTERM and the like raise KeyboardInterrupt in the block.
+    """Initialize ROS for the block, and yield a new node.
+
+    In the block, SIGINT and the termination signals raise KeyboardInterrupt.
+
+    Args:
+        name: Name of the node.
+        namespace: Namespace of the node.
+        use_sim_time: Whether the node uses the time on /clock.
 
     Raises:
         ConfigError: The namespace is not a valid name.
@@ -51,7 +58,11 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
 
 
 def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
-    """Return the profile that a topic was recorded with; reliable and volatile if unknown."""
+    """Return the QoS profile with which to publish a topic of a bag.
+
+    Args:
+        qos: Profile in the bag; None: a reliable and volatile profile is returned.
+    """
     best_effort = qos is not None and qos.reliability == QosReliability.BEST_EFFORT
     latched = qos is not None and qos.durability == QosDurability.TRANSIENT_LOCAL
     return QoSProfile(
@@ -63,7 +74,7 @@ def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
 
 
 def from_rclpy_qos(qos: QoSProfile) -> Qos:
-    """Return the profile as it is written into a bag."""
+    """Return a QoS profile in the form in which it is written into a bag."""
     noted = reliable_qos(latched=qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
     if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
         noted = noted._replace(reliability=QosReliability.BEST_EFFORT)

@@ -1,4 +1,4 @@
-"""MCAP files: written with a checksum for each chunk, read chunk by chunk.
+"""Files of bags: MCAP by chunks with checksums, compressed files, and SQLite files with a log.
 
 This folder does not depend on the topics or message types of a bag.
 """

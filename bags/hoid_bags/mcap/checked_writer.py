@@ -1,4 +1,4 @@
-"""Writing of MCAP files with checksums, so that damage is noticed, and with explicit flushes."""
+"""Writing of MCAP files with checksums, by which damage is found, and with explicit flushes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _CHECKSUM_AT: Final = 1 + 8 + 3 * 8  # in a chunk: after opcode, length, two tim
 
 
 class CheckedMcapWriter(McapWriter):
-    """rosbags' MCAP writer with the checksum of each chunk, where rosbags writes 0 (none)."""
+    """MCAP writer of rosbags that also writes the checksum of each chunk."""
 
     def close_chunk(self) -> None:
         """Write the pending chunk, then its checksum into its header."""
@@ -36,6 +36,6 @@ class CheckedWriter(Writer):
     STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: CheckedMcapWriter})
 
     def flush(self) -> None:
-        """Pass all messages to the operating system."""
+        """Pass all messages to the operating system, so that a kill of this process loses none."""
         assert isinstance(self.storage, CheckedMcapWriter)
         self.storage.flush()

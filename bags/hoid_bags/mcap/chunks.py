@@ -1,4 +1,4 @@
-"""Content of MCAP chunks: unpacked within limits, verified by checksum, split into records."""
+"""MCAP chunks: unpacking within limits, verification by checksum, splitting into records."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class Record(NamedTuple):
     """Position of one record in a chunk."""
 
     opcode: int
-    start: int  # of its content
-    end: int
+    start: int  # first byte of its content
+    end: int  # byte after its content
 
 
 class ChunkMessage(NamedTuple):
@@ -59,9 +59,9 @@ class DamagedChunk(NamedTuple):
     """A chunk that cannot be read."""
 
     path: Path
-    offset: int  # in the file
+    offset: int  # position in the file
     reason: str
-    num_lost: Mapping[str, int]  # messages by topic, as far as the index of the file says
+    num_lost: Mapping[str, int]  # number of messages by topic, as far as the index contains it
 
 
 def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
@@ -72,7 +72,7 @@ def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
 
     Args:
         data: The chunk's content, as it is in the file.
-        compression: '', 'zstd' or 'lz4'.
+        compression: Compression of the content: '' (none), 'zstd' or 'lz4'.
         size: Number of bytes of the records, from the chunk's header.
         checksum: CRC-32 of the records; 0 means that there is none.
 
@@ -123,10 +123,10 @@ def split_records(chunk: bytes) -> Iterator[Record]:
 
 
 def messages(chunk: bytes) -> Iterator[ChunkMessage]:
-    """Yield the messages of an unpacked chunk in their order there.
+    """Yield the messages of an unpacked chunk in the order of the file.
 
     Raises:
-        ReaderError: As in `split_records`.
+        ReaderError: The chunk is damaged (see `split_records`).
     """
     for opcode, start, end in split_records(chunk):
         if opcode == _MESSAGE:
@@ -140,7 +140,7 @@ def one_line(error: Exception) -> str:
 
 
 def describe_damage(damage: Sequence[DamagedChunk]) -> str:
-    """Return one line with the number of lost messages by topic, and the first damaged place."""
+    """Return a line of text: the number of lost messages by topic, and the first damaged place."""
     num_lost: Counter[str] = Counter()
     for chunk in damage:
         num_lost.update(chunk.num_lost)

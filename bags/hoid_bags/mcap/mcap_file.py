@@ -55,21 +55,21 @@ class _NoIndexError(ReaderError):
 class McapFile(McapReader):
     """An MCAP file, read by its index, or by a scan of all records where the index is unusable.
 
-    rosbags reads the index. What it lacks is here: a limit on unpacking, a damaged chunk that
-    costs no more than its own messages, and files that were cut off.
+    rosbags reads the index. This class adds a limit for unpacking, skips damaged chunks without
+    losing other messages, and reads files that were cut off.
     """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.is_cut_off = False
         self.index_error: str | None = None
-        """Why the file was scanned; None when the index was used, or when there is none."""
+        """Why the index was unusable; None if it was used or the file has no index."""
         self.damage: dict[int, DamagedChunk] = {}
-        """Damaged chunks that have been met so far, by offset in the file."""
+        """Damaged chunks that were found so far, by offset in the file."""
         self._path = path
 
     def open(self) -> None:
-        """Find the chunks and topics; no damage of the file raises."""
+        """Find the chunks and topics. Damage of the file raises no error."""
         try:
             super().open()
             self._check_index()
@@ -92,9 +92,14 @@ class McapFile(McapReader):
         start: int | None = None,
         stop: int | None = None,
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield messages from log time `start` (ns) to before `stop`, in order of log time.
+        """Yield messages in order of log time: the topic, the log time (ns) and the bytes.
 
-        Messages outside of chunks are yielded as they are ordered in the file.
+        In a file without chunks, messages are yielded in the order of the file.
+
+        Args:
+            connections: Topics to read.
+            start: First log time (ns); None: the beginning.
+            stop: Log time (ns) before which reading ends; None: the end.
         """
         by_id = {connection.id: connection for connection in connections}
         first_ns, end_ns = start or 0, _MAX_TIME_NS if stop is None else stop
@@ -113,7 +118,11 @@ class McapFile(McapReader):
     def _items(
         self, chunk: ChunkInfo, by_id: dict[int, Connection], first_ns: int, end_ns: int
     ) -> Iterator[_Item]:
-        """Yield a chunk's messages in order of time; it is read when its first message is due."""
+        """Yield a chunk's messages in order of time.
+
+        First an item without a message is yielded, at the time of the chunk's first message. The
+        chunk is read after that, so that few chunks are in memory at the same time.
+        """
         yield _Item(chunk.message_start_time, None, b'')
         try:
             found = [
@@ -133,7 +142,7 @@ class McapFile(McapReader):
         compression = self.bio.read(min(length, _HEAD.size)).decode()
         if (size, compression) != (chunk.uncompressed_size, chunk.compression):
             raise ReaderError('a chunk contradicts the index')
-        self.bio.seek(8, 1)  # the packed size, which the index contains too
+        self.bio.seek(8, 1)  # skips the packed size, which the index contains too
         data = self.bio.read(chunk.compressed_size)
         return unpack(data, compression, size, checksum)
 
@@ -151,7 +160,11 @@ class McapFile(McapReader):
         self.damage[offset] = DamagedChunk(self._path, offset, reason, +num_lost)
 
     def _check_index(self) -> None:
-        """Compare the two places that count messages, and take the times from the chunks."""
+        """Check that the index counts the same messages twice, and set the times of the file.
+
+        Raises:
+            ReaderError: The numbers differ, or the file has no index.
+        """
         assert self.statistics is not None
         chunks = [chunk for chunk in self.chunks if any(chunk.channel_count.values())]
         num_chunks = self.statistics.chunk_count
@@ -173,7 +186,7 @@ class McapFile(McapReader):
         self.metadata = self.metadata._replace(start_time=first_ns, end_time=last_ns + 1)
 
     def _scan(self) -> None:
-        """Find chunks and topics by reading the file from its start, as far as it is readable."""
+        """Find chunks and topics by reading the file from its start up to unreadable data."""
         if self.bio is not None:
             self.close()
         self.bio = self._path.open('rb')
@@ -219,7 +232,7 @@ def _qos_profiles(channel: Channel) -> list[Qos]:
 
 
 class _Records(StreamReader):
-    """StreamReader that ends at zeros, which it would take for empty records."""
+    """StreamReader that raises an error at zeros, which it would otherwise take for records."""
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
         if opcode == NO_RECORD:
@@ -237,10 +250,16 @@ class _Scan:
         self.channels: dict[int, Channel] = {}
         self.counts: Counter[int] = Counter()  # readable messages by channel
         self.first_ns, self.last_ns = _MAX_TIME_NS, 0
-        self._lost: Counter[int] | None = None  # of the last chunk; None when it is readable
+        # Lost messages of the last chunk, by channel; None: the chunk is readable.
+        self._lost: Counter[int] | None = None
 
     def add(self, record: McapRecord, end: int) -> None:
-        """Add a record that ends at an offset in the file."""
+        """Add a record to the chunks, topics and counts.
+
+        Args:
+            record: A record of the file.
+            end: Position in the file after the record.
+        """
         match record:
             case Chunk():
                 self._add_chunk(record, end)

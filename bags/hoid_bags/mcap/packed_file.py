@@ -1,6 +1,6 @@
-"""Files of bags that were compressed as a whole, unpacked within a limit.
+"""Unpacking of bag files that were compressed as a whole, up to a limit.
 
-rosbags unpacks them without one.
+rosbags unpacks such files without a limit, so that a small file could fill the disk.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from hoid_common.errors import InputError
 from hoid_common.io.untrusted import open_regular
 
 SUFFIX: Final = '.zstd'
-_MAX_RATIO = 100  # unpacked to packed. Chosen: raw images of a static scene reach a tenth of it
+# Largest ratio of unpacked to packed size. Chosen: raw images of a static scene reach a ratio of
+# 10.
+_MAX_RATIO = 100
 _SMALL_BYTES = 1 << 26  # chosen: small enough to be unpacked at any ratio
 _BLOCK_BYTES = 1 << 20  # chosen: memory for one block
 
@@ -23,7 +25,7 @@ def unpack_file(path: Path, folder: Path) -> Path:
     """Unpack a file into a folder, and return the path of the result.
 
     Raises:
-        InputError: The file is damaged, unpacks to more than any bag does, or does not fit.
+        InputError: The file is damaged, exceeds the limit, or does not fit on the disk.
     """
     target = folder / path.stem
     limit = _SMALL_BYTES + _MAX_RATIO * path.stat().st_size

@@ -1,4 +1,4 @@
 """Folders in the TUM RGB-D layout and their cameras.
 
-This folder does not depend on bags.
+This package does not depend on bags.
 """

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.errors import InputError
-from hoid_common.values import NS_PER_S, IntArray
+from hoid_common.sync import offset_text
+from hoid_common.values import IntArray
 
 MAX_PAIR_GAP_NS = 20_000_000
 """Default of the TUM benchmark's `associate.py`; images of one stream are 33 ms apart."""
-_LONGEST_OFFSET_S = 0.5  # chosen: a longer one is no delay of a driver, but another clock
-_MAX_CANDIDATES = 20  # per image on average; chosen: a 60 Hz camera has two or three
+# Largest average number of candidate partners of an image. Chosen: a 60 Hz camera has two or
+# three.
+_MAX_CANDIDATES = 20
 
 
 def associate(
@@ -26,9 +28,9 @@ def associate(
     Pairs are ordered by the first index.
 
     Args:
-        first_ns: Stamps (A,) in order of time.
-        second_ns: Stamps (B,) in order of time.
-        max_gap_ns: Stamps of a pair differ by less.
+        first_ns: (A,) stamps in order of time.
+        second_ns: (B,) stamps in order of time.
+        max_gap_ns: Limit for the difference of the stamps of a pair.
         source: Name of the recording, with which an error begins.
 
     Raises:
@@ -63,14 +65,4 @@ def gap_text(first_ns: IntArray, second_ns: IntArray) -> str:
     after = np.clip(np.searchsorted(second_ns, first_ns), 1, max(len(second_ns) - 1, 1))
     near = np.stack([second_ns[after - 1], second_ns[np.minimum(after, len(second_ns) - 1)]])
     gaps_ns = (near - first_ns)[np.abs(near - first_ns).argmin(axis=0), np.arange(len(first_ns))]
-    gap_s = float(np.median(gaps_ns)) / NS_PER_S
-    if abs(gap_s) > _LONGEST_OFFSET_S:
-        return (
-            f'no color and depth images within the limit: depth is {gap_s:+.3f} s from color, so '
-            'two clocks were used; let the driver use one clock for both'
-        )
-    return (
-        f'no color and depth images within the limit: depth is {gap_s * 1e3:+.1f} ms from color '
-        f'(limit {MAX_PAIR_GAP_NS / 1e6:g}): raise sync_slop_s, such as '
-        f'--set sync_slop_s={abs(gap_s) * 1.2:.3f}, if they belong together'
-    )
+    return f'no image pairs: {offset_text(float(np.median(gaps_ns)), MAX_PAIR_GAP_NS)}'

@@ -37,9 +37,10 @@ _BONN_NAME = re.compile(r'(?<![a-z])bonn(?![a-z])', re.IGNORECASE)
 
 
 def camera_from_name(name: str) -> CameraModel | None:
-    """Return the published camera whose name is part of the name of a recording, or None.
+    """Return the published camera that the name of a recording contains; None: it contains none.
 
-    `rgbd_dataset_freiburg1_xyz`, `fr1_xyz` and `fr1` all mean freiburg 1, `rgbd_bonn_crowd` Bonn.
+    `rgbd_dataset_freiburg1_xyz`, `fr1_xyz` and `fr1` all mean the camera of freiburg 1, and
+    `rgbd_bonn_crowd` means the camera of Bonn RGB-D Dynamic.
     """
     if _BONN_NAME.search(name):
         return _BONN
@@ -48,10 +49,13 @@ def camera_from_name(name: str) -> CameraModel | None:
 
 
 def find_camera(requested: str) -> CameraModel:
-    """Return the camera named by an option: fr1, fr2, fr3, bonn or the path of a YAML file.
+    """Return the camera that an option names.
+
+    Args:
+        requested: fr1, fr2, fr3, bonn or the path of a YAML file.
 
     Raises:
-        InputError: It is neither a known name nor a readable camera file.
+        InputError: The option is neither a known name nor a readable camera file.
     """
     known = TUM_CAMERAS.get(requested.lower())
     if known is not None:
@@ -65,7 +69,7 @@ def find_camera(requested: str) -> CameraModel:
 
 
 def read_camera_yaml(path: Path) -> CameraModel:
-    """Return the camera of a YAML file of `camera_calibration` or `camera_info_manager`.
+    """Return the camera in a YAML file that `camera_calibration` or `camera_info_manager` wrote.
 
     Raises:
         InputError: The file cannot be read, or an entry is missing or invalid.

@@ -20,7 +20,8 @@ from hoid_bags.images import (
 )
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS, associate, gap_text
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, camera_from_name
-from hoid_common.errors import ConfigError, InputError
+from hoid_common.errors import ConfigError, InputError, MessageError
+from hoid_common.io.images import check_depth_unit
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.io.tum_text import NumberTable, read_numbers, sorted_rows
 from hoid_common.io.untrusted import check_path_name
@@ -42,13 +43,13 @@ class ListedImage(NamedTuple):
 
 @dataclass(frozen=True)
 class TumFolder:
-    """A TUM folder with verified lists; a `Sequence` of its paired images."""
+    """A recording in the TUM layout, as a `Sequence` of its paired images."""
 
     path: Path
     camera: CameraModel
     depth_units_per_m: float
-    color: tuple[ListedImage, ...]
-    depth: tuple[ListedImage, ...]
+    color: tuple[ListedImage, ...]  # all entries of rgb.txt
+    depth: tuple[ListedImage, ...]  # all entries of depth.txt
     max_gap_ns: int = MAX_PAIR_GAP_NS
 
     @property
@@ -68,7 +69,7 @@ class TumFolder:
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """Return the poses of `groundtruth.txt`; None without the file or without a pose in it."""
+        """Return the poses of `groundtruth.txt`; None if the file is missing or has no pose."""
         path = self.path / GROUND_TRUTH
         try:
             return read_tum(path) if path.exists() else None
@@ -78,7 +79,7 @@ class TumFolder:
 
     @cached_property
     def accelerometer(self) -> NumberTable | None:
-        """Return the (N, 3) accelerations in m/s^2 of `accelerometer.txt`, or None without it."""
+        """Return accelerations (N, 3) in m/s^2; None if there is no `accelerometer.txt`."""
         path = self.path / ACCELEROMETER
         return read_numbers(path, columns=3) if path.exists() else None
 
@@ -107,9 +108,12 @@ class TumFolder:
             check_size(image_bgr, self.camera, color.path)
             units = decode_depth(read_image_bytes(depth.path), depth.path)
             check_size(units, self.camera, depth.path)
-            yield RgbdFrame(
-                color.stamp_ns, image_bgr, depth_m_from_units(units, self.depth_units_per_m)
-            )
+            depth_m = depth_m_from_units(units, self.depth_units_per_m)
+            try:
+                check_depth_unit(depth_m, f'1/{self.depth_units_per_m:g} m; set --depth-factor')
+            except MessageError as error:
+                raise InputError(f'{depth.path}: {error}') from error
+            yield RgbdFrame(color.stamp_ns, image_bgr, depth_m)
 
 
 def open_tum_folder(
@@ -118,7 +122,12 @@ def open_tum_folder(
     depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M,
     max_gap_ns: int = MAX_PAIR_GAP_NS,
 ) -> TumFolder:
-    """Open a TUM folder; without `camera`, its name must contain that of a published camera.
+    """Open a TUM folder, and check its lists of images.
+
+    Args:
+        path: The folder.
+        camera: Camera of the recording; None: the folder's name must contain a published camera.
+        depth_units_per_m: Depth units per meter in the PNG files.
 
     Raises:
         InputError: A list is missing, empty or out of order, or names a missing file.

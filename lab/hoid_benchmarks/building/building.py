@@ -7,13 +7,15 @@ from pathlib import Path
 
 from hoid_benchmarks.building.growth import SIZES, growth
 from hoid_benchmarks.building.lag import CONSTANT_S, lag
+from hoid_benchmarks.building.large_map import large_maps
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.route import CORNER
+from hoid_benchmarks.building.tour import tour
+from hoid_benchmarks.building.world.route import CORNER
 from hoid_common.errors import InputError
 
 _QUICK_STALL_S = 4.0
 _QUICK_SIZES = (100, 1000)
-SCENARIOS = ('lag', 'growth')
+SCENARIOS = ('lag', 'growth', 'loop', 'tour')
 
 
 def building_report(
@@ -28,12 +30,12 @@ def building_report(
     """Run scenarios, write a JSON file for each, and yield their tables.
 
     Args:
-        only: Scenarios to run; none for all.
+        only: Names of the scenarios to run; empty means all scenarios.
         seed: Seed of the building, the route and the camera.
         out: Folder of the files.
-        quick: Run the part that takes a minute.
-        delays_s: Constant delays of the mapper; none for the usual ones.
-        sizes: Numbers of keyframes; none for the usual ones.
+        quick: Whether to run only the part that takes a minute.
+        delays_s: Constant delays of the mapper; empty means the default delays.
+        sizes: Numbers of keyframes; empty means the default numbers.
 
     Raises:
         InputError: There is no such scenario.
@@ -48,6 +50,8 @@ def building_report(
             else lag(seed, delays_s or CONSTANT_S)
         ),
         'growth': lambda: growth(seed, sizes or usual_sizes),
+        'loop': lambda: large_maps(seed, sizes or usual_sizes),
+        'tour': lambda: tour(seed),
     }
     for name in only or SCENARIOS:
         outcome = run[name]()

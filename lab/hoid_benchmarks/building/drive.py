@@ -11,9 +11,9 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from hoid_benchmarks.building.camera import MODEL, FeatureCamera
-from hoid_benchmarks.building.route import RATE_HZ, START_NS
 from hoid_benchmarks.building.virtual_mapper import Delay, with_virtual_mapper
+from hoid_benchmarks.building.world.camera import MODEL, FeatureCamera
+from hoid_benchmarks.building.world.route import RATE_HZ, START_NS
 from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
@@ -40,7 +40,7 @@ class Image(NamedTuple):
 
     @property
     def is_tracked(self) -> bool:
-        """Return whether its pose is known."""
+        """Return whether the pose of the image is known."""
         return self.state is SlamState.TRACKING
 
 
@@ -56,7 +56,7 @@ class JoinError(NamedTuple):
 
     @property
     def is_false(self) -> bool:
-        """Return whether the joined places are different ones."""
+        """Return whether the two joined places are different places."""
         return self.error_m > _FALSE_M or self.error_deg > _FALSE_DEG
 
 
@@ -168,7 +168,7 @@ class _JoinLog(logging.Handler):
 
 
 def _leaves_view(T_world_camera: FloatArray) -> bool:
-    """Return whether any pose (N, 4, 4) has another view than the first one."""
+    """Return whether any pose (N, 4, 4) sees something else than the first pose."""
     away_m = np.linalg.norm(T_world_camera[:, :3, 3] - T_world_camera[0, :3, 3], axis=1)
     cosine = T_world_camera[:, :3, 2] @ T_world_camera[0, :3, 2]
     return bool((away_m > _LEFT_M).any() or (cosine < np.cos(_LEFT_RAD)).any())

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from hoid_benchmarks.building.camera import FeatureCamera
 from hoid_benchmarks.building.drive import Drive
-from hoid_benchmarks.building.floors import Building
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.route import Route
 from hoid_benchmarks.building.tiled_map import tiled
+from hoid_benchmarks.building.world.camera import FeatureCamera
+from hoid_benchmarks.building.world.floors import Building
+from hoid_benchmarks.building.world.route import Route
 from hoid_common.values import Trajectory
 from rgbd_slam.map_io.map_file import MapFile
 

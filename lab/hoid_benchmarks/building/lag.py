@@ -11,12 +11,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hoid_benchmarks.building.camera import FeatureCamera
 from hoid_benchmarks.building.drive import Drive, Image
-from hoid_benchmarks.building.floors import Building
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.route import CORNER, FULL_TURN, RATE_HZ, Route, first_mark, stamps_ns
 from hoid_benchmarks.building.virtual_mapper import Delay
+from hoid_benchmarks.building.world.camera import FeatureCamera
+from hoid_benchmarks.building.world.floors import Building
+from hoid_benchmarks.building.world.route import (
+    CORNER,
+    FULL_TURN,
+    RATE_HZ,
+    Route,
+    first_mark,
+    stamps_ns,
+)
 from hoid_common.values import NS_PER_S
 
 CONSTANT_S = (1.2, 2.5)

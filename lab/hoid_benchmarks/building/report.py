@@ -19,10 +19,10 @@ class Outcome:
     """The result of one scenario.
 
     Args:
-        scenario: Its name.
+        scenario: Name of the scenario.
         title: What was measured, for the line above the table.
         columns: Names of the values in the table, and their formats.
-        rows: The values by name; values that are no columns are written to the file only.
+        rows: The values by name; values without a column are written to the file only.
     """
 
     scenario: str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_benchmarks.building.landmarks import DESCRIPTOR_BYTES
+from hoid_benchmarks.building.world.landmarks import DESCRIPTOR_BYTES
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.map_state import NONE, MapState
 from rgbd_slam.records.record import Array
@@ -28,7 +28,7 @@ def tiled(content: MapFile, count: int, seed: int = 0) -> MapFile:
 
 
 def _copy(state: MapState, n: int, mask: Array) -> dict[str, Array]:
-    """Return the columns of copy `n`, whose rows follow those of the copies before."""
+    """Return the columns of copy `n`; the rows of the previous copies come first in the map."""
     keyframes, points = n * len(state), n * len(state.position_m)
     T_map_camera, position_m = state.T_map_camera.copy(), state.position_m.copy()
     T_map_camera[:, 0, 3] += n * _APART_M

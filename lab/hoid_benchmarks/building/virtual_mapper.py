@@ -61,7 +61,7 @@ class VirtualWorker:
     Args:
         camera: The camera with its configured noise.
         config: Parameters of the core.
-        delay: How late it reports.
+        delay: How late the mapper reports.
     """
 
     num_restarts = 0
@@ -108,7 +108,7 @@ class VirtualWorker:
         return report
 
     def restart(self) -> str:
-        """Fail: a mapper in this process does not die.
+        """Raise an error, because a mapper in this process cannot have died.
 
         Raises:
             NotImplementedError: Always.

@@ -47,7 +47,7 @@ def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:
         seed: Seed of the first case; the others follow it.
         size: Number of cases.
         only: Kinds of fault to inject; empty means all.
-        out: The folder of the table.
+        out: Folder into which the table is written.
 
     Raises:
         ConfigError: There is no such kind of fault.

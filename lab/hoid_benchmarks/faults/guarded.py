@@ -30,7 +30,7 @@ class Ended(NamedTuple):
 
 
 def run_guarded(work: Callable[[], int], limit_s: float) -> Ended:
-    """Run a function in a fork of this process, which must have no threads, and return the end.
+    """Run a function in a fork of this process, which must have no threads; return how it ended.
 
     Args:
         work: Returns the exit status. The traceback of an exception is written to stderr.

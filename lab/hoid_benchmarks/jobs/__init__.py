@@ -1,4 +1,4 @@
 """Runs the jobs of a plan and stores their results.
 
-Nothing here writes tables of experiments or draws figures.
+This package does not write tables of experiments or draw figures.
 """

@@ -73,7 +73,7 @@ class Engine:
         return {job: r for job, r in found.items() if r.code == self.code.digest}
 
     def _sequences(self, jobs: Iterable[Job]) -> tuple[dict[str, Path], dict[str, str]]:
-        """Find or make each sequence once; return the paths, and the errors of missing ones."""
+        """Find or make each sequence once; return the paths, and errors of missing sequences."""
         paths: dict[str, Path] = {}
         reasons: dict[str, str] = {}
         names = list(dict.fromkeys(job.sequence for job in jobs))

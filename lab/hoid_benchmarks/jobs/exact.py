@@ -25,11 +25,11 @@ _COARSE_PX = 64  # image width for which the scene is prepared; textures are not
 
 
 class ExactFilter:
-    """Extracts features as the filter does, without those on or near moving surfaces.
+    """Extracts features like the filter, and removes all on or near moving surfaces.
 
     Args:
         name: Name of a rendered scene.
-        file: Cache of the masks of its frames.
+        file: Cache file of the masks; it is written if it does not exist.
         extraction: Configuration of the feature extraction.
 
     Raises:

@@ -28,9 +28,13 @@ class Labeled(NamedTuple):
 
 
 def pasted_people(people: TumFolder, base: TumFolder) -> Iterator[Labeled]:
-    """Yield the frames of a static recording with people pasted in.
+    """Yield given frames with people pasted in, and masks of the pasted pixels.
 
-    Moving pixels are those whose depth differs from that of the static recording.
+    A pixel counts as moving if its depth differs from the static recording.
+
+    Args:
+        people: A copy of the static recording with people pasted into its images.
+        base: The static recording, whose depth images have the same stamps.
     """
     kernel = np.ones((_SPECKLE_PX, _SPECKLE_PX), np.uint8)
     without = {image.stamp_ns: image.path for image in base.depth}

@@ -90,7 +90,7 @@ class Tally:
 
 
 def mask_report(only: Sequence[str], store: Store) -> str:
-    """Return a table for each case, or for each named case.
+    """Return a table of removed and lost corners for each named case, or for all cases.
 
     Args:
         only: Names of cases, with frames if not all count: `pasted-yolox@150-330`.

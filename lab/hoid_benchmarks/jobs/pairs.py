@@ -41,7 +41,7 @@ PRESENTATIONS = (
 
 
 def pair_report(only: Sequence[str], store: Store) -> str:
-    """Return a table of the shares found and lost, for every pair or the named ones.
+    """Return a table of the shares found and lost, for the named pairs or for all.
 
     Raises:
         InputError: A pair is unknown or missing.

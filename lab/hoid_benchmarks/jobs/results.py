@@ -79,7 +79,7 @@ def read_result(folder: Path, job: Job) -> Result | None:
 
 
 def spread(results: Iterable[Result], value: Callable[[Mapping[str, Any]], Any]) -> Spread:
-    """Return the spread of a value over the successful runs that have it."""
+    """Return the median and range of a value over the successful runs that state the value."""
     values = [value(r.summary) for r in results if r.ok]
     numbers = [float(v) for v in values if v is not None and math.isfinite(v)]
     if not numbers:

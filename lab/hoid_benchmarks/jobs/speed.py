@@ -64,7 +64,7 @@ def _time_track(sequence: Sequence) -> Rows:
 
 
 def _time_filter(sequence: Sequence) -> Rows:
-    """Yield the thread CPU times of the extraction, and of each strategy without it."""
+    """Yield the thread CPU times of the extraction, and of each strategy alone."""
     cv2.setNumThreads(1)  # thread CPU time would not include other threads
     for strategy in _STRATEGIES:
         config = replace(FilterConfig(), strategy=strategy)

@@ -59,7 +59,7 @@ class Verdicts:
                 self.passed_removed += seen.is_dynamic
 
     def summary(self) -> dict[str, float | int | None]:
-        """Return the counts, and the shares of handled objects removed and of others kept."""
+        """Return the counts, and the shares of handled objects removed and other objects kept."""
         found = self.handled_removed / self.handled if self.handled else None
         spared = 1 - self.passed_removed / self.passed if self.passed else None
         return {

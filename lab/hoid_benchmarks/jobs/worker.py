@@ -64,8 +64,8 @@ def run_job(job: Job, path: Path, store: Store) -> Outcome:
     """Run a job in a child process. Errors are part of the outcome, so that other jobs continue.
 
     Args:
-        job: The job.
-        path: Path of its sequence.
+        job: The run to perform.
+        path: Path of the job's sequence.
         store: Folders of other sequences and of cached detections.
     """
     with tempfile.TemporaryDirectory(prefix='hoid-bench-') as folder:

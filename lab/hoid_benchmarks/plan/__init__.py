@@ -1,4 +1,4 @@
 """The plan: experiments, sequences, and perturbations of sequences and detections.
 
-Nothing here runs jobs or draws figures.
+This package does not run jobs or draw figures.
 """

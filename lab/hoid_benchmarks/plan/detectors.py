@@ -29,7 +29,7 @@ _GRAPH, _INITIALIZER, _DIMS = 7, 5, 1  # fields of ONNX's ModelProto, GraphProto
 
 @dataclass
 class _Count:
-    """Numbers of ground-truth boxes and of those that were found."""
+    """Number of ground-truth boxes, and how many of them the detector found."""
 
     # By whether it is a person.
     known: dict[bool, int] = field(default_factory=lambda: {True: 0, False: 0})

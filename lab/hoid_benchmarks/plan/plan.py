@@ -60,7 +60,7 @@ class Perturbation:
 
 @dataclass(frozen=True)
 class Job:
-    """One run of the system: everything but the code that its result depends on."""
+    """One run of the system, with everything that determines its result except the code."""
 
     sequence: str
     filter: str
@@ -136,7 +136,7 @@ class Plan:
         return tuple(dict.fromkeys(job for e in self.experiments for job in e.jobs))
 
     def only(self, ids: Sequence[str]) -> Plan:
-        """Return the plan with the named experiments only, or with all if none is named."""
+        """Return the plan with only the named experiments; with all if `ids` is empty."""
         known = [e.id for e in self.experiments]
         unknown = [name for name in ids if name not in known]
         if unknown:

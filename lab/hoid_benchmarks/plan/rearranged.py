@@ -25,7 +25,7 @@ class RearrangedSequence:
     """A rearranged recording. Ground truth follows the images; there are no true detections.
 
     Args:
-        base: The recording.
+        base: The recording in its original order.
         arrange: Returns the arrangement for the stamps (N,) of its images.
     """
 
@@ -43,7 +43,7 @@ class RearrangedSequence:
         self.ground_truth = self._rearranged(base.ground_truth, recorded_ns)
 
     def _rearranged(self, truth: Trajectory | None, recorded_ns: IntArray) -> Trajectory | None:
-        """Return the ground truth of the rearranged frames; frames without it are left out."""
+        """Return the ground truth of those rearranged frames that have ground truth."""
         if truth is None:
             return None
         pairs = associate(recorded_ns, truth.stamps_ns)

@@ -74,7 +74,7 @@ class Store:
         """Return the short names of the available official sequences.
 
         Raises:
-            InputError: The folder of --data does not exist or contains none.
+            InputError: The folder of --data does not exist or contains no official sequence.
         """
         if self.official is None:
             return ()
@@ -116,7 +116,7 @@ class Store:
 
 
 def official_name(name: str) -> str:
-    """Return the official folder name for a short name; empty if there is none."""
+    """Return the official folder name for a short name; empty if the name is not official."""
     return _renamed(name, _OFFICIAL)
 
 

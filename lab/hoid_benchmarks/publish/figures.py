@@ -49,7 +49,12 @@ class Mark(NamedTuple):
 
 
 def figures(readme: Mapping[str, Kept], ablation: Mapping[str, Kept]) -> dict[str, list[Mark]]:
-    """Return the marks of each figure by file name; figures without rows have none."""
+    """Return the marks of each figure by file name; a figure without rows is left out.
+
+    Args:
+        readme: The experiments of the README's plan, by name.
+        ablation: The experiments of the ablation plan, by name.
+    """
     compared = [
         one
         for name, one in readme.items()

@@ -1,4 +1,4 @@
-"""The page of published values beside those of this project, for available sequences."""
+"""The page that compares published values with this project, for available sequences."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Kept:
 
 
 def read_kept(path: Path) -> dict[str, Kept]:
-    """Return the stored tables by name of the experiment; none without the file.
+    """Return the stored tables by name of the experiment; empty if there is no file.
 
     Raises:
         InputError: The file is damaged.
@@ -66,7 +66,7 @@ def write_kept(path: Path, kept: Mapping[str, Kept]) -> None:
 def keep(plan: Plan, results: Mapping[Job, Result], path: Path) -> tuple[str, ...]:
     """Store every experiment whose runs all succeeded; return the names of these experiments.
 
-    Incomplete experiments keep their stored rows, with the commit of those.
+    An incomplete experiment keeps its stored rows and their commit.
     """
     kept, new = read_kept(path), []
     for experiment in plan.experiments:

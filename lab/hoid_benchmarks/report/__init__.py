@@ -1,4 +1,4 @@
 """Tables, figures and the HTML page of stored results.
 
-Nothing here runs an experiment.
+This package does not run experiments.
 """

@@ -37,7 +37,7 @@ _TIME = 'time [s]'
 def make_plots(
     experiment: Experiment, results: Sequence[Result], folder: Path
 ) -> tuple[Plot, ...]:
-    """Return the interactive plots of an experiment, without runs whose files are missing."""
+    """Return the interactive plots of an experiment; runs whose files are missing are left out."""
     if experiment.view in _VALUES:
         plots = (
             _curve_plot(experiment, results, name, label)

@@ -18,7 +18,7 @@ def published(results: Sequence[Result] = ()) -> tuple[Table, ...]:
     """Return the tables of published values, which were not reproduced here.
 
     Args:
-        results: Results for the row of this project, which is left out without any of them.
+        results: Results of this project; if they are empty, its row is left out.
     """
     return tuple(_table(e, results) for e in read_yaml(_FILE)['tables'])
 

@@ -62,7 +62,7 @@ def _verdict_note(experiment: Experiment, results: Sequence[Result]) -> str:
 
 
 def _correct_shares(results: Sequence[Result]) -> tuple[float, float]:
-    """Return the share of handled objects removed and of others kept, over all recordings."""
+    """Return the shares of handled objects removed and other objects kept, over all recordings."""
 
     def right(wrong: str, of: str) -> float:
         wrong_sum, total = (

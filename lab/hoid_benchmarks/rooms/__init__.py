@@ -1,4 +1,4 @@
 """Evaluation of dense map, occupancy grid and object tracks in rendered rooms.
 
-Trajectories are evaluated elsewhere.
+Trajectories are evaluated by `hoid_benchmarks.jobs`.
 """

@@ -29,8 +29,8 @@ class Ghost:
     """Pastes a cylinder into the images of an empty room, and maps the room with them.
 
     Attributes:
-        num_standing: Map points on the cylinder when it leaves; 0 if there was no place for it.
-        num_left: Map points there 2 s later.
+        num_standing: Map points on the cylinder when it leaves; 0 if it found no free place.
+        num_left: Map points at the cylinder's place 2 s after it left.
     """
 
     def __init__(self, truth: RoomTruth, config: RunConfig) -> None:

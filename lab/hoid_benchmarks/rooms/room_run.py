@@ -13,12 +13,12 @@ from hoid_bringup.run.detection_source import detection_source
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.values import DynamicObject, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
+from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import TrackedObject
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
-from rgbd_slam.scene.voxel_map import ColoredCloud
 from rgbd_slam.session import SlamSession
 
 Tracks = dict[int, tuple[TrackedObject, ...]]

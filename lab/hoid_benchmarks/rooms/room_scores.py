@@ -22,7 +22,7 @@ _SAME_M = 0.3  # a track farther away belongs to another object
 
 
 class Carried(NamedTuple):
-    """An object that was carried to another place, and was visible there."""
+    """An object that was carried to another place, and was visible at that place."""
 
     class_name: str
     error_m: float  # position error of its track at the end; inf without a track

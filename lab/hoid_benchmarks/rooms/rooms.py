@@ -41,7 +41,7 @@ def room_report(names: Sequence[str], store: Store, detector: str | None = None)
 
     Args:
         names: Rendered recordings, such as synth-3; empty means the two default ones.
-        store: Folders of the recordings; missing ones are rendered.
+        store: Folders of the recordings; a missing recording is rendered.
         detector: Detector model to use instead of ground-truth boxes.
 
     Raises:
@@ -69,7 +69,7 @@ def _rows(name: str, store: Store, model: str) -> Iterable[tuple[str, ...]]:
 
 
 def _ghost(name: str, seed: int, store: Store) -> str:
-    """Return the numbers of points on an undetected person when leaving, and 2 s later."""
+    """Return the map points on an undetected person when the person leaves, and 2 s later."""
     sequence = BagSequence(store.find(f'{name}-no-people+frames={_GHOST_FRAMES}'))
     scene = SceneConfig(seed=seed, num_people=0, num_frames=_GHOST_FRAMES)
     config = RunConfig().updated({'filter.strategy': 'none'})

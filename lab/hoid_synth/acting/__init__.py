@@ -1,4 +1,4 @@
 """Motions of people, objects and the camera, and which objects are handled.
 
-Nothing here renders.
+Images are rendered by `hoid_synth.render`.
 """

@@ -21,11 +21,11 @@ _FULL_STRIDE_MPS = 0.7
 
 @dataclass(frozen=True, eq=False)
 class ObjectTrack:
-    """Pose and handling of one movable object in every frame."""
+    """Pose of one movable object, and the person who holds it, in every frame."""
 
     T_world_object: FloatArray  # (N, 4, 4)
-    handled: BoolArray  # (N,) whether it is in somebody's hands
-    holder: IntArray  # (N,) index of the person who holds it, -1 for nobody
+    handled: BoolArray  # (N,) whether a person holds the object
+    holder: IntArray  # (N,) index of the person who holds the object; -1 for nobody
 
     def at(self, frames: IntArray) -> ObjectTrack:
         """Return the track with the given frames (M,) only."""
@@ -63,7 +63,7 @@ class BodyTrack:
         )
 
     def at(self, frames: IntArray) -> BodyTrack:
-        """Return the track with the given frames (M,); while one repeats, the person stands."""
+        """Return the track of the given frames (M,); where one repeats, the person stands."""
         track = BodyTrack(*(getattr(self, f.name)[frames] for f in fields(self)))
         moves = np.diff(frames, append=frames[-1] + 1) > 0
         if not moves.all():
@@ -130,7 +130,7 @@ def ease(frames: IntArray, start: float, end: float) -> FloatArray:
 def _handle(
     prop: Prop, h: Handling, yaw_rad: float, body: BodyTrack, n: int, track: ObjectTrack
 ) -> float:
-    """Add one handling to the tracks of object and body; return the yaw at the new place."""
+    """Set object and body tracks while a person carries the object; return the yaw put down."""
     count = len(track.handled)
     i = np.arange(count)
     grip, release = h.take_frame + _HOLD_FRAMES, h.put_frame + _GRASP_FRAMES - _HOLD_FRAMES

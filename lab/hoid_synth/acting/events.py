@@ -51,7 +51,7 @@ def mover_track(
     T_world_camera: FloatArray,
     rng: Rng,
 ) -> ObjectTrack:
-    """Return the track of the object of an event; also set the body that takes it."""
+    """Return the track of an event's object; also set the track of the body that takes it."""
     if config.event == 'take_chair':
         return sit_and_take(seat_motion(config), bodies[0], world.wardrobes[0].build)
     T, held = _mover_poses(config, motions, T_world_camera, rng), config.event in CARRIED

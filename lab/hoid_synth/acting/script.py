@@ -27,7 +27,7 @@ _UNTOUCHED = 3  # objects that nobody touches
 
 @dataclass(frozen=True)
 class Handling:
-    """An object that is taken at one spot and put down at another."""
+    """A person's plan to take an object at one spot and put it down at another."""
 
     prop: int
     source: Spot

@@ -1,4 +1,4 @@
 """Body models of people, and their gait.
 
-Nothing here depends on a room.
+This package does not depend on the room.
 """

@@ -1,4 +1,4 @@
 """Ray casting, light and sensor model: color and depth images of a stage.
 
-Nothing here determines the content of a scene.
+The content of a scene is determined by `hoid_synth.acting` and `hoid_synth.room`.
 """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -20,11 +21,15 @@ from hoid_bringup.run.options import (
     recording,
     run_config,
 )
+from hoid_bringup.run.outputs import num_frames_of_run
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.run.summary import Summary
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.files import write_error
 from hoid_common.io.trajectory_io import read_tum
+from rgbd_slam.robot_frames import camera_mount
+
+_CAMERA_ROLL = 'detector.camera_roll_deg'
 
 
 def _add_shared_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +47,14 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         '--dense',
         action='store_true',
         help='also write the dense map (cloud.ply) and the grid (grid.pgm, grid.yaml)',
+    )
+    parser.add_argument(
+        '--mount',
+        type=float,
+        nargs=3,
+        metavar=('ROLL', 'PITCH', 'YAW'),
+        help='how the camera is mounted on a level robot, in degrees: rolled clockwise, pitched '
+        'down, yawed to the left (default: level)',
     )
     parser.add_argument('--map', type=Path, metavar='FILE', help='saved map to start with')
     parser.add_argument(
@@ -61,18 +74,31 @@ def run_command(args: argparse.Namespace) -> None:
         HoidError: An argument is invalid or the run fails. For a damaged recording, this is raised
             after the readable part was processed.
     """
-    config = _config(args)
+    config = with_mount(_config(args), args.mount)
     if config.live_only:
         names = ', '.join(config.live_only)
         raise ConfigError(f'{names}: for live nodes only; use "hoid replay", or leave it out')
     sequence = recording(args)
     maps = MapFiles(args.map, args.localize, args.save_map)
     summary = run_offline(
-        sequence, config, args.out, dense=args.dense, recording=args.input, maps=maps
-    )
+        sequence, config, args.out, dense=args.dense, recording=args.input, maps=maps,
+        T_base_camera=None if args.mount is None else camera_mount(*args.mount),
+    )  # fmt: skip
     print(run_report(summary, args.out))
     if sequence.fault:
         raise InputError(sequence.fault)
+
+
+def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfig:
+    """Return the configuration in which the detector gets upright images of a mounted camera.
+
+    Args:
+        config: The configuration. A roll of the camera that it contains is kept.
+        mount_deg: Roll, pitch and yaw of the camera, or None.
+    """
+    if mount_deg is None or _CAMERA_ROLL in config.changed():
+        return config
+    return config.updated({_CAMERA_ROLL: mount_deg[0]})
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
@@ -120,7 +146,8 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
         '--frames',
         type=int,
         metavar='N',
-        help='number of frames of the recording; coverage is the share of them with a pose',
+        help='number of frames of the recording, pairs of a color and a depth image; coverage is '
+        'the share of them with a pose (default: from the summary of the run beside ESTIMATE)',
     )
     parser.add_argument(
         '--json', type=Path, metavar='FILE', help='file in which to write the errors as well'
@@ -129,7 +156,8 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def evaluate_command(args: argparse.Namespace) -> None:
     """Print the errors of a trajectory, and write them to a file if one is given."""
-    result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), args.frames)
+    num_frames = args.frames or num_frames_of_run(args.estimate)
+    result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), num_frames)
     print(evaluation_report(result))
     if args.json is not None:
         try:

@@ -129,7 +129,9 @@ CASES = {
     ('run', 'fr3_pipe', *OUT): 'fr3_pipe/rgb.txt: not a regular file',
     # trajectories
     ('evaluate', 'nowhere', 'path.txt'): 'nowhere: no such file',
-    ('evaluate', 'text', 'path.txt'): 'text: line 1: "neither" is not a time in seconds',
+    ('evaluate', 'text', 'path.txt'): (
+        'text: no row is usable; line 1: "neither" is not a time in seconds'
+    ),
     ('evaluate', 'later.txt', 'path.txt'): 'share 0 poses within 0.02 s',
     ('evaluate', 'path.txt', 'path.txt', '--frames', '5'): 'has 9 poses, but --frames is 5',
     ('evaluate', 'path.txt', 'path.txt', '--json', 'text/new'): 'text/new: cannot be written',

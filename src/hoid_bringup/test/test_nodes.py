@@ -40,6 +40,7 @@ def test_camera_topics_and_frame_tree_are_remapped() -> None:
     assert ('rgb/image', color) in chosen.remappings
     assert ('rgb/image/compressed', f'{color}/compressed') in chosen.remappings
     assert chosen.namespace == 'robot'
+    assert options('--namespace', 'robot', '--global-tf').remappings == ()
     own = options('--topics', 'realsense', '--camera-namespace', '/robot/d435')
     assert ('rgb/image', '/robot/d435/color/image_raw') in own.remappings
 

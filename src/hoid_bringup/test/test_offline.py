@@ -84,9 +84,8 @@ def test_a_known_trajectory_is_recovered(runs: tuple[Path, Path]) -> None:
     assert summary['map_points'] > 100
     timed = {name for name, spread in summary['stage_ms'].items() if spread is not None}
     assert timed == {'extract', 'filter', 'track', 'map', 'frame'}
-    assert (
-        summary['stage_ms']['detect'] is None
-    )  # the strategy needs no detections, so no detector was loaded
+    # The strategy needs no detections, so no detector was loaded.
+    assert summary['stage_ms']['detect'] is None
 
 
 def test_equal_runs_give_equal_bytes(runs: tuple[Path, Path]) -> None:

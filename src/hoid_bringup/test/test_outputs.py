@@ -7,10 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
+from hoid_bringup import cli
 from hoid_bringup.run.outputs import staged, write_outputs
 from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Spread
 from hoid_common.errors import InputError
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.trajectory_io import read_tum, write_tum
 from hoid_common.values import Trajectory
 
 CONTRACT = """frames_total frames_processed frames_tracked coverage ate_rmse_m ate_online_rmse_m
@@ -80,6 +81,18 @@ def test_all_files_of_the_contract(tmp_path: Path) -> None:
     ply = (out / 'map.ply').read_bytes()
     assert b'element vertex 2\n' in ply
     assert np.frombuffer(ply[-24:], '<f4').tolist() == [1, 2, 3, 4, 5, 6]
+
+
+def test_evaluate_calls_coverage_what_the_run_called_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_outputs(tmp_path, result(spiral(90), spiral(100)))
+    write_tum(tmp_path / 'truth.txt', spiral(100))
+    argv = ['evaluate', str(tmp_path / 'trajectory.txt'), str(tmp_path / 'truth.txt')]
+    assert cli.main(argv) == 0
+    assert 'coverage 90.0 %' in capsys.readouterr().out
+    assert cli.main([*argv, '--frames', '120']) == 0
+    assert 'coverage 75.0 %' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('num_tracked', [0, 2])

@@ -14,3 +14,6 @@ COCO = (
     'microwave', 'oven', 'toaster', 'sink', 'refrigerator', 'book', 'clock', 'vase', 'scissors',
     'teddy bear', 'hair drier', 'toothbrush',
 )  # fmt: skip
+_UNUSED_COCO_IDS = (12, 26, 29, 30, 45, 66, 68, 69, 71, 83)
+COCO_IDS = tuple(i for i in range(1, 91) if i not in _UNUSED_COCO_IDS)
+"""Ids that COCO's annotations give to the names in `COCO`: 80 of the numbers from 1 to 90."""

@@ -136,7 +136,7 @@ def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
     """Return the rotations (..., 3, 3) of quaternions (..., 4), in the order x y z w.
 
     Args:
-        quat_xyzw: Of any non-zero norm; they are normalized here.
+        quat_xyzw: Quaternions of any non-zero norm; the function normalizes them.
     """
     q = quat_xyzw / np.linalg.norm(quat_xyzw, axis=-1, keepdims=True)
     V = hat(q[..., :3])
@@ -147,7 +147,7 @@ def from_quat_translation(quat_xyzw: FloatArray, translation_m: FloatArray) -> F
     """Return the transforms (..., 4, 4) of quaternions (..., 4) and translations (..., 3) in m.
 
     Args:
-        quat_xyzw: Order x y z w, of any non-zero norm.
+        quat_xyzw: Quaternions in the order x y z w, of any non-zero norm.
         translation_m: Origin of frame b in frame a.
     """
     T = np.zeros((*quat_xyzw.shape[:-1], 4, 4))

@@ -9,11 +9,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any, NamedTuple
 
 # Chosen: a stamp that is older than its predecessor by this much means that time started anew, as
 # when a bag is played in a loop or a clock is set. Messages in flight are never reordered by 1 s.
 RESTART_NS = 1_000_000_000
+# Chosen: a longer offset is no delay within a driver, but another clock.
+_LONGEST_OFFSET_NS = 500_000_000
+_NUM_GAPS = 15  # chosen: half a second of images without any match shows an offset
 
 
 class _Item(NamedTuple):
@@ -25,6 +29,27 @@ class _Item(NamedTuple):
 _WAIT = _Item(-1, 'wait')  # a better partner may still arrive
 _NEVER = _Item(-1, 'never')  # no partner can arrive any more, so the reference is dropped
 _ABSENT = _Item(-1, 'absent')  # no partner can arrive any more, but the stream is optional
+
+
+def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str = 'depth') -> str:
+    """Return one line that says how far two streams are apart which do not match, and what to do.
+
+    Args:
+        gap_ns: Stamp of the second stream minus the nearest stamp of the first one.
+        slop_ns: Largest difference of stamps within a match.
+        first: Name of the first stream.
+        second: Name of the second stream.
+    """
+    if abs(gap_ns) > _LONGEST_OFFSET_NS:
+        return (
+            f'the stamps of {second} are {gap_ns * 1e-9:+.3f} s from those of {first}, so two '
+            'clocks were used or one stamp is not set: let the driver use one clock for both'
+        )
+    return (
+        f'the stamps of {second} are {gap_ns * 1e-6:+.1f} ms from those of {first} '
+        f'(limit {slop_ns * 1e-6:g}): raise sync_slop_s to {abs(gap_ns) * 1.2e-9:.3f}, if they '
+        'belong together'
+    )
 
 
 class Match(NamedTuple):
@@ -78,7 +103,15 @@ class StampMatcher:
         self._queues: dict[str, deque[_Item]] = {}
         self._newest_ns: dict[str, int] = {}
         self._period_ns: dict[str, int] = {}
+        self._gaps_ns: deque[int] = deque(maxlen=_NUM_GAPS)  # of reference items without a match
         self.reset()
+
+    @property
+    def mismatch(self) -> str:
+        """Return the text of `offset_text` while no items of two streams match, else ''."""
+        if len(self._gaps_ns) < _NUM_GAPS:
+            return ''
+        return offset_text(median(self._gaps_ns), self._slop_ns, *self._names[:2])
 
     def reset(self) -> None:
         """Drop all waiting items and the measured periods; the counts stay."""
@@ -111,8 +144,10 @@ class StampMatcher:
         queue = self._queues[name]
         queue.append(_Item(stamp_ns, value))
         if len(queue) > self._capacity:
-            queue.popleft()
+            oldest = queue.popleft()
             self.counts[name].overflowed += 1
+            if name == self._names[0]:
+                self._note_gap(oldest.stamp_ns)
         return self._take_matches()
 
     def _take_matches(self) -> list[Match]:
@@ -127,11 +162,20 @@ class StampMatcher:
             item = reference.popleft()
             if any(partner is _NEVER for partner in partners):
                 self.counts[self._names[0]].unmatched += 1
+                self._note_gap(stamp_ns)
                 continue
             self.counts[self._names[0]].matched += 1
+            self._gaps_ns.clear()
             values = [self._take(n, p) for n, p in zip(self._names[1:], partners, strict=True)]
             matches.append(Match(stamp_ns, (item.value, *values)))
         return matches
+
+    def _note_gap(self, stamp_ns: int) -> None:
+        """Note how far the second stream is from an item of the reference without a match."""
+        other = self._names[1]
+        if other in self._newest_ns:
+            stamps_ns = [item.stamp_ns for item in self._queues[other]] + [self._newest_ns[other]]
+            self._gaps_ns.append(min((s - stamp_ns for s in stamps_ns), key=abs))
 
     def _partner(self, name: str, stamp_ns: int) -> _Item:
         """Return the stream's partner for the reference stamp, or _WAIT, _NEVER or _ABSENT."""

@@ -1,11 +1,12 @@
 """The value types that processing stages exchange: camera, frame, detections, features, verdicts.
 
 A verdict says whether an object or feature is dynamic. All types are immutable dataclasses without
-ROS; `hoid_common.ros.conversions` converts them to and from messages. Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are
-`(u, v)` with the origin at the center of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2,
-y2 exclusive; stamps are integer nanoseconds since the epoch of the recording's clock. The optical
-frame of a camera has x to the right, y down, z forward (REP 103). Index letters: i frame or
-keyframe, j map point, k feature.
+ROS; `hoid_common.ros.conversions` converts them to and from messages. Conventions
+(docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are `(u, v)` with the
+origin at the center of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2, y2 exclusive;
+stamps are integer nanoseconds since the epoch of the recording's clock. The optical frame of a
+camera has x to the right, y down, z forward (REP 103). Index letters: i frame or keyframe, j map
+point, k feature.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ def with_fields(**fields: Any) -> SimpleNamespace:
 @pytest.mark.parametrize(
     ('image', 'expected'),
     [
-        (with_fields(encoding='yuv422'), 'encoding "yuv422"'),
+        (with_fields(encoding='h264'), 'encoding "h264"'),
         (with_fields(height=0), 'is empty: 2x0 px'),
         (with_fields(step=5), 'step 5, but 2 px need 6 bytes'),
         (with_fields(data=array('B', [0] * 11)), 'has 11 bytes, but 2x2 px at step 6 need 12'),
@@ -103,6 +103,72 @@ def with_fields(**fields: Any) -> SimpleNamespace:
 def test_errors_name_the_contradiction(image: Any, expected: str) -> None:
     with pytest.raises(MessageError, match=expected):
         images.decode_color(image)
+
+
+GRAY = cv2.GaussianBlur(
+    np.random.default_rng(3).integers(0, 256, (24, 32), np.uint8).astype(np.uint8), (0, 0), 4
+)
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'pixels'),
+    [
+        ('mono16', GRAY.astype(np.uint16) * 256 + 7),
+        ('bgr16', np.dstack([GRAY] * 3).astype(np.uint16) * 256),
+        *((f'bayer_{order}8', GRAY) for order in ('rggb', 'bggr', 'gbrg', 'grbg')),
+        ('bayer_rggb16', GRAY.astype(np.uint16) * 256),
+        ('8UC4', np.dstack([GRAY] * 4)),
+    ],
+)
+def test_gray_in_every_encoding_stays_gray(encoding: str, pixels: NDArray[Any]) -> None:
+    image_bgr = images.decode_color(message(pixels, encoding)).astype(int)
+    assert image_bgr.shape == (24, 32, 3)
+    assert np.abs(image_bgr - GRAY[..., None])[2:-2, 2:-2].max() <= 6
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'y', 'u', 'v'),
+    [('yuv422', 1, 0, 2), ('uyvy', 1, 0, 2), ('yuv422_yuy2', 0, 1, 3), ('yuyv', 0, 1, 3)],
+)
+def test_packed_yuv_has_the_color_of_opencv(encoding: str, y: int, u: int, v: int) -> None:
+    blue = np.full((8, 16, 3), (200, 40, 30), np.uint8)
+    yuv = cv2.cvtColor(blue, cv2.COLOR_BGR2YUV)[0, 0]
+    pairs = np.zeros((8, 8, 4), np.uint8)
+    pairs[..., [y, y + 2]], pairs[..., u], pairs[..., v] = yuv[0], yuv[1], yuv[2]
+    image_bgr = images.decode_color(message(pairs.reshape(8, 16, 2), encoding)).astype(int)
+    assert np.abs(image_bgr - blue).max() < 25  # studio swing
+
+
+def test_nv12_has_half_as_many_rows_of_chroma() -> None:
+    planes = np.full((12, 16), 128, np.uint8)
+    image = message(planes, 'nv12')
+    image.height = 8
+    assert images.decode_color(image).shape == (8, 16, 3)
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'values'),
+    [
+        ('16SC1', np.array([[1500, -3, 0]], np.int16)),
+        ('64FC1', np.array([[1.5, np.nan, -1.0]], np.float64)),
+        ('16UC1', np.array([[1500, 0, 0]], np.uint16)),
+    ],
+)
+def test_depth_in_every_encoding_is_in_meters(encoding: str, values: NDArray[Any]) -> None:
+    assert images.decode_depth(message(values, encoding)).tolist() == [[1.5, 0, 0]]
+
+
+def test_float_depth_in_millimeters_is_refused() -> None:
+    depth_mm = np.full((480, 640), 1500, np.float32)
+    with pytest.raises(MessageError, match='median of 1500 m, so its unit is wrong: it is 32FC1'):
+        images.decode_depth(message(depth_mm, '32FC1'))
+    assert images.decode_depth(message(depth_mm / 1000, '32FC1')).max() == 1.5
+
+
+def test_a_depth_png_without_header_is_decoded() -> None:
+    png = cv2.imencode('.png', np.array([[1500, 0]], np.uint16))[1].tobytes()
+    depth_m = images.decode_compressed_depth('16UC1; png compressed ', png)
+    assert depth_m.tolist() == [[1.5, 0]]
 
 
 def test_color_encodings_are_no_depth() -> None:

@@ -139,3 +139,31 @@ def test_every_pair_is_found_whichever_stream_is_ahead(order: list[int], offset_
     )
     matches = feed(matcher, *(event for _, event in merged), ('depth', 33 * 8 + offset_ms))
     assert matches == [(33 * i, 33 * i + offset_ms) for i in range(8)]
+
+
+def test_streams_that_never_match_say_how_far_they_are_apart() -> None:
+    matcher = two()
+    for i in range(20):
+        assert feed(matcher, ('color', 100 * i), ('depth', 100 * i + 25)) == []
+    assert matcher.mismatch == (
+        'the stamps of depth are +25.0 ms from those of color (limit 20): raise sync_slop_s to '
+        '0.030, if they belong together'
+    )
+    assert len(feed(matcher, ('color', 5000), ('depth', 5000))) == 1
+    assert matcher.mismatch == ''
+
+
+def test_two_clocks_are_named() -> None:
+    for offset_ms in (-1_305_031_000_000, 1_305_031_000_000):
+        matcher = two()
+        for i in range(40):
+            color_ms = 2_000_000_000_000 + 33 * i
+            assert feed(matcher, ('color', color_ms), ('depth', color_ms + offset_ms)) == []
+        assert 's from those of color, so two clocks were used' in matcher.mismatch
+
+
+def test_a_missing_partner_now_and_then_is_no_mismatch() -> None:
+    matcher = two()
+    for i in range(60):
+        feed(matcher, ('color', 33 * i), *([('depth', 33 * i)] if i % 3 else []))
+    assert matcher.mismatch == ''

@@ -12,6 +12,7 @@ from hoid_common.log_throttle import LogThrottle
 from hoid_common.values import CameraModel, Detections, DynamicObject, Features, Reason
 
 DISTORTION = (0.262383, -0.953104, -0.005358, 0.002628, 1.163314)
+THIN_PRISM_AND_TILT = (0.002, -0.001, 0.003, 0.001, 0.01, -0.02)
 
 
 def camera(distortion: tuple[float, ...] = ()) -> CameraModel:
@@ -43,13 +44,30 @@ def test_undistortion_inverts_projection() -> None:
     )
 
 
-@pytest.mark.parametrize('num_coefficients', [4, 5, 8])
+@pytest.mark.parametrize('num_coefficients', [4, 5, 8, 12, 14])
 def test_distortion_equals_that_of_opencv(num_coefficients: int) -> None:
-    bent = camera((*DISTORTION, 0.11, -0.07, 0.02)[:num_coefficients])
+    bent = camera((*DISTORTION, 0.11, -0.07, 0.02, *THIN_PRISM_AND_TILT)[:num_coefficients])
     points = np.random.default_rng(0).uniform([-1.5, -1, 1.5], [1.5, 1, 4], (50, 3))
     zero = np.zeros(3)
     expected, _ = cv2.projectPoints(points, zero, zero, bent.matrix, np.array(bent.distortion))
     np.testing.assert_allclose(bent.project_px(points), expected[:, 0], rtol=0, atol=1e-9)
+
+
+def test_equidistant_distortion_equals_that_of_opencv() -> None:
+    bent = replace(camera((0.1, -0.05, 0.02, -0.01)), is_fisheye=True)
+    assert bent.distortion_model == 'equidistant'
+    points = np.random.default_rng(0).uniform([-1.5, -1, 1.5], [1.5, 1, 4], (50, 3))
+    zero = np.zeros(3)
+    expected, _ = cv2.fisheye.projectPoints(
+        points[:, None], zero, zero, bent.matrix, np.array(bent.distortion)
+    )
+    imaged = bent.project_px(points)
+    np.testing.assert_allclose(imaged, expected[:, 0], rtol=0, atol=1e-9)
+    ideal = replace(bent, distortion=()).project_px(points)
+    found = bent.undistort_px(imaged.astype(np.float32))
+    np.testing.assert_allclose(found, ideal, atol=0.01)
+    with pytest.raises(ConfigError, match='up to 4 numbers'):
+        replace(bent, distortion=(0.1,) * 5)
 
 
 def test_undistortion_without_distortion_returns_its_input() -> None:
@@ -77,9 +95,9 @@ def test_impossible_cameras_are_refused(bad: dict[str, Any]) -> None:
         replace(camera(DISTORTION), **bad)
 
 
-@pytest.mark.parametrize('bad', [(0.1,) * 12, (float('nan'),)])
+@pytest.mark.parametrize('bad', [(0.1,) * 15, (float('nan'),)])
 def test_unsupported_distortion_is_refused(bad: tuple[float, ...]) -> None:
-    with pytest.raises(ConfigError, match='distortion must be up to 8 numbers'):
+    with pytest.raises(ConfigError, match='distortion must be up to 14 numbers'):
         camera(bad)
 
 

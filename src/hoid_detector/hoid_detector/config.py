@@ -45,6 +45,7 @@ class DetectorConfig(Config):
         minimum=0.0,
         maximum=1.0,
         read_only=False,
+        expert=True,
     )
     classes: tuple[str, ...] = param(
         (),
@@ -94,6 +95,16 @@ class DetectorConfig(Config):
         ('person', 'persons', 'people', 'human', 'humans', 'pedestrian', 'pedestrians'),
         'Names of classes of people, in upper or lower case; all are reported as person. A model '
         'without any of them is refused; with an empty list, any model is accepted.',
+        expert=True,
+    )
+    camera_roll_deg: float = param(
+        0.0,
+        'Angle by which the camera is mounted rolled, clockwise as seen from behind (degrees). '
+        'The network gets images that are turned upright by the nearest quarter turn. Set it when '
+        'the images are sideways or upside down, since people are missed in such images.',
+        minimum=-360.0,
+        maximum=360.0,
+        read_only=False,
     )
     class_ids: str = param(
         AUTO,

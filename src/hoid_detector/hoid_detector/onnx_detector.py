@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_common.coco import COCO
 from hoid_common.errors import ConfigError, MessageError, ModelError
 from hoid_common.values import BoolArray, ByteArray, Detections, Float32Array, IntArray
 from hoid_detector.config import DetectorConfig
-from hoid_detector.model.class_names import COCO, known_names, with_person
+from hoid_detector.model.class_names import known_names, with_person
 from hoid_detector.model.decoders import Candidates, Size
 from hoid_detector.model.finished_boxes import MAX_SCORE
 from hoid_detector.model.layouts import Layout, Preprocessing, recognize
@@ -23,6 +24,7 @@ from hoid_detector.model.letterbox import Letterbox, Placement, open_size
 from hoid_detector.model.network import Network
 from hoid_detector.model.nms import nms
 from hoid_detector.model.probe import AUTO, Probe
+from hoid_detector.model.quarter_turn import boxes_before_turn, nearest_quarter, turned
 
 _LOG = logging.getLogger(__name__)
 # Chosen: boxes outside the image that show a wrong layout, if they are more than those inside.
@@ -109,8 +111,10 @@ class OnnxDetector:
             raise MessageError(f'image must be (height, width, 3), got {image_bgr.shape}')
         start_s = time.perf_counter()
         config = self._config
-        size_wh = _input_size(self.network, image_bgr.shape[1::-1], config)
-        blob, place = self._letterbox(image_bgr, size_wh)
+        quarters = nearest_quarter(config.camera_roll_deg)
+        upright = turned(image_bgr, quarters)
+        size_wh = _input_size(self.network, upright.shape[1::-1], config)
+        blob, place = self._letterbox(upright, size_wh)
         outputs = self._infer(blob)
         with np.errstate(over='ignore', invalid='ignore'):  # non-finite boxes are dropped below
             found = self._decode(outputs, size_wh)
@@ -120,6 +124,8 @@ class OnnxDetector:
         self._check_positions(place.boxes_to_image(found.boxes_xyxy_px, clip=False), place)
         found = _in_image(found.select(self._is_reported(found)), place)
         found = found.select(_strongest(found, self.layout, config))
+        boxes = boxes_before_turn(found.boxes_xyxy_px, quarters, image_bgr.shape[1::-1])
+        found = found._replace(boxes_xyxy_px=boxes)
         self.detect_ms = (time.perf_counter() - start_s) * 1e3
         return self._with_names(found, stamp_ns)
 

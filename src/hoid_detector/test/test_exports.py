@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from hoid_common.coco import COCO, COCO_IDS
 from hoid_common.errors import ModelError
 from hoid_common.values import Detections
 from hoid_detector.config import DetectorConfig
-from hoid_detector.model.class_names import COCO, COCO_IDS
 from hoid_detector.onnx_detector import OnnxDetector
 
 SHARED = Path(__file__).resolve().parents[3].parent / 'shared'

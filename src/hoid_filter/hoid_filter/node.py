@@ -103,7 +103,8 @@ class FilterNode(ManagedNode):
         self._live.on_idle()
 
     def _on_camera(self, msg: CameraInfo) -> None:
-        self._filter.camera = conversions.camera_from_msg(msg)
+        image_topic = self.resolve_topic_name(topics.RGB_IMAGE)
+        self._filter.camera = conversions.camera_from_msg(msg, image_topic)
         self._check_camera()
 
     def _check_camera(self) -> None:

@@ -85,8 +85,8 @@ def test_returning_person_keeps_the_track() -> None:
     strategy.classify(view(Detections.none(stamp_ns + FRAME_NS)))
     box = (left + 6, 10.0, left + 46, 110.0)
     back = strategy.classify(view(detections(('person', box), stamp_ns=stamp_ns + 2 * FRAME_NS)))
-    assert back.reasons == (Reason.PERSON,)
-    assert back.track_ids.tolist() == [0]
+    assert back.objects.reasons == (Reason.PERSON,)
+    assert back.objects.track_ids.tolist() == [0]
 
 
 @pytest.mark.parametrize('late', [1, 4])

@@ -23,7 +23,7 @@ def fast_corners(
     Args:
         levels: L gray images (H_l, W_l) uint8, the finest first.
         steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
-        threshold: gray levels, from 1 to 254.
+        threshold: least contrast of a corner in gray levels, from 1 to 254.
         border_px: least distance of a corner from the edge of its level; values below 3 count as 3.
 
     Raises:
@@ -43,18 +43,19 @@ def spread_evenly(
 
     Each octave divides `area_px` into about as many grid cells as its budget. It takes the strongest
     corner of each cell, then the second strongest of each cell, and so on until its budget is used.
-    Among equal scores the first corner wins. Octaves with too few corners leave the rest of their
-    budget to the others.
+    Among equal scores the first corner wins. If an octave has too few corners, the other octaves get
+    the rest of its budget.
 
     Args:
-        uv_px: (N, 2) level-0 pixels, not negative.
-        octave: (N,) uint8.
-        score: (N,) uint8, higher is stronger.
+        uv_px: (N, 2) positions of the corners in level 0, not negative.
+        octave: (N,) uint8 index of the level of each corner.
+        score: (N,) uint8 strength of each corner.
         budgets: (L,) int64 number of corners wanted from each octave.
-        area_px: image area (level-0 pixels) to spread the corners over; a cell has at least one pixel.
+        area_px: image area over which the corners are spread, in level-0 pixels. A grid cell has at
+            least one pixel.
 
     Raises:
-        ValueError: Lengths differ, an octave has no budget, or a budget, a position or the area is
+        ValueError: Lengths differ, an octave is not below L, or a budget, a position or the area is
             negative.
     """
 
@@ -71,9 +72,9 @@ def subpixel_offsets_px(
     has no maximum.
 
     Args:
-        image_gray: (H, W) uint8.
-        x: (N,) int32.
-        y: (N,) int32.
+        image_gray: (H, W) uint8 image.
+        x: (N,) int32 columns of the corners.
+        y: (N,) int32 rows of the corners.
 
     Raises:
         ValueError: A pixel is less than 4 px from the image's edge, or lengths differ.
@@ -85,14 +86,14 @@ def orientations_deg(
     y: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """
-    Return the (N,) float32 intensity-centroid orientations of pixels, degrees in [0, 360), y down.
+    Return the (N,) float32 orientations of corners in degrees, in [0, 360), clockwise from the x axis.
 
-    Source: Rublee et al., ORB, ICCV 2011, sec. 3.2.
+    They are the directions of the intensity centroids (Rublee et al., ORB, ICCV 2011, sec. 3.2).
 
     Args:
-        image_gray: (H, W) uint8.
-        x: (N,) int32.
-        y: (N,) int32.
+        image_gray: (H, W) uint8 image.
+        x: (N,) int32 columns of the corners.
+        y: (N,) int32 rows of the corners.
 
     Raises:
         ValueError: A pixel is less than 15 px from the image's edge, or lengths differ.
@@ -105,14 +106,14 @@ def orb_descriptors(
     angle_deg: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.uint8], dict(shape=(None, None))]:
     """
-    Return the (N, 32) uint8 ORB descriptors of pixels, rotated by their orientations.
+    Return the (N, 32) uint8 ORB descriptors of corners, rotated by their orientations.
 
     Source: Rublee et al., ORB, ICCV 2011, sec. 4. The bits equal OpenCV's.
 
     Args:
-        image_smooth: (H, W) uint8, smoothed.
-        x: (N,) int32.
-        y: (N,) int32.
+        image_smooth: (H, W) uint8 smoothed image.
+        x: (N,) int32 columns of the corners.
+        y: (N,) int32 rows of the corners.
         angle_deg: (N,) float32 orientations.
 
     Raises:
@@ -136,7 +137,12 @@ class ObservationGraph:
         j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> None:
         """
-        Add (N,) observations: keyframe i observes point j in its feature k.
+        Add N observations: keyframe i observes point j in its feature k.
+
+        Args:
+            i: (N,) rows of keyframes.
+            k: (N,) features of the keyframes.
+            j: (N,) rows of points.
 
         Raises:
             ValueError: Lengths differ, or a row is negative.
@@ -149,10 +155,15 @@ class ObservationGraph:
         j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> None:
         """
-        Remove (N,) observations.
+        Remove N observations.
+
+        Args:
+            i: (N,) rows of keyframes.
+            k: (N,) features of the keyframes.
+            j: (N,) rows of points.
 
         Raises:
-            ValueError: Lengths differ, or there is no such observation.
+            ValueError: Lengths differ, or one of the observations does not exist.
         """
 
     def clear(self) -> None:
@@ -165,18 +176,23 @@ class ObservationGraph:
         | None = None,
     ) -> hoid_native.results.Observations:
         """
-        Return the observations of points (P,), sorted by keyframe and feature.
+        Return the observations of some points, sorted by keyframe and feature.
 
         Args:
-            j: (P,) points.
-            keyframes: (K,) keyframes whose observations are returned, in this order; None: all.
+            j: (P,) rows of points.
+            keyframes: (K,) rows of the keyframes whose observations are returned, in this order. None: all
+                keyframes.
         """
 
     def connect(
         self, i: int, j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)]
     ) -> None:
         """
-        Recount the points that keyframe i, which observes points j (P,), shares with all others.
+        Count again how many points a keyframe shares with each other keyframe, and store the numbers.
+
+        Args:
+            i: row of the keyframe.
+            j: (P,) rows of all points that the keyframe observes.
         """
 
     def set_neighbors(
@@ -186,11 +202,11 @@ class ObservationGraph:
         shared: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> None:
         """
-        Replace the connections of keyframe i, and those of the others with it.
+        Replace the stored numbers of points that a keyframe shares with other keyframes.
 
         Args:
-            i: the keyframe.
-            rows: (N,) keyframes that share points with it, ascending.
+            i: row of the keyframe.
+            rows: (N,) rows of all keyframes that share points with it, ascending.
             shared: (N,) numbers of shared points.
 
         Raises:
@@ -199,12 +215,19 @@ class ObservationGraph:
 
     def neighbors(self, i: int, min_shared: int = 1) -> hoid_native.results.Neighbors:
         """
-        Return the keyframes that share at least `min_shared` points with i, most first, then by row.
+        Return the keyframes that share points with a keyframe, most points first, then by row.
+
+        Args:
+            i: row of the keyframe.
+            min_shared: least number of shared points.
         """
 
     def edges(self, min_shared: int = 1) -> hoid_native.results.Edges:
         """
-        Return the pairs of keyframes that share at least `min_shared` points, by first and second row.
+        Return the pairs of keyframes that share points, sorted by first and second row.
+
+        Args:
+            min_shared: least number of shared points.
         """
 
     def path_length_m(
@@ -219,16 +242,16 @@ class ObservationGraph:
         """
         Return the length [m] of the shortest path between two keyframes (Dijkstra's algorithm).
 
-        Steps of the path join keyframes that share points or are next to each other in the spanning tree.
-        The length is infinite without a path.
+        Each step of a path joins two keyframes that share points, or a keyframe and its parent in the
+        spanning tree. The length is infinite if there is no path.
 
         Args:
             T_map_camera: (K, 4, 4) poses of all keyframes.
             parents: (K,) row of each keyframe's parent in the spanning tree; -1: none.
-            start: the first keyframe.
-            goal: the last keyframe.
-            min_shared: number of points that the keyframes of a step share at least.
-            m_per_rad: the length that a rotation of 1 rad counts as.
+            start: row of the first keyframe.
+            goal: row of the last keyframe.
+            min_shared: least number of points that two keyframes of a step share.
+            m_per_rad: length in m that is added for a rotation of 1 rad.
 
         Raises:
             ValueError: Lengths differ, or a row is out of range.
@@ -240,7 +263,11 @@ class ObservationGraph:
         keyframes: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
         """
-        Return how many of the points (P,), without repetitions, each of the keyframes (K,) observes.
+        Return the (K,) numbers of points, out of some given points, that keyframes observe.
+
+        Args:
+            j: (P,) rows of points, without repetitions.
+            keyframes: (K,) rows of keyframes.
         """
 
     def points_of(
@@ -251,11 +278,11 @@ class ObservationGraph:
         keyframes: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
         """
-        Return the (P,) points, ascending, that any of the keyframes (N,) observes.
+        Return the (P,) ascending rows of the points that at least one of some keyframes observes.
 
         Args:
             point_of_feature: (K, F) int32 point that each feature of each keyframe observes; -1: none.
-            keyframes: (N,) rows of it.
+            keyframes: (N,) rows of keyframes in `point_of_feature`.
         """
 
 def move_points(
@@ -267,26 +294,26 @@ def move_points(
     ],
 ) -> None:
     """
-    Move points and turn their viewing directions, in place.
+    Apply rigid motions to points and their viewing directions, in place.
 
     Args:
         motions: (G, 4, 4) rigid motions.
-        which: (N,) int64 number of the motion of each point; -1: the point stays.
-        position_m: (N, 3) float64, changed.
-        view_direction: (N, 3) float32, changed.
+        which: (N,) int64 index of the motion of each point; -1: the point stays.
+        position_m: (N, 3) float64 positions of the points, which are changed.
+        view_direction: (N, 3) float32 viewing directions, which are changed.
 
     Raises:
-        ValueError: Lengths differ, or a number is out of range.
+        ValueError: Lengths differ, or an index is out of range.
     """
 
 class QueryConstraints:
     """
-    Octaves and descriptors of Q queries.
+    Octave limits and descriptors of Q queries, for which matching features are searched.
 
     Args:
-        min_octave: (Q,) int8, inclusive.
-        max_octave: (Q,) int8, inclusive.
-        descriptors: (Q, 32) uint8.
+        min_octave: (Q,) int8 least octave of a matching feature.
+        max_octave: (Q,) int8 greatest octave of a matching feature.
+        descriptors: (Q, 32) uint8 ORB descriptors.
 
     Raises:
         ValueError: Lengths differ.
@@ -301,14 +328,14 @@ class QueryConstraints:
 
 class Candidates:
     """
-    N features to match.
+    N features of an image among which matches are searched.
 
     Args:
-        measurement_px: (N, 3) float32 u, v, u_right; NaN u_right: no depth. Features at NaN or beyond
-            16384 px match nothing.
-        octave: (N,) uint8.
-        descriptors: (N, 32) uint8.
-        free: (N,) bool, whether each may be matched; None: all may.
+        measurement_px: (N, 3) float32 stereo observations u, v, u_right; NaN u_right: no depth. A
+            feature whose position is NaN or beyond 16384 px is not matched.
+        octave: (N,) uint8 octaves.
+        descriptors: (N, 32) uint8 ORB descriptors.
+        free: (N,) bool, whether each feature may be matched; None: all may be matched.
 
     Raises:
         ValueError: Lengths differ.
@@ -324,12 +351,12 @@ class Candidates:
 
 class MatchThreshold:
     """
-    Threshold of a match.
+    Limits of the descriptor distances of a match.
 
     Args:
         max_distance: largest Hamming distance.
-        ratio: largest ratio of the best distance to the second best one of the same octave; 1.0: no
-            test.
+        ratio: largest ratio of the best distance to the second best distance. The ratio is tested only
+            if both features have the same octave; 1.0: no test.
     """
 
     def __init__(self, max_distance: int, ratio: float) -> None: ...
@@ -354,9 +381,10 @@ def match_by_projection(
     Args:
         projection_px: (3, Q) expected u, v, u_right of each query; NaN u_right: unknown.
         radius_px: (Q,) half sides of the square windows.
-        queries: octaves and descriptors of the queries.
-        candidates: features; u_right must agree within the radius, too, if both are known.
-        threshold: of a match.
+        queries: octave limits and descriptors of the queries.
+        candidates: features of the image. If expected and measured u_right are known, they must also
+            agree within the radius.
+        threshold: limits of the descriptor distances.
 
     Raises:
         ValueError: Lengths differ.
@@ -373,11 +401,11 @@ def match_along_segments(
     Return one-to-one matches of queries and features near image segments (of epipolar lines).
 
     Args:
-        segments_px: (Q, 4) u, v of both ends; NaN: no segment.
-        octave_radius_px: (L,) largest distance from the segment of a feature of each octave.
-        queries: octaves and descriptors of the queries.
-        candidates: features; u_right is ignored.
-        threshold: of a match.
+        segments_px: (Q, 4) u, v of both ends of each query's segment; NaN: no segment.
+        octave_radius_px: (L,) largest distance between the segment and a feature of each octave.
+        queries: octave limits and descriptors of the queries.
+        candidates: features of the image, of which u_right is not used.
+        threshold: limits of the descriptor distances.
 
     Raises:
         ValueError: Lengths differ, or an octave is not below L.
@@ -388,12 +416,13 @@ def distinctive_descriptors(
     starts: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
     """
-    Return the (G,) int64 rows of the descriptors with the smallest median distance in their groups.
+    Return the (G,) int64 row, for each group, of the descriptor that represents the group best.
 
-    This is ComputeDistinctiveDescriptors of ORB-SLAM.
+    This descriptor has the smallest median distance to the others in its group, as in
+    ComputeDistinctiveDescriptors of ORB-SLAM. In a group of two, it is the second one.
 
     Args:
-        descriptors: (M, 32) uint8, sorted by group; only the last 8 of a group are compared.
+        descriptors: (M, 32) uint8 descriptors, sorted by group. Of a group, only the last 8 are used.
         starts: (G,) int64 first row of each group, ascending.
 
     Raises:
@@ -402,7 +431,9 @@ def distinctive_descriptors(
 
 class StereoParams:
     """
-    A pinhole camera with a virtual right column: u_right = u - disparity_px_m / depth_m.
+    A pinhole camera with a virtual right camera, and its noise.
+
+    Depth is measured as the disparity u - u_right = disparity_px_m / depth_m.
     """
 
     def __init__(
@@ -439,21 +470,25 @@ class StereoParams:
 
     @property
     def disparity_noise_px(self) -> float:
-        """
-        The part of a disparity's standard deviation that does not depend on it.
-        """
+        """Constant part of the standard deviation of a disparity, in pixels."""
 
     @property
     def relative_noise(self) -> float:
-        """The part that grows with the disparity, as a share of it."""
+        """
+        Part of the standard deviation that is proportional to the disparity, as a share of it.
+        """
 
     @property
     def pixel_noise(self) -> float:
-        """Standard deviation of pixels, in units of that of their weights."""
+        """
+        Standard deviation of pixels, divided by the standard deviation that `inv_sigma2` states.
+        """
 
     @property
     def joint_noise(self) -> bool:
-        """u_right is as noisy as u and v, all under one kernel."""
+        """
+        True: u, v and u_right have equal noise and share one robust kernel, as in ORB-SLAM.
+        """
 
     def __getstate__(
         self,
@@ -464,17 +499,17 @@ class StereoParams:
 
 class Gates:
     """
-    Squared normalized residuals beyond which an observation is an outlier.
+    Limits of the squared normalized residuals (chi-square); outliers are beyond them.
     """
 
     def __init__(self, mono: float, stereo: float) -> None: ...
     @property
     def mono(self) -> float:
-        """Of observations without depth."""
+        """Limit for observations without depth."""
 
     @property
     def stereo(self) -> float:
-        """Of observations with depth."""
+        """Limit for observations with depth."""
 
 def optimize_pose(
     camera: StereoParams,
@@ -487,22 +522,23 @@ def optimize_pose(
     prior_information: numpy.typing.NDArray[Any] | None = None,
 ) -> hoid_native.results.PoseFit:
     """
-    Return the pose that fits the matches best: Gauss-Newton with a Huber kernel.
+    Return the camera pose that fits N matches best: Gauss-Newton with Huber kernels.
 
     Pixels and the disparity u - u_right are independent measurements with separate robust kernels.
     Outliers are identified on (u, v, u_right) after each of three rounds (Mur-Artal and Tardos, T-RO
-    2017). The information of the result has the unit of `inv_sigma2` and includes that of the prior.
-    With fewer than four matches and no prior, the initial pose is returned.
+    2017). The information of the result has the unit of `inv_sigma2` and includes the prior. With
+    fewer than four matches and no prior, the initial pose is returned.
 
     Args:
-        camera: of the image, with its measured noise.
-        gates: chi-square limits of outliers, and of the Huber kernels.
-        points_m: (N, 3) in the map frame.
-        measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+        camera: camera model of the image, with its measured noise.
+        gates: chi-square limits of outliers, which are also the limits of the Huber kernels.
+        points_m: (N, 3) map points in the map frame.
+        measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
         T_camera_map: (4, 4) initial pose.
-        prior_T_camera_map: (4, 4) mean of a Gaussian prior, if there is one.
-        prior_information: (6, 6) inverse covariance of its left twist, rotation first.
+        prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose; None: no prior.
+        prior_information: (6, 6) inverse covariance of the prior, as a left twist with the rotation
+            first; None: no prior.
 
     Raises:
         ValueError: Lengths differ, or the prior is incomplete or not finite.
@@ -517,18 +553,19 @@ def evaluate_matches(
     T_camera_map: numpy.typing.NDArray[Any],
 ) -> hoid_native.results.MatchEvaluation:
     """
-    Return how well each match fits a pose.
+    Return how well each of N matches fits a pose.
 
-    The squared errors of pixel and disparity are truncated at their gates (MSAC, Torr and Zisserman,
-    CVIU 2000), so that sums over matches compare poses with different outliers.
+    The squared errors of pixel and disparity are truncated at the outlier limits (MSAC, Torr and
+    Zisserman, CVIU 2000). Therefore the sum over all matches can be compared between poses that have
+    different outliers.
 
     Args:
-        camera: of the image, with its measured noise.
+        camera: camera model of the image, with its measured noise.
         gates: chi-square limits of outliers.
-        points_m: (N, 3) in the map frame.
-        measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+        points_m: (N, 3) map points in the map frame.
+        measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-        T_camera_map: (4, 4).
+        T_camera_map: (4, 4) pose.
 
     Raises:
         ValueError: Lengths differ.
@@ -544,19 +581,20 @@ def most_biasing_region(
     noise_scale: float,
 ) -> hoid_native.results.BiasingRegion:
     """
-    Return the region of the view without whose matches the others would fit best.
+    Return the region of the view without whose matches the other matches fit a pose best.
 
-    Regions are cells of a k-d tree over direction and depth, with 1/16 to 1/4 of the matches each
-    (docs/decisions/036). The region is empty, with a gain of 0, if a point or the pose is not finite.
+    Candidates are the cells of a k-d tree over direction and depth, which contain from 1/16 to 1/4 of
+    the matches (docs/decisions/036). If a point or the pose is not finite, the region is empty and has
+    a gain of 0.
 
     Args:
-        camera: of the image, with its measured noise.
-        gates: chi-square limits of outliers, which are ignored.
-        points_m: (N, 3) in the map frame.
-        measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
+        camera: camera model of the image, with its measured noise.
+        gates: chi-square limits of outliers. Outliers are not used.
+        points_m: (N, 3) map points in the map frame.
+        measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
         T_camera_map: (4, 4) pose fitted to all matches.
-        noise_scale: actual variances as a multiple of those of the camera.
+        noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
 
     Raises:
         ValueError: Lengths differ.
@@ -576,19 +614,21 @@ def adjust_bundle(
     iterations: int,
 ) -> hoid_native.results.BundleFit:
     """
-    Return adjusted camera poses and points: Levenberg-Marquardt with Huber kernels, in rounds.
+    Return camera poses and points after bundle adjustment: Levenberg-Marquardt with Huber kernels.
 
-    After each round outliers are left out of the next ones.
+    The adjustment has several rounds. Observations that are outliers after a round are not used in the
+    following rounds.
 
     Args:
         lens: camera model of all images.
-        gates: chi-square limits of outliers, and of the Huber kernels.
-        T_camera_map: (C, 4, 4); the first `num_free` are optimized, the others fixed.
+        gates: chi-square limits of outliers, which are also the limits of the Huber kernels.
+        T_camera_map: (C, 4, 4) camera poses. The first `num_free` are optimized, the others fixed.
         num_free: number of optimized cameras.
-        points_m: (P, 3) in the map frame.
+        points_m: (P, 3) map points in the map frame, which are all optimized.
         camera: (M,) int64 index of the camera of each observation.
-        point: (M,) int64 index of the point of each observation; at most one for each camera.
-        measured_px: (M, 3) u, v, u_right; NaN u_right: no depth.
+        point: (M,) int64 index of the point of each observation. A camera observes a point at most
+            once.
+        measured_px: (M, 3) stereo observations u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
         rounds: number of rounds, at least 1.
         iterations: largest number of iterations in each round.
@@ -602,24 +642,24 @@ def overlap_ratios(
     boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Return the (N, M) shares in [0, 1] of each box's area that lie in each of the others.
+    Return (N, M) in [0, 1]: the share of box n's area that other box m covers.
 
     This is the interaction area of the HOID paper. It is 0 for a box without area.
 
     Args:
-        boxes_xyxy_px: (N, 4), finite.
-        others_xyxy_px: (M, 4), finite.
+        boxes_xyxy_px: (N, 4) boxes, finite.
+        others_xyxy_px: (M, 4) other boxes, finite.
     """
 
 def intersections_over_union(
     boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Return the (N, M) intersections over union, in [0, 1]; 0 for boxes without area.
+    Return the (N, M) intersections over union of boxes, in [0, 1]; 0 for boxes without area.
 
     Args:
-        boxes_xyxy_px: (N, 4), finite.
-        others_xyxy_px: (M, 4), finite.
+        boxes_xyxy_px: (N, 4) boxes, finite.
+        others_xyxy_px: (M, 4) other boxes, finite.
     """
 
 def are_boxes_valid(
@@ -631,8 +671,8 @@ def are_boxes_valid(
     Return whether all boxes have an area and lie inside the image, and all scores are in [0, 1].
 
     Args:
-        boxes_xyxy_px: (N, 4) float32.
-        scores: (N,) float32.
+        boxes_xyxy_px: (N, 4) float32 boxes.
+        scores: (N,) float32 scores.
         shape_hw: height and width of the image.
 
     Raises:
@@ -650,18 +690,22 @@ def classify_boxes(
     reach_px: float = float('nan'),
 ) -> hoid_native.results.ClassifiedBoxes:
     """
-    Return which of N boxes are dynamic (people and the objects they handle), and what is outside them.
+    Return which of N boxes are dynamic, and which of K pixels lie in none of them.
+
+    Dynamic are people, and objects that a person handles: the person's box covers more than
+    `min_share` of the object's box, and their depths differ by less than `apart_m`. An unknown depth
+    fulfills the second condition.
 
     Args:
-        depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
-        pixels: (K,) int64 flat indices of image corners.
-        boxes_xyxy_px: (N, 4), finite.
-        roles: (N,) uint8: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
-        side_px: side of the square at a box's center whose median is its depth.
-        min_share: a person handles an object if the person's box covers more than this share of it ...
-        apart_m: ... and they are less than this apart in depth. An unknown depth counts as near.
-        reach_px: if it is not NaN, it replaces `min_share`: one of the pixels in the object's box must
-            be within this reach of the person's box, along rows and columns.
+        depth_m: (H, W) float32 depth, not empty; 0 or NaN = no reading.
+        pixels: (K,) int64 pixels of image corners, as indices into the flattened image.
+        boxes_xyxy_px: (N, 4) boxes, finite.
+        roles: (N,) uint8 role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
+        side_px: side of the square at a box's center whose median depth is the depth of the box.
+        min_share: share of an object's box that a person's box must exceed.
+        apart_m: depth difference that person and object must stay below.
+        reach_px: if this is not NaN, it replaces `min_share`: one of the K pixels must lie in the
+            object's box, at most this far from the person's box along rows and columns.
 
     Raises:
         ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths
@@ -674,12 +718,12 @@ def box_center_depths_m(
     side_px: int,
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
     """
-    Return the (N,) median depths (m) of squares at the centers of boxes; NaN without a reading.
+    Return the (N,) median depths (m) in squares at the centers of boxes; NaN without a reading.
 
     Args:
-        depth_m: (H, W) float32, not empty; 0 or NaN = no reading.
-        boxes_xyxy_px: (N, 4), finite.
-        side_px: side of the squares, at least 1. Outside the image they repeat its edge.
+        depth_m: (H, W) float32 depth, not empty; 0 or NaN = no reading.
+        boxes_xyxy_px: (N, 4) boxes, finite.
+        side_px: side of the squares, at least 1. Beyond the image, its border pixels are repeated.
 
     Raises:
         ValueError: The image is empty, a box is not finite, or the side is less than 1.
@@ -693,13 +737,13 @@ def person_depths_m(
     """
     Return the (N,) depths (m) of the people in boxes; NaN without a reading.
 
-    A person is the nearest layer of depths, as thick as a torso, in the middle of the box that is not
-    much smaller than the largest layer. Only readings near the known depth are used, unless these are
-    few.
+    The depths in the middle of the box are divided into layers as thick as a torso. The person is the
+    nearest layer that is not much smaller than the largest one. If the depth of the person in an
+    earlier image is known, only readings near this depth are used, unless there are few of them.
 
     Args:
-        depth_m: (H, W) float32; 0 or NaN = no reading.
-        boxes_xyxy_px: (N, 4), finite, in pixels of this image.
+        depth_m: (H, W) float32 depth; 0 or NaN = no reading.
+        boxes_xyxy_px: (N, 4) boxes, finite, in pixels of this depth image.
         known_m: (N,) depths of the same people in an earlier image; NaN = unknown.
 
     Raises:
@@ -716,19 +760,20 @@ def segment_objects(
     """
     Return the (H, W) mask of the pixels that show a dynamic object.
 
-    The image is split into regions along depth jumps. An object is the regions that lie mostly in its
-    area and near its depth, and the gaps without readings beside them. It may extend beyond its area
-    by a tenth of a side, because boxes are not exact; parts of its regions further out have only
-    merged with it in depth, like the desk that a person leans on (docs/decisions/010).
+    The depth image is split into regions along depth jumps. To an object belong the regions that lie
+    mostly in its box and near its depth, and gaps without readings beside these regions. Because boxes
+    are not exact, the object may extend beyond its box by a tenth of the box's side. Parts of a region
+    that are further outside are not masked: they belong to something that touches the object, like the
+    desk on which a person leans (docs/decisions/010).
 
     Args:
-        depth_m: (H, W) float32; 0 = no reading.
-        areas_xyxy_px: (N, 4) int32 whole pixels within the image; x2 and y2 are exclusive.
-        depths_m: (N,) depths of the objects; NaN = unknown: the object is its whole area.
-        reaches_m: (N,) extents of the objects in depth, before and behind their own depth.
-        seen: (N,) bool, whether each was detected in this image. If the regions of a detected object
-            fill too little of its area, it has merged with what it touches: all pixels of the area
-            near its depth count.
+        depth_m: (H, W) float32 depth; 0 = no reading.
+        areas_xyxy_px: (N, 4) int32 boxes of whole pixels within the image; x2 and y2 are exclusive.
+        depths_m: (N,) depths of the objects. NaN = unknown: the whole box is masked.
+        reaches_m: (N,) greatest depth difference between an object's depth and its other pixels.
+        seen: (N,) bool, whether the object was detected in this image and not predicted. If the
+            regions of a detected object fill little of its box, the object has merged with its
+            surroundings; then all pixels of the box near its depth are masked.
 
     Raises:
         ValueError: An area is not in the image, or lengths differ.
@@ -741,15 +786,15 @@ def values_at(
     columns: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.uint8], dict(shape=(None,))]:
     """
-    Return the (K,) uint8 values of a small image at pixels (u, v) of a large one.
+    Return the (K,) uint8 values that a small image has at pixels (u, v) after upscaling.
 
-    Each is `values[rows[v], columns[u]]`: nearest-neighbor upscaling of the pixels asked for.
+    The value at a pixel is `values[rows[v], columns[u]]`. Only the K pixels are upscaled.
 
     Args:
-        pixels: (K,) int64 flat indices in the large (H, W) image.
+        pixels: (K,) int64 pixels, as indices into the flattened large (H, W) image.
         values: (h, w) uint8 small image.
-        rows: (H,) int64 row of the small image for each of the large one.
-        columns: (W,) int64 column of the small image for each of the large one.
+        rows: (H,) int64 row of the small image for each row of the large image.
+        columns: (W,) int64 column of the small image for each column of the large image.
 
     Raises:
         ValueError: A pixel is not in the image, or a row or a column not in `values`.
@@ -783,7 +828,7 @@ def depth_segments(
     Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
 
     Args:
-        depth_m: (H, W) float32; 0 = no reading.
+        depth_m: (H, W) float32 depth; 0 = no reading.
         cell_px: side of a cell in pixels, at least 1.
 
     Raises:
@@ -799,7 +844,7 @@ def depth_ranges_3x3(
     Both are 0 at pixels without a reading.
 
     Args:
-        depth_m: (H, W) float32; 0 = no reading.
+        depth_m: (H, W) float32 depth; 0 = no reading.
     """
 
 def occlusion_log_odds(
@@ -818,22 +863,24 @@ def occlusion_log_odds(
     evidence: tuple[float, float, float],
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
     """
-    Return the (S,) log-odds that segments move, from their occlusion of the depth in earlier views.
+    Return the (S,) log-odds that segments move, by comparison with the depth in earlier views.
 
-    A segment in front of the depth that an earlier view shows has moved there. A segment behind it is
-    no evidence. Only every other row is compared, to save time.
+    A pixel in front of the depth that an earlier view shows there occludes it: the surface has moved
+    there since. A pixel behind this depth is no evidence. Only every other row is compared, to save
+    time.
 
     Args:
-        camera: of all images.
+        camera: camera model of all images.
         depth_m: (H, W) float32 current depth; 0 = no reading.
         label: (H, W) int32 segment of each pixel; -1 = none.
-        num_segments: S.
-        earlier: for each earlier view T_earlier_now (4, 4), its `depth_ranges_3x3` (H, W, 2), and the
-            log-odds against motion of a segment that agrees with its depth everywhere.
-        margin: a pixel occludes if it is nearer by more than the sum of a constant (m) and these
-            shares of its depth (m) and of its squared depth.
-        evidence: the log-odds of a segment that occludes everywhere, the occluding share up to which
-            there is no evidence, and the occluding share from which agreement of the rest is none.
+        num_segments: number S of segments.
+        earlier: for each earlier view, the camera motion T_earlier_now (4, 4), its `depth_ranges_3x3`
+            (H, W, 2), and the log-odds against motion of a segment that has the same depth everywhere.
+        margin: coefficients of 1 (in m), z and z^2. A pixel of depth z occludes if it is nearer by
+            more than their sum.
+        evidence: three numbers: the log-odds of a segment that occludes everywhere; the occluding
+            share of a segment that must be exceeded to count as evidence; and the occluding share from
+            which equal depth of the other pixels is no evidence against motion.
 
     Raises:
         ValueError: Images differ in size, or a label is not one of S.
@@ -847,8 +894,8 @@ def depths_at(
     Return the (K,) float32 depths (m) at pixels; 0 for index -1 and for depths that are not finite.
 
     Args:
-        depth_m: (H, W) float32.
-        pixels: (K,) int64 flat indices; -1 = none.
+        depth_m: (H, W) float32 depth.
+        pixels: (K,) int64 indices into the flattened image; -1 = no pixel.
 
     Raises:
         ValueError: An index is not in the image.
@@ -867,24 +914,24 @@ def propagate_log_odds(
     limit: float,
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
     """
-    Return the (H, W) float32 log-odds of motion of the current pixels.
+    Return the (H, W) float32 log-odds that each pixel of the current image moves.
 
-    They are the decayed log-odds of the same surface in the previous image plus the evidence of the
-    current one. A pixel starts at 0 if the previous image shows another depth there, and has 0 without
-    a reading.
+    They are the log-odds of the same surface in the previous image, multiplied by `decay`, plus the
+    evidence from the current image. If the previous image shows another depth there, the pixel starts
+    at 0. A pixel without a reading has 0.
 
     Args:
-        camera: of both images.
-        T_previous_now: (4, 4).
+        camera: camera model of both images.
+        T_previous_now: (4, 4) camera motion between the images.
         depth_m: (H, W) float32 current depth; 0 = no reading.
         previous_m: (H, W) float32 depth of the previous image.
-        log_odds: (H, W) float32 of the previous image's pixels.
-        margin: depths of one surface differ by less than the sum of a constant (m) and these shares of
-            the depth (m) and of its square.
+        log_odds: (H, W) float32 log-odds of the previous image's pixels.
+        margin: coefficients of 1 (in m), z and z^2. A pixel of depth z shows the same surface if the
+            depths differ by less than their sum.
         decay: factor of the previous log-odds.
-        label: (H, W) int32 segment of each pixel; -1 = none.
-        evidence: (S,) float32 log-odds to add to the pixels of each segment.
-        limit: log-odds are clamped to [-limit, limit].
+        label: (H, W) int32 segment of each pixel of the current image; -1 = none.
+        evidence: (S,) float32 log-odds that are added to the pixels of each segment.
+        limit: the result is clamped to [-limit, limit].
 
     Raises:
         ValueError: Images differ in size, a label is not one of S, or the limit is negative.
@@ -900,18 +947,18 @@ def score_poses(
     weights: numpy.typing.NDArray[Any],
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Return the (M, 2) weight sums of the points that each pose explains, for two sets of weights.
+    Return (M, 2): how much weight of points each pose explains, for two sets of weights.
 
-    A point counts 1 - (residual / limit)^2 of its weight, and nothing beyond the limit.
+    A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit it does not count.
 
     Args:
-        camera: of the image.
+        camera: camera model of the image.
         pixel_px: standard deviation of pixels.
-        limit: of residuals, in standard deviations.
-        T_camera_world: (M, 4, 4).
-        points_m: (N, 3).
-        measured_px: (N, 3) u, v, u_right; NaN u_right: no depth.
-        weights: (N, 2).
+        limit: largest residual of an explained point, in standard deviations.
+        T_camera_world: (M, 4, 4) poses.
+        points_m: (N, 3) points in the world.
+        measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
+        weights: (N, 2) two weights of each point.
 
     Raises:
         ValueError: Lengths differ, or the noise or the limit is not positive.
@@ -923,17 +970,18 @@ def align_triples(
     triples: Annotated[NDArray[numpy.int64], dict(shape=(None, 3), writable=False)],
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None, None))]:
     """
-    Return the (M, 4, 4) least-squares rigid transforms T_to_from of point triples.
+    Return the (M, 4, 4) rigid transforms T_to_from that align triples of points with least squares.
+
+    Source: Umeyama, PAMI 1991, without scale, in closed form for three points. For three points on a
+    line, the result is the identity.
 
     Args:
-        from_m: (N, 3).
-        to_m: (N, 3).
-        triples: (M, 3) int64 indices of points; three points on a line give the identity.
+        from_m: (N, 3) points in the frame `from`.
+        to_m: (N, 3) the same points in the frame `to`.
+        triples: (M, 3) int64 indices of the points of each triple.
 
     Raises:
-        ValueError: Lengths differ, or an index is not one of N.
-
-    Source: Umeyama, PAMI 1991, without scale, in closed form for three points.
+        ValueError: Lengths differ, or an index is not below N.
     """
 
 def strongest_corners_per_cell(
@@ -946,19 +994,19 @@ def strongest_corners_per_cell(
     taken: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
 ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
     """
-    Return the indices, in order of cells, of the strongest corner in each free cell of a grid.
+    Return the indices of the strongest corner in each free cell of a grid, in order of cells.
 
     Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
     corner wins.
 
     Args:
-        corner_pixels: (K,) int64 flat indices.
-        corner_scores: (K,) uint8, higher is stronger.
-        depth_m: (H, W) float32; 0 or not finite = no reading.
-        small_of_pixel: (H * W,) int64 flat index in the downscaled image of each pixel.
+        corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
+        corner_scores: (K,) uint8 strength of each corner.
+        depth_m: (H, W) float32 depth; 0 or not finite = no reading.
+        small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel.
         label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
         cell_px: side of a cell in pixels.
-        taken: (rows, columns) uint8 of the cells, which cover the image; 0 = free.
+        taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.
 
     Raises:
         ValueError: Lengths differ, a corner is not in the image, or the cells do not cover it.

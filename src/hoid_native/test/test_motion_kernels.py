@@ -77,9 +77,9 @@ def test_only_an_object_that_came_in_front_of_the_wall_moves() -> None:
     assert twice.tolist() == (2 * found).tolist()
     assert not evidence(now, label).any()  # nothing was seen earlier
     whole = np.zeros(SHAPE, np.int32)
-    assert (
-        evidence(earlier, whole, (REST, now)) == -0.5 * (now == 3.0)[::2].mean()
-    )  # it was hidden
+    # The wall was hidden behind the square.
+    hidden = evidence(earlier, whole, (REST, now))
+    assert hidden == -0.5 * (now == 3.0)[::2].mean()
     assert not evidence(now, label, (REST, 0 * earlier)).any()
     with pytest.raises(ValueError, match='range_m'):
         evidence(now, label, (REST, earlier[:-1]))

@@ -140,7 +140,7 @@ class Mapper:
         return self._closer.is_adjusting
 
     def finish_adjustment(self, limit_s: float) -> None:
-        """Repeat the last global adjustment if keyframes have been added to the map since then.
+        """Adjust the map once more if keyframes were added since the last global adjustment.
 
         Waits up to `limit_s` for a global adjustment that is running, and as long for the repeated
         one; see `LoopCloser.settle`. A map that was never adjusted globally stays as it is.

@@ -7,9 +7,11 @@ import sys
 from hoid_msgs.msg import Features, FeatureVerdicts
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from hoid_common import topics
+from hoid_common.errors import MessageError
 from hoid_common.inputs.input_config import RELIABLE
 from hoid_common.ros import conversions
 from hoid_common.ros.frame_tree import StaticFrameListener
@@ -97,7 +99,9 @@ class RgbdSlamNode(ManagedNode):
         super().destroy_node()
 
     def _on_camera(self, msg: CameraInfo) -> None:
-        self._lifecycle.update_camera(conversions.camera_from_msg(msg), msg.header)
+        camera = conversions.camera_from_msg(msg, self.resolve_topic_name(topics.RGB_IMAGE))
+        header = self._with_frame(msg.header)
+        self._lifecycle.update_camera(camera, header)
 
     def _on_features(self, msg: Features) -> None:
         self._lifecycle.check_image((msg.image_width, msg.image_height))
@@ -105,15 +109,26 @@ class RgbdSlamNode(ManagedNode):
         if session is None:
             self.diagnostics.count('features before camera and base were known')
             return
+        header = self._with_frame(msg.header)
         with exiting_without_mapper():
             tracked = session.track(conversions.features_from_msg(msg))
-            self._outputs.publish_pose(tracked.pose, msg.header)
+            self._outputs.publish_pose(tracked.pose, header)
             done = session.learn(tracked)
         done = self._lifecycle.checkpoints.finish_resume(session, done)
         self._scene.enqueue(done.scene_request)
-        self._outputs.publish_status(done.status, msg.header)
+        self._outputs.publish_status(done.status, header)
         self._diagnose(session, done.status)
         self._tracking_log.update(done.status)
+
+    def _with_frame(self, header: Header) -> Header:
+        """Return the header with a frame that is valid in TF; MessageError if it has none."""
+        try:
+            named = conversions.with_frame(header, self._settings.config.frames.camera)
+        except MessageError as error:
+            self.diagnostics.set_problem('frame', str(error), severe=True)
+            raise
+        self.diagnostics.clear_problem('frame')
+        return named
 
     def _on_verdicts(self, msg: FeatureVerdicts) -> None:
         session = self._lifecycle.session

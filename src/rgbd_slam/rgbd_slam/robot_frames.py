@@ -32,6 +32,21 @@ _LEAST_COVARIANCE = 1e-6 * np.eye(6)
 _MAX_TWIST_GAP_S = 0.5
 
 
+def camera_mount(roll_deg: float, pitch_deg: float, yaw_deg: float) -> FloatArray:
+    """Return T_base_camera (4, 4) of a camera that is mounted turned and tilted on a level base.
+
+    Args:
+        roll_deg: Rotation about the viewing direction, clockwise as seen from behind the camera.
+        pitch_deg: Rotation downwards.
+        yaw_deg: Rotation to the left.
+    """
+    roll, pitch, yaw = np.deg2rad([roll_deg, pitch_deg, yaw_deg])
+    turns = (
+        se3.exp(np.array([*axis, 0, 0, 0])) for axis in ((0, 0, yaw), (0, pitch, 0), (roll, 0, 0))
+    )
+    return np.asarray(next(turns) @ next(turns) @ next(turns) @ T_BODY_OPTICAL)
+
+
 @dataclass(frozen=True, eq=False)
 class RobotPose:
     """The pose of the base as the two edges of the frame tree, and its velocity."""

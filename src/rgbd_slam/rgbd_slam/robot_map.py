@@ -9,7 +9,7 @@ from hoid_common import se3
 from hoid_common.errors import ConfigError
 from hoid_common.values import CameraModel, FloatArray, IntArray, Trajectory
 from rgbd_slam.config.slam_config import CameraConfig
-from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.map_io.map_file import MapFile, check_extendable
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.model.trajectory import keyframe_poses, main_map
@@ -42,6 +42,7 @@ class RobotMap:
         self._camera, self._config = camera, config
         # Whether the map has changed since `take_change` in a way that the statistics do not show.
         self.has_changed = False
+        self._made_with = camera  # the camera of the loaded map, which may be another one
         self._last_stats: SlamStats | None = None
 
     def take_change(self) -> bool:
@@ -50,6 +51,10 @@ class RobotMap:
         changed = self.has_changed or stats != self._last_stats
         self.has_changed, self._last_stats = False, stats
         return changed
+
+    def check_extendable(self) -> None:
+        """Raise MapFileError if the camera differs too much from that of the map to extend it."""
+        check_extendable(self._made_with, self._camera)
 
     def keyframes(self) -> KeyframePoses:
         """Return the keyframe poses of all maps; those of the main map are in the map frame."""
@@ -108,10 +113,10 @@ class RobotMap:
             MapFileError: The map was made with a camera that differs too much to extend it, or
                 with other features; the running map is unchanged.
         """
-        content = content.seen_by(
-            self._camera, self._config.scale_factor, self._config.num_octaves, extend=extend
-        )
-        state = content.map.moved(se3.inverse(self._frames.T_map_core))
+        octaves = self._config.scale_factor, self._config.num_octaves
+        state = content.seen_by(self._camera, *octaves, extend=extend).map
+        state = state.moved(se3.inverse(self._frames.T_map_core))
         uids = self._slam.load(state, keep=keep)
         self.has_changed = True
+        self._made_with = content.camera
         return LoadedMap(uids, self.keyframes())

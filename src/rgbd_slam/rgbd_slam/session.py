@@ -111,7 +111,7 @@ class SlamSession:
     def learn(self, tracked: Tracked) -> Processed:
         """Learn from a tracked image, which may become a keyframe; return all its results.
 
-        They include the request to the scene mapper, if this needs the image.
+        They include the request to the scene mapper, if the scene mapper needs the image.
         """
         if tracked.result is None:
             return Processed(self._status(SlamState.PAUSED), None)
@@ -148,9 +148,12 @@ class SlamSession:
 
         Raises:
             ConfigError: There is no map to localize in.
+            MapFileError: The map was made with a camera that differs too much to extend it.
         """
         if mode is SlamMode.LOCALIZATION and self.slam.map.is_empty:
             raise ConfigError('there is no map to localize in: load one, or map first')
+        if mode is SlamMode.MAPPING:
+            self.robot_map.check_extendable()
         self.slam.map.is_growing = mode is SlamMode.MAPPING
 
     def relocalize_near(self, T_map_base: FloatArray, sigma_m: float, sigma_rad: float) -> None:

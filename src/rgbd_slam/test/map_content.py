@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common import se3
+from rgbd_slam.dense.dense_state import DenseState
+from rgbd_slam.dense.depth_view import DepthView
+from rgbd_slam.dense.stored_view import StoredView
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import MapState, snapshot
-from rgbd_slam.scene.dense_state import DenseState
-from rgbd_slam.scene.stored_view import StoredView
-from rgbd_slam.scene.voxel_map import DepthView
 
 from .ring_world import MODEL, RingWorld, mapped, ring_poses
 
@@ -42,7 +42,7 @@ def dense_of(state: MapState, count: int = 3) -> DenseState:
         StoredView(
             DepthView(
                 rng.integers(0, 5000, (15, 20), np.uint16),
-                rng.integers(0, 256, (8, 10, 3), np.uint8).repeat(2, 0)[:15].repeat(2, 1),
+                rng.integers(0, 256, (8, 10, 3), np.uint8),
             ),
             n,
             se3.exp(np.array([0, 0, 0.1 * n, 0, 0, 0])),

@@ -147,6 +147,17 @@ def test_scale_range_and_direction() -> None:
     np.testing.assert_allclose(atlas.points.view_direction[j[0]], [0, 0, 1])
 
 
+def test_points_that_an_adjustment_moves_out_of_the_world_are_removed(
+    two_keyframes: tuple[Atlas, int, int, IntArray],
+) -> None:
+    atlas, a, b, j = two_keyframes
+    uids = atlas.points.uid[j[:3]]
+    atlas.set_positions(j[:3], np.array([[1.0, 2, 3], [1e30, 0, 0], [np.nan, 0, 0]]))
+    assert np.isin(uids, atlas.points.uid).tolist() == [True, False, False]
+    assert atlas.points.position_m[j[0]].tolist() == [1, 2, 3]
+    assert atlas.observations_of(j[:3]).i.tolist() == [a, b]
+
+
 def test_nothing_but_the_atlas_writes_the_columns_of_its_tables() -> None:
     package = Path(atlas_module.__file__).parents[1]
     columns = {*KeyframeTable.columns, *PointTable.columns}

@@ -7,8 +7,9 @@ import pytest
 
 from hoid_common.values import CameraModel, Float32Array
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.depth_view import DepthCamera, DepthView, in_boxes
+from rgbd_slam.dense.voxel_map import ColoredCloud, PosedView, VoxelMap
 from rgbd_slam.scene.export import write_ply
-from rgbd_slam.scene.voxel_map import ColoredCloud, VoxelMap, in_boxes
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 CONFIG = DenseConfig(pixel_stride=1)
@@ -20,9 +21,15 @@ def wall(depth_m: float) -> Float32Array:
     return np.full((120, 160), depth_m, np.float32)
 
 
+def posed(view: DepthView, x_m: float = 0.0) -> PosedView:
+    T_map_camera = np.eye(4)
+    T_map_camera[0, 3] = x_m
+    return PosedView(view, 0, T_map_camera, 0, 0, np.eye(4))
+
+
 def fuse(voxels: VoxelMap, depth_m: Float32Array, times: int) -> None:
     for _ in range(times):
-        voxels.integrate(voxels.view_of(depth_m, NO_PIXELS, BGR), np.eye(4))
+        voxels.integrate(posed(voxels.camera.view_of(depth_m, NO_PIXELS, BGR)))
 
 
 def test_a_wall_is_mapped_where_it_stands_with_its_color() -> None:
@@ -62,13 +69,6 @@ def test_readings_beyond_the_range_of_the_map_carve() -> None:
     assert len(voxels) == 0
 
 
-def test_only_space_in_front_of_a_surface_is_free() -> None:
-    voxels = VoxelMap(CAMERA, CONFIG)
-    points = np.array([[0, 0, 1.0], [0, 0, 1.9], [0, 0, 1.99], [0, 0, 2.5], [5, 0, 1.0]])
-    is_free = voxels.sees_through(points, voxels.view_of(wall(2.0), NO_PIXELS, BGR), np.eye(4))
-    assert is_free.tolist() == [True, True, False, False, False]
-
-
 def test_nothing_behind_a_surface_is_carved() -> None:
     voxels = VoxelMap(CAMERA, CONFIG)
     fuse(voxels, wall(3.0), 4)
@@ -81,23 +81,32 @@ def test_depth_edges_and_holes_are_left_out() -> None:
     depth = wall(1.0)
     depth[:, 80:] = 2.0
     depth[100:] = 0
-    view = VoxelMap(CAMERA, CONFIG).view_of(depth, NO_PIXELS, BGR)
+    view = DepthCamera(CAMERA, CONFIG).view_of(depth, NO_PIXELS, BGR)
     assert (view.flagged_mm[:, 79:81] == 0).all()
     assert (view.flagged_mm[100:] == 0).all()
     assert (view.flagged_mm[30:90, :70] == 1000).all()
 
 
-def test_the_number_of_voxels_is_bounded() -> None:
-    voxels = VoxelMap(CAMERA, DenseConfig(pixel_stride=1, max_voxels=1000))
-    fuse(voxels, wall(2.0), 3)
-    assert len(voxels) == 1000
+def test_far_voxels_are_kept_in_a_file_and_come_back() -> None:
+    voxels, whole = (
+        VoxelMap(CAMERA, DenseConfig(pixel_stride=1, max_voxels=n)) for n in (12_000, 10**6)
+    )
+    view = voxels.camera.view_of(wall(2.0), NO_PIXELS, BGR)
+    for x_m in (0.0, 4.0, 8.0, 12.0, 0.0):
+        for _ in range(3):
+            for each in (voxels, whole):
+                each.integrate(posed(view, x_m))
+                each.limit_memory(posed(view, x_m).T_map_camera)
+        assert voxels.num_in_memory <= 12_000
+    assert whole.num_in_memory == len(whole) == len(voxels) > 24_000
+    np.testing.assert_array_equal(voxels.cloud().points_m, whole.cloud().points_m)
 
 
 def test_lens_distortion_is_removed() -> None:
     camera = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5, (0.2, -0.3, 0.001, -0.002, 0.1))
     voxels = VoxelMap(camera, CONFIG)
     fuse(voxels, wall(2.0), 1)
-    assert voxels.view_of(wall(2.0), NO_PIXELS, BGR).flagged_mm.shape == (120, 160)
+    assert voxels.camera.view_of(wall(2.0), NO_PIXELS, BGR).flagged_mm.shape == (120, 160)
     fuse(voxels, wall(2.0), 5)
     cloud = voxels.cloud()
     uv = camera.project_px(cloud.points_m.astype(float))
@@ -116,11 +125,11 @@ def test_dynamic_pixels_add_no_surface_but_carve_in_front_of_them() -> None:
     fuse(voxels, wall(1.0), 3)
     before = len(voxels.cloud().points_m)
     is_dynamic = ~NO_PIXELS
-    voxels.integrate(voxels.view_of(wall(1.0), is_dynamic, BGR), np.eye(4))
+    voxels.integrate(posed(voxels.camera.view_of(wall(1.0), is_dynamic, BGR)))
     assert len(voxels.cloud().points_m) == before  # neither confirmed nor carved
-    view = voxels.view_of(wall(2.0), is_dynamic, BGR)
+    view = voxels.camera.view_of(wall(2.0), is_dynamic, BGR)
     for _ in range(3):
-        voxels.integrate(view, np.eye(4))
+        voxels.integrate(posed(view))
     assert len(voxels.cloud().points_m) == 0
     assert len(voxels) == 0
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import InputError
+from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.scene.export import read_ply, write_ply
-from rgbd_slam.scene.voxel_map import ColoredCloud
 
 HEADER = b'ply\nformat binary_little_endian 1.0\nelement vertex 2\n'
 

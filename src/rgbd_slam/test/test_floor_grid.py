@@ -18,10 +18,31 @@ from rgbd_slam.scene.grid import (
     OCCUPIED,
     UNKNOWN,
     Grid,
-    project_grid,
-    require_free_space,
+    SubmapCells,
+    cells_of,
+    compose_grid,
     write_map_server,
 )
+
+ALL_FREE = 0xFFFF
+
+
+def project_grid(
+    points_m: FloatArray,
+    T_map_level: FloatArray,
+    config: GridConfig,
+    unconfirmed_m: FloatArray = np.empty((0, 3)),  # noqa: B008 - is never changed
+    free_above: int = ALL_FREE,
+) -> Grid:
+    """Return the grid of points in the map frame, which it divides among three submaps."""
+    points = np.concatenate([points_m, unconfirmed_m])
+    points = se3.transform(np.asarray(np.linalg.inv(T_map_level), np.float64), points)
+    is_shown = np.arange(len(points)) < len(points_m)
+    free = np.full(len(points), free_above, np.uint16)
+    parts: list[SubmapCells] = [
+        cells_of(points[i::3], is_shown[i::3], free[i::3], config) for i in range(3)
+    ]
+    return compose_grid(parts, T_map_level, config)
 
 
 def room(rng: np.random.Generator) -> FloatArray:
@@ -70,14 +91,22 @@ def test_the_floor_below_an_unconfirmed_point_is_not_free() -> None:
 
 
 def test_the_floor_is_not_free_until_the_space_above_it_is() -> None:
-    points = np.array([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]])
+    points = np.array([[0.5, 0.5, 0.0]])
     config = GridConfig(resolution_m=1.0)
-    grid = project_grid(points, np.eye(4), config)
-    low = require_free_space(grid, config, lambda p: (p[:, 0] < 1) | (p[:, 2] < 0.7))
-    assert low.cells.tolist() == [[FREE, UNKNOWN]]
-    assert require_free_space(grid, config, lambda p: p[:, 2] < 0.8).cells.tolist() == [
-        [FREE, FREE]
-    ]
+    from_10_to_70_cm = sum(1 << k for k in range(2, 14))
+    from_10_to_80_cm = sum(1 << k for k in range(2, 16))
+    for bits, cell in ((0, UNKNOWN), (from_10_to_70_cm, UNKNOWN), (from_10_to_80_cm, FREE)):
+        grid = project_grid(points, np.eye(4), config, free_above=bits)
+        assert grid.cells.tolist() == [[cell]]
+
+
+def test_images_of_two_submaps_together_show_a_cell_to_be_free() -> None:
+    points, config = np.array([[0.5, 0.5, 0.0]]), GridConfig(resolution_m=1.0)
+    shown = np.ones(1, bool)
+    low, high = (np.array([bits], np.uint16) for bits in (0x00FF, 0xFF00))
+    parts = [cells_of(points, shown, bits, config) for bits in (low, high)]
+    assert compose_grid(parts, np.eye(4), config).cells.tolist() == [[FREE]]
+    assert compose_grid(parts[:1], np.eye(4), config).cells.tolist() == [[UNKNOWN]]
 
 
 def nav2_cells(yaml_path: Path) -> tuple[list[list[int]], FloatArray]:

@@ -147,7 +147,7 @@ def test_fewer_points_than_after_the_last_keyframe_are_enough_in_a_new_view(
     ('moved_m', 'turned_rad', 'wanted'),
     [
         (0.0, 0.0, False),
-        (0.15 * DEPTH_M, 0.0, False),
+        (0.08 * DEPTH_M, 0.0, False),
         (0.0, 0.25, True),
         (0.3 * DEPTH_M, 0.0, True),
     ],

@@ -169,6 +169,25 @@ def test_a_loop_edge_moves_the_end_to_where_it_was_measured(
     np.testing.assert_allclose(T[keyframes.tolist().index(int(rows[0]))], truth[0], atol=1e-9)
 
 
+def test_a_loop_in_a_large_map_corrects_the_keyframes_around_it(
+    drifting: tuple[Atlas, IntArray, FloatArray],
+) -> None:
+    atlas, rows, truth = drifting
+    region = region_around(atlas, rows[[0, -1]], 9)
+    assert len(region.rows) == 9
+    assert len(region.border) > 0
+    assert not np.isin(region.border, region.rows).any()
+    covariance = np.diag(np.square([0.001] * 3 + [0.002] * 3))
+    uid = atlas.keyframes.uid[rows]
+    loop = Loop(int(uid[0]), int(uid[-1]), se3.inverse(truth[0]) @ truth[-1], covariance)
+    keyframes, T = closed_poses(atlas, region, [loop], 100)
+    assert keyframes.tolist() == region.rows.tolist()
+    before = atlas.keyframes.T_map_camera[rows[-1]]
+    after = T[keyframes.tolist().index(int(rows[-1]))]
+    drift_m = np.linalg.norm(before[:3, 3] - truth[-1, :3, 3])
+    assert np.linalg.norm(after[:3, 3] - truth[-1, :3, 3]) < 0.8 * drift_m
+
+
 def test_two_maps_become_one_in_the_frame_of_the_older() -> None:
     world, atlas = RingWorld(), Atlas(1.2, 8)
     truth = ring_poses(24, 0.5)

@@ -10,9 +10,9 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.errors import MapFileError
+from rgbd_slam.dense.dense_state import DenseState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.model.map_state import restore, snapshot
-from rgbd_slam.scene.dense_state import DenseState
 
 from .map_content import OCTAVES, SCALE, content, dense_of, new_map, ring, saved
 from .ring_world import CAMERA
@@ -148,7 +148,7 @@ def test_images_come_back_with_colour_at_half_resolution() -> None:
     dense = dense_of(state)
     views = dense.views(np.arange(100, 100 + len(state)))
     assert [view.keyframe_uid for view in views] == [100, 101, 102]
-    assert views[0].view.image_bgr.shape == (15, 20, 3)
+    assert views[0].read().image_bgr.shape == (8, 10, 3)
     again = DenseState.of_views(views, np.arange(100, 100 + len(state)))
     assert again.digest() == dense.digest()
 

@@ -40,7 +40,7 @@ def saved() -> MapState:
 
 
 def errors(results: list[TrackingResult], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return position [m] and rotation [rad] errors, after checking that all images are tracked."""
+    """Return position [m] and rotation [rad] errors; check that all images are tracked."""
     assert all(result.state is SlamState.TRACKING for result in results)
     estimates = np.array([result.T_map_camera for result in results])
     twists = se3.log(se3.inverse(poses) @ estimates)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.robot_frames import T_BODY_OPTICAL, RobotFrames
+from rgbd_slam.robot_frames import T_BODY_OPTICAL, RobotFrames, camera_mount
 
 S = 10**9
 TILT = se3.exp(np.array([0.0, np.deg2rad(20), 0, 0, 0, 0]))  # nose down
@@ -35,6 +35,15 @@ def test_the_map_starts_at_the_base_and_is_level() -> None:
     np.testing.assert_allclose(pose.T_odom_base, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(pose.T_map_odom, np.eye(4), atol=1e-12)
     assert not pose.twist.any()
+
+
+def test_the_mount_of_a_camera_is_given_by_roll_pitch_and_yaw() -> None:
+    np.testing.assert_allclose(camera_mount(0, 20, 0), TILT @ T_BODY_OPTICAL, atol=1e-12)
+    down = camera_mount(0, 45, 0)[:3, 2]  # the viewing direction
+    np.testing.assert_allclose(down, [np.sqrt(0.5), 0, -np.sqrt(0.5)], atol=1e-12)
+    right = camera_mount(90, 0, 0)[:3, 0]  # the image's x axis points to the floor
+    np.testing.assert_allclose(right, [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(camera_mount(0, 0, 90)[:3, 2], [0, 1, 0], atol=1e-12)
 
 
 def test_driving_forward_and_turning() -> None:

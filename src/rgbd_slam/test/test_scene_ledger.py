@@ -1,177 +1,203 @@
-"""The ledger of stored images: consumers follow the corrections of the keyframes."""
+"""The ledger of stored images: voxels follow the corrections of the keyframes."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hoid_common import se3
-from hoid_common.values import FloatArray
+from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.depth_view import DepthView
+from rgbd_slam.dense.stored_view import ViewList
+from rgbd_slam.dense.view_folder import ViewFolder
+from rgbd_slam.dense.voxel_map import VoxelMap
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.scene.scene_ledger import SceneLedger
 from rgbd_slam.scene.scene_scheduler import SceneRequest
-from rgbd_slam.scene.stored_view import ViewCopies
-from rgbd_slam.scene.voxel_map import DepthView
 
+CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 CONFIG = DenseConfig()
-VIEW = DepthView(np.full((6, 8), 2000, np.uint16), np.zeros((6, 8, 3), np.uint8))
-
-
-class Poses:
-    """A consumer that keeps the z coordinate [m] of each integrated camera pose."""
-
-    def __init__(self) -> None:
-        self.z_m: list[float] = []
-
-    def integrate(self, view: DepthView, T_map_camera: FloatArray) -> None:
-        assert view is VIEW
-        self.z_m.append(float(T_map_camera[2, 3]))
-
-    def clear(self) -> None:
-        self.z_m.clear()
+WALL_M = 2.01  # the depth of a wall, in the middle of a voxel
+VIEW = DepthView(np.full((60, 80), 1000 * WALL_M, np.uint16), np.zeros((30, 40, 3), np.uint8))
 
 
 class Bench:
-    """A ledger with two consumers, which must always be equal."""
+    """A ledger and its voxels, fed with images of a wall."""
 
-    def __init__(self, config: DenseConfig = CONFIG) -> None:
-        self.consumers = Poses(), Poses()
-        self.ledger = SceneLedger(self.consumers, config)
+    def __init__(self, folder: Path | None = None) -> None:
+        self.voxels = VoxelMap(CAMERA, CONFIG)
+        self.ledger = SceneLedger(self.voxels, CONFIG, folder)
 
     @property
-    def z_m(self) -> list[float]:
-        first, second = self.consumers
-        assert first.z_m == second.z_m
-        return first.z_m
+    def z_m(self) -> FloatArray:
+        """Return z of all shown points, rounded to millimeters, each value once."""
+        return np.unique(self.voxels.cloud().points_m[:, 2].round(3))
+
+    def add(self, known: KeyframePoses, count: int = 1, uid: int | None = None) -> None:
+        """Add images that were taken at the origin, of the newest keyframe or of another one."""
+        uid = int(known.uids[-1]) if uid is None else uid
+        for _ in range(count):
+            self.ledger.add(SceneRequest(0, np.eye(4), uid, known), VIEW)
 
 
-def keyframes(*uids: int, z_m: float = 0.0, map_id: int = 0, version: int = 1) -> KeyframePoses:
-    map_ids = np.full(len(uids), map_id)
-    T = np.array([forward(z_m)] * len(uids))
-    return KeyframePoses(version, np.array(uids, np.int64), map_ids, 0, T)
+def keyframes(
+    *uids: int, z_m: float | list[float] = 0.0, map_id: int = 0, version: int = 1
+) -> KeyframePoses:
+    z = np.broadcast_to(z_m, len(uids))
+    T = np.array([forward(value) for value in z])
+    return KeyframePoses(version, np.array(uids, np.int64), np.full(len(uids), map_id), 0, T)
 
 
 def forward(z_m: float) -> FloatArray:
     return se3.exp(np.array([0, 0, 0, 0, 0, z_m]))
 
 
-def add(ledger: SceneLedger, known: KeyframePoses, count: int = 1) -> None:
-    for _ in range(count):
-        ledger.add(SceneRequest(0, np.eye(4), int(known.uids[-1]), known), VIEW)
-
-
-def test_all_consumers_integrate_an_image_once_at_its_pose() -> None:
+def test_images_are_fused_at_their_poses() -> None:
     bench = Bench()
-    request = SceneRequest(0, forward(0.5), 0, keyframes(0, z_m=0.2))
-    bench.ledger.add(request, VIEW)
-    np.testing.assert_allclose(bench.z_m, [0.5])
-    ((view, T_map_camera),) = bench.ledger.integrated()
-    assert view is VIEW
-    np.testing.assert_allclose(T_map_camera, forward(0.5), atol=1e-12)
+    for _ in range(3):
+        bench.ledger.add(SceneRequest(0, forward(0.5), 0, keyframes(0, z_m=0.2)), VIEW)
+    assert bench.z_m == pytest.approx([0.5 + WALL_M], abs=0.002)
 
 
-def test_a_large_correction_rebuilds_all_consumers() -> None:
+def test_a_correction_moves_all_voxels_with_their_keyframes() -> None:
     bench = Bench()
-    for i in range(3):
-        add(bench.ledger, keyframes(*range(i + 1)))
-    assert not bench.ledger.correct(keyframes(0, 1, 2))
-    assert bench.ledger.correct(keyframes(0, 1, 2, z_m=0.5))
-    np.testing.assert_allclose(bench.z_m, [0.5] * 3)
+    bench.add(keyframes(0, 1, 2), 3)
+    before = bench.voxels.cloud()
+    assert not bench.ledger.correct(keyframes(0, 1, 2, z_m=0.5))
+    after = bench.voxels.cloud()
+    np.testing.assert_allclose(after.points_m, before.points_m + np.array([0, 0, 0.5]), atol=1e-5)
+    assert not bench.ledger.fuse_bent()
 
 
-def test_small_corrections_wait_unless_forced() -> None:
+def test_a_bent_submap_is_fused_again() -> None:
     bench = Bench()
-    add(bench.ledger, keyframes(0), 4)
-    moved = keyframes(0, z_m=0.02)
-    assert not bench.ledger.correct(moved)
-    assert bench.z_m == [0.0] * 4
-    assert bench.ledger.correct(moved, force=True)
-    np.testing.assert_allclose(bench.z_m, [0.02] * 4)
+    bench.add(keyframes(0, 1), 3, uid=0)
+    bench.add(keyframes(0, 1), 3, uid=1)
+    assert bench.ledger.correct(keyframes(0, 1, z_m=[0.0, 0.1]))
+    assert bench.z_m == pytest.approx([WALL_M], abs=0.002)  # rigid until it is fused again
+    while bench.ledger.fuse_bent():
+        pass
+    assert bench.ledger.num_bent == 0
+    # The newer images see through what the older ones measured, but for its margin.
+    assert bench.z_m == pytest.approx([WALL_M, WALL_M + 0.1], abs=0.002)
+    assert np.mean(bench.voxels.cloud().points_m[:, 2] > WALL_M + 0.05) > 0.9
 
 
-def test_images_of_a_removed_keyframe_are_attached_to_another_one() -> None:
+def test_small_bends_stay_unless_forced() -> None:
+    bench = Bench()
+    bench.add(keyframes(0, 1), 3, uid=0)
+    bench.add(keyframes(0, 1), 3, uid=1)
+    bent = keyframes(0, 1, z_m=[0.0, 0.01])
+    assert not bench.ledger.correct(bent)
+    assert bench.z_m == pytest.approx([WALL_M], abs=0.002)
+    assert bench.ledger.correct(bent, force=True)
+    assert bench.z_m == pytest.approx([WALL_M + 0.005], abs=0.002)
+
+
+def test_images_and_submaps_of_a_removed_keyframe_move_with_another_one() -> None:
     bench = Bench()
     for i in range(4):
-        add(bench.ledger, keyframes(*range(i + 1)))
-    bench.ledger.correct(keyframes(0, 3))
-    assert bench.ledger.correct(keyframes(0, 3, z_m=1.0))
-    np.testing.assert_allclose(bench.z_m, [1.0] * 4)
-    assert {view.keyframe_uid for view in bench.ledger.views} == {0, 3}
+        bench.add(keyframes(*range(i + 1)))
+    bench.ledger.correct(keyframes(1, 3))
+    bench.ledger.correct(keyframes(1, 3, z_m=1.0))
+    assert bench.z_m == pytest.approx([1 + WALL_M], abs=0.002)
+    assert {view.keyframe_uid for view in bench.ledger.views} == {1, 3}
 
 
-def test_images_of_a_removed_map_are_removed() -> None:
+def test_a_removed_map_takes_its_images_and_voxels_along() -> None:
     bench = Bench()
-    add(bench.ledger, keyframes(0), 4)
-    bench.ledger.correct(keyframes(100), force=True)
+    bench.add(keyframes(0), 4)
+    bench.ledger.correct(keyframes(100))
     assert not bench.ledger.views
-    assert bench.z_m == []
+    assert len(bench.voxels) == 0
 
 
-def test_images_of_another_map_wait_until_it_is_merged() -> None:
+def test_voxels_of_another_map_are_shown_once_it_is_merged() -> None:
     bench = Bench()
-    add(bench.ledger, keyframes(0, map_id=1), 4)
-    assert len(bench.ledger.views) == 4
-    assert bench.z_m == []
-    assert bench.ledger.correct(keyframes(0, z_m=1.0))
-    np.testing.assert_allclose(bench.z_m, [1.0] * 4)
-    assert bench.ledger.correct(keyframes(0, map_id=1))
-    assert bench.z_m == []
+    bench.add(keyframes(0, map_id=1), 4)
+    assert len(bench.voxels.cloud().points_m) == 0
+    bench.ledger.correct(keyframes(0, z_m=1.0))
+    assert bench.z_m == pytest.approx([1 + WALL_M], abs=0.002)
+    bench.ledger.correct(keyframes(0, map_id=1))
+    assert len(bench.voxels.cloud().points_m) == 0
 
 
-def test_a_late_request_is_integrated_at_the_corrected_pose() -> None:
+def test_a_late_request_is_fused_at_the_corrected_pose() -> None:
     bench = Bench()
     bench.ledger.correct(keyframes(0, 1, z_m=1.0, version=2))
-    add(bench.ledger, keyframes(0), 3)
-    np.testing.assert_allclose(bench.z_m, [1.0] * 3)
+    bench.add(keyframes(0), 3)
+    assert bench.z_m == pytest.approx([1 + WALL_M], abs=0.002)
 
 
-def test_stored_images_restore_the_consumers() -> None:
+def test_stored_images_restore_the_voxels() -> None:
     first, second = Bench(), Bench()
     for i in range(3):
-        add(first.ledger, keyframes(*range(i + 1)))
+        first.add(keyframes(*range(i + 1)))
     second.ledger.correct(keyframes(0, 1, 2))
     for view in first.ledger.views:
         second.ledger.restore(view)
-    assert second.z_m == first.z_m
+    np.testing.assert_array_equal(second.voxels.cloud().points_m, first.voxels.cloud().points_m)
     second.ledger.restore(replace(first.ledger.views[0], keyframe_uid=99))
     assert len(second.ledger.views) == 3
 
 
-def test_the_most_different_poses_are_kept() -> None:
-    bench = Bench(DenseConfig(max_views=5))
-    for i in range(20):
-        pose = forward(0.1 * (i // 4))  # four images at each of five poses
+def test_the_most_different_poses_are_kept_at_one_place(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    for i in range(130):
+        pose = forward(0.1 * (i // 26))  # 26 images at each of five poses
         bench.ledger.add(SceneRequest(i, pose, 0, keyframes(0)), VIEW)
-    bench.ledger.correct(keyframes(0), force=True)
-    np.testing.assert_allclose(np.unique(np.round(bench.z_m, 6)), [0, 0.1, 0.2, 0.3, 0.4])
+    assert len(bench.ledger.views) == 100
+    assert len(list(tmp_path.iterdir())) == 100
+    z_m = [round(float(view.T_keyframe_camera[2, 3]), 6) for view in bench.ledger.views]
+    assert set(z_m) == {0, 0.1, 0.2, 0.3, 0.4}
+    bench.ledger.clear()
+    assert not list(tmp_path.iterdir())
 
 
-def test_copies_follow_the_changes_and_restore_another_ledger() -> None:
-    bench, copies = Bench(DenseConfig(max_views=3)), ViewCopies()
+def test_a_list_follows_the_changes_and_restores_another_ledger(tmp_path: Path) -> None:
+    bench, reported = Bench(tmp_path), ViewList()
     for i in range(4):
-        add(bench.ledger, keyframes(*range(i + 1)))
+        bench.add(keyframes(*range(i + 1)))
         for change in bench.ledger.take_changes():
-            copies.apply(change)
+            reported.apply(change)
     bench.ledger.correct(keyframes(0, 3))
     for change in bench.ledger.take_changes():
-        copies.apply(change)
-    copied = copies.with_full_color()
-    assert [c.slot for c in copied] == [v.slot for v in bench.ledger.views]
-    assert [c.keyframe_uid for c in copied] == [v.keyframe_uid for v in bench.ledger.views]
-    assert all((c.view.image_bgr == VIEW.image_bgr).all() for c in copied)
+        reported.apply(change)
+    listed = reported.views()
+    assert [view.slot for view in listed] == [view.slot for view in bench.ledger.views]
+    assert [v.keyframe_uid for v in listed] == [v.keyframe_uid for v in bench.ledger.views]
+    assert all((view.read().flagged_mm == VIEW.flagged_mm).all() for view in listed)
     assert not list(bench.ledger.take_changes())
 
-    successor = SceneLedger((), CONFIG)
-    successor.correct(keyframes(0, 3))
-    for view in copied:
-        successor.restore(view)
-    assert not list(successor.take_changes())  # the copies have them already
-    add(successor, keyframes(0, 3))
-    (new,) = successor.take_changes()
-    assert new.slot not in {c.slot for c in copied}
-    successor.clear()
-    for change in successor.take_changes():
-        copies.apply(change)
-    assert copies.with_half_color() == []
+    successor = Bench(tmp_path)
+    successor.ledger.correct(keyframes(0, 3))
+    for view in listed:
+        successor.ledger.restore(view)
+    assert not list(successor.ledger.take_changes())  # the list has them already
+    assert len(successor.voxels) == len(bench.voxels)
+    successor.add(keyframes(0, 3))
+    (new,) = successor.ledger.take_changes()
+    assert new.slot not in {view.slot for view in listed}
+    successor.ledger.clear()
+    for change in successor.ledger.take_changes():
+        reported.apply(change)
+    assert reported.views() == []
+
+
+def test_the_folder_of_a_killed_process_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('tempfile.tempdir', str(tmp_path))
+    abandoned = tmp_path / 'hoid-scene-abandoned'
+    abandoned.mkdir()
+    (abandoned / 'lock').touch()
+    first = ViewFolder()
+    second = ViewFolder()
+    assert {path.name for path in tmp_path.iterdir()} == {first.path.name, second.path.name}
+    first.close()
+    second.close()
+    assert not list(tmp_path.iterdir())

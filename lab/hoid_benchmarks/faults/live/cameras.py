@@ -30,9 +30,8 @@ class Camera(NamedTuple):
 
     width_px: int
     rate_hz: float
-    least_share: (
-        float  # of images with odometry; lower where images exceed the load of one machine
-    )
+    # Required share of images with odometry; lower where one machine cannot process all images.
+    least_share: float
 
 
 _CAMERAS = (

@@ -73,7 +73,7 @@ class Sender:
     """Publishes images of a scene at a rate, and records the outputs of the nodes.
 
     Args:
-        node: Its publishers and subscriptions are used.
+        node: The ROS node that publishes and subscribes.
         scene: The rendered scene.
         rate_hz: Rate of the images.
         is_compressed: Whether images are published as JPEG and compressed depth.
@@ -176,7 +176,7 @@ class Sender:
         return len(set(sent) & {heard.stamp_ns for heard in self.heard}) / len(sent)
 
     def missing_outputs(self, limit_s: float, outputs: tuple[str, ...]) -> tuple[str, ...]:
-        """Publish images until every output has a message for one; return the missing outputs."""
+        """Publish images until every output answers one; return the outputs that did not."""
         end_s, since_ns = time.monotonic() + limit_s, self.now_ns()
         self.newest_ns.clear()
         while time.monotonic() < end_s:

@@ -27,7 +27,8 @@ from hoid_common.process.entry import EXIT_CONFIG
 
 _LOG = logging.getLogger(__name__)
 
-# A node ends itself after this time at the latest, and `ros2 launch` waits as long before it kills.
+# A node ends itself after this time at the latest, and `ros2 launch` waits as long before it
+# kills.
 _GRACE_S = 10.0
 _MEMORY_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
 RESTART_PERIOD_S = 1.0  # chosen: a node that fails at once does not take a whole processor
@@ -52,7 +53,7 @@ class ProcessExit:
 
     @property
     def refused_to_start(self) -> bool:
-        """Return whether the child has rejected its configuration; a restart would fail as well."""
+        """Return whether the child rejected its configuration; a restart would fail as well."""
         return self.status == EXIT_CONFIG
 
     def __str__(self) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from hoid_common.errors import ConfigError, MapFileError
 from hoid_common.io.files import check_writable
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import SUFFIX, MapFile
 from rgbd_slam.map_joining import MapJoin, join_maps
@@ -66,13 +67,13 @@ def _described(path: Path, content: MapFile) -> Sequence[str]:
     sizes = np.sort(np.bincount(state.map_id))[::-1]
     extent_m = np.ptp(state.T_map_camera[:, :3, 3], axis=0)
     lens = f'fx={camera.fx_px:g} fy={camera.fy_px:g}'
-    views = 0 if content.dense is None else len(content.dense)
+    unit = 'voxels' if isinstance(content.dense, SubmapState) else 'images'
     lines = [
         f'{path}: {path.stat().st_size / _MB:.1f} MB',
         f'keyframes  {len(state)}, over {" x ".join(f"{side:.1f}" for side in extent_m)} m',
         f'points     {len(state.position_m)}',
         f'camera     {camera.width_px}x{camera.height_px}, {lens}',
-        f'dense map  {views} images' if views else 'dense map  none',
+        f'dense map  {len(content.dense)} {unit}' if content.dense else 'dense map  none',
     ]
     if len(sizes) > 1:
         lines.append(

@@ -19,11 +19,10 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Summary
 from hoid_common.io.files import check_writable
 from hoid_common.slam_status import SlamMode
-from hoid_common.values import Detections, DynamicObject, FilterResult, RgbdFrame
+from hoid_common.values import Detections, DynamicObject, FilterResult, FloatArray, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneScheduler
 from rgbd_slam.session import Processed, SlamSession
@@ -43,6 +42,7 @@ class OfflinePipeline:
         detect: Function that returns the detections of a frame; None: the configured detector.
         find_features: Function that returns the features of a frame; None: the configured filter.
         dense: Whether to make the dense map and the grid as well.
+        T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
     """
 
     def __init__(
@@ -53,6 +53,7 @@ class OfflinePipeline:
         *,
         find_features: Callable[[RgbdFrame, Detections | None], FilterResult] | None = None,
         dense: bool = False,
+        T_base_camera: FloatArray | None = None,
     ) -> None:
         self._detect = detect or detection_source(sequence, config)
         self._find_features = (
@@ -61,7 +62,7 @@ class OfflinePipeline:
         self._session = SlamSession(
             sequence.camera,
             config.slam,
-            RobotFrames(),
+            RobotFrames(T_base_camera),
             scene_scheduler=SceneScheduler(config.slam.dense.rate_hz if dense else None, None),
         )
         self._scene = SceneMapper(sequence.camera, config.slam.dense, config.slam.objects)
@@ -94,10 +95,8 @@ class OfflinePipeline:
             HoidError: The file cannot be written.
         """
         content = self._session.robot_map.export()
-        keyframes = self._session.robot_map.keyframes()
-        self._scene.ledger.correct(keyframes)
-        if views := self._scene.ledger.views:
-            content = content._replace(dense=DenseState.of_views(views, keyframes.uids))
+        self._scene.ledger.correct(self._session.robot_map.keyframes())
+        content = content._replace(dense=self._scene.export())
         path.parent.mkdir(parents=True, exist_ok=True)
         map_file.save(path, content)
 
@@ -156,7 +155,10 @@ class OfflinePipeline:
         cloud = scene.cloud() if scene.num_voxels else None
         grid = scene.grid(cloud) if cloud is not None else None
         if cloud is not None and grid is None:
-            _LOG.warning('no grid was written, as no floor was observed')
+            _LOG.warning(
+                'no grid was written: no level floor was found below the camera; if the camera is '
+                'mounted tilted or turned, give --mount ROLL PITCH YAW (base_frame for the nodes)'
+            )
         return RunResult(
             input_name=sequence.name,
             recording=recording,
@@ -200,6 +202,7 @@ def run_offline(
     options: Mapping[str, Any] | None = None,
     recording: Path | None = None,
     maps: MapFiles = MapFiles(),  # noqa: B008 - immutable
+    T_base_camera: FloatArray | None = None,
     show_progress: bool = True,
 ) -> Summary:
     """Process every frame of a recording and write the results.
@@ -213,6 +216,7 @@ def run_offline(
         options: Options to write into the summary; by default, all changed parameters.
         recording: Path of the recording to write into the summary.
         maps: Map files to load and to save.
+        T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
@@ -220,7 +224,7 @@ def run_offline(
     """
     check_writable(out_dir)
     maps.check()
-    pipeline = OfflinePipeline(sequence, config, detect, dense=dense)
+    pipeline = OfflinePipeline(sequence, config, detect, dense=dense, T_base_camera=T_base_camera)
     if maps.load is not None:
         pipeline.load_map(maps.load, localize=maps.localize)
     bar = progress(sequence, len(sequence), 'frames', show=show_progress)

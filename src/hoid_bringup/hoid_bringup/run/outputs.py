@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -49,6 +50,18 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
         plot_run(stage / PICTURE, result.final, aligned, _title(summary))
         (stage / SUMMARY).write_text(summary.to_json(), encoding='utf-8')
     return summary
+
+
+def num_frames_of_run(trajectory: Path) -> int | None:
+    """Return `frames_total` of the run that wrote a trajectory, or None if no run did."""
+    path = trajectory.parent / SUMMARY
+    if trajectory.name not in (FINAL, ONLINE) or not path.is_file():
+        return None
+    try:
+        number = json.loads(path.read_text(encoding='utf-8'))['frames_total']
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return number if isinstance(number, int) and number > 0 else None
 
 
 @contextmanager

@@ -17,8 +17,8 @@ import numpy as np
 from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_common.errors import InputError
 from hoid_common.values import FloatArray, Trajectory
+from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.scene.grid import Grid
-from rgbd_slam.scene.voxel_map import ColoredCloud
 
 _LOG = logging.getLogger(__name__)
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'rosbags', 'evo')

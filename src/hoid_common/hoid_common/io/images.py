@@ -62,6 +62,8 @@ _COLOR: dict[str, tuple[str, int, int | None]] = {
     'nv12': ('u1', 1, cv2.COLOR_YUV2BGR_NV12),
     'nv21': ('u1', 1, cv2.COLOR_YUV2BGR_NV21),
 }
+# Chosen: a median depth that no depth camera measures, and a sample of the pixels.
+_MAX_MEDIAN_M, _UNIT_STRIDE_PX, _MIN_READINGS = 100.0, 16, 50
 _WITH_CHROMA_ROWS = ('nv12', 'nv21')  # half as many rows follow those of the image
 _DEPTH_TYPES: dict[str, np.dtype[Any]] = {
     '16UC1': np.dtype('u2'),
@@ -122,8 +124,24 @@ def decode_depth(image: RawImage) -> Float32Array:
         raise MessageError(
             f'depth image has encoding "{image.encoding}"; use 16UC1 (mm) or 32FC1 (m)'
         )
-    pixels = _pixels(image, _DEPTH_TYPES[image.encoding], 1)
-    return _meters(pixels)
+    depth_m = _meters(_pixels(image, _DEPTH_TYPES[image.encoding], 1))
+    check_depth_unit(depth_m, f'{image.encoding}; publish floats in m and whole numbers in mm')
+    return depth_m
+
+
+def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
+    """Raise MessageError if depth (H, W) is so large that its unit must be wrong.
+
+    Args:
+        depth_m: Depth in m; 0: no reading.
+        unit: What determines the unit and how to correct it, which ends the error.
+    """
+    sample = depth_m[::_UNIT_STRIDE_PX, ::_UNIT_STRIDE_PX]
+    readings = sample[sample > 0]
+    if len(readings) >= _MIN_READINGS and (median_m := float(np.median(readings))) > _MAX_MEDIAN_M:
+        raise MessageError(
+            f'depth image has a median of {median_m:.0f} m, so its unit is wrong: it is {unit}'
+        )
 
 
 def decode_compressed_color(data: Buffer) -> ByteArray:

@@ -45,10 +45,10 @@ class OrderedStamps(NamedTuple):
     def __str__(self) -> str:
         """Return what was wrong with the order as text, or '' if nothing was."""
         parts = (
-            (self.num_repeated, 'items with the stamp of another one left out'),
-            (self.num_late, 'late items sorted in'),
+            (self.num_repeated, 'repeated stamps left out'),
+            (self.num_late, 'late stamps sorted in'),
         )
-        return ', '.join(f'{number} {what}' for number, what in parts if number)
+        return ', '.join(f'{what}: {number}' for number, what in parts if number)
 
 
 def in_order(stamps_ns: Sequence[int] | IntArray) -> OrderedStamps:

@@ -7,16 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.io.stamps import format_stamp_s
 from hoid_common.io.tum_text import read_numbers
+from hoid_common.sync import RESTART_NS
 from hoid_common.values import FloatArray, Trajectory
 
-# Chosen: published files round quaternions to four decimals. A norm below this or above its inverse
-# is not caused by rounding.
+# Chosen: published files round quaternions to four decimals. A norm below this or above its
+# inverse is not caused by rounding.
 _MIN_QUATERNION_NORM = 0.5
 
 
@@ -44,23 +46,50 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     write_tum_parts(path, [trajectory])
 
 
-def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> int:
-    """Write consecutive parts of a trajectory as a TUM file, and return the number of poses.
+class WrittenPoses(NamedTuple):
+    """Numbers of poses of a trajectory file."""
 
-    Only one part at a time is in memory.
+    num_written: int
+    num_earlier: int  # left out: poses from before time started anew
+    num_repeated: int  # left out: poses whose stamp is not later than the one before
+
+    def __str__(self) -> str:
+        text = f'{self.num_written} poses'
+        if self.num_earlier:
+            text += f' since time started anew ({self.num_earlier} earlier ones left out)'
+        if self.num_repeated:
+            text += f' ({self.num_repeated} with a repeated or older stamp left out)'
+        return text
+
+
+def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> WrittenPoses:
+    """Write consecutive parts of a trajectory as a TUM file with increasing stamps.
+
+    Where a bag is played in a loop or a simulator restarts, stamps start anew. evo and other tools
+    refuse such a file, so that it contains the poses of the last pass. Only one part at a time is
+    in memory.
     """
-    num_poses = 0
+    num_written = num_earlier = num_repeated = newest_ns = 0
     with path.open('w', encoding='utf-8') as file:
         file.write('# timestamp tx ty tz qx qy qz qw\n')
-        for part in parts:
-            file.writelines(_lines(part))
-            num_poses += len(part)
-    return num_poses
+        start = file.tell()
+        for stamp_ns, line in (pose for part in parts for pose in _lines(part)):
+            if num_written and newest_ns - stamp_ns >= RESTART_NS:
+                file.seek(start)
+                file.truncate()
+                num_earlier, num_written = num_earlier + num_written, 0
+            if num_written and stamp_ns <= newest_ns:
+                num_repeated += 1
+                continue
+            file.write(line)
+            newest_ns, num_written = stamp_ns, num_written + 1
+    return WrittenPoses(num_written, num_earlier, num_repeated)
 
 
-def _lines(trajectory: Trajectory) -> Iterator[str]:
-    """Yield the line of each pose."""
+def _lines(trajectory: Trajectory) -> Iterator[tuple[int, str]]:
+    """Yield stamp and line of each pose."""
     quats_xyzw = se3.quat_xyzw_from_rotation(trajectory.T_world_camera[:, :3, :3])
     rows = np.hstack([trajectory.T_world_camera[:, :3, 3], quats_xyzw])
     for stamp_ns, row in zip(trajectory.stamps_ns.tolist(), rows.tolist(), strict=True):
-        yield f'{format_stamp_s(stamp_ns)} {" ".join(f"{value:.9f}" for value in row)}\n'
+        values = ' '.join(f'{value:.9f}' for value in row)
+        yield stamp_ns, f'{format_stamp_s(stamp_ns)} {values}\n'

@@ -49,8 +49,8 @@ class ChildTimeoutError(HoidError):
     """The child process runs, but has not reported in time."""
 
 
-# Set when this process has a fork server. A child process that starts children of its own, which is
-# rare, has no fork server.
+# Set when this process has a fork server. A child process that starts children of its own, which
+# is rare, has no fork server.
 _has_server = Event()
 
 

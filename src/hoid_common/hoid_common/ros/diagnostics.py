@@ -19,15 +19,17 @@ from rclpy.node import Node
 
 from hoid_common import topics
 from hoid_common.errors import HoidError
+from hoid_common.inputs.input_log import InputLog
 from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.log_throttle import Backoff, LogThrottle
 from hoid_common.ros import qos
-from hoid_common.ros.input_log import InputLog
 
 _PERIOD_S = 1.0  # of the messages; diagnostic_updater's default
 _LOG_PERIOD_S = 5.0  # chosen: shortest time between two log lines of the same kind
 _MAX_LOG_PERIOD_S = 300.0  # chosen: longest time between two log lines about one problem
 _PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+_FILTER = 'hoid_filter'
+_SUITE = ('hoid_detector', _FILTER, 'rgbd_slam')  # names of nodes, which a remap may change
 
 
 class _Problem(NamedTuple):
@@ -50,7 +52,7 @@ class Diagnostics:
         self._problems: dict[str, _Problem] = {}
         self._throttle = LogThrottle(_LOG_PERIOD_S)
         self._backoffs: dict[str, Backoff] = {}  # of the problems that come and go, by name
-        self._input_log = InputLog(node)
+        self._input_log = InputLog(node.get_logger(), self._is_cause, time.monotonic())
         self._profile = _transport_profile()
         self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.OUTPUT)
         # Not ROS time: with use_sim_time and no /clock, the timer would never report that.
@@ -173,11 +175,25 @@ class Diagnostics:
         infos = self._node.get_publishers_info_by_topic(topic)
         return [info.qos_profile.reliability.name.lower() for info in infos]
 
+    def _is_cause(self, topic: str) -> bool:
+        """Return whether this node logs that the messages of a topic are missing.
+
+        Otherwise one missing camera would be logged by all nodes. Of the nodes that subscribe to
+        the camera, only the filter logs it; and a node that waits for a silent node of the suite
+        logs nothing, since that one logs what it waits for.
+        """
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        if publishers and all(info.node_name in _SUITE for info in publishers):
+            return False
+        subscribers = self._node.get_subscriptions_info_by_topic(topic)
+        is_filter = self._node.get_name() == _FILTER
+        return is_filter or all(info.node_name != _FILTER for info in subscribers)
+
     def _publish(self) -> None:
         missing, others = self._missing_inputs(), self._other_problems()
         msg = DiagnosticArray(status=[self._status([*missing.values(), *others.values()])])
         msg.header.stamp = self._node.get_clock().now().to_msg()
-        self._input_log.update(self._watches, missing, others)
+        self._input_log.update(time.monotonic(), self._watches, missing, others)
         self._publisher.publish(msg)
 
 

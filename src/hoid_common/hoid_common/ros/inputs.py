@@ -1,4 +1,4 @@
-"""Subscriptions whose QoS and transport are parameters, with reports of bad or missing messages."""
+"""Subscriptions with parameters for QoS and transport; they report bad or missing messages."""
 
 from __future__ import annotations
 
@@ -133,7 +133,8 @@ class _Input:
     ) -> None:
         self._node, self._watch, self._on_bytes = node, watch, on_bytes
         self._type, self._topic, self._depth = type_, topic, depth
-        self._last_latched: bytes | None = None
+        self._last: tuple[bytes, float] | None = None  # last latched message, and its time
+        self._has_latched = False  # whether there is a second subscription
         if watch.reliability == AUTO:
             self._request_reliable()
         else:
@@ -142,6 +143,8 @@ class _Input:
             # Not at once: drivers log each subscription that requests more than they offer.
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._timer = node.create_timer(_LOOK_S, self._find_latched, clock=steady)
+            if isinstance(node, ManagedNode):
+                node.on_activation.append(self._repeat_last)
 
     def _request_reliable(self) -> None:
         def relax(_info: object) -> None:
@@ -174,21 +177,29 @@ class _Input:
         )
 
     def _find_latched(self) -> None:
-        """Once a publisher keeps its last message, subscribe also to that one."""
+        """Subscribe also to a publisher's stored last message, once a publisher stores it."""
         infos = self._node.get_publishers_info_by_topic(self._watch.topic)
         kept = DurabilityPolicy.TRANSIENT_LOCAL
         if any(info.qos_profile.durability == kept for info in infos):
             self._timer.cancel()
+            self._has_latched = True
             self._make(qos.LATCHED, SubscriptionEventCallbacks(use_default_callbacks=False))
 
     def _on_message(self, data: bytes) -> None:
+        now_s = time.monotonic()
         if self._watch.is_latched:
-            if data == self._last_latched:  # received by both subscriptions
+            last, self._last = self._last, (data, now_s)
+            is_repeated = last is not None and last[0] == data and now_s - last[1] < _LOOK_S
+            if self._has_latched and is_repeated:  # both subscriptions have received it
                 return
-            self._last_latched = data
-        self._watch.record_message(time.monotonic())
+        self._watch.record_message(now_s)
         if not isinstance(self._node, ManagedNode) or self._node.is_active:
             self._on_bytes(data)
+
+    def _repeat_last(self) -> None:
+        """Process the last latched message, which the node dropped if it was not active yet."""
+        if self._has_latched and self._last is not None:
+            self._on_bytes(self._last[0])
 
     def _on_lost(self, info: Any) -> None:
         self._watch.record_loss(time.monotonic(), info.total_count_change)
@@ -230,8 +241,8 @@ def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
         if type_ is Image:
             return conversions.image_from_cdr(data)
         return deserialize_message(data, type_)
-    # image_from_cdr raises MessageError. rclpy raises RMWError (a RuntimeError), ValueError for text
-    # that is not UTF-8, and MemoryError for impossible lengths.
+    # image_from_cdr raises MessageError. rclpy raises RMWError (a RuntimeError), ValueError for
+    # text that is not UTF-8, and MemoryError for impossible lengths.
     except (MessageError, RuntimeError, ValueError, MemoryError) as error:
         name = f'{type_.__module__.partition(".")[0]}/{type_.__name__}'
         raise MessageError(

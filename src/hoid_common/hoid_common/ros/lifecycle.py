@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from hoid_common.errors import ConfigError, HoidError
@@ -30,6 +32,7 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         self.is_active = False
         self._autostart = True
         self._failure: HoidError | None = None
+        self.on_activation: list[Callable[[], None]] = []  # called when the node becomes active
 
     def configure(self) -> None:
         """Load what the node needs to process messages.
@@ -82,6 +85,8 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Start processing messages."""
         self.is_active = True
+        for function in self.on_activation:
+            function()
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:

@@ -120,7 +120,7 @@ def _do_nothing(_sign: int, _frame: FrameType | None) -> None:
 
 
 def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
-    """Set the handler of SIGINT and the termination signals; with `nohup`, SIGHUP stays ignored."""
+    """Set the handler of SIGINT and termination signals; with `nohup`, SIGHUP stays ignored."""
     for sign in (signal.SIGINT, *TERMINATION_SIGNALS):
         if sign != signal.SIGHUP or signal.getsignal(sign) is not signal.SIG_IGN:  # `nohup`
             signal.signal(sign, handler)

@@ -1,4 +1,4 @@
-"""Class names of a model, from a file or from the model's metadata, and the names of COCO."""
+"""Class names of a model, from a file or from its metadata."""
 
 from __future__ import annotations
 
@@ -7,16 +7,10 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from hoid_common import coco
 from hoid_common.errors import InputError, ModelError
 from hoid_common.io.untrusted import read_text
 from hoid_common.io.yaml_file import parse_yaml
 from hoid_common.values import PERSON
-
-COCO = coco.COCO
-_UNUSED_COCO_IDS = (12, 26, 29, 30, 45, 66, 68, 69, 71, 83)
-COCO_IDS = tuple(i for i in range(1, 91) if i not in _UNUSED_COCO_IDS)
-"""Ids that COCO's annotations give to the names in `COCO`: 80 of the numbers from 1 to 90."""
 
 _MAX_FILE_BYTES = 1_000_000  # chosen: far above any list of class names
 # Keys that exporters use; Ultralytics writes `names`.
@@ -41,7 +35,7 @@ def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[st
 
     Args:
         names: Names of the classes of a model.
-        person_names: Names of classes of people in any case; empty: none is required.
+        person_names: Synonyms of `person`, in any case; empty if no class of people is required.
 
     Raises:
         ModelError: No class has one of these names.
@@ -73,12 +67,12 @@ def names_in_file(path: Path) -> tuple[str, ...]:
 
 
 def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the class names in a model's metadata; None if they have no key for names.
+    """Return the class names in a model's metadata; None if the metadata have no key for names.
 
     The value may be a dict or list literal, or names separated by commas.
 
     Raises:
-        ModelError: The value is no list of names.
+        ModelError: The value is not a list of names.
     """
     for key in _METADATA_KEYS:
         if text := metadata.get(key):
@@ -101,7 +95,7 @@ def _parse(key: str, text: str) -> tuple[str, ...]:
 
 
 def _literal(text: str) -> object:
-    """Return a Python, JSON or YAML literal, else the names between commas and line ends."""
+    """Return the value of a Python, JSON or YAML literal; else the parts between commas."""
     try:
         return ast.literal_eval(text)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):

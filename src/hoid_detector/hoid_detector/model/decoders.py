@@ -1,7 +1,7 @@
 """Decoders of network outputs into candidate boxes, one for each kind of output.
 
-All return boxes (x1, y1, x2, y2) in pixels of the network input, and only those whose score
-reaches the threshold.
+Every decoder returns boxes (x1, y1, x2, y2) in pixels of the network input, and only boxes whose
+score is at least the threshold.
 """
 
 from __future__ import annotations
@@ -80,10 +80,10 @@ class AnchorDecoder:
 
 @dataclass(frozen=True)
 class LogitsDecoder:
-    """Decodes a network of the DETR family; the fields are the indices of its outputs."""
+    """Decodes a network of the DETR family, whose boxes and logits are separate outputs."""
 
-    boxes: int  # output (1, N, 4): cx cy w h as fractions of the input
-    logits: int  # output (1, N, C): logits of the C classes
+    boxes: int  # index of the output (1, N, 4): cx cy w h as fractions of the input
+    logits: int  # index of the output (1, N, C): logits of the C classes
     classes: tuple[int, ...]  # columns of `logits` in the order of the class names
     softmax: bool  # the last column is "no object"; else each class has a sigmoid of its own
 
@@ -103,11 +103,11 @@ class LogitsDecoder:
 
 @dataclass(frozen=True)
 class BoxesScoresDecoder:
-    """Decodes boxes and class scores that are outputs of their own (YOLO-NAS)."""
+    """Decodes networks with one output of boxes and one of class scores (YOLO-NAS)."""
 
-    boxes: int  # (1, N, 4), x1 y1 x2 y2
-    scores: int  # (1, N, C)
-    normalized: bool  # boxes are fractions of the input, else pixels
+    boxes: int  # index of the output (1, N, 4): x1 y1 x2 y2
+    scores: int  # index of the output (1, N, C)
+    normalized: bool  # whether boxes are fractions of the network input, else pixels
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold."""
@@ -145,12 +145,12 @@ def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array
 def _best_class(
     boxes_xyxy: Float32Array, class_scores: Float32Array, threshold: float
 ) -> Candidates:
-    """Return boxes (N, 4) with their best class and its score, where it reaches the threshold.
+    """Return the boxes whose best class score is at least the threshold, with class and score.
 
     Args:
         boxes_xyxy: (N, 4) boxes.
         class_scores: (N, C) scores of all classes.
-        threshold: Least score.
+        threshold: Lowest score of a returned box.
     """
     class_ids = class_scores.argmax(axis=1)
     scores = np.take_along_axis(class_scores, class_ids[:, None], axis=1)[:, 0]
@@ -163,7 +163,14 @@ def _xyxy_from_cxcywh(boxes: Float32Array) -> Float32Array:
 
 
 def in_pixels(found: Candidates, size_wh: Size, *, normalized: bool) -> Candidates:
-    """Return candidates in pixels of the input, from fractions of it if `normalized`."""
+    """Return candidates in pixels of the network input.
+
+    Args:
+        found: Candidates.
+        size_wh: Width and height of the network input.
+        normalized: Whether the boxes of `found` are fractions of the network input; False if
+            they are in pixels already.
+    """
     if not normalized:
         return found
     return found._replace(boxes_xyxy_px=found.boxes_xyxy_px * np.array(size_wh * 2, np.float32))

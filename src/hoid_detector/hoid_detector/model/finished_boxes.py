@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_common.coco import COCO, COCO_IDS
 from hoid_common.errors import ModelError
 from hoid_common.values import Float32Array, IntArray
-from hoid_detector.model.class_names import COCO, COCO_IDS
 from hoid_detector.model.decoders import Candidates, Outputs, Size, in_pixels
 
 _LOG = logging.getLogger(__name__)

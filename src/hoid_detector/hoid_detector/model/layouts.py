@@ -26,9 +26,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_common.coco import COCO, COCO_IDS
 from hoid_common.errors import ModelError
 from hoid_common.values import Float32Array
-from hoid_detector.model.class_names import COCO, COCO_IDS, names_in_metadata
+from hoid_detector.model.class_names import names_in_metadata
 from hoid_detector.model.decoders import (
     AnchorDecoder,
     BoxesScoresDecoder,
@@ -76,7 +77,7 @@ class Layout(NamedTuple):
     name: str
     preprocessing: Preprocessing
     decode: Decoder
-    num_classes: int | None  # None: the outputs do not show the number
+    num_classes: int | None  # None if the outputs do not show the number
     needs_nms: bool  # whether non-maximum suppression must follow
 
 
@@ -89,7 +90,8 @@ class LayoutEntry:
     needs_nms: bool  # whether non-maximum suppression must follow
     has_one_output: bool
     matches: Callable[[Probe], bool]  # returns whether a network seems to have this layout
-    # Returns the decoder for a network and its number of classes; None: the outputs do not show it.
+    # Returns the decoder for a network, and its number of classes (None if the outputs do not
+    # show the number).
     decoder: Callable[[Probe], tuple[Decoder, int | None]]
 
 
@@ -163,7 +165,7 @@ def _separate_outputs_decoder(probe: Probe) -> tuple[Decoder, int | None]:
 
 
 def _num_valid_rows(output: NDArray[Any]) -> int:
-    """Return the row count in an output of one element; 0 where it is not finite."""
+    """Return the number of valid rows that an output of one element states; 0 if not finite."""
     number = float(output.reshape(-1)[0])
     return max(int(number), 0) if np.isfinite(number) else 0
 

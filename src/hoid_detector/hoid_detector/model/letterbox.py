@@ -28,7 +28,7 @@ class Placement(NamedTuple):
     height_px: int
 
     def boxes_to_image(self, boxes_xyxy_px: Float32Array, *, clip: bool = True) -> Float32Array:
-        """Return (N, 4) boxes in image pixels, by default clipped to the image."""
+        """Return boxes (N, 4) in image pixels; with `clip`, they are limited to the image."""
         offset = np.array([self.left_px, self.top_px] * 2, np.float32)
         scale = np.array([self.scale_x, self.scale_y] * 2, np.float32)
         limit = np.array([self.image_width_px, self.image_height_px] * 2, np.float32)

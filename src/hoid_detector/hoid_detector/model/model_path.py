@@ -32,8 +32,8 @@ class _KnownModel(NamedTuple):
     url: str  # empty: never downloaded, as the license of the weights is not permissive
 
 
-# The first model is the default (decision 025). On two cores, YOLOX-nano takes 8 ms for an image and
-# YOLOv8n 50 ms.
+# The first model is the default (decision 025). On two cores, YOLOX-nano takes 8 ms for an image
+# and YOLOv8n 50 ms.
 _KNOWN = {
     'yolox_nano': _KnownModel(
         '695e750a5d5754bb5a8d5325643b59282191a7e7a564e435a415fd3c578eab14',
@@ -56,7 +56,7 @@ def find_model(requested: str | None = None) -> Path:
     A known model that is not found may be downloaded into the user's cache.
 
     Args:
-        requested: Path of an ONNX file or name of a known model; None or empty: no request.
+        requested: Path of an ONNX file or name of a known model; None or empty for the default.
 
     Raises:
         ModelError: The requested model does not exist.

@@ -133,10 +133,10 @@ def _open(path: Path, providers: list[str], threads: int) -> ort.InferenceSessio
 
 
 def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort.NodeArg | None]:
-    """Return the image input of a model, and its input for the image size (None: it has none).
+    """Return the image input of a model, and the input for the image size or None.
 
     Raises:
-        ModelError: The model has other inputs.
+        ModelError: The model has inputs of other kinds.
     """
     images = [i for i in inputs if len(i.shape) == 4 and 3 in i.shape[1::2] and i.type in _DTYPES]
     sizes = [
@@ -150,7 +150,7 @@ def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort
 
 @contextmanager
 def _model_errors(what: str) -> Iterator[None]:
-    """Raise errors of onnxruntime in the block as a ModelError of one line, beginning with `what`."""
+    """Turn errors of onnxruntime in the block into a ModelError that starts with `what`."""
     try:
         yield
     except _ORT_ERRORS as error:

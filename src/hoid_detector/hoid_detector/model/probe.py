@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_common.coco import COCO
 from hoid_common.errors import ModelError
 from hoid_common.values import Float32Array
-from hoid_detector.model.class_names import COCO
 from hoid_detector.model.decoders import Size, cells
 from hoid_detector.model.finished_boxes import LARGEST_NORMALIZED
 
@@ -110,7 +110,7 @@ class Probe:
             raise self.unknown()
 
     def unknown(self) -> ModelError:
-        """Return the error of a model whose layout is none of the known ones."""
+        """Return the error that states that the model's layout is unknown."""
         width, height = self.size_wh
         names = '' if self.num_classes is None else f' and {self.num_classes} class names'
         task = f', task {self.metadata["task"]}' if 'task' in self.metadata else ''

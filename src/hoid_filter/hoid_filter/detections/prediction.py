@@ -23,14 +23,15 @@ class BoxPredictor:
         self._previous: Detections | None = None
 
     def observe(self, detections: Detections) -> None:
-        """Store new detections, unless they are no newer than the last ones."""
+        """Store detections if they are newer than the stored detections."""
         if self._last is None or detections.stamp_ns > self._last.stamp_ns:
             self._previous, self._last = self._last, detections
 
     def predict(self, stamp_ns: int) -> Detections:
         """Return the boxes predicted for a stamp.
 
-        There are none when no detections are stored or the last ones are more than `limit_s` away.
+        The result is empty if no detections are stored, or if the newest are more than `limit_s`
+        older than the stamp.
         """
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)

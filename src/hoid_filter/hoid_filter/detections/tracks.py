@@ -56,12 +56,12 @@ class BoxTrack:
 
     @property
     def is_established(self) -> bool:
-        """Return whether the track has so many detections that it is hardly a false one."""
+        """Return whether the track has enough detections that it is probably not false."""
         return self.hits >= _ESTABLISHED_HITS
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether the track counts: it has a trusted detection, or enough doubtful ones."""
+        """Return whether the track is used: after one trusted or enough doubtful detections."""
         return self.hits >= self.hits_to_confirm
 
     def observe(

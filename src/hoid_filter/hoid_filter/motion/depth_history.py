@@ -103,7 +103,7 @@ class DepthHistory:
         )
 
     def _nearest(self, now_s: float, age_s: float) -> _PastDepth | None:
-        """Return the stored depth image of about the age `age_s`; None if there is none."""
+        """Return the stored depth image of about the age `age_s`; None if none is stored."""
         if not self._past:
             return None
         tolerance_s = max(_AGE_TOLERANCE * age_s, _MIN_AGE_TOLERANCE_S)

@@ -18,8 +18,8 @@ from hoid_filter.motion.downscaled_camera import DownscaledCamera
 from hoid_native import depth_segments
 from hoid_native.results import Segments
 
-# Chosen, 1/8 of the image: side of the grid cells at whose borders segments are cut. Static surface
-# that touches a moving object is then masked with it in one cell at most.
+# Chosen, 1/8 of the image: side of the grid cells at whose borders segments are cut. Static
+# surface that touches a moving object is then masked with it in one cell at most.
 _SEGMENT_CELL_PX = 20
 
 

@@ -17,9 +17,9 @@ from hoid_native import propagate_log_odds
 # image, so that the result does not depend on the frame rate.
 EVIDENCE_PERIOD_S = 1 / 30
 _MAX_EVIDENCE_SCALE = 4.0  # chosen: after a gap, one image must not decide alone
-# Coefficients of 1, z and z^2. Chosen: a pixel keeps the log-odds of the previous image if its depth
-# z has changed by less than 0.05 m + 3 % of z. Without this check, a trial lost twice as many static
-# corners.
+# Coefficients of 1, z and z^2. Chosen: a pixel keeps the log-odds of the previous image if its
+# depth z has changed by less than 0.05 m + 3 % of z. Without this check, a trial lost twice as
+# many static corners.
 _SAME_SURFACE_MARGIN = 0.05, 0.03, 0.0
 # Chosen: a probability of 95 % at most, so that contrary evidence can still change the result.
 _MAX_LOG_ODDS = 3.0

@@ -77,7 +77,7 @@ class MotionDetector:
         return any(result_ns == stamp_ns for result_ns, _ in self._results)
 
     def regions_at(self, stamp_ns: int) -> MovingRegions:
-        """Return the moving regions of the newest view up to a stamp; no regions without one."""
+        """Return the moving regions of the newest view up to a stamp, or no regions."""
         past = (moving for result_ns, moving in reversed(self._results) if result_ns <= stamp_ns)
         return next(past, NO_MOVING_REGIONS)
 

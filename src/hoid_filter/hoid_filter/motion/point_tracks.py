@@ -54,7 +54,7 @@ class PointTracks:
         return PointTracks(**{name: values.take(index, 0) for name, values in vars(self).items()})
 
     def concatenate(self, other: PointTracks) -> PointTracks:
-        """Return these points followed by the other ones."""
+        """Return the points of this object, followed by the points of `other`."""
         mine, theirs = vars(self), vars(other)
         return PointTracks(**{n: np.concatenate([mine[n], theirs[n]]) for n in mine})
 

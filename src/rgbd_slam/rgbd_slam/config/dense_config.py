@@ -93,18 +93,10 @@ class DenseConfig(Config):
         internal=True,
     )
     max_voxels: int = param(
-        3_000_000,  # chosen, to bound the memory of the scene process
-        'Largest number of voxels in the dense map; beyond it the voxels that fewest images '
-        'confirm are removed. A larger number maps a larger area and takes more memory.',
+        3_000_000,  # chosen: 120 MB
+        'Largest number of voxels in memory, which take 40 bytes each. Beyond it, the parts of '
+        'the dense map that are farthest from the camera are kept in a temporary file.',
         minimum=1000,
-        expert=True,
-    )
-    max_views: int = param(
-        150,  # chosen: 90 MB
-        'Number of images that are kept so that the dense map can be made again after a loop '
-        'closure; each takes about 0.6 MB. Only the part of the map that these images show is '
-        'made again: set a larger number for a large map.',
-        minimum=1,
         expert=True,
     )
     publish_period_s: float = param(

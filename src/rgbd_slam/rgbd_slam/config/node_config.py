@@ -33,6 +33,11 @@ class FrameConfig(Config):
         '/tf_static. Set it on every robot, usually to base_link. If it is empty, the optical '
         'frame of the camera takes the place of the base.',
     )
+    camera: str = param(
+        '',
+        'Name of the optical frame of the camera, for drivers that publish an empty frame_id.',
+        expert=True,
+    )
     publish_map_to_odom: bool = param(
         default=True,
         description='Whether to send map -> odom on /tf. Set it to false if another node '
@@ -42,10 +47,10 @@ class FrameConfig(Config):
     )
     publish_odom_to_base: bool = param(
         default=True,
-        description='Whether to send odom -> base on /tf. Set it to false if the wheel odometry or '
-        'a node that fuses sensors (such as robot_localization) sends odom -> base itself: map -> '
-        'odom is then computed from that transform, and the visual odometry is published on '
-        'visual_odom, in the frame visual_odom, instead of odom.',
+        description='Whether to send odom -> base on /tf. Set it to false if the wheel odometry '
+        'or a node that fuses sensors (such as robot_localization) sends odom -> base itself: '
+        'map -> odom is then computed from that transform, and the visual odometry is published '
+        'on visual_odom, in the frame visual_odom, instead of odom.',
     )
     transform_tolerance_s: float = param(
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0
@@ -91,8 +96,8 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         10.0,  # decision 030
         'Usual time between two checkpoints, which are copies of the map from which a node '
         'resumes after a crash (s). The time is shorter for a young map, and longer if writing '
-        'is slow. Set a longer period to write less; a crash then loses more of the map. 0 '
-        'writes no checkpoints.',
+        'is slow. Set a longer period to write less; a crash then loses more of the map. With 0, '
+        'no checkpoints are written.',
         minimum=0.0,
         maximum=3600.0,
         expert=True,

@@ -328,8 +328,8 @@ class SlamConfig(Config):
 
     seed: int = param(
         0,
-        'Seed of all random sampling. Runs with the same seed have the same samples; change it to '
-        'see how much the results depend on them.',
+        'Seed of all random sampling, a number. Runs with the same seed have the same samples; '
+        'change it to see how much the results depend on them.',
         minimum=0,
         expert=True,
     )

@@ -142,11 +142,11 @@ def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
 
     Args:
         edges: Edges between keyframes, possibly several for the same pair of groups.
-        group_of: (capacity,) group of each keyframe.
+        group_of: (capacity,) group of each keyframe; -1 for those outside of the graph.
     """
     ends = group_of[np.stack([edges.first, edges.second])]
     low, high = ends.min(0), ends.max(0)
-    between = np.flatnonzero(low != high)
+    between = np.flatnonzero((low != high) & (low >= 0))
     order = between[np.lexsort((-edges.shared[between], high[between], low[between]))]
     is_new = np.r_[
         True, (low[order][1:] != low[order][:-1]) | (high[order][1:] != high[order][:-1])

@@ -22,7 +22,7 @@ _TURN_M = 1.0  # chosen: a rotation of 1 rad from a head counts as this distance
 
 
 class KeyframeGroups(NamedTuple):
-    """N keyframes in G groups."""
+    """N keyframes in G groups along the spanning tree; the pose graph holds the head of each."""
 
     heads: IntArray  # (G,) position of each group's head among the keyframes
     group: IntArray  # (N,) group of each keyframe

@@ -145,7 +145,7 @@ class LoopCloser:
         return self._adjuster.is_running
 
     def settle(self, limit_s: float) -> None:
-        """Repeat the last global adjustment if keyframes have been added to the map since then.
+        """Adjust the map once more if keyframes were added since the last global adjustment.
 
         It covers the part of the map around the newest keyframe, or the whole map if this is
         small. Waits up to `limit_s` for a global adjustment that is running, and as long for the

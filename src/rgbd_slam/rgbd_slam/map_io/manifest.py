@@ -10,14 +10,19 @@ from typing import Any, NamedTuple
 
 from hoid_common.errors import MapFileError
 from hoid_common.values import CameraModel
+from rgbd_slam.dense.dense_state import DenseState
+from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.records.record import Record
-from rgbd_slam.scene.dense_state import DenseState
 
 VERSION = 1
 FORMAT = 'hoid map'
 MANIFEST = 'manifest.json'
-SECTIONS: dict[str, type[Record]] = {'map': MapState, 'dense': DenseState}
+SECTIONS: dict[str, type[Record]] = {
+    'map': MapState,
+    'submaps': SubmapState,
+    'dense': DenseState,  # the images of the dense map, in files of earlier versions
+}
 MAX_DISTORTION = 14  # coefficients of the largest of OpenCV's lens models
 _MAX_MANIFEST_BYTES = 10_000  # chosen: a manifest has less than 1 kB
 _MAX_ROWS = 2**31
@@ -70,12 +75,11 @@ def _schema(sections: object) -> dict[str, Any]:
     """Return the schema of a manifest: nested dictionaries of predicates.
 
     Args:
-        sections: The value of `lengths` in the manifest, by section; only the section `dense` is
-            optional.
+        sections: The value of `lengths` in the manifest, by section; all but `map` are optional.
     """
     camera = {field.name: _is_number for field in fields(CameraModel)}
     size = {'width_px': _is_count, 'height_px': _is_count}
-    has_dense = isinstance(sections, dict) and 'dense' in sections
+    present = {'map', *sections} if isinstance(sections, dict) else {'map'}
     return {
         'camera': camera | size | {'distortion': _is_distortion, 'is_fisheye': _is_flag},
         'scale_factor': _is_number,
@@ -83,7 +87,7 @@ def _schema(sections: object) -> dict[str, Any]:
         'lengths': {
             name: dict.fromkeys(_axes(record), _is_count)
             for name, record in SECTIONS.items()
-            if name == 'map' or has_dense
+            if name in present
         },
     }
 

@@ -6,16 +6,19 @@ import numpy as np
 
 from hoid_common.errors import MapFileError
 from hoid_common.values import NS_PER_S, CameraModel, FloatArray
+from rgbd_slam.dense.dense_state import DenseState
+from rgbd_slam.dense.submap import SPAN
+from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.model.map_state import NONE, MapState
+from rgbd_slam.model.points import MAX_POSITION_M
 from rgbd_slam.records.record import Array
-from rgbd_slam.scene.dense_state import DenseState
 
-_MAX_M = 1e5  # chosen: largest coordinate of a pose or point
 _MAX_INTRINSICS = 18  # four, and OpenCV's 14 distortion coefficients
 _MAX_IMAGES = 2.0  # chosen: largest distance of a pixel from the center, in image sizes
 _MAX_STAMP_NS = 2**31 * NS_PER_S  # ROS stores seconds in 32 bits
 _MAX_COUNT = 2**40  # chosen: no sum of two counts overflows
 _ORTHONORMAL = 1e-6  # chosen: largest entry of R R^T - I; poses are stored in 64 bits
+_MIN_WEIGHT, _MAX_WEIGHT = 1e-30, 1e30  # chosen: no product with a color or a coordinate overflows
 _MIN_DEPTH_M = 1e-3  # chosen: no depth camera reads nearer, and disparities stay finite
 
 
@@ -51,6 +54,25 @@ def check_dense(state: DenseState, num_keyframes: int) -> None:
     _require(half == tuple((n + 1) // 2 for n in whole), 'depth and color differ in size')
 
 
+def check_submaps(state: SubmapState, num_keyframes: int) -> None:
+    """Raise MapFileError if the arrays of a dense map break a rule; its text names this rule.
+
+    Args:
+        state: The dense map.
+        num_keyframes: Number of keyframes of the map that it belongs to.
+    """
+    _require(_within(state.voxel_m, 1e-3, 1.0), 'the size of a voxel is out of range')
+    _require(_within(state.anchor, 0, num_keyframes), 'a submap has no keyframe')
+    _require(_are_poses(state.T_anchor_submap), "a submap's pose is invalid")
+    _require((state.num_voxels > 0).all(), 'a submap has no voxels')
+    total = int(state.num_voxels.sum(dtype=np.int64))
+    _require(total == len(state.key), 'the numbers of voxels do not add up')
+    _require(_within(state.key, 0, SPAN**3), 'a voxel is outside of its submap')
+    is_first = np.isin(np.arange(total - 1) + 1, np.cumsum(state.num_voxels))
+    _require((is_first | (np.diff(state.key) > 0)).all(), 'voxels are not sorted')
+    _require(_within(state.weight, _MIN_WEIGHT, _MAX_WEIGHT), 'a weight is invalid')
+
+
 def _require(holds: bool | np.bool_, otherwise: str) -> None:
     if not holds:
         raise MapFileError(otherwise)
@@ -62,7 +84,7 @@ def _within(values: Array, low: float, end: float) -> bool:
 
 
 def _are_poses(T: FloatArray) -> bool:
-    if not (np.abs(T) < _MAX_M).all():  # also false for NaN
+    if not (np.abs(T) < MAX_POSITION_M).all():  # also false for NaN
         return False
     R = T[:, :3, :3]
     errors = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3))
@@ -101,7 +123,8 @@ def _check_features(state: MapState, camera: CameraModel, num_octaves: int) -> N
     is_near = (np.abs(state.uv_px - size_px / 2) < _MAX_IMAGES * size_px).all()
     _require(is_near, "a feature's pixel is out of range")
     near = (state.depth_m > 0) & (state.depth_m < _MIN_DEPTH_M)
-    _require(_within(state.depth_m, 0, _MAX_M) and not near.any(), "a feature's depth is invalid")
+    is_depth = _within(state.depth_m, 0, MAX_POSITION_M) and not near.any()
+    _require(is_depth, "a feature's depth is invalid")
     _require(_within(state.octave, 0, num_octaves), "a feature's octave is out of range")
     _require(_within(state.angle_deg, -360, 361), "a feature's angle is out of range")
 
@@ -123,7 +146,7 @@ def _check_observations(state: MapState) -> None:
 
 
 def _check_points(state: MapState) -> None:
-    _require((np.abs(state.position_m) < _MAX_M).all(), 'a point is out of range')
+    _require((np.abs(state.position_m) < MAX_POSITION_M).all(), 'a point is out of range')
     _require(_within(state.reference, 0, len(state)), 'a reference does not exist')
     _require(_within(state.num_found, 0, _MAX_COUNT), 'a count is out of range')
     _require(_within(state.num_visible, 0, _MAX_COUNT), 'a count is out of range')

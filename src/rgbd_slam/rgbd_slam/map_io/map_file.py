@@ -23,6 +23,7 @@ import numpy as np
 
 from hoid_common.errors import HoidError, MapFileError
 from hoid_common.values import CameraModel, FloatArray
+from rgbd_slam.dense.submap_state import DenseMap, SubmapState
 from rgbd_slam.map_io.manifest import (
     FORMAT,
     MANIFEST,
@@ -31,10 +32,9 @@ from rgbd_slam.map_io.manifest import (
     VERSION,
     read_manifest,
 )
-from rgbd_slam.map_io.map_check import check_dense, check_map
+from rgbd_slam.map_io.map_check import check_dense, check_map, check_submaps
 from rgbd_slam.model.map_state import MapState
-from rgbd_slam.records.record import Array, Column
-from rgbd_slam.scene.dense_state import DenseState
+from rgbd_slam.records.record import Array, Column, Record
 
 SUFFIX = '.hoidmap'
 _HEADER_BYTES = 128
@@ -67,7 +67,7 @@ class MapFile(NamedTuple):
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     map: MapState
-    dense: DenseState | None = None
+    dense: DenseMap | None = None
 
     def seen_by(
         self, camera: CameraModel, scale_factor: float, num_octaves: int, *, extend: bool
@@ -94,13 +94,8 @@ class MapFile(NamedTuple):
             )
         if self._is_of(camera):
             return self
-        zoom = float(np.sqrt(camera.fx_px * camera.fy_px / self.camera.fx_px / self.camera.fy_px))
-        if extend and abs(np.log(zoom)) > np.log(_MAX_ZOOM):
-            raise MapFileError(
-                f'the map was made with another camera, {_listed(self.camera)}, and this one, '
-                f'{_listed(camera)}, differs too much to extend it: localize in it (mode '
-                'localization, ./hoid run --localize), or make a new map'
-            )
+        if extend:
+            check_extendable(self.camera, camera)
         state = self.map.in_camera(self.camera, camera, scale_factor, num_octaves)
         return self._replace(camera=camera, map=state)
 
@@ -109,6 +104,17 @@ class MapFile(NamedTuple):
         is_size = _size_px(self.camera) == _size_px(camera)
         return is_size and bool(
             (np.abs(_intrinsics(camera) - _intrinsics(self.camera)) < _SAME).all()
+        )
+
+
+def check_extendable(made_with: CameraModel, camera: CameraModel) -> None:
+    """Raise MapFileError if a camera differs too much from that of a map to extend the map."""
+    zoom = np.sqrt(camera.fx_px * camera.fy_px / made_with.fx_px / made_with.fy_px)
+    if abs(np.log(zoom)) > np.log(_MAX_ZOOM):
+        raise MapFileError(
+            f'the map was made with another camera, {_listed(made_with)}, and this one, '
+            f'{_listed(camera)}, differs too much to extend it: localize in it (mode '
+            'localization, ./hoid run --localize), or make a new map'
         )
 
 
@@ -177,8 +183,8 @@ def load(path: Path) -> MapFile:
 
 
 def _write(file: IO[bytes], content: MapFile) -> None:
-    sections = {name: getattr(content, name) for name in SECTIONS}
-    present = {name: record for name, record in sections.items() if record is not None}
+    records = [record for record in (content.map, content.dense) if record is not None]
+    present = {_section_of(record): record for record in records}
     manifest = {
         'format': FORMAT,
         'version': VERSION,
@@ -236,8 +242,8 @@ def _read(archive: zipfile.ZipFile, file_bytes: int) -> MapFile:
     names = [_member(part, name) for part in parts for name in SECTIONS[part].columns()]
     if sorted(info.filename for info in archive.infolist()) != sorted([*names, MANIFEST]):
         raise MapFileError('is incomplete, or has foreign parts')
-    records = {part: _section(archive, part, parts[part]) for part in parts}
-    content = MapFile(manifest.camera, manifest.scale_factor, manifest.num_octaves, **records)
+    records = [_section(archive, part, parts[part]) for part in SECTIONS if part in parts]
+    content = MapFile(manifest.camera, manifest.scale_factor, manifest.num_octaves, *records)
     _check(content)
     return content
 
@@ -245,8 +251,14 @@ def _read(archive: zipfile.ZipFile, file_bytes: int) -> MapFile:
 def _check(content: MapFile) -> None:
     with np.errstate(all='ignore'):  # NaN and infinity fail the checks
         check_map(content.map, content.camera, content.num_octaves)
-        if content.dense is not None:
+        if isinstance(content.dense, SubmapState):
+            check_submaps(content.dense, len(content.map))
+        elif content.dense is not None:
             check_dense(content.dense, len(content.map))
+
+
+def _section_of(record: Record) -> str:
+    return next(name for name, kind in SECTIONS.items() if isinstance(record, kind))
 
 
 def _section(archive: zipfile.ZipFile, section: str, lengths: Mapping[str, int]) -> Any:

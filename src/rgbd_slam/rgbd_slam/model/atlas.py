@@ -23,7 +23,7 @@ from rgbd_slam.model.map_change import (
 )
 from rgbd_slam.model.map_tables import MapTables
 from rgbd_slam.model.point_statistics import point_statistics
-from rgbd_slam.model.points import PointCounts
+from rgbd_slam.model.points import MAX_POSITION_M, PointCounts
 from rgbd_slam.records.soa_table import DEAD, Column
 
 _REFRESHED = 5000  # chosen: points that are refreshed at once, whose observations fit the cache
@@ -155,9 +155,16 @@ class Atlas(MapTables):
         return j
 
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
-        """Set the positions (N, 3) of points (N,)."""
+        """Set the positions (N, 3) of points (N,), and remove points that are no longer anywhere.
+
+        An adjustment moves a point without parallax or depth as far away as it likes.
+        """
         self.points.position_m[j] = position_m
         self.points.shifted[j] = self.version
+        is_near = (np.abs(position_m) < MAX_POSITION_M).all(axis=1)  # False for NaN
+        if not is_near.all():
+            self.points.position_m[j[~is_near]] = 0.0
+            self.remove_points(j[~is_near])
 
     def observe(self, i: int, k: IntArray, j: IntArray) -> None:
         """Let features `k` (N,) of keyframe `i` observe points `j` (N,), one each.
@@ -308,3 +315,4 @@ class Atlas(MapTables):
         points = np.flatnonzero(np.bincount(seen.j))
         for start in range(0, len(points), _REFRESHED):
             self.refresh(points[start : start + _REFRESHED])
+        self.keyframes.release_memory()

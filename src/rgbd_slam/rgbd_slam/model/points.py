@@ -9,6 +9,7 @@ import numpy as np
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.records.soa_table import SoaTable
 
+MAX_POSITION_M = 1e5  # chosen: largest coordinate of a pose or point in a map
 _INITIAL_CAPACITY = 4096
 _NOT_COUNTED = -2  # no uid of a point or an empty row
 

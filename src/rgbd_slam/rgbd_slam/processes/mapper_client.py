@@ -90,7 +90,7 @@ class InlineMapper(Mapper):
         """Do nothing: the tracker and the mapper share one map."""
 
     def settle(self) -> None:
-        """Repeat the last global adjustment if keyframes have been added to the map since then."""
+        """Adjust the map once more if keyframes were added since the last global adjustment."""
         self.finish_adjustment(0.0)
 
     def finish(self) -> None:

@@ -48,7 +48,7 @@ _SETTLE_S = 20.0  # global adjustment at the end; 4.7 s for 309 keyframes (place
 
 # Chosen: number of requests that are sent to the process at once, so that it need not wait for the
 # next one; and number of requests in the queue above which waiting keyframes are removed.
-_MAX_SENT = 2
+_MAX_SENT = 8
 _MAX_QUEUED = 64
 
 _logger = logging.getLogger(__name__)

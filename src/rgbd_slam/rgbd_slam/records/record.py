@@ -40,7 +40,7 @@ def column(dtype: str, *axes: str | int) -> Column:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Base class of records; every field is `name: Annotated[type, column(...)]`."""
+    """Arrays with declared types and shapes; a field is `name: Annotated[type, column(...)]`."""
 
     @classmethod
     @cache

@@ -5,21 +5,22 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from threading import Event, Lock, Thread, get_native_id
 
 from rclpy.node import Node
 
-from hoid_common.errors import HoidError, MapFileError
+from hoid_common.errors import HoidError, InputError, MapFileError
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamState
-from hoid_common.values import NS_PER_S, IntArray
+from hoid_common.values import NS_PER_S
 from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.dense.submap_state import DenseMap, SubmapState
 from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFile
+from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.ros.node_thread import NodeThread
-from rgbd_slam.scene.dense_state import DenseState
-from rgbd_slam.scene.stored_view import StoredView
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.statistics import SlamStats
 
@@ -43,7 +44,7 @@ class Checkpoints:
         config: Its parameters.
         diagnostics: Diagnostics of the node.
         session: Returns the session, or None while there is no session.
-        views: Returns the images of the dense map, with color at half the resolution of depth.
+        request_submaps: Requests the dense map; returns a function that waits for it.
     """
 
     def __init__(
@@ -52,11 +53,11 @@ class Checkpoints:
         config: SlamNodeConfig,
         diagnostics: Diagnostics,
         session: Callable[[], SlamSession | None],
-        views: Callable[[], list[StoredView]],
+        request_submaps: Callable[[KeyframePoses], Callable[[], SubmapState | None] | None],
     ) -> None:
         self._logger = node.get_logger()
         self._diagnostics = diagnostics
-        self._find_session, self._find_views = session, views
+        self._find_session, self._request_submaps = session, request_submaps
         self._node_thread = NodeThread(node)
         self._period_s = config.checkpoint_period_s
         # A node that localizes in a given map does not change it, so that a crash loses nothing.
@@ -78,7 +79,7 @@ class Checkpoints:
 
     def resume(
         self, session: SlamSession, stamp_ns: int
-    ) -> tuple[LoadedMap, DenseState | None] | None:
+    ) -> tuple[LoadedMap, DenseMap | None] | None:
         """Load the map that a killed node has left into a new session, and return it.
 
         The session only localizes until `finish_resume` returns it to mapping. None is returned if
@@ -169,26 +170,31 @@ class Checkpoints:
         copied = self._node_thread.call(self._copy)
         if copied is None:
             return 0.0
-        checkpoint, uids, copy_ms = copied
+        checkpoint, receive_submaps, copy_ms = copied
         start_s = time.monotonic()
-        if views := self._find_views():
-            dense = DenseState.of_views(views, uids, is_halved=True)
-            checkpoint = checkpoint._replace(content=checkpoint.content._replace(dense=dense))
+        dense = None
+        if receive_submaps is not None:
+            with suppress(InputError):  # its process has just ended, or is late
+                dense = receive_submaps()
+        checkpoint = checkpoint._replace(content=checkpoint.content._replace(dense=dense))
         with self._lock:
             if self._written is None:
                 return 0.0
             size = self._file.write(checkpoint)
         self._diagnostics.set_value(
             _VALUE,
-            f'{len(checkpoint.content.map)} keyframes, {len(views)} images, '
-            f'{size / 1e6:.1f} MB, copied in {copy_ms:.1f} ms, '
+            f'{len(checkpoint.content.map)} keyframes, '
+            f'{0 if dense is None else len(dense)} voxels, {size / 1e6:.1f} MB, '
+            f'copied in {copy_ms:.1f} ms, '
             f'written in {time.monotonic() - start_s:.2f} s',
         )
         self._diagnostics.clear_problem(_FAILED)
         return time.monotonic() - start_s
 
-    def _copy(self) -> tuple[Checkpoint, IntArray, float] | None:
-        """Return a copy of the map, the uids of its keyframes, and the time [ms] that it took.
+    def _copy(
+        self,
+    ) -> tuple[Checkpoint, Callable[[], SubmapState | None] | None, float] | None:
+        """Return a copy of the map, a function that waits for its dense map, and the time [ms].
 
         This runs between two images. None is returned if the map is unchanged, and while the
         camera is being relocalized in the old map, whose file must be kept.
@@ -201,10 +207,11 @@ class Checkpoints:
             self._file.touch(session.stamp_ns)
             return None
         start_s = time.perf_counter()
-        content, uids = session.robot_map.export(), session.robot_map.keyframes().uids
+        content = session.robot_map.export()
+        receive_submaps = self._request_submaps(session.robot_map.keyframes())
         self._written = stats
         copy_ms = _MS * (time.perf_counter() - start_s)
-        return Checkpoint(content, session.stamp_ns), uids, copy_ms
+        return Checkpoint(content, session.stamp_ns), receive_submaps, copy_ms
 
     def _report_failure(self, error: Exception) -> None:
         self._written = None

@@ -21,8 +21,8 @@ from hoid_common.io.trajectory_io import write_tum_parts
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
-from hoid_common.values import IntArray
 from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_directory import (
     CLOUD,
@@ -38,8 +38,6 @@ from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
-from rgbd_slam.scene.dense_state import DenseState
-from rgbd_slam.scene.stored_view import StoredView
 from rgbd_slam.session import SlamSession
 
 T = TypeVar('T')
@@ -102,18 +100,16 @@ class MapServices:
 
     def _save(self, request: SaveMap.Request) -> str:
         path = self._path(request.name, MAP)
-        content, uids, receive_views = self._node_thread.call(self._copy)
-        views = receive_views() if receive_views is not None else []
-        dense = DenseState.of_views(views, uids, is_halved=True) if views else None
-        content = content._replace(dense=dense)
+        content, receive_submaps = self._node_thread.call(self._copy)
+        if receive_submaps is not None:
+            content = content._replace(dense=receive_submaps())
         size = map_file.save(path, content)
         return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
 
-    def _copy(self) -> tuple[MapFile, IntArray, Callable[[], list[StoredView]] | None]:
-        """Return the map, the uids of its keyframes, and a function that waits for the images."""
+    def _copy(self) -> tuple[MapFile, Callable[[], SubmapState | None] | None]:
+        """Return the map, and a function that waits for its dense map."""
         robot_map = self._session().robot_map
-        keyframes = robot_map.keyframes()
-        return robot_map.export(), keyframes.uids, self._scene.request_views(keyframes)
+        return robot_map.export(), self._scene.request_submaps(robot_map.keyframes())
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
@@ -121,8 +117,8 @@ class MapServices:
         if kind == SaveTrajectory.Request.FINAL and not self._settle():
             note = '; the map was still being adjusted'
         parts = self._node_thread.call(lambda: self._session().robot_map.trajectory_parts(kind))
-        num_poses = write_whole(path, lambda aside: write_tum_parts(aside, parts))
-        return f'{num_poses} poses written to {path}{note}'
+        written = write_whole(path, lambda aside: write_tum_parts(aside, parts))
+        return f'{written} written to {path}{note}'
 
     def _settle(self) -> bool:
         """Let the mapper complete its requests and a final global adjustment (`settle`).
@@ -189,9 +185,9 @@ class MapServices:
 
 
 def _summary(content: MapFile) -> str:
-    views = 0 if content.dense is None else len(content.dense)
+    voxels = 0 if not isinstance(content.dense, SubmapState) else len(content.dense)
     keyframes, points = len(content.map), len(content.map.position_m)
-    summary = f'{keyframes} keyframes, {points} points and {views} images of the dense map'
+    summary = f'{keyframes} keyframes, {points} points and {voxels} voxels of the dense map'
     sizes = np.sort(np.bincount(content.map.map_id))[::-1]
     if len(sizes) > 1:
         summary += (

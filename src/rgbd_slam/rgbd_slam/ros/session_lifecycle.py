@@ -62,7 +62,7 @@ class SessionLifecycle:
         self._first_map: MapFile | None = None  # loaded into the next session
         self._is_reset = False  # True: the map file to start with is not loaded again
         self.checkpoints = Checkpoints(
-            node, config, diagnostics, lambda: self.session, scene.views
+            node, config, diagnostics, lambda: self.session, scene.request_submaps
         )
 
     def require_session(self) -> SlamSession:

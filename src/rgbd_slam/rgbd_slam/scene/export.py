@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common.errors import InputError
-from rgbd_slam.scene.voxel_map import ColoredCloud
+from rgbd_slam.dense.voxel_map import ColoredCloud
 
 _PLY = np.dtype([('xyz', '<f4', 3), ('rgb', 'u1', 3)])
 

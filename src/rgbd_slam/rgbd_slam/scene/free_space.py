@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from hoid_common import se3
 from hoid_common.values import Float32Array
-from rgbd_slam.scene.depth_view import DepthCamera, DepthView
+from rgbd_slam.dense.depth_view import DepthCamera, DepthView
+from rgbd_slam.dense.submap import Submap, transform
 from rgbd_slam.scene.floor import Floor
-from rgbd_slam.scene.submap import Submap, transform
 
 _STEP_M = 0.05  # chosen: the thickness of a seat
 _HEIGHTS_M = (_STEP_M * (np.arange(16) + 0.5)).astype(np.float32)  # above the floor, one per bit
@@ -29,7 +29,8 @@ Bits = NDArray[np.uint16]
 
 def required_bits(low_m: float, high_m: float) -> np.uint16:
     """Return the bits of the steps in a range of heights above the floor."""
-    return np.uint16(np.sum(1 << np.flatnonzero((_HEIGHTS_M > low_m) & (_HEIGHTS_M < high_m))))
+    steps = np.flatnonzero((low_m < _HEIGHTS_M) & (high_m > _HEIGHTS_M))
+    return np.uint16(np.sum(1 << steps))
 
 
 def mark_free_space(
@@ -85,7 +86,7 @@ class _Columns:
 
     @property
     def _bits(self) -> Bits:
-        return self._submap.free_above.reshape(-1)[self._columns]
+        return np.asarray(self._submap.free_above.reshape(-1)[self._columns])
 
     def count_open(self) -> int:
         """Return the number of columns some of whose space is not known to be free."""

@@ -57,7 +57,10 @@ _FLOOR, _OBSTACLE, _DOUBT = 1, 2, 4
 
 
 def cells_of(
-    points_m: FloatArray, is_shown: BoolArray, free_above: NDArray[np.uint16], config: GridConfig
+    points_m: NDArray[np.floating],
+    is_shown: BoolArray,
+    free_above: NDArray[np.uint16],
+    config: GridConfig,
 ) -> SubmapCells:
     """Return the cells that points (N, 3) in the level frame fall into, with height as z.
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hoid_common import se3
+from rgbd_slam.dense.submap import Submap, transform
 from rgbd_slam.scene.floor import Floor
-from rgbd_slam.scene.submap import Submap, transform
 
 # Chosen: the floor of a submap is looked for this near to the floor of the nearest one: less than
 # a step of stairs, and more than the drift of a few meters.

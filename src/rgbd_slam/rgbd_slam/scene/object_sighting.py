@@ -27,7 +27,8 @@ _KNOWN_SHARE, _KNOWN_M = 0.15, 0.15
 _THICKNESS_SHARE, _THICKNESS_M = 0.6, (0.12, 0.45)  # of an object, from its width, with limits
 _TORSO_M = 0.45  # a person's readings are within this distance of the nearest layer
 _UPPER_SHARE = 0.6  # of a person's box, without the legs, which move back and forth
-_HIDDEN_M = 0.15  # an object seen from one side is this deep, or as deep as it is wide if less
+# Assumed depth of an object that is seen from one side; its width if that is smaller.
+_HIDDEN_M = 0.15
 _BODY_RADIUS_M = 0.12  # from the surface of the chest to the center of the body
 _MIN_DISTANCE_M = 1e-6  # avoids a division by zero
 

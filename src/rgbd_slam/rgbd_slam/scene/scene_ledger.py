@@ -11,19 +11,18 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.depth_view import DepthView
+from rgbd_slam.dense.stored_view import StoredView, ViewChange, ViewFile
+from rgbd_slam.dense.view_folder import ViewFolder
+from rgbd_slam.dense.voxel_map import PosedView, VoxelMap
 from rgbd_slam.model.keyframe_poses import NO_KEYFRAMES, KeyframePoses
-from rgbd_slam.scene.depth_view import DepthView
 from rgbd_slam.scene.scene_scheduler import SceneRequest
-from rgbd_slam.scene.stored_view import StoredView, ViewChange, ViewFile
-from rgbd_slam.scene.submap import Submap
-from rgbd_slam.scene.voxel_map import PosedView, VoxelMap
 
 # Chosen: distance [m] at which a rotation is compared with a translation, typical of what a
 # camera sees in a room.
@@ -51,8 +50,10 @@ class SceneLedger:
 
     def __init__(self, voxels: VoxelMap, config: DenseConfig, folder: Path | None = None) -> None:
         self._voxels, self._config = voxels, config
-        self._temporary = TemporaryDirectory(prefix='hoid-scene-') if folder is None else None
-        self._folder = folder or Path(self._temporary.name if self._temporary else '')
+        if folder is None:
+            self._own_folder = ViewFolder()
+            folder = self._own_folder.path
+        self._folder = folder
         self._keyframes = NO_KEYFRAMES
         self._views: dict[int, StoredView] = {}  # by slot, in the order of time
         self._reported: dict[int, StoredView] = {}  # as of the last `take_changes`
@@ -63,6 +64,11 @@ class SceneLedger:
     def views(self) -> tuple[StoredView, ...]:
         """Return the stored images."""
         return tuple(self._views.values())
+
+    @property
+    def keyframes(self) -> KeyframePoses:
+        """Return the poses of all keyframes as of the last correction."""
+        return self._keyframes
 
     @property
     def num_bent(self) -> int:
@@ -127,9 +133,8 @@ class SceneLedger:
         before, self._keyframes = self._keyframes, keyframes
         if before is not NO_KEYFRAMES:
             self._reattach(before)
-        rows = {uid: row for row, uid in enumerate(keyframes.uids.tolist())}
-        self._voxels.move(keyframes, rows)
         moved = _moved_uids(before, keyframes)
+        self._voxels.move(keyframes, moved)
         if moved or force:
             self._find_bent(moved, force=force)
         is_bent = self.num_bent > 0
@@ -146,8 +151,7 @@ class SceneLedger:
         bent = [submap for submap in self._voxels.submaps if submap.is_bent]
         if not bent:
             return False
-        centers_m = np.array([s.T_map_submap[:3, :3] @ s.center_m for s in bent])
-        centers_m += [s.T_map_submap[:3, 3] for s in bent]
+        centers_m = np.array([submap.center_map_m for submap in bent])
         first = np.argmin(np.linalg.norm(centers_m - self._camera_m, axis=1))
         near = np.linalg.norm(centers_m - centers_m[first], axis=1) < region_m
         region = [
@@ -155,7 +159,7 @@ class SceneLedger:
             for submap, is_near in zip(bent, near, strict=True)
             if is_near and submap.map_id == bent[first].map_id
         ]
-        slots = sorted(set().union(*(submap.fused for submap in region)) & self._views.keys())
+        slots = sorted(set().union(*(submap.fused for submap in region)))
         for submap in region:
             submap.clear()
         changing = set(region)
@@ -184,6 +188,8 @@ class SceneLedger:
 
     def _discard(self, slot: int) -> None:
         view = self._views.pop(slot)
+        for submap in self._voxels.submaps:
+            submap.forget(slot)
         if isinstance(view.source, ViewFile):
             with suppress(OSError):
                 view.source.path.unlink()
@@ -193,9 +199,7 @@ class SceneLedger:
         T_map_keyframe = self._keyframes.T_map_camera[row]
         T_map_camera = T_map_keyframe @ view.T_keyframe_camera
         map_id = int(self._keyframes.map_ids[row])
-        return PosedView(
-            image, view.slot, T_map_camera, view.keyframe_uid, map_id, T_map_keyframe
-        )
+        return PosedView(image, view.slot, T_map_camera, view.keyframe_uid, map_id, T_map_keyframe)
 
     def _poses(self, slots: list[int]) -> FloatArray:
         """Return the (N, 4, 4) poses of stored images, each in the frame of its own map."""
@@ -219,9 +223,9 @@ class SceneLedger:
             if submap.fused.isdisjoint(touched) and submap.anchor_uid not in moved:
                 continue
             is_bent = submap.bend_m(poses) > voxels * self._config.voxel_m
-            num_stored = len(submap.fused & self._views.keys())
-            needed = min(_ENOUGH, _MIN_SHARE * len(submap.fused))
-            submap.is_bent = is_bent and num_stored >= needed
+            needed = min(_ENOUGH, _MIN_SHARE * submap.num_fused)
+            is_stored = len(submap.fused) >= needed and not submap.is_rigid
+            submap.is_bent = is_bent and is_stored
 
     def _limit_views(self, posed: PosedView) -> None:
         """Remove the most redundant image near a new one if too many are stored there."""
@@ -265,10 +269,11 @@ class SceneLedger:
 
 
 def _moved_uids(before: KeyframePoses, after: KeyframePoses) -> set[int]:
-    """Return the uids of the keyframes whose poses have changed."""
+    """Return the uids of the keyframes whose poses or maps have changed."""
     uids, old, new = np.intersect1d(before.uids, after.uids, True, return_indices=True)
     change = np.abs(before.T_map_camera[old] - after.T_map_camera[new]).max(axis=(1, 2), initial=0)
-    return set(uids[change > 0].tolist())
+    has_moved = (change > 0) | (before.map_ids[old] != after.map_ids[new])
+    return set(uids[has_moved].tolist())
 
 
 def _substitute(

@@ -17,9 +17,11 @@ from hoid_common.values import (
 )
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
+from rgbd_slam.dense.depth_view import in_boxes
+from rgbd_slam.dense.submap import Submap, transform
+from rgbd_slam.dense.submap_state import DenseMap, SubmapState, misfit
+from rgbd_slam.dense.voxel_map import ColoredCloud, VoxelMap
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.scene.dense_state import DenseState
-from rgbd_slam.scene.depth_view import in_boxes
 from rgbd_slam.scene.floor import Floor, find_floor
 from rgbd_slam.scene.free_space import mark_free_space
 from rgbd_slam.scene.grid import Grid, SubmapCells, cells_of, compose_grid
@@ -28,8 +30,6 @@ from rgbd_slam.scene.object_sighting import DepthImage
 from rgbd_slam.scene.object_tracker import ObjectTracker, TrackedObject
 from rgbd_slam.scene.scene_ledger import SceneLedger
 from rgbd_slam.scene.scene_scheduler import SceneRequest
-from rgbd_slam.scene.submap import Submap, transform
-from rgbd_slam.scene.voxel_map import ColoredCloud, VoxelMap
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FLOOR_POINTS = 50_000  # chosen: of the cloud, to find the floor
@@ -122,22 +122,30 @@ class SceneMapper:
         floor = None if self._floors is None else self._floors.floor
         return self._tracker.update(objects, image, request.stamp_ns, floor)
 
-    def load(self, dense: DenseState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
-        """Add the images of a saved dense map to the dense map.
+    def export(self) -> SubmapState | None:
+        """Return the dense map for a file with the present keyframes, or None if there is none."""
+        uids = self.ledger.keyframes.uids
+        return self._voxels.export(uids) if len(self._voxels) else None
+
+    def load(self, dense: DenseMap, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
+        """Add a saved dense map to the dense map.
 
         Args:
-            dense: The dense map.
+            dense: The saved dense map.
             keyframes: The present poses of all keyframes, including those of the saved map.
             keyframe_uids: (K,) uids that the keyframes of the saved map have now.
 
         Raises:
-            MapFileError: It was made with another `pixel_stride`.
+            MapFileError: It was made with another `voxel_m` or `pixel_stride`.
         """
-        if not dense.fits(self._camera, self._config.pixel_stride):
-            raise MapFileError('the dense map was made with another dense.pixel_stride')
+        if parameter := misfit(dense, self._camera, self._config):
+            raise MapFileError(f'the dense map was made with another dense.{parameter}')
         self.ledger.correct(keyframes)
-        for view in dense.views(keyframe_uids):
-            self.ledger.restore(view)
+        if isinstance(dense, SubmapState):
+            self._voxels.load(dense, keyframes, keyframe_uids)
+        else:
+            for view in dense.views(keyframe_uids):
+                self.ledger.restore(view)
 
     def cloud(self) -> ColoredCloud:
         """Return the confirmed points of the dense map, in the map frame."""

@@ -30,6 +30,8 @@ _SETTLED_AGE = 10
 # Decision 004: the largest difference of two views that count as the same one: rotation [rad] plus
 # distance over median depth.
 _SAME_VIEW_RAD = 0.2
+# Chosen: the view differs by as much between two keyframes of a drive with a mapper in time.
+_PENDING_VIEW_RAD = 0.1
 _CELL_PX = 40  # not tuned: a new feature counts only in a cell where no point is expected
 _ROW = 1 << 16  # chosen: more cells than a row has
 
@@ -99,7 +101,7 @@ class KeyframePolicy:
         T_map_pending = self._atlas.pose(max(self._atlas.pending))
         if T_map_pending is None:
             return False
-        return bool(self._view_differences(tracking, T_map_pending[None])[0] > _SAME_VIEW_RAD)
+        return bool(self._view_differences(tracking, T_map_pending[None])[0] > _PENDING_VIEW_RAD)
 
     def _lacks_close_points(self, tracking: TrackerOutput) -> bool:
         """Return whether few close points are tracked and many could be created."""

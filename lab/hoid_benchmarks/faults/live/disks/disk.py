@@ -43,7 +43,7 @@ def disk_cases(
     Args:
         harness: The running nodes; the disk is mounted at their map folder.
         bags_of: Returns the commands that write a bag to a path.
-        seeds: One case of each kind for each seed.
+        seeds: Seeds of the cases; each seed gives one case of each kind.
     """
     if refused := run_command(
         'mount', '-t', 'tmpfs', '-o', f'size={_DISK_MB}m', 'tmpfs', harness.maps
@@ -162,7 +162,7 @@ class SaveChecks:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return inode and time of a file, which differ after it was replaced; None without it."""
+    """Return inode and time of a file, which differ after a replacement; None: no file."""
     found = path.stat() if path.exists() else None
     return (found.st_ino, found.st_mtime_ns) if found else None
 

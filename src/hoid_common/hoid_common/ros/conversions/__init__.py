@@ -31,7 +31,12 @@ from hoid_common.ros.conversions.geometry import (
     twist_from_msg,
     twist_to_msg,
 )
-from hoid_common.ros.conversions.headers import header_to_msg, stamp_from_msg, stamp_to_msg
+from hoid_common.ros.conversions.headers import (
+    header_to_msg,
+    stamp_from_msg,
+    stamp_to_msg,
+    with_frame,
+)
 from hoid_common.ros.conversions.images import (
     color_from_msg,
     color_to_msg,
@@ -83,4 +88,5 @@ __all__ = [
     'transform_to_msg',
     'twist_from_msg',
     'twist_to_msg',
+    'with_frame',
 ]

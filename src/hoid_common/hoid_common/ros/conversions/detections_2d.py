@@ -60,7 +60,7 @@ def detections_2d_to_msg(detections: Detections, header: Header) -> Detection2DA
 
 
 def _likeliest(detection: Detection2D) -> ObjectHypothesis:
-    """Return the hypothesis of highest score; raise MessageError if there is none."""
+    """Return the hypothesis of highest score; raise MessageError if the list is empty."""
     if not detection.results:
         raise MessageError('detections_2d.results is empty: a box needs a class and a score')
     return max((r.hypothesis for r in detection.results), key=lambda h: h.score)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
+from hoid_common.errors import MessageError
 from hoid_common.values import NS_PER_S
 
 
@@ -22,3 +23,22 @@ def stamp_to_msg(stamp_ns: int) -> Time:
 def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
     """Return a header from a stamp and a frame, for an output that belongs to no input message."""
     return Header(stamp=stamp_to_msg(stamp_ns), frame_id=frame_id)
+
+
+def with_frame(header: Header, default: str) -> Header:
+    """Return a header whose frame is valid in TF: without leading slash, and not empty.
+
+    Args:
+        header: Header of a message from a camera.
+        default: Name of the frame where the header has none; empty: none is known.
+
+    Raises:
+        MessageError: The header has no frame, and there is no default.
+    """
+    frame = header.frame_id.lstrip('/') or default
+    if not frame:
+        raise MessageError(
+            'frame_id is empty, so the camera has no place in TF: set it in the driver, or name '
+            'the frame with the parameter frames.camera'
+        )
+    return header if frame == header.frame_id else Header(stamp=header.stamp, frame_id=frame)

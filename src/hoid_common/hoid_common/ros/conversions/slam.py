@@ -63,7 +63,7 @@ def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
 
 
 def keyframes_to_msg(T_map_camera: FloatArray, header: Header) -> MarkerArray:
-    """Return a single line marker that shows each keyframe as a pyramid with its tip at the camera.
+    """Return one line marker that shows each keyframe as a pyramid with its tip at the camera.
 
     Without keyframes, the marker is deleted.
 

@@ -1,7 +1,7 @@
 """An executor with low overhead for nodes whose subscriptions, timers and services rarely change.
 
-It takes 0.38 ms of processor time for a message, while rclpy's SingleThreadedExecutor takes 0.65 ms
-and rclpy's EventsExecutor hung in Jazzy (decision 015).
+It takes 0.38 ms of processor time for a message, while rclpy's SingleThreadedExecutor takes 0.65
+ms and rclpy's EventsExecutor hung in Jazzy (decision 015).
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ class _WaitList:
         return held
 
 
-# Kinds of entities in the order in which their callbacks run. The value with an "s" is the attribute
-# of a node that lists them.
+# Kinds of entities in the order in which their callbacks run. The value with an "s" is the
+# attribute of a node that lists them.
 _NAMES = {
     'timer': 'timer',
     'subscription': 'subscription',
@@ -216,7 +216,7 @@ class SteadyExecutor(SingleThreadedExecutor):
             raise error
 
     def _wait(self, limit_ns: int) -> list[tuple[_Take, Any]]:
-        """Wait for a time in ns, and return the ready entities with the methods that take from them.
+        """Wait for a time [ns]; return the ready entities with the methods that take from them.
 
         The wait set is built first if it was released.
         """

@@ -15,14 +15,13 @@ from hoid_common.errors import InputError
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.values import CameraModel
 from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.dense.submap_state import DenseMap, SubmapState, misfit
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.ros.scene.messages import ClearScene, Output, SceneSetup
 from rgbd_slam.ros.scene.outputs import MAP_OUTPUTS, OBJECT_OUTPUTS
 from rgbd_slam.ros.scene.process import SceneProcess
-from rgbd_slam.scene.dense_state import DenseState
 from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
-from rgbd_slam.scene.stored_view import StoredView
 
 _PROBLEM = 'scene'
 _DEATHS = 'scene processes that died'
@@ -103,29 +102,15 @@ class SceneClient:
         if self._process is not None:
             self._process.send(ClearScene())
 
-    def request_views(self, keyframes: KeyframePoses) -> Callable[[], list[StoredView]] | None:
-        """Request the images of the dense map, stored relative to the given keyframes.
+    def request_submaps(self, keyframes: KeyframePoses) -> Callable[[], SubmapState | None] | None:
+        """Request the dense map, relative to keyframes that are saved with it.
 
         Returns:
-            A function that waits for the images and returns them, with color at half the
-            resolution of depth. None if the dense map is off.
+            A function that waits for the dense map and returns it (None: it is empty), or raises
+            InputError. None if the dense map is off.
         """
         process = self._dense_process
-        if process is None:
-            return None
-        process.send(keyframes)
-        number = process.command()
-
-        def receive() -> list[StoredView]:
-            process.await_result(number)
-            return process.views()
-
-        return receive
-
-    def views(self) -> list[StoredView]:
-        """Return the images of the dense map as last reported, with half-resolution color."""
-        process = self._dense_process
-        return [] if process is None else process.views()
+        return None if process is None else process.request_submaps(keyframes)
 
     def save(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> str:
         """Write the dense map or the grid to a file; return a message for the user.
@@ -138,7 +123,7 @@ class SceneClient:
             raise InputError('the dense map is off here: dense.enabled is false')
         return process.await_result(process.command(cloud_path=cloud_path, grid_path=grid_path))
 
-    def load(self, dense: DenseState | None, loaded: LoadedMap, *, keep: bool) -> str:
+    def load(self, dense: DenseMap | None, loaded: LoadedMap, *, keep: bool) -> str:
         """Load a saved dense map; return an addition to the response, if something is left out.
 
         Args:
@@ -154,10 +139,13 @@ class SceneClient:
         process.send(loaded.keyframes)
         if dense is None:
             return ''
-        if not dense.fits(camera, self._config.dense.pixel_stride):
-            return '; its dense map is left out: it was made with another dense.pixel_stride'
-        for view in dense.views(loaded.keyframe_uids):
-            process.send(view)
+        if parameter := misfit(dense, camera, self._config.dense):
+            return f'; its dense map is left out: it was made with another dense.{parameter}'
+        if isinstance(dense, SubmapState):
+            process.load(dense, loaded.keyframe_uids)
+        else:
+            for view in dense.views(loaded.keyframe_uids):
+                process.send(view)
         return ''
 
     def enqueue(self, request: SceneRequest | None) -> None:

@@ -19,10 +19,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from hoid_common.ros import conversions
 from hoid_common.values import FloatArray
+from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.ros.scene.steady_grid import GridPatch
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
-from rgbd_slam.scene.voxel_map import ColoredCloud
 
 _MIN_SIZE_M = 0.02  # chosen: RViz does not draw a flat marker
 _LABEL_M = 0.12  # chosen: height of a label, and its distance from the box

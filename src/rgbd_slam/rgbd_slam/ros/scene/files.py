@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hoid_common.errors import InputError
+from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.map_io.map_directory import write_whole
 from rgbd_slam.scene.export import write_ply
 from rgbd_slam.scene.grid import Grid, write_map_server
 from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.voxel_map import ColoredCloud
 
 
 def save_cloud(scene: SceneMapper | None, path: Path) -> str:

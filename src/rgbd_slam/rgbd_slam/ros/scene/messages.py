@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_common.inputs.input_config import InputConfig
-from hoid_common.values import CameraModel
+from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
+from rgbd_slam.dense.stored_view import StoredView, ViewChange
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.scene.scene_scheduler import SceneRequest
-from rgbd_slam.scene.stored_view import StoredView, ViewChange
 
 
 class SceneSetup(NamedTuple):
@@ -24,10 +24,18 @@ class SceneSetup(NamedTuple):
     objects: ObjectTrackerConfig
     input: InputConfig
     remappings: tuple[str, ...] = ()  # rules that the command line has for the SLAM node only
+    folder: Path | None = None  # for the files of the stored images; None: one of its own
 
 
 class ClearScene(NamedTuple):
     """Discards the scene; the next `CameraModel` starts a new one."""
+
+
+class SavedSubmaps(NamedTuple):
+    """Adds the dense map of a saved map, whose keyframes are in the last `KeyframePoses`."""
+
+    path: Path  # a file of `SubmapState`
+    keyframe_uids: IntArray  # (K,) that the keyframes of the saved map have now
 
 
 class SceneCommand(NamedTuple):
@@ -37,6 +45,8 @@ class SceneCommand(NamedTuple):
     cloud_path: Path | None = None  # the file for the dense map; None: do not write it
     # The YAML file for the grid, beside which its image is written; None: do not write the grid.
     grid_path: Path | None = None
+    # The file for the submaps of the dense map; None, or no dense map: do not write it.
+    submaps_path: Path | None = None
 
 
 SceneMessage = (
@@ -46,6 +56,7 @@ SceneMessage = (
     | SceneRequest
     | KeyframePoses
     | StoredView
+    | SavedSubmaps
     | SceneCommand
 )
 """A message to the scene process.

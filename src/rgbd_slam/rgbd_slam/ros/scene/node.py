@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
@@ -25,11 +26,14 @@ from hoid_common.ros.run import run_node
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.stored_view import StoredView
+from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.ros.scene.files import save_cloud, save_grid
 from rgbd_slam.ros.scene.messages import (
     ClearScene,
     CommandResult,
+    SavedSubmaps,
     SceneCommand,
     SceneMessage,
     SceneReport,
@@ -39,11 +43,13 @@ from rgbd_slam.ros.scene.outputs import SceneOutputs
 from rgbd_slam.ros.timers import set_period
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneRequest
-from rgbd_slam.scene.stored_view import StoredView
 
 # Chosen: depth and color of one image differ less, and those of two images at 30 Hz more.
 _SLOP_NS = 20_000_000
 _PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict on its objects
+# Chosen: share of the time in which maps are published and bent submaps are fused again. The rest
+# is for new images, however large the map is.
+_MAX_SHARE = 0.25
 _CAPACITY = 60  # chosen: images that wait for their pose; 2 s at 30 Hz
 
 
@@ -69,6 +75,7 @@ class SceneNode(Node):
         self._outputs = SceneOutputs(self._report, setup)
         self._stamp_ns = 0  # of the latest image in the dense map
         self._is_published = True  # whether the published maps are up to date
+        self._rest_until_s = 0.0  # when the maps may be published again
         self._matcher = StampMatcher(
             ('pose', 'depth', 'color', 'objects'), _SLOP_NS, _CAPACITY, ('objects',), _PATIENCE_NS
         )
@@ -116,6 +123,10 @@ class SceneNode(Node):
             case KeyframePoses() if self._scene is not None:
                 self._scene.ledger.correct(message)
                 self._on_map_change(self._scene)
+            case SavedSubmaps() if self._scene is not None:
+                submaps = SubmapState.read(message.path)
+                self._scene.load(submaps, self._scene.ledger.keyframes, message.keyframe_uids)
+                self._on_map_change(self._scene)
             case StoredView() if self._scene is not None:
                 self._scene.ledger.restore(message)
                 self._on_map_change(self._scene)
@@ -131,6 +142,9 @@ class SceneNode(Node):
             text = ''
             if command.cloud_path is not None:
                 text = save_cloud(self._scene, command.cloud_path)
+            submaps = self._scene.export() if self._scene and command.submaps_path else None
+            if submaps is not None and command.submaps_path is not None:
+                submaps.write(command.submaps_path)
             if command.grid_path is not None:
                 text = save_grid(self._scene, self._outputs.place_grid, command.grid_path)
         except HoidError as error:
@@ -142,7 +156,7 @@ class SceneNode(Node):
         self._report_changes(scene)
 
     def _report_changes(self, scene: SceneMapper) -> None:
-        """Update the SLAM node's copies of the stored images."""
+        """Update the SLAM node's list of the stored images."""
         for change in scene.ledger.take_changes():
             self._report(change)
 
@@ -161,6 +175,7 @@ class SceneNode(Node):
                 self._setup.dense,
                 self._setup.objects,
                 is_map_level=self._setup.is_map_level,
+                folder=self._setup.folder,
             )
         self._matcher.reset()
         self._outputs.clear(self._stamp_ns)
@@ -214,9 +229,16 @@ class SceneNode(Node):
             )
 
     def _publish(self) -> None:
-        if self._scene is not None and not self._is_published:
+        if self._scene is None or time.monotonic() < self._rest_until_s:
+            return
+        start_s = time.monotonic()
+        if self._scene.ledger.fuse_bent():
+            self._is_published = False
+        if not self._is_published:
             self._is_published = True
             self._outputs.publish_map(self._scene, self._stamp_ns)
+        end_s = time.monotonic()
+        self._rest_until_s = end_s + (end_s - start_s) / _MAX_SHARE
 
 
 def run_scene_node(messages: Connection, reports: Connection, setup: SceneSetup) -> None:

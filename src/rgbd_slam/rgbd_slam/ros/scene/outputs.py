@@ -24,6 +24,7 @@ from hoid_common import topics
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import header_to_msg
 from hoid_common.values import FloatArray
+from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.ros.scene import conversions
 from rgbd_slam.ros.scene.conversions import SceneMaps
 from rgbd_slam.ros.scene.messages import Output, SceneSetup
@@ -31,7 +32,6 @@ from rgbd_slam.ros.scene.steady_grid import SteadyGrid
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import TrackedObject
 from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.voxel_map import ColoredCloud
 
 
 class OutputTopic(NamedTuple):

@@ -2,14 +2,15 @@
 
 Camera images reach that process by topics, and only their poses come from the SLAM node, so that
 the tracker copies no image and never waits. The process sends back the messages to publish, and
-the images that its map is made of: these rebuild the map in a new process after it has died.
+the list of the images that its map is made of. The files of these images are in a folder that both
+processes use: they rebuild the map in a new process after it has died.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -17,13 +18,17 @@ from threading import RLock, Thread
 
 from hoid_common.errors import InputError
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
-from hoid_common.values import CameraModel
+from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.stored_view import StoredView, ViewChange, ViewList
+from rgbd_slam.dense.submap_state import SubmapState
+from rgbd_slam.dense.view_folder import ViewFolder
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.ros.scene.messages import (
     ClearScene,
     CommandResult,
     Output,
+    SavedSubmaps,
     SceneCommand,
     SceneMessage,
     SceneReport,
@@ -31,7 +36,6 @@ from rgbd_slam.ros.scene.messages import (
 )
 from rgbd_slam.ros.scene.node import run_scene_node
 from rgbd_slam.scene.scene_scheduler import SceneRequest
-from rgbd_slam.scene.stored_view import StoredView, ViewChange, ViewCopies
 
 _MAX_WAITING = 30  # chosen: requests in the queue; 2 s at the default rates
 _RESULT_S = 20.0  # chosen: more than rebuilding the dense map takes, for which a command waits
@@ -48,6 +52,7 @@ class _State:
     dense: DenseConfig
     camera: CameraModel | None = None
     keyframes: KeyframePoses | None = None
+    loaded: list[SavedSubmaps] = field(default_factory=list)
 
 
 class SceneProcess:
@@ -69,19 +74,23 @@ class SceneProcess:
         self.num_dropped = 0  # requests, because the process was late or dead
         self._on_output, self._on_end = on_output, on_end
         self._state = _State(setup.dense)
-        self._copies = ViewCopies()
+        self._views = ViewList()
+        self._folder = ViewFolder()
         self._numbers = count()
-        self._results: SimpleQueue[CommandResult] = SimpleQueue()
+        self._results: dict[int, SimpleQueue[CommandResult]] = {}  # of the commands in progress
         self._lock = RLock()  # guards `_state` and the start of a process that receives it
         self._is_closed = False
         self._num_soon, self._started_s = 0, time.monotonic()
         self._worker: ChildWorker[SceneMessage, SceneReport] = ChildWorker(
-            'scene', run_scene_node, setup
+            'scene', run_scene_node, setup._replace(folder=self._folder.path)
         )
         Thread(target=self._listen, name='from scene', daemon=True).start()
 
     def send(
-        self, message: CameraModel | ClearScene | DenseConfig | KeyframePoses | StoredView
+        self,
+        message: (
+            CameraModel | ClearScene | DenseConfig | KeyframePoses | StoredView | SavedSubmaps
+        ),
     ) -> None:
         """Send a message that changes the scene.
 
@@ -91,14 +100,16 @@ class SceneProcess:
             match message:
                 case CameraModel():
                     self._state.camera, self._state.keyframes = message, None
-                    self._copies.clear()
+                    self._forget()
                 case ClearScene():
                     self._state.camera = None
-                    self._copies.clear()
+                    self._forget()
                 case DenseConfig():
                     self._state.dense = message
                 case KeyframePoses():
                     self._state.keyframes = message
+                case SavedSubmaps():
+                    self._state.loaded.append(message)
             self._worker.send(message)
 
     def enqueue(self, request: SceneRequest) -> None:
@@ -114,41 +125,70 @@ class SceneProcess:
 
         It writes the dense map and the grid to the given files; None: does not write it.
         """
-        number = next(self._numbers)
-        self._worker.send(SceneCommand(number, cloud_path, grid_path))
-        return number
+        return self._send_command(SceneCommand(next(self._numbers), cloud_path, grid_path))
+
+    def request_submaps(self, keyframes: KeyframePoses) -> Callable[[], SubmapState | None]:
+        """Request the dense map, relative to keyframes that are saved with it.
+
+        Returns:
+            A function that waits for the dense map and returns it; None if it is empty. It raises
+            InputError as `await_result` does.
+        """
+        path = self._folder.path / f'saved-{next(self._numbers)}.npz'
+        with self._lock:
+            self.send(keyframes)
+            number = self._send_command(SceneCommand(next(self._numbers), submaps_path=path))
+
+        def receive() -> SubmapState | None:
+            self.await_result(number)
+            if not path.exists():
+                return None
+            submaps = SubmapState.read(path)
+            path.unlink()
+            return submaps
+
+        return receive
+
+    def load(self, submaps: SubmapState, keyframe_uids: IntArray) -> None:
+        """Add the dense map of a saved map, whose keyframes were sent before."""
+        path = self._folder.path / f'loaded-{next(self._numbers)}.npz'
+        submaps.write(path)
+        self.send(SavedSubmaps(path, keyframe_uids))
+
+    def _send_command(self, command: SceneCommand) -> int:
+        with self._lock:
+            self._results[command.number] = SimpleQueue()
+            self._worker.send(command)
+        return command.number
+
+    def _forget(self) -> None:
+        self._views.clear()
+        self._state.loaded.clear()
 
     def await_result(self, number: int) -> str:
         """Wait until a command is completed, and return the text of its result.
 
-        Only one command may be in progress at a time.
-
         Raises:
             InputError: The command failed, the process has ended, or it takes too long.
         """
-        end_s = time.monotonic() + _RESULT_S
-        while True:
-            try:
-                result = self._results.get(timeout=max(end_s - time.monotonic(), 0.0))
-            except Empty:
-                raise InputError(
-                    f'the process of the dense map gives no answer in {_RESULT_S:g} s'
-                ) from None
-            if result.number >= number:  # a larger number reports the end of the process
-                break
+        try:
+            result = self._results[number].get(timeout=_RESULT_S)
+        except Empty:
+            raise InputError(
+                f'the process of the dense map gives no answer in {_RESULT_S:g} s'
+            ) from None
+        finally:
+            del self._results[number]
         if not result.success:
             raise InputError(result.text)
         return result.text
-
-    def views(self) -> list[StoredView]:
-        """Return the images of the dense map as last reported, with half-resolution color."""
-        return self._copies.with_half_color()
 
     def close(self) -> None:
         """End the process; kill it if it does not end by itself."""
         with self._lock:
             self._is_closed = True
         self._worker.close()
+        self._folder.close()
 
     def _listen(self) -> None:
         while True:
@@ -165,9 +205,10 @@ class SceneProcess:
             case Output():
                 self._on_output(report)
             case ViewChange():
-                self._copies.apply(report)
+                self._views.apply(report)
             case CommandResult():
-                self._results.put(report)
+                if (waiting := self._results.get(report.number)) is not None:
+                    waiting.put(report)
 
     def _restart(self) -> bool:
         """Replace the process that has died; return whether a new one was started.
@@ -175,8 +216,9 @@ class SceneProcess:
         None is started after `close`, or if the process has ended soon after its start again and
         again.
         """
-        self._results.put(CommandResult(next(self._numbers), False, _ENDED))  # for any command
         with self._lock:
+            for number, waiting in list(self._results.items()):
+                waiting.put(CommandResult(number, False, _ENDED))
             if self._is_closed:
                 return False
             is_soon = time.monotonic() - self._started_s < _SOON_S
@@ -198,5 +240,7 @@ class SceneProcess:
         self._worker.send(self._state.camera)
         if self._state.keyframes is not None:
             self._worker.send(self._state.keyframes)
-            for view in self._copies.with_full_color():
+            for loaded in self._state.loaded:
+                self._worker.send(loaded)
+            for view in self._views.views():
                 self._worker.send(view)

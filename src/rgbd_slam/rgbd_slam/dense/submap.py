@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from hoid_common import se3
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.depth_view import Surface
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.scene.depth_view import Surface
 
 SIDE = 64  # voxels; chosen: an image shows about 20 cubes of 1.6 m
 # Voxels by which a cube extends into its neighbors: after a correction the cubes no longer meet
 # exactly, and thin gaps between them would fill with small new submaps. Not tuned.
 _OVERLAP = 4
-_SPAN = SIDE + 2 * _OVERLAP
+SPAN = SIDE + 2 * _OVERLAP
 _MAX_HITS = 30.0  # chosen: bounds the evidence, so that a change is seen within seconds
 _CARVE_WEIGHT = 3.0  # an image that sees through a voxel outweighs 3 that measured it; not tuned
 _W, _HITS, _VIEWS, _NUM_COLUMNS = 6, 7, 8, 9  # columns of `Submap.values` after w*xyz and w*bgr
@@ -67,21 +67,24 @@ class Submap:
         T_map_anchor: FloatArray,
         config: DenseConfig,
     ) -> None:
-        self.T_map_submap, self.anchor_uid, self.map_id = T_map_submap, anchor_uid, anchor_map
-        self.T_anchor_submap = se3.inverse(T_map_anchor) @ T_map_submap
         self._config = config
+        self.anchor_uid, self.map_id = anchor_uid, anchor_map
+        self._place(T_map_submap)
+        self.T_anchor_submap = se3.inverse(T_map_anchor) @ T_map_submap
         self.keys = np.empty(0, np.int32)
         # Sums of w*x, w*y, w*z, w*b, w*g, w*r and w; images that measured the voxel, less those
         # that carved it; images that observed it.
         self.values = np.empty((0, _NUM_COLUMNS), np.float32)
         # For each column of 2 x 2 voxels, bit k: it is free in the k-th step of height above the
         # floor (`free_space.py`).
-        self.free_above = np.zeros((_SPAN // 2, _SPAN // 2), np.uint16)
-        # T_submap_camera of each image that had the cube in view, by its slot.
+        self.free_above = np.zeros((SPAN // 2, SPAN // 2), np.uint16)
+        # T_submap_camera of each stored image that had the cube in view, by its slot.
         self.poses: dict[int, FloatArray] = {}
-        self.fused: set[int] = set()  # slots of the images that changed voxels
-        self.marked: set[int] = set()  # slots of the images that `free_above` is made of
+        self.fused: set[int] = set()  # slots of those that changed voxels
+        self.marked: set[int] = set()  # slots of those that `free_above` is made of
+        self.num_fused = 0  # all images that changed voxels, also those no longer stored
         self.is_bent = False  # whether the fused images have moved relative to each other
+        self.is_rigid = False  # whether it has voxels of images that are not stored
         self.revision = 0  # increases with each change of voxels or pose
 
     def __len__(self) -> int:
@@ -90,7 +93,7 @@ class Submap:
     @property
     def radius_m(self) -> float:
         """Return the radius of the sphere around the cube."""
-        return float(0.5 * np.sqrt(3) * _SPAN * self._config.voxel_m)
+        return float(0.5 * np.sqrt(3) * SPAN * self._config.voxel_m)
 
     @property
     def center_m(self) -> FloatArray:
@@ -102,13 +105,18 @@ class Submap:
         """Return whether the voxels are in memory and not in a file."""
         return self.values.flags.writeable
 
-    def move(self, keyframes: KeyframePoses, row: int) -> None:
-        """Move with the anchor keyframe, which is in a row of a snapshot."""
+    def move(self, keyframes: KeyframePoses) -> None:
+        """Move with the anchor keyframe to its pose in a snapshot."""
+        row = int(keyframes.rows_of(np.array([self.anchor_uid]))[0])
         T_map_submap = keyframes.T_map_camera[row] @ self.T_anchor_submap
         self.map_id = int(keyframes.map_ids[row])
         if not np.allclose(T_map_submap, self.T_map_submap, rtol=0, atol=1e-5):
-            self.T_map_submap = T_map_submap
+            self._place(T_map_submap)
             self.revision += 1
+
+    def _place(self, T_map_submap: FloatArray) -> None:
+        self.T_map_submap = T_map_submap
+        self.center_map_m = T_map_submap[:3, :3] @ self.center_m + T_map_submap[:3, 3]
 
     def points_m(self) -> Float32Array:
         """Return the (N, 3) mean points of the voxels, in the submap's frame."""
@@ -129,8 +137,10 @@ class Submap:
 
     def contains(self, points_m: FloatArray) -> BoolArray:
         """Return the (N,) mask of the points (N, 3) in the submap's frame that it can hold."""
-        cell = np.floor(points_m / self._config.voxel_m)
-        return np.asarray(((cell >= -_OVERLAP) & (cell < SIDE + _OVERLAP)).all(axis=1))
+        x, y, z = np.floor(points_m / self._config.voxel_m).T
+        low, end = -_OVERLAP, SIDE + _OVERLAP
+        inside = (x >= low) & (x < end) & (y >= low) & (y < end) & (z >= low) & (z < end)
+        return np.asarray(inside)
 
     def update(self, evidence: Evidence, surface: Surface | None) -> None:
         """Carve voxels, then add a surface, which is in the submap's frame and in its cube."""
@@ -160,12 +170,12 @@ class Submap:
 
     def columns(self) -> IntArray:
         """Return the (N,) column of each voxel, an index of the flat `free_above`."""
-        x, y = self.keys // (_SPAN * _SPAN), self.keys // _SPAN % _SPAN
-        return np.asarray(x // 2 * (_SPAN // 2) + y // 2)
+        x, y = self.keys // (SPAN * SPAN), self.keys // SPAN % SPAN
+        return np.asarray(x // 2 * (SPAN // 2) + y // 2)
 
     def column_centers_m(self, columns: IntArray) -> FloatArray:
         """Return x and y (N, 2) of the centers of columns (N,), in the submap's frame."""
-        xy = np.stack(np.divmod(columns, _SPAN // 2), axis=1) * 2 + 1 - _OVERLAP
+        xy = np.stack(np.divmod(columns, SPAN // 2), axis=1) * 2 + 1 - _OVERLAP
         return np.asarray(xy * self._config.voxel_m)
 
     def clear(self) -> None:
@@ -175,8 +185,15 @@ class Submap:
         self.poses.clear()
         self.fused.clear()
         self.marked.clear()
+        self.num_fused = 0
         self.is_bent = False
         self.revision += 1
+
+    def forget(self, slot: int) -> None:
+        """Forget that an image was fused, because it is no longer stored."""
+        self.poses.pop(slot, None)
+        self.fused.discard(slot)
+        self.marked.discard(slot)
 
     def bend_m(self, poses: dict[int, FloatArray]) -> float:
         """Return how far the fused images have moved relative to the submap since fusion.
@@ -187,7 +204,7 @@ class Submap:
         Returns:
             The largest displacement of a corner of the cube, as each image would see it now.
         """
-        slots = [slot for slot in self.fused if slot in poses]
+        slots = list(self.fused)
         if not slots:
             return 0.0
         before = np.array([self.poses[slot] for slot in slots])
@@ -200,7 +217,7 @@ class Submap:
     def _sums_of(self, surface: Surface) -> tuple[NDArray[np.int32], Float32Array]:
         """Return the sorted keys and the `values` of the voxels of a surface."""
         cell = np.floor(surface.points_m / self._config.voxel_m).astype(np.int32) + _OVERLAP
-        keys = (cell[:, 0] * _SPAN + cell[:, 1]) * _SPAN + cell[:, 2]
+        keys = (cell[:, 0] * SPAN + cell[:, 1]) * SPAN + cell[:, 2]
         weights = surface.weights[:, None]
         ones = np.ones((len(keys), 2))
         means = np.concatenate([surface.points_m, surface.colors_bgr], axis=1)
@@ -245,6 +262,12 @@ def move_to_disk(submaps: Sequence[Submap]) -> None:
         for submap, array in zip(submaps, arrays, strict=True):
             setattr(submap, name, whole[start : start + len(array)])
             start += len(array)
+
+
+def cells_of_keys(keys: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the cells (N, 3) of the keys of voxels, counted from the origin of their submap."""
+    x, rest = np.divmod(keys, SPAN * SPAN)
+    return np.asarray(np.stack([x, *np.divmod(rest, SPAN)], axis=1) - _OVERLAP)
 
 
 def _find(keys: NDArray[np.int32], wanted: NDArray[np.int32]) -> tuple[IntArray, BoolArray]:

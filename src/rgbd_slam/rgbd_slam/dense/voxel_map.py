@@ -10,17 +10,18 @@ distance, which would need five times as many voxels.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, ByteArray, CameraModel, Float32Array, FloatArray
+from hoid_common.values import ByteArray, CameraModel, Float32Array, FloatArray, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.depth_view import Comparison, DepthCamera, DepthView, Surface
+from rgbd_slam.dense.submap import SIDE, Evidence, Submap, move_to_disk, num_in_memory, transform
+from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.scene.depth_view import Comparison, DepthCamera, DepthView, Surface
-from rgbd_slam.scene.submap import SIDE, Evidence, Submap, move_to_disk, num_in_memory, transform
 
 # Chosen: submaps move to disk until this share of the largest number of voxels is in memory, so
 # that one file takes many of them.
@@ -101,16 +102,27 @@ class VoxelMap:
         self._submaps += created
         return created
 
-    def move(self, keyframes: KeyframePoses, rows: Mapping[int, int]) -> None:
-        """Move each submap rigidly with its anchor.
-
-        Args:
-            keyframes: The poses of all keyframes.
-            rows: The row of each keyframe by its uid.
-        """
+    def move(self, keyframes: KeyframePoses, moved: Collection[int]) -> None:
+        """Move the submaps of moved keyframes (uids) rigidly with them."""
         self._main_map = keyframes.main_map
         for submap in self._submaps:
-            submap.move(keyframes, rows[submap.anchor_uid])
+            if submap.anchor_uid in moved:
+                submap.move(keyframes)
+
+    def export(self, keyframe_uids: IntArray) -> SubmapState:
+        """Return the record of the submaps, whose anchors are rows of ascending uids (K,)."""
+        return SubmapState.of_submaps(self._submaps, keyframe_uids, self._config)
+
+    def load(self, state: SubmapState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
+        """Add saved submaps.
+
+        Args:
+            state: The submaps.
+            keyframes: The present poses of all keyframes.
+            keyframe_uids: (K,) uids that the keyframes of the saved map have now.
+        """
+        self._submaps += state.submaps(keyframes, keyframe_uids, self._config)
+        self.limit_memory(np.eye(4))
 
     def remove(self, removed: Collection[Submap]) -> None:
         """Remove submaps with their voxels."""
@@ -190,6 +202,7 @@ class VoxelMap:
         submap.poses[posed.slot] = se3.inverse(submap.T_map_submap) @ posed.T_map_camera
         if surface is not None or evidence.is_carved.any() or evidence.is_observed.any():
             submap.fused.add(posed.slot)
+            submap.num_fused += 1
             submap.update(evidence, surface)
 
     def _create(self, posed: PosedView, surface: Surface) -> list[Submap]:
@@ -213,8 +226,7 @@ class VoxelMap:
 
 def _centers_m(submaps: Iterable[Submap], T: FloatArray) -> FloatArray:
     """Return the centers (N, 3) of submaps, transformed from the map frame."""
-    centers_m = [s.T_map_submap[:3, :3] @ s.center_m + s.T_map_submap[:3, 3] for s in submaps]
-    return se3.transform(T, np.array(centers_m).reshape(-1, 3))
+    return se3.transform(T, np.array([s.center_map_m for s in submaps]).reshape(-1, 3))
 
 
 def _split(surface: Surface, submaps: list[Submap]) -> tuple[dict[Submap, Surface], Surface]:
@@ -224,18 +236,18 @@ def _split(surface: Surface, submaps: list[Submap]) -> tuple[dict[Submap, Surfac
     the same submap.
     """
     parts = {}
-    left: BoolArray = np.ones(len(surface.points_m), np.bool_)
+    left = np.arange(len(surface.points_m))
     for submap in submaps:
-        T = submap.T_map_submap
-        center_m = T[:3, :3] @ submap.center_m + T[:3, 3]
-        offset_m = np.abs(surface.points_m - center_m).max(axis=1)
-        rows = np.flatnonzero(left & (offset_m < submap.radius_m))
-        local_m = se3.transform(se3.inverse(T), surface.points_m[rows])
+        x, y, z = surface.points_m[left].T
+        center_m, radius_m = submap.center_map_m, submap.radius_m
+        near = (np.abs(x - center_m[0]) < radius_m) & (np.abs(y - center_m[1]) < radius_m)
+        at = np.flatnonzero(near & (np.abs(z - center_m[2]) < radius_m))
+        local_m = se3.transform(se3.inverse(submap.T_map_submap), surface.points_m[left[at]])
         inside = submap.contains(local_m)
-        rows = rows[inside]
+        rows = left[at[inside]]
         if len(rows):
             parts[submap] = Surface(
                 local_m[inside], surface.colors_bgr[rows], surface.weights[rows]
             )
-            left[rows] = False
+            left = np.delete(left, at[inside])
     return parts, Surface(*(column[left] for column in surface))

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.values import ByteArray, CameraModel, FloatArray, IntArray
+from rgbd_slam.dense.depth_view import DepthView
+from rgbd_slam.dense.stored_view import StoredView
 from rgbd_slam.records.record import Array, Record, column
-from rgbd_slam.scene.depth_view import DepthView
-from rgbd_slam.scene.stored_view import StoredView
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,8 @@ class DenseState(Record):
     def fits(self, camera: CameraModel, pixel_stride: int) -> bool:
         """Return whether the images have the size that a dense map with these settings uses."""
         size = camera.height_px, camera.width_px
-        return self.flagged_mm.shape[1:] == tuple(-(-n // pixel_stride) for n in size)
+        fitting = tuple(-(-n // pixel_stride) for n in size)
+        return len(self) == 0 or self.flagged_mm.shape[1:] == fitting
 
     def views(self, keyframe_uids: IntArray) -> list[StoredView]:
         """Return the stored images, none of which is integrated yet.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hoid_benchmarks.building.floors import (
+from hoid_benchmarks.building.world.floors import (
     STAIRS_M,
     STOREY_M,
     Building,
@@ -34,9 +34,9 @@ class Route:
     `marks` holds the numbers of the images at which a turn at a corner or a full turn begins.
 
     Args:
-        building: The building.
-        column: Column of the first junction.
-        row: Its row.
+        building: The building in which the route lies.
+        column: Column of the junction where the route starts.
+        row: Row of the junction where the route starts.
         yaw_rad: Heading at the start, counterclockwise from x.
         floor: Floor of the start.
     """

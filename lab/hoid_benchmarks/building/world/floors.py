@@ -56,14 +56,14 @@ class Opening:
     high_m: tuple[float, float]
 
     def contains(self, points_m: Float32Array) -> BoolArray:
-        """Return the (N,) mask of points (N, 3) of its plane that are inside its outline."""
+        """Return the (N,) mask of points (N, 3) in the opening's plane that are inside it."""
         across, z = points_m[:, 1 - self.axis], points_m[:, 2]
         inside: BoolArray = (across > self.low_m[0]) & (across < self.high_m[0])
         inside &= (z > self.low_m[1]) & (z < self.high_m[1])
         return inside
 
     def passes(self, eye_m: Float32Array, points_m: Float32Array) -> BoolArray:
-        """Return the (N,) mask of points (N, 3) whose line of sight from `eye_m` crosses it."""
+        """Return the (N,) mask of points (N, 3) seen from `eye_m` through the opening."""
         ray = points_m - eye_m
         with np.errstate(divide='ignore', invalid='ignore'):
             t = (self.at_m - eye_m[self.axis]) / ray[:, self.axis]
@@ -136,7 +136,7 @@ class Building:
         """Return the cell that contains a point (3,); `last` and its neighbors are tried first.
 
         Raises:
-            ValueError: No cell contains it.
+            ValueError: No cell contains the point.
         """
         near = [] if last is None else [last, *(self.cells[key] for key, _ in last.neighbors)]
         for cell in (*near, *self.cells.values()):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.values import FloatArray
-from rgbd_slam.scene.depth_view import DepthView
+from rgbd_slam.dense.depth_view import DepthView
 
 
 class ViewFile(NamedTuple):

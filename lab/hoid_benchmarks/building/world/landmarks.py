@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from hoid_benchmarks.building.floors import Building, Cell, CellKind
+from hoid_benchmarks.building.world.floors import Building, Cell, CellKind
 from hoid_common.values import ByteArray, Float32Array, FloatArray, IntArray
 
 DESCRIPTOR_BYTES = 32
@@ -31,7 +31,7 @@ _LANDMARKS_SEED, _TEMPLATE_SEED = 7, 11
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """The N landmarks of a cell, sorted along `axis`, its longer horizontal one."""
+    """The N landmarks of a cell, sorted along `axis`, the cell's longer horizontal axis."""
 
     axis: int
     position_m: Float32Array  # (N, 3)

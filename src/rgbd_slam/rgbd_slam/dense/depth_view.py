@@ -100,13 +100,14 @@ class DepthCamera:
         spread_m = slope * z + radius_m * np.sqrt(1 + slope * slope)
         return np.asarray(is_near & (np.maximum(np.abs(x), np.abs(y)) < spread_m))
 
-    def compare(self, points_m: NDArray[np.floating], view: DepthView) -> Comparison:
+    def compare(self, points_m: Float32Array, view: DepthView) -> Comparison:
         """Compare points (N, 3) in the camera frame with the depth at their pixels."""
         depth_m, stride, camera = view.depth_m, self._config.pixel_stride, self._camera
         z = points_m[:, 2]
         index = np.flatnonzero((z > _MIN_DEPTH_M) & (z < self._config.max_depth_m))
         z = z[index]
-        col, row = np.rint(camera.project_px(points_m[index]) / stride).astype(np.int32).T
+        uv_px = camera.project_px(points_m[index].astype(np.float64))
+        col, row = np.rint(uv_px / stride).astype(np.int32).T
         inside = (col >= 0) & (row >= 0) & (col < depth_m.shape[1]) & (row < depth_m.shape[0])
         index, z, row, col = index[inside], z[inside], row[inside], col[inside]
         measured_m = depth_m[row, col]
@@ -126,7 +127,7 @@ class DepthCamera:
         colors = view.image_bgr[row // 2, col // 2]
         weight = 1.0 / z**4  # inverse variance: the standard deviation grows with depth squared
         keys, inverse = np.unique(_keys_of(points, self._config.voxel_m), return_inverse=True)
-        total = np.bincount(inverse, weight, len(keys))
+        total = np.asarray(np.bincount(inverse, weight, len(keys)), np.float64)
         columns = [*points.T, *colors.T]
         means = [np.bincount(inverse, weight * c, len(keys)) / total for c in columns]
         return Surface(np.stack(means[:3], axis=1), np.stack(means[3:], axis=1), total)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from hoid_benchmarks.building.floors import Building, Cell, Opening
-from hoid_benchmarks.building.landmarks import DESCRIPTOR_BYTES, Landmarks, LandmarkStore
+from hoid_benchmarks.building.world.floors import Building, Cell, Opening
+from hoid_benchmarks.building.world.landmarks import DESCRIPTOR_BYTES, Landmarks, LandmarkStore
 from hoid_common.values import (
     ByteArray,
     CameraModel,
@@ -46,12 +46,12 @@ class _Views:
     response: Float32Array
     angle_deg: Float32Array
     descriptors: ByteArray
-    side_bits: ByteArray  # (N, 32) those of the side from which it is seen
-    obliqueness: Float32Array  # (N,) in [0, 1]: share of the side bits that flip
+    side_bits: ByteArray  # (N, 32) descriptor bits that flip in oblique views from this side
+    obliqueness: Float32Array  # (N,) in [0, 1]: share of these bits that flip
     ids: IntArray
 
     def at(self, rows: IntArray) -> _Views:
-        """Return some of them."""
+        """Return the views of some landmarks, given by their rows."""
         return _Views(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
@@ -59,7 +59,7 @@ class FeatureCamera:
     """Observes a building; the same seed and poses give the same features.
 
     Args:
-        building: The building.
+        building: The building that the camera looks at.
         seed: Seed of the noise.
     """
 
