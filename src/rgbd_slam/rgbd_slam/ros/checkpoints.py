@@ -67,6 +67,9 @@ class Checkpoints:
             config.map_directory, f'{domain}{node.get_fully_qualified_name()}'
         )
         self._written: SlamStats | None = None  # statistics of the map in the file
+        # Whether the file was written once more after the map had stopped changing: the dense map
+        # is behind the map by some images.
+        self._is_dense_written = False
         self._lock = Lock()  # of the file
         self._search_end_ns: int | None = None  # while the camera is relocalized in the old map
         self._stored = self._read() if self._is_on else None
@@ -203,9 +206,10 @@ class Checkpoints:
         if session is None or session.slam.map.is_empty or self._search_end_ns is not None:
             return None
         stats = session.slam.stats
-        if stats == self._written:
+        if stats == self._written and self._is_dense_written:
             self._file.touch(session.stamp_ns)
             return None
+        self._is_dense_written = stats == self._written
         start_s = time.perf_counter()
         content = session.robot_map.export()
         receive_submaps = self._request_submaps(session.robot_map.keyframes())
