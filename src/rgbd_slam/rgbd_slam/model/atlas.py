@@ -100,7 +100,8 @@ class Atlas(MapTables):
             map_id: The map that keyframes and points belong to from now on; None: as before.
         """
         move = Move(self.keyframes.uid[i], T_new_old, map_id)
-        self._moves.append(move)
+        if self._has_copies:
+            self._moves.append(move)
         self._apply_move(move)
         return move
 

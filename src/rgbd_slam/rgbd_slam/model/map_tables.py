@@ -59,6 +59,7 @@ class MapTables:
         # yet, by uid, the oldest first.
         self.pending: dict[int, PendingKeyframe] = {}
         self._graph = ObservationGraph()
+        self._has_copies = False  # whether a change was ever sent
         self._moves: list[Move] = []  # since the last change was sent
 
     def covisible(self, i: int, min_shared: int = 1, limit: int | None = None) -> IntArray:
@@ -166,7 +167,7 @@ class MapTables:
             self._connections_since(version),
             self.redirects.take(),
         )
-        self._moves = []
+        self._moves, self._has_copies = [], True
         self.version += 1
         return change
 
