@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from hoid_bags.bag import bag_messages, bag_types
 from hoid_bags.bag.bag_reader import BagReader
@@ -105,7 +106,7 @@ def write(path: Path, topics: dict[str, str], infos: set[str]) -> Path:
             writer.add_topic(name, type_name)
             writer.write(name, 10**9, message)
 
-        raw = {
+        raw: dict[str, tuple[NDArray[Any], str]] = {
             'c': (COLOR, 'rgb8'),
             'g': (GRAY, 'mono8'),
             'd': (DEPTH, '16UC1'),

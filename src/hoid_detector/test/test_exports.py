@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ import pytest
 
 from hoid_common.coco import COCO, COCO_IDS
 from hoid_common.errors import ModelError
-from hoid_common.values import Detections
+from hoid_common.values import ByteArray, Detections
 from hoid_detector.config import DetectorConfig
 from hoid_detector.onnx_detector import OnnxDetector
 
@@ -25,7 +26,7 @@ pytestmark = pytest.mark.skipif(not MODEL.is_file(), reason='needs the model of 
 class Export(NamedTuple):
     """A form in which boxes are exported."""
 
-    outputs: dict[str, tuple[str, ...]]  # parts by output; one part is squeezed to (N,)
+    outputs: Mapping[str, tuple[str, ...]]  # parts by output; one part is squeezed to (N,)
     is_batched: bool = False
     first_id: int = 0
     coco_ids: bool = False
@@ -63,7 +64,7 @@ EXPORTS = {
 @pytest.fixture(scope='module')
 def originals() -> list[Detections]:
     detector = OnnxDetector(MODEL, DetectorConfig())
-    return [detector.detect(cv2.imread(str(path)), 0) for path in IMAGES]
+    return [detector.detect(picture(path), 0) for path in IMAGES]
 
 
 @pytest.mark.parametrize('form', EXPORTS)
@@ -74,7 +75,7 @@ def test_every_export_finds_the_people_of_the_original(
     save(path, EXPORTS[form])
     detector = OnnxDetector(path, DetectorConfig(letterbox='centered'))
     for image, original in zip(IMAGES, originals, strict=True):
-        found = detector.detect(cv2.imread(str(image)), 0)
+        found = detector.detect(picture(image), 0)
         people, expected = people_xyxy_px(found), people_xyxy_px(original)
         assert len(people) == len(expected) > 0
         np.testing.assert_allclose(people, expected, atol=1.0)
@@ -88,7 +89,7 @@ def test_all_classes_have_the_names_of_the_original(
     save(path, EXPORTS[form])
     detector = OnnxDetector(path, DetectorConfig(letterbox='centered'))
     for image, original in zip(IMAGES, originals, strict=True):
-        found = detector.detect(cv2.imread(str(image)), 0)
+        found = detector.detect(picture(image), 0)
         assert set(found.class_names) >= set(original.class_names)
 
 
@@ -97,19 +98,25 @@ def test_columns_that_fit_no_known_order_are_refused_with_what_was_seen(tmp_path
     save(path, Export({'o': ('score', 'xyxy', 'class', 'batch')}))
     detector = OnnxDetector(path, DetectorConfig())
     with pytest.raises(ModelError, match=r'first row is 0\.\d+ .*"layout" to one of') as error:
-        detector.detect(cv2.imread(str(IMAGES[0])), 0)
+        detector.detect(picture(IMAGES[0]), 0)
     assert str(path) in str(error.value)
 
 
 def test_the_parameter_layout_sets_the_order_of_columns(tmp_path: Path) -> None:
     path = tmp_path / 'model.onnx'
     save(path, Export({'o': ('batch', 'class', 'score', 'xyxy')}))
-    image = cv2.imread(str(IMAGES[0]))
+    image = picture(IMAGES[0])
     detector = OnnxDetector(path, DetectorConfig(layout='batch_class_score_xyxy'))
     assert 'person' in detector.detect(image, 0).class_names
     detector = OnnxDetector(path, DetectorConfig(layout='batch_xyxy_score_class'))
     with pytest.raises(ModelError, match='fits no known order of columns'):
         detector.detect(image, 0)
+
+
+def picture(path: Path) -> ByteArray:
+    image = cv2.imread(str(path))
+    assert image is not None
+    return np.asarray(image, np.uint8)
 
 
 def people_xyxy_px(found: Detections) -> list[list[float]]:
@@ -143,7 +150,11 @@ def save(path: Path, form: Export) -> None:
     scores = channels(4, 84)
     corners = node('Sub', center, half), node('Add', center, half)
     boxes = node('Transpose', node('Concat', *corners, axis=1), perm=[0, 2, 1])
-    limits = (constant(np.array([50])), constant(np.float32([0.45])), constant(np.float32([0.25])))
+    limits = (
+        constant(np.array([50])),
+        constant(np.array([0.45], np.float32)),
+        constant(np.array([0.25], np.float32)),
+    )
     chosen = node('NonMaxSuppression', boxes, scores, *limits)
     ids = node('Gather', chosen, constant(np.array([1])), axis=1)
     rows = node('Gather', chosen, constant(np.array(2)), axis=1)

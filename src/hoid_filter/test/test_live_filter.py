@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -185,7 +185,7 @@ class Bench:
         return self.final[before:]
 
 
-def started(**values: float | str) -> Bench:
+def started(**values: Any) -> Bench:
     """Return a bench whose detector has answered the image of stamp 1."""
     bench = Bench(**values)
     bench.detect(1, 0.0)

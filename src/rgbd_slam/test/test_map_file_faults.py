@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import MapFileError
+from rgbd_slam.dense.dense_state import DenseState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.model.map_state import MapState, snapshot
 
@@ -289,7 +290,7 @@ def test_images_that_belong_nowhere_are_refused(
 
 def test_images_of_two_sizes_are_refused(path: Path) -> None:
     dense = content().dense
-    assert dense is not None
+    assert isinstance(dense, DenseState)
     other = replace(dense, image_bgr=np.ascontiguousarray(dense.image_bgr[:, :4]))
     write(path, content()._replace(dense=other))
     refused(path, 'differ in size')
