@@ -78,7 +78,7 @@ ALWAYS_INLINE void subtract_block(const double Y[3][kPose], const double* W, dou
 
 PoseBlocks::PoseBlocks(const Window& window)
 : num_free_(window.num_free),
-  slots_(static_cast<std::size_t>(num_free_) * num_free_, -1),
+  slots_(decltype(slots_)::Constant(num_free_, num_free_, -1)),
   rows_(num_free_)
 {
   int32_t count = 0;

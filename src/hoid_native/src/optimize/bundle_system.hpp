@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <Eigen/Core>
 #include <vector>
 
 #include "optimize/stereo.hpp"
@@ -70,10 +71,12 @@ public:
   bool is_dense() const;
 
 private:
-  int32_t& slot(int i, int h) { return slots_[static_cast<std::size_t>(i) * num_free_ + h]; }
+  int32_t& slot(int i, int h) { return slots_(h, i); }
 
   int num_free_;
-  std::vector<int32_t> slots_;  // (free, free); -1: no block
+  // (free, free); -1: no block. Eigen reports too little memory by an exception, also where new
+  // would end the process.
+  Eigen::Matrix<int32_t, Eigen::Dynamic, Eigen::Dynamic> slots_;
   std::vector<std::vector<int32_t>> rows_;
   std::vector<double> values_;
 };
