@@ -59,7 +59,7 @@ class RingPeer(SlamPeer):
                 self.observe(step)
 
     def observe(self, step: int) -> None:
-        """Send the features of an image at a place, and wait for its status."""
+        """Send the features that the camera observes at a pose, and wait for the status."""
         stamp_ns = START_NS + len(self.steps) * PERIOD_NS
         self.steps.append(step)
         status = self.answer_to(features_msg(self.world.features(step * STEP_RAD, stamp_ns)))
