@@ -41,10 +41,10 @@ def touch(path: Path) -> Path:
 
 
 def test_search_order(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cached = touch(tmp_path / 'cache' / 'hoid' / 'yolox_nano.onnx')
-    assert find_model() == cached
     slower = touch(shared / 'yolov8n_int8.onnx')
     assert find_model() == slower
+    cached = touch(tmp_path / 'cache' / 'hoid' / 'yolox_nano.onnx')
+    assert find_model() == cached
     fast = touch(shared / 'yolox_nano.onnx')
     assert find_model() == fast
     assert find_model('') == fast

@@ -2,7 +2,8 @@
 
 The search has this order: the requested model, the model in the environment variable HOID_MODEL,
 `../shared/models` beside the workspace, the user's cache, a download into this cache. A model is
-given by the path of a file or by one of the names in `known_models()`.
+given by the path of a file or by one of the names in `known_models()`. The default model is
+searched for in all folders before any other known model.
 """
 
 from __future__ import annotations
@@ -66,8 +67,8 @@ def find_model(requested: str | None = None) -> Path:
         return _named(requested, 'detector model')
     if from_environment := os.environ.get(_ENVIRONMENT):
         return _named(from_environment, f'{_ENVIRONMENT}:')
-    for folder in _folders():
-        for name in _KNOWN:
+    for name in _KNOWN:
+        for folder in _folders():
             if (path := folder / f'{name}.onnx').is_file():
                 return path
     return _downloaded(next(iter(_KNOWN)))
