@@ -25,23 +25,27 @@ class ExtractionConfig(Config):
 
     num_features: int = param(
         1000,  # ORB-SLAM3, TUM1.yaml
-        'Number of features per image, distributed over the part of the image without dynamic '
-        'objects. Raise it in scenes with little texture, lower it to save processor time.',
+        'Largest number of features per image. With extraction.refill, they are distributed over '
+        'the part of the image without dynamic objects. Raise it in scenes with little texture, '
+        'lower it to save processor time.',
         minimum=50,
         maximum=20000,
     )
     num_levels: int = param(
         8,  # ORB-SLAM3, TUM1.yaml
         'Number of levels of the image pyramid. Raise it to match features over larger changes '
-        'of distance, lower it to save processor time.',
+        'of distance, lower it to save processor time. Set camera.num_octaves of the SLAM node to '
+        'this number or more.',
         minimum=1,
         maximum=16,
         expert=True,
     )
     scale_factor: float = param(
         1.2,  # ORB-SLAM3, TUM1.yaml
-        'Ratio of the scales of two successive pyramid levels (without unit). Change it together '
-        'with num_levels.',
+        'Ratio of the scales of two successive pyramid levels (without unit). Set '
+        'camera.scale_factor of the SLAM node to the same value; a saved map can be loaded only '
+        'with the value that it was made with. A larger ratio covers the same range of distances '
+        'with fewer levels (num_levels), but features match less reliably between levels.',
         minimum=1.01,
         maximum=2.0,
         expert=True,
@@ -67,13 +71,16 @@ class PlusConfig(Config):
     bridge_misses: bool = param(
         default=True,  # ablation of masks: without it 15 times as many moving corners are kept
         description='Whether hoid+ predicts the boxes of people and handled objects that the '
-        'detector misses. Set it to false for a detector that misses nobody.',
+        'detector misses, for at most plus.coast_s. Set it to false for a detector that misses '
+        'nobody.',
         read_only=False,
     )
     coast_s: float = param(
         0.4,  # chosen: 12 images at 30 Hz
-        'Longest time for which hoid+ predicts a box that the detector misses (s). Raise it when '
-        'people are missed for longer, lower it when features are removed where nobody is.',
+        'Longest time for which hoid+ predicts a box that the detector misses (s); it is 0.3 '
+        'times as long after one or two detections. Raise it when people are missed for longer, '
+        'lower it when features are removed where nobody is. It has no effect without '
+        'plus.bridge_misses.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -88,8 +95,9 @@ class PlusConfig(Config):
     remember: bool = param(
         default=True,  # ablation of masks: without it 2 to 10 times as many moving corners
         description='Whether hoid+ keeps an object dynamic until nobody has handled it for a '
-        'second, and regards it as handled while a person covers half of the required share of '
-        'its box. Set it to false to classify each image on its own.',
+        'second, and regards a handled object as still handled while a person covers half of '
+        'min_interaction_area of its box. Set it to false to classify objects in each image on '
+        'their own.',
         read_only=False,
     )
     keep_background: bool = param(
@@ -106,9 +114,9 @@ class PlusConfig(Config):
     doubt_area: ClassVar[float] = 0.4
     doubt_score: ClassVar[float] = 0.5
     doubt_detections: ClassVar[int] = 4
-    # Chosen: half of `min_interaction_area`. A handled object stays handled while a person covers
-    # more than this share of its box.
-    release_area: ClassVar[float] = 0.2
+    # Chosen: a handled object stays handled while a person covers more than this share of
+    # `min_interaction_area` of its box.
+    release_share: ClassVar[float] = 0.5
     # Chosen: greatest depth difference between a person's torso and another pixel of the person,
     # and between the middle of an object and another pixel of the object.
     person_depth_m: ClassVar[float] = 0.45
@@ -127,21 +135,22 @@ class MotionConfig(Config):
     enabled: bool = param(
         default=True,  # ablation: crowd 0.0019 m with it, 0.0022 m without
         description='Whether hoid+ also masks moving regions that the detector does not find. Set '
-        'it to false to save processor time where only known classes move.',
+        'it to false to save processor time where only known classes move. It has no effect on '
+        'the strategy motion, which always masks them.',
         read_only=False,
     )
     in_front: bool = param(
         default=True,  # ablation, slow-6: ATE 0.0034 m with it, 0.0075 m without
         description='Whether a surface that appears in front of the depth of earlier images is '
-        'evidence of a moving object. Set it to false when poor depth makes static surface look '
-        'as if it moved.',
+        'evidence of a moving object, for the strategies hoid+ and motion. Set it to false when '
+        'poor depth makes static surface look as if it moved.',
         read_only=False,
     )
     off_course: bool = param(
         default=True,  # ablation, carry-screen: ATE 0.0026 m with it, 0.6272 m without
         description='Whether points whose image motion contradicts the camera motion are evidence '
-        'of a moving object. Set it to false when repetitive texture makes static surface look as '
-        'if it moved.',
+        'of a moving object, for the strategies hoid+ and motion. Set it to false when repetitive '
+        'texture makes static surface look as if it moved.',
         read_only=False,
     )
 
@@ -158,20 +167,23 @@ class FilterConfig(Config):
 
     strategy: str = param(
         'hoid+',  # docs/results/strategies.md
-        'How dynamic objects are identified. Choose hoid2d or hoid3d for the rules of the paper, '
-        'person to remove people only, none to remove nothing. Other packages may add strategies.',
+        'How dynamic objects are identified. Choose motion to work without a detector, hoid2d or '
+        'hoid3d for the rules of the paper, person to remove people only, none to remove nothing; '
+        'descriptor is a baseline for comparisons. Other packages may add strategies.',
         choices=STRATEGIES,
     )
     dynamic_classes: tuple[str, ...] = param(
         HANDLED_CLASSES,
-        'Classes of objects that are dynamic when a person handles them. Add the objects that '
-        'people carry where the robot works. An empty list means all classes.',
+        'Classes of objects that are dynamic when a person handles them, by their names in the '
+        'detector. Add the objects that people carry where the robot works. An empty list means '
+        'all classes.',
     )
     min_interaction_area: float = param(
         0.4,  # the HOID paper, which found 0.2 to 0.4 best
         "Share of an object's box that a person's box must cover for the object to count as "
-        'handled, from 0 to 1. Lower it when carried objects stay in the map; raise it when '
-        'objects are removed that people only pass in front of.',
+        'handled, from 0 to 1, for the strategies hoid2d, hoid3d and hoid+. Lower it when carried '
+        'objects stay in the map; raise it when objects are removed that people only pass in '
+        'front of.',
         minimum=0.0,
         maximum=1.0,
         read_only=False,
@@ -179,8 +191,9 @@ class FilterConfig(Config):
     depth_limit_m: float = param(
         0.2,  # the HOID paper
         'Greatest depth difference between a person and an object that the person handles (m), '
-        'for the strategies hoid3d and hoid+. Raise it when objects at the end of an outstretched '
-        'arm stay in the map.',
+        'for the strategies hoid3d and hoid+. For hoid+, it limits how far the object may be '
+        'behind the person; in front, 0.6 m are allowed. Raise it when objects at the end of an '
+        'outstretched arm stay in the map; lower it when objects behind people are removed.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -196,7 +209,7 @@ class FilterConfig(Config):
     prediction_limit_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
         'Longest time for which boxes are predicted while the detector sends no message (s). '
-        'Raise it for a detector that takes longer for an image.',
+        'Raise it, with detections.wait_s, for a detector that takes longer for an image.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,

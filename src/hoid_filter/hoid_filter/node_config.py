@@ -18,8 +18,8 @@ class DetectionInputConfig(Config):
     wait_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
         'Longest time that the final classification of an image waits for the detections of the '
-        'same image (s). Raise it for a detector that takes longer. Features are published '
-        'without waiting, except before the first message of the detector.',
+        'same image (s). Raise it, with prediction_limit_s, for a detector that takes longer. '
+        'Features are published without waiting, except before the first message of the detector.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -34,8 +34,8 @@ class DetectionInputConfig(Config):
     )
     timeout_s: float = param(
         2.0,  # chosen: four times the longest delay of a detector in decision 031
-        'Time without detections after which the detector counts as lost (s). Raise it for a '
-        'detector that needs longer for an image.',
+        'Time for which images but no detections arrive after which the detector counts as lost '
+        '(s). Raise it above the time that the detector needs for an image.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,
@@ -43,7 +43,8 @@ class DetectionInputConfig(Config):
     )
     on_loss: str = param(
         UNFILTERED,
-        'What to do when the detector is lost: unfiltered keeps publishing all features, stop '
+        'What to do when the detector is lost (see detections.timeout_s): unfiltered keeps '
+        'publishing features, also those on people (hoid+ still leaves out moving regions), stop '
         'publishes nothing until the detector answers. Choose stop where a map with people in it '
         'is worse than no odometry.',
         choices=(UNFILTERED, STOP),
@@ -58,7 +59,8 @@ class FilterNodeConfig(NodeConfig, FilterConfig):
     sync_slop_s: float = param(
         0.02,  # chosen: less than the 33 ms between two images of a camera
         'Largest difference between the stamps of a color image and its depth image (s). Raise it '
-        'when /diagnostics counts dropped color and depth images.',
+        'when /diagnostics counts dropped color and depth images; images that were not taken '
+        'together may then be paired. The dense map and the object tracks always use 0.02 s.',
         minimum=0.0,
         maximum=1.0,
     )

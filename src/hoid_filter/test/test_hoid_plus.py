@@ -170,13 +170,13 @@ def test_a_large_person_is_confirmed_when_strong_or_tracked_or_the_switch_is_off
 
 
 def test_a_handled_object_is_released_at_less_overlap_than_it_is_taken() -> None:
-    strategy = plus()
-    shares = (0.3, 0.5, 0.3)
-    found = [
-        reasons(strategy.classify(view(cup_covered_by(s, n * QUARTER_S_NS))))['cup']
-        for n, s in enumerate(shares)
-    ]
-    assert found == [Reason.STATIC, Reason.HANDLED, Reason.HANDLED]
+    for area in (0.1, 0.4, 0.8):
+        strategy = HoidPlus(FilterConfig().updated({'min_interaction_area': area}))
+        found = [
+            reasons(strategy.classify(view(cup_covered_by(s * area, n * QUARTER_S_NS))))['cup']
+            for n, s in enumerate((0.75, 1.25, 0.75, 0.25))
+        ]
+        assert found == [Reason.STATIC, Reason.HANDLED, Reason.HANDLED, Reason.REMEMBERED]
 
 
 def test_an_object_put_down_is_dynamic_until_seen_at_rest() -> None:

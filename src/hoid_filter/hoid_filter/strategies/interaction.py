@@ -43,10 +43,10 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
     """Return how each track interacts with people, and update the tracks.
 
     An object becomes handled when a person's box covers more than `min_interaction_area` of its
-    box, and stays handled while the person covers more than `release_area` (hysteresis). Its depth
-    must be at most `reach_m` less or `depth_limit_m` more than that of the person's torso; an
-    unknown depth is accepted. Whether an object is handled, and since when it is not, is stored
-    on its track for the next images.
+    box. With `remember`, it stays handled while the person covers more than `release_share` of
+    this area (hysteresis). Its depth must be at most `reach_m` less or `depth_limit_m` more than
+    that of the person's torso; an unknown depth is accepted. Whether an object is handled, and
+    since when it is not, is stored on its track for the next images.
     """
     plus = config.plus
     tracks = snapshot.tracks
@@ -58,7 +58,7 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
     gap_m = np.abs(behind_m)
     min_overlap = np.full(num, config.min_interaction_area)
     if plus.remember:
-        min_overlap[_flags(track.is_handled for track in tracks)] = plus.release_area
+        min_overlap[_flags(track.is_handled for track in tracks)] *= plus.release_share
     # Negated comparisons, so that NaN counts as near.
     is_near = ~((behind_m > config.depth_limit_m) | (behind_m < -plus.reach_m))
     touches = (overlap > min_overlap[:, None]) & is_near & can_be_handled[:, None]
