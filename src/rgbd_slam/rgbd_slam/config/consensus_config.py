@@ -26,7 +26,7 @@ class ConsensusConfig(Config):
         default=True,  # decision 036: slow-6 by `motion` 0.010 m without it, 0.004 m with it
         description='Whether to leave out the matches in a region of the image that biases the '
         'pose, so that a slowly moving object does not distort it. Set it to false to save a '
-        'little time where nothing moves.',
+        'little time where nothing moves. It has no effect without tracking.consensus.enabled.',
     )
 
     # Decision 026: with fewer keyframes, fr1_xyz_people has 0.013 m instead of 0.009 m.

@@ -16,7 +16,7 @@ class GridConfig(Config):
     resolution_m: float = param(
         0.05,  # the default of Nav2's costmaps
         'Side of a cell of grid_map (m). Raise it to make the messages smaller; larger cells '
-        'close narrow passages.',
+        'close narrow passages. Cells smaller than dense.voxel_m leave gaps.',
         minimum=0.01,
         maximum=1.0,
         read_only=False,
@@ -25,7 +25,8 @@ class GridConfig(Config):
     min_height_m: float = param(
         0.10,  # chosen: above the noise of the floor, and above thresholds and carpets
         'Height above the floor up to which points count as floor and not as obstacles (m). '
-        'Raise it if free floor is marked as occupied; lower it if low obstacles are missing.',
+        'Raise it if free floor is marked as occupied; lower it if low obstacles are missing. It '
+        'must be less than dense.grid.max_height_m.',
         minimum=0.0,
         read_only=False,
         expert=True,
@@ -71,7 +72,8 @@ class DenseConfig(Config):
     )
     voxel_m: float = param(
         0.025,  # chosen: half a cell of the grid
-        'Side of a voxel (m). Raise it to save memory, lower it to map more detail.',
+        'Side of a voxel (m). Raise it to save memory, lower it to map more detail. The dense map '
+        'of a saved map can be loaded only with the value that it was made with.',
         minimum=0.005,
         maximum=0.5,
         expert=True,
@@ -95,14 +97,15 @@ class DenseConfig(Config):
     max_voxels: int = param(
         3_000_000,  # chosen: 120 MB
         'Largest number of voxels in memory, which take 40 bytes each. Beyond it, the parts of '
-        'the dense map that are farthest from the camera are kept in a temporary file.',
+        'the dense map that are farthest from the camera are kept in a temporary file. Lower it '
+        'to save memory; returning to such a part then takes more time.',
         minimum=1000,
         expert=True,
     )
     publish_period_s: float = param(
         2.0,  # chosen, for a display; a cloud of a room has several MB
-        'Shortest time between two messages on cloud_map and grid_map (s). Set a longer period to '
-        'save time and bandwidth.',
+        'Shortest time between two messages on cloud_map and grid_map (s); they are sent only '
+        'when the dense map has changed. Set a longer period to save time and bandwidth.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,

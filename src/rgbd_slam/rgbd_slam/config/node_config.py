@@ -23,8 +23,8 @@ class FrameConfig(Config):
     )
     odom: str = param(
         'odom',
-        'Name of the odometry frame. If the wheels or another node send the transform to the '
-        'base, set it to the name of their frame.',
+        'Name of the odometry frame. If another node sends odom -> base '
+        '(frames.publish_odom_to_base is false), set it to the name that this node uses.',
         expert=True,
     )
     base: str = param(
@@ -35,7 +35,8 @@ class FrameConfig(Config):
     )
     camera: str = param(
         '',
-        'Name of the optical frame of the camera, for drivers that publish an empty frame_id.',
+        'Name of the optical frame of the camera, for drivers that publish an empty frame_id. It '
+        'has no effect on messages with a frame_id.',
         expert=True,
     )
     publish_map_to_odom: bool = param(
@@ -50,7 +51,10 @@ class FrameConfig(Config):
         description='Whether to send odom -> base on /tf. Set it to false if the wheel odometry '
         'or a node that fuses sensors (such as robot_localization) sends odom -> base itself: '
         'map -> odom is then computed from that transform, and the visual odometry is published '
-        'on visual_odom, in the frame visual_odom, instead of odom.',
+        'on visual_odom, in the frame visual_odom, instead of odom. The node then also reads '
+        'odom -> base, to predict the camera pose and to continue it while the camera is lost. Do '
+        'not feed visual_odom into the node that sends odom -> base: while the camera is lost, '
+        'that node would receive its own estimate.',
     )
     transform_tolerance_s: float = param(
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0
@@ -66,8 +70,9 @@ class FrameConfig(Config):
     planar: bool = param(
         default=False,
         description='Whether to publish the pose of the base on the plane z = 0, without roll '
-        'and pitch. Set it to true for a robot on wheels on a level floor. It needs frames.base '
-        'and has no effect without it.',
+        'and pitch, as odometry and on /tf; path, map and saved trajectories stay in 3-D. Set it '
+        'to true for a robot on wheels on a level floor. It needs frames.base and has no effect '
+        'without it.',
     )
 
 
@@ -77,19 +82,21 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
 
     map_directory: str = param(
         '~/.ros/hoid',
-        'The only folder in which services read and write files. Set it to the folder in which '
-        'maps are to be stored.',
+        'The only folder in which services read and write files. It also contains map_file and '
+        'the checkpoints. Set it to the folder in which maps are to be stored.',
     )
     map_file: str = param(
         '',
         'File in map_directory, saved by save_map, whose map is loaded at the start. Set it to '
         'continue in a place that is already mapped. If it is empty, the node starts with an '
-        'empty map.',
+        'empty map. After a crash in the mode mapping, it resumes from its checkpoint instead.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),
         'What the node does at the start: mapping extends the map, localization only localizes '
-        'the robot in the map of map_file. Choose localization once the map is complete.',
+        'the robot in the map of map_file, which must then be set, and writes no checkpoints. '
+        'Choose localization once the map is complete. The service set_mode changes the mode of '
+        'the running node.',
         choices=tuple(mode.name.lower() for mode in SlamMode),
     )
     checkpoint_period_s: float = param(
@@ -97,15 +104,16 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         'Usual time between two checkpoints, which are copies of the map from which a node '
         'resumes after a crash (s). The time is shorter for a young map, and longer if writing '
         'is slow. Set a longer period to write less; a crash then loses more of the map. With 0, '
-        'no checkpoints are written.',
+        'or if the node starts with the mode localization, no checkpoints are written and no map '
+        'is resumed.',
         minimum=0.0,
         maximum=3600.0,
         expert=True,
     )
     map_period_s: float = param(
         1.0,  # chosen, for a display
-        'Shortest time between two messages on map_points, path and keyframes (s). Set a longer '
-        'period to save time and bandwidth.',
+        'Shortest time between two messages on map_points, path and keyframes (s); they are sent '
+        'only when the map has changed. Set a longer period to save time and bandwidth.',
         minimum=0.05,
         maximum=3600.0,
         read_only=False,

@@ -19,7 +19,7 @@ class ObjectTrackerConfig(Config):
     enabled: bool = param(
         default=True,
         description='Whether to track people and objects in 3-D and to publish them on '
-        'tracked_objects, people and tracked_object_markers. Set it to false to save time if no '
+        'tracked_objects, people and tracked_objects/markers. Set it to false to save time if no '
         'node subscribes to these topics.',
     )
     rate_hz: float = param(
@@ -42,15 +42,19 @@ class ObjectTrackerConfig(Config):
     gate_m: ClassVar[float] = 0.7
     rest_gate_m: ClassVar[float] = 0.35
     measurement_sigma_m: ClassVar[float] = 0.08  # standard deviation of a measured center
-    # Process noise of the Kalman filter: standard deviation of the acceleration of people.
+    # Process noise of the Kalman filter: standard deviation of the acceleration along each axis,
+    # of everything that is not at rest. Chosen for people.
     acceleration_sigma_mps2: ClassVar[float] = 3.0
-    # Times without a detection after which a track ends: of people and handled objects, and of
-    # objects at rest.
+    # Times without a detection after which a track ends: of people, handled objects and tracks
+    # that are not published yet, and of objects at rest.
     forget_moving_s: ClassVar[float] = 1.0
     forget_resting_s: ClassVar[float] = 600.0
     # Time for which an object that was carried out of sight is recognized when it is put down.
     forget_taken_s: ClassVar[float] = 60.0
-    moved_m: ClassVar[float] = 0.12  # displacement from which an object counts as moved
+    # Distance beyond which an object counts as moved: from its place of rest, to become handled
+    # and, once put down, MOVED instead of AT_REST; from where it last stood still, to count as
+    # still being carried.
+    moved_m: ClassVar[float] = 0.12
     # Distance over the floor up to which a person can handle an object (m). A larger value marks
     # more objects near people as handled (chosen: the reach of an arm and a step).
     reach_m: ClassVar[float] = 1.0

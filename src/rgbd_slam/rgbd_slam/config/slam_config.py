@@ -16,9 +16,12 @@ class CameraConfig(Config):
 
     disparity_noise_px: float = param(
         0.3,  # decision 003: 0.07 px in rendered images to 0.6 px in fr1_xyz
-        'Standard deviation of depth readings, converted to disparities of a stereo camera with '
-        'a baseline of 7.5 cm (pixels). It is used until the noise has been measured. Raise it '
-        'for a camera with noisier depth; more outliers in depth are then accepted.',
+        'Constant part of the standard deviation of depth readings, converted to disparities of a '
+        'stereo camera with a baseline of 7.5 cm (pixels); 3 % of the disparity is added to it. '
+        'Tracking and local bundle adjustment replace both parts by the noise that is measured in '
+        'the images; place recognition, loop closing, and the creation and fusion of map points '
+        'always use these values. Raise it for a camera with noisier depth; more outliers in '
+        'depth are then accepted.',
         minimum=0.01,
         maximum=10.0,
     )
@@ -37,7 +40,7 @@ class CameraConfig(Config):
     )
     scale_factor: float = param(
         1.2,  # as extraction.scale_factor of the filter
-        'Ratio of the scales of two successive octaves (a plain number). Set it to '
+        'Ratio of the scales of two successive octaves (without unit). Set it to '
         'extraction.scale_factor of the filter. A saved map can be loaded only with the value '
         'that it was made with.',
         minimum=1.01,
@@ -45,9 +48,9 @@ class CameraConfig(Config):
     )
     num_octaves: int = param(
         8,  # as extraction.num_levels of the filter
-        'Number of octaves; features of a higher octave are refused. Set it to '
-        'extraction.num_levels of the filter or more. A saved map can be loaded only with the '
-        'number that it was made with.',
+        'Number of octaves. Set it to extraction.num_levels of the filter or more: an image with '
+        'features of a higher octave is refused. A saved map can be loaded only with the number '
+        'that it was made with.',
         minimum=1,
         maximum=16,
     )
@@ -154,9 +157,11 @@ class KeyframeConfig(Config):
 
     reference_share: float = param(
         0.75,  # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame
-        'A frame becomes a keyframe if it sees less than this share of the points of its '
-        'reference keyframe. Raise it if the camera is often lost in fast motion; more keyframes '
-        'are then made, which takes more time and memory.',
+        'A frame becomes a keyframe if it tracks fewer map points than this share of the '
+        'confirmed points of its reference keyframe. The parameters keyframes.min_gap_s and '
+        'keyframes.skip_known_views can still prevent it, and other rules can make a keyframe '
+        'earlier. Raise it if the camera is often lost in fast motion; more keyframes are then '
+        'made, which takes more time and memory.',
         minimum=0.1,
         maximum=1.0,
         read_only=False,
@@ -171,8 +176,9 @@ class KeyframeConfig(Config):
     )
     min_gap_s: float = param(
         0.2,  # not tuned; ORB-SLAM3 has 0
-        'Shortest time between two keyframes while tracking is good (s). Raise it if the mapper '
-        'is late on a slow computer; fewer keyframes are then made.',
+        'Shortest time between two keyframes while tracking is good and the mapper is in time '
+        '(s). Raise it to make fewer keyframes on a slow computer. While a keyframe waits for the '
+        'mapper, the next one is made when the view has changed, whatever this value.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -198,8 +204,8 @@ class KeyframeConfig(Config):
     skip_known_views: bool = param(
         default=True,  # decision 004: 39 keyframes after one pass over a path, 43 after 136 passes
         description='Whether to make no keyframe where an older keyframe already has the same '
-        'view, so that the map does not grow while the robot stays in a known place. Set it to '
-        'false to make such keyframes, as ORB-SLAM3 does.',
+        'view, unless tracking gets worse quickly, so that the map does not grow while the robot '
+        'stays in a known place. Set it to false to make such keyframes, as ORB-SLAM3 does.',
     )
     keep_outliers: bool = param(
         default=False,  # decision 021: the rule of ORB-SLAM3
@@ -328,8 +334,9 @@ class SlamConfig(Config):
 
     seed: int = param(
         0,
-        'Seed of all random sampling, a number. Runs with the same seed have the same samples; '
-        'change it to see how much the results depend on them.',
+        'Seed of the random samples with which poses are searched for (RANSAC), a number. Runs '
+        'with the same seed have the same samples; change it to see how much the results depend '
+        'on them.',
         minimum=0,
         expert=True,
     )
