@@ -36,10 +36,11 @@ class PoseBuffer:
             self._poses.popleft()
 
     def at(self, stamp_ns: int) -> FloatArray | None:
-        """Return the pose T (4, 4) at a time, or None when the buffer does not cover it.
+        """Return the pose T (4, 4) at a time, in the frames of the poses that were added.
 
         Between two poses the motion is interpolated with constant twist. Up to 0.2 s after the
-        newest pose the last motion is extrapolated.
+        newest pose the last motion is extrapolated. None is returned later than that, before the
+        oldest pose, and away from the stamp of a single pose.
         """
         after = bisect_left(self._poses, stamp_ns, key=lambda pose: pose[0])
         if after < len(self._poses) and self._poses[after][0] == stamp_ns:

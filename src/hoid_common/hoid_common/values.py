@@ -134,7 +134,7 @@ class CameraModel:
         return np.array((*self.distortion, *(0.0,) * num)[:num])
 
     def undistort_px(self, uv_px: Float32Array) -> Float32Array:
-        """Return the undistorted pixels (N, 2) of imaged pixels (N, 2).
+        """Return the undistorted pixels (N, 2) of pixels (N, 2) in the raw image.
 
         A camera with the same K and without lens distortion would see the same points there.
         """
@@ -146,10 +146,12 @@ class CameraModel:
         return np.asarray(out.reshape(-1, 2), np.float32)
 
     def project_px(self, points_camera_m: FloatArray) -> FloatArray:
-        """Return the imaged pixels (N, 2), lens distortion included, of points (N, 3).
+        """Return the pixels (N, 2) of points in the raw image, with its lens distortion.
+
+        They may lie outside the image.
 
         Args:
-            points_camera_m: In the camera's optical frame, with z > 0.
+            points_camera_m: (N, 3) in the camera's optical frame, with z > 0.
         """
         x, y = (points_camera_m[:, :2] / points_camera_m[:, 2:]).T
         if (

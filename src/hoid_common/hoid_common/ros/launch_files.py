@@ -170,7 +170,8 @@ def _ending_launch(
     """Return the handler for the exit of a node, which ends the launch where that is needed."""
 
     def on_exit(event: ProcessExited, context: LaunchContext) -> list[Any]:
-        if context.is_shutdown:  # nodes that were starting end with the status of an interrupt
+        if context.is_shutdown:
+            # A node that was still starting ends with the status of an interrupt: no error.
             return []
         if event.returncode == EXIT_CONFIG:
             return [Shutdown(reason=f'{package} refused to start; see its last line of output')]
