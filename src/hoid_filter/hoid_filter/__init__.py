@@ -1,1 +1,5 @@
-"""The HOID filter: which image features lie on people and on the objects they handle."""
+"""The HOID filter (human-object interaction detection) of image features.
+
+It extracts features, and leaves out those on people, on the objects that they handle, and on other
+moving regions.
+"""

@@ -11,10 +11,12 @@ _MIN_IOU = 0.2  # chosen: least overlap of the boxes of one object in two succes
 
 
 class BoxPredictor:
-    """Predicts boxes at constant velocity from the last two detections.
+    """Predicts boxes at constant velocity from the last two images with detections.
+
+    A box without a match in the earlier image stays where it is.
 
     Args:
-        limit_s: Longest time after the last detections for which boxes are predicted.
+        limit_s: Longest time before or after the last detections for which boxes are predicted.
     """
 
     def __init__(self, limit_s: float) -> None:
@@ -31,7 +33,7 @@ class BoxPredictor:
         """Return the boxes predicted for a stamp.
 
         The result is empty if no detections are stored, or if the newest are more than `limit_s`
-        older than the stamp.
+        away from the stamp.
         """
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)

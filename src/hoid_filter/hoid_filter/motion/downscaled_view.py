@@ -60,7 +60,10 @@ class DownscaledView(NamedTuple):
 
 
 def downscale(view: MotionView, camera: DownscaledCamera) -> DownscaledView:
-    """Return the low-resolution images of a view, with the depth image cut into segments."""
+    """Return a view at low resolution, with the depth image cut into segments of smooth depth.
+
+    The gray image has about twice as many rows and columns as the depth image.
+    """
     depth_m = camera.depth(view.depth_m)
     segments = depth_segments(depth_m, _SEGMENT_CELL_PX)
     gray = camera.gray(view.image_gray)

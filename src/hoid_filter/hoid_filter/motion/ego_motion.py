@@ -55,7 +55,9 @@ class EgoMotionEstimate(NamedTuple):
     """A camera pose, and the share of the image area that it explains."""
 
     T_camera_world: FloatArray  # (4, 4)
-    share: float  # share of the area whose points are inliers, in [0, 1]
+    # Mean of 1 - (residual / inlier limit)^2 over the image area, without the prior, in [0, 1].
+    # Outliers count as 0.
+    share: float
     contradicts_prior: bool  # whether surface that counted as static before moves by this pose
 
 
