@@ -83,8 +83,10 @@ class Submap:
         self.fused: set[int] = set()  # slots of those that changed voxels
         self.marked: set[int] = set()  # slots of those that `free_above` is made of
         self.num_fused = 0  # all images that changed voxels, also those no longer stored
-        self.is_bent = False  # whether the fused images have moved relative to each other
-        self.is_rigid = False  # whether it has voxels of images that are not stored
+        # Whether the submap must be rebuilt: its images have moved relative to it by more than a
+        # limit, and enough of them are still stored (`scene_ledger.py`).
+        self.is_bent = False
+        self.is_rigid = False  # True: never rebuilt, because its images are not stored
         self.revision = 0  # increases with each change of voxels or pose
 
     def __len__(self) -> int:

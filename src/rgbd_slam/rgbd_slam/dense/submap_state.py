@@ -77,11 +77,15 @@ class SubmapState(Record):
     def submaps(
         self, keyframes: KeyframePoses, keyframe_uids: IntArray, config: DenseConfig
     ) -> list[Submap]:
-        """Return the submaps. They cannot be fused again, as their images are not saved.
+        """Return the saved submaps, placed by the present poses of their anchor keyframes.
+
+        A submap whose anchor keyframe has been removed since the map was loaded is left out, so
+        that there may be fewer submaps than in the record. A submap cannot be rebuilt from images
+        after a loop closure, because the images are not saved.
 
         Args:
             keyframes: The present poses of all keyframes.
-            keyframe_uids: (K,) uids that the keyframes of the saved map have now.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
             config: Gives the size of a voxel.
         """
         center = (self.offset + np.float32(0.5)) / _STEPS

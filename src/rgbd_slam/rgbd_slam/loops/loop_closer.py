@@ -65,7 +65,10 @@ class Join(NamedTuple):
 
 
 class LoopCounts(NamedTuple):
-    """The numbers of closed loops and merged maps."""
+    """The numbers of closed loops and merged maps.
+
+    Short loops with hardly any drift (`LoopEvent.REJOINED`) are not counted.
+    """
 
     closed: int = 0
     merged: int = 0

@@ -12,8 +12,9 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
 
-# ORB-SLAM3: MapPoint.cc, GetMinDistanceInvariance (0.8) and GetMaxDistanceInvariance (1.2): one
-# octave beyond the range of distances on either side.
+# Factor by which a point may be nearer or farther than the distances at which some octave detects
+# it: one octave. ORB-SLAM3 has 0.8 and 1.2 (MapPoint.cc, GetMinDistanceInvariance and
+# GetMaxDistanceInvariance).
 _RANGE_MARGIN = 1.2
 _MIN_VIEW_COSINE = 0.5  # ORB-SLAM3, Tracking.cc, SearchLocalPoints: at most 60 degrees off
 # ORB-SLAM3, ORBmatcher.cc, RadiusByViewingCos: search windows of points seen nearly from the mean

@@ -28,7 +28,10 @@ class KeyframePoses(NamedTuple):
         return np.equal(self.map_ids, self.main_map)
 
     def rows_of(self, uids: IntArray) -> IntArray:
-        """Return the (M,) rows of keyframes (M,), all of which must be in the snapshot."""
+        """Return the rows (M,) of the keyframes with given uids (M,).
+
+        All must be in the snapshot: a missing uid is not noticed, and its row is wrong.
+        """
         return np.searchsorted(self.uids, uids)
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.records.soa_table import SoaTableRows
 
-# Chosen: more keyframes than can be removed while a request to the mapper is queued.
+# Number of removed keyframes whose redirects are kept. Chosen: more than can be removed while a
+# request to the mapper waits in the queue.
 _MAX_REMEMBERED = 4096
 
 

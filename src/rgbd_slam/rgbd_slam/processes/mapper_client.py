@@ -16,7 +16,7 @@ class MapperClient(Protocol):
 
     @property
     def loops(self) -> LoopCounts:
-        """Return the number of closed loops and of merged maps."""
+        """Return how many loops have been closed and how many maps merged so far."""
 
     @property
     def num_restarts(self) -> int:
@@ -57,8 +57,11 @@ class MapperClient(Protocol):
 
         Args:
             state: The saved map.
-            first_uid: Uid of its first keyframe.
+            first_uid: Uid of its first keyframe; the others get the next ones.
             keep: True: keep the running map beside it. False: discard the running map.
+
+        Raises:
+            MapperStoppedError: The process of the mapper does not respond.
         """
 
     def update(self) -> None:

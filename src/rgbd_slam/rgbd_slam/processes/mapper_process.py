@@ -165,7 +165,11 @@ class MapperProcess:
         self._append(verdicts)
 
     def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
-        """Load a saved map, and wait until the process has loaded it; see `MapperClient.load`."""
+        """Load a saved map, as `MapperClient.load` says, and wait until the process has it.
+
+        Raises:
+            MapperStoppedError: The process takes too long.
+        """
         self._append(Load(state, first_uid, keep))
         self.wait(_LOAD_S)
 

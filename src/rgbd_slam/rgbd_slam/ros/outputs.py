@@ -75,9 +75,10 @@ class SlamOutputs:
         self._status.publish(slam_status_to_msg(status, header))
 
     def find_in_map(self, frame: str) -> FloatArray | None:
-        """Return T_map_frame (4, 4) by the latest transforms.
+        """Return T_map_frame (4, 4) by /tf_static and the last transforms that this node sent.
 
-        None is returned if no transforms connect the frame with the map.
+        None is returned if these do not connect the frame with the map. Transforms of other nodes
+        are not used: if one of them sends odom -> base, the base is not found.
         """
         return self._static.with_edges(self._transforms.sent).find(self.frames.map, frame)
 

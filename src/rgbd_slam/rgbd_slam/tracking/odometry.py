@@ -47,8 +47,9 @@ class Odometry:
         self.T_odom_camera = np.eye(4)
         # (6,) last observed velocity of points in the camera frame, rotation first [rad/s, m/s]
         self.twist: FloatArray = np.zeros(6)
-        # (6, 6) covariance of the last pose in the camera frame, rotation first [rad^2, m^2], and
-        # the part of this covariance whose errors differ from image to image.
+        # (6, 6) covariance of T_map_camera of the last frame, as a small motion in the camera
+        # frame, rotation first [rad^2, m^2], and its part with errors that are independent from
+        # one image to the next.
         self.covariance = self.image_covariance = np.zeros((6, 6))
         self._atlas = atlas
         self._sources = [make(wheels) for make in MOTION_SOURCES.values()]

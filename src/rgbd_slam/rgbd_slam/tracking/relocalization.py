@@ -47,7 +47,11 @@ class Relocalizer:
         self._note = self._logged = ''
 
     def relocalize_near(self, hint: PoseHint) -> None:
-        """Search near a pose first, until the camera is found or 30 frames have failed."""
+        """Store an approximate camera pose, near which `relocalize` searches first from now on.
+
+        If a frame is not found there, the whole map is searched at once. The pose is used until
+        the camera is found, and for at most 30 frames.
+        """
         self._hint, self._num_hinted, self._logged = hint, 0, ''
 
     def take_note(self) -> str:

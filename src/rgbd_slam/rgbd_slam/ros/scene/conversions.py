@@ -1,4 +1,4 @@
-"""Messages of the scene: maps, tracked objects, and these as people and as markers."""
+"""Converts the scene to messages: dense map and grid; tracked objects, people and markers."""
 
 from __future__ import annotations
 
