@@ -64,7 +64,10 @@ CASES: Mapping[str, MaskCase] = {
 
 @dataclass
 class Tally:
-    """Counts of the corners of a recording by motion and verdict."""
+    """How many corners on moving and on static surface the filter kept or removed.
+
+    Corners within 5 px of the edge of a moving surface are not counted.
+    """
 
     moving: int = 0
     moving_kept: int = 0

@@ -61,7 +61,10 @@ def rewritten(text: str, root: Path) -> str:
 
 
 def marked_pages(root: Path) -> list[Path]:
-    """Return the pages with marked tables."""
+    """Return those of README.md and the pages under docs/ that contain a marked table.
+
+    That is a table between `<!-- bench ... -->` and `<!-- /bench -->`.
+    """
     pages = [root / 'README.md', *sorted((root / 'docs').rglob('*.md'))]
     return [page for page in pages if _MARKED.search(page.read_text(encoding='utf-8'))]
 

@@ -79,7 +79,8 @@ class Cell:
     key: CellKey
     low_m: FloatArray  # (3,)
     high_m: FloatArray  # (3,)
-    template: int | None = None  # rooms with the same one look alike
+    # Rooms with the same number look almost alike. None: the cell looks like no other.
+    template: int | None = None
     neighbors: list[tuple[CellKey, Opening]] = field(default_factory=list)
 
     @property

@@ -1,4 +1,4 @@
-"""Command lines of the three nodes."""
+"""Command lines of the three nodes, and the parameter files that these read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `map`: what saved maps hold, and one map of several."""
+"""The command `map`: prints what saved maps contain, and joins several maps into one."""
 
 from __future__ import annotations
 
