@@ -23,7 +23,7 @@ class PoseBuffer:
         self._poses: deque[tuple[int, FloatArray]] = deque()  # stamp, T (4, 4)
 
     def add(self, stamp_ns: int, T: FloatArray) -> None:
-        """Append a pose T (4, 4). If its stamp is older than the newest, the buffer is cleared.
+        """Append a pose T (4, 4). If its stamp is older than the newest, all others are dropped.
 
         A pose with the stamp of the newest one is ignored.
         """
@@ -40,7 +40,7 @@ class PoseBuffer:
 
         Between two poses the motion is interpolated with constant twist. Up to 0.2 s after the
         newest pose the last motion is extrapolated. None is returned later than that, before the
-        oldest pose, and away from the stamp of a single pose.
+        oldest pose, and, while there is only one pose, at any other time than its stamp.
         """
         after = bisect_left(self._poses, stamp_ns, key=lambda pose: pose[0])
         if after < len(self._poses) and self._poses[after][0] == stamp_ns:
