@@ -80,8 +80,9 @@ class DepthHistory:
     def occlusion_evidence(self, view: DownscaledView, T_world_camera: FloatArray) -> FloatArray:
         """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, that each depth segment moves.
 
-        A surface in front of the depth of an earlier image has moved there since. A surface behind
-        this depth may have been hidden before, which is no evidence.
+        A surface in front of the depth of an earlier image has moved there since. Unchanged depth
+        is evidence against motion. A surface behind the earlier depth may have been hidden before,
+        which is no evidence; without any, the value is 0.
 
         Args:
             view: The current view with S depth segments.

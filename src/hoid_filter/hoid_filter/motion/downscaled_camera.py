@@ -54,11 +54,11 @@ class DownscaledCamera:
         return np.asarray(resized, np.uint8)
 
     def full_px(self, gray_px: Float32Array) -> Float32Array:
-        """Return the (N, 2) positions in the full image of positions in the gray image."""
+        """Convert positions (N, 2) in the gray image to positions (N, 2) in the full image."""
         return (gray_px + np.float32(0.5)) * np.float32(self._gray_scale) - np.float32(0.5)
 
     def gray_px(self, full_px: Float32Array) -> Float32Array:
-        """Return the (N, 2) positions in the gray image of positions in the full image."""
+        """Convert positions (N, 2) in the full image to positions (N, 2) in the gray image."""
         return (full_px + np.float32(0.5)) / np.float32(self._gray_scale) - np.float32(0.5)
 
     def measure(self, full_px: Float32Array, depth_m: FloatArray) -> FloatArray:
@@ -89,7 +89,7 @@ class DownscaledCamera:
         return rays * depth_m[:, None]
 
     def boxes_px(self, boxes_xywh_px: IntArray) -> FloatArray:
-        """Return the (N, 4) boxes (x1, y1, x2, y2) in the full image of boxes in the depth image.
+        """Convert boxes in the depth image to boxes (N, 4), as x1, y1, x2, y2, in the full image.
 
         Args:
             boxes_xywh_px: (N, 4) left, top, width and height in the low-resolution depth image.

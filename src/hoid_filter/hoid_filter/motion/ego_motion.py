@@ -88,7 +88,7 @@ class EgoMotion:
 
         Args:
             points: Observations of at least `MIN_POINTS` points.
-            guesses: Predicted poses T_camera_world (4, 4), the most probable first.
+            guesses: One or more predicted poses T_camera_world (4, 4), the most probable first.
         """
         is_static = points.static_probability > 0.5
         if np.count_nonzero(is_static) < _MIN_REGION_POINTS:

@@ -121,7 +121,7 @@ class MotionSegmentation:
 
     @property
     def depth_m(self) -> Float32Array:
-        """Return the downscaled depth image (h, w) of the last view."""
+        """Return the downscaled depth image (h, w) of the last view, which must exist."""
         assert self._view is not None
         return self._view.depth_m
 

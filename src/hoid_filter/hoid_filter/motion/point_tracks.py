@@ -88,7 +88,7 @@ def predict_px(
     Args:
         tracks: N points.
         T_camera_world: (4, 4) camera pose of the image in which they were tracked last.
-        T_next_world: (4, 4) camera pose of the next image, likewise T_camera_world.
+        T_next_world: (4, 4) the same for the next image.
         camera: Camera of the gray images.
     """
     focal_px = camera.gray_pinhole.fx_px, camera.gray_pinhole.fy_px
