@@ -37,9 +37,9 @@ _ROW = 1 << 16  # chosen: more cells than a row has
 
 
 class KeyframePolicy:
-    """Selects a frame as a keyframe once it sees clearly fewer map points than earlier frames.
+    """Selects a frame as a keyframe once it tracks clearly fewer map points than before.
 
-    The frames since the last keyframe and the points of the reference keyframe are compared with.
+    It is compared with the frames since the last keyframe and with its reference keyframe.
 
     Args:
         atlas: The map.
@@ -69,7 +69,9 @@ class KeyframePolicy:
     def wants(self, tracking: TrackerOutput) -> bool:
         """Return whether a frame should become a keyframe. Call it once for every tracked frame.
 
-        No keyframe is requested soon after the last one while tracking is good.
+        No keyframe is requested soon after the last one while tracking is good. While the mapper
+        has not inserted the last one, only a change of the view counts. The result is False if
+        the reference keyframe is no longer in the map.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)

@@ -56,10 +56,16 @@ class MotionSource(Protocol):
         """Discard the velocity, because the camera is lost or the stamps have started again."""
 
     def predict(self) -> FloatArray | None:
-        """Return the predicted motion T_camera_last (4, 4), or None if it is unknown."""
+        """Return the predicted motion T_camera_last (4, 4), or None if it is unknown.
+
+        It is the motion from the frame given to `start` to the image given to `advance`.
+        """
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the motion if it was measured, so that it can replace the tracker; else None."""
+        """Return the same motion if it was measured, so that it can replace the tracker.
+
+        None is returned if it was not measured, but only extrapolated.
+        """
 
 
 class ConstantVelocity:

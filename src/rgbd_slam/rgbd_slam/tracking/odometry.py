@@ -77,7 +77,8 @@ class Odometry:
     def advance(self, tracking: TrackerOutput) -> None:
         """Add the motion from the last frame to a newly tracked one, by the current map.
 
-        Also updates the velocity and the covariances. The new frame replaces the last one.
+        Also updates the velocity and the covariances. The new frame replaces the last one, which
+        must exist.
         """
         assert self.last is not None
         tracked = tracking.tracked
@@ -97,7 +98,8 @@ class Odometry:
     def bridge(self) -> Bridge | None:
         """Move `T_odom_camera` by external odometry up to the current image; return its pose.
 
-        None is returned, and nothing moves, if no source has measured the motion.
+        None is returned, and nothing moves, if there is no last frame, or if no source has
+        measured the motion.
         """
         motion = self._bridged_motion()
         if self.last is None or motion is None:
@@ -144,7 +146,7 @@ class Odometry:
 
     @property
     def anchor_uid(self) -> int | None:
-        """Return the uid of a keyframe in the map that the pose of the last frame is relative to.
+        """Return the uid of the keyframe to which the pose of the last frame is relative.
 
         It is the reference keyframe, or its nearest ancestor that is in the map. None is returned
         if there is no last frame or no such keyframe.

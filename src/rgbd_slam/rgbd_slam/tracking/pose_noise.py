@@ -66,11 +66,12 @@ class PoseNoise:
 def smoothness_residuals(stamps_ns: IntArray, T_odom_camera: FloatArray) -> FloatArray:
     """Return the (N, 6) deviations of middle poses from the parabola through the others.
 
-    They are scaled to the error of a single pose, assuming that all poses have equal noise.
+    They are twists in the camera frame, rotation first [rad, m], and are scaled to the error of a
+    single pose, assuming that all poses have equal noise.
 
     Args:
-        stamps_ns: (N, WINDOW) stamps of successive poses.
-        T_odom_camera: (N, WINDOW, 4, 4).
+        stamps_ns: (N, WINDOW) strictly increasing stamps of successive poses.
+        T_odom_camera: (N, WINDOW, 4, 4) these poses.
     """
     others = np.arange(WINDOW) != _HALF_WINDOW
     times_s = S_PER_NS * (stamps_ns[:, others] - stamps_ns[:, _HALF_WINDOW, None])

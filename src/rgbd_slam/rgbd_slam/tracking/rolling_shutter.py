@@ -58,7 +58,7 @@ class RollingShutter:
         """Return the frame as if all rows had been exposed at the time of the middle row.
 
         Args:
-            frame: The frame as imaged.
+            frame: The frame, without lens distortion.
             camera: Its camera.
             twist: (6,) velocity of points in the camera frame, rotation first [rad/s, m/s].
         """

@@ -120,7 +120,7 @@ class Tracker:
 
         Initial poses are tried from the cheapest to the most expensive search. Each is refined
         with the local map, and the first convincing result is returned (`_is_convincing`). If
-        none is convincing, it is the result with most inliers.
+        none is convincing, the result with most inliers is returned.
 
         Args:
             frame: The frame.

@@ -54,7 +54,10 @@ class WarmUp:
         self._start_ns = stamp_ns if self._config.consensus.enabled else None
 
     def add(self, tracked: TrackedFrame) -> None:
-        """Store the frame that was recorded last, if it is in the first second."""
+        """Store a frame, if it is in the first second.
+
+        It must be the frame that the trajectory has recorded last.
+        """
         start_ns = self._start_ns
         if start_ns is not None and 0 < tracked.frame.stamp_ns - start_ns < _WARM_UP_NS:
             self._frames.append((len(self._trajectory) - 1, tracked))
