@@ -111,13 +111,14 @@ class Checkpoints:
         return loaded, stored.content.dense
 
     def finish_resume(self, session: SlamSession, done: Processed) -> Processed:
-        """Return the session to mapping once the camera is found or the search has taken too long.
-
-        Returns the results of the latest image, with the mode and the message of the resume.
+        """Switch the session to mapping once the camera is found or the search has taken too long.
 
         Args:
             session: The session.
             done: The results of the latest image.
+
+        Returns:
+            The same results; during a resume, their status has its mode and message.
         """
         if self._search_end_ns is None:
             return done

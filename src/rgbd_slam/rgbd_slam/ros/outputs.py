@@ -27,7 +27,10 @@ _WHEELS = 'wheels'
 
 
 def visual_frame(odom: str) -> str:
-    """Return the frame of the visual odometry where wheels define the frame `odom`."""
+    """Return the name of the frame of the visual odometry, if another node owns `odom`.
+
+    It is `odom` with the prefix "visual_" after the last slash.
+    """
     prefix, slash, name = odom.rpartition('/')
     return f'{prefix}{slash}visual_{name}'
 

@@ -40,6 +40,9 @@ class WheelOdometry:
     def at(self, stamp_ns: int, base: str) -> FloatArray | None:
         """Return T_odom_base (4, 4) at a stamp; None if it is unknown.
 
+        It is known if a child of the odometry frame has poses around the stamp (see
+        `PoseBuffer.at`), and static transforms connect it with the base.
+
         Args:
             stamp_ns: The stamp.
             base: Name of the base frame.
