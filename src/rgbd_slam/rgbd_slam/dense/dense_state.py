@@ -64,7 +64,7 @@ class DenseState(Record):
         """Return the stored images, none of which is integrated yet.
 
         Args:
-            keyframe_uids: (K,) uids that the keyframes of the saved map have now.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
         """
         columns = self.flagged_mm, self.image_bgr, keyframe_uids[self.keyframe]
         return [

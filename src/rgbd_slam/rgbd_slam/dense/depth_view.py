@@ -101,7 +101,10 @@ class DepthCamera:
         return np.asarray(is_near & (np.maximum(np.abs(x), np.abs(y)) < spread_m))
 
     def compare(self, points_m: Float32Array, view: DepthView) -> Comparison:
-        """Compare points (N, 3) in the camera frame with the depth at their pixels."""
+        """Compare points (N, 3) in the camera frame with the depth at their pixels.
+
+        Points out of range or view, and those at pixels without a reading, are left out.
+        """
         depth_m, stride, camera = view.depth_m, self._config.pixel_stride, self._camera
         z = points_m[:, 2]
         index = np.flatnonzero((z > _MIN_DEPTH_M) & (z < self._config.max_depth_m))
@@ -117,7 +120,7 @@ class DepthCamera:
         return Comparison(index, measured_m[read] - z, noise_m, view.is_static[row, col])
 
     def measure(self, view: DepthView, T_map_camera: FloatArray) -> Surface:
-        """Return the static surface within the range of the map."""
+        """Return the static surface within the range of the map, given the pose of the view."""
         depth_m = view.depth_m
         row, col = np.nonzero(
             view.is_static & (depth_m > 0) & (depth_m < self._config.max_depth_m)

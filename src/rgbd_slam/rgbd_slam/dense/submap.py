@@ -108,7 +108,7 @@ class Submap:
         return self.values.flags.writeable
 
     def move(self, keyframes: KeyframePoses) -> None:
-        """Move with the anchor keyframe to its pose in a snapshot."""
+        """Move with the anchor keyframe to its pose in a snapshot, which must contain it."""
         row = int(keyframes.rows_of(np.array([self.anchor_uid]))[0])
         T_map_submap = keyframes.T_map_camera[row] @ self.T_anchor_submap
         self.map_id = int(keyframes.map_ids[row])
@@ -138,14 +138,23 @@ class Submap:
         return Cloud(points, mean[:, 3:].round().astype(np.uint8))
 
     def contains(self, points_m: FloatArray) -> BoolArray:
-        """Return the (N,) mask of the points (N, 3) in the submap's frame that it can hold."""
+        """Return the (N,) mask of points (N, 3) inside the cube and its overlap with others.
+
+        The points are in the submap's frame.
+        """
         x, y, z = np.floor(points_m / self._config.voxel_m).T
         low, end = -_OVERLAP, SIDE + _OVERLAP
         inside = (x >= low) & (x < end) & (y >= low) & (y < end) & (z >= low) & (z < end)
         return np.asarray(inside)
 
     def update(self, evidence: Evidence, surface: Surface | None) -> None:
-        """Carve voxels, then add a surface, which is in the submap's frame and in its cube."""
+        """Update the voxels with an image: carve those that it sees through, add its surface.
+
+        Args:
+            evidence: What the image shows of the present voxels, in their order.
+            surface: Surface in the submap's frame, all of it inside the cube (see `contains`);
+                None: there is none.
+        """
         self._load()
         self.revision += 1
         hits = self.values[:, _HITS]  # a view into the array
@@ -201,10 +210,11 @@ class Submap:
         """Return how far the fused images have moved relative to the submap since fusion.
 
         Args:
-            poses: T_map_camera (4, 4) of the stored images, by slot.
+            poses: T_map_camera (4, 4) of all stored images, by slot.
 
         Returns:
-            The largest displacement of a corner of the cube, as each image would see it now.
+            The largest displacement [m] of a corner of the cube, as each image would see it now;
+            0 if no fused image is stored.
         """
         slots = list(self.fused)
         if not slots:
@@ -247,8 +257,9 @@ def transform(T: FloatArray, points: Float32Array) -> Float32Array:
 
 
 def move_to_disk(submaps: Sequence[Submap]) -> None:
-    """Move the voxels of submaps to an unnamed temporary file, which ends with its last reader.
+    """Move the voxels of one or more submaps to an unnamed temporary file.
 
+    The file ends with its last reader.
     The arrays become read-only memory maps, so that all reading works as before and the operating
     system decides which part of the file stays in memory.
     """

@@ -44,7 +44,7 @@ class SubmapState(Record):
     def of_submaps(
         cls, submaps: Sequence[Submap], keyframe_uids: IntArray, config: DenseConfig
     ) -> SubmapState:
-        """Return the record of the submaps whose anchors are saved.
+        """Return the record of the submaps that have voxels and whose anchors are saved.
 
         Args:
             submaps: The submaps.
@@ -129,7 +129,10 @@ DenseMap = SubmapState | DenseState
 
 
 def misfit(dense: DenseMap, camera: CameraModel, config: DenseConfig) -> str | None:
-    """Return the parameter in which a saved dense map differs from a running one, or None."""
+    """Return the name of the parameter because of which a saved dense map cannot be loaded.
+
+    None is returned if it can be loaded.
+    """
     if isinstance(dense, SubmapState):
         return None if dense.voxel_m[0] == config.voxel_m else 'voxel_m'
     return None if dense.fits(camera, config.pixel_stride) else 'pixel_stride'

@@ -110,7 +110,10 @@ class VoxelMap:
                 submap.move(keyframes)
 
     def export(self, keyframe_uids: IntArray) -> SubmapState:
-        """Return the record of the submaps, whose anchors are rows of ascending uids (K,)."""
+        """Return the record of the submaps whose anchors are among ascending uids (K,).
+
+        In the record, an anchor is the position of its uid.
+        """
         return SubmapState.of_submaps(self._submaps, keyframe_uids, self._config)
 
     def load(self, state: SubmapState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
@@ -119,7 +122,7 @@ class VoxelMap:
         Args:
             state: The submaps.
             keyframes: The present poses of all keyframes.
-            keyframe_uids: (K,) uids that the keyframes of the saved map have now.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
         """
         self._submaps += state.submaps(keyframes, keyframe_uids, self._config)
         self.limit_memory(np.eye(4))

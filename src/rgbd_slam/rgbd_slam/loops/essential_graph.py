@@ -45,7 +45,7 @@ class Loop(NamedTuple):
 
 
 def link_covariance(match: PlaceMatch) -> FloatArray:
-    """Return the (6, 6) covariance of the relative pose that a recognized place gives.
+    """Return the (6, 6) covariance of the relative pose of a recognized place, rotation first.
 
     It is larger than the covariance of the match, which holds for independent errors only: the
     points of the place share errors of the map.

@@ -89,7 +89,7 @@ def cells_of(
 def compose_grid(
     parts: Sequence[SubmapCells], T_map_level: FloatArray, config: GridConfig
 ) -> Grid:
-    """Return the grid of the cells of all submaps.
+    """Return the grid of the cells of all submaps, of which there must be at least one.
 
     A cell is occupied if a point is above it, between the limits of height. It is free if only
     points of the floor are there, not even one unconfirmed point above it, and the space above

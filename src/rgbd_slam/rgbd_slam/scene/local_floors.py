@@ -30,8 +30,9 @@ class LocalFloors:
     def heights_m(self, submaps: Sequence[Submap]) -> dict[Submap, float]:
         """Return the height of the floor of each submap above the plane.
 
-        It is the median of the voxels near the floor of the nearest submap before it, or that
-        floor itself where there are too few.
+        It is the median height of the voxels near the expected floor, or the expected height
+        where these are too few. The expected height is that of the nearest earlier submap that
+        shows the floor, and at first 0.
         """
         T_floor_map = se3.inverse(self.floor.T_map_floor)
         out: dict[Submap, float] = {}

@@ -43,6 +43,8 @@ class ObjectTracker:
     ) -> tuple[TrackedObject, ...]:
         """Update the tracks with the detections of one image; return the confirmed tracks by id.
 
+        Images must come in order of time.
+
         Args:
             objects: The detections, with the filter's verdict which of them are dynamic.
             image: The depth image with its pose, in a map whose z axis points up.

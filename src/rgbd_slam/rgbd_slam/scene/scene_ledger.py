@@ -146,7 +146,8 @@ class SceneLedger:
         """Fuse the bent submaps of one region near the camera again; return whether any were.
 
         Args:
-            region_m: Radius of the region. Most images of near submaps are the same.
+            region_m: Radius of the region [m]. Near submaps are made of nearly the same images,
+                so that few images are read.
         """
         bent = [submap for submap in self._voxels.submaps if submap.is_bent]
         if not bent:

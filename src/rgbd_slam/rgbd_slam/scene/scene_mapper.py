@@ -133,7 +133,7 @@ class SceneMapper:
         Args:
             dense: The saved dense map.
             keyframes: The present poses of all keyframes, including those of the saved map.
-            keyframe_uids: (K,) uids that the keyframes of the saved map have now.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
 
         Raises:
             MapFileError: It was made with another `voxel_m` or `pixel_stride`.
