@@ -96,8 +96,7 @@ class PlusConfig(Config):
         default=True,  # ablation of masks: without it 2 to 10 times as many moving corners
         description='Whether hoid+ keeps an object dynamic until nobody has handled it for a '
         'second, and regards a handled object as still handled while a person covers half of '
-        'min_interaction_area of its box. Set it to false to classify objects in each image on '
-        'their own.',
+        'min_interaction_area of its box. Set it to false to decide by the current image alone.',
         read_only=False,
     )
     keep_background: bool = param(
@@ -209,7 +208,8 @@ class FilterConfig(Config):
     prediction_limit_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
         'Longest time for which boxes are predicted while the detector sends no message (s). '
-        'Raise it, with detections.wait_s, for a detector that takes longer for an image.',
+        'Raise it, with detections.wait_s, for a detector that takes longer for an image; lower '
+        'it when features are removed where people have been.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,

@@ -59,7 +59,8 @@ class DenseConfig(Config):
     enabled: bool = param(
         default=True,
         description='Whether to fuse depth images into cloud_map and grid_map, in a separate '
-        'process. Set it to false to save time and memory if only poses are needed.',
+        'process. Set it to false to save time and memory if only poses are needed; the services '
+        'save_cloud and save_grid then fail.',
     )
     rate_hz: float = param(
         3.0,  # chosen: an image costs 20 ms (decision 022), so 6 % of a core

@@ -24,7 +24,7 @@ class FrameConfig(Config):
     odom: str = param(
         'odom',
         'Name of the odometry frame. If another node sends odom -> base '
-        '(frames.publish_odom_to_base is false), set it to the name that this node uses.',
+        '(frames.publish_odom_to_base is false), set it to the parent frame of that transform.',
         expert=True,
     )
     base: str = param(
