@@ -25,7 +25,7 @@ class SubmapState(Record):
     """S submaps with N voxels in all, sorted by submap and key; 16 bytes per voxel."""
 
     voxel_m: Annotated[FloatArray, column('f8', 1)]  # side of a voxel
-    anchor: Annotated[NDArray[np.int32], column('i4', 'submaps')]  # keyframe's row in the map
+    anchor: Annotated[NDArray[np.int32], column('i4', 'submaps')]  # row of the saved keyframe
     T_anchor_submap: Annotated[FloatArray, column('f8', 'submaps', 4, 4)]
     num_voxels: Annotated[NDArray[np.int32], column('i4', 'submaps')]
     free_above: Annotated[NDArray[np.uint16], column('u2', 'submaps', SPAN // 2, SPAN // 2)]

@@ -55,7 +55,7 @@ class Join(NamedTuple):
     T_place_camera: FloatArray  # (4, 4)
     place_uid: int  # of the earlier keyframe
     num_points: int  # of the place that the keyframe observes
-    # How far the keyframe was from where the place has it: distance [m] and rotation [rad]; None
+    # Distance [m] and rotation [rad] of the keyframe from its pose by the recognized place; None
     # between two maps, whose relative pose was unknown.
     correction: tuple[float, float] | None
 

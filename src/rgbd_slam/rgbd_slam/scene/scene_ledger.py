@@ -32,8 +32,8 @@ _FORCED_VOXELS = 0.05  # the same if a correction of any size counts
 # Images stored within this distance of each other; beyond it, the most redundant one is removed.
 # A camera that drives past stores 6 images per meter; a voxel needs 3. Not tuned.
 _NEAR_M, _MAX_NEAR = 2.0, 100
-_MIN_SHARE = 0.5  # of a submap's images must be stored to fuse it again, or so many; not tuned
-_ENOUGH = 10
+# Not tuned: a submap is rebuilt only if this share of its images, or this number, is still stored.
+_MIN_SHARE, _ENOUGH = 0.5, 10
 _REGION_M = 3.0  # chosen: bounds the time to fuse one region again to about 2 s
 
 

@@ -33,7 +33,8 @@ from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FLOOR_POINTS = 50_000  # chosen: of the cloud, to find the floor
-_SAME_FLOOR_M = 0.01  # chosen: less than half a voxel, which the floors of submaps absorb
+# Chosen, less than half a voxel: a floor that differs by less is kept; `LocalFloors` corrects it.
+_SAME_FLOOR_M = 0.01
 
 
 class SceneMapper:

@@ -30,7 +30,8 @@ _SETTLED_AGE = 10
 # Decision 004: the largest difference of two views that count as the same one: rotation [rad] plus
 # distance over median depth.
 _SAME_VIEW_RAD = 0.2
-# Chosen: the view differs by as much between two keyframes of a drive with a mapper in time.
+# The same, from which a further keyframe is requested while one is pending. Chosen: the usual
+# difference between two keyframes of a drive while the mapper is in time.
 _PENDING_VIEW_RAD = 0.1
 _CELL_PX = 40  # not tuned: a new feature counts only in a cell where no point is expected
 _ROW = 1 << 16  # chosen: more cells than a row has

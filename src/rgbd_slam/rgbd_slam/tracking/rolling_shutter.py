@@ -29,7 +29,7 @@ _MAX_ESTIMATES = 12  # the latest ones, which are averaged
 _MIN_ESTIMATES = 4
 # Standard deviation of a prior readout time of 0; it prevails while the camera is at rest.
 _PRIOR_S = 1e-3
-_MIN_READOUT_S = 5e-3  # decision 033: errors of points resemble 1 to 4 ms
+_MIN_READOUT_S = 5e-3  # decision 033: errors of map points look like a readout of 1 to 4 ms
 _MAX_READOUT_S = 0.05  # chosen: the interval of images at 20 Hz
 _MIN_STANDARD_ERRORS = 3.0  # decision 033: significance of the average, by the scatter
 _MAX_MATCHES = 300  # matches of an image that are used

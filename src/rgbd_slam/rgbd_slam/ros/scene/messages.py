@@ -35,7 +35,7 @@ class SavedSubmaps(NamedTuple):
     """Adds the dense map of a saved map, whose keyframes are in the last `KeyframePoses`."""
 
     path: Path  # a file of `SubmapState`
-    keyframe_uids: IntArray  # (K,) that the keyframes of the saved map have now
+    keyframe_uids: IntArray  # (K,) present uids of the keyframes, in the order of the saved map
 
 
 class SceneCommand(NamedTuple):
