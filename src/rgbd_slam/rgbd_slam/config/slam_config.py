@@ -18,10 +18,10 @@ class CameraConfig(Config):
         0.3,  # decision 003: 0.07 px in rendered images to 0.6 px in fr1_xyz
         'Constant part of the standard deviation of depth readings, converted to disparities of a '
         'stereo camera with a baseline of 7.5 cm (pixels); 3 % of the disparity is added to it. '
-        'Tracking and local bundle adjustment replace both parts by the noise that is measured in '
-        'the images; place recognition, loop closing, and the creation and fusion of map points '
-        'always use these values. Raise it for a camera with noisier depth; more outliers in '
-        'depth are then accepted.',
+        'Tracking and bundle adjustment replace both parts by the noise that is measured in the '
+        'images; place recognition, and the creation and fusion of map points, always use these '
+        'values. Raise it for a camera with noisier depth; more outliers in depth are then '
+        'accepted.',
         minimum=0.01,
         maximum=10.0,
     )
@@ -158,10 +158,10 @@ class KeyframeConfig(Config):
     reference_share: float = param(
         0.75,  # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame
         'A frame becomes a keyframe if it tracks fewer map points than this share of the '
-        'confirmed points of its reference keyframe. The parameters keyframes.min_gap_s and '
-        'keyframes.skip_known_views can still prevent it, and other rules can make a keyframe '
-        'earlier. Raise it if the camera is often lost in fast motion; more keyframes are then '
-        'made, which takes more time and memory.',
+        'confirmed points of its reference keyframe (0.4 of them in a map of up to two '
+        'keyframes). The parameters keyframes.min_gap_s and keyframes.skip_known_views can still '
+        'prevent it, and other rules can make a keyframe earlier. Raise it if the camera is often '
+        'lost in fast motion; more keyframes are then made, which takes more time and memory.',
         minimum=0.1,
         maximum=1.0,
         read_only=False,
