@@ -8,6 +8,7 @@ from hoid_common.config import Config, param
 from hoid_common.inputs.input_config import NodeConfig
 from hoid_detector.model.finished_boxes import CLASS_IDS
 from hoid_detector.model.layouts import LAYOUTS
+from hoid_detector.model.letterbox import VALUE_RANGES
 from hoid_detector.model.probe import AUTO
 
 _LAYOUTS = tuple(dict.fromkeys(layout.name for layout in LAYOUTS))
@@ -134,9 +135,10 @@ class DetectorConfig(Config):
     )
     value_range: str = param(
         AUTO,
-        'Range of the values in the network input: 0 to 1 (unit), or 0 to 255 (byte). Set it when '
-        'a model of another range than usual for its layout detects nothing.',
-        choices=(AUTO, 'unit', 'byte'),
+        'Range of the values in the network input: 0 to 1 (unit), 0 to 255 (byte), or 0 to 1 '
+        'standardized by the mean and deviation of ImageNet (imagenet). Set it when a model of '
+        'another range than usual for its layout detects little or nothing.',
+        choices=(AUTO, *VALUE_RANGES),
         expert=True,
     )
     letterbox: str = param(

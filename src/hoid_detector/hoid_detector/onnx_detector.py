@@ -19,12 +19,12 @@ from hoid_detector.config import DetectorConfig
 from hoid_detector.model.class_names import known_names, with_person
 from hoid_detector.model.decoders import Candidates, Size
 from hoid_detector.model.finished_boxes import MAX_SCORE
-from hoid_detector.model.layouts import Layout, Preprocessing, recognize
-from hoid_detector.model.letterbox import Letterbox, Placement, open_size
+from hoid_detector.model.layouts import Layout, recognize
+from hoid_detector.model.letterbox import Letterbox, Placement, Preprocessing, open_size
 from hoid_detector.model.network import Network
 from hoid_detector.model.nms import nms
 from hoid_detector.model.probe import AUTO, Probe
-from hoid_detector.model.quarter_turn import boxes_before_turn, nearest_quarter, turned
+from hoid_detector.quarter_turn import boxes_before_turn, nearest_quarter, turned
 
 _LOG = logging.getLogger(__name__)
 # Chosen: boxes outside the image that show a wrong layout, if they are more than those inside.
@@ -210,13 +210,12 @@ def _layout_and_class_names(
     names = known_names(config.class_names_file, network.metadata)
     size_wh = _input_size(network, (640, 480), config)
     noise = np.random.default_rng(0).integers(0, 256, (size_wh[1], size_wh[0], 3), np.uint8)
-    blob, _ = Letterbox(Preprocessing(True, True, 'stretch'), network.dtype)(noise, size_wh)
+    blob, _ = Letterbox(Preprocessing(True, 'unit', 'stretch'), network.dtype)(noise, size_wh)
     outputs = tuple(network.run(blob))
     if not _are_finite(outputs):
         raise ModelError(f'{network.path}: all outputs are NaN or Inf; export the model again')
-    num_names = len(names) if names else None
     probe = Probe(
-        size_wh, network.output_names, outputs, network.metadata, num_names, config.box_units,
+        size_wh, network.output_names, outputs, network.metadata, names, config.box_units,
         config.class_ids, network.takes_size,
     )  # fmt: skip
     with _named(network):
@@ -243,7 +242,7 @@ def _overridden(preprocessing: Preprocessing, config: DetectorConfig) -> Preproc
     if config.color_order != AUTO:
         preprocessing = preprocessing._replace(rgb=config.color_order == 'rgb')
     if config.value_range != AUTO:
-        preprocessing = preprocessing._replace(unit_range=config.value_range == 'unit')
+        preprocessing = preprocessing._replace(value_range=config.value_range)
     if config.letterbox != AUTO:
         preprocessing = preprocessing._replace(placement=config.letterbox)
     return preprocessing

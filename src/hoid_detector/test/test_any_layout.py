@@ -77,7 +77,8 @@ def zeros(shapes: Shapes) -> Outputs:
 def test_outputs_are_decoded_or_refused(
     network: Outputs, requested: str, num_classes: int | None
 ) -> None:
-    probe = Probe(SIZE_WH, *network, metadata={}, num_classes=num_classes)
+    names = None if num_classes is None else ('person',) * num_classes
+    probe = Probe(SIZE_WH, *network, metadata={}, class_names=names)
     try:
         layout = recognize(probe, requested)
         event(layout.name)

@@ -7,48 +7,69 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoid_detector.model.layouts import Preprocessing
-from hoid_detector.model.letterbox import Letterbox, open_size, placement
+from hoid_detector.model.letterbox import (
+    VALUE_RANGES,
+    Letterbox,
+    Preprocessing,
+    open_size,
+    placement,
+)
 
 SIDES = st.integers(8, 2000)
 
 
 @pytest.mark.parametrize(
-    ('rgb', 'unit', 'mode', 'rows', 'pixel'),
+    ('rgb', 'value_range', 'mode', 'rows', 'pixel', 'gray'),
     [
-        (True, True, 'centered', slice(2, 6), (30 / 255, 20 / 255, 10 / 255)),
-        (False, False, 'top_left', slice(0, 4), (10, 20, 30)),
-        (True, False, 'stretch', slice(0, 8), (30, 20, 10)),
+        (True, 'unit', 'centered', slice(2, 6), (30 / 255, 20 / 255, 10 / 255), (114 / 255,) * 3),
+        (False, 'byte', 'top_left', slice(0, 4), (10, 20, 30), (114,) * 3),
+        (True, 'byte', 'stretch', slice(0, 8), (30, 20, 10), (114,) * 3),
+        # By hand: (30 / 255 - 0.485) / 0.229, and so on.
+        (
+            True, 'imagenet', 'top_left', slice(0, 4),
+            (-1.604161, -1.685574, -1.630153), (-0.165682, -0.039916, 0.182484),
+        ),
+        (
+            False, 'imagenet', 'top_left', slice(0, 4),
+            (-1.630153, -1.685574, -1.604161), (0.182484, -0.039916, -0.165682),
+        ),
     ],
-)
+)  # fmt: skip
 def test_the_input_holds_the_image_and_gray_padding(
-    rgb: bool, unit: bool, mode: str, rows: slice, pixel: tuple[float, ...]
+    rgb: bool,
+    value_range: str,
+    mode: str,
+    rows: slice,
+    pixel: tuple[float, ...],
+    gray: tuple[float, ...],
 ) -> None:
-    letterbox = Letterbox(Preprocessing(rgb, unit, mode), np.float32)
+    letterbox = Letterbox(Preprocessing(rgb, value_range, mode), np.float32)
     image = np.empty((4, 8, 3), np.uint8)
     image[:] = 10, 20, 30
     blob, _ = letterbox(image, (8, 8))
     assert blob.shape == (1, 3, 8, 8)
-    expected = np.full((1, 3, 8, 8), 114 / 255 if unit else 114, np.float32)
+    expected = np.empty((1, 3, 8, 8), np.float32)
+    expected[:] = np.array(gray)[:, None, None]
     expected[0, :, rows] = np.array(pixel)[:, None, None]
-    np.testing.assert_allclose(blob, expected, rtol=1e-6)
+    np.testing.assert_allclose(blob, expected, rtol=1e-5)
 
 
 def test_buffer_is_cleared_when_the_image_changes_its_shape() -> None:
-    letterbox = Letterbox(Preprocessing(True, False, 'centered'), np.float32)
+    letterbox = Letterbox(Preprocessing(True, 'byte', 'centered'), np.float32)
     letterbox(np.full((8, 8, 3), 255, np.uint8), (8, 8))
     blob, _ = letterbox(np.zeros((4, 8, 3), np.uint8), (8, 8))
     assert (blob[0, :, :2] == 114).all()
     assert (blob[0, :, 2:6] == 0).all()
 
 
-def test_half_floats_hold_the_same_values() -> None:
+@pytest.mark.parametrize('value_range', VALUE_RANGES)
+def test_half_floats_hold_the_same_values(value_range: str) -> None:
     image = np.random.default_rng(0).integers(0, 256, (8, 8, 3), np.uint8)
-    preprocessing = Preprocessing(True, True, 'stretch')
+    preprocessing = Preprocessing(True, value_range, 'stretch')
     half = Letterbox(preprocessing, np.float16)(image, (8, 8))[0]
     full = Letterbox(preprocessing, np.float32)(image, (8, 8))[0]
     assert half.dtype == np.float16
-    np.testing.assert_allclose(half, full, atol=1e-3)
+    np.testing.assert_allclose(half, full, atol=2e-3)
 
 
 @given(SIDES, SIDES, SIDES, SIDES, st.sampled_from(['centered', 'top_left', 'stretch']))

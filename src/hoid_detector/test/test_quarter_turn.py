@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hoid_detector.config import DetectorConfig
-from hoid_detector.model.quarter_turn import boxes_before_turn, nearest_quarter, turned
 from hoid_detector.onnx_detector import OnnxDetector
+from hoid_detector.quarter_turn import boxes_before_turn, nearest_quarter, turned
 
 SHARED = Path(__file__).resolve().parents[3].parent / 'shared'
 MODEL = SHARED / 'models' / 'yolov8n_int8.onnx'

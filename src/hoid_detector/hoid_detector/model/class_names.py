@@ -16,6 +16,9 @@ _MAX_FILE_BYTES = 1_000_000  # chosen: far above any list of class names
 # Keys that exporters use; Ultralytics writes `names`.
 _METADATA_KEYS = ('names', 'class_names', 'classes', 'labels', 'id2label', 'label2id')
 
+# Names that data sets give to the class 0 that marks no object, in lower case.
+_BACKGROUND = ('background', '__background__', 'bg', 'n/a', '???', 'none', 'unlabeled', 'void')
+
 
 def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | None:
     """Return the class names of a model; None if neither source has any.
@@ -48,6 +51,11 @@ def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[st
             'name the class of people with person_names, or use a model that finds people'
         )
     return found
+
+
+def is_background(name: str) -> bool:
+    """Return whether this is a name of the class that marks no object."""
+    return name.strip().casefold() in _BACKGROUND
 
 
 def names_in_file(path: Path) -> tuple[str, ...]:

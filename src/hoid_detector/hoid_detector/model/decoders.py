@@ -49,12 +49,13 @@ class Decoder(Protocol):
 class AnchorDecoder:
     """Decodes a table of N anchors, as of YOLO 5 to 11 and YOLOX.
 
-    Each anchor has C channels: cx, cy, w, h, for some models the objectness, and class scores.
+    Each anchor has C channels: the box, for some models the objectness, and class scores.
     """
 
     anchors_last: bool  # True: the output is (C, N); False: (N, C)
     objectness: bool  # True: there is a channel objectness; scores are multiplied by it
     normalized: bool  # True: boxes are fractions of the input; False: pixels
+    corners: bool = False  # True: boxes are x1, y1, x2, y2; False: cx, cy, w, h
     # YOLOX: boxes are relative to the cells of grids with these strides. Empty: they are absolute.
     cell_strides_px: tuple[int, ...] = ()
 
@@ -74,7 +75,8 @@ class AnchorDecoder:
             boxes = _from_cells(
                 boxes, *(g[..., rows] for g in cells(size_wh, self.cell_strides_px))
             )
-        best = _best_class(_xyxy_from_cxcywh(boxes.T), class_scores.T, score_threshold)
+        boxes_xyxy = boxes.T if self.corners else _xyxy_from_cxcywh(boxes.T)
+        best = _best_class(boxes_xyxy, class_scores.T, score_threshold)
         return in_pixels(best, size_wh, normalized=self.normalized)
 
 

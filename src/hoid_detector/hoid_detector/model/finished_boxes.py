@@ -1,8 +1,9 @@
 """Finished boxes: outputs after non-maximum suppression, or of networks that need none.
 
 Exporters write the same boxes with different columns and class ids. Both follow from the names of
-the outputs and the metadata where these state them. Otherwise the first known convention is used
-that fits all answers so far; answers that fit none are refused.
+the outputs and the metadata where these state them. Otherwise the first known reading is used
+that fits all answers so far. A warning names another one that fits but gives other boxes, and
+answers that fit none are refused.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,12 +92,17 @@ def order_in_name(name: str, num_columns: int) -> Order | None:
         return ('batch', 'xyxy', 'score', 'class')
     order = tuple(str(match.lastgroup) for match in _WORD.finditer(name.lower()))
     is_complete = {'score', 'class'} < set(order) and sum(o in _BOXES for o in order) == 1
-    return order if is_complete and _width(order) == num_columns else None
+    return order if is_complete and num_columns_of(order) == num_columns else None
 
 
 def known_orders(num_columns: int) -> tuple[Order, ...]:
     """Return the orders that a table with so many columns may have."""
-    return tuple(order for order in TABLE_LAYOUTS.values() if _width(order) == num_columns)
+    return tuple(order for order in TABLE_LAYOUTS.values() if num_columns_of(order) == num_columns)
+
+
+def num_columns_of(order: Order) -> int:
+    """Return the number of columns of a table with this order; a box has 4."""
+    return len(order) + 3
 
 
 class Columns(NamedTuple):
@@ -113,13 +119,12 @@ class Columns(NamedTuple):
         Boxes with a score below the threshold may have any corners, and a few others as well, as
         networks do not guarantee their order.
         """
-        ids = self.ids[self.scores > 0]
         is_strong = self.scores >= threshold
         ordered = (self.boxes[is_strong, 2:] >= self.boxes[is_strong, :2]).all(axis=1)
         return (
             not self.batch.any()
             and bool((np.abs(self.scores) <= MAX_SCORE).all())
-            and bool((np.abs(ids - np.rint(ids)) <= _MAX_ID_ERROR).all())
+            and bool((np.abs(self.ids - np.rint(self.ids)) <= _MAX_ID_ERROR).all())
             and 2 * int(ordered.sum()) >= int(is_strong.sum())
         )
 
@@ -136,15 +141,32 @@ def columns(table: Float32Array, order: Order) -> Columns:
     return Columns(boxes, found['score'][:, 0], found['class'][:, 0], batch[:, 0])
 
 
+class Reading(NamedTuple):
+    """A way to read the rows of a table."""
+
+    order: Order
+    ids: ClassIds
+
+    def __str__(self) -> str:
+        return f'columns {"_".join(self.order)}, class ids {self.ids.name}'
+
+    def candidates(self, table: Float32Array, threshold: float) -> Candidates:
+        """Return the boxes in a (N, C) table whose score is at least the threshold."""
+        found = columns(table, self.order)
+        keep = (found.scores >= threshold) & (found.ids >= 0)
+        index = self.ids.index_of_id[np.rint(found.ids[keep]).astype(np.int64)]
+        return Candidates(found.boxes[keep], found.scores[keep], index)
+
+
 @dataclass
 class FinishedDecoder:
-    """Decoder of finished boxes. It learns from each answer which convention the outputs have."""
+    """Decoder of finished boxes. It learns from each answer how the outputs are to be read."""
 
     table_of: Callable[[Outputs], Float32Array]  # returns the (N, C) table of the outputs
-    orders: Sequence[Order]  # that fit all answers so far; the first is used
-    ids: Sequence[ClassIds]  # the same
+    readings: Sequence[Reading]  # that fit all answers so far; the first is used
     normalized: bool | None  # boxes are fractions of the input, else pixels; None: not known yet
     has_answered: bool = False  # whether an answer had a box above the threshold
+    reported: set[str] = field(default_factory=set)  # other readings that a warning has named
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold.
@@ -154,11 +176,9 @@ class FinishedDecoder:
         """
         table = self.rows(outputs)
         self.learn(table, score_threshold)
-        found = columns(table, self.orders[0])
-        keep = (found.scores >= score_threshold) & (found.ids >= 0)
-        index = self.ids[0].index_of_id[np.rint(found.ids[keep]).astype(np.int64)]
-        candidates = Candidates(found.boxes[keep], found.scores[keep], index)
-        return in_pixels(candidates, size_wh, normalized=bool(self.normalized))
+        found = self.readings[0].candidates(table, score_threshold)
+        self._report_doubt(table, found, score_threshold)
+        return in_pixels(found, size_wh, normalized=bool(self.normalized))
 
     def rows(self, outputs: Outputs) -> Float32Array:
         """Return the rows of the table without padding and without those that are not finite."""
@@ -168,36 +188,71 @@ class FinishedDecoder:
         return rows
 
     def learn(self, table: Float32Array, threshold: float) -> None:
-        """Exclude what does not fit the rows of an answer."""
-        orders = [o for o in self.orders if columns(table, o).is_plausible(threshold)]
-        if not orders:
+        """Exclude the readings that do not fit the rows of an answer.
+
+        Raises:
+            ModelError: None is left.
+        """
+        orders = dict.fromkeys(reading.order for reading in self.readings)
+        plausible = {
+            order: found
+            for order in orders
+            if (found := columns(table, order)).is_plausible(threshold)
+        }
+        if not plausible:
             raise ModelError(
                 f'the answer fits no known order of columns: the first row is {_text(table[0])}; '
                 f'set the parameter "layout" to one of {", ".join(TABLE_LAYOUTS)}'
             )
-        found = columns(table, orders[0])
-        ids = np.rint(found.ids[found.scores > 0])
-        conventions = [c for c in self.ids if c.fit(ids)]
-        if not conventions:
+        ids = {order: np.rint(f.ids[f.scores > 0]) for order, f in plausible.items()}
+        readings = [r for r in self.readings if r.order in ids and r.ids.fit(ids[r.order])]
+        if not readings:
+            seen = _text(np.unique(next(iter(ids.values()))))
             raise ModelError(
-                f'the answer contains the class ids {_text(np.unique(ids))}, which do not fit the '
-                'class names; set class_names_file or class_ids, or the parameter "layout"'
+                f'the answer contains the class ids {seen}, which do not fit the class names; set '
+                'class_names_file or class_ids, or the parameter "layout"'
             )
-        is_new = (orders[0], conventions[0].name) != (self.orders[0], self.ids[0].name)
-        if is_new and self.has_answered:
-            order, name = '_'.join(orders[0]), conventions[0].name
-            _LOG.warning('detector: earlier boxes were misread: columns %s, ids %s', order, name)
-        self.orders, self.ids = orders, conventions
+        if self.has_answered and str(readings[0]) != str(self.readings[0]):
+            _LOG.warning('detector: earlier boxes were misread, now: %s', readings[0])
+        self.readings = readings
+        found = plausible[readings[0].order]
         self.has_answered |= bool((found.scores >= threshold).any())
         if self.normalized is None:
-            strong = found.boxes[found.scores >= threshold]
-            boxes = strong if len(strong) else found.boxes
-            if len(strong) or len(boxes) >= _MIN_WEAK_ROWS:
-                self.normalized = bool(np.abs(boxes).max() <= LARGEST_NORMALIZED)
+            self.normalized = _are_normalized(found, threshold)
+
+    def _report_doubt(self, table: Float32Array, found: Candidates, threshold: float) -> None:
+        """Log a warning about other readings that fit all answers and differ for this one."""
+        for other in self.readings[1:]:
+            if str(other) not in self.reported and not _are_equal(
+                found, other.candidates(table, threshold)
+            ):
+                self.reported.add(str(other))
+                _LOG.warning(
+                    'detector: boxes are read as %s, but may be %s; the first row is %s; set the '
+                    'parameters "layout" and "class_ids" to what is right',
+                    self.readings[0], other, _text(table[0]),
+                )  # fmt: skip
 
 
-def _width(order: Order) -> int:
-    return len(order) + 3
+def _are_normalized(found: Columns, threshold: float) -> bool | None:
+    """Return whether boxes are fractions of the input, or None if too few show it."""
+    is_strong = found.scores >= threshold
+    if is_strong.any():
+        boxes = found.boxes[is_strong]
+    else:
+        has_area = (found.boxes[:, 2:] > found.boxes[:, :2]).all(axis=1)
+        boxes = found.boxes[has_area]
+        if len(boxes) < _MIN_WEAK_ROWS:
+            return None
+    return bool(np.abs(boxes).max() <= LARGEST_NORMALIZED)
+
+
+def _are_equal(found: Candidates, other: Candidates) -> bool:
+    return (
+        np.array_equal(found.class_ids, other.class_ids)
+        and np.array_equal(found.scores, other.scores)
+        and np.array_equal(found.boxes_xyxy_px, other.boxes_xyxy_px)
+    )
 
 
 def _text(values: NDArray[Any]) -> str:

@@ -138,7 +138,7 @@ def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort
     Raises:
         ModelError: The model has inputs of other kinds.
     """
-    images = [i for i in inputs if len(i.shape) == 4 and 3 in i.shape[1::2] and i.type in _DTYPES]
+    images = [i for i in inputs if _takes_one_image(i.shape) and i.type in _DTYPES]
     sizes = [
         i for i in inputs if len(i.shape) == 2 and i.type in ('tensor(int64)', 'tensor(int32)')
     ]
@@ -146,6 +146,11 @@ def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort
         found = ', '.join(f'{i.name} {i.type} {i.shape}' for i in inputs)
         raise ModelError(f'{path}: has no single input (1, 3, height, width), but {found}')
     return images[0], sizes[0] if sizes else None
+
+
+def _takes_one_image(shape: Sequence[int | str | None]) -> bool:
+    """Return whether an input shape is that of one color image; names and None are any size."""
+    return len(shape) == 4 and 3 in shape[1::2] and (shape[0] == 1 or type(shape[0]) is not int)
 
 
 @contextmanager

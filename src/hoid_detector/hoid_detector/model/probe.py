@@ -40,7 +40,7 @@ class Probe:
     names: tuple[str, ...]  # of the outputs
     outputs: tuple[NDArray[Any], ...]
     metadata: Mapping[str, str]
-    num_classes: int | None  # number of class names, where they are known
+    class_names: tuple[str, ...] | None  # where they are known
     box_units: str = AUTO  # AUTO, 'pixel' or 'normalized'
     class_ids: str = AUTO  # AUTO, or the convention of class ids
     takes_size: bool = False  # whether the network has an input for the image size
@@ -48,6 +48,11 @@ class Probe:
     def __str__(self) -> str:
         found = zip(self.names, self.outputs, strict=True)
         return ', '.join(f'{name} {a.dtype} {"x".join(map(str, a.shape))}' for name, a in found)
+
+    @property
+    def num_classes(self) -> int | None:
+        """Return the number of class names, where they are known."""
+        return None if self.class_names is None else len(self.class_names)
 
     @property
     def table(self) -> NDArray[Any]:

@@ -1,0 +1,163 @@
+"""Layouts of finished boxes: their decoders, with what names and metadata state about them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.coco import COCO
+from hoid_common.errors import ModelError
+from hoid_common.values import Float32Array
+from hoid_detector.model.class_names import is_background, names_in_metadata
+from hoid_detector.model.decoders import Decoder, Outputs, float32
+from hoid_detector.model.finished_boxes import (
+    COCO_91,
+    FROM_0,
+    FROM_1,
+    TABLE_LAYOUTS,
+    ClassIds,
+    FinishedDecoder,
+    Order,
+    Reading,
+    class_ids,
+    known_orders,
+    num_columns_of,
+    order_in_name,
+)
+from hoid_detector.model.output_kinds import is_boxes, is_count, is_labels, is_scores
+from hoid_detector.model.probe import AUTO, Probe
+
+_PROBE_THRESHOLD = 0.25  # of scores for the test image, as in YOLOv5's detect.py
+
+
+def separate_outputs_decoder(probe: Probe) -> tuple[Decoder, int | None]:
+    """Return the decoder of boxes, labels and scores in outputs of their own."""
+    boxes, labels = probe.find(is_boxes), probe.find(is_labels)
+    scores = probe.find(is_scores, 'score')
+    if boxes is None or labels is None or scores is None:
+        raise probe.unknown()
+    num_rows = probe.outputs[boxes].size // 4
+    probe.require(probe.outputs[labels].size == num_rows == probe.outputs[scores].size)
+    count = probe.find(is_count)
+
+    def table_of(outputs: Outputs) -> Float32Array:
+        parts = [float32(outputs[boxes]).reshape(-1, 4)]
+        parts += [float32(outputs[i]).reshape(-1, 1) for i in (scores, labels)]
+        return np.hstack(parts)[: None if count is None else _num_valid_rows(outputs[count])]
+
+    order: Order = ('yxyx' if _is_tensorflow(probe) else 'xyxy', 'score', 'class')
+    return _finished(probe, table_of, (order,)), None
+
+
+def _num_valid_rows(output: NDArray[Any]) -> int:
+    """Return the number of valid rows that an output of one element states; 0 if not finite."""
+    number = float(output.reshape(-1)[0])
+    return max(int(number), 0) if np.isfinite(number) else 0
+
+
+def named_columns_decoder(probe: Probe) -> tuple[Decoder, int | None]:
+    """Return the decoder of columns in several outputs, whose names state the order."""
+    order = _order_in_names(probe)
+    if order is None:
+        raise probe.unknown()
+
+    def table_of(outputs: Outputs) -> Float32Array:
+        return np.hstack([float32(output) for output in outputs])
+
+    return _finished(probe, table_of, [order]), None
+
+
+def has_named_columns(probe: Probe) -> bool:
+    """Return whether the names of several outputs state the columns of finished boxes."""
+    return _order_in_names(probe) is not None
+
+
+def _order_in_names(probe: Probe) -> Order | None:
+    """Return the order of columns that the names of several outputs state together, or None."""
+    shapes = [output.shape for output in probe.outputs]
+    if {len(shape) for shape in shapes} != {2} or len({rows for rows, _ in shapes}) != 1:
+        return None
+    return order_in_name('_'.join(probe.names), sum(columns for _, columns in shapes))
+
+
+def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, int | None]:
+    """Return the decoder of a table, with the given order of columns or the possible ones."""
+    num_columns = probe.table.shape[-1]
+    stated = order or order_in_name(probe.names[0], num_columns)
+    if stated is None and _is_ultralytics(probe):
+        stated = TABLE_LAYOUTS['xyxy_score_class']
+    orders = known_orders(num_columns) if stated is None else (stated,)
+    probe.require(bool(orders) and num_columns_of(orders[0]) == num_columns)
+    return _finished(probe, lambda o: float32(o[0]).reshape(-1, num_columns), orders), None
+
+
+def _finished(
+    probe: Probe, table_of: Callable[[Outputs], Float32Array], orders: Sequence[Order]
+) -> FinishedDecoder:
+    """Return the decoder of finished boxes, which has learned from the test image."""
+    normalized = None if probe.box_units == AUTO else probe.box_units == 'normalized'
+    readings = [Reading(order, ids) for order in orders for ids in _conventions(probe)]
+    decoder = FinishedDecoder(table_of, readings, normalized)
+    decoder.learn(decoder.rows(probe.outputs), _PROBE_THRESHOLD)
+    decoder.has_answered = False
+    return decoder
+
+
+def _conventions(probe: Probe) -> list[ClassIds]:
+    """Return the conventions that class ids may have, the most probable one first.
+
+    Where nothing states the convention, 0 comes last: if the ids count from 0, the first person
+    shows it. If they count from 1, nothing would show it, and a person would be a bicycle.
+    """
+    num_classes = probe.num_classes or len(COCO)
+    from_1 = [COCO_91, FROM_1] if num_classes == len(COCO) else [FROM_1]
+    has_background = probe.class_names is not None and is_background(probe.class_names[0])
+    if probe.class_ids != AUTO:
+        names = [probe.class_ids]
+    elif has_background or probe.takes_size or _is_ultralytics(probe):
+        names = [FROM_0]
+    elif _is_tensorflow(probe):
+        names = from_1
+    elif len(probe.outputs) == 1 or names_in_metadata(probe.metadata) is not None:
+        names = [FROM_0, *from_1]
+    else:
+        names = [*from_1, FROM_0]
+    return [class_ids(name, num_classes) for name in names]
+
+
+def _is_ultralytics(probe: Probe) -> bool:
+    return probe.metadata.get('author') == 'Ultralytics'
+
+
+def _is_tensorflow(probe: Probe) -> bool:
+    """Return whether the outputs have the names of TensorFlow's models: y before x, ids from 1."""
+    return any(name.startswith('detection_boxes') for name in probe.names)
+
+
+def is_stretched(probe: Probe) -> bool:
+    """Return whether boxes, labels and scores are those of networks that stretch the image."""
+    labels = probe.find(is_labels)
+    is_batched = labels is not None and probe.outputs[labels].ndim > 1
+    return _is_tensorflow(probe) or (is_batched and probe.find(is_count) is None)
+
+
+def is_finished_table(probe: Probe) -> bool:
+    """Return whether the output is a table of boxes after non-maximum suppression."""
+    strides_px, num_columns = probe.grid.strides_px, probe.outputs[0].shape[-1]
+    if strides_px and probe.metadata.get('end2end') != 'True':
+        return False
+    if order_in_name(probe.names[0], num_columns):
+        return True
+    if not known_orders(num_columns):
+        return False
+    # A table of queries with 2 or 3 classes has as many columns.
+    if not (num_columns - 4 == probe.num_classes and probe.table.ndim == 3):
+        return True
+    try:
+        table_decoder(probe)
+    except ModelError:
+        return False
+    return True
