@@ -15,32 +15,6 @@ from hoid_benchmarks.plan.sequences import Store, scene_options
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError, InputError
 
-PLAN = """
-experiments:
-  - id: compare
-    title: None against HOID
-    view: comparison
-    sequences: [a]
-    filters: [none, hoid2d]
-    detectors: [x, y]
-    seeds: [0, 1]
-  - id: curve
-    title: Missed
-    view: curve
-    vary: {missed_share: [0.0, 0.5]}
-    sequences: [a]
-    filters: [hoid2d]
-    detectors: [x]
-    seeds: [0, 1]
-"""
-
-
-@pytest.fixture
-def plan(tmp_path: Path) -> Plan:
-    path = tmp_path / 'plan.yaml'
-    path.write_text(PLAN)
-    return load_plan(str(path))
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['quick', 'full', 'readme', 'ablation'])
@@ -88,15 +62,14 @@ def test_every_shipped_accuracy_has_five_seeds_at_least(name: str) -> None:
         assert seeds == expected, experiment.id
 
 
-def test_unknown_plans_views_and_experiments_are_refused(plan: Plan, tmp_path: Path) -> None:
+def test_unknown_plans_views_and_experiments_are_refused(plan: Plan, plan_file: Path) -> None:
     with pytest.raises(ConfigError, match='full'):
         load_plan('nonsense')
     with pytest.raises(ConfigError, match='compare, curve'):
         plan.only(['nonsense'])
-    bad = tmp_path / 'bad.yaml'
-    bad.write_text(PLAN.replace('comparison', 'pie'))
+    plan_file.write_text(plan_file.read_text().replace('comparison', 'pie'))
     with pytest.raises(ConfigError, match='view must be one of'):
-        load_plan(str(bad))
+        load_plan(str(plan_file))
 
 
 def test_commands_repeat_the_job() -> None:
@@ -180,16 +153,18 @@ def data(tmp_path: Path) -> Path:
     return tmp_path / 'data'
 
 
-def test_the_entry_official_means_all_available_sequences(data: Path, tmp_path: Path) -> None:
+def test_the_entry_official_means_all_available_sequences(
+    data: Path, plan_file: Path, tmp_path: Path
+) -> None:
     store = Store(tmp_path / 'shared', tmp_path / 'made', data)
     assert store.official_sequences() == ('bonn_crowd', 'fr3_walking_rpy')
     assert store.find('fr3_walking_rpy') == data / 'rgbd_dataset_freiburg3_walking_rpy'
     assert camera_from_name(store.find('bonn_crowd').name) is not None
     with pytest.raises(InputError, match='rgbd_dataset_freiburg3_walking_xyz'):
         store.find('fr3_walking_xyz')
-    path = tmp_path / 'plan.yaml'
-    path.write_text(PLAN.replace('[a]', '[a, fr3_walking_rpy, official]', 1))
-    plan = load_plan(str(path), store.official_sequences())
+    text = plan_file.read_text().replace('[a]', '[a, fr3_walking_rpy, official]', 1)
+    plan_file.write_text(text)
+    plan = load_plan(str(plan_file), store.official_sequences())
     names = dict.fromkeys(job.sequence for job in plan.experiments[0].jobs)
     assert list(names) == ['a', 'fr3_walking_rpy', 'bonn_crowd']
 

@@ -16,24 +16,6 @@ from hoid_benchmarks.report.report import Report
 from hoid_benchmarks.report.runs import RunList
 from hoid_benchmarks.report.views import failures, make_table, missing
 
-PLAN = """
-experiments:
-  - id: compare
-    title: None against HOID
-    view: comparison
-    sequences: [a]
-    filters: [none, hoid2d]
-    detectors: [x, y]
-    seeds: [0, 1]
-"""
-
-
-@pytest.fixture
-def plan(tmp_path: Path) -> Plan:
-    path = tmp_path / 'plan.yaml'
-    path.write_text(PLAN)
-    return load_plan(str(path))
-
 
 def result(job: Job, ate: float) -> Result:
     return Result(job, {'ate_rmse_m': ate, 'coverage': 1.0, 'ate_mean_m': ate})
