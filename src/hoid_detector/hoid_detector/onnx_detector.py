@@ -29,10 +29,13 @@ from hoid_detector.quarter_turn import boxes_before_turn, nearest_quarter, turne
 _LOG = logging.getLogger(__name__)
 # Chosen: boxes outside the image that show a wrong layout, if they are more than those inside.
 _MIN_OUTSIDE = 3
+_MANY_EMPTY = (
+    300  # chosen: images without a box at the start that deserve a warning; 10 s at 30 Hz
+)
 
 
 class OnnxDetector:
-    """Detector with any ONNX model of the YOLO family, whose output layout is recognized.
+    """Detector with an ONNX model, whose output layout is recognized.
 
     The constructor loads the model and runs it once on noise. The caller should report
     `network.provider_warning` if this text is not empty.
@@ -55,6 +58,7 @@ class OnnxDetector:
         self.reconfigure(config)
         self.has_finite_outputs = True  # for the latest image
         self._num_inside = self._num_outside = 0  # boxes of all images
+        self._num_empty: int | None = 0  # images so far without a box; None: there was one
         self.num_non_finite = 0  # images for which the outputs were not finite
         self.network_ms = 0.0  # inference of the latest image, wall time
         self.detect_ms = 0.0  # all of the latest call of `detect`, wall time
@@ -121,6 +125,7 @@ class OnnxDetector:
         finite = _is_finite(found)
         self._count_non_finite(outputs, has_candidates=bool(finite.any()))
         found = found.select(finite)
+        self._report_silence(has_boxes=len(found.scores) > 0)
         self._check_positions(place.boxes_to_image(found.boxes_xyxy_px, clip=False), place)
         found = _in_image(found.select(self._is_reported(found)), place)
         found = found.select(_strongest(found, self.layout, config))
@@ -159,6 +164,19 @@ class OnnxDetector:
                 f'{self._num_inside} inside, the last at {_text(boxes_xyxy_px[~inside][-1:])}; '
                 f'set the parameter "layout", now {self.layout.name}, or box_units'
             )
+
+    def _report_silence(self, *, has_boxes: bool) -> None:
+        """Log a warning if none of the first images had a box, as with a wrong input format."""
+        if has_boxes or self._num_empty is None:
+            self._num_empty = None
+            return
+        self._num_empty += 1
+        if self._num_empty == _MANY_EMPTY:
+            _LOG.warning(
+                '%s: nothing is detected in the first %d images; if people or objects were in '
+                'view, set the parameters "value_range", "color_order" or "letterbox", now %s',
+                self.network.path, _MANY_EMPTY, self.layout.preprocessing,
+            )  # fmt: skip
 
     def _count_non_finite(self, outputs: Sequence[NDArray[Any]], *, has_candidates: bool) -> None:
         """Count images for which all outputs are NaN or Inf, and log a warning at the first one.

@@ -103,6 +103,25 @@ def test_people_are_found_by_any_name(name: str, tmp_path: Path) -> None:
     assert detector.detect(RED, 0).class_names == tuple(FOUND)
 
 
+def test_the_requested_layout_is_the_entry_of_this_name_that_matches(tmp_path: Path) -> None:
+    form = FORMS['torchvision (ids of COCO)']
+    detector = detector_of(form, tmp_path / 'model.onnx', layout='end_to_end')
+    assert str(detector.layout.preprocessing) == form.preprocessing
+    assert detector.detect(RED, 0).class_names == tuple(FOUND)
+
+
+def test_many_images_without_a_box_are_reported_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    detector = detector_of(FORMS['YOLOX'], tmp_path / 'model.onnx')
+    for _ in range(700):
+        detector.detect(DARK, 0)
+    assert len(detector.detect(RED, 0)) == len(FOUND)
+    (message,) = (r.getMessage() for r in caplog.records if r.levelname == 'WARNING')
+    assert 'nothing is detected in the first 300 images' in message
+    assert message.endswith('"letterbox", now BGR 0-255, top_left')
+
+
 def test_the_page_lists_all_exports() -> None:
     text = (ROOT / 'docs/reference/detector_exports.md').read_text()
     assert text[text.index('## Recognized') :] == page() + '\n'

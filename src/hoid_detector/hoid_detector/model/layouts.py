@@ -58,6 +58,8 @@ from hoid_detector.model.output_kinds import (
 from hoid_detector.model.probe import AUTO, Probe
 
 _COCO_CLASSES = len(COCO)
+# Columns of logits that are COCO's ids from 0 on, without and with one for "no object" (DETR).
+_COCO_COLUMNS = (COCO_IDS[-1] + 1, COCO_IDS[-1] + 2)
 _MIN_SCORE = -0.1  # chosen: quantized networks fall below 0 slightly
 _DETECT = 'detect'  # the only task that is supported, in the metadata of Ultralytics
 
@@ -91,7 +93,8 @@ def recognize(probe: Probe, requested: str = AUTO) -> Layout:
 
     Args:
         probe: Outputs of the network for a test image.
-        requested: Name of a layout, or AUTO for the first entry of `LAYOUTS` that matches.
+        requested: Name of a layout, or AUTO for any. The first entry of `LAYOUTS` that matches is
+            taken; if none of this name does, the first one of the name.
 
     Raises:
         ModelError: The outputs have no known layout, or not the requested one.
@@ -101,13 +104,17 @@ def recognize(probe: Probe, requested: str = AUTO) -> Layout:
         raise ModelError(f'is a model for the task "{task}"; export one for the task "{_DETECT}"')
     # YOLOv5 up to 6.1 also outputs its grids before decoding, of five dimensions.
     has_one_output = all(output.ndim == 5 for output in probe.outputs[1:])
-    for entry in LAYOUTS:
-        if entry.has_one_output != has_one_output:
-            continue
-        if requested == entry.name or (requested == AUTO and entry.matches(probe)):
-            decode, num_classes = entry.decoder(probe)
-            return Layout(entry.name, entry.preprocessing, decode, num_classes, entry.needs_nms)
-    raise probe.unknown()
+    possible = [
+        entry
+        for entry in LAYOUTS
+        if entry.has_one_output == has_one_output and requested in (AUTO, entry.name)
+    ]
+    requested_first = None if requested == AUTO else next(iter(possible), None)
+    entry = next((entry for entry in possible if entry.matches(probe)), requested_first)
+    if entry is None:
+        raise probe.unknown()
+    decode, num_classes = entry.decoder(probe)
+    return Layout(entry.name, entry.preprocessing, decode, num_classes, entry.needs_nms)
 
 
 def _logits_decoder(probe: Probe) -> tuple[Decoder, int | None]:
@@ -118,35 +125,29 @@ def _logits_decoder(probe: Probe) -> tuple[Decoder, int | None]:
     probe.require(probe.outputs[boxes].shape[:-1] == probe.outputs[logits].shape[:-1])
     probe.require(float(np.abs(probe.outputs[boxes]).max(initial=0)) <= LARGEST_NORMALIZED)
     probe.require(num_columns > 0)
-    softmax = is_no_object_last(probe.outputs[logits])
-    if _has_coco_ids(probe, num_columns):
-        return LogitsDecoder(boxes, logits, COCO_IDS, softmax), _COCO_CLASSES
-    has_no_object = num_columns == (probe.num_classes or _COCO_CLASSES) + 1
-    num_found = num_columns - has_no_object
-    probe.require(0 < num_found == (probe.num_classes or num_found))
-    probe.require(has_no_object or not softmax)
-    return LogitsDecoder(boxes, logits, tuple(range(num_found)), softmax), num_found
-
-
-def _has_coco_ids(probe: Probe, num_columns: int) -> bool:
-    """Return whether so many columns of logits are COCO's ids, in DETR with "no object"."""
-    is_coco = probe.num_classes in (None, _COCO_CLASSES)
-    return is_coco and num_columns in (COCO_IDS[-1] + 1, COCO_IDS[-1] + 2)
+    if num_columns in _COCO_COLUMNS and probe.num_classes in (None, _COCO_CLASSES):
+        classes, has_no_object = COCO_IDS, num_columns == _COCO_COLUMNS[1]
+    else:
+        has_no_object = num_columns == (probe.num_classes or _COCO_CLASSES) + 1
+        classes = tuple(range(num_columns - has_no_object))
+    probe.require(0 < len(classes) == (probe.num_classes or len(classes)))
+    # RF-DETR has a column for "no object" without a softmax.
+    softmax = has_no_object and is_no_object_last(probe.outputs[logits])
+    return LogitsDecoder(boxes, logits, classes, softmax), len(classes)
 
 
 def _is_standardized(probe: Probe) -> bool:
     """Return whether a network with logits needs input standardized by the mean of ImageNet.
 
-    DETR and its descendants do, except RT-DETR and D-FINE, which have neither COCO's ids nor a
-    logit for "no object".
+    DETR and its descendants do, except RT-DETR and D-FINE. These have neither the ids of COCO nor
+    a logit for "no object".
     """
     boxes, logits = probe.find(is_boxes), probe.find(is_logits)
     if boxes is None or logits is None:
         return False
     num_columns = probe.outputs[logits].shape[-1]
-    return _has_coco_ids(probe, num_columns) or (
-        num_columns == (probe.num_classes or _COCO_CLASSES) + 1
-    )
+    num_classes = probe.num_classes or _COCO_CLASSES
+    return num_columns in (*_COCO_COLUMNS, num_classes + 1)
 
 
 def _boxes_scores_decoder(probe: Probe) -> tuple[Decoder, int | None]:
