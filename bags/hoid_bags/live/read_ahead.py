@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Self
 
 from hoid_bags.live.playback import ScheduledMessage
@@ -41,12 +40,7 @@ class ReadAhead:
             self._changed.wait_for(lambda: self._is_done or not self._has_space)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._changed:
             self._is_done = True
             self._changed.notify_all()
