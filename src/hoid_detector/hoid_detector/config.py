@@ -121,8 +121,8 @@ class DetectorConfig(Config):
     layout: str = param(
         AUTO,
         'Layout of the network output. Set it when the layout of a model is not recognized. The '
-        'values with xyxy state the order of the columns in a table of boxes, for models that '
-        'remove overlapping boxes themselves.',
+        'values with xyxy, or yxyx where y comes before x, state the order of the columns in a '
+        'table of boxes, for models that remove overlapping boxes themselves.',
         choices=(AUTO, *_LAYOUTS),
         expert=True,
     )

@@ -229,6 +229,17 @@ FORMS: dict[str, Form] = {
         'bboxes = Unsqueeze(xyxy_n, i_0) labels = Unsqueeze(label, i_0) '
         'scores = Unsqueeze(score_row, i_0)', _BY_BOXES, preprocessing=_STRETCHED,
     ),
+    'boxes, labels, scores, y before x, not stated': Form(
+        'float[1,K,4] boxes, float[1,K] classes, float[1,K] scores',
+        'boxes = Unsqueeze(yxyx_n, i_0) scores = Unsqueeze(score_row, i_0) '
+        'ids = Squeeze(class_91, i_1) classes = Unsqueeze(ids, i_0)', 'parameters',
+        preprocessing=_STRETCHED,
+        parameters={'layout': 'yxyx_score_class', 'class_ids': 'coco_91'},
+    ),
+    'table, y before x, not stated': Form(
+        *_table('detections', 'batch', 'yxyx', 'score', 'class_91'), 'parameters',
+        parameters={'layout': 'batch_yxyx_score_class', 'class_ids': 'coco_91'},
+    ),
     'TensorFlow object detection': Form(
         _TENSORFLOW, _TENSORFLOW_NODES, _BY_NAMES, input='bytes, channels last',
         preprocessing=_STRETCHED,
@@ -352,7 +363,7 @@ def page() -> str:
         [
             '## Recognized',
             '',
-            *_table_of(('export', 'outputs', 'recognized by', 'input', 'to set'), found),
+            *_table_of(('export', 'outputs', 'recognized by', 'input', 'must be set'), found),
             '',
             '## Refused',
             '',

@@ -34,6 +34,7 @@ _ORDERS: tuple[Order, ...] = (
     ('xyxy', 'class', 'score'),  # YOLOv7, with the batch
     ('class', 'xyxy', 'score'),
     ('class', 'score', 'xyxy'),  # PINTO_model_zoo, with the batch
+    ('yxyx', 'score', 'class'),  # TensorFlow; no value shows that y comes first
 )
 TABLE_LAYOUTS: Mapping[str, Order] = {
     '_'.join(order): order for o in _ORDERS for order in (o, ('batch', *o))
@@ -96,8 +97,12 @@ def order_in_name(name: str, num_columns: int) -> Order | None:
 
 
 def known_orders(num_columns: int) -> tuple[Order, ...]:
-    """Return the orders that a table with so many columns may have."""
-    return tuple(order for order in TABLE_LAYOUTS.values() if num_columns_of(order) == num_columns)
+    """Return the orders that a table with so many columns may have if x comes before y."""
+    return tuple(
+        order
+        for order in TABLE_LAYOUTS.values()
+        if 'xyxy' in order and num_columns_of(order) == num_columns
+    )
 
 
 def num_columns_of(order: Order) -> int:

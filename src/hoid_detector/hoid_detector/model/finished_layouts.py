@@ -33,7 +33,7 @@ from hoid_detector.model.probe import AUTO, Probe
 _PROBE_THRESHOLD = 0.25  # of scores for the test image, as in YOLOv5's detect.py
 
 
-def separate_outputs_decoder(probe: Probe) -> tuple[Decoder, int | None]:
+def separate_outputs_decoder(probe: Probe, *, y_first: bool = False) -> tuple[Decoder, int | None]:
     """Return the decoder of boxes, labels and scores in outputs of their own."""
     boxes, labels = probe.find(is_boxes), probe.find(is_labels)
     scores = probe.find(is_scores, 'score')
@@ -48,7 +48,7 @@ def separate_outputs_decoder(probe: Probe) -> tuple[Decoder, int | None]:
         parts += [float32(outputs[i]).reshape(-1, 1) for i in (scores, labels)]
         return np.hstack(parts)[: None if count is None else _num_valid_rows(outputs[count])]
 
-    order: Order = ('yxyx' if _is_tensorflow(probe) else 'xyxy', 'score', 'class')
+    order: Order = ('yxyx' if y_first or _is_tensorflow(probe) else 'xyxy', 'score', 'class')
     return _finished(probe, table_of, (order,)), None
 
 

@@ -8,6 +8,7 @@
 | `rtdetr` | 4 + C channels a query (RT-DETR by Ultralytics) | RGB 0-1, stretched |
 | `end_to_end` | N x 6, N x 7: finished boxes, columns in any known order | RGB 0-1, centered |
 | `xyxy_score_class`, ... | the same, columns in the named order | RGB 0-1, centered |
+| `yxyx_score_class` | columns or outputs with y before x (TensorFlow) | RGB 0-1, stretched |
 | `end_to_end` | boxes, labels, scores (torchvision, EfficientNMS) | RGB 0-1, centered |
 | `end_to_end` | columns in outputs whose names state them (PINTO_model_zoo) | RGB 0-1, centered |
 | `end_to_end` | boxes, labels, scores (RT-DETR, D-FINE, TensorFlow) | RGB 0-1, stretched |
@@ -245,6 +246,10 @@ LAYOUTS = (
         lambda p: _is_separate(p) and is_stretched(p), separate_outputs_decoder,
     ),
     LayoutEntry('end_to_end', _CENTERED, False, False, _is_separate, separate_outputs_decoder),
+    LayoutEntry(
+        'yxyx_score_class', _STRETCHED, False, False,
+        lambda _: False, partial(separate_outputs_decoder, y_first=True),
+    ),
     LayoutEntry('detr', _STANDARDIZED, False, False, _is_standardized, _logits_decoder),
     LayoutEntry('detr', _STRETCHED, False, False, _has(is_boxes, is_logits), _logits_decoder),
     LayoutEntry(
