@@ -21,7 +21,8 @@ from hoid_detector.model.decoders import Size, cells
 
 onnx: Any = pytest.importorskip('onnx', reason='builds its models with the onnx package')
 
-_HEADER = '<ir_version: 9, opset_import: ["" : 20, "TRT" : 1]>'
+_IR_VERSION, _OPSET = 9, 20
+_HEADER = f'<ir_version: {_IR_VERSION}, opset_import: ["" : {_OPSET}, "TRT" : 1]>'
 _STRIDES_PX = (8, 16, 32)
 # Each input: its declaration, and the nodes that make `image` of it, RGB from 0 to 1.
 _INPUTS = {
@@ -64,7 +65,8 @@ _PARTS = """
     all_scores = Transpose<perm=[0,2,1]>(classes_first)
     boxes_first = Concat<axis=1>(center, sides_px)
     all_cxcywh = Transpose<perm=[0,2,1]>(boxes_first) all_cxcywh_n = Div(all_cxcywh, whwh)
-    all_best = ReduceMax<keepdims=1>(all_scores, i_2) all_objectness = Sqrt(all_best)
+    best = ReduceMax<keepdims=1>(all_scores, i_2) all_best = Max(best, c_least)
+    all_objectness = Sqrt(all_best)
     all_conditional = Div(all_scores, all_objectness)
     all_ones = Div(all_best, all_best) all_nothing = Sub(all_ones, all_ones)
     x_y, w_h = Split<axis=2, num_outputs=2>(all_cxcywh)
@@ -144,6 +146,34 @@ def build(network: Any, form: Form, path: Path) -> None:
     model = onnx.utils.Extractor(model).extract_model(*names)  # without unused nodes
     onnx.helper.set_model_props(model, dict(form.metadata))
     onnx.save(model, str(path))
+
+
+def yolox_as_yolov8(path: Path) -> Any:
+    """Return YOLOX with the input and the output of YOLOv8: RGB from 0 to 1, and (1, 84, N)."""
+    network = onnx.version_converter.convert_version(onnx.load(str(path)), _OPSET)
+    network.ir_version = _IR_VERSION
+    network = onnx.compose.add_prefix(network, 'yolox/')
+    (image,), (found,) = network.graph.input, network.graph.output
+    height, width = (d.dim_value for d in image.type.tensor_type.shape.dim[2:])
+    cell, stride_px = cells((width, height), _STRIDES_PX)
+    head = _parsed(
+        '(float[1,3,H,W] images) => (float[1,3,H,W] image)',
+        _INPUT_CONSTANTS,
+        'bgr = Gather<axis=1>(images, c_210) image = Mul(bgr, c_255)',
+        (width, height),
+    )
+    tail = _parsed(
+        '(float[1,N,85] raw) => (float[1,84,N] output0)',
+        f"""float[1,N,2] cell = {_values(cell.T)}, float[1,N,1] stride = {_values(stride_px)},
+        int64[4] parts = {{2, 2, 1, 80}}""",
+        """offset, log_sides, objectness, conditional = Split<axis=2>(raw, parts)
+        in_strides = Add(offset, cell) center = Mul(in_strides, stride)
+        ratio = Exp(log_sides) sides = Mul(ratio, stride) scores = Mul(conditional, objectness)
+        rows = Concat<axis=2>(center, sides, scores) output0 = Transpose<perm=[0,2,1]>(rows)""",
+        (width, height),
+    )
+    model = onnx.compose.merge_models(head, network, [('image', image.name)])
+    return onnx.compose.merge_models(model, tail, [(found.name, 'raw')])
 
 
 def tiny_network(size_wh: Size, boxes: Mapping[int, Sequence[tuple[float, ...]]]) -> Any:

@@ -126,21 +126,6 @@ def test_class_ids_beyond_the_names_are_refused_with_the_ids(make_model: Any) ->
         OnnxDetector(path, DetectorConfig())
 
 
-def test_bytes_and_channels_last_are_accepted_as_input(make_model: Any) -> None:
-    detector = OnnxDetector(make_model(table(*ROWS), dtype='uint8'), DetectorConfig())
-    assert detector.detect(IMAGE, 0).class_names == ('person', 'car', 'chair')
-    onnx = pytest.importorskip('onnx')
-    h = onnx.helper
-    image = h.make_tensor_value_info('images', onnx.TensorProto.UINT8, [1, 64, 96, 3])
-    result = h.make_tensor_value_info('output0', onnx.TensorProto.FLOAT, [1, 3, 6])
-    rows = onnx.numpy_helper.from_array(table(*ROWS)['output0'], 'rows')
-    nodes = [h.make_node('Identity', ['rows'], ['output0'])]
-    path = make_model.save(onnx, h.make_graph(nodes, 'last', [image], [result], [rows]), {})
-    detector = OnnxDetector(path, DetectorConfig())
-    assert detector.network.size_wh == (96, 64)
-    assert detector.detect(IMAGE, 0).class_names == ('person', 'car', 'chair')
-
-
 @pytest.mark.parametrize(
     ('content', 'message'), [(None, 'does not exist'), (b'no model', 'is no usable ONNX model')]
 )

@@ -1,4 +1,4 @@
-"""ONNX models of the YOLO family: files, inputs, output layouts and decoders. No ROS here."""
+"""ONNX detection models: files, inputs, output layouts and decoders. No ROS here."""
 
 import os
 

@@ -41,7 +41,7 @@ class Decoder(Protocol):
         Args:
             outputs: Outputs of the network.
             size_wh: Width and height of the network input.
-            score_threshold: Least score.
+            score_threshold: Lowest score of a returned candidate.
         """
 
 

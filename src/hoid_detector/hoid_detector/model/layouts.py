@@ -170,7 +170,7 @@ def _anchor_decoder(
     num_classes = len(grid.channels) - (5 if objectness else 4)
     probe.require(1 <= num_classes == (probe.num_classes or num_classes))
     probe.require(probe.table.ndim == 3 and (grid.anchors_per_cell == 1 or not in_cells))
-    probe.require(float(grid.channels[4:].min(initial=0)) >= _MIN_SCORE)
+    probe.require(not bool((grid.channels[4:] < _MIN_SCORE).any()))
     normalized = not in_cells and probe.is_normalized(grid.channels[:4])
     return AnchorDecoder(
         anchors_last=grid.anchors_last,
