@@ -144,7 +144,10 @@ def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort
     ]
     if len(images) != 1 or len(images) + len(sizes) != len(inputs) or len(sizes) > 1:
         found = ', '.join(f'{i.name} {i.type} {i.shape}' for i in inputs)
-        raise ModelError(f'{path}: has no single input (1, 3, height, width), but {found}')
+        raise ModelError(
+            f'{path}: has no single input (1, 3, height, width), but {found}; export it with one '
+            'image as its input'
+        )
     return images[0], sizes[0] if sizes else None
 
 
