@@ -139,6 +139,11 @@ FORMS: dict[str, Form] = {
         'labels = Identity(sigmoid_81) dets = Identity(batched_cxcywh_n)',
         _BY_NAMES, input='ImageNet', preprocessing=_IMAGENET,
     ),
+    'RF-DETR trained by a user, without "no object"': Form(
+        'float[1,300,4] dets, float[1,300,80] labels',
+        'labels = Identity(sigmoid_80) dets = Identity(batched_cxcywh_n)',
+        _BY_NAMES, input='ImageNet', preprocessing=_IMAGENET,
+    ),
     'RT-DETR, D-FINE (their authors)': Form(
         'int64[1,K] labels, float[1,K,4] boxes, float[1,K] scores',
         'labels = Unsqueeze(label, i_0) scores = Unsqueeze(score_row, i_0) '

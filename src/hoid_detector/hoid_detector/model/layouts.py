@@ -141,14 +141,15 @@ def _is_standardized(probe: Probe) -> bool:
     """Return whether a network with logits needs input standardized by the mean of ImageNet.
 
     DETR and its descendants do, except RT-DETR and D-FINE. These have neither the ids of COCO nor
-    a logit for "no object".
+    a logit for "no object", nor the names that RF-DETR gives to its outputs.
     """
     boxes, logits = probe.find(is_boxes), probe.find(is_logits)
     if boxes is None or logits is None:
         return False
     num_columns = probe.outputs[logits].shape[-1]
-    num_classes = probe.num_classes or _COCO_CLASSES
-    return num_columns in (*_COCO_COLUMNS, num_classes + 1)
+    with_no_object = (probe.num_classes or _COCO_CLASSES) + 1
+    is_rf_detr = set(probe.names) == {'dets', 'labels'}
+    return is_rf_detr or num_columns in (*_COCO_COLUMNS, with_no_object)
 
 
 def _boxes_scores_decoder(probe: Probe) -> tuple[Decoder, int | None]:
