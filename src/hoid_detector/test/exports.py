@@ -36,6 +36,14 @@ def _table(name: str, *columns: str) -> tuple[str, str]:
     )
 
 
+def _separate(labels: str) -> tuple[str, str]:
+    """Return the declarations and the nodes of boxes, labels and scores."""
+    return (
+        'float[K,4] boxes, int64[K] labels, float[K] scores',
+        f'boxes = Identity(xyxy) labels = Identity({labels}) scores = Identity(score_row)',
+    )
+
+
 def _padded(name: str, *columns: str) -> tuple[str, str]:
     """Return the declaration and the nodes of finished boxes as (1, 300, C), padded with zeros."""
     return (
@@ -50,7 +58,6 @@ _YOLOV5 = """
     other = Concat<axis=2>(all_cxcywh, all_nothing, all_conditional)
     output = Concat<axis=1>(other, anchor, other)
 """
-_SEPARATE = 'float[K,4] boxes, int64[K] labels, float[K] scores'
 _TENSORFLOW = (
     'float[1,K] "detection_anchor_indices:0", float[1,K,4] "detection_boxes:0", '
     'float[1,K] "detection_classes:0", float[1,K,80] "detection_multiclass_scores:0", '
@@ -217,18 +224,11 @@ FORMS: dict[str, Form] = {
     'batch, class, box, score, not stated': Form(
         *_table('output', 'batch', 'class', 'xyxy', 'score'), _BY_BOXES,
     ),
-    'torchvision (ids of COCO)': Form(
-        _SEPARATE, 'boxes = Identity(xyxy) labels = Identity(label_91) '
-        'scores = Identity(score_row)', _BY_SHAPES,
-    ),
+    'torchvision (ids of COCO)': Form(*_separate('label_91'), _BY_SHAPES),
     'labels 1 to 80': Form(
-        _SEPARATE, 'boxes = Identity(xyxy) labels = Identity(label_from_1) '
-        'scores = Identity(score_row)', _BY_SHAPES, parameters={'class_ids': 'from_1'},
+        *_separate('label_from_1'), _BY_SHAPES, parameters={'class_ids': 'from_1'},
     ),
-    'labels from 0': Form(
-        _SEPARATE, 'boxes = Identity(xyxy) labels = Identity(label) '
-        'scores = Identity(score_row)', _BY_BOXES,
-    ),
+    'labels from 0': Form(*_separate('label'), _BY_BOXES),
     'labels from 0, batched, normalized boxes': Form(
         'float[1,K,4] bboxes, int64[1,K] labels, float[1,K] scores',
         'bboxes = Unsqueeze(xyxy_n, i_0) labels = Unsqueeze(label, i_0) '
@@ -258,6 +258,11 @@ FORMS: dict[str, Form] = {
 }  # fmt: skip
 """The exports that are recognized. Their boxes must equal those of the network itself."""
 
+_MASKS = (
+    'float[1,116,N] output0, float[1,32,160,160] output1',
+    """masks = Slice(classes_first, i_0, i_32, i_1)
+    output0 = Concat<axis=1>(found, masks) output1 = ConstantOfShape(prototypes)""",
+)
 _NO_INPUT = 'has no single input (1, 3, height, width), but '
 REFUSED: dict[str, Form] = {
     'YOLOv7 without grid': Form(
@@ -285,8 +290,7 @@ REFUSED: dict[str, Form] = {
         extra_input='int64[1,64,64] pixel_mask', refused=_NO_INPUT,
     ),
     'Faster R-CNN of the ONNX model zoo (no batch)': Form(
-        _SEPARATE, 'boxes = Identity(xyxy) labels = Identity(label_from_1) '
-        'scores = Identity(score_row)', input='no batch', refused=_NO_INPUT,
+        *_separate('label_from_1'), input='no batch', refused=_NO_INPUT,
     ),
     'a batch of several images': Form(
         'float[1,84,N] output0', 'output0 = Identity(found)', input='batch of 4',
@@ -297,17 +301,10 @@ REFUSED: dict[str, Form] = {
         refused='is no usable ONNX model',
     ),
     'segmentation': Form(
-        'float[1,116,N] output0, float[1,32,160,160] output1',
-        'masks = Slice(classes_first, i_0, i_32, i_1) '
-        'output0 = Concat<axis=1>(found, masks) output1 = ConstantOfShape(prototypes)',
-        metadata=_ultralytics(task='segment'), refused='is a model for the task "segment"',
+        *_MASKS, metadata=_ultralytics(task='segment'),
+        refused='is a model for the task "segment"',
     ),
-    'segmentation, without metadata': Form(
-        'float[1,116,N] output0, float[1,32,160,160] output1',
-        'masks = Slice(classes_first, i_0, i_32, i_1) '
-        'output0 = Concat<axis=1>(found, masks) output1 = ConstantOfShape(prototypes)',
-        refused=_UNKNOWN,
-    ),
+    'segmentation, without metadata': Form(*_MASKS, refused=_UNKNOWN),
     'pose, without metadata': Form(
         'float[1,56,N] output0', 'output0 = Slice(found, i_0, i_56, i_1)',
         refused='has 52 classes and does not name them: set class_names_file',
